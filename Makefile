@@ -1,0 +1,45 @@
+# Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
+.DEFAULT_GOAL := help
+.PHONY: help setup build up test lint doc
+# Cargo uses all cores by itself; targets run one after the other also under -j.
+.NOTPARALLEL:
+
+# LIBTORCH given by the user is for set-up alone: cargo takes the folder that set-up made (.cargo/config.toml), and
+# torch-sys compiles for two minutes again whenever one of these changes.
+unexport LIBTORCH LIBTORCH_LIB LIBTORCH_INCLUDE LIBTORCH_USE_PYTORCH LIBTORCH_STATIC LIBTORCH_CXX11_ABI
+unexport LIBTORCH_BYPASS_VERSION_CHECK
+# Make's job server is not for cargo.
+unexport MAKEFLAGS MAKELEVEL
+
+help:
+	@echo 'make setup   fetch libtorch into .torch/ (544 MB, once); LIBTORCH=/path uses a torch 2.11 that is there'
+	@echo 'make build   set up and compile the programs'
+	@echo 'make up      build and start a run: 19 actors, a learner, the orchestrator; ARGS="..." adds options'
+	@echo 'make test    set up, build and run all tests'
+	@echo 'make lint    formatting and clippy, warnings are errors'
+	@echo 'make doc     the API documentation, warnings are errors'
+
+setup:
+	@LIBTORCH='$(LIBTORCH)' deploy/setup
+
+build: setup
+	cargo build --release --locked --workspace --bins
+
+# Ctrl-C is the orchestrator's: the shell lets it through, waits, and hands on what the orchestrator exits with.
+up: build
+	@trap : INT; ./target/release/orchestrator up --actors 19 $(ARGS)
+
+test: build
+	@if cargo nextest --version >/dev/null 2>&1; then \
+		set -x; cargo nextest run --release --locked --workspace; \
+	else \
+		set -x; cargo test --release --locked --workspace --tests; \
+	fi
+	cargo test --doc --release --locked --workspace
+
+lint: setup
+	cargo fmt --all --check
+	cargo clippy --release --workspace --all-targets --locked -- -D warnings
+
+doc: setup
+	RUSTDOCFLAGS='-D warnings' cargo doc --no-deps --release --workspace --locked
