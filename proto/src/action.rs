@@ -1,0 +1,179 @@
+//! The discrete actions of `ArmPointNav`, in the order of the reference implementation (SPEC section 1).
+
+use serde::{Deserialize, Serialize};
+
+/// One action of `A_large`. The discriminant is the index the network's policy head uses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Action {
+    /// Raise the arm's base by 0.05 of its normalised height range.
+    MoveArmHeightP = 0,
+    /// Lower the arm's base by 0.05 of its normalised height range.
+    MoveArmHeightM = 1,
+    /// Move the wrist 0.05 m to the robot's right.
+    MoveArmXP = 2,
+    /// Move the wrist 0.05 m to the robot's left.
+    MoveArmXM = 3,
+    /// Move the wrist 0.05 m up.
+    MoveArmYP = 4,
+    /// Move the wrist 0.05 m down.
+    MoveArmYM = 5,
+    /// Move the wrist 0.05 m ahead.
+    MoveArmZP = 6,
+    /// Move the wrist 0.05 m back.
+    MoveArmZM = 7,
+    /// Pitch the wrist by +15 degrees.
+    RotateArmWristPitchP = 8,
+    /// Pitch the wrist by -15 degrees.
+    RotateArmWristPitchM = 9,
+    /// Yaw the wrist by +15 degrees.
+    RotateArmWristYawP = 10,
+    /// Yaw the wrist by -15 degrees.
+    RotateArmWristYawM = 11,
+    /// Turn the elbow about the shoulder-wrist line by +15 degrees.
+    RotateArmElbowP = 12,
+    /// Turn the elbow about the shoulder-wrist line by -15 degrees.
+    RotateArmElbowM = 13,
+    /// Pitch the head camera 30 degrees up.
+    LookUp = 14,
+    /// Pitch the head camera 30 degrees down.
+    LookDown = 15,
+    /// Drive 0.2 m ahead.
+    MoveAheadContinuous = 16,
+    /// Turn the body 45 degrees to the right.
+    RotateRightContinuous = 17,
+    /// Turn the body 45 degrees to the left.
+    RotateLeftContinuous = 18,
+    /// Switch the magnet on: attaches the target if it touches the magnet sphere.
+    PickUpMidLevel = 19,
+    /// Declare the task done; ends the episode.
+    DoneMidLevel = 20,
+}
+
+/// Number of actions in `A_large`.
+pub const ACTION_COUNT: usize = 21;
+
+/// Wire value that asks an environment to stand still for one exchange: no step is taken and none is counted.
+///
+/// The learner sends it to the environments that are left over when a stage's frame budget is not a multiple of
+/// the number of environments.
+pub const HOLD: u8 = 254;
+
+/// Wire value of "no action yet": the previous action at the start of an episode.
+pub const NO_ACTION: u8 = 255;
+
+impl Action {
+    /// All actions of `A_large` in policy-head order.
+    pub const ALL: [Self; ACTION_COUNT] = [
+        Self::MoveArmHeightP,
+        Self::MoveArmHeightM,
+        Self::MoveArmXP,
+        Self::MoveArmXM,
+        Self::MoveArmYP,
+        Self::MoveArmYM,
+        Self::MoveArmZP,
+        Self::MoveArmZM,
+        Self::RotateArmWristPitchP,
+        Self::RotateArmWristPitchM,
+        Self::RotateArmWristYawP,
+        Self::RotateArmWristYawM,
+        Self::RotateArmElbowP,
+        Self::RotateArmElbowM,
+        Self::LookUp,
+        Self::LookDown,
+        Self::MoveAheadContinuous,
+        Self::RotateRightContinuous,
+        Self::RotateLeftContinuous,
+        Self::PickUpMidLevel,
+        Self::DoneMidLevel,
+    ];
+
+    /// The action with this `A_large` index, if there is one.
+    pub fn from_index(index: u8) -> Option<Self> {
+        Self::ALL.get(usize::from(index)).copied()
+    }
+
+    /// The `A_large` index, which is also the wire value.
+    pub fn index(self) -> u8 {
+        self as u8
+    }
+
+    /// The name AllenAct uses.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::MoveArmHeightP => "MoveArmHeightP",
+            Self::MoveArmHeightM => "MoveArmHeightM",
+            Self::MoveArmXP => "MoveArmXP",
+            Self::MoveArmXM => "MoveArmXM",
+            Self::MoveArmYP => "MoveArmYP",
+            Self::MoveArmYM => "MoveArmYM",
+            Self::MoveArmZP => "MoveArmZP",
+            Self::MoveArmZM => "MoveArmZM",
+            Self::RotateArmWristPitchP => "RotateArmWristPitchP",
+            Self::RotateArmWristPitchM => "RotateArmWristPitchM",
+            Self::RotateArmWristYawP => "RotateArmWristYawP",
+            Self::RotateArmWristYawM => "RotateArmWristYawM",
+            Self::RotateArmElbowP => "RotateArmElbowP",
+            Self::RotateArmElbowM => "RotateArmElbowM",
+            Self::LookUp => "LookUp",
+            Self::LookDown => "LookDown",
+            Self::MoveAheadContinuous => "MoveAheadContinuous",
+            Self::RotateRightContinuous => "RotateRightContinuous",
+            Self::RotateLeftContinuous => "RotateLeftContinuous",
+            Self::PickUpMidLevel => "PickUpMidLevel",
+            Self::DoneMidLevel => "DoneMidLevel",
+        }
+    }
+}
+
+/// Which actions the policy may choose from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, Default)]
+#[serde(rename_all = "snake_case")]
+pub enum ActionSpace {
+    /// The 21 actions of `A_large`.
+    #[default]
+    Large,
+    /// The 13 actions of `A_small`: arm height, wrist position, driving, pick up, done.
+    Small,
+}
+
+impl ActionSpace {
+    /// The actions in policy-head order: index `i` of the policy is `actions()[i]`.
+    pub fn actions(self) -> &'static [Action] {
+        const SMALL: [Action; 13] = [
+            Action::MoveArmHeightP,
+            Action::MoveArmHeightM,
+            Action::MoveArmXP,
+            Action::MoveArmXM,
+            Action::MoveArmYP,
+            Action::MoveArmYM,
+            Action::MoveArmZP,
+            Action::MoveArmZM,
+            Action::MoveAheadContinuous,
+            Action::RotateRightContinuous,
+            Action::RotateLeftContinuous,
+            Action::PickUpMidLevel,
+            Action::DoneMidLevel,
+        ];
+        match self {
+            Self::Large => &Action::ALL,
+            Self::Small => &SMALL,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn index_and_table_agree() {
+        for (i, action) in Action::ALL.iter().enumerate() {
+            assert_eq!(usize::from(action.index()), i);
+            assert_eq!(Action::from_index(i as u8), Some(*action));
+        }
+        assert_eq!(Action::from_index(ACTION_COUNT as u8), None);
+        assert_eq!(Action::from_index(HOLD), None);
+        assert_eq!(ActionSpace::Small.actions().len(), 13);
+    }
+}

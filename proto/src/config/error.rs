@@ -1,0 +1,95 @@
+//! Configuration errors that say where and what instead.
+
+use serde::de::DeserializeOwned;
+use std::path::PathBuf;
+
+/// What is wrong with a configuration.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// No preset of this name.
+    #[error("there is no preset `{name}`{}; there are: {known}", suggestion(.nearest.as_deref()))]
+    UnknownPreset {
+        /// What was asked for.
+        name: String,
+        /// The closest existing name.
+        nearest: Option<String>,
+        /// All names.
+        known: String,
+    },
+    /// The file cannot be read.
+    #[error("cannot read configuration {path}: {cause}", path = .path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// A key that means nothing.
+    #[error("{origin}:{line}: unknown key `{key}`{}", suggestion(.nearest.as_deref()))]
+    UnknownKey {
+        /// File or preset.
+        origin: String,
+        /// Line, from 1.
+        line: usize,
+        /// The key.
+        key: String,
+        /// The closest valid key.
+        nearest: Option<String>,
+    },
+    /// A value of the wrong type, or broken TOML.
+    #[error("{origin}:{line}: {problem}")]
+    Invalid {
+        /// File or preset.
+        origin: String,
+        /// Line, from 1.
+        line: usize,
+        /// What the parser said.
+        problem: String,
+    },
+    /// A value out of its range.
+    #[error("configuration: {key} = {value}: {problem}")]
+    OutOfRange {
+        /// Dotted key.
+        key: &'static str,
+        /// Its value.
+        value: String,
+        /// What it must be.
+        problem: &'static str,
+    },
+}
+
+fn suggestion(nearest: Option<&str>) -> String {
+    nearest.map_or_else(String::new, |nearest| format!(" (did you mean `{nearest}`?)"))
+}
+
+/// The candidate closest to `word`, if any is close.
+pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Option<String> {
+    candidates
+        .map(|candidate| (strsim::jaro_winkler(word, candidate), candidate))
+        .filter(|(score, _)| *score > 0.7)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, candidate)| candidate.to_owned())
+}
+
+/// Parses TOML; `origin` names the source in errors.
+pub fn parse<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigError> {
+    toml::from_str(text).map_err(|error: toml::de::Error| {
+        let line = error.span().map_or(0, |span| text[..span.start].matches('\n').count() + 1);
+        let origin = origin.to_owned();
+        match unknown_field(error.message()) {
+            Some((key, valid)) => {
+                let nearest = nearest(&key, valid.iter().map(String::as_str));
+                ConfigError::UnknownKey { origin, line, key, nearest }
+            }
+            None => ConfigError::Invalid { origin, line, problem: error.message().to_owned() },
+        }
+    })
+}
+
+/// Takes serde's "unknown field `a`, expected one of `b`, `c`" apart.
+fn unknown_field(message: &str) -> Option<(String, Vec<String>)> {
+    let rest = message.strip_prefix("unknown field `")?;
+    let mut words = rest.split('`');
+    let key = words.next()?.to_owned();
+    Some((key, words.skip(1).step_by(2).map(str::to_owned).collect()))
+}

@@ -1,0 +1,383 @@
+//! The configuration of a run: data, validated, written whole into every run folder.
+//!
+//! The effective configuration is: the defaults in this file, overlaid by a named preset (and the preset it extends),
+//! overlaid by the user's TOML file, overlaid by command-line flags. [`Config::resolve`] does the first three.
+
+mod error;
+mod preset;
+mod validate;
+
+pub use error::ConfigError;
+pub use preset::{PRESETS, Preset};
+
+use crate::action::ActionSpace;
+use crate::reward::RewardKind;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Everything that determines a run. The defaults are the paper's constants (SPEC sections 1 to 4).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// Name of the preset this came from.
+    pub preset: String,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Processes and environments.
+    pub actors: ActorsConfig,
+    /// Physics.
+    pub simulation: SimulationConfig,
+    /// Episodes.
+    pub episode: EpisodeConfig,
+    /// Network.
+    pub network: NetworkConfig,
+    /// DD-PPO.
+    pub ppo: PpoConfig,
+    /// Reward weights.
+    pub reward: RewardConfig,
+    /// Auxiliary task.
+    pub auxiliary: AuxiliaryConfig,
+    /// The learner process.
+    pub learner: LearnerConfig,
+    /// Checkpoints.
+    pub checkpoint: CheckpointConfig,
+    /// MCAP recording.
+    pub recording: RecordingConfig,
+    /// The curriculum, in order.
+    pub stages: Vec<StageConfig>,
+}
+
+/// How many actor processes and environments.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ActorsConfig {
+    /// Actor processes; actor i simulates training kitchen i, repeating after 19.
+    pub count: u32,
+    /// Environments in each.
+    pub environments_per_actor: u32,
+}
+
+/// The physics of a step.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SimulationConfig {
+    /// Length of a physics sub-step, seconds.
+    pub timestep_s: f32,
+    /// Sub-steps of one action.
+    pub substeps: u32,
+}
+
+/// What an episode is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EpisodeConfig {
+    /// Horizon T: an episode ends after this many actions.
+    pub max_steps: u32,
+    /// Actions the policy may choose from.
+    pub action_space: ActionSpace,
+    /// Robot starts at most this far from the target on the floor plane, metres; 0 = anywhere in the kitchen.
+    pub start_distance_max_m: f32,
+    /// Goal lies at most this far from the target's start, metres; 0 = anywhere in the kitchen.
+    pub goal_distance_max_m: f32,
+}
+
+/// Visual encoder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Encoder {
+    /// ResNet18 with GroupNorm, base 32 planes.
+    Resnet,
+    /// The original three-layer network.
+    Cnn,
+}
+
+/// How the goal vector is given to the network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GoalCoordinates {
+    /// (rho, elevation / (pi/2), azimuth / pi).
+    Polar,
+    /// (|x|, |y|, |z|), the original baseline.
+    Cartesian,
+}
+
+/// The network's shape.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct NetworkConfig {
+    /// Visual encoder.
+    pub encoder: Encoder,
+    /// Side of the average pooling before the encoder: 2 for the paper's resnet, 1 for its cnn.
+    pub input_pool: u32,
+    /// Goal coordinates.
+    pub goal: GoalCoordinates,
+    /// Feed the previous action's embedding to the belief.
+    pub previous_action: bool,
+    /// Width of the belief (GRU).
+    pub hidden: u32,
+}
+
+/// DD-PPO.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PpoConfig {
+    /// Steps of a rollout.
+    pub rollout_steps: u32,
+    /// Passes over each rollout.
+    pub epochs: u32,
+    /// Clip range of the policy ratio and of the value.
+    pub clip: f64,
+    /// Weight of the value loss.
+    pub value_coefficient: f64,
+    /// Weight of the entropy bonus.
+    pub entropy_coefficient: f64,
+    /// Adam's learning rate at a stage's start.
+    pub learning_rate: f64,
+    /// Learning rate at a stage's end as a share of the one at its start; linear in between.
+    pub learning_rate_end: f64,
+    /// Global gradient norm is clipped at this.
+    pub max_gradient_norm: f64,
+    /// Discount per step.
+    pub gamma: f64,
+    /// Lambda of generalised advantage estimation.
+    pub gae_lambda: f64,
+    /// Normalise advantages over the rollout ("Original" in the paper's tables).
+    pub normalize_advantages: bool,
+    /// Treat an end by the step limit as a truncation and bootstrap from the value there. The paper does not.
+    pub bootstrap_time_limits: bool,
+    /// Environments that go through forward and backward at once; gradients add up to those of the whole batch.
+    /// 0 = all. A smaller number bounds memory.
+    pub environments_per_pass: u32,
+}
+
+/// Weights inside the reward.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RewardConfig {
+    /// `λ_disturb` of r′.
+    pub lambda_disturb: f32,
+}
+
+/// Which auxiliary task.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AuxiliaryTask {
+    /// None.
+    None,
+    /// Disturbance prediction with focal loss, the paper's.
+    Disturb,
+}
+
+/// The auxiliary task.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AuxiliaryConfig {
+    /// Which.
+    pub task: AuxiliaryTask,
+    /// Its weight in the loss.
+    pub weight: f64,
+    /// Focusing parameter of the focal loss.
+    pub focal_gamma: f64,
+}
+
+/// Where the learner computes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DeviceChoice {
+    /// The first CUDA device if there is one, else the CPU.
+    Auto,
+    /// The CPU.
+    Cpu,
+    /// CUDA; an error if there is none.
+    Cuda,
+}
+
+/// The learner process.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LearnerConfig {
+    /// Where it computes.
+    pub device: DeviceChoice,
+    /// Threads of libtorch on the CPU. Part of what makes a run reproducible: results differ in the last bits
+    /// between thread counts.
+    pub threads: u32,
+    /// How long to wait for an actor's observations before giving up, seconds.
+    pub actor_deadline_s: f64,
+}
+
+/// Checkpoints.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CheckpointConfig {
+    /// At the first rollout boundary after this many seconds, and at every stage's end and stop.
+    pub interval_s: f64,
+    /// Newest checkpoints to keep, besides one at each stage's end.
+    pub keep: u32,
+}
+
+/// MCAP recording.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RecordingConfig {
+    /// Record at all.
+    pub enabled: bool,
+    /// Share of episodes whose depth frames are kept, 0..=1.
+    pub depth_share: f64,
+    /// A new segment is begun after this many bytes.
+    pub segment_bytes: u64,
+}
+
+/// One stage of the curriculum.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StageConfig {
+    /// Name, as it appears in logs and figures.
+    pub name: String,
+    /// Reward to optimise.
+    pub reward: RewardKind,
+    /// Frames to train on.
+    pub frames: u64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            preset: "paper".into(),
+            seed: 1,
+            actors: ActorsConfig::default(),
+            simulation: SimulationConfig::default(),
+            episode: EpisodeConfig::default(),
+            network: NetworkConfig::default(),
+            ppo: PpoConfig::default(),
+            reward: RewardConfig::default(),
+            auxiliary: AuxiliaryConfig::default(),
+            learner: LearnerConfig::default(),
+            checkpoint: CheckpointConfig::default(),
+            recording: RecordingConfig::default(),
+            stages: vec![
+                StageConfig { name: "I".into(), reward: RewardKind::Task, frames: 20_000_000 },
+                StageConfig { name: "II".into(), reward: RewardKind::DisturbanceFree, frames: 25_000_000 },
+            ],
+        }
+    }
+}
+
+impl Default for ActorsConfig {
+    fn default() -> Self {
+        Self { count: 19, environments_per_actor: 1 }
+    }
+}
+
+impl Default for SimulationConfig {
+    fn default() -> Self {
+        Self { timestep_s: 1.0 / 60.0, substeps: 10 }
+    }
+}
+
+impl Default for EpisodeConfig {
+    fn default() -> Self {
+        Self { max_steps: 200, action_space: ActionSpace::Large, start_distance_max_m: 0.0, goal_distance_max_m: 0.0 }
+    }
+}
+
+impl Default for NetworkConfig {
+    fn default() -> Self {
+        Self {
+            encoder: Encoder::Resnet,
+            input_pool: 2,
+            goal: GoalCoordinates::Polar,
+            previous_action: true,
+            hidden: 512,
+        }
+    }
+}
+
+impl Default for PpoConfig {
+    fn default() -> Self {
+        Self {
+            rollout_steps: 200,
+            epochs: 4,
+            clip: 0.1,
+            value_coefficient: 0.5,
+            entropy_coefficient: 0.01,
+            learning_rate: 3e-4,
+            learning_rate_end: 1.0 / 3.0,
+            max_gradient_norm: 0.5,
+            gamma: 0.99,
+            gae_lambda: 0.95,
+            normalize_advantages: false,
+            bootstrap_time_limits: false,
+            environments_per_pass: 0,
+        }
+    }
+}
+
+impl Default for RewardConfig {
+    fn default() -> Self {
+        Self { lambda_disturb: 15.0 }
+    }
+}
+
+impl Default for AuxiliaryConfig {
+    fn default() -> Self {
+        Self { task: AuxiliaryTask::Disturb, weight: 0.1, focal_gamma: 2.0 }
+    }
+}
+
+impl Default for LearnerConfig {
+    fn default() -> Self {
+        Self { device: DeviceChoice::Auto, threads: 1, actor_deadline_s: 120.0 }
+    }
+}
+
+impl Default for CheckpointConfig {
+    fn default() -> Self {
+        Self { interval_s: 300.0, keep: 2 }
+    }
+}
+
+impl Default for RecordingConfig {
+    fn default() -> Self {
+        Self { enabled: true, depth_share: 0.001, segment_bytes: 256 << 20 }
+    }
+}
+
+impl Config {
+    /// Defaults, overlaid by a preset, overlaid by a TOML file if one is given; validated.
+    pub fn resolve(preset: &str, file: Option<&Path>) -> Result<Self, ConfigError> {
+        let mut value = preset::merged(preset)?;
+        if let Some(path) = file {
+            let text = std::fs::read_to_string(path)
+                .map_err(|cause| ConfigError::Unreadable { path: path.to_path_buf(), cause })?;
+            let origin = path.display().to_string();
+            // Parsed on its own first: this is what finds an unknown key with its line.
+            error::parse::<Self>(&text, &origin)?;
+            preset::overlay(&mut value, error::parse(&text, &origin)?);
+        }
+        let mut config: Self = value.try_into().map_err(|cause: toml::de::Error| ConfigError::Invalid {
+            origin: format!("preset {preset}"),
+            line: 0,
+            problem: cause.message().to_owned(),
+        })?;
+        preset.clone_into(&mut config.preset);
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// Reads a configuration that [`Config::to_toml`] wrote.
+    pub fn from_toml(text: &str, origin: &str) -> Result<Self, ConfigError> {
+        let config: Self = error::parse(text, origin)?;
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// The whole configuration as TOML, every default included.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("plain numbers, strings and tables always serialise")
+    }
+
+    /// Environments of the whole run.
+    pub fn environments(&self) -> usize {
+        self.actors.count as usize * self.actors.environments_per_actor as usize
+    }
+}

@@ -1,0 +1,113 @@
+//! Presets: named overlays over the defaults, kept as TOML files beside the code.
+
+use super::error::{ConfigError, nearest, parse};
+
+/// One preset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Preset {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// What it is, one line.
+    pub summary: &'static str,
+    text: &'static str,
+}
+
+/// All presets.
+pub const PRESETS: [Preset; 3] = [
+    Preset {
+        name: "demo",
+        summary: "both stages in minutes on two CPU cores: small encoder, episodes that begin near the target",
+        text: include_str!("../../presets/demo.toml"),
+    },
+    Preset {
+        name: "paper",
+        summary: "the paper's exact shape: 19 environments, T = 200, resnet, 20M + 25M frames",
+        text: include_str!("../../presets/paper.toml"),
+    },
+    Preset {
+        name: "two-stage",
+        summary: "the paper's curriculum and constants with many environments, for one GPU",
+        text: include_str!("../../presets/two-stage.toml"),
+    },
+];
+
+/// The preset as a TOML table, what it extends included.
+pub(super) fn merged(name: &str) -> Result<toml::Table, ConfigError> {
+    let preset = PRESETS.iter().find(|preset| preset.name == name).ok_or_else(|| ConfigError::UnknownPreset {
+        name: name.to_owned(),
+        nearest: nearest(name, PRESETS.iter().map(|preset| preset.name)),
+        known: PRESETS.map(|preset| preset.name).join(", "),
+    })?;
+    let mut table: toml::Table = parse(preset.text, &format!("presets/{name}.toml"))?;
+    let Some(base) = table.remove("extends") else { return Ok(table) };
+    let base = base.as_str().map(str::to_owned).unwrap_or_default();
+    let mut result = merged(&base)?;
+    overlay(&mut result, table);
+    Ok(result)
+}
+
+/// Lays `top` over `bottom`: tables merge, everything else (arrays too) replaces.
+pub(super) fn overlay(bottom: &mut toml::Table, top: toml::Table) {
+    for (key, value) in top {
+        match (bottom.get_mut(&key), value) {
+            (Some(toml::Value::Table(below)), toml::Value::Table(above)) => overlay(below, above),
+            (_, value) => {
+                bottom.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Config;
+    use super::*;
+
+    #[test]
+    fn every_preset_resolves_and_survives_a_round_trip() {
+        for preset in PRESETS {
+            let config = Config::resolve(preset.name, None).unwrap();
+            assert_eq!(config.preset, preset.name);
+            assert_eq!(Config::from_toml(&config.to_toml(), "round trip").unwrap(), config);
+        }
+    }
+
+    #[test]
+    fn the_paper_preset_is_the_defaults() {
+        assert_eq!(Config::resolve("paper", None).unwrap(), Config::default());
+    }
+
+    #[test]
+    fn mistakes_name_file_line_and_the_nearest_key() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mine.toml");
+        std::fs::write(&path, "seed = 3\n\n[ppo]\nlerning_rate = 1e-3\n").unwrap();
+        let message = Config::resolve("paper", Some(&path)).unwrap_err().to_string();
+        assert!(
+            message.ends_with("mine.toml:4: unknown key `lerning_rate` (did you mean `learning_rate`?)"),
+            "{message}"
+        );
+
+        std::fs::write(&path, "[ppo]\nepochs = \"four\"\n").unwrap();
+        let message = Config::resolve("paper", Some(&path)).unwrap_err().to_string();
+        assert!(message.contains("mine.toml:2:"), "{message}");
+
+        let message = Config::resolve("demmo", None).unwrap_err().to_string();
+        assert!(message.contains("did you mean `demo`?"), "{message}");
+
+        std::fs::write(&path, "[actors]\ncount = 0\n").unwrap();
+        let message = Config::resolve("paper", Some(&path)).unwrap_err().to_string();
+        assert!(message.contains("actors.count = 0"), "{message}");
+    }
+
+    #[test]
+    fn a_file_overlays_a_preset_key_by_key() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mine.toml");
+        std::fs::write(&path, "[ppo]\nepochs = 2\n").unwrap();
+        let config = Config::resolve("demo", Some(&path)).unwrap();
+        let demo = Config::resolve("demo", None).unwrap();
+        assert_eq!(config.ppo.epochs, 2);
+        assert_eq!(config.ppo.rollout_steps, demo.ppo.rollout_steps);
+    }
+}

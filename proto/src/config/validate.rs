@@ -1,0 +1,102 @@
+//! Ranges of every setting: what cannot work is refused before a process is started.
+
+use super::{Config, ConfigError};
+use crate::message::{MAX_ENVIRONMENTS_PER_ACTOR, MAX_EPISODE_STEPS};
+use std::fmt::Display;
+
+/// Actor processes of one machine at most.
+pub const MAX_ACTORS: u32 = 512;
+
+impl Config {
+    /// Checks every setting against its range.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        let Self {
+            actors, simulation, episode, network, ppo, reward, auxiliary, learner, checkpoint, recording, ..
+        } = self;
+        check("actors.count", actors.count, (1..=MAX_ACTORS).contains(&actors.count), "must be 1 to 512")?;
+        check(
+            "actors.environments_per_actor",
+            actors.environments_per_actor,
+            (1..=MAX_ENVIRONMENTS_PER_ACTOR as u32).contains(&actors.environments_per_actor),
+            "must be 1 to 256",
+        )?;
+        check(
+            "simulation.timestep_s",
+            simulation.timestep_s,
+            (1e-4..=0.05).contains(&simulation.timestep_s),
+            "must be 0.0001 to 0.05 seconds",
+        )?;
+        check(
+            "simulation.substeps",
+            simulation.substeps,
+            (1..=100).contains(&simulation.substeps),
+            "must be 1 to 100",
+        )?;
+        check(
+            "episode.max_steps",
+            episode.max_steps,
+            (1..=MAX_EPISODE_STEPS as u32).contains(&episode.max_steps),
+            "must be 1 to 512",
+        )?;
+        for (key, value) in [
+            ("episode.start_distance_max_m", episode.start_distance_max_m),
+            ("episode.goal_distance_max_m", episode.goal_distance_max_m),
+        ] {
+            check(
+                key,
+                value,
+                value == 0.0 || (0.6..=100.0).contains(&value),
+                "must be 0 (anywhere) or 0.6 to 100 metres",
+            )?;
+        }
+        check("network.input_pool", network.input_pool, matches!(network.input_pool, 1 | 2 | 4), "must be 1, 2 or 4")?;
+        check("network.hidden", network.hidden, (8..=4096).contains(&network.hidden), "must be 8 to 4096")?;
+        check("ppo.rollout_steps", ppo.rollout_steps, (1..=4096).contains(&ppo.rollout_steps), "must be 1 to 4096")?;
+        check("ppo.epochs", ppo.epochs, (1..=64).contains(&ppo.epochs), "must be 1 to 64")?;
+        for (key, value) in [("ppo.gamma", ppo.gamma), ("ppo.gae_lambda", ppo.gae_lambda)] {
+            check(key, value, (0.0..=1.0).contains(&value), "must be 0 to 1")?;
+        }
+        for (key, value) in [
+            ("ppo.clip", ppo.clip),
+            ("ppo.learning_rate", ppo.learning_rate),
+            ("ppo.max_gradient_norm", ppo.max_gradient_norm),
+            ("learner.actor_deadline_s", learner.actor_deadline_s),
+        ] {
+            check(key, value, value.is_finite() && value > 0.0, "must be greater than 0")?;
+        }
+        for (key, value) in [
+            ("ppo.value_coefficient", ppo.value_coefficient),
+            ("ppo.entropy_coefficient", ppo.entropy_coefficient),
+            ("ppo.learning_rate_end", ppo.learning_rate_end),
+            ("auxiliary.weight", auxiliary.weight),
+            ("auxiliary.focal_gamma", auxiliary.focal_gamma),
+            ("checkpoint.interval_s", checkpoint.interval_s),
+            ("reward.lambda_disturb", f64::from(reward.lambda_disturb)),
+        ] {
+            check(key, value, value.is_finite() && value >= 0.0, "must be 0 or greater")?;
+        }
+        check("learner.threads", learner.threads, (1..=256).contains(&learner.threads), "must be 1 to 256")?;
+        check("checkpoint.keep", checkpoint.keep, (1..=1000).contains(&checkpoint.keep), "must be 1 to 1000")?;
+        check(
+            "recording.depth_share",
+            recording.depth_share,
+            (0.0..=1.0).contains(&recording.depth_share),
+            "must be 0 to 1",
+        )?;
+        check(
+            "recording.segment_bytes",
+            recording.segment_bytes,
+            recording.segment_bytes >= 1 << 20,
+            "must be at least 1048576",
+        )?;
+        check("stages", self.stages.len(), !self.stages.is_empty(), "there must be at least one stage")?;
+        for stage in &self.stages {
+            check("stages.frames", stage.frames, stage.frames > 0, "every stage needs at least one frame")?;
+        }
+        Ok(())
+    }
+}
+
+fn check(key: &'static str, value: impl Display, valid: bool, problem: &'static str) -> Result<(), ConfigError> {
+    if valid { Ok(()) } else { Err(ConfigError::OutOfRange { key, value: value.to_string(), problem }) }
+}

@@ -1,0 +1,36 @@
+//! Which environment is which: the mapping from process-local indices to the coordinates that randomness counts by.
+
+use crate::kitchen::KitchenId;
+use serde::{Deserialize, Serialize};
+
+/// One environment of the run, named independently of how actors are spread over machines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct EnvironmentId {
+    /// The kitchen it simulates.
+    pub kitchen: KitchenId,
+    /// Its number among the environments of that kitchen, over the whole run.
+    pub number: u32,
+}
+
+impl EnvironmentId {
+    /// The environment that actor `actor` holds at `index`.
+    ///
+    /// Actors beyond the training kitchens repeat them; their environments continue the numbering.
+    pub fn of(actor: u32, index: u32, environments_per_actor: u32) -> Self {
+        let kitchens = KitchenId::of_split(crate::kitchen::Split::Train).len() as u32;
+        Self { kitchen: KitchenId::of_actor(actor), number: actor / kitchens * environments_per_actor + index }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    #[test]
+    fn environments_are_unique_over_repeated_kitchens() {
+        let all: HashSet<_> =
+            (0..60).flat_map(|actor| (0..4).map(move |index| EnvironmentId::of(actor, index, 4))).collect();
+        assert_eq!(all.len(), 240);
+    }
+}

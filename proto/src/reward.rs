@@ -1,0 +1,87 @@
+//! The reward, in the one place it is written down (SPEC section 2; paper equations 1 and 2).
+//!
+//! Actors send [`RewardParts`]; the learner composes r or r′ from them with the stage in force, so a stage switch
+//! never reaches the simulator.
+
+use iceoryx2::prelude::ZeroCopySend;
+use serde::{Deserialize, Serialize};
+
+/// Reward of every step.
+pub const STEP: f32 = -0.01;
+/// Added when the action failed.
+pub const FAILED_ACTION: f32 = -0.03;
+/// Added once, when the target is picked up.
+pub const PICK_UP: f32 = 5.0;
+/// Added when Done is declared with the target at its goal.
+pub const GOAL_SUCCESS: f32 = 10.0;
+/// An object moved by more than this in one step is a disturbance: threshold of the auxiliary label, metres.
+pub const DISTURBANCE_LABEL_THRESHOLD_M: f32 = 0.001;
+/// An episode with less total displacement than this is "without disturbance" (`SRwoD`), metres.
+pub const UNDISTURBED_THRESHOLD_M: f32 = 0.01;
+/// Displacement of one object counts at most this much, metres.
+pub const OBJECT_DISPLACEMENT_CAP_M: f32 = 10.0;
+
+/// Which reward a stage optimises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum RewardKind {
+    /// r: reach, pick up, bring (paper equation 1).
+    #[serde(rename = "r")]
+    Task,
+    /// r′ = r + `λ_disturb` (d_{t-1} - `d_t`) (paper equation 2).
+    #[serde(rename = "r_prime")]
+    DisturbanceFree,
+}
+
+/// What one step contributed, before any weighting.
+#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
+#[type_name("stillroom/RewardParts/1")]
+#[repr(C)]
+pub struct RewardParts {
+    /// Previous minus current wrist-object distance, metres; 0 at an episode's first step.
+    pub wrist_object_progress_m: f32,
+    /// Previous minus current object-goal distance, metres; 0 at an episode's first step.
+    pub object_goal_progress_m: f32,
+    /// Previous minus current total displacement of all objects but the target, metres (negative: more disturbed).
+    pub disturbance_progress_m: f32,
+    /// 1 if the action failed, else 0.
+    pub failed_action: f32,
+    /// 1 if this step picked the target up, else 0.
+    pub picked_up: f32,
+    /// 1 if this step was a successful Done, else 0.
+    pub goal_success: f32,
+}
+
+impl RewardParts {
+    /// The reward of this step under `kind`.
+    pub fn compose(&self, kind: RewardKind, lambda_disturb: f32) -> f32 {
+        let task = STEP
+            + FAILED_ACTION * self.failed_action
+            + PICK_UP * self.picked_up
+            + GOAL_SUCCESS * self.goal_success
+            + self.wrist_object_progress_m
+            + self.object_goal_progress_m;
+        match kind {
+            RewardKind::Task => task,
+            RewardKind::DisturbanceFree => task + lambda_disturb * self.disturbance_progress_m,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn r_prime_adds_only_the_disturbance_term() {
+        let parts = RewardParts {
+            wrist_object_progress_m: 0.2,
+            object_goal_progress_m: -0.1,
+            disturbance_progress_m: -0.02,
+            failed_action: 1.0,
+            picked_up: 0.0,
+            goal_success: 0.0,
+        };
+        assert!((parts.compose(RewardKind::Task, 15.0) - 0.06).abs() < 1e-6);
+        assert!((parts.compose(RewardKind::DisturbanceFree, 15.0) + 0.24).abs() < 1e-6);
+    }
+}

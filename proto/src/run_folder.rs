@@ -1,0 +1,135 @@
+//! Layout of a run folder. Every path in it is made here.
+//!
+//! ```text
+//! RUN/
+//!   run.toml               identity of the run: id, schema version, incarnations so far
+//!   config.toml            effective configuration, written once
+//!   orchestrator.lock      held (flock) by the orchestrator that runs it
+//!   learner-0.lock         held by learner rank 0 while it lives
+//!   checkpoints/           rollout-00000012.safetensors + rollout-00000012.json (manifest, written last)
+//!   recordings/            incarnation-001.000.mcap, ...
+//!   logs/                  orchestrator.log, learner-0.log, actor-00.log, ...
+//!   metrics.jsonl          one line a trained rollout
+//!   summary.json           written when the budget is reached
+//! ```
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// A run folder, existing or about to be created.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RunFolder {
+    root: PathBuf,
+}
+
+impl RunFolder {
+    /// The folder at `root`.
+    pub fn new(root: impl Into<PathBuf>) -> Self {
+        Self { root: root.into() }
+    }
+
+    /// The folder itself.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Identity of the run.
+    pub fn identity(&self) -> PathBuf {
+        self.root.join("run.toml")
+    }
+
+    /// Effective configuration.
+    pub fn config(&self) -> PathBuf {
+        self.root.join("config.toml")
+    }
+
+    /// Lock of the orchestrator.
+    pub fn orchestrator_lock(&self) -> PathBuf {
+        self.root.join("orchestrator.lock")
+    }
+
+    /// Lock of a learner: whoever holds it may write checkpoints.
+    pub fn learner_lock(&self, rank: u32) -> PathBuf {
+        self.root.join(format!("learner-{rank}.lock"))
+    }
+
+    /// Folder of checkpoints.
+    pub fn checkpoints(&self) -> PathBuf {
+        self.root.join("checkpoints")
+    }
+
+    /// Tensors of the checkpoint whose first missing rollout is `rollout`.
+    pub fn checkpoint_tensors(&self, rollout: u64) -> PathBuf {
+        self.checkpoints().join(format!("rollout-{rollout:08}.safetensors"))
+    }
+
+    /// Manifest of that checkpoint. It is written last: a checkpoint without one does not exist.
+    pub fn checkpoint_manifest(&self, rollout: u64) -> PathBuf {
+        self.checkpoints().join(format!("rollout-{rollout:08}.json"))
+    }
+
+    /// Folder of recordings.
+    pub fn recordings(&self) -> PathBuf {
+        self.root.join("recordings")
+    }
+
+    /// One MCAP segment of one incarnation.
+    pub fn recording(&self, incarnation: u32, segment: u32) -> PathBuf {
+        self.recordings().join(format!("incarnation-{incarnation:03}.{segment:03}.mcap"))
+    }
+
+    /// Folder of logs.
+    pub fn logs(&self) -> PathBuf {
+        self.root.join("logs")
+    }
+
+    /// Log of the process with this name.
+    pub fn log(&self, process: &str) -> PathBuf {
+        self.logs().join(format!("{process}.log"))
+    }
+
+    /// One line a trained rollout.
+    pub fn metrics(&self) -> PathBuf {
+        self.root.join("metrics.jsonl")
+    }
+
+    /// Summary of a complete run.
+    pub fn summary(&self) -> PathBuf {
+        self.root.join("summary.json")
+    }
+}
+
+/// Writes a file so that a reader finds either the old content or the new, whole: temporary file in the same folder,
+/// fsync, rename, fsync of the folder.
+pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut temporary = path.as_os_str().to_owned();
+    temporary.push(".partial");
+    let temporary = PathBuf::from(temporary);
+    let written = std::fs::File::create(&temporary).and_then(|mut file| {
+        file.write_all(content)?;
+        file.sync_all()
+    });
+    if let Err(error) = written {
+        // A full disk leaves nothing behind but the error.
+        let _ = std::fs::remove_file(&temporary);
+        return Err(error);
+    }
+    std::fs::rename(&temporary, path)?;
+    std::fs::File::open(folder)?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_replaced_whole_and_leaves_no_temporary() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        write_atomically(&path, b"one").unwrap();
+        write_atomically(&path, b"two").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"two");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+}

@@ -1,0 +1,146 @@
+//! Stages of a run and the arithmetic of their frame budgets.
+//!
+//! Pure functions of the configuration and the number of frames trained on: the orchestrator decides with them, the
+//! learner checks that it was told the same.
+
+use crate::config::StageConfig;
+
+/// Where a run stands: derived from the frames trained on so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StagePosition {
+    /// Index of the stage in the configuration.
+    pub stage: usize,
+    /// Frames trained on within this stage.
+    pub frames_in_stage: u64,
+    /// Frames this stage still wants; at least 1.
+    pub frames_left: u64,
+}
+
+/// Total frame budget of all stages.
+pub fn total_frames(stages: &[StageConfig]) -> u64 {
+    stages.iter().map(|stage| stage.frames).sum()
+}
+
+/// The position after `frames` frames, or `None` when the run is complete.
+pub fn position_at(stages: &[StageConfig], frames: u64) -> Option<StagePosition> {
+    let mut start = 0;
+    for (stage, config) in stages.iter().enumerate() {
+        if frames < start + config.frames {
+            return Some(StagePosition {
+                stage,
+                frames_in_stage: frames - start,
+                frames_left: start + config.frames - frames,
+            });
+        }
+        start += config.frames;
+    }
+    None
+}
+
+/// How a rollout is cut so that a stage ends exactly on its budget.
+///
+/// A rollout has at most `rollout_steps` steps of all `environments`. The last one of a stage may be shorter, and its
+/// last step may be taken by the first few environments only; the others HOLD.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RolloutShape {
+    /// Steps of this rollout.
+    pub steps: usize,
+    /// Environments that act in the last step.
+    pub environments_in_last_step: usize,
+    /// Frames of this rollout.
+    pub frames: u64,
+}
+
+impl RolloutShape {
+    /// The shape of the next rollout when the stage still wants `frames_left` frames.
+    ///
+    /// # Panics
+    /// If an argument is 0.
+    pub fn next(frames_left: u64, rollout_steps: usize, environments: usize) -> Self {
+        assert!(frames_left > 0 && rollout_steps > 0 && environments > 0, "a rollout has frames");
+        let per_step = environments as u64;
+        let frames = frames_left.min(rollout_steps as u64 * per_step);
+        let steps = frames.div_ceil(per_step);
+        Self { steps: steps as usize, environments_in_last_step: (frames - (steps - 1) * per_step) as usize, frames }
+    }
+}
+
+/// The stages with their budgets scaled so that they sum to `total` exactly, proportions kept.
+///
+/// Errors if a stage would get no frame.
+pub fn scale_to(stages: &[StageConfig], total: u64) -> Result<Vec<StageConfig>, TooFewFrames> {
+    let old_total = u128::from(total_frames(stages)).max(1);
+    let mut scaled = stages.to_vec();
+    let mut start_old = 0u128;
+    let mut start_new = 0u64;
+    for stage in &mut scaled {
+        start_old += u128::from(stage.frames);
+        let end_new = (start_old * u128::from(total) / old_total) as u64;
+        stage.frames = end_new - start_new;
+        start_new = end_new;
+    }
+    if scaled.iter().any(|stage| stage.frames == 0) {
+        return Err(TooFewFrames { total, stages: stages.len() });
+    }
+    Ok(scaled)
+}
+
+/// A frame budget that leaves a stage empty.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+#[error("{total} frames cannot be divided over {stages} stages: ask for more with --frames")]
+pub struct TooFewFrames {
+    /// Frames asked for.
+    pub total: u64,
+    /// Number of stages.
+    pub stages: usize,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reward::RewardKind;
+    use proptest::prelude::*;
+
+    fn two(first: u64, second: u64) -> Vec<StageConfig> {
+        vec![
+            StageConfig { name: "I".into(), reward: RewardKind::Task, frames: first },
+            StageConfig { name: "II".into(), reward: RewardKind::DisturbanceFree, frames: second },
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn rollouts_add_up_to_every_stage_exactly(
+            first in 1u64..5_000, second in 1u64..5_000, steps in 1usize..40, environments in 1usize..30,
+        ) {
+            let stages = two(first, second);
+            let mut frames = 0;
+            let mut ends = vec![];
+            while let Some(position) = position_at(&stages, frames) {
+                let shape = RolloutShape::next(position.frames_left, steps, environments);
+                prop_assert!(shape.steps <= steps && shape.environments_in_last_step <= environments);
+                prop_assert_eq!(
+                    shape.frames,
+                    ((shape.steps - 1) * environments + shape.environments_in_last_step) as u64
+                );
+                frames += shape.frames;
+                if shape.frames == position.frames_left { ends.push(frames); }
+            }
+            prop_assert_eq!(ends, vec![first, first + second]);
+        }
+
+        #[test]
+        fn scaling_keeps_the_total(first in 1u64..50_000_000, second in 1u64..50_000_000, total in 2u64..100_000_000) {
+            if let Ok(scaled) = scale_to(&two(first, second), total) {
+                prop_assert_eq!(total_frames(&scaled), total);
+            }
+        }
+    }
+
+    #[test]
+    fn the_papers_curriculum_scales_in_proportion() {
+        let scaled = scale_to(&two(20_000_000, 25_000_000), 900).expect("enough frames");
+        assert_eq!((scaled[0].frames, scaled[1].frames), (400, 500));
+        assert!(scale_to(&two(20_000_000, 25_000_000), 1).is_err());
+    }
+}

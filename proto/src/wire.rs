@@ -1,0 +1,666 @@
+//! The shared-memory services: their names, their settings, and who opens what.
+//!
+//! | service | pattern | from → to | payload |
+//! |---|---|---|---|
+//! | `observations` | publish-subscribe | every actor → learner, recorder, one more tap | `[Observation]` of one half |
+//! | `observations-ready` | event, id = actor | every actor → the same | |
+//! | `restore/ACTOR` | publish-subscribe | learner → one actor | `[EnvironmentState]` of all its environments |
+//! | `actions/ACTOR` | publish-subscribe | learner → one actor | `[u8]`, one action an environment of the half |
+//! | `actions-ready/ACTOR` | event | learner → one actor | |
+//! | `stage` | publish-subscribe, history 1 | orchestrator → learner, one more tap | `StageAnnouncement` |
+//!
+//! One long-lived process, the orchestrator, creates every service ([`WireHost`]) and all others only open them
+//! ([`Wire`]): a process killed while it creates a service can leave it half-made for good. Each incarnation of the
+//! orchestrator uses names of its own ([`WireAddress`]), so nothing of a dead one is ever met again, and sweeping it
+//! is deleting one folder and one prefix in /dev/shm.
+
+use crate::SCHEMA_VERSION;
+use crate::message::{
+    ActionHeader, EnvironmentState, Halves, Observation, ObservationHeader, RestoreHeader, StageAnnouncement,
+};
+use iceoryx2::config::Config;
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+pub use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::{
+    AllocationStrategy, AttributeSpecifier, AttributeVerifier, BackpressureStrategy, EventId, Node, NodeBuilder,
+    NodeName, Path as IoxPath, SemanticString, ServiceName, SignalHandlingMode, ipc,
+};
+use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
+use iceoryx2::service::builder::event::Builder as EventBuilder;
+use iceoryx2::service::builder::publish_subscribe::Builder as PublishSubscribeBuilder;
+use std::fmt::{Debug, Display};
+use std::path::{Path, PathBuf};
+
+/// The flavour of iceoryx2 in use: between processes, ports stay on the thread that made them.
+pub type Ipc = ipc::Service;
+/// Publisher of observations; held by an actor.
+pub type ObservationPublisher = Publisher<Ipc, [Observation], ObservationHeader>;
+/// Subscriber of observations; held by the learner and by recorders.
+pub type ObservationSubscriber = Subscriber<Ipc, [Observation], ObservationHeader>;
+/// Publisher of actions for one actor.
+pub type ActionPublisher = Publisher<Ipc, [u8], ActionHeader>;
+/// Subscriber of actions; held by one actor.
+pub type ActionSubscriber = Subscriber<Ipc, [u8], ActionHeader>;
+/// Publisher of restores for one actor.
+pub type RestorePublisher = Publisher<Ipc, [EnvironmentState], RestoreHeader>;
+/// Subscriber of restores; held by one actor.
+pub type RestoreSubscriber = Subscriber<Ipc, [EnvironmentState], RestoreHeader>;
+/// Publisher of stage announcements; held by the orchestrator.
+pub type StagePublisher = Publisher<Ipc, StageAnnouncement, ()>;
+/// Subscriber of stage announcements.
+pub type StageSubscriber = Subscriber<Ipc, StageAnnouncement, ()>;
+/// Waits for events.
+pub type Wakeup = Listener<Ipc>;
+/// Raises events.
+pub type Bell = Notifier<Ipc>;
+
+/// Subscribers of observations at most: learner, recorder, one more tap.
+const OBSERVATION_SUBSCRIBERS: usize = 3;
+/// Samples that wait for one subscriber: one for each half.
+const OBSERVATION_BUFFER: usize = 2;
+/// Samples a subscriber may look at at once: one for each half.
+const OBSERVATION_BORROWED: usize = 2;
+/// Ports that a restarted process may need while its dead predecessor's are not swept yet.
+const RESTART_MARGIN: usize = 2;
+
+/// A failure of the shared-memory layer. The text names the service and says what to do where something can be done.
+#[derive(Debug, thiserror::Error)]
+pub enum WireError {
+    /// The node could not be created.
+    #[error(
+        "cannot join the run's shared memory at {root}: {cause}; check that /dev/shm and {root} exist and are writable"
+    )]
+    Node {
+        /// Root folder of the incarnation.
+        root: String,
+        /// What iceoryx2 said.
+        cause: String,
+    },
+    /// A service could not be created or opened.
+    #[error("cannot {verb} service `{service}`: {cause}")]
+    Service {
+        /// `create` or `open`.
+        verb: &'static str,
+        /// Name of the service.
+        service: String,
+        /// What iceoryx2 said.
+        cause: String,
+    },
+    /// A port could not be made.
+    #[error(
+        "cannot make a port on service `{service}`: {cause}; if /dev/shm is full, `orchestrator clean` frees what dead runs left"
+    )]
+    Port {
+        /// Name of the service.
+        service: String,
+        /// What iceoryx2 said.
+        cause: String,
+    },
+    /// The address is not one that iceoryx2 accepts.
+    #[error("`{0}` is not a wire address (expected PREFIX@FOLDER)")]
+    Address(String),
+}
+
+/// Where the services of one orchestrator incarnation live: a prefix of names in /dev/shm and a folder of small files.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct WireAddress {
+    prefix: String,
+    root: PathBuf,
+}
+
+/// Start of every prefix, so that `orchestrator clean` recognises what is ours.
+pub const PREFIX_MARK: &str = "stillroom_";
+
+impl WireAddress {
+    /// The address of incarnation `incarnation` of run `run_id`. `run_id` holds letters and digits only.
+    pub fn new(run_id: &str, incarnation: u32) -> Self {
+        let prefix = format!("{PREFIX_MARK}{run_id}_{incarnation}_");
+        let root = std::env::temp_dir().join(prefix.trim_end_matches('_'));
+        Self { prefix, root }
+    }
+
+    /// Prefix of all names in /dev/shm.
+    pub fn prefix(&self) -> &str {
+        &self.prefix
+    }
+
+    /// Folder of the small files.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Deletes everything at this address. To be called when no process uses it any more.
+    ///
+    /// Returns the number of files removed.
+    pub fn sweep(&self) -> std::io::Result<usize> {
+        let mut removed = 0;
+        for entry in std::fs::read_dir(SHARED_MEMORY)? {
+            let entry = entry?;
+            if entry.file_name().to_string_lossy().starts_with(&self.prefix) {
+                match std::fs::remove_file(entry.path()) {
+                    Ok(()) => removed += 1,
+                    Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
+                    Err(error) => return Err(error),
+                }
+            }
+        }
+        match std::fs::remove_dir_all(&self.root) {
+            Ok(()) => removed += 1,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
+            Err(error) => return Err(error),
+        }
+        Ok(removed)
+    }
+
+    fn config(&self) -> Result<Config, WireError> {
+        let invalid = || WireError::Address(self.to_string());
+        let mut config = Config::default();
+        let root = self.root.to_str().ok_or_else(invalid)?;
+        config.global.set_root_path(&IoxPath::new(root.as_bytes()).map_err(|_| invalid())?);
+        config.global.prefix = SemanticString::new(self.prefix.as_bytes()).map_err(|_| invalid())?;
+        // Sweeping dead nodes is the orchestrator's task, on SIGCHLD and on a timer: a starting actor must not spend
+        // its first milliseconds on its siblings' remains.
+        config.global.node.cleanup_dead_nodes_on_creation = false;
+        config.global.node.cleanup_dead_nodes_on_destruction = false;
+        config.global.service.cleanup_dead_nodes_on_open = false;
+        Ok(config)
+    }
+}
+
+/// Where POSIX shared memory lives on Linux.
+pub const SHARED_MEMORY: &str = "/dev/shm";
+
+impl Display for WireAddress {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}@{}", self.prefix, self.root.display())
+    }
+}
+
+impl std::str::FromStr for WireAddress {
+    type Err = WireError;
+    fn from_str(text: &str) -> Result<Self, WireError> {
+        match text.split_once('@') {
+            Some((prefix, root)) if prefix.starts_with(PREFIX_MARK) && root.starts_with('/') => {
+                Ok(Self { prefix: prefix.to_owned(), root: PathBuf::from(root) })
+            }
+            _ => Err(WireError::Address(text.to_owned())),
+        }
+    }
+}
+
+/// How many processes and environments share one machine's services.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WireShape {
+    /// Actor processes.
+    pub actors: u32,
+    /// Environments of each.
+    pub environments_per_actor: u32,
+}
+
+impl WireShape {
+    /// Shared memory that the observation services can come to use, bytes: every slot of every actor, and a tenth
+    /// for everything else.
+    pub fn shared_memory_bytes(self) -> u64 {
+        // The publisher's pool: what subscribers queue and borrow, and the loan in flight.
+        let samples = OBSERVATION_SUBSCRIBERS * (OBSERVATION_BUFFER + OBSERVATION_BORROWED) + 1;
+        let half = Halves::of(self.environments_per_actor).range(0).len();
+        let per_actor = samples * half * size_of::<Observation>();
+        u64::from(self.actors) * per_actor as u64 * 11 / 10 + (1 << 20)
+    }
+
+    fn nodes(self) -> usize {
+        // Actors, learner, orchestrator, recorder, tap; each possibly next to its dead predecessor.
+        (self.actors as usize + 4) * RESTART_MARGIN
+    }
+}
+
+/// A process's membership in the services of one incarnation.
+pub struct Wire {
+    node: Node<Ipc>,
+    shape: WireShape,
+}
+
+impl Debug for Wire {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Wire").field("shape", &self.shape).finish_non_exhaustive()
+    }
+}
+
+impl Wire {
+    /// Joins under the name of a process, e.g. `actor-03`. Creates no service.
+    pub fn join(address: &WireAddress, shape: WireShape, process: &str) -> Result<Self, WireError> {
+        let failed = |cause: &dyn Debug| WireError::Node {
+            root: address.root.display().to_string(),
+            cause: format!("{cause:?}"),
+        };
+        let node = NodeBuilder::new()
+            .name(&NodeName::new(process).map_err(|error| failed(&error))?)
+            .config(&address.config()?)
+            // Signals belong to the program, not to the transport.
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Ipc>()
+            .map_err(|error| failed(&error))?;
+        Ok(Self { node, shape })
+    }
+
+    /// The shape it was joined with.
+    pub fn shape(&self) -> WireShape {
+        self.shape
+    }
+
+    /// The actor's end of the observations.
+    ///
+    /// A full subscriber blocks `send`: the recorder must see every step. A dead one is swept by the orchestrator.
+    pub fn observation_publisher(&self) -> Result<ObservationPublisher, WireError> {
+        let service = self
+            .observations()?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| service("open", OBSERVATIONS, &cause))?;
+        service
+            .publisher_builder()
+            .initial_max_slice_len(Halves::of(self.shape.environments_per_actor).range(0).len())
+            .allocation_strategy(AllocationStrategy::Static)
+            .max_loaned_samples(1)
+            .backpressure_strategy(BackpressureStrategy::RetryUntilDelivered)
+            .create()
+            .map_err(|cause| port(OBSERVATIONS, &cause))
+    }
+
+    /// A reader's end of the observations.
+    pub fn observation_subscriber(&self) -> Result<ObservationSubscriber, WireError> {
+        let service = self
+            .observations()?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| service("open", OBSERVATIONS, &cause))?;
+        service
+            .subscriber_builder()
+            .buffer_size(OBSERVATION_BUFFER)
+            .create()
+            .map_err(|cause| port(OBSERVATIONS, &cause))
+    }
+
+    /// Rings when an actor has sent observations; the event id is the actor's number.
+    pub fn observations_wakeup(&self) -> Result<Wakeup, WireError> {
+        let service = self
+            .observations_ready()?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| service("open", OBSERVATIONS_READY, &cause))?;
+        service.listener_builder().create().map_err(|cause| port(OBSERVATIONS_READY, &cause))
+    }
+
+    /// The actor's bell for its observations.
+    pub fn observations_bell(&self, actor: u32) -> Result<Bell, WireError> {
+        let service = self
+            .observations_ready()?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| service("open", OBSERVATIONS_READY, &cause))?;
+        service
+            .notifier_builder()
+            .default_event_id(EventId::new(actor as usize))
+            .create()
+            .map_err(|cause| port(OBSERVATIONS_READY, &cause))
+    }
+
+    /// The learner's end of one actor's actions.
+    pub fn action_publisher(&self, actor: u32) -> Result<ActionPublisher, WireError> {
+        let name = actions_name(actor);
+        let service = self
+            .actions(actor)?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| service("open", &name, &cause))?;
+        service
+            .publisher_builder()
+            .initial_max_slice_len(Halves::of(self.shape.environments_per_actor).range(0).len())
+            .allocation_strategy(AllocationStrategy::Static)
+            .max_loaned_samples(1)
+            // Two batches at most are on the way, one a half, and the buffer holds both: nothing is ever discarded
+            // between living processes, and a dead actor cannot block the learner.
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|cause| port(&name, &cause))
+    }
+
+    /// The actor's end of its actions.
+    pub fn action_subscriber(&self, actor: u32) -> Result<ActionSubscriber, WireError> {
+        let name = actions_name(actor);
+        let service = self
+            .actions(actor)?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| service("open", &name, &cause))?;
+        service.subscriber_builder().create().map_err(|cause| port(&name, &cause))
+    }
+
+    /// The learner's end of one actor's restores.
+    pub fn restore_publisher(&self, actor: u32) -> Result<RestorePublisher, WireError> {
+        let name = restore_name(actor);
+        let service = self
+            .restore(actor)?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| service("open", &name, &cause))?;
+        service
+            .publisher_builder()
+            .initial_max_slice_len(self.shape.environments_per_actor as usize)
+            .allocation_strategy(AllocationStrategy::Static)
+            .max_loaned_samples(1)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|cause| port(&name, &cause))
+    }
+
+    /// The actor's end of its restores.
+    pub fn restore_subscriber(&self, actor: u32) -> Result<RestoreSubscriber, WireError> {
+        let name = restore_name(actor);
+        let service = self
+            .restore(actor)?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| service("open", &name, &cause))?;
+        service.subscriber_builder().create().map_err(|cause| port(&name, &cause))
+    }
+
+    /// Rings when the learner has sent this actor actions or a restore.
+    pub fn actions_wakeup(&self, actor: u32) -> Result<Wakeup, WireError> {
+        let name = actions_ready_name(actor);
+        let service = self
+            .actions_ready(actor)?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| service("open", &name, &cause))?;
+        service.listener_builder().create().map_err(|cause| port(&name, &cause))
+    }
+
+    /// The learner's bell for one actor.
+    pub fn actions_bell(&self, actor: u32) -> Result<Bell, WireError> {
+        let name = actions_ready_name(actor);
+        let service = self
+            .actions_ready(actor)?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| service("open", &name, &cause))?;
+        service.notifier_builder().create().map_err(|cause| port(&name, &cause))
+    }
+
+    /// The orchestrator's end of the stage service.
+    pub fn stage_publisher(&self) -> Result<StagePublisher, WireError> {
+        let service = self
+            .stage()?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| service("open", STAGE, &cause))?;
+        service.publisher_builder().create().map_err(|cause| port(STAGE, &cause))
+    }
+
+    /// A reader's end of the stage service. An announcement made before it was opened arrives with the publisher's
+    /// next `update_connections`, which the orchestrator calls on a timer.
+    pub fn stage_subscriber(&self) -> Result<StageSubscriber, WireError> {
+        let service = self
+            .stage()?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| service("open", STAGE, &cause))?;
+        service.subscriber_builder().create().map_err(|cause| port(STAGE, &cause))
+    }
+
+    // The settings of each service. Creating and opening share them; defaults of iceoryx2 do not fit.
+
+    fn observations(&self) -> Result<SampleBuilder<[Observation], ObservationHeader>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(OBSERVATIONS)?)
+            .publish_subscribe::<[Observation]>()
+            .user_header::<ObservationHeader>()
+            .enable_safe_overflow(false)
+            .subscriber_max_buffer_size(OBSERVATION_BUFFER)
+            .subscriber_max_borrowed_samples(OBSERVATION_BORROWED)
+            .history_size(0)
+            .max_publishers(self.shape.actors as usize * RESTART_MARGIN)
+            .max_subscribers(OBSERVATION_SUBSCRIBERS)
+            .max_nodes(self.shape.nodes()))
+    }
+
+    fn observations_ready(&self) -> Result<EventBuilder<Ipc>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(OBSERVATIONS_READY)?)
+            .event()
+            .max_notifiers(self.shape.actors as usize * RESTART_MARGIN)
+            .max_listeners(OBSERVATION_SUBSCRIBERS)
+            .event_id_max_value(self.shape.actors as usize)
+            .max_nodes(self.shape.nodes()))
+    }
+
+    fn actions(&self, actor: u32) -> Result<SampleBuilder<[u8], ActionHeader>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(&actions_name(actor))?)
+            .publish_subscribe::<[u8]>()
+            .user_header::<ActionHeader>()
+            .enable_safe_overflow(false)
+            .subscriber_max_buffer_size(4)
+            .subscriber_max_borrowed_samples(1)
+            .history_size(0)
+            .max_publishers(RESTART_MARGIN)
+            .max_subscribers(RESTART_MARGIN)
+            .max_nodes(self.shape.nodes()))
+    }
+
+    fn restore(&self, actor: u32) -> Result<SampleBuilder<[EnvironmentState], RestoreHeader>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(&restore_name(actor))?)
+            .publish_subscribe::<[EnvironmentState]>()
+            .user_header::<RestoreHeader>()
+            // Only the newest restore matters.
+            .enable_safe_overflow(true)
+            .subscriber_max_buffer_size(1)
+            .subscriber_max_borrowed_samples(1)
+            .history_size(0)
+            .max_publishers(RESTART_MARGIN)
+            .max_subscribers(RESTART_MARGIN)
+            .max_nodes(self.shape.nodes()))
+    }
+
+    fn actions_ready(&self, actor: u32) -> Result<EventBuilder<Ipc>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(&actions_ready_name(actor))?)
+            .event()
+            .max_notifiers(RESTART_MARGIN)
+            .max_listeners(RESTART_MARGIN)
+            .event_id_max_value(1)
+            .max_nodes(self.shape.nodes()))
+    }
+
+    fn stage(&self) -> Result<SampleBuilder<StageAnnouncement, ()>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(STAGE)?)
+            .publish_subscribe::<StageAnnouncement>()
+            // Only the newest announcement matters.
+            .enable_safe_overflow(true)
+            .subscriber_max_buffer_size(1)
+            .subscriber_max_borrowed_samples(1)
+            .history_size(1)
+            .max_publishers(1)
+            .max_subscribers(2 * RESTART_MARGIN)
+            .max_nodes(self.shape.nodes()))
+    }
+}
+
+/// The process that creates every service and keeps it alive: the orchestrator.
+pub struct WireHost {
+    wire: Wire,
+    address: WireAddress,
+    _services: Vec<Box<dyn std::any::Any>>,
+}
+
+impl Debug for WireHost {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("WireHost").field("address", &self.address).finish_non_exhaustive()
+    }
+}
+
+impl WireHost {
+    /// Creates all services of an incarnation.
+    pub fn create(address: &WireAddress, shape: WireShape) -> Result<Self, WireError> {
+        let wire = Wire::join(address, shape, "orchestrator")?;
+        let attributes = defined_attributes();
+        let mut held: Vec<Box<dyn std::any::Any>> = Vec::new();
+        macro_rules! create {
+            ($builder:expr, $name:expr) => {
+                held.push(Box::new(
+                    $builder?.create_with_attributes(&attributes).map_err(|cause| service("create", $name, &cause))?,
+                ));
+            };
+        }
+        create!(wire.observations(), OBSERVATIONS);
+        create!(wire.observations_ready(), OBSERVATIONS_READY);
+        create!(wire.stage(), STAGE);
+        for actor in 0..shape.actors {
+            create!(wire.actions(actor), &actions_name(actor));
+            create!(wire.restore(actor), &restore_name(actor));
+            create!(wire.actions_ready(actor), &actions_ready_name(actor));
+        }
+        Ok(Self { wire, address: address.clone(), _services: held })
+    }
+
+    /// The host's own membership, for its ports.
+    pub fn wire(&self) -> &Wire {
+        &self.wire
+    }
+
+    /// Where the services live.
+    pub fn address(&self) -> &WireAddress {
+        &self.address
+    }
+
+    /// Frees what dead, reaped processes held, so that nobody stays blocked on them. Returns how many were swept.
+    pub fn sweep_dead(&self) -> u64 {
+        self.wire.node.try_cleanup_dead_nodes().cleanups
+    }
+}
+
+const OBSERVATIONS: &str = "observations";
+const OBSERVATIONS_READY: &str = "observations-ready";
+const STAGE: &str = "stage";
+
+fn actions_name(actor: u32) -> String {
+    format!("actions/{actor}")
+}
+
+fn actions_ready_name(actor: u32) -> String {
+    format!("actions-ready/{actor}")
+}
+
+fn restore_name(actor: u32) -> String {
+    format!("restore/{actor}")
+}
+
+type SampleBuilder<Payload, Header> = PublishSubscribeBuilder<Payload, Header, Ipc>;
+
+const SCHEMA_ATTRIBUTE: &str = "schema-version";
+
+fn name(text: &str) -> Result<ServiceName, WireError> {
+    ServiceName::new(text).map_err(|cause| WireError::Service {
+        verb: "name",
+        service: text.to_owned(),
+        cause: format!("{cause:?}"),
+    })
+}
+
+fn service(verb: &'static str, service: &str, cause: &dyn Debug) -> WireError {
+    WireError::Service { verb, service: service.to_owned(), cause: format!("{cause:?}") }
+}
+
+fn defined_attributes() -> AttributeSpecifier {
+    let (key, value) = schema_attribute();
+    AttributeSpecifier::new().define(&key, &value).expect("one short attribute always fits")
+}
+
+fn required_attributes() -> AttributeVerifier {
+    let (key, value) = schema_attribute();
+    AttributeVerifier::new().require(&key, &value).expect("one short attribute always fits")
+}
+
+fn schema_attribute() -> (AttributeKey, AttributeValue) {
+    (
+        SCHEMA_ATTRIBUTE.try_into().expect("a short constant is a valid key"),
+        SCHEMA_VERSION.to_string().as_str().try_into().expect("a short number is a valid value"),
+    )
+}
+
+fn port(service: &str, cause: &dyn Debug) -> WireError {
+    WireError::Port { service: service.to_owned(), cause: format!("{cause:?}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::message::observation_kind;
+    use std::time::Duration;
+
+    fn address(test: &str) -> WireAddress {
+        WireAddress::new(&format!("test{test}{}", std::process::id()), 1)
+    }
+
+    #[test]
+    fn an_address_survives_the_command_line() {
+        let address = address("text");
+        assert_eq!(address.to_string().parse::<WireAddress>().unwrap(), address);
+        assert!("nonsense".parse::<WireAddress>().is_err());
+    }
+
+    #[test]
+    fn a_frame_and_its_answer_cross_and_nothing_is_left() {
+        let shape = WireShape { actors: 2, environments_per_actor: 3 };
+        let address = address("cross");
+        let host = WireHost::create(&address, shape).unwrap();
+        {
+            let learner = Wire::join(&address, shape, "learner-0").unwrap();
+            let actor = Wire::join(&address, shape, "actor-01").unwrap();
+            let subscriber = learner.observation_subscriber().unwrap();
+            let wakeup = learner.observations_wakeup().unwrap();
+            let publisher = actor.observation_publisher().unwrap();
+            let bell = actor.observations_bell(1).unwrap();
+
+            let mut sample = publisher.loan_slice_uninit(2).unwrap();
+            *sample.user_header_mut() =
+                ObservationHeader { actor: 1, kind: observation_kind::OBSERVATIONS, ..Default::default() };
+            for slot in sample.payload_mut() {
+                // SAFETY: all-zero bytes are a valid Observation: it holds integers and floats only.
+                unsafe { slot.as_mut_ptr().write_bytes(0, 1) };
+                // SAFETY: just initialised.
+                unsafe { slot.assume_init_mut() }.depth_mm[7] = 1234;
+            }
+            // SAFETY: every element was written.
+            assert_eq!(unsafe { sample.assume_init() }.send().unwrap(), 1);
+            bell.notify().unwrap();
+            let mut rung = vec![];
+            wakeup.timed_wait(|event| rung.push(event.id.as_value()), Duration::from_secs(5)).unwrap();
+            assert_eq!(rung, vec![1]);
+            let received = subscriber.receive().unwrap().unwrap();
+            assert_eq!(received.user_header().actor, 1);
+            assert_eq!(received.payload().len(), 2);
+            assert_eq!(received.payload()[1].depth_mm[7], 1234);
+
+            let actions = learner.action_publisher(1).unwrap();
+            let answers = actor.action_subscriber(1).unwrap();
+            let sample = actions.loan_slice_uninit(2).unwrap().write_from_slice(&[3, 4]);
+            sample.send().unwrap();
+            assert_eq!(answers.receive().unwrap().unwrap().payload(), &[3, 4]);
+
+            let stage = host.wire().stage_publisher().unwrap();
+            stage.send_copy(StageAnnouncement { version: 5, ..Default::default() }).unwrap();
+            let late = learner.stage_subscriber().unwrap();
+            stage.update_connections().unwrap();
+            assert_eq!(late.receive().unwrap().unwrap().payload().version, 5, "history reaches a late subscriber");
+        }
+        drop(host);
+        address.sweep().unwrap();
+        let left: Vec<_> = std::fs::read_dir(SHARED_MEMORY)
+            .unwrap()
+            .filter_map(|entry| entry.unwrap().file_name().into_string().ok())
+            .filter(|name| name.starts_with(address.prefix()))
+            .collect();
+        assert!(left.is_empty(), "{left:?}");
+        assert!(!address.root().exists());
+    }
+}
