@@ -1,1 +1,3 @@
-//! Placeholder.
+//! The simulator: kitchens, robot, physics, depth camera and the task; and the rollout actor's process.
+
+pub mod shape;
