@@ -9,7 +9,7 @@
 unexport LIBTORCH LIBTORCH_LIB LIBTORCH_INCLUDE LIBTORCH_USE_PYTORCH LIBTORCH_STATIC LIBTORCH_CXX11_ABI
 unexport LIBTORCH_BYPASS_VERSION_CHECK
 # Make's job server is not for cargo.
-unexport MAKEFLAGS MAKELEVEL
+unexport MAKEFLAGS MFLAGS
 
 help:
 	@echo 'make setup   fetch libtorch into .torch/ (544 MB, once); LIBTORCH=/path uses a torch 2.11 that is there'
@@ -25,9 +25,10 @@ setup:
 build: setup
 	cargo build --release --locked --workspace --bins
 
-# Ctrl-C is the orchestrator's: the shell lets it through, waits, and hands on what the orchestrator exits with.
+# Ctrl-C is the orchestrator's, which saves and stops; the shell waits for it, and make adds no "Error" of its own.
 up: build
-	@trap : INT; ./target/release/orchestrator up --actors 19 $(ARGS)
+	@interrupted=; trap 'interrupted=yes' INT; \
+	./target/release/orchestrator up --actors 19 $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
 
 test: build
 	@if cargo nextest --version >/dev/null 2>&1; then \

@@ -73,7 +73,7 @@ KEPT = re.compile(
 # Linked by name from the torch in use; what else they need is found by asking the dynamic linker.
 LINKED = ["libtorch_cpu.so", "libc10.so"]
 
-SETUP_BYTES = 2_500_000_000  # the peak of a set-up, with room
+SETUP_BYTES = 1_200_000_000  # the peak of a set-up (two copies of the big wheel), with room
 BUILD_BYTES = 4_000_000_000  # target/ after a release build and the tests
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -97,15 +97,30 @@ def megabytes(count):
 # ---------------------------------------------------------------- what is there already
 
 
+def version_of(torch):
+    """The version of a libtorch folder or Python torch package, None where it does not say."""
+    with contextlib.suppress(OSError):
+        version = (torch / "build-version").read_text().strip()
+        if version:
+            return version
+    with contextlib.suppress(OSError):
+        match = re.search(r"^__version__\b.*?['\"]([^'\"]+)['\"]", (torch / "version.py").read_text(), re.MULTILINE)
+        return match and match.group(1)
+    return None
+
+
+def fits(version):
+    return re.match(rf"{re.escape(TORCH_SERIES)}\.\d+", version) is not None
+
+
 def is_complete(libtorch):
-    """Whether `libtorch` is a finished set-up whose links still lead somewhere."""
-    try:
-        version = (libtorch / "build-version").read_text().strip()
-    except OSError:
-        return False
+    """Whether `libtorch` is a finished set-up whose links still lead to the right torch."""
     libraries = list((libtorch / "lib").glob("*.so*"))
+    # An environment that was linked to may have been upgraded in place since.
+    now = version_of(torch_in_use(libtorch))
     return (
-        version == TORCH_VERSION
+        version_of(libtorch) == TORCH_VERSION
+        and (now is None or fits(now))
         and all((libtorch / "lib" / name).exists() for name in [*LINKED, "libtorch.so"])
         and all(library.exists() for library in libraries)
         and (libtorch / "include/torch/csrc/api/include/torch/torch.h").exists()
@@ -147,7 +162,7 @@ def check_compiler():
     if tried.returncode != 0:
         said = (tried.stderr.strip().splitlines() or [f"exit status {tried.returncode}"])[0]
         raise Failed(
-            f"'{' '.join(compiler)}' cannot compile a five-word C++17 program: {said!r}. Install a complete compiler"
+            f"'{' '.join(compiler)}' cannot compile two lines of C++17: {said!r}. Install a complete compiler"
             " (Debian, Ubuntu: apt-get install g++; Fedora, RHEL: dnf install gcc-c++), or set CXX to one."
         )
 
@@ -178,15 +193,16 @@ def explain_pip(requirement, output):
         reason = "what arrived does not match the index's own digest, so the transfer was damaged"
         advice = "Run it again; if that repeats, check the settings"
     elif re.search(network, output):
-        retries = [line.strip() for line in output.splitlines() if "Retrying" in line or "Error" in line]
-        said = (retries or [said])[0][:400]
+        # The cause stands at the heart of nested exceptions with addresses in them.
+        causes = re.findall(r"\[Errno [^\]]*\] [^'\")]*|certificate verify failed[^'\")]*|\w*timed out\w*", output)
+        said = (causes or [said])[0][:400]
         reason = "the Python package index cannot be reached"
         advice = "Check the network, and the proxy and certificate settings"
     elif re.search(r"\b(401|403|407)\b", output):
         reason = "the Python package index refused to serve it"
         advice = "Check the credentials and the index settings"
     elif "No matching distribution" in output or "Could not find a version" in output:
-        reason = "the configured Python package index does not have it"
+        reason = "the configured Python package index does not have it, or does not let you have it"
         advice = "Use an index that mirrors pypi.org: check the settings"
     else:
         reason = "pip failed"
@@ -229,8 +245,8 @@ def download(pip, requirement, platform, name, size, work):
     if not wheel.exists():
         others = ", ".join(sorted(file.name for file in wheels.glob("*"))) or "nothing"
         raise Failed(
-            f"pip fetched {others} for {requirement}, not {name}: the configured package index is not a mirror of pypi.org."
-            f" See '{Path(sys.executable).name} -m pip config list' and PIP_INDEX_URL."
+            f"pip fetched {others} for {requirement}, not {name}: the configured package index is not a mirror of"
+            f" pypi.org. See '{Path(sys.executable).name} -m pip config list' and PIP_INDEX_URL."
         )
     return wheel
 
@@ -239,11 +255,11 @@ def watch(process, scratch, name, size):
     """Waits for pip; on a terminal shows how much has arrived, elsewhere a line each ten seconds."""
     on_terminal = sys.stdout.isatty()
     last_line = time.monotonic()
+    arrived = 0
     while True:
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(timeout=0.25 if on_terminal else 1)
             break
-        arrived = 0
         for file in scratch.rglob("*.whl"):
             with contextlib.suppress(OSError):
                 arrived = max(arrived, file.stat().st_size)
@@ -265,9 +281,10 @@ def verify(wheel, size, expected):
         found_size = wheel.stat().st_size
         raise Failed(
             f"{wheel.name} is not the file this version of Stillroom was made with: its SHA-256 is"
-            f" {digest.hexdigest()} ({found_size} bytes), expected {expected} ({size} bytes). It was deleted and nothing"
-            " was installed. Run it again in case the transfer was damaged; if the digest stays wrong, the package index"
-            f" or a proxy between serves another file ('{Path(sys.executable).name} -m pip config list' shows which)."
+            f" {digest.hexdigest()} ({found_size} bytes), expected {expected} ({size} bytes). It was deleted and"
+            " nothing was installed. Run it again in case the transfer was damaged; if the digest stays wrong, the"
+            " package index or a proxy between serves another file:"
+            f" '{Path(sys.executable).name} -m pip config list' shows which are used."
         )
 
 
@@ -328,18 +345,12 @@ def given_torch(given):
             " Python environment: python -c 'import torch; print(torch.__path__[0])'), or unset LIBTORCH and set-up"
             f" fetches torch {TORCH_VERSION}."
         )
-    found = None
-    with contextlib.suppress(OSError):
-        found = (torch / "build-version").read_text().strip()
-    if not found:
-        with contextlib.suppress(OSError):
-            match = re.search(r"^__version__\b.*?['\"]([^'\"]+)['\"]", (torch / "version.py").read_text(), re.MULTILINE)
-            found = match and match.group(1)
-    if not found or not re.match(rf"{re.escape(TORCH_SERIES)}\.\d+", found):
+    found = version_of(torch)
+    if found is None or not fits(found):
         raise Failed(
             f"LIBTORCH={given} is torch {found or 'of an unknown version (no build-version, no version.py)'}; Stillroom"
-            f" needs {TORCH_SERIES}. Point LIBTORCH at a torch {TORCH_SERIES} (pip install torch=={TORCH_VERSION}), or unset"
-            f" it and set-up fetches torch {TORCH_VERSION}."
+            f" needs {TORCH_SERIES}. Point LIBTORCH at a torch {TORCH_SERIES} (pip install torch=={TORCH_VERSION}), or"
+            f" unset it and set-up fetches torch {TORCH_VERSION}."
         )
     return torch, found
 
@@ -375,7 +386,7 @@ def link(torch, relative):
     # What torch-sys compares with the version it wants. Patch releases of one series do not change the C++ interface.
     (made / "build-version").write_text(TORCH_VERSION + "\n")
 
-    # The rest (OpenMP, the CUDA runtime, CUPTI) lies elsewhere in a wheel, in conda and in a libtorch archive. All of it
+    # The rest (OpenMP, the CUDA runtime, CUPTI) lies elsewhere in a wheel, in conda and in a libtorch archive. All
     # that is not the system's own is linked too, so that the folder needs no LD_LIBRARY_PATH and no rpath of torch's.
     system = ("/lib/", "/lib64/", "/usr/lib/", "/usr/lib64/")
     for name, path in needed_by(torch / "lib/libtorch_cpu.so", dict(os.environ)).items():
@@ -397,9 +408,10 @@ def link(torch, relative):
     tried = subprocess.run([sys.executable, "-c", load], capture_output=True, text=True, env=own)
     if tried.returncode != 0:
         said = (tried.stderr.strip().splitlines() or [f"exit status {tried.returncode}"])[-1]
+        mend = f"run 'rm -rf {TORCH}' and set up again" if relative else "install that torch anew, or unset LIBTORCH"
         raise Failed(
-            f"libtorch_cpu.so of {torch} does not load: {said!r}. If that names GLIBC or GLIBCXX, this torch was built for"
-            f" a newer system; otherwise run 'rm -rf {TORCH}' and set up again."
+            f"libtorch_cpu.so of {torch} does not load: {said!r}. If that names GLIBC or GLIBCXX, this torch was built"
+            f" for a newer system; otherwise {mend}."
         )
 
     if LIBTORCH.is_symlink() or LIBTORCH.exists():
