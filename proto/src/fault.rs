@@ -1,0 +1,58 @@
+//! Fault points: named places in the protocol at which a test can kill the process.
+//!
+//! `STILLROOM_FAULT=POINT` or `STILLROOM_FAULT=POINT:N` makes the process kill itself with SIGKILL, that is without
+//! unwinding, flushing or saying good-bye, when it reaches the point for the N-th time (default: the first). Crash
+//! tests set the variable for one child; without it [`reach`] is one load and one branch. Points are named
+//! `CRATE.MOMENT`, for example `actor.before_send`; `grep 'fault::reach'` lists them.
+
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Environment variable that arms a fault point.
+pub const VARIABLE: &str = "STILLROOM_FAULT";
+
+struct Armed {
+    point: String,
+    countdown: AtomicU64,
+}
+
+static ARMED: OnceLock<Option<Armed>> = OnceLock::new();
+
+/// Marks a fault point: kills this process if [`VARIABLE`] says so.
+pub fn reach(point: &str) {
+    let armed = ARMED.get_or_init(|| std::env::var(VARIABLE).ok().map(|text| parse(&text)));
+    if let Some(armed) = armed
+        && armed.point == point
+        && armed.countdown.fetch_sub(1, Ordering::Relaxed) == 1
+    {
+        // A crash, not an exit: no destructor may run, as when the kernel kills the process.
+        let _ = rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::KILL);
+    }
+}
+
+fn parse(text: &str) -> Armed {
+    let (point, count) = text.rsplit_once(':').unwrap_or((text, "1"));
+    let countdown = count.parse().unwrap_or(1).max(1);
+    Armed { point: point.to_owned(), countdown: AtomicU64::new(countdown) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_is_a_name_and_a_count() {
+        let count = |text| {
+            let armed = parse(text);
+            (armed.point.clone(), armed.countdown.load(Ordering::Relaxed))
+        };
+        assert_eq!(count("actor.before_send"), ("actor.before_send".into(), 1));
+        assert_eq!(count("actor.before_send:7"), ("actor.before_send".into(), 7));
+        assert_eq!(count("actor.before_send:0"), ("actor.before_send".into(), 1));
+    }
+
+    #[test]
+    fn an_unarmed_point_does_nothing() {
+        reach("proto.test");
+    }
+}
