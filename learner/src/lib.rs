@@ -1,1 +1,7 @@
-//! Placeholder.
+//! The learner: one process per GPU (or CPU) that infers for all actors of its machine, collects rollouts and trains.
+//!
+//! The algorithm knows neither processes nor files: [`agent::Agent`] is network, beliefs, rollout and optimiser behind
+//! one struct.
+
+pub mod agent;
+pub mod device;
