@@ -1,0 +1,324 @@
+//! Starts real runs of the built binaries in temporary folders, hurts them, and looks at what they leave behind.
+//!
+//! The binaries are those that `cargo build` of the same profile put beside the test executable; `make test` builds
+//! them first.
+
+use proto::run_folder::RunFolder;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// A configuration that exercises everything and finishes within seconds: two stages, budgets that are no multiple
+/// of the number of environments, both halves of an actor, a depth recording.
+pub const TINY: &str = r#"
+[episode]
+max_steps = 24
+start_distance_max_m = 1.0
+goal_distance_max_m = 1.0
+
+[network]
+encoder = "cnn"
+input_pool = 4
+hidden = 32
+
+[ppo]
+rollout_steps = 10
+epochs = 2
+
+[learner]
+device = "cpu"
+threads = 1
+actor_deadline_s = 60.0
+
+[checkpoint]
+interval_s = 0.0
+
+[recording]
+depth_share = 0.2
+"#;
+
+/// How long any one command of a test may take.
+pub const DEADLINE: Duration = Duration::from_secs(240);
+
+/// Path of one of our binaries.
+///
+/// # Panics
+/// If it has not been built.
+pub fn binary(name: &str) -> PathBuf {
+    let test = std::env::current_exe().expect("a running test has a path");
+    let profile = test.parent().and_then(Path::parent).expect("tests lie in target/PROFILE/deps");
+    let path = profile.join(name);
+    assert!(path.exists(), "{} is not built: `cargo build --release --workspace --bins` first", path.display());
+    path
+}
+
+/// A temporary place for runs with the tiny configuration in it.
+#[derive(Debug)]
+pub struct Workshop {
+    folder: tempfile::TempDir,
+}
+
+impl Default for Workshop {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Workshop {
+    /// A new, empty one.
+    ///
+    /// # Panics
+    /// If the temporary folder cannot be written.
+    pub fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        std::fs::write(folder.path().join("tiny.toml"), TINY).expect("a writable temporary folder");
+        Self { folder }
+    }
+
+    /// A path inside it.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// `orchestrator ARGS`, ready to be started, with nothing inherited that would change it.
+    pub fn orchestrator(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(binary("orchestrator"));
+        command.args(arguments).current_dir(self.folder.path()).env_remove("STILLROOM_LOG").env_remove("STILLROOM_FAULT");
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    /// `orchestrator up` of a tiny run called `name`.
+    pub fn up(&self, name: &str, actors: u32, environments_per_actor: u32, frames: u64) -> Command {
+        self.up_seeded(name, actors, environments_per_actor, frames, 5)
+    }
+
+    /// The same with a seed.
+    pub fn up_seeded(
+        &self,
+        name: &str,
+        actors: u32,
+        environments_per_actor: u32,
+        frames: u64,
+        seed: u64,
+    ) -> Command {
+        self.orchestrator(&[
+            "up",
+            "--preset",
+            "demo",
+            "--config",
+            "tiny.toml",
+            "--run",
+            name,
+            "--seed",
+            &seed.to_string(),
+            "--actors",
+            &actors.to_string(),
+            "--envs-per-actor",
+            &environments_per_actor.to_string(),
+            "--frames",
+            &frames.to_string(),
+        ])
+    }
+
+    /// `orchestrator resume` of the run called `name`.
+    pub fn resume(&self, name: &str) -> Command {
+        self.orchestrator(&["resume", name])
+    }
+
+    /// The run called `name`.
+    pub fn run(&self, name: &str) -> Run {
+        Run { folder: RunFolder::new(self.path(name)) }
+    }
+}
+
+/// What a finished command printed.
+#[derive(Debug)]
+pub struct Printed {
+    /// Exit status 0.
+    pub success: bool,
+    /// Standard output.
+    pub stdout: String,
+    /// Standard error.
+    pub stderr: String,
+}
+
+impl Printed {
+    fn from(output: &Output) -> Self {
+        Self {
+            success: output.status.success(),
+            stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
+            stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
+        }
+    }
+
+    /// The weights digest and the frame count of the summary's last two lines.
+    ///
+    /// # Panics
+    /// If the command failed or the lines are not there.
+    pub fn result(&self) -> (String, u64) {
+        assert!(self.success, "the command failed\n--- stdout\n{}\n--- stderr\n{}", self.stdout, self.stderr);
+        let lines: Vec<&str> = self.stdout.trim_end().lines().rev().take(2).collect();
+        let frames = lines[0].strip_prefix("frames: ").expect("the last line is the frame count").parse();
+        let weights = lines[1].strip_prefix("weights: ").expect("the line before is the weights digest");
+        assert!(weights.len() == 64 && weights.chars().all(|digit| digit.is_ascii_hexdigit()), "{weights}");
+        (weights.to_owned(), frames.expect("a number"))
+    }
+}
+
+/// Waits for a started command, draining its pipes.
+///
+/// # Panics
+/// If it takes longer than [`DEADLINE`]: no fault may end in a hang.
+pub fn finish(child: Child) -> Printed {
+    let pid = child.id();
+    let (sender, receiver) = std::sync::mpsc::channel();
+    std::thread::spawn(move || sender.send(child.wait_with_output()));
+    match receiver.recv_timeout(DEADLINE) {
+        Ok(output) => Printed::from(&output.expect("the child's pipes are readable")),
+        Err(_) => {
+            kill(pid);
+            let output = receiver.recv().expect("the waiting thread sends once").expect("readable pipes");
+            panic!("pid {pid} hung for {DEADLINE:?}: {:#?}", Printed::from(&output));
+        }
+    }
+}
+
+/// Starts a command.
+///
+/// # Panics
+/// If it cannot be started.
+pub fn start(mut command: Command) -> Child {
+    command.spawn().expect("the binary can be started")
+}
+
+/// Starts a command and waits for it.
+pub fn complete(command: Command) -> Printed {
+    finish(start(command))
+}
+
+/// SIGKILL.
+///
+/// # Panics
+/// If `pid` is not a process id.
+pub fn kill(pid: u32) {
+    signal(pid, rustix::process::Signal::KILL);
+}
+
+/// Sends a signal; a process that is already gone is fine.
+///
+/// # Panics
+/// If `pid` is not a process id.
+pub fn signal(pid: u32, signal: rustix::process::Signal) {
+    let pid = i32::try_from(pid).ok().and_then(rustix::process::Pid::from_raw).expect("a process id");
+    let _ = rustix::process::kill_process(pid, signal);
+}
+
+/// A run folder under test.
+#[derive(Debug)]
+pub struct Run {
+    /// The folder.
+    pub folder: RunFolder,
+}
+
+impl Run {
+    /// Waits until the learner has trained at least `rollouts` rollouts.
+    ///
+    /// # Panics
+    /// If that takes longer than [`DEADLINE`].
+    pub fn wait_for_rollouts(&self, rollouts: usize) {
+        let begun = Instant::now();
+        while self.metrics().len() < rollouts {
+            assert!(begun.elapsed() < DEADLINE, "{rollouts} rollouts not reached in {DEADLINE:?}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// The trained rollouts so far; of a rollout trained again after a fault, the newest.
+    pub fn metrics(&self) -> BTreeMap<u64, serde_json::Value> {
+        let text = std::fs::read_to_string(self.folder.metrics()).unwrap_or_default();
+        let lines = text.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
+        lines.filter_map(|line| Some((line["rollout"].as_u64()?, line))).collect()
+    }
+
+    /// Processes of this run whose command line holds `word`, e.g. `--actor`.
+    pub fn processes(&self, word: &str) -> Vec<u32> {
+        let folder = self.folder.root().display().to_string();
+        let name = self.folder.root().file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let mut found = vec![];
+        for entry in std::fs::read_dir("/proc").into_iter().flatten().flatten() {
+            let Some(pid) = entry.file_name().to_str().and_then(|name| name.parse::<u32>().ok()) else { continue };
+            let Ok(bytes) = std::fs::read(entry.path().join("cmdline")) else { continue };
+            let line = String::from_utf8_lossy(&bytes).replace('\0', " ");
+            let here = std::fs::read_link(entry.path().join("cwd")).ok();
+            let ours = line.contains(&folder) || (line.contains(&name) && here.as_deref() == self.folder.root().parent());
+            if ours && line.contains(word) {
+                found.push(pid);
+            }
+        }
+        found.sort_unstable();
+        found
+    }
+
+    /// The one learner process.
+    ///
+    /// # Panics
+    /// If there is not exactly one.
+    pub fn learner(&self) -> u32 {
+        let found = self.processes("--rank");
+        assert_eq!(found.len(), 1, "one learner runs");
+        found[0]
+    }
+
+    /// Messages per topic over all recordings of the run, in file order.
+    ///
+    /// # Panics
+    /// If a recording cannot be read.
+    pub fn recorded(&self) -> BTreeMap<String, u64> {
+        let mut counts = BTreeMap::new();
+        for path in self.recordings() {
+            let bytes = std::fs::read(&path).expect("a readable recording");
+            for message in mcap::MessageStream::new(&bytes).expect("an MCAP file") {
+                *counts.entry(message.expect("a whole message").channel.topic.clone()).or_default() += 1;
+            }
+        }
+        counts
+    }
+
+    /// The MCAP files of the run, in order.
+    pub fn recordings(&self) -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(self.folder.recordings()).into_iter().flatten().flatten();
+        let mut files: Vec<PathBuf> =
+            entries.map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|end| end == "mcap")).collect();
+        files.sort();
+        files
+    }
+
+    /// Asserts that no process, no shared memory and no temporary folder of this run is left.
+    ///
+    /// # Panics
+    /// If something is.
+    pub fn assert_nothing_left(&self) {
+        // A killed orchestrator's children notice within moments, not at once.
+        let begun = Instant::now();
+        while !self.processes("").is_empty() && begun.elapsed() < Duration::from_secs(20) {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        let processes = self.processes("");
+        assert!(processes.is_empty(), "processes are left: {processes:?}");
+        let identity = std::fs::read_to_string(self.folder.identity()).expect("a run has an identity");
+        let identity: toml::Table = identity.parse().expect("run.toml is TOML");
+        let id = identity["id"].as_str().expect("run.toml holds the run's id");
+        let prefix = format!("{}{id}_", proto::wire::PREFIX_MARK);
+        for folder in [Path::new(proto::wire::SHARED_MEMORY), &std::env::temp_dir()] {
+            let left: Vec<_> = std::fs::read_dir(folder)
+                .expect("a readable folder")
+                .flatten()
+                .filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix.trim_end_matches('_')))
+                .map(|entry| entry.path())
+                .collect();
+            assert!(left.is_empty(), "{} holds {left:?}", folder.display());
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! Every mistake gets one clear message, a non-zero exit, and leaves nothing behind.
+
+use std::path::Path;
+use system_tests::{Printed, Workshop, complete, finish, start};
+
+/// Fails, says `expected` on standard error, and does not panic.
+fn refused(printed: &Printed, expected: &str) {
+    assert!(!printed.success, "it should have been refused: {printed:#?}");
+    assert!(printed.stderr.contains(expected), "expected `{expected}` in {printed:#?}");
+    assert!(!printed.stderr.contains("panicked"), "{printed:#?}");
+}
+
+#[test]
+fn mistakes_on_the_command_line() {
+    let workshop = Workshop::new();
+    refused(&complete(workshop.orchestrator(&["up", "--preset", "demmo"])), "did you mean `demo`?");
+    refused(&complete(workshop.orchestrator(&["up", "--actors", "0"])), "actors");
+    refused(&complete(workshop.orchestrator(&["up", "--frames", "0"])), "frames");
+    refused(&complete(workshop.orchestrator(&["resume", "nowhere"])), "nowhere");
+    refused(&complete(workshop.orchestrator(&["stop", "nowhere"])), "nowhere");
+    refused(&complete(workshop.orchestrator(&["replay", "nothing.mcap"])), "nothing.mcap");
+}
+
+#[test]
+fn an_unknown_key_is_named_with_file_line_and_neighbour() {
+    let workshop = Workshop::new();
+    std::fs::write(workshop.path("wrong.toml"), "[ppo]\n\nlerning_rate = 1\n").unwrap();
+    let printed = complete(workshop.orchestrator(&["up", "--preset", "demo", "--config", "wrong.toml"]));
+    refused(&printed, "wrong.toml:3: unknown key `lerning_rate` (did you mean `learning_rate`?)");
+}
+
+#[test]
+fn more_actors_than_memory_allows() {
+    let workshop = Workshop::new();
+    refused(&complete(workshop.up("crowd", 512, 256, 1_000_000)), "memory");
+    assert!(!workshop.path("crowd").exists(), "nothing is left of a run that never began");
+}
+
+#[test]
+fn a_dev_shm_that_is_too_small() {
+    let workshop = Workshop::new();
+    // A mount namespace of our own, in which /dev/shm has Docker's problem.
+    let up = workshop.up("small", 4, 16, 1_000);
+    let mut command = std::process::Command::new("unshare");
+    command.args(["--user", "--map-root-user", "--mount", "sh", "-c"]);
+    command.arg("mount -t tmpfs -o size=4m tmpfs /dev/shm && exec \"$0\" \"$@\"");
+    command.arg(up.get_program()).args(up.get_args()).current_dir(workshop.path(""));
+    command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+    let printed = complete(command);
+    if printed.stderr.contains("unshare:") || printed.stderr.contains("mount:") {
+        eprintln!("skipped: this machine allows no mount namespaces: {}", printed.stderr);
+        return;
+    }
+    refused(&printed, "/dev/shm");
+}
+
+#[test]
+fn a_libtorch_that_is_missing_or_of_another_version() {
+    let workshop = Workshop::new();
+    let mut command = workshop.up("none", 1, 1, 100);
+    command.env("LIBTORCH", workshop.path("not-there"));
+    refused(&complete(command), "not-there");
+
+    let other = workshop.path("other-torch");
+    std::fs::create_dir_all(other.join("lib")).unwrap();
+    std::fs::write(other.join("lib/libtorch_cpu.so"), "").unwrap();
+    std::fs::write(other.join("build-version"), "2.4.1\n").unwrap();
+    let mut command = workshop.up("old", 1, 1, 100);
+    command.env("LIBTORCH", &other);
+    let printed = complete(command);
+    refused(&printed, "2.4.1");
+    refused(&printed, "2.11");
+}
+
+#[test]
+fn a_run_folder_in_use_or_already_there() {
+    let workshop = Workshop::new();
+    let child = start(workshop.up("busy", 1, 2, 5_000));
+    workshop.run("busy").wait_for_rollouts(2);
+    refused(&complete(workshop.up("busy", 1, 2, 5_000)), "busy");
+    refused(&complete(workshop.resume("busy")), "busy");
+    let stop = complete(workshop.orchestrator(&["stop", "busy"]));
+    assert!(stop.success, "{stop:#?}");
+    assert!(finish(child).success);
+    refused(&complete(workshop.up("busy", 1, 2, 5_000)), "resume");
+}
+
+#[test]
+fn corrupt_checkpoints() {
+    let workshop = Workshop::new();
+    let run = workshop.run("torn");
+    let child = start(workshop.up("torn", 1, 2, 2_000));
+    run.wait_for_rollouts(4);
+    system_tests::signal(child.id(), rustix::process::Signal::INT);
+    assert!(finish(child).success);
+
+    let tensors = |path: &Path| path.extension().is_some_and(|end| end == "safetensors");
+    let mut files: Vec<_> = std::fs::read_dir(run.folder.checkpoints())
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| tensors(path))
+        .collect();
+    files.sort();
+    let newest = files.last().unwrap();
+
+    // The newest one torn: named, skipped, and the run goes on from the one before.
+    let length = std::fs::metadata(newest).unwrap().len();
+    std::fs::OpenOptions::new().write(true).open(newest).unwrap().set_len(length / 2).unwrap();
+    let name = newest.file_stem().unwrap().to_str().unwrap();
+    let printed = complete(workshop.resume("torn"));
+    printed.result();
+    assert!(printed.stderr.contains(name), "the torn checkpoint is named: {printed:#?}");
+
+    // All of a run's checkpoints torn: refused.
+    let child = start(workshop.up("all-torn", 1, 2, 2_000));
+    let run = workshop.run("all-torn");
+    run.wait_for_rollouts(4);
+    system_tests::signal(child.id(), rustix::process::Signal::INT);
+    assert!(finish(child).success);
+    for entry in std::fs::read_dir(run.folder.checkpoints()).unwrap() {
+        let path = entry.unwrap().path();
+        if tensors(&path) {
+            std::fs::write(&path, "garbage").unwrap();
+        }
+    }
+    refused(&complete(workshop.resume("all-torn")), "checkpoint");
+}
+
+#[test]
+fn a_truncated_recording() {
+    let workshop = Workshop::new();
+    complete(workshop.up("cut", 1, 2, 600)).result();
+    let recording = workshop.run("cut").recordings().remove(0);
+    let length = std::fs::metadata(&recording).unwrap().len();
+    std::fs::OpenOptions::new().write(true).open(&recording).unwrap().set_len(length * 2 / 3).unwrap();
+
+    let printed = complete(workshop.orchestrator(&["replay", recording.to_str().unwrap()]));
+    assert!(printed.stderr.contains("orchestrator recover"), "{printed:#?}");
+    let repaired = complete(workshop.orchestrator(&["recover", recording.to_str().unwrap()]));
+    assert!(repaired.success, "{repaired:#?}");
+    let printed = complete(workshop.orchestrator(&["replay", recording.to_str().unwrap()]));
+    assert!(printed.success, "{printed:#?}");
+
+    std::fs::write(workshop.path("noise.mcap"), [7u8; 4096]).unwrap();
+    refused(&complete(workshop.orchestrator(&["replay", "noise.mcap"])), "noise.mcap");
+}
