@@ -1,2 +1,10 @@
-//! Placeholder.
+//! The orchestrator.
+
+mod command;
+mod format;
+mod recorder;
+mod recording;
+mod schema;
+mod terminal;
+
 fn main() {}

@@ -1,0 +1,117 @@
+//! Which samples are news: the pure core of the recorder.
+//!
+//! Every frame trained on must be recorded once. But a restarted actor sends its last observation again, a restarted
+//! learner takes everybody back to its checkpoint, and a sample of the time before may still be on the way. The
+//! headers tell all of these apart.
+
+use proto::message::ObservationHeader;
+
+/// What a sample is to the recorder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// The next observations: record what was done and what is seen.
+    News,
+    /// The first observations under a learner incarnation. What is seen is news; the transition describes the action
+    /// before the point that the learner went back to, which was recorded when it was taken.
+    RestorePoint,
+    /// Sent before: a restarted actor repeats where it stands.
+    Repeated,
+    /// From before the learner went back.
+    Stale,
+    /// It names an actor or a half that does not exist.
+    Alien,
+}
+
+/// What has been seen of every half of every actor.
+#[derive(Debug)]
+pub struct Ledger {
+    learner_incarnation: u32,
+    last_step: Vec<[Option<u64>; 2]>,
+    missed: u64,
+}
+
+impl Ledger {
+    /// Nothing seen yet of `actors` actors.
+    pub fn new(actors: u32) -> Self {
+        Self { learner_incarnation: 0, last_step: vec![[None; 2]; actors as usize], missed: 0 }
+    }
+
+    /// Judges a sample by its header and notes it.
+    pub fn judge(&mut self, header: &ObservationHeader) -> Verdict {
+        if header.actor as usize >= self.last_step.len() || header.half > 1 {
+            return Verdict::Alien;
+        }
+        if header.learner_incarnation < self.learner_incarnation {
+            return Verdict::Stale;
+        }
+        if header.learner_incarnation > self.learner_incarnation {
+            self.learner_incarnation = header.learner_incarnation;
+            self.last_step.fill([None; 2]);
+        }
+        let last = &mut self.last_step[header.actor as usize][header.half as usize];
+        match *last {
+            None => {
+                *last = Some(header.step);
+                Verdict::RestorePoint
+            }
+            Some(seen) if header.step <= seen => Verdict::Repeated,
+            Some(seen) => {
+                self.missed += header.step - seen - 1;
+                *last = Some(header.step);
+                Verdict::News
+            }
+        }
+    }
+
+    /// Exchanges that never arrived. Actors block rather than drop, so anything but 0 is a fault worth a warning.
+    pub fn missed(&self) -> u64 {
+        self.missed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn header(actor: u32, half: u32, learner_incarnation: u32, step: u64) -> ObservationHeader {
+        ObservationHeader { actor, half, learner_incarnation, step, ..Default::default() }
+    }
+
+    #[test]
+    fn a_rewind_is_recorded_again_and_what_was_on_the_way_is_not() {
+        let mut ledger = Ledger::new(1);
+        let verdicts = [(1, 0), (1, 1), (1, 2), (2, 1), (1, 3), (2, 2), (2, 2), (2, 3)]
+            .map(|(incarnation, step)| ledger.judge(&header(0, 0, incarnation, step)));
+        use Verdict::{News, Repeated, RestorePoint, Stale};
+        assert_eq!(verdicts, [RestorePoint, News, News, RestorePoint, Stale, News, Repeated, News]);
+        assert_eq!(ledger.missed(), 0);
+    }
+
+    #[test]
+    fn nobody_can_make_it_index_out_of_bounds() {
+        let mut ledger = Ledger::new(2);
+        assert_eq!(ledger.judge(&header(2, 0, 1, 0)), Verdict::Alien);
+        assert_eq!(ledger.judge(&header(0, 2, 1, 0)), Verdict::Alien);
+    }
+
+    proptest! {
+        /// However often samples are repeated and halves interleave, every exchange is news exactly once.
+        #[test]
+        fn every_exchange_is_news_once(order in prop::collection::vec((0u32..3, 0u32..2, 0u64..3), 0..200)) {
+            let mut ledger = Ledger::new(3);
+            let mut next = [[0u64; 2]; 3];
+            let mut news = 0;
+            let mut sent = 0;
+            for (actor, half, back) in order {
+                let position = &mut next[actor as usize][half as usize];
+                // `back` = 0 is the next one, anything else a repetition.
+                let step = position.saturating_sub(back);
+                if step == *position { *position += 1; sent += u64::from(step > 0); }
+                if ledger.judge(&header(actor, half, 1, step)) == Verdict::News { news += 1; }
+            }
+            prop_assert_eq!(news, sent);
+            prop_assert_eq!(ledger.missed(), 0);
+        }
+    }
+}

@@ -1,0 +1,236 @@
+//! The recorder: reads the samples that pass between actors and learner where they lie in shared memory, and writes
+//! MCAP.
+//!
+//! It is one thread with its own subscriber ([`tap`]). What is news is decided by a pure [`ledger`]; what is said about
+//! it, by the [`scribe`]; how it reaches the disk, by [`segment`]. Actors block until the recorder has taken a
+//! sample, so whatever happens to the disk, the thread goes on taking samples: after a failed write it only stops
+//! writing, and [`Recorder::failure`] says why.
+//!
+//! A second recorder (a live view, say) is another tap with another scribe; the services have room for it.
+
+mod camera;
+mod ledger;
+mod scribe;
+pub mod segment;
+mod tap;
+#[cfg(test)]
+pub mod testing;
+#[cfg(test)]
+mod tests;
+
+use crate::schema::foxglove::log::Level;
+use crate::schema::stillroom::StageSwitch;
+use proto::config::Config;
+use proto::control::LearnerEvent;
+use proto::reward::RewardKind;
+use proto::run_folder::RunFolder;
+use proto::wire::{WireAddress, WireError, WireShape};
+use scribe::Trained;
+use segment::SegmentError;
+use std::path::PathBuf;
+use std::sync::mpsc::{Sender, channel};
+use std::sync::{Arc, OnceLock};
+use std::thread::JoinHandle;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// How long the thread may take to create the first segment and its subscriber.
+const START_DEADLINE: Duration = Duration::from_secs(30);
+
+/// What a recorder needs to know.
+#[derive(Debug, Clone)]
+pub struct RecorderSetup {
+    /// Where the services of this incarnation are.
+    pub address: WireAddress,
+    /// Their shape.
+    pub shape: WireShape,
+    /// Where recordings go.
+    pub folder: RunFolder,
+    /// Incarnation of the orchestrator: part of the file names.
+    pub incarnation: u32,
+    /// The run's configuration; goes into every segment.
+    pub config: Config,
+}
+
+/// What was recorded in one incarnation.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RecordingSummary {
+    /// Segments in order.
+    pub files: Vec<PathBuf>,
+    /// Messages on `/step`: in an uninterrupted run, the frames trained on.
+    pub steps: u64,
+    /// Episodes that ended.
+    pub episodes: u64,
+    /// Depth frames.
+    pub depth_frames: u64,
+    /// Size of all segments.
+    pub bytes: u64,
+}
+
+/// Why there is no recording, or not a whole one.
+#[derive(Debug, thiserror::Error)]
+pub enum RecorderError {
+    /// The services cannot be tapped.
+    #[error("the recorder cannot read the observations: {0}")]
+    Wire(#[from] WireError),
+    /// A segment cannot be written.
+    #[error(
+        "{0}; see that the folder is writable and its disk has space, or set recording.enabled = false to run without"
+    )]
+    Segment(#[from] SegmentError),
+    /// The thread could not be started.
+    #[error("cannot start the recorder's thread: {0}")]
+    Thread(std::io::Error),
+    /// The thread did not come up.
+    #[error("the recorder did not start within {} s", START_DEADLINE.as_secs())]
+    Slow,
+    /// The thread is gone.
+    #[error("the recorder's thread ended unexpectedly; its last words are in the log")]
+    Died,
+    /// Recording ended with a failure some time ago.
+    #[error("{0}")]
+    Failed(String),
+}
+
+/// What the orchestrator tells the thread.
+enum Note {
+    Trained(Trained),
+    Stage(StageSwitch),
+    Log { level: Level, process: String, line: String },
+    Finish,
+}
+
+/// A running recorder.
+#[derive(Debug)]
+pub struct Recorder {
+    thread: JoinHandle<Result<RecordingSummary, RecorderError>>,
+    notes: Sender<(u64, Note)>,
+    failure: Arc<OnceLock<String>>,
+    stages: Vec<(String, RewardKind)>,
+}
+
+impl Recorder {
+    /// Starts the thread; returns once its subscriber exists, so that no actor started later can send past it.
+    pub fn start(setup: RecorderSetup) -> Result<Self, RecorderError> {
+        let (notes, inbox) = channel();
+        let (ready, started) = channel();
+        let failure = Arc::new(OnceLock::new());
+        let stages = setup.config.stages.iter().map(|stage| (stage.name.clone(), stage.reward)).collect();
+        let thread = {
+            let failure = Arc::clone(&failure);
+            std::thread::Builder::new()
+                .name("recorder".to_owned())
+                // Ports of shared memory stay on the thread that made them.
+                .spawn(move || {
+                    let result = tap::run(&setup, &inbox, &failure, &ready);
+                    if let Err(error) = &result {
+                        // The first reason stands.
+                        let _ = failure.set(error.to_string());
+                    }
+                    result
+                })
+                .map_err(RecorderError::Thread)?
+        };
+        match started.recv_timeout(START_DEADLINE) {
+            Ok(()) => Ok(Self { thread, notes, failure, stages }),
+            Err(std::sync::mpsc::RecvTimeoutError::Timeout) => Err(RecorderError::Slow),
+            // It returned before it was ready: with the reason, unless it panicked.
+            Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => match thread.join() {
+                Ok(Err(reason)) => Err(reason),
+                Ok(Ok(_)) | Err(_) => Err(RecorderError::Died),
+            },
+        }
+    }
+
+    /// Records what a learner said: metrics on `/learner/metrics`, everything else as a line on `/log`.
+    pub fn learner(&self, event: &LearnerEvent) {
+        match event {
+            LearnerEvent::RolloutTrained { rank, rollout, frames, stage, timing, metrics } => {
+                self.note(Note::Trained(Trained {
+                    rank: *rank,
+                    rollout: *rollout,
+                    frames: *frames,
+                    stage: *stage,
+                    timing: *timing,
+                    metrics: metrics.clone(),
+                }));
+            }
+            LearnerEvent::Ready { rank, rollout, frames, device, parameters, checkpoint } => {
+                let origin = checkpoint.as_deref().unwrap_or("a fresh start");
+                self.learner_log(
+                    *rank,
+                    Level::Info,
+                    format!("ready on {device}, {parameters} parameters, from {origin}: rollout {rollout}, {frames} frames trained"),
+                );
+            }
+            LearnerEvent::ActorsConnected { rank } => {
+                self.learner_log(*rank, Level::Info, "all actors have answered".to_owned());
+            }
+            // Each is followed by its metrics.
+            LearnerEvent::RolloutCollected { .. } => {}
+            LearnerEvent::CheckpointWritten { rank, rollout, frames, path } => {
+                self.learner_log(
+                    *rank,
+                    Level::Info,
+                    format!("checkpoint {path}: rollout {rollout}, {frames} frames trained"),
+                );
+            }
+            LearnerEvent::WaitingForActor { rank, actor, waited_s } => {
+                self.learner_log(*rank, Level::Warning, format!("has waited {waited_s:.1} s for actor {actor}"));
+            }
+            LearnerEvent::Finished { rank, frames, weights, complete } => {
+                let how = if *complete { "complete" } else { "stopped" };
+                self.learner_log(*rank, Level::Info, format!("{how} after {frames} frames, weights {weights}"));
+            }
+        }
+    }
+
+    /// Records that stage `to` begins with rollout `rollout`, after `frames` frames trained on.
+    pub fn stage_switch(&self, from: Option<usize>, to: usize, frames: u64, rollout: u64) {
+        let (name, reward) = self.stages.get(to).map_or((String::new(), ""), |(name, reward)| {
+            let reward = match reward {
+                RewardKind::Task => "r",
+                RewardKind::DisturbanceFree => "r_prime",
+            };
+            (name.clone(), reward)
+        });
+        let line = format!("stage {name} (reward {reward}) begins with rollout {rollout}, after {frames} frames");
+        self.note(Note::Stage(StageSwitch {
+            from: from.map(|stage| stage as u32),
+            to: to as u32,
+            name,
+            reward: reward.to_owned(),
+            frames,
+            rollout,
+        }));
+        self.note(Note::Log { level: Level::Info, process: "orchestrator".to_owned(), line });
+    }
+
+    /// Why nothing is written any more, if that is so. The run itself is not affected.
+    pub fn failure(&self) -> Option<String> {
+        match self.failure.get() {
+            Some(failure) => Some(failure.clone()),
+            None if self.thread.is_finished() => Some(RecorderError::Died.to_string()),
+            None => None,
+        }
+    }
+
+    /// Takes what is still in shared memory, completes the last segment and sees it onto the disk.
+    pub fn finish(self) -> Result<RecordingSummary, RecorderError> {
+        self.note(Note::Finish);
+        self.thread.join().map_err(|_| RecorderError::Died)?
+    }
+
+    fn learner_log(&self, rank: u32, level: Level, line: String) {
+        self.note(Note::Log { level, process: format!("learner-{rank}"), line });
+    }
+
+    fn note(&self, note: Note) {
+        // A thread that is gone is reported by `failure` and `finish`.
+        let _ = self.notes.send((now_ns(), note));
+    }
+}
+
+/// Wall-clock time, nanoseconds since 1970.
+fn now_ns() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |elapsed| elapsed.as_nanos() as u64)
+}

@@ -1,0 +1,135 @@
+//! Observations as tests need them, and an actor that sends them.
+
+use proto::message::{
+    Current, FRAME_PIXELS, Halves, Observation, ObservationHeader, Transition, current_flag, observation_kind,
+    transition_flag,
+};
+use proto::reward::RewardParts;
+use proto::wire::{Bell, ObservationPublisher, Wire, WireAddress, WireShape};
+
+/// Length of every test episode, steps.
+pub const EPISODE_STEPS: u32 = 5;
+
+/// What is seen after `step` steps of an episode.
+pub fn current(episode: u32, step: u32) -> Current {
+    Current {
+        state_hash: hash(episode, step),
+        episode,
+        step,
+        flags: if step == 0 { current_flag::EPISODE_START } else { 0 },
+        target: episode % 6,
+        previous_action: if step == 0 { 255 } else { action(episode, step - 1) },
+        wrist_to_object_m: [0.3, 0.0, 0.4],
+        object_to_goal_m: [0.0, 0.0, 1.0],
+        base_position_m: [0.0, 0.0],
+        base_yaw_rad: 0.0,
+        camera_pitch_rad: 0.0,
+        wrist_position_m: [0.0, 1.0, 0.3],
+        target_position_m: [1.0, 1.0, 1.0],
+        goal_position_m: [2.0, 1.0, 1.0],
+        reserved: 0,
+    }
+}
+
+/// What action `step` of an episode did.
+pub fn transition(episode: u32, step: u32) -> Transition {
+    let last = step + 1 == EPISODE_STEPS;
+    let end = transition_flag::ENDED | transition_flag::DONE | transition_flag::SUCCESS | transition_flag::HOLDING;
+    Transition {
+        state_hash: hash(episode, step + 1),
+        episode,
+        step,
+        flags: transition_flag::VALID | if last { end } else { 0 },
+        action: action(episode, step),
+        reward: RewardParts { disturbance_progress_m: -0.002, ..RewardParts::default() },
+        disturbance_m: 0.002 * (step + 1) as f32,
+        peak_disturbance_m: 0.002 * (step + 1) as f32,
+        wrist_object_m: 0.5,
+        object_goal_m: 1.0,
+        disturbed_objects: 1,
+        target: episode % 6,
+    }
+}
+
+/// The action that test episodes take.
+pub fn action(episode: u32, step: u32) -> u32 {
+    (episode * 7 + step) % 21
+}
+
+/// The state hash after `step` steps.
+pub fn hash(episode: u32, step: u32) -> u64 {
+    (u64::from(episode) << 32 | u64::from(step)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
+}
+
+/// The observation after `exchange` actions, all of them taken.
+pub fn observation(environment: u32, exchange: u64, flags: u32) -> Observation {
+    let (episode, step) = position(exchange);
+    let before = exchange.checked_sub(1).map(position);
+    let mut current = current(episode, step);
+    current.flags |= flags;
+    let transition = match before {
+        Some((episode, step)) => transition(episode, step),
+        None => Transition { flags: 0, ..transition(0, 0) },
+    };
+    let mut depth_mm = [0; FRAME_PIXELS];
+    for (index, pixel) in depth_mm.iter_mut().enumerate() {
+        *pixel = (index % 224) as u16 + exchange as u16;
+    }
+    Observation { transition, current, environment, reserved: [0; 9], depth_mm }
+}
+
+fn position(exchange: u64) -> (u32, u32) {
+    let steps = u64::from(EPISODE_STEPS);
+    ((exchange / steps) as u32, (exchange % steps) as u32)
+}
+
+/// An actor that sends what it is told to.
+pub struct FakeActor {
+    publisher: ObservationPublisher,
+    bell: Bell,
+    actor: u32,
+    halves: Halves,
+    _wire: Wire,
+}
+
+impl FakeActor {
+    /// Joins as actor `actor`.
+    pub fn join(address: &WireAddress, shape: WireShape, actor: u32) -> Self {
+        let wire = Wire::join(address, shape, &format!("actor-{actor:02}")).unwrap();
+        Self {
+            publisher: wire.observation_publisher().unwrap(),
+            bell: wire.observations_bell(actor).unwrap(),
+            actor,
+            halves: Halves::of(shape.environments_per_actor),
+            _wire: wire,
+        }
+    }
+
+    /// Header of an exchange.
+    pub fn header(&self, half: u32, learner_incarnation: u32, step: u64) -> ObservationHeader {
+        ObservationHeader {
+            step,
+            stage_version: 1,
+            kind: observation_kind::OBSERVATIONS,
+            actor: self.actor,
+            actor_incarnation: 1,
+            learner_incarnation,
+            half,
+            reserved: 0,
+        }
+    }
+
+    /// Sends one half's observations of an exchange, each passed through `edit`.
+    pub fn send(&self, half: u32, learner_incarnation: u32, step: u64, edit: impl Fn(&mut Observation)) {
+        let range = self.halves.range(half);
+        let mut sample = self.publisher.loan_slice_uninit(range.len()).unwrap();
+        *sample.user_header_mut() = self.header(half, learner_incarnation, step);
+        let sample = sample.write_from_fn(|index| {
+            let mut observation = observation((range.start + index) as u32, step, 0);
+            edit(&mut observation);
+            observation
+        });
+        assert_eq!(sample.send().unwrap(), 1, "the recorder is connected");
+        self.bell.notify().unwrap();
+    }
+}

@@ -1,0 +1,271 @@
+//! Recorded episodes, put together from the steps of one or more segments.
+//!
+//! An episode can run over several segments, and after a learner went back to its checkpoint a part of it is recorded
+//! twice. Files are read in the order of time and steps of a newer learner incarnation replace what they redo, with
+//! everything after it.
+
+use super::reader::{Extent, RecordingError, read};
+use crate::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, identity};
+use crate::schema::stillroom::{EpisodeStart, Step};
+use mcap::records::Record;
+use prost::Message;
+use proto::SCHEMA_VERSION;
+use proto::episode::EnvironmentId;
+use proto::kitchen::KitchenId;
+use proto::replay::RecordedEpisode;
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+
+/// Which episodes are wanted.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Wanted {
+    /// Only of this environment.
+    pub environment: Option<EnvironmentId>,
+    /// Only of this number.
+    pub episode: Option<u32>,
+}
+
+/// What a set of recordings holds.
+#[derive(Debug)]
+pub struct Recorded {
+    /// The run's configuration, TOML.
+    pub config: String,
+    /// Episodes recorded from their first step, by kitchen, environment and number; the last of an environment may
+    /// be unfinished.
+    pub episodes: Vec<RecordedEpisode>,
+    /// Episodes whose first step is in no file given.
+    pub headless: u64,
+    /// Episodes with a hole; they are kept up to it.
+    pub broken: u64,
+    /// Steps read, those that were done again included.
+    pub steps: u64,
+    /// What was wrong with which file.
+    pub complaints: Vec<String>,
+}
+
+/// Kitchen number, environment number, episode number.
+type Key = (u8, u32, u32);
+
+/// Incarnations of orchestrator and learner: the higher one is the newer.
+type Generation = (u32, u32);
+
+#[derive(Debug, Default)]
+struct Assembly {
+    generation: Generation,
+    start_hash: Option<u64>,
+    actions: Vec<u8>,
+    hashes: Vec<u64>,
+    gap: bool,
+}
+
+impl Assembly {
+    fn step(&mut self, generation: Generation, step: usize, action: u8, hash: u64) {
+        if generation > self.generation {
+            // The learner went back to before this step: what an older one did from here on is void.
+            self.generation = generation;
+            self.actions.truncate(step);
+            self.hashes.truncate(step);
+            self.gap = false;
+        }
+        match step.cmp(&self.actions.len()) {
+            std::cmp::Ordering::Equal => {
+                self.actions.push(action);
+                self.hashes.push(hash);
+            }
+            std::cmp::Ordering::Greater => self.gap = true,
+            // Recorded twice under the same learner: a segment was given twice.
+            std::cmp::Ordering::Less => {}
+        }
+    }
+}
+
+/// Reads the files in order and puts the wanted episodes together.
+pub fn gather(files: &[PathBuf], wanted: Wanted) -> Result<Recorded, RecordingError> {
+    let mut collection = Collection { wanted, ..Collection::default() };
+    let mut complaints = Vec::new();
+    for path in files {
+        let extent = collection.add(path)?;
+        complaints.extend(extent.complaint(path));
+    }
+    collection.into_recorded(files, complaints)
+}
+
+#[derive(Default)]
+struct Collection {
+    wanted: Wanted,
+    run_id: Option<String>,
+    config: Option<String>,
+    episodes: BTreeMap<Key, Assembly>,
+    steps: u64,
+}
+
+/// What a channel of one file carries, as far as episodes are concerned.
+#[derive(Clone, Copy)]
+enum Carries {
+    Step,
+    EpisodeStart,
+}
+
+impl Collection {
+    fn add(&mut self, path: &Path) -> Result<Extent, RecordingError> {
+        let foreign = |problem: String| RecordingError::Foreign { path: path.to_path_buf(), problem };
+        let mut channels: HashMap<u16, Carries> = HashMap::new();
+        let mut identified = false;
+        read(path, |record| {
+            match record {
+                Record::Metadata(metadata) if metadata.name == IDENTITY_METADATA => {
+                    self.identify(&metadata.metadata).map_err(foreign)?;
+                    identified = true;
+                }
+                Record::Attachment { header, data, .. } if header.name == CONFIG_ATTACHMENT => {
+                    let config = String::from_utf8(data.into_owned())
+                        .map_err(|_| foreign("its configuration is not text".to_owned()))?;
+                    self.config.get_or_insert(config);
+                }
+                Record::Channel(channel) => {
+                    if !identified {
+                        return Err(foreign("it was not written by this program".to_owned()));
+                    }
+                    match channel.topic.as_str() {
+                        "/step" => drop(channels.insert(channel.id, Carries::Step)),
+                        "/episode/start" => drop(channels.insert(channel.id, Carries::EpisodeStart)),
+                        _ => {}
+                    }
+                }
+                Record::Message { header, data } => match channels.get(&header.channel_id) {
+                    Some(Carries::Step) => {
+                        let step = Step::decode(&*data).map_err(|cause| foreign(cause.to_string()))?;
+                        self.step(&step).map_err(foreign)?;
+                    }
+                    Some(Carries::EpisodeStart) => {
+                        let start = EpisodeStart::decode(&*data).map_err(|cause| foreign(cause.to_string()))?;
+                        self.start(&start).map_err(foreign)?;
+                    }
+                    None => {}
+                },
+                _ => {}
+            }
+            Ok(())
+        })
+    }
+
+    fn identify(&mut self, metadata: &BTreeMap<String, String>) -> Result<(), String> {
+        let version = metadata.get(identity::SCHEMA_VERSION).map_or("none", String::as_str);
+        if version != SCHEMA_VERSION.to_string() {
+            return Err(format!("it has schema version {version}, this program speaks {SCHEMA_VERSION}"));
+        }
+        let run_id = metadata.get(identity::RUN_ID).cloned().unwrap_or_default();
+        match &self.run_id {
+            Some(other) if *other != run_id => {
+                Err(format!("it belongs to run {run_id}, the files before it to run {other}"))
+            }
+            _ => {
+                self.run_id = Some(run_id);
+                Ok(())
+            }
+        }
+    }
+
+    fn step(&mut self, step: &Step) -> Result<(), String> {
+        self.steps += 1;
+        let action = u8::try_from(step.action).map_err(|_| format!("there is no action {}", step.action))?;
+        let generation = (step.incarnation, step.learner_incarnation);
+        if let Some(assembly) = self.assembly(step.kitchen, step.environment, step.episode)? {
+            assembly.step(generation, step.step as usize, action, step.state_hash);
+        }
+        Ok(())
+    }
+
+    fn start(&mut self, start: &EpisodeStart) -> Result<(), String> {
+        if let Some(assembly) = self.assembly(start.kitchen, start.environment, start.episode)? {
+            assembly.start_hash = Some(start.state_hash);
+        }
+        Ok(())
+    }
+
+    /// The episode, if it is wanted.
+    fn assembly(&mut self, kitchen: u32, environment: u32, episode: u32) -> Result<Option<&mut Assembly>, String> {
+        let kitchen = u8::try_from(kitchen)
+            .ok()
+            .and_then(|number| KitchenId::new(number).ok())
+            .ok_or_else(|| format!("there is no kitchen {kitchen}"))?;
+        let of = EnvironmentId { kitchen, number: environment };
+        if self.wanted.environment.is_some_and(|wanted| wanted != of)
+            || self.wanted.episode.is_some_and(|wanted| wanted != episode)
+        {
+            return Ok(None);
+        }
+        Ok(Some(self.episodes.entry((kitchen.number(), environment, episode)).or_default()))
+    }
+
+    fn into_recorded(self, files: &[PathBuf], complaints: Vec<String>) -> Result<Recorded, RecordingError> {
+        let Some(config) = self.config else {
+            let path = files.first().cloned().unwrap_or_default();
+            return Err(RecordingError::Foreign { path, problem: "it holds no configuration".to_owned() });
+        };
+        let mut recorded =
+            Recorded { config, episodes: Vec::new(), headless: 0, broken: 0, steps: self.steps, complaints };
+        for ((kitchen, number, episode), assembly) in self.episodes {
+            if assembly.actions.is_empty() {
+                // A start without a step is an episode that had just begun; steps without the first are headless.
+                recorded.headless += u64::from(assembly.gap);
+                continue;
+            }
+            recorded.broken += u64::from(assembly.gap);
+            let kitchen = KitchenId::new(kitchen).expect("checked when it was read");
+            recorded.episodes.push(RecordedEpisode {
+                environment: EnvironmentId { kitchen, number },
+                episode,
+                start_hash: assembly.start_hash,
+                actions: assembly.actions,
+                hashes: assembly.hashes,
+            });
+        }
+        Ok(recorded)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// A reference by brute force: of every step, the newest generation counts, and nothing older lies beyond
+        /// the newest generation's last step.
+        #[test]
+        fn rewinds_leave_what_the_newest_learner_did(
+            runs in prop::collection::vec((0usize..12, 1usize..12), 1..6),
+        ) {
+            let mut assembly = Assembly::default();
+            let mut reference: Vec<(u8, u64)> = Vec::new();
+            for (generation, (back, length)) in runs.iter().enumerate() {
+                let from = reference.len().saturating_sub(*back);
+                reference.truncate(from);
+                for step in from..from + length {
+                    let (action, hash) = ((generation * 3 + step) as u8, (generation * 1000 + step) as u64);
+                    reference.push((action, hash));
+                    assembly.step((1, generation as u32 + 1), step, action, hash);
+                }
+            }
+            prop_assert!(!assembly.gap);
+            let got: Vec<_> = assembly.actions.iter().copied().zip(assembly.hashes.iter().copied()).collect();
+            prop_assert_eq!(got, reference);
+        }
+    }
+
+    #[test]
+    fn a_hole_ends_an_episode_and_a_rewind_mends_it() {
+        let mut assembly = Assembly::default();
+        for step in [0, 1, 3, 4] {
+            assembly.step((1, 1), step, step as u8, 0);
+        }
+        assert!(assembly.gap);
+        assert_eq!(assembly.actions, [0, 1]);
+        for step in [1, 2, 3] {
+            assembly.step((2, 1), step, 10 + step as u8, 0);
+        }
+        assert!(!assembly.gap);
+        assert_eq!(assembly.actions, [0, 11, 12, 13]);
+    }
+}

@@ -1,0 +1,129 @@
+//! A whole file from a cut one.
+
+use super::reader::{End, Extent, RecordingError, read};
+use crate::recorder::segment::write_options;
+use mcap::records::{Metadata, Record};
+use mcap::{Attachment, McapError, Writer};
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::{BufWriter, Seek, Write};
+use std::path::{Path, PathBuf};
+
+/// Why a file could not be repaired.
+#[derive(Debug, thiserror::Error)]
+pub enum RepairError {
+    /// The old file.
+    #[error(transparent)]
+    Read(#[from] RecordingError),
+    /// The new file.
+    #[error("cannot write {path}: {cause}", path = .path.display())]
+    Write {
+        /// Where it was to be.
+        path: PathBuf,
+        /// Why not.
+        cause: McapError,
+    },
+}
+
+/// What was done.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Repair {
+    /// The file is complete; nothing was touched.
+    NotNeeded {
+        /// Messages in it.
+        messages: u64,
+    },
+    /// A complete file was written.
+    Repaired {
+        /// The complete file.
+        repaired: PathBuf,
+        /// The old file, where it was kept under another name.
+        kept: Option<PathBuf>,
+        /// What the old file held.
+        extent: Extent,
+    },
+}
+
+/// Copies all that is readable in `path` into a complete file: to `output`, or in place of the old file, which is then
+/// kept as `….cut`.
+pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError> {
+    let target = output.unwrap_or(path);
+    let partial = with_suffix(target, ".partial");
+    let failed = |cause: McapError| RepairError::Write { path: target.to_path_buf(), cause };
+    let extent = match copy(path, &partial) {
+        Ok(extent) => extent,
+        Err(error) => {
+            // Leaves nothing behind but the error.
+            let _ = std::fs::remove_file(&partial);
+            return Err(error);
+        }
+    };
+    if extent.end == End::Whole && output.is_none() {
+        std::fs::remove_file(&partial).map_err(|cause| failed(cause.into()))?;
+        return Ok(Repair::NotNeeded { messages: extent.messages });
+    }
+    let kept = output.is_none().then(|| with_suffix(path, ".cut"));
+    let moved = match &kept {
+        // A hard link keeps the old content reachable at every moment; the rename then replaces the name alone.
+        Some(kept) => std::fs::hard_link(path, kept).or_else(|_| std::fs::rename(path, kept)),
+        None => Ok(()),
+    };
+    moved.and_then(|()| std::fs::rename(&partial, target)).map_err(|cause| failed(cause.into()))?;
+    Ok(Repair::Repaired { repaired: target.to_path_buf(), kept, extent })
+}
+
+fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(suffix);
+    PathBuf::from(name)
+}
+
+fn copy(from: &Path, to: &Path) -> Result<Extent, RepairError> {
+    let failed = |cause: McapError| RepairError::Write { path: to.to_path_buf(), cause };
+    let file = File::create(to).map_err(|cause| failed(cause.into()))?;
+    let mut writer = write_options().create(BufWriter::new(file)).map_err(failed)?;
+    let mut channels = BTreeSet::new();
+    let extent = read(from, |record| copy_record(&mut writer, &mut channels, record).map_err(failed))?;
+    writer.finish().map_err(failed)?;
+    let synced = writer.into_inner().into_inner().map_err(std::io::IntoInnerError::into_error);
+    synced.and_then(|file| file.sync_all()).map_err(|cause| failed(cause.into()))?;
+    Ok(extent)
+}
+
+/// Copies one record under its old numbers. Indexes are made anew by the writer.
+fn copy_record<W: Write + Seek>(
+    writer: &mut Writer<W>,
+    channels: &mut BTreeSet<u16>,
+    record: Record<'_>,
+) -> Result<(), McapError> {
+    match record {
+        Record::Schema { header, data } => {
+            writer.add_schema_with_id(header.id, &header.name, &header.encoding, &data).map(drop)
+        }
+        Record::Channel(channel) => {
+            channels.insert(channel.id);
+            writer
+                .add_channel_with_id(
+                    channel.id,
+                    channel.schema_id,
+                    &channel.topic,
+                    &channel.message_encoding,
+                    &channel.metadata,
+                )
+                .map(drop)
+        }
+        // A message whose channel was never described says nothing to anybody.
+        Record::Message { header, .. } if !channels.contains(&header.channel_id) => Ok(()),
+        Record::Message { header, data } => writer.write_to_known_channel(&header, &data),
+        Record::Attachment { header, data, .. } => writer.attach(&Attachment {
+            log_time: header.log_time,
+            create_time: header.create_time,
+            name: header.name,
+            media_type: header.media_type,
+            data: Cow::Borrowed(&data),
+        }),
+        Record::Metadata(Metadata { name, metadata }) => writer.write_metadata(&Metadata { name, metadata }),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,83 @@
+//! What recordings are made of: the messages of `schemas/` as Rust types, and their descriptors.
+//!
+//! A recording describes itself: with every channel goes the descriptor of its message, so that Foxglove, `mcap cat`
+//! or ten lines of Python read it without this program. Names and numbers of the `foxglove` messages are those that
+//! Foxglove draws without being told how; our own signals follow protobuf's rules of evolution (numbers are never
+//! used twice).
+
+use prost::Message;
+use prost_types::{FileDescriptorProto, FileDescriptorSet};
+
+/// Well-known messages.
+pub mod foxglove {
+    #![allow(missing_docs, clippy::pedantic, dead_code, reason = "generated")]
+    include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
+}
+
+/// Our own signals.
+pub mod stillroom {
+    #![allow(missing_docs, clippy::pedantic, dead_code, reason = "generated")]
+    include!(concat!(env!("OUT_DIR"), "/stillroom.rs"));
+}
+
+/// Encoding of schemas and of messages, as MCAP names it.
+pub const PROTOBUF: &str = "protobuf";
+
+/// The descriptor of one message, e.g. `stillroom.Step`: its file and all files that this one imports, imports first.
+///
+/// # Panics
+/// If no schema defines the message.
+pub fn descriptor_of(message: &str) -> Vec<u8> {
+    let all = FileDescriptorSet::decode(include_bytes!(concat!(env!("OUT_DIR"), "/descriptors.bin")).as_slice())
+        .expect("the build script wrote it");
+    let defines = |file: &&FileDescriptorProto| {
+        file.message_type.iter().any(|defined| format!("{}.{}", file.package(), defined.name()) == message)
+    };
+    let root = all.file.iter().find(defines).unwrap_or_else(|| panic!("no schema defines {message}"));
+    let mut chosen = FileDescriptorSet::default();
+    add_with_imports(&all, root, &mut chosen);
+    chosen.encode_to_vec()
+}
+
+fn add_with_imports(all: &FileDescriptorSet, file: &FileDescriptorProto, chosen: &mut FileDescriptorSet) {
+    if chosen.file.iter().any(|present| present.name() == file.name()) {
+        return;
+    }
+    for import in &file.dependency {
+        let imported = all.file.iter().find(|other| other.name() == import).expect("protox includes imports");
+        add_with_imports(all, imported, chosen);
+    }
+    chosen.file.push(file.clone());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::action::Action;
+    use proto::kitchen::TargetCategory;
+
+    #[test]
+    fn enums_are_those_of_the_wire() {
+        for action in Action::ALL {
+            let recorded = stillroom::Action::try_from(i32::from(action.index())).unwrap();
+            assert_eq!(recorded.as_str_name(), action.name());
+        }
+        assert!(stillroom::Action::try_from(Action::ALL.len() as i32).is_err());
+        for category in TargetCategory::ALL {
+            let recorded = stillroom::TargetCategory::try_from(i32::from(category.index())).unwrap();
+            assert_eq!(recorded.as_str_name(), category.name());
+        }
+        assert!(stillroom::TargetCategory::try_from(TargetCategory::ALL.len() as i32).is_err());
+    }
+
+    #[test]
+    fn a_descriptor_holds_its_imports_before_their_users() {
+        let set = FileDescriptorSet::decode(descriptor_of("foxglove.FrameTransforms").as_slice()).unwrap();
+        for (position, file) in set.file.iter().enumerate() {
+            for import in &file.dependency {
+                assert!(set.file[..position].iter().any(|earlier| earlier.name() == import), "{import}");
+            }
+        }
+        assert_eq!(set.file.last().unwrap().message_type[0].name(), "FrameTransforms");
+    }
+}
