@@ -1,10 +1,22 @@
 //! The agent: network, beliefs, rollout and optimiser behind one struct.
+//!
+//! ```text
+//! begin_rollout ─▶ step, record … ─▶ bootstrap ─▶ update ─▶ begin_rollout …
+//!               └▶ abandon_rollout
+//! ```
+//! Nothing here knows processes, files or time, and nothing is drawn: the noise that samples actions comes in with the
+//! observations. So the same calls give the same weights, bit for bit, on the CPU with the same number of threads.
 
+use crate::auxiliary::Auxiliary;
+use crate::network::{FramePreparation, Network, Observations, goal_coordinates, table_row, to_vec};
+use crate::optimizer::{Adam, learning_rate};
+use crate::ppo::update::{NonFinite, Peers, Update};
+use crate::rollout::{Rollout, Step};
 use proto::config::Config;
 use proto::message::FRAME_PIXELS;
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
-use tch::{Device, Tensor};
+use tch::{Device, Kind, Tensor};
 
 /// What the policy sees of some columns in one step. All slices have one entry a column, in the same order.
 #[derive(Debug, Clone, Copy)]
@@ -19,7 +31,8 @@ pub struct StepInput<'a> {
     pub previous_action: &'a [u8],
     /// True at an episode's first observation: the belief is zeroed before it is used.
     pub episode_start: &'a [bool],
-    /// Gumbel noise, `columns.len() * actions`: the action is argmax(logits + noise).
+    /// Gumbel noise, `columns.len() * actions`, row-major: the action is argmax(logits + noise). Unused by
+    /// [`Agent::bootstrap`].
     pub gumbel: &'a [f32],
 }
 
@@ -50,24 +63,30 @@ pub struct Outcome {
 /// What went wrong in the agent.
 #[derive(Debug, thiserror::Error)]
 pub enum AgentError {
-    /// A number that should be finite is not. Weights and optimiser are as they were before the update.
+    /// A number that should be finite is not. Weights and optimiser are as they were before the call.
     #[error("{what} is not finite")]
     NonFinite {
         /// Which number.
         what: String,
     },
+    /// An observation that cannot be.
+    #[error("column {column}: the policy has no action {action}, which is said to have been taken")]
+    UnknownAction {
+        /// Whose observation.
+        column: usize,
+        /// The wire value.
+        action: u8,
+    },
     /// A saved state does not fit this agent.
     #[error("the saved state does not fit: {0}")]
     State(String),
-    /// Libtorch reported an error.
-    #[error(transparent)]
-    Torch(#[from] tch::TchError),
 }
 
 /// Everything of an agent that a checkpoint keeps, on the CPU.
 #[derive(Debug)]
 pub struct AgentState {
-    /// Weights as `model.…`, Adam's moments as `adam.first` and `adam.second`, the beliefs as `beliefs`.
+    /// Weights as `model.…` with PyTorch's module paths, Adam's moments as `adam.first` and `adam.second` (flat, in the
+    /// network's order), and `beliefs` \[columns, hidden\]. All f32.
     pub tensors: BTreeMap<String, Tensor>,
     /// Optimiser steps taken in this stage.
     pub adam_steps: u64,
@@ -75,55 +94,301 @@ pub struct AgentState {
 
 /// The agent.
 #[derive(Debug)]
-pub struct Agent {}
+pub struct Agent {
+    config: Config,
+    device: Device,
+    network: Network,
+    auxiliary: Auxiliary,
+    adam: Adam,
+    peers: Peers,
+    /// Beliefs before the next observation, \[columns, hidden\].
+    beliefs: Tensor,
+    rollout: Option<Rollout>,
+    /// Room for a rollout's frames while no rollout holds it.
+    frames: Option<Tensor>,
+}
+
+/// What the network says of some columns' observations.
+struct Inference {
+    kept: Tensor,
+    beliefs: Tensor,
+    /// \[rows · actions\].
+    log_probs: Vec<f32>,
+    values: Vec<f32>,
+    /// What the observations look like to the network, with nothing chosen yet.
+    steps: Vec<Step>,
+}
 
 impl Agent {
-    /// A fresh agent: weights are a function of `config.seed` and nothing else.
-    pub fn new(_config: &Config, _device: Device) -> Result<Self, AgentError> {
-        unimplemented!()
+    /// A fresh agent: weights are a function of the network's configuration and `config.seed`.
+    pub fn new(config: &Config, device: Device) -> Result<Self, AgentError> {
+        let actions = config.episode.action_space.actions().len() as i64;
+        let (network, auxiliary) =
+            Network::new(config, device, |layout, hidden| Auxiliary::new(&config.auxiliary, layout, hidden, actions));
+        let adam = Adam::new(&network.parameters.flat());
+        let beliefs = network.belief.blank(config.environments() as i64, device);
+        let agent = Self {
+            config: config.clone(),
+            device,
+            network,
+            auxiliary,
+            adam,
+            peers: Peers::Alone,
+            beliefs,
+            rollout: None,
+            frames: None,
+        };
+        agent.check_weights()?;
+        Ok(agent)
     }
-    /// Begins a rollout and remembers the beliefs it starts from.
-    pub fn begin_rollout(&mut self, _shape: RolloutShape) {
-        unimplemented!()
+
+    /// Begins a rollout and remembers the beliefs it starts from. A rollout in progress is forgotten.
+    pub fn begin_rollout(&mut self, shape: RolloutShape) {
+        let columns = self.config.environments();
+        let rows = (shape.steps * columns) as i64;
+        let abandoned = self.rollout.take().map(Rollout::into_frames);
+        let frames = self
+            .frames
+            .take()
+            .or(abandoned)
+            .filter(|frames| frames.size()[0] >= rows)
+            .unwrap_or_else(|| self.network.preparation.store(rows.max(self.largest_rollout())));
+        self.rollout = Some(Rollout::new(shape, columns, frames, self.beliefs.copy()));
     }
+
     /// Infers step `t` for some columns, stores what was seen and chosen, and advances their beliefs.
-    pub fn step(&mut self, _t: usize, _input: &StepInput) -> Result<StepOutput, AgentError> {
-        unimplemented!()
+    ///
+    /// A column that holds in the rollout's last step is inferred too: its value is what its last action bootstraps
+    /// from, its action is not to be sent, and its belief stays, because the same observation comes again.
+    ///
+    /// # Panics
+    /// Outside a rollout, or when the input's slices differ in length.
+    pub fn step(&mut self, t: usize, input: &StepInput) -> Result<StepOutput, AgentError> {
+        let space = self.config.episode.action_space.actions();
+        assert_eq!(input.gumbel.len(), input.columns.len() * space.len(), "noise for every action of every column");
+        let Inference { kept, beliefs, log_probs, values, mut steps } = self.infer(input)?;
+        let rollout = self.rollout.as_mut().expect("step is called between begin_rollout and update");
+
+        let mut output = StepOutput { values, ..StepOutput::default() };
+        for (row, step) in steps.iter_mut().enumerate() {
+            let actions = row * space.len()..(row + 1) * space.len();
+            let action = sample(&log_probs[actions.clone()], &input.gumbel[actions.clone()]);
+            step.action = action as i64;
+            step.log_prob = log_probs[actions.start + action];
+            step.value = output.values[row];
+            output.actions.push(space[action].index());
+            output.log_probs.push(step.log_prob);
+        }
+        rollout.store(t, input.columns, &kept, &steps);
+
+        // Columns ascend and those that hold are the last.
+        let acting = input.columns.partition_point(|&column| rollout.is_valid(t, column));
+        if acting > 0 {
+            let columns = column_indices(&input.columns[..acting], self.device);
+            let _ = self.beliefs.index_copy_(0, &columns, &beliefs.narrow(0, 0, acting as i64));
+        }
+        Ok(output)
     }
+
     /// Records what action `t` of a column led to. Not called for a column that held.
-    pub fn record(&mut self, _t: usize, _column: usize, _outcome: Outcome) {
-        unimplemented!()
+    pub fn record(&mut self, t: usize, column: usize, outcome: Outcome) {
+        let rollout = self.rollout.as_mut().expect("record is called between begin_rollout and update");
+        rollout.record(t, column, outcome);
     }
-    /// Values of the observations after the last action. Beliefs stay where they are.
-    pub fn bootstrap(&mut self, _input: &StepInput) -> Result<(), AgentError> {
-        unimplemented!()
+
+    /// Judges the observations after the last action. Beliefs stay where they are. Columns that held may be left out.
+    pub fn bootstrap(&mut self, input: &StepInput) -> Result<(), AgentError> {
+        let Inference { values, .. } = self.infer(input)?;
+        let rollout = self.rollout.as_mut().expect("bootstrap is called between begin_rollout and update");
+        for (&column, value) in input.columns.iter().zip(values) {
+            rollout.set_bootstrap(column, value);
+        }
+        Ok(())
     }
-    /// Trains on the rollout. `progress` is the share of the stage's frames trained on before it.
-    pub fn update(&mut self, _progress: f64, _rollout: u64) -> Result<BTreeMap<String, f64>, AgentError> {
-        unimplemented!()
+
+    /// Trains on the rollout and ends it. `progress` is the share of the stage's frames trained on before it; `rollout`
+    /// its number, for the error's text. After an error the rollout is still there to be looked at or abandoned.
+    ///
+    /// Figures: [`proto::control::metric`] from `loss/policy` on, and the auxiliary task's as `auxiliary/…`.
+    ///
+    /// # Panics
+    /// When an action's outcome or a column's bootstrap value is missing.
+    pub fn update(&mut self, progress: f64, rollout: u64) -> Result<BTreeMap<String, f64>, AgentError> {
+        let collected = self.rollout.take().expect("update ends a rollout");
+        if let Some((t, column)) = collected.first_missing() {
+            panic!("rollout {rollout}: action {t} of column {column} has no outcome");
+        }
+        let ppo = &self.config.ppo;
+        let update = Update {
+            network: &self.network,
+            auxiliary: &self.auxiliary,
+            rollout: &collected,
+            ppo,
+            auxiliary_config: &self.config.auxiliary,
+            peers: self.peers,
+            learning_rate: learning_rate(ppo.learning_rate, ppo.learning_rate_end, progress),
+        };
+        match update.run(&mut self.adam) {
+            Ok(metrics) => {
+                self.frames = Some(collected.into_frames());
+                Ok(metrics)
+            }
+            Err(NonFinite(what)) => {
+                self.rollout = Some(collected);
+                Err(AgentError::NonFinite { what: format!("rollout {rollout}: {what}") })
+            }
+        }
     }
-    /// Puts the beliefs back to where the rollout began.
+
+    /// Puts the beliefs back to where the rollout began and forgets it.
     pub fn abandon_rollout(&mut self) {
-        unimplemented!()
+        if let Some(rollout) = self.rollout.take() {
+            self.beliefs = rollout.beliefs_at_start().copy();
+            self.frames = Some(rollout.into_frames());
+        }
     }
-    /// A new stage: a fresh optimiser.
+
+    /// A new stage: a fresh optimiser. Weights and beliefs go on.
     pub fn start_stage(&mut self) {
-        unimplemented!()
+        self.adam = Adam::new(&self.network.parameters.flat());
     }
-    /// Everything a checkpoint keeps.
+
+    /// Everything a checkpoint keeps, as of the last rollout boundary: in the middle of a rollout, the beliefs are those
+    /// it started from.
     pub fn state(&self) -> AgentState {
-        unimplemented!()
+        let host = |tensor: &Tensor| tensor.detach().to_device(Device::Cpu).copy();
+        let mut tensors: BTreeMap<String, Tensor> =
+            self.network.parameters.named().map(|(name, weight)| (format!("model.{name}"), host(&weight))).collect();
+        let beliefs = self.rollout.as_ref().map_or(&self.beliefs, Rollout::beliefs_at_start);
+        tensors.insert("adam.first".into(), host(&self.adam.first));
+        tensors.insert("adam.second".into(), host(&self.adam.second));
+        tensors.insert("beliefs".into(), host(beliefs));
+        AgentState { tensors, adam_steps: self.adam.steps }
     }
-    /// Goes on from a saved state.
-    pub fn load_state(&mut self, _state: &AgentState) -> Result<(), AgentError> {
-        unimplemented!()
+
+    /// Goes on from a saved state; a rollout in progress is forgotten. After an error nothing has changed.
+    pub fn load_state(&mut self, state: &AgentState) -> Result<(), AgentError> {
+        let own = self.state();
+        for (name, tensor) in &own.tensors {
+            let saved = state.tensors.get(name).ok_or_else(|| AgentError::State(format!("{name} is missing")))?;
+            if saved.size() != tensor.size() || saved.kind() != Kind::Float {
+                return Err(AgentError::State(format!(
+                    "{name} is {:?} {:?}, not Float {:?}",
+                    saved.kind(),
+                    saved.size(),
+                    tensor.size()
+                )));
+            }
+        }
+        if let Some(name) = state.tensors.keys().find(|name| !own.tensors.contains_key(*name)) {
+            return Err(AgentError::State(format!("there is no place for {name}")));
+        }
+        self.abandon_rollout();
+        tch::no_grad(|| {
+            for (name, mut weight) in self.network.parameters.named() {
+                weight.copy_(&state.tensors[&format!("model.{name}")]);
+            }
+            self.adam.first.copy_(&state.tensors["adam.first"]);
+            self.adam.second.copy_(&state.tensors["adam.second"]);
+            self.beliefs.copy_(&state.tensors["beliefs"]);
+        });
+        self.adam.steps = state.adam_steps;
+        self.check_weights()
     }
-    /// SHA-256 over (name, shape, little-endian f32 bytes) of all weights in name order, 64 hex digits.
+
+    /// SHA-256 over (name, 0, dimensions as little-endian u64, little-endian f32 values) of all weights in name order,
+    /// 64 hex digits.
     pub fn weights_digest(&self) -> String {
-        unimplemented!()
+        self.network.parameters.digest()
     }
+
     /// Trainable parameters.
     pub fn parameter_count(&self) -> u64 {
-        unimplemented!()
+        self.network.parameters.count() as u64
     }
+
+    fn infer(&self, input: &StepInput) -> Result<Inference, AgentError> {
+        let StepInput { columns, frames, goal_m, previous_action, episode_start, .. } = *input;
+        let rows = columns.len();
+        assert!(
+            [frames.len(), goal_m.len(), previous_action.len(), episode_start.len()] == [rows; 4] && rows > 0,
+            "one entry a column"
+        );
+        assert!(columns.is_sorted_by(|a, b| a < b), "columns ascend");
+
+        let mut steps = Vec::with_capacity(rows);
+        for (row, &column) in columns.iter().enumerate() {
+            if !goal_m[row].iter().all(|coordinate| coordinate.is_finite()) {
+                return Err(AgentError::NonFinite { what: format!("column {column}: goal sensor") });
+            }
+            let action = previous_action[row];
+            steps.push(Step {
+                goal: goal_coordinates(self.config.network.goal, goal_m[row]),
+                previous_action: table_row(self.config.episode.action_space, action)
+                    .ok_or(AgentError::UnknownAction { column, action })?,
+                episode_start: episode_start[row],
+                ..Step::default()
+            });
+        }
+
+        let preparation: FramePreparation = self.network.preparation;
+        let goals: Vec<f32> = steps.iter().flat_map(|step| step.goal).collect();
+        let previous_actions: Vec<i64> = steps.iter().map(|step| step.previous_action).collect();
+        let carried: Vec<f32> = episode_start.iter().map(|&start| if start { 0.0 } else { 1.0 }).collect();
+        let upload = |tensor: Tensor| tensor.to_device(self.device);
+
+        let _no_grad = tch::no_grad_guard();
+        let observations = Observations {
+            frames: preparation.keep(frames),
+            goals: upload(Tensor::from_slice(&goals).view([-1, 3])),
+            previous_actions: upload(Tensor::from_slice(&previous_actions)),
+        };
+        let before = self.beliefs.index_select(0, &column_indices(columns, self.device))
+            * upload(Tensor::from_slice(&carried).unsqueeze(1));
+        let embedded = self.network.embed(&observations);
+        let beliefs = self.network.belief.step(&self.network.parameters, &embedded, &before);
+        let judgement = self.network.judge(&beliefs);
+
+        // One copy back: each row is the log-probabilities and then the value.
+        let judged = to_vec(&Tensor::cat(&[judgement.log_probs, judgement.values.unsqueeze(1)], 1));
+        let mut log_probs = Vec::with_capacity(judged.len());
+        let mut values = Vec::with_capacity(rows);
+        for (row, &column) in judged.chunks_exact(judged.len() / rows).zip(columns) {
+            if !row.iter().all(|number| number.is_finite()) {
+                return Err(AgentError::NonFinite { what: format!("column {column}: policy or value") });
+            }
+            let (value, row_log_probs) = row.split_last().expect("a row has at least the value");
+            log_probs.extend_from_slice(row_log_probs);
+            values.push(*value);
+        }
+        Ok(Inference { kept: observations.frames, beliefs, log_probs, values, steps })
+    }
+
+    fn largest_rollout(&self) -> i64 {
+        i64::from(self.config.ppo.rollout_steps) * self.config.environments() as i64
+    }
+
+    fn check_weights(&self) -> Result<(), AgentError> {
+        let parameters = &self.network.parameters;
+        match parameters.first_non_finite(&parameters.flat()) {
+            Some(name) => Err(AgentError::NonFinite { what: format!("weight {name}") }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// argmax of log-probability plus Gumbel noise: a sample of the policy (Gumbel's trick). The first of equals.
+fn sample(log_probs: &[f32], gumbel: &[f32]) -> usize {
+    let mut best = (0, f32::NEG_INFINITY);
+    for (action, (log_prob, noise)) in log_probs.iter().zip(gumbel).enumerate() {
+        if log_prob + noise > best.1 {
+            best = (action, log_prob + noise);
+        }
+    }
+    best.0
+}
+
+fn column_indices(columns: &[usize], device: Device) -> Tensor {
+    let columns: Vec<i64> = columns.iter().map(|&column| column as i64).collect();
+    Tensor::from_slice(&columns).to_device(device)
 }

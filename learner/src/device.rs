@@ -1,11 +1,15 @@
 //! Where libtorch computes.
 
+use crate::ffi;
 use proto::config::DeviceChoice;
-use tch::Device;
+use tch::{Cuda, Device};
 
-/// Loads libtorch's CUDA half if this machine has it. Must be the first line of `main`.
+/// Loads libtorch's CUDA half if this machine has it, so that one binary serves CPU and GPU machines.
+///
+/// Must be the first line of `main`: libtorch looks for CUDA once, when it is first asked or first computes, and what
+/// it does not find then stays unavailable for good. Without the library, or without a driver, nothing happens.
 pub fn load_cuda() {
-    unimplemented!()
+    ffi::load_library_globally(c"libtorch_cuda.so");
 }
 
 /// A device that was asked for but is not there.
@@ -16,12 +20,30 @@ pub enum DeviceError {
     NoCuda,
 }
 
-/// Picks the device and fixes libtorch's thread counts. Call once, before any tensor is made.
-pub fn choose(_choice: DeviceChoice, _threads: u32) -> Result<Device, DeviceError> {
-    unimplemented!()
+/// Picks the device and fixes libtorch's thread counts: `threads` within an operation, one between operations. Call it
+/// before any tensor is made.
+pub fn choose(choice: DeviceChoice, threads: u32) -> Result<Device, DeviceError> {
+    // libtorch allows this once a process, and not after it has computed.
+    if tch::get_num_interop_threads() != 1 {
+        tch::set_num_interop_threads(1);
+    }
+    tch::set_num_threads(threads as i32);
+    match choice {
+        DeviceChoice::Cpu => Ok(Device::Cpu),
+        DeviceChoice::Auto => Ok(Device::cuda_if_available()),
+        DeviceChoice::Cuda if Cuda::is_available() => Ok(Device::Cuda(0)),
+        DeviceChoice::Cuda => Err(DeviceError::NoCuda),
+    }
 }
 
-/// Words for logs and the `Ready` event, e.g. `cpu, 2 threads` or `cuda:0`.
-pub fn describe(_device: Device) -> String {
-    unimplemented!()
+/// Words for logs and events: `cpu, 2 threads` or `cuda:0`.
+pub fn describe(device: Device) -> String {
+    match device {
+        Device::Cpu => match tch::get_num_threads() {
+            1 => "cpu, 1 thread".into(),
+            threads => format!("cpu, {threads} threads"),
+        },
+        Device::Cuda(index) => format!("cuda:{index}"),
+        other => format!("{other:?}").to_lowercase(),
+    }
 }

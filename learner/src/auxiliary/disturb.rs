@@ -1,0 +1,137 @@
+//! Disturbance prediction, the paper's auxiliary task (Ni et al. section 3.2): from the belief b_t and the action
+//! taken, will this action move an object?
+//!
+//! Disturbances are rare, hence the focal loss (Lin et al. 2017) and a last bias that starts out saying no. As in the
+//! reference, rows without a successor in the rollout, and rows whose successor begins an episode, are left out.
+
+use super::{Answer, Pass, Tally};
+use crate::network::{Initial, Layout, Linear, Parameters};
+use crate::rollout::Rollout;
+use std::collections::BTreeMap;
+use tch::{Kind, Reduction, Tensor};
+
+/// Width of the hidden layer.
+const WIDTH: i64 = 128;
+/// Start of the last bias: a probability of 1.1%.
+const LAST_BIAS: f64 = -4.5;
+
+/// hidden → 128 → `ReLU` → one logit an action.
+#[derive(Debug)]
+pub struct Disturb {
+    first: Linear,
+    second: Linear,
+    focal_gamma: f64,
+}
+
+impl Disturb {
+    /// Declares both layers.
+    pub fn new(layout: &mut Layout, [hidden, actions]: [i64; 2], focal_gamma: f64) -> Self {
+        let path = "auxiliary.disturb";
+        let bias = Initial::Constant(LAST_BIAS);
+        Self {
+            first: Linear::with_default(layout, &format!("{path}.0"), [hidden, WIDTH]),
+            second: Linear::new(layout, &format!("{path}.2"), [WIDTH, actions], Initial::linear_default(WIDTH), bias),
+            focal_gamma,
+        }
+    }
+
+    /// Rows of a rollout that are not left out.
+    pub fn count(&self, rollout: &Rollout) -> u64 {
+        let rows = (0..rollout.columns()).flat_map(|n| (0..rollout.steps_of(n)).map(move |t| (t, n)));
+        rows.filter(|&row| is_asked(rollout, row)).count() as u64
+    }
+
+    /// Logits of all actions, \[rows, hidden\] → \[rows, actions\].
+    pub fn logits(&self, parameters: &Parameters, beliefs: &Tensor) -> Tensor {
+        self.second.forward(parameters, &self.first.forward(parameters, beliefs).relu())
+    }
+
+    /// This pass's share of the mean focal loss; `None` if every row is left out.
+    pub fn loss(&self, parameters: &Parameters, pass: &Pass, count: u64) -> Option<Answer> {
+        let device = pass.beliefs.device();
+        let asked: Vec<i64> = (0i64..)
+            .zip(&pass.packing.rows)
+            .filter_map(|(index, &row)| is_asked(pass.rollout, row).then_some(index))
+            .collect();
+        if asked.is_empty() {
+            return None;
+        }
+        let asked = Tensor::from_slice(&asked).to_device(device);
+        let logits = self.logits(parameters, pass.beliefs).gather(1, &pass.actions.unsqueeze(1), false).squeeze_dim(1);
+        let logits = logits.index_select(0, &asked);
+        let labels = pass.rollout.gather(pass.packing, |step| f32::from(u8::from(step.disturbed)));
+        let labels = labels.index_select(0, &asked);
+
+        let loss = focal_loss(&logits, &labels, self.focal_gamma).sum(Kind::Float) / count as f64;
+        Some(Answer { tally: tally(&logits.detach(), &labels), loss })
+    }
+
+    /// Recall of either class, precision, accuracy, rates of label and prediction. A share of nothing is absent.
+    pub fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
+        let [hits, misses, alarms, quiet] = ["hits", "misses", "alarms", "quiet"].map(|name| tally.sum(name));
+        let all = hits + misses + alarms + quiet;
+        [
+            ("recall_disturb", hits, hits + misses),
+            ("recall_no_disturb", quiet, quiet + alarms),
+            ("precision", hits, hits + alarms),
+            ("accuracy", hits + quiet, all),
+            ("label_rate", hits + misses, all),
+            ("prediction_rate", hits + alarms, all),
+        ]
+        .into_iter()
+        .filter(|&(_, _, of)| of > 0.0)
+        .map(|(name, part, of)| (format!("auxiliary/{name}"), part / of))
+        .collect()
+    }
+}
+
+/// Whether a row's successor is in the rollout and in the same episode.
+fn is_asked(rollout: &Rollout, (t, column): (usize, usize)) -> bool {
+    rollout.is_valid(t + 1, column) && !rollout.step(t + 1, column).episode_start
+}
+
+/// (1 − p)^γ · −ln p of each row, p the probability given to the true label. Logits and labels (0 or 1) \[rows\].
+pub fn focal_loss(logits: &Tensor, labels: &Tensor, gamma: f64) -> Tensor {
+    let surprise = logits.binary_cross_entropy_with_logits::<Tensor>(labels, None, None, Reduction::None);
+    // 1 − p without the cancellation of 1 − exp(−surprise): the sigmoid of the logit for the wrong label.
+    let sign: Tensor = 1.0 - labels * 2.0;
+    let wrong = (sign * logits).sigmoid();
+    wrong.pow_tensor_scalar(gamma) * surprise
+}
+
+/// Counts of the four outcomes of predicting "disturbs" where the logit is positive.
+fn tally(logits: &Tensor, labels: &Tensor) -> Tally {
+    let predicted = logits.gt(0.0);
+    let disturbed = labels.gt(0.5);
+    let count = |set: Tensor| set.sum(Kind::Int64).int64_value(&[]) as f64;
+    let mut tally = Tally::default();
+    tally.add("hits", count(predicted.logical_and(&disturbed)));
+    tally.add("misses", count(predicted.logical_not().logical_and(&disturbed)));
+    tally.add("alarms", count(predicted.logical_and(&disturbed.logical_not())));
+    tally.add("quiet", count(predicted.logical_or(&disturbed).logical_not()));
+    tally
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_of_a_known_confusion_matrix() {
+        let mut layout = Layout::default();
+        let task = Disturb::new(&mut layout, [4, 3], 2.0);
+        let logits = Tensor::from_slice(&[1f32, -1.0, 2.0, -2.0, -3.0, 0.5]);
+        let labels = Tensor::from_slice(&[1f32, 1.0, 0.0, 0.0, 0.0, 1.0]);
+        let figures = task.figures(&tally(&logits, &labels));
+        let figure = |name: &str| figures[&format!("auxiliary/{name}")];
+        assert!((figure("recall_disturb") - 2.0 / 3.0).abs() < 1e-12);
+        assert!((figure("recall_no_disturb") - 2.0 / 3.0).abs() < 1e-12);
+        assert!((figure("precision") - 2.0 / 3.0).abs() < 1e-12);
+        assert!((figure("accuracy") - 4.0 / 6.0).abs() < 1e-12);
+        assert!((figure("label_rate") - 0.5).abs() < 1e-12);
+        assert!((figure("prediction_rate") - 0.5).abs() < 1e-12);
+        // Nothing was predicted to disturb: precision is a share of nothing.
+        let none = tally(&Tensor::from_slice(&[-1f32]), &Tensor::from_slice(&[0f32]));
+        assert!(!task.figures(&none).contains_key("auxiliary/precision"));
+    }
+}

@@ -1,0 +1,194 @@
+//! The belief: a one-layer GRU that is zeroed at episode starts, one step at a time when acting and over whole
+//! rollouts when training.
+//!
+//! A rollout of T steps × N columns, cut at its episode starts, is a set of segments. Sorted by length they form
+//! PyTorch's packed sequence: first the first row of every segment, then the second row of those that have one, and so
+//! on. That takes as many GRU steps as the longest segment has, with no masks, and frameworks have a fast path for it
+//! (a masked loop over T took ten times as long on a GPU).
+//!
+//! Rows of a training batch have no other order than this one: [`Packing`] says which (step, column) each row is, the
+//! encoder and the losses run over rows, and nothing differentiable is ever permuted.
+
+use super::initialize::Initial;
+use super::parameters::{Layout, ParameterId, Parameters};
+use std::ops::Range;
+use tch::{Device, Kind, Tensor};
+
+/// The GRU.
+#[derive(Debug)]
+pub struct Belief {
+    /// Gates r, z, n stacked: \[3·hidden, inputs\], \[3·hidden, hidden\], \[3·hidden\], \[3·hidden\].
+    weight_input: ParameterId,
+    weight_hidden: ParameterId,
+    bias_input: ParameterId,
+    bias_hidden: ParameterId,
+    hidden: i64,
+}
+
+impl Belief {
+    /// Declares the GRU: orthogonal weights, zero biases, in the order that cuDNN wants them in memory.
+    pub fn new(layout: &mut Layout, path: &str, [inputs, hidden]: [i64; 2]) -> Self {
+        let orthogonal = Initial::Orthogonal { gain: 1.0 };
+        let zero = Initial::Constant(0.0);
+        Self {
+            weight_input: layout.add(format!("{path}.weight_ih_l0"), &[3 * hidden, inputs], orthogonal),
+            weight_hidden: layout.add(format!("{path}.weight_hh_l0"), &[3 * hidden, hidden], orthogonal),
+            bias_input: layout.add(format!("{path}.bias_ih_l0"), &[3 * hidden], zero),
+            bias_hidden: layout.add(format!("{path}.bias_hh_l0"), &[3 * hidden], zero),
+            hidden,
+        }
+    }
+
+    /// Width of the belief.
+    pub fn hidden(&self) -> i64 {
+        self.hidden
+    }
+
+    /// One step: observations \[rows, inputs\] and beliefs before them \[rows, hidden\] → beliefs after them.
+    pub fn step(&self, parameters: &Parameters, x: &Tensor, before: &Tensor) -> Tensor {
+        x.gru_cell(
+            before,
+            &parameters[self.weight_input],
+            &parameters[self.weight_hidden],
+            Some(&parameters[self.bias_input]),
+            Some(&parameters[self.bias_hidden]),
+        )
+    }
+
+    /// All steps: observations \[rows, inputs\] in the order of `packing`, beliefs of all columns at the rollout's
+    /// start \[columns, hidden\] → beliefs \[rows, hidden\] in the same order.
+    pub fn unroll(&self, parameters: &Parameters, x: &Tensor, packing: &Packing, at_start: &Tensor) -> Tensor {
+        let device = x.device();
+        let columns = Tensor::from_slice(&packing.columns).to_device(device);
+        let carried = Tensor::from_slice(&packing.carried).to_device(device).unsqueeze(1);
+        let before = at_start.index_select(0, &columns) * carried;
+        let weights = [self.weight_input, self.weight_hidden, self.bias_input, self.bias_hidden];
+        let weights = weights.map(|id| &parameters[id]);
+        let batch_sizes = Tensor::from_slice(&packing.batch_sizes);
+        let (beliefs, _) = Tensor::gru_data(x, &batch_sizes, &before.unsqueeze(0), &weights, true, 1, 0.0, true, false);
+        beliefs
+    }
+
+    /// The belief before anything was seen, \[columns, hidden\].
+    pub fn blank(&self, columns: i64, device: Device) -> Tensor {
+        Tensor::zeros([columns, self.hidden], (Kind::Float, device))
+    }
+}
+
+/// Which (step, column) each row of a training batch is, in the order of a packed sequence.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Packing {
+    /// Row → (step, column).
+    pub rows: Vec<(usize, usize)>,
+    /// Segments that have a k-th row.
+    batch_sizes: Vec<i64>,
+    /// Segment → its column.
+    columns: Vec<i64>,
+    /// Segment → whether it goes on from the column's belief at the rollout's start (else from zero).
+    carried: Vec<bool>,
+}
+
+impl Packing {
+    /// Packs some columns of a rollout, of which column n has `steps(n)` rows and begins an episode at row t when
+    /// `episode_start(t, n)`.
+    pub fn new(
+        columns: Range<usize>,
+        steps: impl Fn(usize) -> usize,
+        episode_start: impl Fn(usize, usize) -> bool,
+    ) -> Self {
+        struct Segment {
+            column: usize,
+            rows: Range<usize>,
+        }
+        let mut segments: Vec<Segment> = vec![];
+        for column in columns {
+            let mut begin = 0;
+            for t in 1..=steps(column) {
+                if t == steps(column) || episode_start(t, column) {
+                    segments.push(Segment { column, rows: begin..t });
+                    begin = t;
+                }
+            }
+        }
+        // Stable: equal lengths stay in order of column and step.
+        segments.sort_by_key(|segment| std::cmp::Reverse(segment.rows.len()));
+        let longest = segments.first().map_or(0, |segment| segment.rows.len());
+        let mut rows = vec![];
+        let mut batch_sizes = vec![];
+        for k in 0..longest {
+            let alive = segments.partition_point(|segment| segment.rows.len() > k);
+            rows.extend(segments[..alive].iter().map(|segment| (segment.rows.start + k, segment.column)));
+            batch_sizes.push(alive as i64);
+        }
+        Self {
+            rows,
+            batch_sizes,
+            columns: segments.iter().map(|segment| segment.column as i64).collect(),
+            carried: segments.iter().map(|s| s.rows.start == 0 && !episode_start(0, s.column)).collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::parameters::to_vec;
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn packs_longest_segments_first() {
+        // Column 0: one segment of 3, carried. Column 1: starts at 0 and at 1, one row held back.
+        let start = |t: usize, n: usize| n == 1 && t <= 1;
+        let packing = Packing::new(0..2, |n| 3 - n, start);
+        assert_eq!(packing.rows, [(0, 0), (0, 1), (1, 1), (1, 0), (2, 0)]);
+        assert_eq!(packing.batch_sizes, [3, 1, 1]);
+        assert_eq!(packing.columns, [0, 1, 1]);
+        assert_eq!(packing.carried, [true, false, false]);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
+        /// The packed unroll is the step-by-step belief of acting, for any pattern of episode starts and any cut.
+        #[test]
+        fn unroll_equals_stepping(
+            steps in 1usize..12, columns in 1usize..6, first in 0usize..3, short in 0usize..6,
+            starts in proptest::collection::vec(proptest::bool::weighted(0.2), 72),
+        ) {
+            let first = first.min(columns - 1);
+            let (inputs, hidden) = (7, 5);
+            let mut layout = Layout::default();
+            let belief = Belief::new(&mut layout, "belief", [inputs, hidden]);
+            let parameters = Parameters::new(layout, 3, Device::Cpu);
+            tch::manual_seed(7);
+            let x = Tensor::randn([steps as i64, columns as i64, inputs], (Kind::Float, Device::Cpu));
+            let at_start = Tensor::randn([columns as i64, hidden], (Kind::Float, Device::Cpu));
+            let is_start = |t: usize, n: usize| starts[t * 6 + n];
+            // The last `short` columns have one row fewer.
+            let length = |n: usize| if n + short >= columns && steps > 1 { steps - 1 } else { steps };
+
+            let packing = Packing::new(first..columns, length, is_start);
+            let picked: Vec<Tensor> =
+                packing.rows.iter().map(|&(t, n)| x.get(t as i64).get(n as i64)).collect();
+            let unrolled = belief.unroll(&parameters, &Tensor::stack(&picked, 0), &packing, &at_start);
+
+            let mut seen = 0;
+            for n in first..columns {
+                let mut state = at_start.get(n as i64).unsqueeze(0);
+                for t in 0..length(n) {
+                    if is_start(t, n) {
+                        state = belief.blank(1, Device::Cpu);
+                    }
+                    state = belief.step(&parameters, &x.get(t as i64).get(n as i64).unsqueeze(0), &state);
+                    let row = packing.rows.iter().position(|&row| row == (t, n));
+                    let row = row.expect("every valid row is packed") as i64;
+                    let difference = (unrolled.get(row) - state.squeeze()).abs().max().double_value(&[]);
+                    prop_assert!(difference < 1e-6, "({t}, {n}): {difference}");
+                    seen += 1;
+                }
+            }
+            prop_assert_eq!(seen, packing.rows.len());
+            prop_assert_eq!(to_vec(&unrolled).len(), seen * hidden as usize);
+        }
+    }
+}

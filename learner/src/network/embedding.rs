@@ -1,0 +1,111 @@
+//! Small inputs: the goal vector and the previous action.
+
+use super::initialize::Initial;
+use super::layers::Linear;
+use super::parameters::{Layout, ParameterId, Parameters};
+use proto::action::{Action, ActionSpace, NO_ACTION};
+use proto::config::GoalCoordinates;
+use std::f64::consts::{FRAC_PI_2, PI};
+use tch::Tensor;
+
+/// Width of the goal's embedding.
+pub const GOAL: i64 = 32;
+/// Width of the previous action's embedding.
+pub const PREVIOUS_ACTION: i64 = 16;
+
+/// What the network is given for a goal vector in the robot's frame (x right, y up, z ahead), metres.
+///
+/// Polar: (ρ, elevation / (π/2), azimuth / π) with elevation = atan2(z, hypot(x, y)) and azimuth = atan2(y, x): the
+/// reference applies the textbook's formulas, in which z is up, to AI2-THOR's axes; so do we. Cartesian: (|x|, |y|,
+/// |z|), the original baseline.
+pub fn goal_coordinates(kind: GoalCoordinates, [x, y, z]: [f32; 3]) -> [f32; 3] {
+    match kind {
+        GoalCoordinates::Cartesian => [x.abs(), y.abs(), z.abs()],
+        GoalCoordinates::Polar => {
+            let [x, y, z] = [x, y, z].map(f64::from);
+            let distance = (x * x + y * y + z * z).sqrt();
+            let elevation = libm::atan2(z, (x * x + y * y).sqrt());
+            let azimuth = libm::atan2(y, x);
+            [distance as f32, (elevation / FRAC_PI_2) as f32, (azimuth / PI) as f32]
+        }
+    }
+}
+
+/// 3 → 100 → `LeakyReLU` → 32.
+#[derive(Debug)]
+pub struct GoalEmbedding {
+    first: Linear,
+    second: Linear,
+}
+
+impl GoalEmbedding {
+    /// Declares both layers with PyTorch's default initialisation.
+    pub fn new(layout: &mut Layout, path: &str) -> Self {
+        Self {
+            first: Linear::with_default(layout, &format!("{path}.0"), [3, 100]),
+            second: Linear::with_default(layout, &format!("{path}.2"), [100, GOAL]),
+        }
+    }
+
+    /// \[rows, 3\] → \[rows, 32\].
+    pub fn forward(&self, parameters: &Parameters, goal: &Tensor) -> Tensor {
+        // `leaky_relu` has PyTorch's default slope, 0.01.
+        self.second.forward(parameters, &self.first.forward(parameters, goal).leaky_relu())
+    }
+}
+
+/// One row an action of the policy, and row 0 for "none yet".
+#[derive(Debug)]
+pub struct ActionEmbedding {
+    weight: ParameterId,
+}
+
+impl ActionEmbedding {
+    /// Declares the table for this many policy actions, standard normal as `torch.nn.Embedding`.
+    pub fn new(layout: &mut Layout, path: &str, actions: i64) -> Self {
+        let initial = Initial::Normal { deviation: 1.0 };
+        Self { weight: layout.add(format!("{path}.weight"), &[actions + 1, PREVIOUS_ACTION], initial) }
+    }
+
+    /// Rows of the table \[rows\], from [`table_row`] → \[rows, 16\].
+    pub fn forward(&self, parameters: &Parameters, rows: &Tensor) -> Tensor {
+        Tensor::embedding(&parameters[self.weight], rows, -1, false, false)
+    }
+}
+
+/// Row of the embedding for a previous action given as its wire value (`A_large` index or `NO_ACTION`); `None` if the
+/// policy has no such action.
+pub fn table_row(space: ActionSpace, previous_action: u8) -> Option<i64> {
+    if previous_action == NO_ACTION {
+        return Some(0);
+    }
+    let action = Action::from_index(previous_action)?;
+    space.actions().iter().position(|&other| other == action).map(|index| index as i64 + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn polar_goals_of_known_directions() {
+        let close = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+        let polar = |goal| goal_coordinates(GoalCoordinates::Polar, goal);
+        assert!(close(polar([2.0, 0.0, 0.0]), [2.0, 0.0, 0.0]));
+        assert!(close(polar([-1.0, 0.0, 0.0]), [1.0, 0.0, 1.0]));
+        assert!(close(polar([0.0, 1.0, 0.0]), [1.0, 0.0, 0.5]));
+        assert!(close(polar([0.0, 0.0, 3.0]), [3.0, 1.0, 0.0]));
+        assert!(close(polar([1.0, -1.0, -(2f32.sqrt())]), [2.0, -0.5, -0.25]));
+        assert_eq!(polar([0.0; 3]), [0.0; 3]);
+        assert_eq!(goal_coordinates(GoalCoordinates::Cartesian, [-1.0, 2.0, -3.0]), [1.0, 2.0, 3.0]);
+    }
+
+    #[test]
+    fn previous_actions_have_rows_of_their_own() {
+        assert_eq!(table_row(ActionSpace::Large, NO_ACTION), Some(0));
+        assert_eq!(table_row(ActionSpace::Large, 20), Some(21));
+        assert_eq!(table_row(ActionSpace::Small, Action::DoneMidLevel.index()), Some(13));
+        assert_eq!(table_row(ActionSpace::Small, Action::LookUp.index()), None);
+        assert_eq!(table_row(ActionSpace::Large, 21), None);
+    }
+}

@@ -1,0 +1,133 @@
+//! Depth frames on their way into the network: 16-bit millimetres → average pooling → normalised metres.
+//!
+//! Pooling comes first and its result is what a rollout keeps: with the paper's 2 × 2 pooling that is half the bytes of
+//! the raw frame and saves pooling again in every epoch. Without pooling the raw 16-bit frame is kept. The mean of
+//! 16-bit numbers over 1, 4 or 16 pixels is exact in f32, so the CPU's and the GPU's way give the same bits.
+
+use proto::message::{FRAME_PIXELS, FRAME_SIDE};
+use tch::{Device, Kind, Tensor};
+
+/// Subtracted from a depth in metres before division (SPEC section 1).
+const MEAN_M: f64 = 0.5;
+/// Divides a depth in metres.
+const DEVIATION_M: f64 = 0.25;
+
+/// A raw frame: millimetres, row-major.
+pub type RawFrame = [u16; FRAME_PIXELS];
+
+/// Turns raw frames into kept ones and kept ones into the network's input.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FramePreparation {
+    /// Side of the pooling window, pixels.
+    pool: usize,
+    device: Device,
+}
+
+impl FramePreparation {
+    /// Pooling over `pool` × `pool` pixels, computing on `device`.
+    ///
+    /// # Panics
+    /// If `pool` does not divide the frame's side.
+    pub fn new(pool: u32, device: Device) -> Self {
+        let pool = pool as usize;
+        assert!(pool > 0 && FRAME_SIDE.is_multiple_of(pool), "the configuration admits 1, 2 and 4");
+        Self { pool, device }
+    }
+
+    /// Side of a prepared frame, pixels.
+    pub fn side(self) -> i64 {
+        (FRAME_SIDE / self.pool) as i64
+    }
+
+    /// An empty store of `rows` kept frames: 16-bit or pooled millimetres.
+    pub fn store(self, rows: i64) -> Tensor {
+        let kind = if self.pool == 1 { Kind::Int16 } else { Kind::Float };
+        Tensor::zeros([rows, self.side(), self.side()], (kind, self.device))
+    }
+
+    /// Raw frames → kept frames \[rows, side, side\], millimetres, on the device.
+    pub fn keep(self, frames: &[&RawFrame]) -> Tensor {
+        let shape = |side: i64| [frames.len() as i64, side, side];
+        if self.pool > 1 && self.device == Device::Cpu {
+            let mut pooled = vec![0.0; frames.len() * (self.side() * self.side()) as usize];
+            for (frame, pooled) in frames.iter().zip(pooled.chunks_exact_mut((self.side() * self.side()) as usize)) {
+                pool_frame(frame, self.pool, pooled);
+            }
+            return Tensor::from_slice(&pooled).view(shape(self.side()));
+        }
+        // libtorch has no 16-bit unsigned arithmetic; depths end below 32.767 m, where both kinds agree.
+        let mut raw = Vec::with_capacity(frames.len() * FRAME_PIXELS);
+        for frame in frames {
+            raw.extend(frame.iter().map(|&depth_mm| depth_mm as i16));
+        }
+        let raw = Tensor::from_slice(&raw).view(shape(FRAME_SIDE as i64)).to_device(self.device);
+        if self.pool == 1 {
+            return raw;
+        }
+        let pool = [self.pool as i64; 2];
+        raw.to_kind(Kind::Float).unsqueeze(1).avg_pool2d(pool, pool, [0, 0], false, true, None).squeeze_dim(1)
+    }
+
+    /// Kept frames \[rows, side, side\] → the network's input \[rows, 1, side, side\].
+    pub fn input(self, kept: &Tensor) -> Tensor {
+        let scale = 1.0 / (1000.0 * DEVIATION_M);
+        (kept.to_kind(Kind::Float) * scale - MEAN_M / DEVIATION_M).unsqueeze(1)
+    }
+}
+
+/// Averages `pool` × `pool` windows.
+fn pool_frame(frame: &RawFrame, pool: usize, pooled: &mut [f32]) {
+    let side = FRAME_SIDE / pool;
+    let share = 1.0 / (pool * pool) as f32;
+    let mut column_sums = [0u32; FRAME_SIDE];
+    for (band, out) in frame.chunks_exact(FRAME_SIDE * pool).zip(pooled.chunks_exact_mut(side)) {
+        column_sums.fill(0);
+        for row in band.chunks_exact(FRAME_SIDE) {
+            for (sum, &depth_mm) in column_sums.iter_mut().zip(row) {
+                *sum += u32::from(depth_mm);
+            }
+        }
+        for (out, window) in out.iter_mut().zip(column_sums.chunks_exact(pool)) {
+            *out = window.iter().sum::<u32>() as f32 * share;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::parameters::to_vec;
+    use super::*;
+
+    fn frame(seed: u32) -> Box<RawFrame> {
+        let mut state = seed;
+        let mut frame = Box::new([0; FRAME_PIXELS]);
+        for depth_mm in frame.iter_mut() {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            *depth_mm = (state >> 17) as u16;
+        }
+        frame
+    }
+
+    #[test]
+    fn own_pooling_equals_torchs_bit_for_bit() {
+        let frames = [frame(1), frame(2)];
+        let views: Vec<&RawFrame> = frames.iter().map(|frame| &**frame).collect();
+        let raw = FramePreparation::new(1, Device::Cpu).keep(&views);
+        for pool in [2u32, 4] {
+            let kept = FramePreparation::new(pool, Device::Cpu).keep(&views);
+            let window = [i64::from(pool); 2];
+            let expected = raw.to_kind(Kind::Float).unsqueeze(1).avg_pool2d(window, window, [0, 0], false, true, None);
+            assert_eq!(to_vec(&kept), to_vec(&expected));
+        }
+    }
+
+    #[test]
+    fn depth_is_normalised_in_metres() {
+        let mut raw = frame(1);
+        raw[0] = 750;
+        raw[1] = 0;
+        let preparation = FramePreparation::new(1, Device::Cpu);
+        let input = to_vec(&preparation.input(&preparation.keep(&[&raw])));
+        assert!((input[0] - 1.0).abs() < 1e-6 && (input[1] + 2.0).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,182 @@
+//! The network: visual encoder, goal and action embeddings, belief, actor and critic (SPEC section 3; Ni et al.
+//! section 3.1 and appendix B).
+//!
+//! Modules hold parameter ids and shapes; all tensors live in [`Parameters`]. A forward pass is two calls: what an
+//! observation alone says ([`Network::embed`]), then what the belief makes of it.
+
+mod belief;
+mod cnn;
+mod embedding;
+mod frame;
+mod initialize;
+mod layers;
+mod parameters;
+mod resnet;
+
+pub use belief::{Belief, Packing};
+pub use embedding::{goal_coordinates, table_row};
+pub use frame::{FramePreparation, RawFrame};
+pub use initialize::Initial;
+pub use layers::Linear;
+pub use parameters::{Layout, ParameterId, Parameters, all_finite, to_vec};
+
+use cnn::Cnn;
+use embedding::{ActionEmbedding, GoalEmbedding};
+use proto::config::{Config, Encoder};
+use resnet::Resnet;
+use tch::{Device, Tensor};
+
+/// Width of the visual embedding.
+pub const VISUAL: i64 = 512;
+
+/// A linear layer from a flattened feature map to the visual embedding, initialised as the encoders' convolutions.
+fn visual_linear(layout: &mut Layout, path: &str, inputs: i64) -> Linear {
+    Linear::new(layout, path, [inputs, VISUAL], Initial::kaiming_normal(inputs), Initial::Constant(0.0))
+}
+
+#[derive(Debug)]
+enum VisualEncoder {
+    Resnet(Resnet),
+    Cnn(Cnn),
+}
+
+/// What the network sees: one row an observation.
+#[derive(Debug)]
+pub struct Observations {
+    /// Kept frames, see [`FramePreparation`]; \[rows, side, side\].
+    pub frames: Tensor,
+    /// Goal coordinates, see [`goal_coordinates`]; f32 \[rows, 3\].
+    pub goals: Tensor,
+    /// Rows of the action embedding, see [`table_row`]; i64 \[rows\].
+    pub previous_actions: Tensor,
+}
+
+/// What the heads say of beliefs.
+#[derive(Debug)]
+pub struct Judgement {
+    /// Log-probabilities of the policy's actions \[rows, actions\].
+    pub log_probs: Tensor,
+    /// Values \[rows\].
+    pub values: Tensor,
+}
+
+/// The network.
+#[derive(Debug)]
+pub struct Network {
+    /// All weights.
+    pub parameters: Parameters,
+    /// How frames are prepared for it.
+    pub preparation: FramePreparation,
+    /// The belief.
+    pub belief: Belief,
+    encoder: VisualEncoder,
+    goal: GoalEmbedding,
+    previous_action: Option<ActionEmbedding>,
+    actor: Linear,
+    critic: Linear,
+}
+
+impl Network {
+    /// Builds the network that the configuration asks for, weights drawn from its seed. `declare` adds the parameters
+    /// of what else is trained with it (an auxiliary head) and gets the belief's width.
+    pub fn new<T>(config: &Config, device: Device, declare: impl FnOnce(&mut Layout, i64) -> T) -> (Self, T) {
+        let mut layout = Layout::default();
+        let preparation = FramePreparation::new(config.network.input_pool, device);
+        let actions = config.episode.action_space.actions().len() as i64;
+        let hidden = i64::from(config.network.hidden);
+
+        let encoder = match config.network.encoder {
+            Encoder::Resnet => VisualEncoder::Resnet(Resnet::new(&mut layout, "visual_encoder", preparation.side())),
+            Encoder::Cnn => VisualEncoder::Cnn(Cnn::new(&mut layout, "visual_encoder", preparation.side())),
+        };
+        let goal = GoalEmbedding::new(&mut layout, "goal_embedder");
+        let mut inputs = VISUAL + embedding::GOAL;
+        let previous_action = config.network.previous_action.then(|| {
+            inputs += embedding::PREVIOUS_ACTION;
+            ActionEmbedding::new(&mut layout, "previous_action_embedder", actions)
+        });
+        let belief = Belief::new(&mut layout, "belief", [inputs, hidden]);
+        let mut head = |path: &str, outputs: i64, gain: f64| {
+            let weight = Initial::Orthogonal { gain };
+            Linear::new(&mut layout, path, [hidden, outputs], weight, Initial::Constant(0.0))
+        };
+        let actor = head("actor", actions, 0.01);
+        let critic = head("critic", 1, 1.0);
+        let declared = declare(&mut layout, hidden);
+
+        let parameters = Parameters::new(layout, config.seed, device);
+        (Self { parameters, preparation, belief, encoder, goal, previous_action, actor, critic }, declared)
+    }
+
+    /// What the observations say, each for itself: \[rows, 512 + 32 + 16\].
+    pub fn embed(&self, observations: &Observations) -> Tensor {
+        let frames = self.preparation.input(&observations.frames);
+        let visual = match &self.encoder {
+            VisualEncoder::Resnet(encoder) => encoder.forward(&self.parameters, &frames),
+            VisualEncoder::Cnn(encoder) => encoder.forward(&self.parameters, &frames),
+        };
+        let goal = self.goal.forward(&self.parameters, &observations.goals);
+        match &self.previous_action {
+            Some(embedding) => {
+                let action = embedding.forward(&self.parameters, &observations.previous_actions);
+                Tensor::cat(&[visual, goal, action], 1)
+            }
+            None => Tensor::cat(&[visual, goal], 1),
+        }
+    }
+
+    /// Beliefs \[rows, hidden\] → policy and value.
+    pub fn judge(&self, beliefs: &Tensor) -> Judgement {
+        Judgement {
+            log_probs: self.actor.forward(&self.parameters, beliefs).log_softmax(-1, None),
+            values: self.critic.forward(&self.parameters, beliefs).squeeze_dim(1),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    fn network(change: impl FnOnce(&mut Config)) -> Network {
+        let mut config = Config::default();
+        change(&mut config);
+        Network::new(&config, Device::Cpu, |_, _| ()).0
+    }
+
+    #[test]
+    fn the_papers_network_has_the_size_that_was_measured() {
+        // 5.80 M with heads: the figure of the PyTorch twin in tests/reference.
+        let count = network(|_| {}).parameters.count();
+        assert!((5_700_000..5_900_000).contains(&count), "{count}");
+    }
+
+    #[test]
+    fn a_parameters_start_does_not_depend_on_the_other_modules() {
+        let with = network(|config| config.network.hidden = 64);
+        let without = network(|config| {
+            config.network.hidden = 64;
+            config.network.previous_action = false;
+        });
+        let weights = |network: &Network| -> Vec<(String, Vec<f32>)> {
+            network.parameters.named().map(|(name, tensor)| (name.to_owned(), to_vec(&tensor))).collect()
+        };
+        let with = weights(&with);
+        let shared = weights(&without).into_iter().filter(|(name, _)| name != "belief.weight_ih_l0");
+        assert!(shared.into_iter().all(|entry| with.contains(&entry)));
+    }
+
+    #[test]
+    fn no_two_parameters_share_a_random_stream() {
+        for encoder in [Encoder::Resnet, Encoder::Cnn] {
+            let network = network(|config| {
+                config.network.encoder = encoder;
+                config.network.hidden = 16;
+            });
+            let names: Vec<&str> = network.parameters.named().map(|(name, _)| name).collect();
+            let numbers: BTreeSet<u32> = names.iter().map(|name| initialize::number_of(name)).collect();
+            assert_eq!(names.len(), numbers.len());
+        }
+    }
+}

@@ -1,0 +1,210 @@
+//! All weights in one flat buffer, and by name.
+//!
+//! Each parameter is a leaf of the autograd graph whose storage is a stretch of one flat tensor. So the optimiser,
+//! the gradient norm and the all-reduce between learners are each one operation over one tensor instead of a
+//! hundred small ones, and a snapshot of the network is one copy.
+
+use super::initialize::Initial;
+use sha2::{Digest, Sha256};
+use std::fmt::Write as _;
+use std::ops::Index;
+use tch::{Device, Kind, Tensor};
+
+/// Which parameter: modules hold these, the tensors live in [`Parameters`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ParameterId(usize);
+
+#[derive(Debug, Clone)]
+struct Entry {
+    name: String,
+    shape: Vec<i64>,
+    initial: Initial,
+    offset: i64,
+}
+
+impl Entry {
+    fn count(&self) -> i64 {
+        self.shape.iter().product()
+    }
+}
+
+/// The parameters of a network while its modules are being declared.
+#[derive(Debug, Default)]
+pub struct Layout {
+    entries: Vec<Entry>,
+    count: i64,
+}
+
+impl Layout {
+    /// Declares a parameter. Names follow PyTorch's module paths, e.g. `belief.weight_ih_l0`.
+    ///
+    /// # Panics
+    /// If the name is taken.
+    pub fn add(&mut self, name: impl Into<String>, shape: &[i64], initial: Initial) -> ParameterId {
+        let entry = Entry { name: name.into(), shape: shape.to_vec(), initial, offset: self.count };
+        assert!(self.entries.iter().all(|other| other.name != entry.name), "{} is declared twice", entry.name);
+        self.count += entry.count();
+        self.entries.push(entry);
+        ParameterId(self.entries.len() - 1)
+    }
+}
+
+/// The parameters of a network.
+#[derive(Debug)]
+pub struct Parameters {
+    entries: Vec<Entry>,
+    flat: Tensor,
+    leaves: Vec<Tensor>,
+}
+
+impl Index<ParameterId> for Parameters {
+    type Output = Tensor;
+
+    fn index(&self, id: ParameterId) -> &Tensor {
+        &self.leaves[id.0]
+    }
+}
+
+impl Parameters {
+    /// Allocates and initialises everything that was declared.
+    pub fn new(layout: Layout, seed: u64, device: Device) -> Self {
+        let mut values = Vec::with_capacity(layout.count as usize);
+        for entry in &layout.entries {
+            values.extend(entry.initial.draw(seed, &entry.name, &entry.shape));
+        }
+        let flat = Tensor::from_slice(&values).to_device(device);
+        let leaves = layout
+            .entries
+            .iter()
+            .map(|entry| {
+                let view = flat.narrow(0, entry.offset, entry.count()).view(entry.shape.as_slice());
+                view.detach().set_requires_grad(true)
+            })
+            .collect();
+        Self { entries: layout.entries, flat, leaves }
+    }
+
+    /// Number of weights.
+    pub fn count(&self) -> i64 {
+        self.flat.numel() as i64
+    }
+
+    /// The flat buffer: writing to it changes the weights. Only between a backward and the next forward.
+    pub fn flat(&self) -> Tensor {
+        self.flat.shallow_clone()
+    }
+
+    /// Gradient of a loss, flat, in the order of [`Parameters::flat`]. Nothing is accumulated anywhere.
+    pub fn gradient_of(&self, loss: &Tensor) -> Tensor {
+        let gradients = Tensor::run_backward(&[loss], &self.leaves, false, false);
+        let flattened: Vec<Tensor> = gradients
+            .iter()
+            .zip(&self.leaves)
+            .map(
+                |(gradient, leaf)| {
+                    if gradient.defined() { gradient.reshape(-1) } else { leaf.zeros_like().reshape(-1) }
+                },
+            )
+            .collect();
+        Tensor::cat(&flattened, 0)
+    }
+
+    /// Name of the first parameter for which a flat tensor (weights, gradient) holds a non-finite number.
+    pub fn first_non_finite(&self, flat: &Tensor) -> Option<&str> {
+        self.entries
+            .iter()
+            .find(|entry| !all_finite(&flat.narrow(0, entry.offset, entry.count())))
+            .map(|entry| entry.name.as_str())
+    }
+
+    /// Names and weights, in order of declaration. The tensors share the network's storage.
+    pub fn named(&self) -> impl Iterator<Item = (&str, Tensor)> {
+        self.entries.iter().zip(&self.leaves).map(|(entry, leaf)| (entry.name.as_str(), leaf.detach()))
+    }
+
+    /// SHA-256 over (name, 0, dimensions as little-endian u64, little-endian f32 values) in name order, as 64 hex
+    /// digits.
+    pub fn digest(&self) -> String {
+        let values = to_vec(&self.flat);
+        let mut entries: Vec<&Entry> = self.entries.iter().collect();
+        entries.sort_by(|a, b| a.name.cmp(&b.name));
+        let mut hash = Sha256::new();
+        for entry in entries {
+            hash.update(entry.name.as_bytes());
+            hash.update([0]);
+            for dimension in &entry.shape {
+                hash.update(dimension.to_le_bytes());
+            }
+            let stretch = &values[entry.offset as usize..(entry.offset + entry.count()) as usize];
+            let bytes: Vec<u8> = stretch.iter().flat_map(|value| value.to_le_bytes()).collect();
+            hash.update(&bytes);
+        }
+        hash.finalize().iter().fold(String::with_capacity(64), |mut text, byte| {
+            let _ = write!(text, "{byte:02x}");
+            text
+        })
+    }
+}
+
+/// Whether every element is a finite number.
+pub fn all_finite(tensor: &Tensor) -> bool {
+    // One pass and one number read back: the sum of x·0 is 0 only when all x are finite.
+    (tensor.detach() * 0.0).sum(Kind::Float).double_value(&[]) == 0.0
+}
+
+/// The elements of an f32 tensor, row-major, on the host.
+pub fn to_vec(tensor: &Tensor) -> Vec<f32> {
+    let host = tensor.detach().to_device(Device::Cpu).to_kind(Kind::Float).contiguous();
+    let mut values = vec![0.0; host.numel()];
+    let count = values.len();
+    host.copy_data(&mut values, count);
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn two() -> (Parameters, ParameterId, ParameterId) {
+        let mut layout = Layout::default();
+        let a = layout.add("b.weight", &[2, 3], Initial::Normal { deviation: 1.0 });
+        let b = layout.add("a.bias", &[4], Initial::Constant(2.0));
+        (Parameters::new(layout, 1, Device::Cpu), a, b)
+    }
+
+    #[test]
+    fn leaves_are_views_of_the_flat_buffer() {
+        let (parameters, a, b) = two();
+        let _ = tch::no_grad(|| parameters.flat().fill_(3.0));
+        assert_eq!(to_vec(&parameters[a]), vec![3.0; 6]);
+        let loss = (&parameters[a] * 2.0).sum(Kind::Float) + (&parameters[b] * 5.0).sum(Kind::Float);
+        assert_eq!(to_vec(&parameters.gradient_of(&loss)), [vec![2.0; 6], vec![5.0; 4]].concat());
+    }
+
+    #[test]
+    fn the_digest_sees_every_bit_of_every_weight() {
+        let (parameters, ..) = two();
+        let (same, ..) = two();
+        assert_eq!(parameters.digest(), same.digest());
+        assert_eq!(parameters.digest().len(), 64);
+        for index in 0..10 {
+            let (changed, ..) = two();
+            let old = changed.flat().double_value(&[index]) as f32;
+            let _ = tch::no_grad(|| changed.flat().get(index).fill_(f64::from(f32::from_bits(old.to_bits() ^ 1))));
+            assert_ne!(parameters.digest(), changed.digest(), "weight {index}");
+        }
+    }
+
+    #[test]
+    fn non_finite_numbers_are_found_and_named() {
+        let (parameters, ..) = two();
+        assert!(all_finite(&parameters.flat()));
+        assert_eq!(parameters.first_non_finite(&parameters.flat()), None);
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let flat = parameters.flat().copy();
+            let _ = flat.get(7).fill_(bad);
+            assert!(!all_finite(&flat));
+            assert_eq!(parameters.first_non_finite(&flat), Some("a.bias"));
+        }
+    }
+}

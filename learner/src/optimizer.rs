@@ -1,0 +1,83 @@
+//! Adam (Kingma and Ba 2015) over one flat buffer, with PyTorch's arithmetic: β = (0.9, 0.999), ε = 1e-8.
+
+use tch::Tensor;
+
+const BETA_1: f64 = 0.9;
+const BETA_2: f64 = 0.999;
+const EPSILON: f64 = 1e-8;
+
+/// Adam's moments.
+#[derive(Debug)]
+pub struct Adam {
+    /// Running mean of the gradient, \[parameters\].
+    pub first: Tensor,
+    /// Running mean of its square, \[parameters\].
+    pub second: Tensor,
+    /// Steps taken.
+    pub steps: u64,
+}
+
+impl Adam {
+    /// Fresh moments for these weights.
+    pub fn new(weights: &Tensor) -> Self {
+        Self { first: weights.zeros_like(), second: weights.zeros_like(), steps: 0 }
+    }
+
+    /// One step of the weights against the gradient.
+    pub fn step(&mut self, weights: &mut Tensor, gradient: &Tensor, learning_rate: f64) {
+        self.steps += 1;
+        let power = self.steps.min(i32::MAX as u64) as i32;
+        let correction_1 = 1.0 - BETA_1.powi(power);
+        let correction_2 = 1.0 - BETA_2.powi(power);
+        tch::no_grad(|| {
+            let _ = self.first.lerp_(gradient, 1.0 - BETA_1);
+            let _ = self.second.g_mul_scalar_(BETA_2).addcmul_(gradient, &(gradient * (1.0 - BETA_2)));
+            let denominator = self.second.sqrt().g_div_scalar_(correction_2.sqrt()).g_add_scalar_(EPSILON);
+            let _ = weights.g_sub_(&(&self.first / denominator).g_mul_scalar_(learning_rate / correction_1));
+        });
+    }
+
+    /// A copy that later steps leave alone.
+    pub fn copy(&self) -> Self {
+        Self { first: self.first.copy(), second: self.second.copy(), steps: self.steps }
+    }
+}
+
+/// Scales a flat gradient down to a Euclidean norm of at most `max_norm`, as `torch.nn.utils.clip_grad_norm_` does;
+/// returns its norm before.
+pub fn clip_norm(gradient: &mut Tensor, max_norm: f64) -> f64 {
+    let norm = gradient.norm().double_value(&[]);
+    let scale = max_norm / (norm + 1e-6);
+    if scale < 1.0 {
+        let _ = gradient.g_mul_scalar_(scale);
+    }
+    norm
+}
+
+/// The learning rate after a share `progress` of a stage: linear from `start` to `start · end_share`.
+pub fn learning_rate(start: f64, end_share: f64, progress: f64) -> f64 {
+    start * (1.0 + (end_share - 1.0) * progress.clamp(0.0, 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::to_vec;
+
+    #[test]
+    fn the_rate_falls_linearly_to_a_third() {
+        assert_eq!(learning_rate(3e-4, 1.0 / 3.0, 0.0), 3e-4);
+        assert!((learning_rate(3e-4, 1.0 / 3.0, 1.0) - 1e-4).abs() < 1e-18);
+        assert!((learning_rate(3e-4, 1.0 / 3.0, 0.5) - 2e-4).abs() < 1e-18);
+    }
+
+    #[test]
+    fn only_long_gradients_are_clipped() {
+        let mut long = Tensor::from_slice(&[3f32, 4.0]);
+        assert_eq!(clip_norm(&mut long, 0.5), 5.0);
+        assert!(to_vec(&long).iter().zip([0.3, 0.4]).all(|(a, b)| (a - b).abs() < 1e-6));
+        let mut short = Tensor::from_slice(&[0.3f32, 0.4]);
+        assert!((clip_norm(&mut short, 0.6) - 0.5).abs() < 1e-6);
+        assert_eq!(to_vec(&short), [0.3, 0.4]);
+    }
+}

@@ -1,0 +1,79 @@
+//! Generalised advantage estimation (Schulman et al. 2016).
+//!
+//! δ_t = r_t + γ·V(s_{t+1}) − V(s_t), A_t = δ_t + γλ·A_{t+1}, return R_t = A_t + V(s_t); at an episode's end both
+//! V(s_{t+1}) and A_{t+1} are 0, since row t+1 belongs to the next episode.
+//!
+//! An end by the step limit counts as an end, as in the reference. With `bootstrap_time_limits` it is a truncation
+//! instead: the state that would have followed still has a value. The environment has been reset by then, so its
+//! observation is not there to be judged; V(s_t), one step earlier, stands in for it.
+
+use crate::rollout::Rollout;
+use proto::config::PpoConfig;
+
+/// Advantages and returns of a rollout.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Targets {
+    columns: usize,
+    /// Row-major in (step, column); 0 where the rollout is not valid.
+    advantages: Vec<f32>,
+    returns: Vec<f32>,
+}
+
+impl Targets {
+    /// A_t of a column.
+    pub fn advantage(&self, (t, column): (usize, usize)) -> f32 {
+        self.advantages[t * self.columns + column]
+    }
+
+    /// R_t of a column, what its value is drawn towards.
+    pub fn value_target(&self, (t, column): (usize, usize)) -> f32 {
+        self.returns[t * self.columns + column]
+    }
+}
+
+/// Estimates advantages and returns, and normalises the advantages if the configuration says so.
+pub fn estimate(rollout: &Rollout, config: &PpoConfig) -> Targets {
+    let columns = rollout.columns();
+    let rows = rollout.shape().steps * columns;
+    let mut targets = Targets { columns, advantages: vec![0.0; rows], returns: vec![0.0; rows] };
+    let (gamma, lambda) = (config.gamma, config.gae_lambda);
+
+    for column in 0..columns {
+        let mut next_value = f64::from(rollout.bootstrap_value(column));
+        let mut next_advantage = 0.0;
+        for t in (0..rollout.steps_of(column)).rev() {
+            let step = rollout.step(t, column);
+            let value = f64::from(step.value);
+            if step.ended {
+                let truncated = config.bootstrap_time_limits && step.time_limit;
+                next_value = if truncated { value } else { 0.0 };
+                next_advantage = 0.0;
+            }
+            let delta = f64::from(step.reward) + gamma * next_value - value;
+            let advantage = delta + gamma * lambda * next_advantage;
+            targets.advantages[t * columns + column] = advantage as f32;
+            targets.returns[t * columns + column] = (advantage + value) as f32;
+            (next_value, next_advantage) = (value, advantage);
+        }
+    }
+    if config.normalize_advantages {
+        normalize(rollout, &mut targets);
+    }
+    targets
+}
+
+/// Mean 0 and deviation 1 over the rollout's frames. The deviation is the unbiased one plus 1e-5, as in the reference.
+fn normalize(rollout: &Rollout, targets: &mut Targets) {
+    let valid: Vec<usize> = (0..targets.advantages.len())
+        .filter(|index| rollout.is_valid(index / targets.columns, index % targets.columns))
+        .collect();
+    let sum = |term: &dyn Fn(f64) -> f64| -> f64 {
+        valid.iter().map(|&index| term(f64::from(targets.advantages[index]))).sum()
+    };
+    let mean = sum(&|a| a) / valid.len() as f64;
+    // One frame has no spread to divide by.
+    let deviation = (sum(&|a| (a - mean).powi(2)) / (valid.len() as f64 - 1.0).max(1.0)).sqrt();
+    for index in valid {
+        targets.advantages[index] = ((f64::from(targets.advantages[index]) - mean) / (deviation + 1e-5)) as f32;
+    }
+}

@@ -1,0 +1,63 @@
+//! The clipped surrogate of PPO: policy, value, entropy.
+//!
+//! Every term is a sum over the rows of a pass divided by the rows of the whole batch, so that the terms, and their
+//! gradients, of all passes add up to the batch's means.
+
+use crate::network::Judgement;
+use tch::{Kind, Tensor};
+
+/// What the loss compares the network's judgement with; all \[rows\], in the rows' order.
+#[derive(Debug)]
+pub struct Experience {
+    /// Policy indices of the actions taken, i64.
+    pub actions: Tensor,
+    /// Their log-probabilities when they were taken.
+    pub log_probs: Tensor,
+    /// Values when the actions were taken.
+    pub values: Tensor,
+    /// A_t.
+    pub advantages: Tensor,
+    /// R_t.
+    pub returns: Tensor,
+}
+
+/// Scalars: shares of the batch's means. The first three carry gradients.
+#[derive(Debug)]
+pub struct Terms {
+    /// −min(ρA, clip(ρ, 1−ε, 1+ε)A), ρ the ratio of the new to the old probability.
+    pub policy: Tensor,
+    /// ½·max((V−R)², (V_clipped−R)²), `V_clipped` within ε of the old value.
+    pub value: Tensor,
+    /// Entropy of the policy, nats.
+    pub entropy: Tensor,
+    /// Share of rows whose ratio lies outside 1 ± ε.
+    pub clip_fraction: Tensor,
+    /// (ρ − 1) − ln ρ: an estimate of KL(old ‖ new) that is never negative (Schulman 2020).
+    pub approximate_kl: Tensor,
+}
+
+/// The terms of some rows of a batch that has `batch_rows` in all.
+pub fn terms(judgement: &Judgement, experience: &Experience, clip: f64, batch_rows: u64) -> Terms {
+    let share = 1.0 / batch_rows as f64;
+    let mean = |per_row: Tensor| per_row.sum(Kind::Float) * share;
+
+    let log_prob = judgement.log_probs.gather(1, &experience.actions.unsqueeze(1), false).squeeze_dim(1);
+    let log_ratio = log_prob - &experience.log_probs;
+    let ratio = log_ratio.exp();
+    let surrogate = &ratio * &experience.advantages;
+    let clipped_surrogate = ratio.clamp(1.0 - clip, 1.0 + clip) * &experience.advantages;
+    let policy = mean(-surrogate.minimum(&clipped_surrogate));
+
+    let change = &judgement.values - &experience.values;
+    let clipped_value = &experience.values + change.clamp(-clip, clip);
+    let error = (&judgement.values - &experience.returns).square();
+    let clipped_error = (clipped_value - &experience.returns).square();
+    let value = mean(error.maximum(&clipped_error) * 0.5);
+
+    let entropy = mean(-(judgement.log_probs.exp() * &judgement.log_probs).sum_dim_intlist(-1, false, Kind::Float));
+
+    let (ratio, log_ratio) = (ratio.detach(), log_ratio.detach());
+    let clip_fraction = mean((&ratio - 1.0).abs().gt(clip).to_kind(Kind::Float));
+    let approximate_kl = mean(ratio - 1.0 - log_ratio);
+    Terms { policy, value, entropy, clip_fraction, approximate_kl }
+}

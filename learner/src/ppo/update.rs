@@ -1,0 +1,181 @@
+//! The update: a few epochs over the rollout, one optimiser step each.
+//!
+//! An epoch may go through the network in several passes over parts of the columns, which bounds memory; their
+//! gradients add up to the whole batch's. What is written down here is the order of things: forward, loss, backward,
+//! average over learners, clip, step.
+
+use super::gae::{Targets, estimate};
+use super::loss::{Experience, Terms, terms};
+use crate::auxiliary::{Auxiliary, Pass, Tally};
+use crate::network::{Network, Packing, all_finite, to_vec};
+use crate::optimizer::{Adam, clip_norm};
+use crate::rollout::Rollout;
+use proto::config::{AuxiliaryConfig, PpoConfig};
+use proto::control::metric;
+use std::collections::BTreeMap;
+use tch::Tensor;
+
+/// What the update found not to be finite, in words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NonFinite(pub String);
+
+/// The other learners of the run: the one place where DD-PPO's gradients cross machines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Peers {
+    /// There are none.
+    Alone,
+}
+
+impl Peers {
+    /// Replaces a flat gradient by its mean over all learners.
+    pub fn average_gradients(self, _gradient: &mut Tensor) {
+        match self {
+            // The mean over one.
+            Self::Alone => {}
+        }
+    }
+}
+
+/// Everything an update works on.
+#[derive(Debug)]
+pub struct Update<'a> {
+    /// The network; its weights change.
+    pub network: &'a Network,
+    /// The auxiliary task.
+    pub auxiliary: &'a Auxiliary,
+    /// The rollout.
+    pub rollout: &'a Rollout,
+    /// Constants of PPO.
+    pub ppo: &'a PpoConfig,
+    /// Constants of the auxiliary task.
+    pub auxiliary_config: &'a AuxiliaryConfig,
+    /// The other learners.
+    pub peers: Peers,
+    /// Step size of this update.
+    pub learning_rate: f64,
+}
+
+/// A part of the batch that goes through the network at once.
+struct Share {
+    packing: Packing,
+    experience: Experience,
+}
+
+/// Names of the scalars of a pass, in the order in which they are read back from the device.
+const SCALARS: [&str; 6] = [
+    metric::POLICY_LOSS,
+    metric::VALUE_LOSS,
+    metric::ENTROPY,
+    metric::AUXILIARY_LOSS,
+    metric::CLIP_FRACTION,
+    metric::APPROXIMATE_KL,
+];
+
+impl Update<'_> {
+    /// Runs all epochs. On an error weights and moments are as they were before.
+    pub fn run(&self, adam: &mut Adam) -> Result<BTreeMap<String, f64>, NonFinite> {
+        let mut weights = self.network.parameters.flat();
+        let (weights_before, adam_before) = (weights.copy(), adam.copy());
+        self.epochs(&mut weights, adam).inspect_err(|_| {
+            *adam = adam_before;
+            tch::no_grad(|| weights.copy_(&weights_before));
+        })
+    }
+
+    fn epochs(&self, weights: &mut Tensor, adam: &mut Adam) -> Result<BTreeMap<String, f64>, NonFinite> {
+        let targets = estimate(self.rollout, self.ppo);
+        let shares = self.shares(&targets);
+        let asked = self.auxiliary.count(self.rollout);
+        let mut sums = [0.0; SCALARS.len()];
+        let mut gradient_norms = 0.0;
+        let mut tally = Tally::default();
+
+        for _ in 0..self.ppo.epochs {
+            let mut gradient = weights.zeros_like();
+            for share in &shares {
+                let (loss, scalars) = self.forward(share, asked, &mut tally);
+                for ((sum, scalar), name) in sums.iter_mut().zip(&scalars).zip(SCALARS) {
+                    if !scalar.is_finite() {
+                        return Err(NonFinite(name.to_owned()));
+                    }
+                    *sum += f64::from(*scalar);
+                }
+                let _ = gradient.g_add_(&self.network.parameters.gradient_of(&loss));
+            }
+            self.peers.average_gradients(&mut gradient);
+            if !all_finite(&gradient) {
+                let name = self.network.parameters.first_non_finite(&gradient).unwrap_or("the sum");
+                return Err(NonFinite(format!("gradient of {name}")));
+            }
+            gradient_norms += clip_norm(&mut gradient, self.ppo.max_gradient_norm);
+            adam.step(weights, &gradient, self.learning_rate);
+        }
+        if let Some(name) = self.network.parameters.first_non_finite(weights) {
+            return Err(NonFinite(format!("weight {name}")));
+        }
+
+        let epochs = f64::from(self.ppo.epochs);
+        let mut metrics = self.auxiliary.figures(&tally);
+        metrics.extend(SCALARS.iter().zip(sums).map(|(name, sum)| ((*name).to_owned(), sum / epochs)));
+        if matches!(self.auxiliary, Auxiliary::None) {
+            metrics.remove(metric::AUXILIARY_LOSS);
+        }
+        metrics.insert(metric::GRADIENT_NORM.to_owned(), gradient_norms / epochs);
+        metrics.insert(metric::LEARNING_RATE.to_owned(), self.learning_rate);
+        Ok(metrics)
+    }
+
+    /// The columns, divided as the configuration says.
+    fn shares(&self, targets: &Targets) -> Vec<Share> {
+        let columns = self.rollout.columns();
+        let width = match self.ppo.environments_per_pass {
+            0 => columns,
+            width => width as usize,
+        };
+        (0..columns)
+            .step_by(width)
+            .map(|first| {
+                let packing = self.rollout.packing(first..columns.min(first + width));
+                let device = self.rollout.beliefs_at_start().device();
+                let target = |of: &dyn Fn((usize, usize)) -> f32| {
+                    let values: Vec<f32> = packing.rows.iter().map(|&row| of(row)).collect();
+                    Tensor::from_slice(&values).to_device(device)
+                };
+                let experience = Experience {
+                    actions: self.rollout.gather(&packing, |step| step.action),
+                    log_probs: self.rollout.gather(&packing, |step| step.log_prob),
+                    values: self.rollout.gather(&packing, |step| step.value),
+                    advantages: target(&|row| targets.advantage(row)),
+                    returns: target(&|row| targets.value_target(row)),
+                };
+                Share { packing, experience }
+            })
+            // In a rollout of one step, columns that hold have no rows.
+            .filter(|share| !share.packing.rows.is_empty())
+            .collect()
+    }
+
+    /// The loss of one pass, and its scalars in the order of [`SCALARS`].
+    fn forward(&self, share: &Share, asked: u64, tally: &mut Tally) -> (Tensor, Vec<f32>) {
+        let Share { packing, experience } = share;
+        let Self { network, rollout, .. } = self;
+        let embedded = network.embed(&rollout.observations(packing));
+        let beliefs = network.belief.unroll(&network.parameters, &embedded, packing, rollout.beliefs_at_start());
+        let judgement = network.judge(&beliefs);
+
+        let frames = rollout.shape().frames;
+        let Terms { policy, value, entropy, clip_fraction, approximate_kl } =
+            terms(&judgement, experience, self.ppo.clip, frames);
+        let mut loss = &policy + &value * self.ppo.value_coefficient - &entropy * self.ppo.entropy_coefficient;
+
+        let pass = Pass { rollout, packing, embedded: &embedded, beliefs: &beliefs, actions: &experience.actions };
+        let mut auxiliary = policy.zeros_like();
+        if let Some(answer) = self.auxiliary.loss(&network.parameters, &pass, asked) {
+            loss += &answer.loss * self.auxiliary_config.weight;
+            auxiliary = answer.loss;
+            tally.merge(&answer.tally);
+        }
+        let scalars = [policy, value, entropy, auxiliary, clip_fraction, approximate_kl];
+        (loss, to_vec(&Tensor::stack(&scalars, 0)))
+    }
+}

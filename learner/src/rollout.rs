@@ -1,0 +1,229 @@
+//! What was seen, chosen and got in one rollout of T steps × N columns.
+//!
+//! Frames stay on the learner's device; the few numbers besides them lie on the host, row-major in (step, column), and
+//! go to the device once an update, in the order of a [`Packing`].
+
+use crate::network::{Observations, Packing};
+use proto::stage::RolloutShape;
+use tch::Tensor;
+
+/// One step of one column.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Step {
+    /// What the network was given for the goal.
+    pub goal: [f32; 3],
+    /// Row of the action embedding for the previous action.
+    pub previous_action: i64,
+    /// The belief was zeroed before this observation.
+    pub episode_start: bool,
+    /// Policy index of the action taken.
+    pub action: i64,
+    /// Its log-probability when it was taken.
+    pub log_prob: f32,
+    /// The observation's value when the action was taken.
+    pub value: f32,
+    /// Reward of the action.
+    pub reward: f32,
+    /// The action ended the episode.
+    pub ended: bool,
+    /// It ended by the step limit.
+    pub time_limit: bool,
+    /// The action disturbed something.
+    pub disturbed: bool,
+}
+
+/// A rollout.
+#[derive(Debug)]
+pub struct Rollout {
+    shape: RolloutShape,
+    columns: usize,
+    /// Kept frames, \[T · N, side, side\].
+    frames: Tensor,
+    steps: Vec<Step>,
+    /// Which steps have an outcome.
+    recorded: Vec<bool>,
+    /// Value of the observation after the last action, by column.
+    bootstrap: Vec<Option<f32>>,
+    /// Beliefs before the first step \[N, hidden\].
+    beliefs_at_start: Tensor,
+}
+
+impl Rollout {
+    /// An empty rollout over `columns` columns. `frames` has room for steps · columns kept frames; they are overwritten.
+    ///
+    /// # Panics
+    /// If the shape does not fit.
+    pub fn new(shape: RolloutShape, columns: usize, frames: Tensor, beliefs_at_start: Tensor) -> Self {
+        assert!(shape.steps > 0 && (1..=columns).contains(&shape.environments_in_last_step), "a rollout has frames");
+        let rows = shape.steps * columns;
+        assert!(frames.size()[0] >= rows as i64, "there is room for every frame");
+        assert_eq!(beliefs_at_start.size()[0], columns as i64, "every column has a belief");
+        Self {
+            shape,
+            columns,
+            frames,
+            steps: vec![Step::default(); rows],
+            recorded: vec![false; rows],
+            bootstrap: vec![None; columns],
+            beliefs_at_start,
+        }
+    }
+
+    /// Its shape.
+    pub fn shape(&self) -> RolloutShape {
+        self.shape
+    }
+
+    /// Number of columns N.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Steps that a column acts: one fewer for those that hold in the last.
+    pub fn steps_of(&self, column: usize) -> usize {
+        self.shape.steps - usize::from(column >= self.shape.environments_in_last_step)
+    }
+
+    /// Whether (t, column) is a frame to train on: false for a column that holds in the last step.
+    pub fn is_valid(&self, t: usize, column: usize) -> bool {
+        column < self.columns && t < self.steps_of(column)
+    }
+
+    /// One step of one column.
+    pub fn step(&self, t: usize, column: usize) -> &Step {
+        &self.steps[self.index(t, column)]
+    }
+
+    /// Stores what some columns saw and chose in step t. `kept` holds their frames in the same order.
+    pub fn store(&mut self, t: usize, columns: &[usize], kept: &Tensor, steps: &[Step]) {
+        let rows: Vec<i64> = columns.iter().map(|&column| self.index(t, column) as i64).collect();
+        let rows = Tensor::from_slice(&rows).to_device(self.frames.device());
+        let _ = self.frames.index_copy_(0, &rows, kept);
+        for (&column, step) in columns.iter().zip(steps) {
+            let index = self.index(t, column);
+            self.steps[index] = *step;
+            self.recorded[index] = false;
+        }
+    }
+
+    /// Records what action t of a column led to.
+    pub fn record(&mut self, t: usize, column: usize, outcome: crate::agent::Outcome) {
+        assert!(self.is_valid(t, column), "step {t} of column {column} is no frame of this rollout");
+        let index = self.index(t, column);
+        let step = &mut self.steps[index];
+        step.reward = outcome.reward;
+        step.ended = outcome.ended;
+        step.time_limit = outcome.time_limit;
+        step.disturbed = outcome.disturbed;
+        self.recorded[index] = true;
+    }
+
+    /// Notes the value of a column's observation after its last action.
+    pub fn set_bootstrap(&mut self, column: usize, value: f32) {
+        self.bootstrap[column] = Some(value);
+    }
+
+    /// Value of the observation after a column's last action. A column that holds in the last step has seen it there.
+    ///
+    /// # Panics
+    /// If [`Rollout::set_bootstrap`] has not been called for a column that acted in the last step.
+    pub fn bootstrap_value(&self, column: usize) -> f32 {
+        match self.bootstrap[column] {
+            Some(value) => value,
+            None if self.steps_of(column) < self.shape.steps => self.step(self.shape.steps - 1, column).value,
+            None => panic!("column {column} has no bootstrap value"),
+        }
+    }
+
+    /// The first frame without an outcome, as (step, column).
+    pub fn first_missing(&self) -> Option<(usize, usize)> {
+        (0..self.shape.steps)
+            .flat_map(|t| (0..self.columns).map(move |n| (t, n)))
+            .find(|&(t, n)| self.is_valid(t, n) && !self.recorded[self.index(t, n)])
+    }
+
+    /// Beliefs before the first step \[N, hidden\].
+    pub fn beliefs_at_start(&self) -> &Tensor {
+        &self.beliefs_at_start
+    }
+
+    /// Packs the valid steps of some columns.
+    pub fn packing(&self, columns: std::ops::Range<usize>) -> Packing {
+        Packing::new(columns, |n| self.steps_of(n), |t, n| self.step(t, n).episode_start)
+    }
+
+    /// What was seen, in the order of a packing.
+    pub fn observations(&self, packing: &Packing) -> Observations {
+        let device = self.frames.device();
+        let rows: Vec<i64> = packing.rows.iter().map(|&(t, n)| self.index(t, n) as i64).collect();
+        let goals: Vec<f32> = packing.rows.iter().flat_map(|&(t, n)| self.step(t, n).goal).collect();
+        Observations {
+            frames: self.frames.index_select(0, &Tensor::from_slice(&rows).to_device(device)),
+            goals: Tensor::from_slice(&goals).view([-1, 3]).to_device(device),
+            previous_actions: self.gather(packing, |step| step.previous_action),
+        }
+    }
+
+    /// One number a row, in the order of a packing, on the device.
+    pub fn gather<T: tch::kind::Element>(&self, packing: &Packing, number: impl Fn(&Step) -> T) -> Tensor {
+        let values: Vec<T> = packing.rows.iter().map(|&(t, n)| number(self.step(t, n))).collect();
+        Tensor::from_slice(&values).to_device(self.frames.device())
+    }
+
+    /// The store of frames, for the next rollout.
+    pub fn into_frames(self) -> Tensor {
+        self.frames
+    }
+
+    fn index(&self, t: usize, column: usize) -> usize {
+        assert!(t < self.shape.steps && column < self.columns, "({t}, {column}) lies outside the rollout");
+        t * self.columns + column
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::agent::Outcome;
+    use crate::network::to_vec;
+    use tch::{Device, Kind};
+
+    fn rollout() -> Rollout {
+        // 3 steps of 2 columns, the second of which holds in the last.
+        let shape = RolloutShape { steps: 3, environments_in_last_step: 1, frames: 5 };
+        let float = (Kind::Float, Device::Cpu);
+        Rollout::new(shape, 2, Tensor::zeros([6, 1, 1], float), Tensor::zeros([2, 4], float))
+    }
+
+    #[test]
+    fn a_held_column_has_one_frame_fewer_and_bootstraps_from_its_last_row() {
+        let mut rollout = rollout();
+        assert!(rollout.is_valid(2, 0) && !rollout.is_valid(2, 1) && rollout.is_valid(1, 1));
+        for t in 0..3 {
+            let steps = [0, 1].map(|n| Step { value: (10 * t + n) as f32, ..Step::default() });
+            let frames = Tensor::from_slice(&[(10 * t) as f32, (10 * t + 1) as f32]).view([2, 1, 1]);
+            rollout.store(t, &[0, 1], &frames, &steps);
+        }
+        assert_eq!(rollout.bootstrap_value(1), 21.0);
+        rollout.set_bootstrap(0, 5.0);
+        assert_eq!(rollout.bootstrap_value(0), 5.0);
+
+        let packing = rollout.packing(0..2);
+        assert_eq!(packing.rows.len() as u64, rollout.shape().frames);
+        let frames = to_vec(&rollout.observations(&packing).frames);
+        let expected: Vec<f32> = packing.rows.iter().map(|&(t, n)| (10 * t + n) as f32).collect();
+        assert_eq!(frames, expected);
+    }
+
+    #[test]
+    fn a_frame_without_an_outcome_is_found() {
+        let mut rollout = rollout();
+        let outcome = Outcome { reward: 1.0, ended: false, time_limit: false, disturbed: false };
+        for (t, n) in [(0, 0), (0, 1), (1, 0), (2, 0)] {
+            rollout.record(t, n, outcome);
+        }
+        assert_eq!(rollout.first_missing(), Some((1, 1)));
+        rollout.record(1, 1, outcome);
+        assert_eq!(rollout.first_missing(), None);
+    }
+}
