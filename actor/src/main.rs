@@ -1,2 +1,92 @@
-//! Placeholder.
-fn main() {}
+//! The `actor` program: rolls out environments for a learner, re-simulates recordings, measures itself.
+
+use actor::process::{self, lifeline, whereabouts};
+use actor::{bench, replay};
+use anyhow::{Context, Result};
+use clap::{Parser, Subcommand};
+use proto::kitchen::KitchenId;
+use proto::wire::WireAddress;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Simulates kitchens for Stillroom.
+///
+/// Without a subcommand it is one rollout actor of a run; `orchestrator up` starts it as such.
+#[derive(Debug, Parser)]
+#[command(version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Number among the run's actors, from 0.
+    #[arg(long, required = true, value_name = "N")]
+    actor: Option<u32>,
+    /// Where the run's shared-memory services are.
+    #[arg(long, required = true, value_name = "PREFIX@FOLDER")]
+    wire: Option<WireAddress>,
+    /// The run's effective configuration.
+    #[arg(long, required = true, value_name = "RUN/config.toml")]
+    config: Option<PathBuf>,
+    /// How often this actor has been started in this incarnation of the run.
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    incarnation: u32,
+    /// Exit when standard input closes, and leave Ctrl-C to whoever holds its other end.
+    #[arg(long)]
+    lifeline: bool,
+    /// Simulate this kitchen in place of the actor's own.
+    #[arg(long, value_parser = kitchen, value_name = "1..30")]
+    kitchen: Option<KitchenId>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Re-simulate recorded episodes: reads them from standard input, writes verdicts to standard output.
+    Replay,
+    /// Measure physics, rendering and whole steps on one core.
+    Bench {
+        /// Kitchen to measure in.
+        #[arg(long, value_parser = kitchen, default_value = "1", value_name = "1..30")]
+        kitchen: KitchenId,
+        /// Seconds for each figure.
+        #[arg(long, default_value_t = 1.0, value_name = "S")]
+        seconds: f64,
+    },
+}
+
+fn kitchen(text: &str) -> Result<KitchenId, String> {
+    let number: u8 = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
+    KitchenId::new(number).map_err(|error| error.to_string())
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    proto::logging::to_stderr();
+    whereabouts::name_it_in_panics();
+    match run(arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            let place = whereabouts::here().map(|here| format!(" ({here})")).unwrap_or_default();
+            tracing::error!("{error:#}{place}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: Arguments) -> Result<()> {
+    match arguments.command {
+        Some(Command::Replay) => replay::run(std::io::stdin().lock(), std::io::stdout().lock()),
+        Some(Command::Bench { kitchen, seconds }) => bench::run(kitchen, seconds),
+        None => {
+            if arguments.lifeline {
+                lifeline::hold().context("cannot watch standard input")?;
+            }
+            let settings = process::Settings {
+                actor: arguments.actor.context("--actor is missing")?,
+                incarnation: arguments.incarnation,
+                wire: arguments.wire.context("--wire is missing")?,
+                config: arguments.config.context("--config is missing")?,
+                kitchen: arguments.kitchen,
+            };
+            match process::run(&settings)? {}
+        }
+    }
+}

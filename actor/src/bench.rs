@@ -1,0 +1,109 @@
+//! `actor bench`: what one core does, measured in place.
+//!
+//! Three figures for 1, 8 and 32 environments of one kitchen in turn: physics without frames, frames without physics,
+//! and whole steps as a rollout takes them. The policy is random, without Done, so that episodes last.
+
+use crate::depth::DepthCamera;
+use crate::environment::Environment;
+use crate::kitchen::Kitchen;
+use anyhow::{Result, ensure};
+use proto::action::{Action, ActionSpace};
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::kitchen::KitchenId;
+use proto::message::{FRAME_PIXELS, FRAME_SIDE, transition_flag};
+use proto::random::{Key, Purpose};
+use std::io::Write;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+const ENVIRONMENT_COUNTS: [u32; 3] = [1, 8, 32];
+
+/// Measures in `kitchen`, about `seconds` for each figure, and prints a table.
+pub fn run(kitchen: KitchenId, seconds: f64) -> Result<()> {
+    ensure!(seconds > 0.0 && seconds <= 3600.0, "measure for a time between 0 and 3600 seconds");
+    let span = Duration::from_secs_f64(seconds);
+    let config = Config::default();
+    let started = Instant::now();
+    let built = Arc::new(Kitchen::build(kitchen, &config.simulation)?);
+    let build_ms = started.elapsed().as_secs_f64() * 1e3;
+    let mut camera = DepthCamera::new(built.bodies());
+    let mut out = std::io::stdout().lock();
+    writeln!(
+        out,
+        "kitchen {kitchen}: {} bodies, {} triangles, built in {build_ms:.0} ms; {} sub-steps a step; one thread",
+        built.bodies().len(),
+        camera.triangles(),
+        config.simulation.substeps
+    )?;
+    writeln!(out, "{:>12}  {:>22}  {:>22}  {:>22}", "environments", "physics", "depth", "whole step")?;
+    for count in ENVIRONMENT_COUNTS {
+        let mut players = (0..count)
+            .map(|number| Player::new(&built, EnvironmentId { kitchen, number }, &config))
+            .collect::<Result<Vec<_>>>()?;
+        let mut poses = Vec::new();
+        let mut frame = vec![0; FRAME_PIXELS];
+        let mut look = |player: &Player| {
+            player.environment.world_from_bodies(&mut poses);
+            camera.render(&poses, player.environment.world_from_camera(), FRAME_SIDE, &mut frame);
+        };
+        let physics = rate(&mut players, span, Player::step);
+        let depth = rate(&mut players, span, |player| look(player));
+        let whole = rate(&mut players, span, |player| {
+            player.step();
+            look(player);
+        });
+        let cell = |per_s: f64| format!("{:>8.1} µs {per_s:>8.0} /s", 1e6 / per_s);
+        writeln!(out, "{count:>12}  {:>22}  {:>22}  {:>22}", cell(physics), cell(depth), cell(whole))?;
+    }
+    Ok(())
+}
+
+/// One environment under a random policy.
+struct Player {
+    id: EnvironmentId,
+    environment: Environment,
+    episode: u32,
+    step: u32,
+}
+
+impl Player {
+    fn new(kitchen: &Arc<Kitchen>, id: EnvironmentId, config: &Config) -> Result<Self> {
+        let environment = Environment::new(Arc::clone(kitchen), id, config)?;
+        Ok(Self { id, environment, episode: 0, step: 0 })
+    }
+
+    fn step(&mut self) {
+        let key = Key {
+            seed: 1,
+            purpose: Purpose::RandomPolicy,
+            kitchen: self.id.kitchen.number(),
+            environment: self.id.number,
+            episode: self.episode,
+            step: self.step,
+        };
+        let actions = ActionSpace::Large.actions();
+        let lasting = actions.iter().filter(|&&action| action != Action::DoneMidLevel).count();
+        let action = actions[key.stream().below(lasting as u32) as usize];
+        assert!(action != Action::DoneMidLevel, "Done is the last of all actions");
+        self.step += 1;
+        if self.environment.step(action).flags & transition_flag::ENDED != 0 {
+            self.episode += 1;
+            self.step = 0;
+            self.environment.start_episode(self.episode);
+        }
+    }
+}
+
+/// Calls a second, each on the next environment in turn.
+fn rate(players: &mut [Player], span: Duration, mut call: impl FnMut(&mut Player)) -> f64 {
+    // Once round for caches and episodes' first steps.
+    players.iter_mut().for_each(&mut call);
+    let started = Instant::now();
+    let mut calls = 0usize;
+    while started.elapsed() < span {
+        players.iter_mut().for_each(&mut call);
+        calls += players.len();
+    }
+    calls as f64 / started.elapsed().as_secs_f64()
+}

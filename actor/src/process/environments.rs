@@ -1,0 +1,182 @@
+//! The environments of one actor: stepping them, rebuilding them, and showing what they see.
+
+use super::{shm, whereabouts};
+use crate::depth::DepthCamera;
+use crate::environment::Environment;
+use crate::kitchen::Kitchen;
+use anyhow::{Context, Result, bail, ensure};
+use proto::action::{Action, HOLD};
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::kitchen::KitchenId;
+use proto::message::{Current, EnvironmentState, FRAME_SIDE, Observation, Transition, current_flag, transition_flag};
+use proto::random::{Key, Purpose};
+use proto::reward::RewardParts;
+use rapier3d::math::Pose3;
+use std::mem::MaybeUninit;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// What "no action was taken" looks like on the wire.
+const NO_TRANSITION: Transition = Transition {
+    state_hash: 0,
+    episode: 0,
+    step: 0,
+    flags: 0,
+    action: 0,
+    reward: RewardParts {
+        wrist_object_progress_m: 0.0,
+        object_goal_progress_m: 0.0,
+        disturbance_progress_m: 0.0,
+        failed_action: 0.0,
+        picked_up: 0.0,
+        goal_success: 0.0,
+    },
+    disturbance_m: 0.0,
+    peak_disturbance_m: 0.0,
+    wrist_object_m: 0.0,
+    object_goal_m: 0.0,
+    disturbed_objects: 0,
+    target: 0,
+};
+
+/// All environments of an actor and the camera they share.
+pub struct Environments {
+    running: Vec<Running>,
+    camera: DepthCamera,
+    world_from_bodies: Vec<Pose3>,
+    seed: u64,
+    /// Share of episodes whose depth frames the recorder keeps.
+    depth_share: f64,
+}
+
+/// One environment in its current episode.
+struct Running {
+    id: EnvironmentId,
+    environment: Environment,
+    episode: u32,
+    /// What the last exchange did.
+    transition: Transition,
+}
+
+impl Running {
+    fn start(&mut self, episode: u32) {
+        whereabouts::enter(self.id, episode);
+        self.environment.start_episode(episode);
+        self.episode = episode;
+    }
+
+    /// Takes an action; after the last one of an episode the environment stands at the start of the next.
+    fn act(&mut self, action: Action) {
+        whereabouts::enter(self.id, self.episode);
+        self.transition = self.environment.step(action);
+        if self.transition.flags & transition_flag::ENDED != 0 {
+            let next = self.episode.checked_add(1).expect("four billion episodes outlast any run");
+            self.start(next);
+        }
+    }
+}
+
+impl Environments {
+    /// The environments of actor `actor` in `kitchen`, each in its episode 0.
+    pub fn new(kitchen: &Arc<Kitchen>, kitchen_id: KitchenId, actor: u32, config: &Config) -> Result<Self> {
+        let count = config.actors.environments_per_actor;
+        let running = (0..count)
+            .map(|index| {
+                let id = EnvironmentId { kitchen: kitchen_id, ..EnvironmentId::of(actor, index, count) };
+                let environment = Environment::new(Arc::clone(kitchen), id, config)
+                    .with_context(|| format!("cannot set up environment {} of kitchen {kitchen_id}", id.number))?;
+                Ok(Running { id, environment, episode: 0, transition: NO_TRANSITION })
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self {
+            running,
+            camera: DepthCamera::new(kitchen.bodies()),
+            world_from_bodies: Vec::new(),
+            seed: config.seed,
+            depth_share: if config.recording.enabled { config.recording.depth_share } else { 0.0 },
+        })
+    }
+
+    /// Triangles that the camera has to choose from.
+    pub fn triangles(&self) -> usize {
+        self.camera.triangles()
+    }
+
+    /// Puts every environment into the state that its actions lead to. Nothing is rendered on the way, and what was
+    /// simulated before does not matter.
+    pub fn rebuild(&mut self, states: &[EnvironmentState]) -> Result<()> {
+        assert_eq!(states.len(), self.running.len(), "a restore holds one state an environment");
+        for (running, state) in self.running.iter_mut().zip(states) {
+            running.transition = NO_TRANSITION;
+            running.start(state.episode);
+            let actions = state
+                .actions
+                .get(..state.action_count as usize)
+                .with_context(|| format!("a restore claims {} actions in one episode", state.action_count))?;
+            for (step, &index) in actions.iter().enumerate() {
+                let action = Action::from_index(index).with_context(|| {
+                    format!("a restore names action {index} at step {step} of {}: there is none", place(running))
+                })?;
+                running.act(action);
+                let ended = running.transition.flags & transition_flag::ENDED != 0;
+                ensure!(
+                    !ended || step + 1 == actions.len(),
+                    "a restore has {} actions for episode {} of kitchen {}, environment {}, which ends after {}: \
+                     was the run recorded with another version of the simulator?",
+                    actions.len(),
+                    state.episode,
+                    running.id.kitchen,
+                    running.id.number,
+                    step + 1
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// Applies one action to each environment of `range`. HOLD leaves an environment as it is.
+    pub fn act(&mut self, range: Range<usize>, actions: &[u8]) -> Result<()> {
+        assert_eq!(range.len(), actions.len(), "one action an environment");
+        for (running, &index) in self.running[range].iter_mut().zip(actions) {
+            match Action::from_index(index) {
+                Some(action) => running.act(action),
+                None if index == HOLD => running.transition = NO_TRANSITION,
+                None => bail!("the learner sent action {index} to {}: there is none", place(running)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes what environment `index` has to say, its frame rendered in place.
+    pub fn observe(&mut self, index: usize, slot: &mut MaybeUninit<Observation>) {
+        let running = &self.running[index];
+        whereabouts::enter(running.id, running.episode);
+        let mut current = running.environment.current();
+        if self.keeps_depth(running) {
+            current.flags |= current_flag::RECORD_DEPTH;
+        }
+        running.environment.world_from_bodies(&mut self.world_from_bodies);
+        let world_from_camera = running.environment.world_from_camera();
+        let (camera, poses) = (&mut self.camera, &self.world_from_bodies);
+        shm::write_observation(slot, index as u32, running.transition, current, |frame| {
+            camera.render_into(poses, world_from_camera, FRAME_SIDE, frame)
+        });
+    }
+
+    /// What environment `index` shows apart from the frame.
+    pub fn current(&self, index: usize) -> Current {
+        self.running[index].environment.current()
+    }
+
+    /// Whether the recorder keeps the frames of the current episode: a draw of its own for each episode.
+    fn keeps_depth(&self, running: &Running) -> bool {
+        let id = running.id;
+        let key = Key::episode(self.seed, Purpose::Recording, id.kitchen, id.number, running.episode);
+        f64::from(key.stream().uniform()) < self.depth_share
+    }
+}
+
+fn place(running: &Running) -> whereabouts::Whereabouts {
+    whereabouts::Whereabouts { environment: running.id, episode: running.episode }
+}

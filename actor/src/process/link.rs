@@ -1,0 +1,86 @@
+//! The actor's ends of the shared-memory services.
+
+use super::shm;
+use anyhow::{Context, Result, anyhow};
+use proto::config::ActorsConfig;
+use proto::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
+use proto::wire::{
+    ActionSubscriber, Bell, Ipc, ObservationPublisher, RestoreSubscriber, UpdateConnections, Wakeup, Wire, WireAddress,
+    WireShape,
+};
+use std::mem::MaybeUninit;
+use std::time::Duration;
+
+/// A received restore.
+type Restore = iceoryx2::sample::Sample<Ipc, [EnvironmentState], RestoreHeader>;
+/// A received action batch.
+type Actions = iceoryx2::sample::Sample<Ipc, [u8], ActionHeader>;
+
+/// All ports of one actor.
+pub struct Link {
+    observations: ObservationPublisher,
+    bell: Bell,
+    restores: RestoreSubscriber,
+    actions: ActionSubscriber,
+    wakeup: Wakeup,
+    // Ports refer to the node: dropped last.
+    _wire: Wire,
+}
+
+impl Link {
+    /// Joins the run and opens the services of actor `actor`. The orchestrator has created them.
+    pub fn open(address: &WireAddress, actors: &ActorsConfig, actor: u32) -> Result<Self> {
+        let shape = WireShape { actors: actors.count, environments_per_actor: actors.environments_per_actor };
+        anyhow::ensure!(actor < shape.actors, "the run has actors 0 to {}: there is no actor {actor}", shape.actors - 1);
+        let wire = Wire::join(address, shape, &format!("actor-{actor:02}"))?;
+        Ok(Self {
+            // What can be told to this actor is open before it is heard of.
+            restores: wire.restore_subscriber(actor)?,
+            actions: wire.action_subscriber(actor)?,
+            wakeup: wire.actions_wakeup(actor)?,
+            bell: wire.observations_bell(actor)?,
+            observations: wire.observation_publisher()?,
+            _wire: wire,
+        })
+    }
+
+    /// The next restore in the queue, if any.
+    pub fn receive_restore(&self) -> Result<Option<Restore>> {
+        self.restores.receive().context("cannot receive restores")
+    }
+
+    /// The next action batch in the queue, if any.
+    pub fn receive_actions(&self) -> Result<Option<Actions>> {
+        self.actions.receive().context("cannot receive actions")
+    }
+
+    /// Sleeps until the learner rings or the time is over.
+    pub fn wait(&self, longest: Duration) -> Result<()> {
+        self.wakeup.timed_wait(|_| {}, longest).map(|_| ()).map_err(|cause| anyhow!("cannot wait for the learner: {cause:?}"))
+    }
+
+    /// Sends a HELLO: one zeroed observation.
+    pub fn send_hello(&self, header: ObservationHeader) -> Result<()> {
+        self.send_observations(header, 1, |_, slot| shm::write_zeros(slot)).map(|_| ())
+    }
+
+    /// Sends `count` observations, each written in place by `write`, which is given its index and must initialise
+    /// the whole slot. Returns the number of subscribers that got them; blocks while one of them is full.
+    pub fn send_observations(
+        &self,
+        header: ObservationHeader,
+        count: usize,
+        mut write: impl FnMut(usize, &mut MaybeUninit<Observation>),
+    ) -> Result<usize> {
+        // A subscriber that came after the last send is found here, and only here.
+        self.observations.update_connections().context("cannot connect to the learner")?;
+        let mut sample = self.observations.loan_slice_uninit(count).context("no free slot for observations")?;
+        *sample.user_header_mut() = header;
+        for (i, slot) in sample.payload_mut().iter_mut().enumerate() {
+            write(i, slot);
+        }
+        let receivers = shm::assume_written(sample).send().context("cannot send observations")?;
+        self.bell.notify().context("cannot ring the observations' bell")?;
+        Ok(receivers)
+    }
+}

@@ -1,0 +1,127 @@
+//! The rollout actor: one kitchen, E environments, one conversation with the learner.
+//!
+//! ```text
+//! protocol      who says what when: a pure state machine
+//! environments  the simulated environments, and how they are rebuilt from their actions
+//! link          the actor's ends of the shared-memory services
+//! shm           observations written where they lie in shared memory
+//! lifeline      notices that the orchestrator is gone
+//! whereabouts   which environment is being simulated, for last words
+//! ```
+//!
+//! [`run`] is the thin shell around them: it drains what has arrived into [`Protocol`], does the one thing that
+//! [`Protocol::next`] says, and begins again. It never returns but by an error: an actor lives until its lifeline
+//! closes or it is killed, and holds nothing that cannot be rebuilt.
+
+pub mod environments;
+mod ffi;
+pub mod lifeline;
+mod link;
+pub mod protocol;
+mod shm;
+pub mod whereabouts;
+
+use crate::kitchen::Kitchen;
+use anyhow::{Context, Result};
+use environments::Environments;
+use link::Link;
+use proto::config::Config;
+use proto::fault;
+use proto::kitchen::KitchenId;
+use proto::wire::WireAddress;
+use protocol::{Protocol, Todo, Verdict};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What a rollout actor is told on its command line.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Its number among the run's actors, from 0.
+    pub actor: u32,
+    /// How often it has been started in this run incarnation, from 1.
+    pub incarnation: u32,
+    /// Where the services are.
+    pub wire: WireAddress,
+    /// The run's effective configuration.
+    pub config: PathBuf,
+    /// Kitchen to simulate in place of the actor's own.
+    pub kitchen: Option<KitchenId>,
+}
+
+/// Runs the actor until something fails.
+pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
+    let path = settings.config.display().to_string();
+    let text = std::fs::read_to_string(&settings.config).with_context(|| format!("cannot read {path}"))?;
+    let config = Config::from_toml(&text, &path)?;
+    let kitchen_id = settings.kitchen.unwrap_or_else(|| KitchenId::of_actor(settings.actor));
+    let _span = tracing::info_span!("actor", number = settings.actor, kitchen = kitchen_id.number()).entered();
+
+    let started = Instant::now();
+    let kitchen = Arc::new(Kitchen::build(kitchen_id, &config.simulation)?);
+    let bodies = kitchen.bodies().len();
+    let kitchen_ms = started.elapsed().as_millis() as u64;
+    let mut environments = Environments::new(&kitchen, kitchen_id, settings.actor, &config)?;
+    let link = Link::open(&settings.wire, &config.actors, settings.actor)?;
+    tracing::info!(
+        bodies,
+        triangles = environments.triangles(),
+        environments = config.actors.environments_per_actor,
+        kitchen_ms,
+        total_ms = started.elapsed().as_millis() as u64,
+        incarnation = settings.incarnation,
+        "ready"
+    );
+
+    let mut protocol = Protocol::new(settings.actor, settings.incarnation, config.actors.environments_per_actor);
+    let mut accepted: [Vec<u8>; 2] = Default::default();
+    loop {
+        // Restores before actions: the learner sends a restore before the actions that build on it.
+        while let Some(restore) = link.receive_restore()? {
+            let verdict = protocol.on_restore(restore.user_header(), restore.payload().len(), started.elapsed());
+            let header = restore.user_header();
+            match verdict {
+                Verdict::Accepted => {
+                    fault::reach("actor.before_rebuild");
+                    environments.rebuild(restore.payload())?;
+                    tracing::info!(learner_incarnation = header.learner_incarnation, step = ?header.step, "restored");
+                    fault::reach("actor.after_rebuild");
+                }
+                Verdict::Ignored(reason) => tracing::debug!(?header, reason, "restore ignored"),
+            }
+        }
+        while let Some(actions) = link.receive_actions()? {
+            let header = actions.user_header();
+            match protocol.on_actions(header, actions.payload().len()) {
+                Verdict::Accepted => {
+                    fault::reach("actor.after_receive");
+                    let kept = &mut accepted[header.half as usize];
+                    kept.clear();
+                    kept.extend_from_slice(actions.payload());
+                }
+                Verdict::Ignored(reason) => tracing::debug!(?header, reason, "actions ignored"),
+            }
+        }
+        match protocol.next(started.elapsed()) {
+            Todo::Hello => {
+                link.send_hello(protocol.hello_header())?;
+                protocol.hello_sent(started.elapsed());
+                fault::reach("actor.after_hello");
+            }
+            Todo::Act { half } => {
+                environments.act(protocol.halves().range(half), &accepted[half as usize])?;
+                protocol.acted(half, started.elapsed());
+            }
+            Todo::Send { half } => {
+                let range = protocol.halves().range(half);
+                fault::reach("actor.before_send");
+                let receivers = link.send_observations(protocol.observation_header(half), range.len(), |i, slot| {
+                    environments.observe(range.start + i, slot);
+                })?;
+                fault::reach("actor.after_send");
+                protocol.sent(half, receivers, started.elapsed());
+            }
+            Todo::Wait(longest) => link.wait(longest)?,
+        }
+    }
+}

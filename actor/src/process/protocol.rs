@@ -1,0 +1,477 @@
+//! The actor's side of the protocol as a pure state machine: messages and time in, what to do next out.
+//!
+//! It knows nothing of shared memory, physics or clocks. The shell ([`super::run`]) feeds it every restore and every
+//! action batch that arrives and does what [`Protocol::next`] says, one thing at a time:
+//!
+//! ```text
+//!            restore adopted                  actions for this step
+//!  Hello ──────────────────▶ half: Sending ◀───────────────────────── half: Awaiting
+//!  every 200 ms                   │                                        ▲
+//!  until then                     └──────── sent and received ─────────────┘
+//! ```
+//!
+//! Everything is idempotent because every message names its exchange: a duplicate, a batch of another learner
+//! incarnation or one for another step changes nothing.
+
+use proto::message::{ActionHeader, Halves, ObservationHeader, RestoreHeader, observation_kind};
+use std::time::Duration;
+
+/// Time between two HELLOs while nobody has answered.
+pub const HELLO_INTERVAL: Duration = Duration::from_millis(200);
+/// Time until an observation that reached nobody is sent again.
+pub const RESEND_INTERVAL: Duration = Duration::from_millis(50);
+/// Longest single wait for a message.
+pub const WAIT_MAX: Duration = Duration::from_millis(50);
+
+/// What the shell does next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Todo {
+    /// Send a HELLO, then report [`Protocol::hello_sent`].
+    Hello,
+    /// Apply the actions of this half that were last accepted, then report [`Protocol::acted`].
+    Act {
+        /// Which half.
+        half: u32,
+    },
+    /// Render and send this half's observations, then report [`Protocol::sent`].
+    Send {
+        /// Which half.
+        half: u32,
+    },
+    /// Wait for a message, at most this long.
+    Wait(Duration),
+}
+
+/// What became of a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// It counts.
+    Accepted,
+    /// It is ignored, for this reason.
+    Ignored(&'static str),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    /// The observation is out; its actions have not come yet.
+    Awaiting,
+    /// Actions were accepted and are to be applied.
+    Acting,
+    /// An observation is to be sent, not before this time.
+    Sending { not_before: Duration },
+}
+
+#[derive(Debug, Clone, Copy)]
+struct HalfState {
+    /// Exchange number of the observation that was or will be sent.
+    step: u64,
+    stage_version: u64,
+    phase: Phase,
+}
+
+/// The state of the conversation with the learner. Times are measured from any fixed moment.
+#[derive(Debug, Clone)]
+pub struct Protocol {
+    actor: u32,
+    incarnation: u32,
+    halves: Halves,
+    environments: usize,
+    /// The learner whose restore is in force; none before the first one.
+    learner_incarnation: Option<u32>,
+    half: [HalfState; 2],
+    /// The half that was served last: the other one has precedence.
+    served_last: u32,
+    hello_due: Duration,
+}
+
+impl Protocol {
+    /// An actor that has just started: it says HELLO until a restore arrives.
+    pub fn new(actor: u32, incarnation: u32, environments: u32) -> Self {
+        let idle = HalfState { step: 0, stage_version: 0, phase: Phase::Awaiting };
+        Self {
+            actor,
+            incarnation,
+            halves: Halves::of(environments),
+            environments: environments as usize,
+            learner_incarnation: None,
+            half: [idle; 2],
+            served_last: 1,
+            hello_due: Duration::ZERO,
+        }
+    }
+
+    /// How the environments are divided.
+    pub fn halves(&self) -> Halves {
+        self.halves
+    }
+
+    /// A restore has arrived with `states` environment states. If accepted, the shell rebuilds the environments
+    /// before it asks for anything else.
+    pub fn on_restore(&mut self, header: &RestoreHeader, states: usize, now: Duration) -> Verdict {
+        if header.actor_incarnation != 0 && header.actor_incarnation != self.incarnation {
+            return Verdict::Ignored("it is for another incarnation of this actor");
+        }
+        if states != self.environments {
+            return Verdict::Ignored("it holds another number of environments");
+        }
+        if let Some(current) = self.learner_incarnation {
+            if header.learner_incarnation < current {
+                return Verdict::Ignored("it comes from a learner that has been replaced");
+            }
+            // The learner answers each HELLO, and a later answer may have overtaken what it describes: this actor
+            // has since applied actions that the learner sent after it. Going back would wait for them for ever.
+            let behind = (0..self.halves.count() as usize).any(|half| header.step[half] < self.half[half].step);
+            if header.learner_incarnation == current && behind {
+                return Verdict::Ignored("this actor is already past it");
+            }
+        }
+        self.learner_incarnation = Some(header.learner_incarnation);
+        for (half, state) in self.half.iter_mut().enumerate() {
+            *state = HalfState {
+                step: header.step[half],
+                stage_version: header.stage_version,
+                phase: if (half as u32) < self.halves.count() {
+                    Phase::Sending { not_before: now }
+                } else {
+                    Phase::Awaiting
+                },
+            };
+        }
+        self.served_last = 1;
+        Verdict::Accepted
+    }
+
+    /// An action batch has arrived with `actions` actions. If accepted, the shell keeps them until it is told to
+    /// [`Todo::Act`].
+    pub fn on_actions(&mut self, header: &ActionHeader, actions: usize) -> Verdict {
+        if self.learner_incarnation != Some(header.learner_incarnation) {
+            return Verdict::Ignored("they come from another learner incarnation");
+        }
+        if header.half >= self.halves.count() {
+            return Verdict::Ignored("there is no such half");
+        }
+        if actions != self.halves.range(header.half).len() {
+            return Verdict::Ignored("they are for another number of environments");
+        }
+        let state = &mut self.half[header.half as usize];
+        if header.step != state.step {
+            return Verdict::Ignored("they answer another exchange");
+        }
+        if state.phase == Phase::Acting {
+            return Verdict::Ignored("this exchange has its actions already");
+        }
+        // Actions for an observation that seems unsent are its receipt: the learner has it.
+        state.phase = Phase::Acting;
+        state.stage_version = header.stage_version;
+        Verdict::Accepted
+    }
+
+    /// What to do now.
+    pub fn next(&self, now: Duration) -> Todo {
+        if self.learner_incarnation.is_none() {
+            let left = self.hello_due.saturating_sub(now);
+            return if left.is_zero() { Todo::Hello } else { Todo::Wait(left.min(WAIT_MAX)) };
+        }
+        let mut wait = WAIT_MAX;
+        for offset in 1..=self.halves.count() {
+            let half = (self.served_last + offset) % self.halves.count();
+            match self.half[half as usize].phase {
+                Phase::Acting => return Todo::Act { half },
+                Phase::Sending { not_before } if not_before <= now => return Todo::Send { half },
+                Phase::Sending { not_before } => wait = wait.min(not_before.saturating_sub(now)),
+                Phase::Awaiting => {}
+            }
+        }
+        Todo::Wait(wait)
+    }
+
+    /// A HELLO went out.
+    pub fn hello_sent(&mut self, now: Duration) {
+        self.hello_due = now + HELLO_INTERVAL;
+    }
+
+    /// The accepted actions of a half have been applied: its next observation is due.
+    ///
+    /// # Panics
+    /// If the half had none.
+    pub fn acted(&mut self, half: u32, now: Duration) {
+        let state = &mut self.half[half as usize];
+        assert_eq!(state.phase, Phase::Acting, "actions are applied when there are some");
+        state.step += 1;
+        state.phase = Phase::Sending { not_before: now };
+        // The half keeps its turn: what was simulated is sent before the other half is simulated.
+        self.served_last = (half + self.halves.count() - 1) % self.halves.count();
+    }
+
+    /// A half's observations were sent and this many subscribers got them. With none, they are due again later.
+    pub fn sent(&mut self, half: u32, receivers: usize, now: Duration) {
+        self.half[half as usize].phase =
+            if receivers == 0 { Phase::Sending { not_before: now + RESEND_INTERVAL } } else { Phase::Awaiting };
+        self.served_last = half;
+    }
+
+    /// Header of a HELLO.
+    pub fn hello_header(&self) -> ObservationHeader {
+        ObservationHeader {
+            kind: observation_kind::HELLO,
+            actor: self.actor,
+            actor_incarnation: self.incarnation,
+            ..Default::default()
+        }
+    }
+
+    /// Header of a half's observations.
+    ///
+    /// # Panics
+    /// If no restore has been accepted yet.
+    pub fn observation_header(&self, half: u32) -> ObservationHeader {
+        let state = self.half[half as usize];
+        ObservationHeader {
+            step: state.step,
+            stage_version: state.stage_version,
+            kind: observation_kind::OBSERVATIONS,
+            actor: self.actor,
+            actor_incarnation: self.incarnation,
+            learner_incarnation: self.learner_incarnation.expect("observations follow a restore"),
+            half,
+            reserved: 0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const T0: Duration = Duration::ZERO;
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    fn restore(learner_incarnation: u32, actor_incarnation: u32, step: [u64; 2]) -> RestoreHeader {
+        RestoreHeader { step, stage_version: 1, learner_incarnation, actor_incarnation }
+    }
+
+    fn actions(learner_incarnation: u32, half: u32, step: u64) -> ActionHeader {
+        ActionHeader { step, stage_version: 2, learner_incarnation, half }
+    }
+
+    /// An actor of `environments` with both halves' observations of step 10 out.
+    fn talking(environments: u32) -> Protocol {
+        let mut protocol = Protocol::new(3, 7, environments);
+        assert_eq!(protocol.on_restore(&restore(1, 0, [10, 10]), environments as usize, T0), Verdict::Accepted);
+        for half in 0..protocol.halves().count() {
+            assert_eq!(protocol.next(T0), Todo::Send { half });
+            protocol.sent(half, 1, T0);
+        }
+        protocol
+    }
+
+    fn ignored(verdict: Verdict) -> bool {
+        matches!(verdict, Verdict::Ignored(_))
+    }
+
+    #[test]
+    fn it_says_hello_until_its_restore_arrives() {
+        let mut protocol = Protocol::new(3, 7, 2);
+        assert_eq!(protocol.next(T0), Todo::Hello);
+        assert_eq!((protocol.hello_header().actor, protocol.hello_header().actor_incarnation), (3, 7));
+        protocol.hello_sent(T0);
+        assert_eq!(protocol.next(ms(1)), Todo::Wait(WAIT_MAX));
+        assert_eq!(protocol.next(ms(190)), Todo::Wait(ms(10)));
+        assert_eq!(protocol.next(ms(200)), Todo::Hello);
+        assert!(ignored(protocol.on_restore(&restore(1, 6, [0, 0]), 2, ms(200))), "for its predecessor");
+        assert!(ignored(protocol.on_restore(&restore(1, 7, [0, 0]), 3, ms(200))), "of another size");
+        assert!(ignored(protocol.on_actions(&actions(1, 0, 0), 1)));
+        assert_eq!(protocol.next(ms(200)), Todo::Hello);
+        assert_eq!(protocol.on_restore(&restore(1, 7, [4, 5]), 2, ms(200)), Verdict::Accepted);
+        assert_eq!(protocol.next(ms(200)), Todo::Send { half: 0 });
+        assert_eq!(protocol.observation_header(0).step, 4);
+        assert_eq!(protocol.observation_header(1).step, 5);
+    }
+
+    #[test]
+    fn an_exchange_advances_one_half() {
+        let mut protocol = talking(3);
+        assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
+        assert_eq!(protocol.on_actions(&actions(1, 0, 10), 2), Verdict::Accepted);
+        assert_eq!(protocol.next(T0), Todo::Act { half: 0 });
+        protocol.acted(0, T0);
+        assert_eq!(protocol.next(T0), Todo::Send { half: 0 });
+        let header = protocol.observation_header(0);
+        assert_eq!((header.step, header.stage_version, header.learner_incarnation), (11, 2, 1));
+        assert_eq!(protocol.observation_header(1).step, 10);
+        protocol.sent(0, 2, T0);
+        assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
+    }
+
+    #[test]
+    fn a_half_is_simulated_and_sent_before_the_other_is_simulated() {
+        let mut protocol = talking(4);
+        protocol.on_actions(&actions(1, 1, 10), 2);
+        protocol.on_actions(&actions(1, 0, 10), 2);
+        let mut order = vec![];
+        loop {
+            let todo = protocol.next(T0);
+            order.push(todo);
+            match todo {
+                Todo::Act { half } => protocol.acted(half, T0),
+                Todo::Send { half } => protocol.sent(half, 1, T0),
+                _ => break,
+            }
+        }
+        let turns = [Todo::Act { half: 0 }, Todo::Send { half: 0 }, Todo::Act { half: 1 }, Todo::Send { half: 1 }];
+        assert_eq!(order[..4], turns);
+    }
+
+    #[test]
+    fn duplicates_and_strangers_change_nothing() {
+        let mut protocol = talking(3);
+        for (header, count) in [
+            (actions(1, 0, 9), 2),
+            (actions(1, 0, 11), 2),
+            (actions(0, 0, 10), 2),
+            (actions(2, 0, 10), 2),
+            (actions(1, 0, 10), 1),
+            (actions(1, 2, 10), 2),
+        ] {
+            assert!(ignored(protocol.on_actions(&header, count)), "{header:?}");
+            assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
+        }
+        assert_eq!(protocol.on_actions(&actions(1, 0, 10), 2), Verdict::Accepted);
+        assert!(ignored(protocol.on_actions(&actions(1, 0, 10), 2)), "twice");
+        protocol.acted(0, T0);
+        protocol.sent(0, 1, T0);
+        assert!(ignored(protocol.on_actions(&actions(1, 0, 10), 2)), "late");
+        assert!(ignored(protocol.on_restore(&restore(0, 0, [0, 0]), 3, T0)), "of a dead learner");
+        assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
+    }
+
+    #[test]
+    fn a_new_learner_rewinds_also_in_the_middle_of_an_exchange() {
+        let mut protocol = talking(3);
+        protocol.on_actions(&actions(1, 1, 10), 1);
+        assert_eq!(protocol.on_restore(&restore(2, 0, [6, 6]), 3, T0), Verdict::Accepted);
+        assert!(ignored(protocol.on_actions(&actions(1, 0, 10), 2)), "of the old learner");
+        for half in 0..2 {
+            assert_eq!(protocol.next(T0), Todo::Send { half }, "the actions taken from the old learner are forgotten");
+            let header = protocol.observation_header(half);
+            assert_eq!((header.step, header.learner_incarnation, header.stage_version), (6, 2, 1));
+            protocol.sent(half, 1, T0);
+        }
+        assert_eq!(protocol.on_actions(&actions(2, 0, 6), 2), Verdict::Accepted);
+    }
+
+    #[test]
+    fn a_late_answer_to_a_hello_does_not_rewind() {
+        let mut protocol = talking(3);
+        protocol.on_actions(&actions(1, 0, 10), 2);
+        protocol.acted(0, T0);
+        protocol.sent(0, 1, T0);
+        assert!(ignored(protocol.on_restore(&restore(1, 7, [10, 10]), 3, T0)));
+        assert!(ignored(protocol.on_restore(&restore(1, 7, [10, 11]), 3, T0)));
+        assert_eq!(protocol.on_actions(&actions(1, 0, 11), 2), Verdict::Accepted);
+        assert_eq!(protocol.on_restore(&restore(1, 7, [12, 10]), 3, T0), Verdict::Accepted);
+        assert_eq!(protocol.observation_header(0).step, 12);
+    }
+
+    #[test]
+    fn an_observation_that_reached_nobody_is_sent_again() {
+        let mut protocol = Protocol::new(0, 1, 1);
+        protocol.on_restore(&restore(1, 0, [0, 0]), 1, T0);
+        protocol.sent(0, 0, T0);
+        assert_eq!(protocol.next(ms(20)), Todo::Wait(ms(30)));
+        assert_eq!(protocol.next(ms(50)), Todo::Send { half: 0 });
+        protocol.sent(0, 1, ms(50));
+        assert_eq!(protocol.next(ms(50)), Todo::Wait(WAIT_MAX));
+    }
+
+    #[test]
+    fn one_environment_is_one_half() {
+        let mut protocol = talking(1);
+        assert!(ignored(protocol.on_actions(&actions(1, 1, 10), 0)));
+        assert_eq!(protocol.on_actions(&actions(1, 0, 10), 1), Verdict::Accepted);
+        assert_eq!(protocol.next(T0), Todo::Act { half: 0 });
+        protocol.acted(0, T0);
+        assert_eq!(protocol.next(T0), Todo::Send { half: 0 });
+        protocol.sent(0, 1, T0);
+        assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
+    }
+
+    proptest! {
+        /// A learner that repeats, delays and restarts at random always gets each half's next observation in the end,
+        /// and never one of a step it could not have asked for.
+        #[test]
+        fn it_never_gets_stuck(environments in 1u32..6, script in prop::collection::vec(0u8..6, 1..200)) {
+            let mut protocol = Protocol::new(0, 1, environments);
+            let halves = protocol.halves();
+            let mut learner = 1;
+            // The learner's books: next exchange of each half, and how many it has answered.
+            let mut wants = [0u64; 2];
+            let mut now = T0;
+            prop_assert_eq!(protocol.on_restore(&restore(1, 0, wants), environments as usize, now), Verdict::Accepted);
+            let mut queue: Vec<ActionHeader> = vec![];
+            for event in script {
+                now += ms(10);
+                match event {
+                    // The actor does what it has to.
+                    0..=2 => match protocol.next(now) {
+                        Todo::Act { half } => protocol.acted(half, now),
+                        Todo::Send { half } => {
+                            let lost = event == 2;
+                            let header = protocol.observation_header(half);
+                            protocol.sent(half, usize::from(!lost), now);
+                            prop_assert!(header.step <= wants[half as usize]);
+                            if !lost && header.learner_incarnation == learner && header.step == wants[half as usize] {
+                                queue.push(actions(learner, half, header.step));
+                                wants[half as usize] += 1;
+                            }
+                        }
+                        _ => {}
+                    },
+                    // A batch arrives, twice.
+                    3 => if let Some(header) = queue.first().copied() {
+                        queue.remove(0);
+                        let count = halves.range(header.half).len();
+                        protocol.on_actions(&header, count);
+                        prop_assert!(ignored(protocol.on_actions(&header, count)));
+                    },
+                    // A late answer to a HELLO.
+                    4 => { protocol.on_restore(&restore(learner, 1, wants), environments as usize, now); }
+                    // The learner dies and comes back from an earlier checkpoint.
+                    _ => {
+                        learner += 1;
+                        wants = wants.map(|step| step / 2);
+                        let verdict = protocol.on_restore(&restore(learner, 0, wants), environments as usize, now);
+                        prop_assert_eq!(verdict, Verdict::Accepted);
+                    }
+                }
+            }
+            // From here on nothing is lost: each half must get through three more exchanges.
+            let goal = [wants[0] + 3, wants[1] + 3];
+            for _ in 0..100 {
+                now += ms(60);
+                for header in std::mem::take(&mut queue) {
+                    protocol.on_actions(&header, halves.range(header.half).len());
+                }
+                match protocol.next(now) {
+                    Todo::Act { half } => protocol.acted(half, now),
+                    Todo::Send { half } => {
+                        let header = protocol.observation_header(half);
+                        protocol.sent(half, 1, now);
+                        if header.step == wants[half as usize] {
+                            queue.push(actions(learner, half, header.step));
+                            wants[half as usize] += 1;
+                        }
+                    }
+                    _ => {}
+                }
+            }
+            for half in 0..halves.count() as usize {
+                prop_assert!(wants[half] >= goal[half], "half {} stands at {} of {}", half, wants[half], goal[half]);
+            }
+        }
+    }
+}

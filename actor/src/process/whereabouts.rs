@@ -1,0 +1,55 @@
+//! Which environment this thread is simulating, so that a panic deep in the physics can say where it happened.
+
+use proto::episode::EnvironmentId;
+use std::cell::Cell;
+use std::fmt;
+
+/// A place in a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Whereabouts {
+    /// Which environment.
+    pub environment: EnvironmentId,
+    /// Episode number within it.
+    pub episode: u32,
+}
+
+thread_local! {
+    static HERE: Cell<Option<Whereabouts>> = const { Cell::new(None) };
+}
+
+/// Notes where this thread is.
+pub fn enter(environment: EnvironmentId, episode: u32) {
+    HERE.set(Some(Whereabouts { environment, episode }));
+}
+
+/// Where this thread was last.
+pub fn here() -> Option<Whereabouts> {
+    HERE.get()
+}
+
+impl fmt::Display for Whereabouts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { environment, episode } = self;
+        write!(f, "kitchen {}, environment {}, episode {episode}", environment.kitchen, environment.number)
+    }
+}
+
+/// Makes a panic's last words name the place. Call once, after logging is set up.
+pub fn name_it_in_panics() {
+    std::panic::set_hook(Box::new(|panic| {
+        let place = here().map_or_else(|| "outside any episode".to_owned(), |here| format!("in {here}"));
+        tracing::error!("panic {place}: {panic}");
+    }));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::kitchen::KitchenId;
+
+    #[test]
+    fn it_reads_as_a_place() {
+        enter(EnvironmentId { kitchen: KitchenId::new(7).unwrap(), number: 2 }, 31);
+        assert_eq!(here().unwrap().to_string(), "kitchen 7, environment 2, episode 31");
+    }
+}

@@ -1,0 +1,135 @@
+//! `actor replay`: proves that recorded episodes happen again, and draws them.
+//!
+//! Input and output are the lines of [`proto::replay`]. Nothing but the configuration and the actions of an episode
+//! is needed to simulate it; every state hash on the way is compared with the recorded one.
+
+mod picture;
+
+use crate::depth::DepthCamera;
+use crate::environment::Environment;
+use crate::kitchen::Kitchen;
+use crate::process::whereabouts;
+use anyhow::{Context, Result, ensure};
+use picture::Pictures;
+use proto::action::Action;
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::kitchen::KitchenId;
+use proto::message::transition_flag;
+use proto::replay::{RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict};
+use rapier3d::math::Pose3;
+use std::collections::BTreeMap;
+use std::io::{BufRead, Write};
+use std::sync::Arc;
+
+/// Widest and highest image that is drawn, pixels.
+const SIDE_MAX: u32 = 4096;
+
+/// Reads a setup and episodes from `input` until it ends, writes a verdict on each to `output`.
+pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
+    let mut lines = input.lines();
+    let first = lines.next().context("the input is empty: its first line is the replay's setup")?;
+    let setup: ReplaySetup =
+        serde_json::from_str(&first.context("cannot read the setup")?).context("the first line is not a setup")?;
+    let config = Config::from_toml(&setup.config, "the setup's configuration")?;
+    if let Some(images) = &setup.images {
+        ensure!((1..=SIDE_MAX).contains(&images.side), "images are 1 to {SIDE_MAX} pixels wide, not {}", images.side);
+    }
+    let mut theatre = Theatre { config, images: setup.images, kitchens: BTreeMap::new(), stage: None };
+    for (number, line) in lines.enumerate() {
+        let line = line.context("cannot read an episode")?;
+        let episode: RecordedEpisode =
+            serde_json::from_str(&line).with_context(|| format!("line {} is not an episode", number + 2))?;
+        let verdict = theatre.perform(&episode)?;
+        serde_json::to_writer(&mut output, &verdict).context("cannot write a verdict")?;
+        output.write_all(b"\n").and_then(|()| output.flush()).context("cannot write a verdict")?;
+    }
+    Ok(())
+}
+
+/// Kitchens as they are needed, and the environment that was used last: episodes of one environment come in a row.
+struct Theatre {
+    config: Config,
+    images: Option<ReplayImages>,
+    kitchens: BTreeMap<KitchenId, (Arc<Kitchen>, DepthCamera)>,
+    stage: Option<(EnvironmentId, Environment)>,
+}
+
+impl Theatre {
+    fn perform(&mut self, recorded: &RecordedEpisode) -> Result<ReplayVerdict> {
+        let id = recorded.environment;
+        whereabouts::enter(id, recorded.episode);
+        ensure!(
+            recorded.actions.len() == recorded.hashes.len(),
+            "{} actions but {} hashes were recorded",
+            recorded.actions.len(),
+            recorded.hashes.len()
+        );
+        if !self.kitchens.contains_key(&id.kitchen) {
+            let kitchen = Kitchen::build(id.kitchen, &self.config.simulation)?;
+            let camera = DepthCamera::new(kitchen.bodies());
+            self.kitchens.insert(id.kitchen, (Arc::new(kitchen), camera));
+        }
+        let (kitchen, camera) = self.kitchens.get_mut(&id.kitchen).context("the kitchen was just put there")?;
+        if self.stage.as_ref().is_none_or(|(on_stage, _)| *on_stage != id) {
+            self.stage = Some((id, Environment::new(Arc::clone(kitchen), id, &self.config)?));
+        }
+        let (_, environment) = self.stage.as_mut().context("the environment was just put there")?;
+        environment.start_episode(recorded.episode);
+
+        let mut verdict = ReplayVerdict {
+            environment: id,
+            episode: recorded.episode,
+            compared: 0,
+            first_difference: None,
+            images: 0,
+        };
+        let mut pictures = match &self.images {
+            Some(images) => Some(Pictures::begin(images, recorded)?),
+            None => None,
+        };
+        let mut poses = Vec::new();
+        if let Some(hash) = recorded.start_hash {
+            compare(&mut verdict, 0, hash, environment.state_hash());
+        }
+        photograph(&mut pictures, camera, environment, &mut poses)?;
+        for (step, (&index, &hash)) in recorded.actions.iter().zip(&recorded.hashes).enumerate() {
+            let action = Action::from_index(index).with_context(|| format!("step {step}: there is no action {index}"))?;
+            let transition = environment.step(action);
+            compare(&mut verdict, step as u64 + 1, hash, transition.state_hash);
+            photograph(&mut pictures, camera, environment, &mut poses)?;
+            if transition.flags & transition_flag::ENDED != 0 && step + 1 < recorded.actions.len() {
+                // The recorded episode went on: whatever comes now differs.
+                verdict.first_difference.get_or_insert(step as u64 + 2);
+                break;
+            }
+        }
+        if let Some(pictures) = pictures {
+            verdict.images = pictures.finish()?;
+        }
+        Ok(verdict)
+    }
+}
+
+fn compare(verdict: &mut ReplayVerdict, step: u64, recorded: u64, simulated: u64) {
+    verdict.compared += 1;
+    if recorded != simulated && verdict.first_difference.is_none() {
+        verdict.first_difference = Some(step);
+    }
+}
+
+fn photograph(
+    pictures: &mut Option<Pictures>,
+    camera: &mut DepthCamera,
+    environment: &Environment,
+    poses: &mut Vec<Pose3>,
+) -> Result<()> {
+    if let Some(pictures) = pictures {
+        environment.world_from_bodies(poses);
+        let frame = pictures.frame();
+        let side = frame.side;
+        camera.render(poses, environment.world_from_camera(), side, frame.depth_mm);
+        pictures.keep()?;
+    }
+    Ok(())
+}

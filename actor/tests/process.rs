@@ -1,0 +1,346 @@
+//! The actor program against a stand-in for the learner, over real shared memory, with real kills.
+
+use proto::action::{ACTION_COUNT, Action, HOLD};
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::message::{
+    ActionHeader, EnvironmentState, Halves, Observation, RestoreHeader, current_flag, observation_kind, transition_flag,
+};
+use proto::random::{Key, Purpose};
+use proto::wire::{
+    ActionPublisher, Bell, ObservationSubscriber, RestorePublisher, UpdateConnections, Wakeup, Wire, WireAddress,
+    WireHost, WireShape,
+};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+const ENVIRONMENTS: u32 = 3;
+const ANSWER_DEADLINE: Duration = Duration::from_secs(60);
+
+/// A run folder, the services of one actor, and a learner that chooses actions by a counter.
+struct Stand {
+    folder: tempfile::TempDir,
+    host: WireHost,
+    observations: ObservationSubscriber,
+    wakeup: Wakeup,
+    actions: ActionPublisher,
+    restores: RestorePublisher,
+    bell: Bell,
+    learner_incarnation: u32,
+    /// Next observation that counts, of each half: those before it were answered.
+    next: [u64; 2],
+    states: Vec<EnvironmentState>,
+    /// Bytes of every observation that counted, by (step, environment).
+    seen: BTreeMap<(u64, u32), Vec<u8>>,
+    hellos: Vec<u32>,
+    /// The step at which every environment is told to hold.
+    hold_at: Option<u64>,
+}
+
+impl Stand {
+    fn new(test: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let mut config = Config::default();
+        config.actors.count = 1;
+        config.actors.environments_per_actor = ENVIRONMENTS;
+        config.episode.max_steps = 9;
+        config.recording.depth_share = 0.5;
+        std::fs::write(folder.path().join("config.toml"), config.to_toml()).unwrap();
+        let address = WireAddress::new(&format!("actor{test}{}", std::process::id()), 1);
+        let shape = WireShape { actors: 1, environments_per_actor: ENVIRONMENTS };
+        let host = WireHost::create(&address, shape).unwrap();
+        let wire = Wire::join(&address, shape, "learner-0").unwrap();
+        Self {
+            observations: wire.observation_subscriber().unwrap(),
+            wakeup: wire.observations_wakeup().unwrap(),
+            actions: wire.action_publisher(0).unwrap(),
+            restores: wire.restore_publisher(0).unwrap(),
+            bell: wire.actions_bell(0).unwrap(),
+            folder,
+            host,
+            learner_incarnation: 1,
+            next: [0; 2],
+            states: vec![EnvironmentState::start_of(0); ENVIRONMENTS as usize],
+            seen: BTreeMap::new(),
+            hellos: vec![],
+            hold_at: None,
+        }
+    }
+
+    fn config(&self) -> PathBuf {
+        self.folder.path().join("config.toml")
+    }
+
+    fn spawn(&self, incarnation: u32, fault: Option<&str>) -> Actor {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_actor"));
+        command.args(["--actor", "0", "--lifeline", "--incarnation", &incarnation.to_string()]);
+        command.args(["--wire", &self.host.address().to_string()]).arg("--config").arg(self.config());
+        if let Some(fault) = fault {
+            command.env(proto::fault::VARIABLE, fault);
+        }
+        Actor(command.stdin(Stdio::piped()).spawn().unwrap())
+    }
+
+    fn restore(&self, actor_incarnation: u32) {
+        // A subscriber that came after the last send is found by this.
+        self.restores.update_connections().unwrap();
+        let mut sample = self.restores.loan_slice_uninit(self.states.len()).unwrap();
+        *sample.user_header_mut() = RestoreHeader {
+            step: self.next,
+            stage_version: 7,
+            learner_incarnation: self.learner_incarnation,
+            actor_incarnation,
+        };
+        sample.write_from_slice(&self.states).send().unwrap();
+        self.bell.notify().unwrap();
+    }
+
+    /// Receives and answers until the observation of `step` has come from both halves, and answers that too if
+    /// `answer_last`.
+    fn run_to(&mut self, step: u64) {
+        let deadline = Instant::now() + ANSWER_DEADLINE;
+        while self.next.iter().any(|&next| next <= step) {
+            assert!(Instant::now() < deadline, "no observation of step {step}; next are {:?}", self.next);
+            self.wakeup.timed_wait(|_| {}, Duration::from_millis(50)).unwrap();
+            self.serve(step);
+        }
+    }
+
+    fn serve(&mut self, last: u64) {
+        while let Some(sample) = self.observations.receive().unwrap() {
+            let header = *sample.user_header();
+            assert_eq!(header.actor, 0);
+            if header.kind == observation_kind::HELLO {
+                self.hellos.push(header.actor_incarnation);
+                self.restore(header.actor_incarnation);
+                continue;
+            }
+            let next = self.next[header.half as usize];
+            if header.learner_incarnation != self.learner_incarnation || header.step != next || next > last {
+                continue;
+            }
+            let range = Halves::of(ENVIRONMENTS).range(header.half);
+            assert_eq!(sample.payload().len(), range.len());
+            let mut actions = vec![];
+            for (environment, observation) in range.zip(sample.payload()) {
+                self.seen.insert((header.step, environment as u32), bytes(observation));
+                assert_eq!(observation.environment as usize, environment);
+                let current = observation.current;
+                assert_eq!(current.flags & current_flag::EPISODE_START != 0, current.step == 0);
+                if observation.transition.flags & transition_flag::ENDED != 0 {
+                    assert_eq!(current.episode, observation.transition.episode + 1);
+                    self.states[environment] = EnvironmentState::start_of(current.episode);
+                }
+                let state = &mut self.states[environment];
+                assert_eq!((current.episode, current.step), (state.episode, state.action_count));
+                if self.hold_at == Some(header.step) {
+                    actions.push(HOLD);
+                } else {
+                    let action = chosen(environment as u32, state);
+                    state.push(action);
+                    actions.push(action);
+                }
+            }
+            let mut sample = self.actions.loan_slice_uninit(actions.len()).unwrap();
+            *sample.user_header_mut() = ActionHeader {
+                step: header.step,
+                stage_version: 7,
+                learner_incarnation: self.learner_incarnation,
+                half: header.half,
+            };
+            sample.write_from_slice(&actions).send().unwrap();
+            self.bell.notify().unwrap();
+            self.next[header.half as usize] += 1;
+        }
+    }
+
+    /// Ends the stand; nothing may be left of it.
+    fn end(self) {
+        let address = self.host.address().clone();
+        drop(self);
+        address.sweep().unwrap();
+        let left: Vec<_> = std::fs::read_dir("/dev/shm")
+            .unwrap()
+            .filter_map(|entry| entry.unwrap().file_name().into_string().ok())
+            .filter(|name| name.starts_with(address.prefix()))
+            .collect();
+        assert!(left.is_empty(), "{left:?}");
+        assert!(!address.root().exists());
+    }
+}
+
+/// A child that never outlives its test.
+struct Actor(Child);
+
+impl Actor {
+    fn kill(mut self) {
+        self.0.kill().unwrap();
+        self.0.wait().unwrap();
+    }
+
+    fn code_within(&mut self, limit: Duration) -> Option<i32> {
+        let deadline = Instant::now() + limit;
+        while Instant::now() < deadline {
+            if let Some(status) = self.0.try_wait().unwrap() {
+                return Some(status.code().unwrap_or(-1));
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        None
+    }
+}
+
+impl Drop for Actor {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Any action, Done included, as a function of environment, episode and step alone.
+fn chosen(environment: u32, state: &EnvironmentState) -> u8 {
+    let id = EnvironmentId::of(0, environment, ENVIRONMENTS);
+    let key = Key {
+        seed: 5,
+        purpose: Purpose::RandomPolicy,
+        kitchen: id.kitchen.number(),
+        environment,
+        episode: state.episode,
+        step: state.action_count,
+    };
+    Action::ALL[key.stream().below(ACTION_COUNT as u32) as usize].index()
+}
+
+fn bytes(observation: &Observation) -> Vec<u8> {
+    // SAFETY: an Observation has no padding (its size is asserted to be the sum of its fields') and no pointers.
+    unsafe { std::slice::from_raw_parts(std::ptr::from_ref(observation).cast::<u8>(), size_of::<Observation>()) }
+        .to_vec()
+}
+
+fn assert_same(a: &BTreeMap<(u64, u32), Vec<u8>>, b: &BTreeMap<(u64, u32), Vec<u8>>, steps: std::ops::Range<u64>) {
+    for step in steps {
+        for environment in 0..ENVIRONMENTS {
+            let key = (step, environment);
+            assert!(a[&key] == b[&key], "the observation of step {step}, environment {environment} differs");
+        }
+    }
+}
+
+/// What an undisturbed actor says in exchanges 0..=last.
+fn undisturbed(test: &str, last: u64) -> BTreeMap<(u64, u32), Vec<u8>> {
+    let mut stand = Stand::new(test);
+    let actor = stand.spawn(1, None);
+    stand.run_to(last);
+    actor.kill();
+    let seen = std::mem::take(&mut stand.seen);
+    stand.end();
+    seen
+}
+
+#[test]
+fn a_killed_actor_and_a_new_learner_change_no_byte() {
+    const LAST: u64 = 200;
+    let expected = undisturbed("calm", LAST);
+    let frames: std::collections::BTreeSet<&[u8]> =
+        expected.values().map(|bytes| &bytes[proto::message::DEPTH_OFFSET..]).collect();
+    assert!(frames.len() > 100, "the frames show what happens: {} are different", frames.len());
+
+    let mut stand = Stand::new("rough");
+    let mut actor = stand.spawn(1, None);
+    // Killed by us, with its answers on the way.
+    stand.run_to(57);
+    actor.kill();
+    stand.host.sweep_dead();
+    // Killed by itself at each step of the protocol.
+    let faults = ["actor.after_hello", "actor.before_rebuild", "actor.after_rebuild", "actor.after_receive:9",
+                  "actor.before_send:11", "actor.after_send:13"];
+    let mut incarnation = 2;
+    for fault in faults {
+        let mut faulty = stand.spawn(incarnation, Some(fault));
+        let deadline = Instant::now() + ANSWER_DEADLINE;
+        while faulty.0.try_wait().unwrap().is_none() {
+            assert!(Instant::now() < deadline, "{fault} was never reached");
+            stand.wakeup.timed_wait(|_| {}, Duration::from_millis(20)).unwrap();
+            stand.serve(LAST);
+        }
+        stand.host.sweep_dead();
+        incarnation += 1;
+    }
+    actor = stand.spawn(incarnation, None);
+    stand.run_to(120);
+    assert_same(&expected, &stand.seen, 0..120);
+    assert!((1..=incarnation).all(|n| stand.hellos.contains(&n)), "{:?}", stand.hellos);
+
+    // A learner that comes back from a checkpoint: the actor, still running, rewinds.
+    let (next, states) = (stand.next, stand.states.clone());
+    stand.run_to(150);
+    (stand.next, stand.states) = (next, states);
+    stand.learner_incarnation = 2;
+    stand.seen.retain(|&(step, _), _| step <= 120);
+    stand.restore(0);
+    stand.run_to(LAST);
+    assert_same(&expected, &stand.seen, 0..LAST);
+    actor.kill();
+    stand.end();
+}
+
+#[test]
+fn hold_shows_the_same_again_without_a_transition() {
+    let mut stand = Stand::new("hold");
+    stand.hold_at = Some(4);
+    let actor = stand.spawn(1, None);
+    stand.run_to(6);
+    for environment in 0..ENVIRONMENTS {
+        let (before, held) = (&stand.seen[&(4, environment)], &stand.seen[&(5, environment)]);
+        let transition = size_of::<proto::message::Transition>();
+        assert!(before[transition..] == held[transition..], "what is seen stays");
+        assert!(held[..transition].iter().all(|&byte| byte == 0), "nothing was done");
+        assert!(stand.seen[&(6, environment)][..transition].iter().any(|&byte| byte != 0), "it goes on");
+    }
+    actor.kill();
+    stand.end();
+}
+
+#[test]
+fn it_ends_with_its_lifeline_also_when_nobody_reads() {
+    let stand = Stand::new("lifeline");
+    let mut actor = stand.spawn(1, None);
+    // Nobody receives: HELLOs fill the learner's queue and the next one blocks.
+    let deadline = Instant::now() + ANSWER_DEADLINE;
+    while !stand.observations.has_samples().unwrap() {
+        assert!(Instant::now() < deadline, "no HELLO");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(700));
+    let interrupt = Command::new("kill").args(["-INT", &actor.0.id().to_string()]).status().unwrap();
+    assert!(interrupt.success());
+    assert_eq!(actor.code_within(Duration::from_millis(200)), None, "Ctrl-C is the orchestrator's");
+    drop(actor.0.stdin.take());
+    assert_eq!(actor.code_within(Duration::from_secs(1)), Some(0));
+    stand.end();
+}
+
+#[test]
+fn bad_settings_are_named_once() {
+    let stand = Stand::new("bad");
+    let address = stand.host.address().to_string();
+    let config = stand.config();
+    let config = config.to_str().unwrap();
+    let run = |actor: &str, config: &str| {
+        let output = Command::new(env!("CARGO_BIN_EXE_actor"))
+            .args(["--actor", actor, "--wire", &address, "--config", config])
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (code, text) = run("4", config);
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("there is no actor 4"), "{text}");
+    let (code, text) = run("0", "/nowhere/config.toml");
+    assert_eq!(code, Some(1), "{text}");
+    assert_eq!(text.matches("/nowhere/config.toml").count(), 1, "{text}");
+    stand.end();
+}
