@@ -1,12 +1,23 @@
-//! One environment: an episode of the task in a kitchen.
+//! One environment: an episode of the task in a kitchen. What an action did becomes a [`Transition`], what is seen now
+//! a [`Current`].
 
+use crate::episode::{Episode, at_goal};
 use crate::kitchen::Kitchen;
-use proto::action::Action;
-use proto::config::Config;
+use crate::robot::configuration::Configuration;
+use crate::robot::links::world_from_camera;
+use crate::simulation::Simulation;
+use proto::action::{Action, NO_ACTION};
+use proto::config::{Config, EpisodeConfig};
 use proto::episode::EnvironmentId;
-use proto::message::{Current, Transition};
-use rapier3d::math::Pose3;
+use proto::message::{Current, Transition, current_flag, transition_flag};
+use proto::random::{Key, Purpose};
+use proto::reward::{OBJECT_DISPLACEMENT_CAP_M, RewardParts};
+use rapier3d::math::{Pose3, Vec3};
 use std::sync::Arc;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// An object that moved further than this on some axis is disturbed, metres (reference).
+pub const DISTURBED_AXIS_M: f32 = 0.01;
 
 /// Why an environment could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -22,50 +33,325 @@ pub enum EnvironmentError {
 }
 
 /// One environment: episode, physics world, robot and reward parts.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Environment {
     kitchen: Arc<Kitchen>,
+    id: EnvironmentId,
+    seed: u64,
+    settings: EpisodeConfig,
+    substeps: u32,
+    depth_share: f64,
+    episode_number: u32,
+    episode: Episode,
+    record_depth: bool,
+    target: usize,
+    simulation: Simulation,
+    // Where every movable thing stood at step 0.
+    origins: Vec<Vec3>,
+    step: u32,
+    previous_action: u8,
+    ended: bool,
+    // Distances after the last step; none before the first, whose progress is 0 by definition.
+    distances: Option<Distances>,
+    disturbance_m: f64,
+    peak_disturbance_m: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Distances {
+    wrist_object_m: f32,
+    object_goal_m: f32,
 }
 
 impl Environment {
     /// An environment at the start of its episode 0.
     pub fn new(kitchen: Arc<Kitchen>, id: EnvironmentId, config: &Config) -> Result<Self, EnvironmentError> {
-        let _ = config;
         if kitchen.id() != id.kitchen {
             return Err(EnvironmentError::WrongKitchen { wanted: id.kitchen, given: kitchen.id() });
         }
-        Ok(Self { kitchen })
+        let episode = Episode::sample(&kitchen, &config.episode, config.seed, id, 0);
+        Ok(Self::with_episode(kitchen, id, config, 0, episode))
+    }
+
+    /// An environment at the start of a given episode: evaluation and tests choose their own.
+    pub fn with_episode(
+        kitchen: Arc<Kitchen>,
+        id: EnvironmentId,
+        config: &Config,
+        episode_number: u32,
+        episode: Episode,
+    ) -> Self {
+        let simulation = begin(&kitchen, config.simulation.substeps, &episode);
+        let target = kitchen.targets[usize::from(episode.category.index())].movable;
+        let mut environment = Self {
+            kitchen,
+            id,
+            seed: config.seed,
+            settings: config.episode,
+            substeps: config.simulation.substeps,
+            depth_share: if config.recording.enabled { config.recording.depth_share } else { 0.0 },
+            episode_number,
+            episode,
+            record_depth: false,
+            target,
+            simulation,
+            origins: Vec::new(),
+            step: 0,
+            previous_action: NO_ACTION,
+            ended: false,
+            distances: None,
+            disturbance_m: 0.0,
+            peak_disturbance_m: 0.0,
+        };
+        environment.begin_counting();
+        environment
     }
 
     /// Resets to the settled kitchen and samples the episode with this number.
     pub fn start_episode(&mut self, episode: u32) {
-        let _ = episode;
+        self.episode = Episode::sample(&self.kitchen, &self.settings, self.seed, self.id, episode);
+        self.episode_number = episode;
+        self.target = self.kitchen.targets[usize::from(self.episode.category.index())].movable;
+        self.simulation = begin(&self.kitchen, self.substeps, &self.episode);
+        self.begin_counting();
+    }
+
+    /// Notes step 0: from here on every displacement counts.
+    fn begin_counting(&mut self) {
+        let key = Key::episode(self.seed, Purpose::Recording, self.id.kitchen, self.id.number, self.episode_number);
+        self.record_depth = key.stream().uniform_open() < self.depth_share;
+        self.origins.clear();
+        for movable in 0..self.simulation.movable_count() {
+            self.origins.push(self.simulation.movable_pose(movable).translation);
+        }
+        self.step = 0;
+        self.previous_action = NO_ACTION;
+        self.ended = false;
+        self.distances = None;
+        self.disturbance_m = 0.0;
+        self.peak_disturbance_m = 0.0;
     }
 
     /// Takes one action. Never resets by itself: the flags say when the episode has ended.
+    ///
+    /// # Panics
+    /// If the episode has ended: the caller starts the next one first.
     pub fn step(&mut self, action: Action) -> Transition {
-        let _ = action;
-        unimplemented!("comes with the physics")
+        assert!(!self.ended, "the episode has ended: start the next one before the next action");
+        let was_holding = self.simulation.holding();
+        let mut flags = transition_flag::VALID;
+        let succeeded = match action {
+            Action::PickUpMidLevel => self.simulation.pick_up(self.target),
+            Action::DoneMidLevel => {
+                self.simulation.idle();
+                was_holding && at_goal(self.target_position(), self.episode.goal)
+            }
+            Action::LookUp | Action::LookDown => match self.simulation.configuration().after(action) {
+                Some(next) => {
+                    self.simulation.look(next);
+                    true
+                }
+                None => self.stand_still(),
+            },
+            _ => match self.simulation.configuration().after(action) {
+                Some(next) => self.simulation.perform(next),
+                None => self.stand_still(),
+            },
+        };
+        let holding = self.simulation.holding();
+        let picked_up = holding && !was_holding;
+        let goal_success = action == Action::DoneMidLevel && succeeded;
+        let index = self.step;
+        self.step += 1;
+        self.previous_action = action.index();
+        for (set, flag) in [
+            (!succeeded, transition_flag::ACTION_FAILED),
+            (holding, transition_flag::HOLDING),
+            (picked_up, transition_flag::PICKED_UP),
+            (action == Action::DoneMidLevel, transition_flag::DONE | transition_flag::ENDED),
+            (goal_success, transition_flag::SUCCESS),
+        ] {
+            if set {
+                flags |= flag;
+            }
+        }
+        if action != Action::DoneMidLevel && self.step >= self.settings.max_steps {
+            flags |= transition_flag::TIME_LIMIT | transition_flag::ENDED;
+        }
+        self.ended = flags & transition_flag::ENDED != 0;
+
+        let now = Distances {
+            wrist_object_m: (self.simulation.wrist() - self.target_position()).length(),
+            object_goal_m: (self.target_position() - self.episode.goal).length(),
+        };
+        let before = self.distances.replace(now).unwrap_or(now);
+        let (disturbance_m, disturbed_objects) = self.disturbance();
+        let disturbance_before_m = std::mem::replace(&mut self.disturbance_m, disturbance_m);
+        self.peak_disturbance_m = self.peak_disturbance_m.max(disturbance_m);
+        let one_if = |condition: bool| f32::from(u8::from(condition));
+        Transition {
+            state_hash: self.state_hash(),
+            episode: self.episode_number,
+            step: index,
+            flags,
+            action: u32::from(action.index()),
+            reward: RewardParts {
+                wrist_object_progress_m: before.wrist_object_m - now.wrist_object_m,
+                object_goal_progress_m: before.object_goal_m - now.object_goal_m,
+                disturbance_progress_m: (disturbance_before_m - disturbance_m) as f32,
+                failed_action: one_if(!succeeded),
+                picked_up: one_if(picked_up),
+                goal_success: one_if(goal_success),
+            },
+            disturbance_m: disturbance_m as f32,
+            peak_disturbance_m: self.peak_disturbance_m as f32,
+            wrist_object_m: now.wrist_object_m,
+            object_goal_m: now.object_goal_m,
+            disturbed_objects,
+            target: u32::from(self.episode.category.index()),
+        }
     }
 
     /// What is seen now.
     pub fn current(&self) -> Current {
-        unimplemented!("comes with the physics")
+        let configuration = self.simulation.configuration();
+        let (wrist, target, goal) = (self.simulation.wrist(), self.target_position(), self.episode.goal);
+        let robot_from_world = crate::physics::geometry::rotation_y(-configuration.yaw_rad());
+        let mut flags = 0;
+        for (set, flag) in [
+            (self.step == 0, current_flag::EPISODE_START),
+            (self.simulation.holding(), current_flag::HOLDING),
+            (self.record_depth, current_flag::RECORD_DEPTH),
+        ] {
+            if set {
+                flags |= flag;
+            }
+        }
+        Current {
+            state_hash: self.state_hash(),
+            episode: self.episode_number,
+            step: self.step,
+            flags,
+            target: u32::from(self.episode.category.index()),
+            previous_action: u32::from(self.previous_action),
+            wrist_to_object_m: (robot_from_world * (target - wrist)).to_array(),
+            object_to_goal_m: (robot_from_world * (goal - target)).to_array(),
+            base_position_m: [configuration.x_m, configuration.z_m],
+            base_yaw_rad: configuration.yaw_rad(),
+            camera_pitch_rad: configuration.camera_pitch_rad(),
+            wrist_position_m: wrist.to_array(),
+            target_position_m: target.to_array(),
+            goal_position_m: goal.to_array(),
+            reserved: 0,
+        }
     }
 
-    /// Hash of the state.
+    /// Hash of everything that the future depends on: episode, step, every movable thing's pose, velocity and sleep,
+    /// the robot's configuration, and whether it holds the target.
     pub fn state_hash(&self) -> u64 {
-        0
+        let mut bytes: Vec<u8> = Vec::with_capacity(4096);
+        let mut word = |value: u32| bytes.extend_from_slice(&value.to_le_bytes());
+        word(self.episode_number);
+        word(self.step);
+        for movable in 0..self.simulation.movable_count() {
+            let pose = self.simulation.movable_pose(movable);
+            let (linear, angular, sleeping) = self.simulation.movable_motion(movable);
+            for vector in [pose.translation, linear, angular] {
+                vector.to_array().map(f32::to_bits).into_iter().for_each(&mut word);
+            }
+            pose.rotation.to_array().map(f32::to_bits).into_iter().for_each(&mut word);
+            word(u32::from(sleeping));
+        }
+        let configuration = self.simulation.configuration();
+        word(configuration.x_m.to_bits());
+        word(configuration.z_m.to_bits());
+        let [x, y, z] = configuration.wrist_ticks;
+        for ticks in [
+            configuration.yaw_ticks,
+            configuration.look_ticks,
+            configuration.height_ticks,
+            x,
+            y,
+            z,
+            configuration.elbow_ticks,
+            configuration.wrist_yaw_ticks,
+            configuration.wrist_pitch_ticks,
+        ] {
+            word(ticks.cast_unsigned());
+        }
+        word(u32::from(self.simulation.holding()));
+        xxh3_64(&bytes)
     }
 
     /// Pose of the head camera: x right, y up, looks along +z.
     pub fn world_from_camera(&self) -> Pose3 {
-        Pose3::identity()
+        let configuration = self.simulation.configuration();
+        world_from_camera(&configuration.posture(), configuration.camera_pitch_rad())
     }
 
     /// Pose of every body of [`Kitchen::bodies`], in order.
     pub fn world_from_bodies(&self, out: &mut Vec<Pose3>) {
         out.clear();
-        out.extend_from_slice(self.kitchen.settled_poses());
+        out.extend_from_slice(&self.kitchen.settled_poses()[self.kitchen.static_bodies()]);
+        out.extend((0..self.simulation.movable_count()).map(|movable| *self.simulation.movable_pose(movable)));
+        // The robot's body is not drawn: the camera sits inside it.
+        out.extend_from_slice(&self.simulation.part_poses()[1..]);
     }
+
+    /// The kitchen.
+    pub fn kitchen(&self) -> &Arc<Kitchen> {
+        &self.kitchen
+    }
+
+    /// The task.
+    pub fn episode(&self) -> &Episode {
+        &self.episode
+    }
+
+    /// Whether the episode has ended.
+    pub fn ended(&self) -> bool {
+        self.ended
+    }
+
+    /// The robot's configuration.
+    pub fn robot(&self) -> &Configuration {
+        self.simulation.configuration()
+    }
+
+    /// The physics beneath, to look at.
+    pub fn simulation(&self) -> &Simulation {
+        &self.simulation
+    }
+
+    fn target_position(&self) -> Vec3 {
+        self.simulation.movable_pose(self.target).translation
+    }
+
+    fn stand_still(&mut self) -> bool {
+        self.simulation.idle();
+        false
+    }
+
+    /// Total displacement of all movable things but the target, metres, and how many are disturbed.
+    fn disturbance(&self) -> (f64, u32) {
+        let mut total_m = 0.0_f64;
+        let mut disturbed = 0;
+        for (movable, origin) in self.origins.iter().enumerate() {
+            if movable == self.target {
+                continue;
+            }
+            let moved = self.simulation.movable_pose(movable).translation - *origin;
+            total_m += f64::from(moved.length().min(OBJECT_DISPLACEMENT_CAP_M));
+            disturbed += u32::from(moved.abs().max_element() > DISTURBED_AXIS_M);
+        }
+        (total_m, disturbed)
+    }
+}
+
+/// The settled kitchen as an episode begins in it.
+fn begin(kitchen: &Arc<Kitchen>, substeps: u32, episode: &Episode) -> Simulation {
+    let Episode { category, start, stand, .. } = episode;
+    let target = kitchen.targets[usize::from(category.index())].movable;
+    let configuration = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
+    Simulation::start(Arc::clone(kitchen), substeps, configuration, target, *start)
 }

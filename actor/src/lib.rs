@@ -3,7 +3,11 @@
 pub mod bench;
 pub mod depth;
 pub mod environment;
+pub mod episode;
 pub mod kitchen;
+pub mod physics;
 pub mod process;
 pub mod replay;
+pub mod robot;
 pub mod shape;
+pub mod simulation;

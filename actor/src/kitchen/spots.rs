@@ -1,0 +1,151 @@
+//! Where an episode can begin and end: free floor for the robot, free places for the target.
+
+use super::layout::Surface;
+use super::placement::DROP_M;
+use crate::physics::geometry::Solid;
+use crate::physics::scene::Scene;
+use crate::robot::configuration::Configuration;
+use crate::robot::links::{BODY_HEIGHT_M, BODY_RADIUS_M, PART_COUNT, part_poses};
+use rapier3d::geometry::Aabb;
+use rapier3d::math::{Pose3, Vec3};
+use rapier3d::parry::bounding_volume::BoundingVolume;
+
+/// Grid of robot positions, metres (AI2-THOR's default grid).
+const FLOOR_GRID_M: f32 = 0.25;
+/// Room that a robot position leaves about the body, metres.
+const FLOOR_CLEARANCE_M: f32 = 0.03;
+/// Grid of target positions, metres.
+const SPOT_GRID_M: f32 = 0.05;
+/// Room that a target position leaves to everything else, metres.
+const SPOT_CLEARANCE_M: f32 = 0.02;
+/// A spot counts only if the robot can stand this near to it on the floor plane, metres.
+const SPOT_REACH_M: f32 = 0.78;
+
+/// A robot pose at which an episode can begin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stand {
+    /// World x, metres.
+    pub x_m: f32,
+    /// World z, metres.
+    pub z_m: f32,
+    /// Yaw in turns of 45 degrees.
+    pub yaw_ticks: i32,
+}
+
+/// Robot poses whose body and arm touch nothing, in the largest connected part of the free floor.
+pub fn stands(floor: (Vec3, Vec3), scene: &Scene, movables: &[Aabb], parts: &[Solid; PART_COUNT]) -> Vec<Stand> {
+    let (low, high) = floor;
+    let columns = ((high.x - low.x) / FLOOR_GRID_M) as usize;
+    let rows = ((high.z - low.z) / FLOOR_GRID_M) as usize;
+    let at = |cell: usize| {
+        let (column, row) = (cell % columns, cell / columns);
+        (low.x + (column as f32 + 0.5) * FLOOR_GRID_M, low.z + (row as f32 + 0.5) * FLOOR_GRID_M)
+    };
+    let free: Vec<bool> = (0..columns * rows)
+        .map(|cell| {
+            let (x, z) = at(cell);
+            let reach = BODY_RADIUS_M + FLOOR_CLEARANCE_M;
+            let body = Aabb::new(Vec3::new(x - reach, 0.01, z - reach), Vec3::new(x + reach, BODY_HEIGHT_M, z + reach));
+            !scene.meets_aabb(&body) && !movables.iter().any(|other| other.intersects(&body))
+        })
+        .collect();
+    let mut result = Vec::new();
+    for cell in largest_component(&free, columns) {
+        let (x_m, z_m) = at(cell);
+        for yaw_ticks in 0..8 {
+            let configuration = Configuration::start(x_m, z_m, yaw_ticks);
+            let Ok(poses) = part_poses(&configuration.posture()) else { continue };
+            // The body was checked above; the arm's links remain.
+            let clear = parts.iter().zip(&poses).skip(1).all(|(part, pose)| {
+                let aabb = part.aabb(pose).loosened(FLOOR_CLEARANCE_M);
+                !scene.meets_aabb(&aabb) && !movables.iter().any(|other| other.intersects(&aabb))
+            });
+            if clear {
+                result.push(Stand { x_m, z_m, yaw_ticks });
+            }
+        }
+    }
+    result
+}
+
+/// Cells of the largest four-connected set of free cells, ascending.
+fn largest_component(free: &[bool], columns: usize) -> Vec<usize> {
+    let mut seen = vec![false; free.len()];
+    let mut best: Vec<usize> = Vec::new();
+    for first in 0..free.len() {
+        if !free[first] || seen[first] {
+            continue;
+        }
+        let mut component = vec![first];
+        seen[first] = true;
+        let mut next = 0;
+        while next < component.len() {
+            let cell = component[next];
+            next += 1;
+            let column = cell % columns;
+            let neighbours = [
+                (column > 0).then(|| cell - 1),
+                (column + 1 < columns).then_some(cell + 1),
+                cell.checked_sub(columns),
+                (cell + columns < free.len()).then_some(cell + columns),
+            ];
+            for neighbour in neighbours.into_iter().flatten() {
+                if free[neighbour] && !seen[neighbour] {
+                    seen[neighbour] = true;
+                    component.push(neighbour);
+                }
+            }
+        }
+        if component.len() > best.len() {
+            best = component;
+        }
+    }
+    best.sort_unstable();
+    best
+}
+
+/// Places where a thing can stand: unturned, clear of everything, within the robot's reach from somewhere. `others`
+/// are all other movable things.
+pub fn target_spots(
+    solid: &Solid,
+    surfaces: &[Surface],
+    scene: &Scene,
+    others: &[(&Solid, &Pose3)],
+    stands: &[Stand],
+) -> Vec<Vec3> {
+    let about_origin = solid.aabb(&Pose3::identity());
+    let other_aabbs: Vec<Aabb> = others.iter().map(|(other, pose)| other.aabb(pose)).collect();
+    let mut spots = Vec::new();
+    for surface in surfaces {
+        let columns = ((surface.high.x - surface.low.x) / SPOT_GRID_M) as u32;
+        let rows = ((surface.high.z - surface.low.z) / SPOT_GRID_M) as u32;
+        for row in 0..rows {
+            for column in 0..columns {
+                let spot = Vec3::new(
+                    surface.low.x + (column as f32 + 0.5) * SPOT_GRID_M,
+                    surface.low.y - about_origin.mins.y + DROP_M,
+                    surface.low.z + (row as f32 + 0.5) * SPOT_GRID_M,
+                );
+                let aabb = Aabb::new(about_origin.mins + spot, about_origin.maxs + spot);
+                // Lifted, so that the surface itself does not count as in the way.
+                let lift = Vec3::new(0.0, SPOT_CLEARANCE_M, 0.0);
+                let wide = aabb.loosened(SPOT_CLEARANCE_M);
+                let above = Aabb::new(wide.mins + lift, wide.maxs + lift);
+                let near = |stand: &Stand| {
+                    let (x, z) = (stand.x_m - spot.x, stand.z_m - spot.z);
+                    x * x + z * z <= SPOT_REACH_M * SPOT_REACH_M
+                };
+                let crowded = || {
+                    others.iter().zip(&other_aabbs).any(|((other, pose), other_aabb)| {
+                        other_aabb.intersects(&wide)
+                            && solid.nearer_than(&Pose3::from_translation(spot), other, pose, SPOT_CLEARANCE_M)
+                    })
+                };
+                if surface.carries(&aabb) && !scene.meets_aabb(&above) && stands.iter().any(near) && !crowded() {
+                    spots.push(spot);
+                }
+            }
+        }
+    }
+    spots
+}

@@ -1,0 +1,76 @@
+//! The fixed scene: what never moves, indexed for one question: does this solid stand in it?
+//!
+//! Kinematic bodies pass through fixed ones in rapier, so the robot asks here before each sub-step.
+
+use super::geometry::Solid;
+use rapier3d::geometry::{Aabb, SharedShape};
+use rapier3d::math::Pose3;
+use rapier3d::parry::bounding_volume::BoundingVolume;
+use rapier3d::parry::query;
+
+/// All convex parts of all fixed bodies.
+#[derive(Clone, Default)]
+pub struct Scene {
+    aabbs: Vec<Aabb>,
+    parts: Vec<(SharedShape, Pose3)>,
+}
+
+impl std::fmt::Debug for Scene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Scene({} parts)", self.parts.len())
+    }
+}
+
+impl Scene {
+    /// Adds a fixed body.
+    pub fn add(&mut self, solid: &Solid, world_from_body: &Pose3) {
+        for (shape, body_from_part) in &solid.parts {
+            let pose = *world_from_body * *body_from_part;
+            self.aabbs.push(shape.compute_aabb(&pose));
+            self.parts.push((shape.clone(), pose));
+        }
+    }
+
+    /// Bounding boxes of the parts.
+    pub fn aabbs(&self) -> &[Aabb] {
+        &self.aabbs
+    }
+
+    /// Whether any part's bounding box meets this one.
+    pub fn meets_aabb(&self, aabb: &Aabb) -> bool {
+        self.aabbs.iter().any(|other| other.intersects(aabb))
+    }
+
+    /// Indices of the parts whose bounding box meets this one, ascending.
+    pub fn candidates(&self, aabb: &Aabb, out: &mut Vec<u32>) {
+        out.clear();
+        out.extend((0..self.aabbs.len() as u32).filter(|&index| self.aabbs[index as usize].intersects(aabb)));
+    }
+
+    /// Whether the solid penetrates one of the candidate parts by more than `tolerance_m`.
+    pub fn blocks(&self, candidates: &[u32], solid: &Solid, world_from_body: &Pose3, tolerance_m: f32) -> bool {
+        if candidates.is_empty() {
+            return false;
+        }
+        solid.parts.iter().any(|(shape, body_from_part)| {
+            let pose = *world_from_body * *body_from_part;
+            let aabb = shape.compute_aabb(&pose);
+            candidates.iter().any(|&index| {
+                let index = index as usize;
+                self.aabbs[index].intersects(&aabb) && {
+                    let (other, other_pose) = &self.parts[index];
+                    penetration_m(&pose, shape, other_pose, other) > tolerance_m
+                }
+            })
+        })
+    }
+}
+
+/// Depth to which two convex solids penetrate each other, metres; 0 or less when they do not.
+pub fn penetration_m(pose: &Pose3, shape: &SharedShape, other_pose: &Pose3, other: &SharedShape) -> f32 {
+    match query::contact(pose, &**shape, other_pose, &**other, 0.0) {
+        Ok(Some(contact)) => -contact.dist,
+        // No contact, or a pair parry has no algorithm for: there is none among convex solids.
+        Ok(None) | Err(_) => 0.0,
+    }
+}

@@ -1,0 +1,184 @@
+//! The rigid-body world: rapier's sets in one value that can be cloned, which is what a reset is.
+
+use super::geometry::Solid;
+use rapier3d::prelude::*;
+
+/// Gravity, metres per second squared.
+const GRAVITY_M_PER_S2: f32 = 9.81;
+/// rapier's default sleep thresholds keep a kitchen awake for 20 s; four times as much settles it within 0.6 s.
+const SLEEP_THRESHOLD_FACTOR: f32 = 4.0;
+/// A body that has been that slow for this long falls asleep, seconds.
+const TIME_UNTIL_SLEEP_S: f32 = 0.25;
+/// No body moves faster than this, metres per second: a fall from table height reaches 4.
+const MAX_SPEED_M_PER_S: f32 = 5.0;
+/// Spin dies out at this rate (1/s). It stands for rolling friction, which rapier lacks.
+const ANGULAR_DAMPING: f32 = 1.0;
+/// Friction coefficient of everything.
+const FRICTION: f32 = 0.6;
+
+/// A rigid-body world.
+pub struct World {
+    parameters: IntegrationParameters,
+    islands: IslandManager,
+    broad_phase: BroadPhaseBvh,
+    narrow_phase: NarrowPhase,
+    bodies: RigidBodySet,
+    colliders: ColliderSet,
+    impulse_joints: ImpulseJointSet,
+    multibody_joints: MultibodyJointSet,
+    soft_bodies: SoftBodySet,
+    // Work space only: a clone begins with fresh ones, so that nothing of an earlier episode can leak into the next.
+    pipeline: PhysicsPipeline,
+    ccd_solver: CCDSolver,
+}
+
+impl std::fmt::Debug for World {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "World({} bodies, {} colliders)", self.bodies.len(), self.colliders.len())
+    }
+}
+
+impl Clone for World {
+    fn clone(&self) -> Self {
+        Self {
+            parameters: self.parameters,
+            islands: self.islands.clone(),
+            broad_phase: self.broad_phase.clone(),
+            narrow_phase: self.narrow_phase.clone(),
+            bodies: self.bodies.clone(),
+            colliders: self.colliders.clone(),
+            impulse_joints: ImpulseJointSet::new(),
+            multibody_joints: MultibodyJointSet::new(),
+            soft_bodies: SoftBodySet::new(),
+            pipeline: PhysicsPipeline::new(),
+            ccd_solver: CCDSolver::new(),
+        }
+    }
+}
+
+impl World {
+    /// An empty world that advances by `timestep_s` a sub-step.
+    pub fn new(timestep_s: f32) -> Self {
+        let parameters = IntegrationParameters {
+            dt: timestep_s,
+            normalized_max_linear_velocity: MAX_SPEED_M_PER_S,
+            ..IntegrationParameters::default()
+        };
+        Self {
+            parameters,
+            islands: IslandManager::new(),
+            broad_phase: BroadPhaseBvh::new(),
+            narrow_phase: NarrowPhase::new(),
+            bodies: RigidBodySet::new(),
+            colliders: ColliderSet::new(),
+            impulse_joints: ImpulseJointSet::new(),
+            multibody_joints: MultibodyJointSet::new(),
+            soft_bodies: SoftBodySet::new(),
+            pipeline: PhysicsPipeline::new(),
+            ccd_solver: CCDSolver::new(),
+        }
+    }
+
+    /// Adds a body that never moves.
+    pub fn add_fixed(&mut self, solid: &Solid, pose: Pose3) -> RigidBodyHandle {
+        let handle = self.bodies.insert(RigidBodyBuilder::fixed().pose(pose));
+        self.add_colliders(handle, solid, None);
+        handle
+    }
+
+    /// Adds a dynamic body of this mass, spread over its parts by volume.
+    pub fn add_movable(&mut self, solid: &Solid, pose: Pose3, mass_kg: f32) -> RigidBodyHandle {
+        let mut body =
+            RigidBodyBuilder::dynamic().pose(pose).angular_damping(ANGULAR_DAMPING).ccd_enabled(true).build();
+        let activation = body.activation_mut();
+        activation.normalized_linear_threshold *= SLEEP_THRESHOLD_FACTOR;
+        activation.angular_threshold *= SLEEP_THRESHOLD_FACTOR;
+        activation.time_until_sleep = TIME_UNTIL_SLEEP_S;
+        let handle = self.bodies.insert(body);
+        self.add_colliders(handle, solid, Some(mass_kg));
+        handle
+    }
+
+    /// Adds a body that goes where it is told.
+    pub fn add_kinematic(&mut self, solid: &Solid, pose: Pose3) -> RigidBodyHandle {
+        let handle = self.bodies.insert(RigidBodyBuilder::kinematic_position_based().pose(pose));
+        self.add_colliders(handle, solid, None);
+        handle
+    }
+
+    fn add_colliders(&mut self, body: RigidBodyHandle, solid: &Solid, mass_kg: Option<f32>) {
+        let volumes = solid.volumes_m3();
+        let total: f32 = volumes.iter().sum();
+        for ((shape, body_from_part), volume) in solid.parts.iter().zip(volumes) {
+            let mut collider = ColliderBuilder::new(shape.clone()).position(*body_from_part).friction(FRICTION);
+            if let Some(mass_kg) = mass_kg {
+                collider = collider.mass(mass_kg * volume / total);
+            }
+            self.colliders.insert_with_parent(collider, body, &mut self.bodies);
+        }
+    }
+
+    /// Advances by one sub-step.
+    pub fn step(&mut self) {
+        self.pipeline.step(
+            Vec3::new(0.0, -GRAVITY_M_PER_S2, 0.0),
+            &self.parameters,
+            &mut self.islands,
+            &mut self.broad_phase,
+            &mut self.narrow_phase,
+            &mut self.bodies,
+            &mut self.colliders,
+            &mut self.impulse_joints,
+            &mut self.multibody_joints,
+            &mut self.soft_bodies,
+            &mut self.ccd_solver,
+            &(),
+            &(),
+        );
+    }
+
+    /// A body.
+    pub fn body(&self, handle: RigidBodyHandle) -> &RigidBody {
+        &self.bodies[handle]
+    }
+
+    /// A body, to be changed.
+    pub fn body_mut(&mut self, handle: RigidBodyHandle) -> &mut RigidBody {
+        &mut self.bodies[handle]
+    }
+
+    /// Whether all these bodies sleep.
+    pub fn asleep(&self, handles: &[RigidBodyHandle]) -> bool {
+        handles.iter().all(|&handle| self.bodies[handle].is_sleeping())
+    }
+
+    /// Steps until all these bodies sleep, at most `limit` times; whoever is still awake then is put to sleep.
+    /// Returns the number of steps.
+    pub fn settle(&mut self, handles: &[RigidBodyHandle], limit: u32) -> u32 {
+        let mut steps = 0;
+        while steps < limit && !self.asleep(handles) {
+            self.step();
+            steps += 1;
+        }
+        for &handle in handles {
+            let body = &mut self.bodies[handle];
+            if !body.is_sleeping() || body.linvel() != Vec3::ZERO || body.angvel() != Vec3::ZERO {
+                body.sleep();
+            }
+        }
+        steps
+    }
+
+    /// Deepest penetration between a body and any dynamic body it touches, metres; 0 if none.
+    pub fn deepest_contact_m(&self, handle: RigidBodyHandle) -> f32 {
+        let mut deepest = 0.0_f32;
+        for &collider in self.bodies[handle].colliders() {
+            for pair in self.narrow_phase.contact_pairs_with(collider) {
+                for point in pair.manifolds().iter().flat_map(|manifold| &manifold.points) {
+                    deepest = deepest.max(-point.dist);
+                }
+            }
+        }
+        deepest
+    }
+}

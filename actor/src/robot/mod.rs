@@ -1,0 +1,5 @@
+//! The robot: a body that drives and turns, a head camera that pitches, an arm that rides on the body's front.
+
+pub mod arm;
+pub mod configuration;
+pub mod links;
