@@ -4,4 +4,13 @@
 //! one struct.
 
 pub mod agent;
+pub mod auxiliary;
+pub mod checkpoint;
+pub mod collector;
 pub mod device;
+mod ffi;
+pub mod network;
+pub mod optimizer;
+pub mod ppo;
+pub mod process;
+pub mod rollout;

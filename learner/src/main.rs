@@ -1,2 +1,57 @@
-//! Placeholder.
-fn main() {}
+//! The `learner` binary.
+
+use clap::{Parser, Subcommand};
+use learner::process::{self, Arguments, EXIT_NON_FINITE, NonFinite};
+use proto::wire::WireAddress;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Infers for all actors of this machine, collects rollouts and trains. Started by `orchestrator`.
+#[derive(Debug, Parser)]
+#[command(version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+struct CommandLine {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Run folder; its config.toml is the configuration
+    #[arg(long, required = true)]
+    run: Option<PathBuf>,
+    /// Where the run's shared memory lives: PREFIX@FOLDER
+    #[arg(long, required = true)]
+    wire: Option<WireAddress>,
+    /// How often this learner has been started under this wire address
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    incarnation: u32,
+    /// Rank in the process group
+    #[arg(long, default_value_t = 0)]
+    rank: u32,
+    /// Standard input is a pipe from the orchestrator: save and leave when it closes, ignore Ctrl-C
+    #[arg(long)]
+    lifeline: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Prints the version of libtorch and the devices it finds, as one line of JSON
+    Check,
+}
+
+fn main() -> ExitCode {
+    // First: anything that asks for CUDA before its library is loaded makes it unavailable for good.
+    learner::device::load_cuda();
+    proto::logging::to_stderr();
+    let line = CommandLine::parse();
+    let result = match line {
+        CommandLine { command: Some(Command::Check), .. } => process::check(std::io::stdout()),
+        CommandLine { run: Some(run), wire: Some(wire), incarnation, rank, lifeline, .. } => {
+            process::run(Arguments { run, wire, incarnation, rank, lifeline })
+        }
+        _ => unreachable!("clap requires --run and --wire"),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            tracing::error!("{error:#}");
+            ExitCode::from(if error.is::<NonFinite>() { EXIT_NON_FINITE } else { 1 })
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! The manifest of a checkpoint: what the tensor file must hash to, and where and under what the run stood.
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+/// SHA-256 as 64 hex digits.
+pub fn sha256(bytes: &[u8]) -> String {
+    use std::fmt::Write;
+    Sha256::digest(bytes).iter().fold(String::with_capacity(64), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+/// What the last bits of a result depend on. A resume under another environment goes on, but not bit for bit.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Machine {
+    /// Version of libtorch.
+    pub torch: String,
+    /// `cpu` or `cuda`.
+    pub device: String,
+    /// Threads of libtorch on the CPU.
+    pub threads: u32,
+    /// Instruction set that libtorch chooses its CPU kernels by.
+    pub instruction_set: String,
+}
+
+impl Machine {
+    /// What differs, as text for a warning; empty when nothing does.
+    pub fn differences(&self, stored: &Self) -> Vec<String> {
+        [
+            ("libtorch", &stored.torch, &self.torch),
+            ("device", &stored.device, &self.device),
+            ("threads", &stored.threads.to_string(), &self.threads.to_string()),
+            ("instruction set", &stored.instruction_set, &self.instruction_set),
+        ]
+        .iter()
+        .filter(|(_, then, now)| then != now)
+        .map(|(what, then, now)| format!("{what} {now} instead of {then}"))
+        .collect()
+    }
+}
+
+/// The manifest. Written after the tensors: a checkpoint without one does not exist.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// [`proto::SCHEMA_VERSION`] of the writer.
+    pub schema_version: u32,
+    /// First rollout that is not in it.
+    pub rollout: u64,
+    /// Frames trained on.
+    pub frames: u64,
+    /// Exchange that the next rollout begins with.
+    pub exchange: u64,
+    /// Stage of the next rollout; the number of stages when the run is complete.
+    pub stage: u32,
+    /// True when a stage ended here: such a checkpoint is kept for good.
+    pub stage_end: bool,
+    /// Optimiser steps since the stage began.
+    pub adam_steps: u64,
+    /// File name of the tensors, in the same folder.
+    pub tensors: String,
+    /// Its size, bytes.
+    pub tensors_bytes: u64,
+    /// Its SHA-256.
+    pub tensors_sha256: String,
+    /// SHA-256 of the effective configuration as TOML.
+    pub config_sha256: String,
+    /// Digest of the weights alone, as the summary shows it.
+    pub weights: String,
+    /// What the last bits depend on.
+    pub machine: Machine,
+    /// SHA-256 of this manifest with this field empty.
+    pub manifest_sha256: String,
+}
+
+/// Why a file is not a manifest.
+#[derive(Debug, thiserror::Error)]
+pub enum ManifestError {
+    /// Not the JSON of a manifest.
+    #[error("is not a manifest: {0}")]
+    Json(#[from] serde_json::Error),
+    /// Another version.
+    #[error("has schema version {found}; this program reads {}", proto::SCHEMA_VERSION)]
+    Version {
+        /// The version found.
+        found: u64,
+    },
+    /// Its own checksum does not match.
+    #[error("does not match its own checksum")]
+    Checksum,
+}
+
+impl Manifest {
+    /// The manifest as a file, its own checksum filled in.
+    pub fn seal(mut self) -> Vec<u8> {
+        self.manifest_sha256 = self.checksum();
+        self.to_json()
+    }
+
+    /// Reads and verifies what [`Manifest::seal`] wrote.
+    pub fn open(bytes: &[u8]) -> Result<Self, ManifestError> {
+        let value: serde_json::Value = serde_json::from_slice(bytes)?;
+        // The version comes first: another one may have other fields.
+        if let Some(found) = value.get("schema_version").and_then(serde_json::Value::as_u64)
+            && found != u64::from(proto::SCHEMA_VERSION)
+        {
+            return Err(ManifestError::Version { found });
+        }
+        let manifest: Self = serde_json::from_value(value)?;
+        if manifest.checksum() == manifest.manifest_sha256 { Ok(manifest) } else { Err(ManifestError::Checksum) }
+    }
+
+    fn checksum(&self) -> String {
+        sha256(&Self { manifest_sha256: String::new(), ..self.clone() }.to_json())
+    }
+
+    fn to_json(&self) -> Vec<u8> {
+        serde_json::to_vec_pretty(self).expect("numbers and strings always serialise")
+    }
+}

@@ -1,0 +1,34 @@
+//! Checkpoints: all that a run needs to go on as if it had never stopped.
+//!
+//! A checkpoint is two files in `RUN/checkpoints/`: `rollout-K.safetensors` ([`tensors`]) and, written after it,
+//! `rollout-K.json` ([`manifest`]), which holds the hash of the first and of itself. Each is written beside its place,
+//! flushed to the disk and renamed, so at every moment the newest complete checkpoint is a good one. [`store`] writes,
+//! finds, verifies and prunes them.
+
+mod manifest;
+mod store;
+mod tensors;
+#[cfg(test)]
+mod tests;
+
+pub use manifest::{Machine, Manifest, ManifestError, sha256};
+pub use store::{CheckpointError, Loaded, Rejected, Store};
+pub use tensors::{TensorsError, encode_tensors};
+
+use crate::agent::AgentState;
+use crate::collector::Boundary;
+
+/// A run at a rollout boundary.
+#[derive(Debug)]
+pub struct Snapshot {
+    /// The next rollout.
+    pub rollout: u64,
+    /// Frames trained on.
+    pub frames: u64,
+    /// Weights, moments, beliefs.
+    pub agent: AgentState,
+    /// Environments.
+    pub boundary: Boundary,
+    /// Digest of the weights.
+    pub weights: String,
+}

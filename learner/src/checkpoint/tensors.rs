@@ -1,0 +1,180 @@
+//! The tensor file of a checkpoint: safetensors, so that any tool can read the weights out of it.
+//!
+//! | name | what |
+//! |---|---|
+//! | whatever [`AgentState`] names | weights, moments, beliefs |
+//! | `environment.episode` | u32 (N): episode number of each column |
+//! | `environment.action_count` | u32 (N): actions taken in it |
+//! | `environment.actions` | u8 (N, 512): those actions, then zeros |
+//! | `running.return` | f64 (N): return of the episode in progress |
+//! | `running.picked_up` | u8 (N): 1 if its target was picked up |
+
+use crate::agent::AgentState;
+use crate::collector::{Boundary, RunningEpisode};
+use proto::message::{EnvironmentState, MAX_EPISODE_STEPS};
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use std::collections::BTreeMap;
+use tch::{Kind, Tensor};
+
+const EPISODE: &str = "environment.episode";
+const ACTION_COUNT: &str = "environment.action_count";
+const ACTIONS: &str = "environment.actions";
+const RETURN: &str = "running.return";
+const PICKED_UP: &str = "running.picked_up";
+const OWN: [&str; 5] = [EPISODE, ACTION_COUNT, ACTIONS, RETURN, PICKED_UP];
+
+/// Why tensors do not make a state.
+#[derive(Debug, thiserror::Error)]
+pub enum TensorsError {
+    /// Not a safetensors file.
+    #[error("not a safetensors file: {0}")]
+    Format(#[from] safetensors::SafeTensorError),
+    /// libtorch refused.
+    #[error("libtorch: {0}")]
+    Torch(#[from] tch::TchError),
+    /// A tensor that must be there is not, or has another type or shape.
+    #[error("tensor `{name}` {problem}")]
+    Tensor {
+        /// Its name.
+        name: String,
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+fn wrong(name: &str, problem: impl Into<String>) -> TensorsError {
+    TensorsError::Tensor { name: name.to_owned(), problem: problem.into() }
+}
+
+struct Entry {
+    dtype: Dtype,
+    shape: Vec<usize>,
+    bytes: Vec<u8>,
+}
+
+/// Named tensors as the bytes of a safetensors file.
+pub fn encode_tensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>, TensorsError> {
+    serialize(&entries(tensors)?)
+}
+
+/// The whole state as the bytes of a safetensors file. Numbers are little-endian.
+pub fn encode(agent: &AgentState, boundary: &Boundary) -> Result<Vec<u8>, TensorsError> {
+    let mut entries = entries(&agent.tensors)?;
+    let columns = boundary.environments.len();
+    let mut own = |name: &str, dtype, shape, bytes| match entries.insert(name.to_owned(), Entry { dtype, shape, bytes })
+    {
+        None => Ok(()),
+        Some(_) => Err(wrong(name, "is the agent's: the name is taken")),
+    };
+    let states = &boundary.environments;
+    let running = &boundary.running;
+    own(EPISODE, Dtype::U32, vec![columns], states.iter().flat_map(|state| state.episode.to_le_bytes()).collect())?;
+    own(
+        ACTION_COUNT,
+        Dtype::U32,
+        vec![columns],
+        states.iter().flat_map(|state| state.action_count.to_le_bytes()).collect(),
+    )?;
+    own(ACTIONS, Dtype::U8, vec![columns, MAX_EPISODE_STEPS], states.iter().flat_map(|state| state.actions).collect())?;
+    own(
+        RETURN,
+        Dtype::F64,
+        vec![columns],
+        running.iter().flat_map(|episode| episode.episode_return.to_le_bytes()).collect(),
+    )?;
+    own(PICKED_UP, Dtype::U8, vec![columns], running.iter().map(|episode| u8::from(episode.picked_up)).collect())?;
+    serialize(&entries)
+}
+
+/// What [`encode`] wrote. `exchange` and `adam_steps` come from the manifest.
+pub fn decode(bytes: &[u8], adam_steps: u64, exchange: u64) -> Result<(AgentState, Boundary), TensorsError> {
+    let file = SafeTensors::deserialize(bytes)?;
+    let episodes = u32s(own_bytes(&file, EPISODE, Dtype::U32)?);
+    let columns = episodes.len();
+    let counts = u32s(own_bytes(&file, ACTION_COUNT, Dtype::U32)?);
+    let actions = own_bytes(&file, ACTIONS, Dtype::U8)?;
+    let returns = own_bytes(&file, RETURN, Dtype::F64)?;
+    let picked_up = own_bytes(&file, PICKED_UP, Dtype::U8)?;
+    for (name, found, expected) in [
+        (ACTION_COUNT, counts.len(), columns),
+        (ACTIONS, actions.len(), columns * MAX_EPISODE_STEPS),
+        (RETURN, returns.len(), columns * 8),
+        (PICKED_UP, picked_up.len(), columns),
+    ] {
+        if found != expected {
+            return Err(wrong(name, format!("is not of {columns} environments")));
+        }
+    }
+    let mut boundary = Boundary { exchange, environments: vec![], running: vec![] };
+    for column in 0..columns {
+        let mut state = EnvironmentState::start_of(episodes[column]);
+        state.action_count = counts[column];
+        state.actions.copy_from_slice(&actions[column * MAX_EPISODE_STEPS..][..MAX_EPISODE_STEPS]);
+        if state.action_count as usize > MAX_EPISODE_STEPS {
+            return Err(wrong(ACTION_COUNT, format!("has {} actions in one episode", state.action_count)));
+        }
+        boundary.environments.push(state);
+        let mut value = [0; 8];
+        value.copy_from_slice(&returns[column * 8..][..8]);
+        let episode_return = f64::from_le_bytes(value);
+        boundary.running.push(RunningEpisode { episode_return, picked_up: picked_up[column] != 0 });
+    }
+    let mut tensors = BTreeMap::new();
+    for (name, view) in file.iter().filter(|(name, _)| !OWN.contains(name)) {
+        let kind = kind_of(view.dtype()).ok_or_else(|| wrong(name, format!("has type {:?}", view.dtype())))?;
+        let size: Vec<i64> = view.shape().iter().map(|&side| side as i64).collect();
+        tensors.insert(name.to_owned(), Tensor::f_from_data_size(view.data(), &size, kind)?);
+    }
+    Ok((AgentState { tensors, adam_steps }, boundary))
+}
+
+fn entries(tensors: &BTreeMap<String, Tensor>) -> Result<BTreeMap<String, Entry>, TensorsError> {
+    let mut entries = BTreeMap::new();
+    for (name, tensor) in tensors {
+        let kind = tensor.f_kind()?;
+        let dtype = dtype_of(kind).ok_or_else(|| wrong(name, format!("has type {kind:?}, which has no place here")))?;
+        let tensor = tensor.f_to_device(tch::Device::Cpu)?.f_contiguous()?;
+        let mut bytes = vec![0; tensor.numel() * kind.elt_size_in_bytes()];
+        tensor.f_copy_data_u8(&mut bytes, tensor.numel())?;
+        let shape = tensor.size().into_iter().map(|side| side as usize).collect();
+        entries.insert(name.clone(), Entry { dtype, shape, bytes });
+    }
+    Ok(entries)
+}
+
+fn serialize(entries: &BTreeMap<String, Entry>) -> Result<Vec<u8>, TensorsError> {
+    let views = entries
+        .iter()
+        .map(|(name, entry)| Ok((name, TensorView::new(entry.dtype, entry.shape.clone(), &entry.bytes)?)))
+        .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()?;
+    Ok(safetensors::serialize(views, None)?)
+}
+
+fn own_bytes<'a>(file: &SafeTensors<'a>, name: &str, dtype: Dtype) -> Result<&'a [u8], TensorsError> {
+    let view = file.tensor(name).map_err(|_| wrong(name, "is missing"))?;
+    if view.dtype() == dtype { Ok(view.data()) } else { Err(wrong(name, format!("has type {:?}", view.dtype()))) }
+}
+
+fn u32s(bytes: &[u8]) -> Vec<u32> {
+    bytes.chunks_exact(4).map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]])).collect()
+}
+
+fn dtype_of(kind: Kind) -> Option<Dtype> {
+    KINDS.iter().find(|(known, _)| *known == kind).map(|(_, dtype)| *dtype)
+}
+
+fn kind_of(dtype: Dtype) -> Option<Kind> {
+    KINDS.iter().find(|(_, known)| *known == dtype).map(|(kind, _)| *kind)
+}
+
+const KINDS: [(Kind, Dtype); 9] = [
+    (Kind::Float, Dtype::F32),
+    (Kind::Double, Dtype::F64),
+    (Kind::Half, Dtype::F16),
+    (Kind::BFloat16, Dtype::BF16),
+    (Kind::Int64, Dtype::I64),
+    (Kind::Int, Dtype::I32),
+    (Kind::Int16, Dtype::I16),
+    (Kind::Uint8, Dtype::U8),
+    (Kind::Bool, Dtype::BOOL),
+];

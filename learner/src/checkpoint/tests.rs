@@ -1,0 +1,181 @@
+//! What the store promises: a state comes back bit for bit, what is broken is named and passed over, and a failure to
+//! write leaves everything before it untouched.
+
+use super::*;
+use crate::collector::RunningEpisode;
+use proptest::prelude::*;
+use proto::config::StageConfig;
+use proto::message::EnvironmentState;
+use proto::reward::RewardKind;
+use proto::run_folder::RunFolder;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use tch::{Kind, Tensor};
+
+fn machine() -> Machine {
+    Machine { torch: "2.11.0".into(), device: "cpu".into(), threads: 2, instruction_set: "avx2".into() }
+}
+
+fn store(folder: &tempfile::TempDir, keep: u32) -> Store {
+    let stages =
+        ["I", "II"].map(|name| StageConfig { name: name.into(), reward: RewardKind::Task, frames: 100 }).to_vec();
+    Store::new(RunFolder::new(folder.path()), &stages, "seed = 1", machine(), keep)
+}
+
+fn snapshot(rollout: u64) -> Snapshot {
+    let mut state = EnvironmentState::start_of(rollout as u32);
+    (0..5).for_each(|action| state.push(action));
+    let weights = Tensor::from_slice(&[1.5_f32, -0.0, f32::MIN_POSITIVE, rollout as f32]).reshape([2, 2]);
+    let tensors = BTreeMap::from([
+        ("adam.first".to_owned(), Tensor::from_slice(&[0.25_f64, 1e-300])),
+        ("beliefs".to_owned(), Tensor::zeros([3, 0], (Kind::Float, tch::Device::Cpu))),
+        // A transposed view: what is stored is its values in order, not its memory.
+        ("model.weight".to_owned(), weights.tr()),
+    ]);
+    Snapshot {
+        rollout,
+        frames: rollout * 20,
+        agent: AgentState { tensors, adam_steps: 7 },
+        boundary: Boundary {
+            exchange: rollout * 4,
+            environments: vec![state, EnvironmentState::start_of(2)],
+            running: vec![
+                RunningEpisode { episode_return: -0.1, picked_up: true },
+                RunningEpisode { episode_return: 3e-310, picked_up: false },
+            ],
+        },
+        weights: "ab".into(),
+    }
+}
+
+fn same(a: &Snapshot, b: &Snapshot) -> bool {
+    let tensors = |snapshot: &Snapshot| encode_tensors(&snapshot.agent.tensors).unwrap();
+    (a.rollout, a.frames, a.agent.adam_steps, &a.weights) == (b.rollout, b.frames, b.agent.adam_steps, &b.weights)
+        && a.boundary == b.boundary
+        && tensors(a) == tensors(b)
+}
+
+fn names(folder: &tempfile::TempDir) -> Vec<String> {
+    let entries = std::fs::read_dir(folder.path().join("checkpoints")).unwrap();
+    let mut names: Vec<String> =
+        entries.map(|entry| entry.unwrap().file_name().to_string_lossy().replace("rollout-000000", "")).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn a_state_comes_back_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(&folder, 2);
+    assert!(store.load().unwrap().is_none(), "a fresh run has none");
+    let saved = snapshot(3);
+    assert_eq!(store.save(&saved).unwrap(), "checkpoints/rollout-00000003.json");
+    let loaded = store.load().unwrap().unwrap();
+    assert!(same(&loaded.snapshot, &saved));
+    assert!(loaded.rejected.is_empty());
+    assert_eq!(loaded.path, "checkpoints/rollout-00000003.json");
+    assert_eq!(loaded.snapshot.agent.tensors["model.weight"].size(), [2, 2]);
+    let Manifest { stage, stage_end, machine: stored, config_sha256, .. } = loaded.manifest;
+    assert_eq!((stage, stage_end, &stored, config_sha256.as_str()), (0, false, &machine(), store.config_sha256()));
+    let other = Machine { threads: 4, ..machine() };
+    assert_eq!(other.differences(&stored), ["threads 4 instead of 2"]);
+    assert!(stored.differences(&machine()).is_empty());
+}
+
+#[test]
+fn the_newest_and_every_stages_end_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(&folder, 2);
+    // 20 frames a rollout: stage I ends with rollout 5, stage II with rollout 10.
+    for rollout in 0..=10 {
+        store.save(&snapshot(rollout)).unwrap();
+    }
+    assert_eq!(names(&folder), ["05.json", "05.safetensors", "09.json", "09.safetensors", "10.json", "10.safetensors"]);
+    // What a crash leaves is swept with the next one.
+    for left in ["rollout-00000011.safetensors", "rollout-00000012.safetensors.partial"] {
+        std::fs::write(folder.path().join("checkpoints").join(left), "half").unwrap();
+    }
+    assert_eq!(store.load().unwrap().unwrap().snapshot.rollout, 10, "a checkpoint without a manifest does not exist");
+    store.save(&snapshot(10)).unwrap();
+    assert_eq!(names(&folder).len(), 6);
+}
+
+#[test]
+fn a_torn_one_does_not_push_a_good_one_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(&folder, 2);
+    (1..=3).for_each(|rollout| drop(store.save(&snapshot(rollout)).unwrap()));
+    std::fs::write(folder.path().join("checkpoints/rollout-00000003.safetensors"), "short").unwrap();
+    let loaded = store.load().unwrap().unwrap();
+    assert_eq!(loaded.snapshot.rollout, 2);
+    assert_eq!(loaded.rejected.len(), 1);
+    assert!(loaded.rejected[0].to_string().contains("rollout-00000003.safetensors is torn: it has 5 bytes of"));
+    // The run goes on from 2 and passes 3 without saving there.
+    store.save(&snapshot(4)).unwrap();
+    assert_eq!(names(&folder), ["02.json", "02.safetensors", "04.json", "04.safetensors"]);
+}
+
+#[test]
+fn a_full_disk_is_named_and_harms_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(&folder, 1);
+    store.save(&snapshot(1)).unwrap();
+    let checkpoints = folder.path().join("checkpoints");
+    for name in ["rollout-00000002.safetensors.partial", "rollout-00000002.json.partial"] {
+        // A device that is always full, where the file is about to be written.
+        std::os::unix::fs::symlink("/dev/full", checkpoints.join(name)).unwrap();
+        let error = store.save(&snapshot(2)).unwrap_err().to_string();
+        let path = checkpoints.join(name.trim_end_matches(".partial"));
+        assert!(error.contains(&format!("cannot write checkpoint {}", path.display())), "{error}");
+        assert!(error.contains("No space left on device") && error.contains("bytes are free there"), "{error}");
+        let loaded = store.load().unwrap().unwrap();
+        assert!(same(&loaded.snapshot, &snapshot(1)), "the last good one is untouched");
+    }
+    store.save(&snapshot(2)).unwrap();
+    assert_eq!(names(&folder), ["02.json", "02.safetensors"]);
+}
+
+#[test]
+fn another_version_is_told_apart_from_a_broken_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(&folder, 1);
+    store.save(&snapshot(1)).unwrap();
+    let path = folder.path().join("checkpoints/rollout-00000001.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replace("\"schema_version\": 1", "\"schema_version\": 99")).unwrap();
+    let error = store.load().unwrap_err().to_string();
+    assert!(error.contains("has schema version 99; this program reads 1"), "{error}");
+}
+
+fn files(folder: &tempfile::TempDir) -> [PathBuf; 2] {
+    ["json", "safetensors"].map(|kind| folder.path().join(format!("checkpoints/rollout-00000002.{kind}")))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(96))]
+
+    /// Whatever single bit flips, in whichever file, and wherever a file is cut: the damage is seen, the file named,
+    /// and the checkpoint before it taken.
+    #[test]
+    fn no_damage_goes_unnoticed(which in 0usize..2, place in any::<prop::sample::Index>(), bit in 0u8..8, cut: bool) {
+        let folder = tempfile::tempdir().unwrap();
+        let store = store(&folder, 2);
+        store.save(&snapshot(1)).unwrap();
+        store.save(&snapshot(2)).unwrap();
+        let path = &files(&folder)[which];
+        let mut content = std::fs::read(path).unwrap();
+        let place = place.index(content.len());
+        // White space between JSON's tokens carries nothing.
+        prop_assume!(cut || which == 1 || !content[place].is_ascii_whitespace());
+        if cut {
+            content.truncate(place);
+        } else {
+            content[place] ^= 1 << bit;
+        }
+        std::fs::write(path, &content).unwrap();
+        let loaded = store.load().unwrap().unwrap();
+        prop_assert!(same(&loaded.snapshot, &snapshot(1)));
+        prop_assert_eq!(loaded.rejected.len(), 1);
+        prop_assert_eq!(&loaded.rejected[0].path, path);
+    }
+}

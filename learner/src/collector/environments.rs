@@ -1,0 +1,222 @@
+//! The learner's authoritative list of environment states, and the check that actors agree with it.
+
+use super::layout::Layout;
+use super::statistics::{RolloutStatistics, RunningEpisode};
+use crate::agent::Outcome;
+use proto::action::{Action, HOLD, NO_ACTION};
+use proto::message::{Current, EnvironmentState, Transition, current_flag, transition_flag};
+use proto::reward::{DISTURBANCE_LABEL_THRESHOLD_M, RewardKind};
+
+/// The reward in force.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reward {
+    /// r or r′.
+    pub kind: RewardKind,
+    /// `λ_disturb` of r′.
+    pub lambda_disturb: f32,
+}
+
+/// An actor's report that contradicts what the learner knows of that environment: one of the two has a fault, and
+/// training on it would be training on nonsense.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("actor {actor}, kitchen {kitchen}, environment {environment}: {problem}")]
+pub struct Mismatch {
+    /// Actor number.
+    pub actor: u32,
+    /// Its kitchen.
+    pub kitchen: u8,
+    /// Environment index within the actor.
+    pub environment: u32,
+    /// What is wrong.
+    pub problem: String,
+}
+
+/// Every environment's episode, actions taken in it, and figures so far.
+///
+/// An environment is rebuilt from its [`EnvironmentState`] alone. An action is noted when it is sent; what it led to
+/// is taken in later ([`Environments::settle`]). In between the state already names the action: an actor restarted
+/// then replays it and reports the same outcome again.
+#[derive(Debug, Clone)]
+pub struct Environments {
+    layout: Layout,
+    max_episode_steps: u32,
+    states: Vec<EnvironmentState>,
+    running: Vec<RunningEpisode>,
+    /// The action on its way, whose outcome has not been taken in.
+    in_flight: Vec<Option<u8>>,
+}
+
+impl Environments {
+    /// Environments at the given states; episodes last at most `max_episode_steps`.
+    ///
+    /// # Panics
+    /// If the lists do not have one entry a column.
+    pub fn new(
+        layout: Layout,
+        max_episode_steps: u32,
+        states: Vec<EnvironmentState>,
+        running: Vec<RunningEpisode>,
+    ) -> Self {
+        assert!(
+            states.len() == layout.columns() && running.len() == layout.columns(),
+            "there is one state and one running episode for each environment"
+        );
+        Self { layout, max_episode_steps, states, running, in_flight: vec![None; layout.columns()] }
+    }
+
+    /// State of one column, actions in flight included.
+    pub fn state(&self, column: usize) -> &EnvironmentState {
+        &self.states[column]
+    }
+
+    /// All states, by column.
+    pub fn states(&self) -> &[EnvironmentState] {
+        &self.states
+    }
+
+    /// All running episodes, by column.
+    pub fn running(&self) -> &[RunningEpisode] {
+        &self.running
+    }
+
+    /// True when some action's outcome has not been taken in.
+    pub fn any_in_flight(&self) -> bool {
+        self.in_flight.iter().any(Option::is_some)
+    }
+
+    /// Notes an action that is being sent; [`HOLD`] changes nothing.
+    ///
+    /// # Panics
+    /// If the byte is neither an action nor HOLD, or the last action's outcome has not been taken in.
+    pub fn act(&mut self, column: usize, action: u8) {
+        assert!(self.in_flight[column].is_none(), "one action at a time is in flight");
+        if action == HOLD {
+            return;
+        }
+        assert!(Action::from_index(action).is_some(), "the agent answers with A_large indices, not {action}");
+        self.states[column].push(action);
+        self.in_flight[column] = Some(action);
+    }
+
+    /// Checks an actor's report for a column against what must be true of it.
+    pub fn check(
+        &self,
+        column: usize,
+        environment: u32,
+        transition: &Transition,
+        current: &Current,
+    ) -> Result<(), Mismatch> {
+        let (actor, index) = self.layout.place(column);
+        let mismatch = |problem: String| Mismatch {
+            actor,
+            kitchen: self.layout.environment(column).kitchen.number(),
+            environment: index,
+            problem,
+        };
+        if environment != index {
+            return Err(mismatch(format!("its place in the sample holds environment {environment}")));
+        }
+        let state = &self.states[column];
+        let mut expected = (state.episode, state.action_count);
+        if let Some(action) = self.in_flight[column] {
+            check_transition(state, action, transition).map_err(&mismatch)?;
+            if transition.flags & transition_flag::ENDED != 0 {
+                expected = (state.episode + 1, 0);
+            } else if state.action_count >= self.max_episode_steps {
+                return Err(mismatch(format!(
+                    "episode {} goes on after {} steps; the limit is {}",
+                    state.episode, state.action_count, self.max_episode_steps
+                )));
+            }
+        }
+        let seen = (current.episode, current.step);
+        if seen != expected {
+            return Err(mismatch(format!(
+                "it is at episode {}, step {}; by its actions so far it must be at episode {}, step {}",
+                seen.0, seen.1, expected.0, expected.1
+            )));
+        }
+        let start = current.step == 0;
+        if (current.flags & current_flag::EPISODE_START != 0) != start {
+            return Err(mismatch(format!("its episode-start flag is wrong at step {}", current.step)));
+        }
+        let previous = if start { u32::from(NO_ACTION) } else { u32::from(state.actions()[current.step as usize - 1]) };
+        if current.previous_action != previous {
+            return Err(mismatch(format!(
+                "it reports {} as the previous action; that was {previous}",
+                current.previous_action
+            )));
+        }
+        let finite = current.wrist_to_object_m.iter().chain(&current.object_to_goal_m).all(|value| value.is_finite());
+        if !finite {
+            return Err(mismatch(format!("its goal sensor is not finite at episode {}, step {}", seen.0, seen.1)));
+        }
+        Ok(())
+    }
+
+    /// Takes in what the action in flight led to, if one is. To be called once for each checked report.
+    pub fn settle(
+        &mut self,
+        column: usize,
+        transition: &Transition,
+        reward: Reward,
+        statistics: &mut RolloutStatistics,
+    ) -> Option<Outcome> {
+        self.in_flight[column].take()?;
+        let value = transition.reward.compose(reward.kind, reward.lambda_disturb);
+        let has = |flag| transition.flags & flag != 0;
+        let running = &mut self.running[column];
+        running.add(transition, value);
+        statistics.add_step(value);
+        if has(transition_flag::ENDED) {
+            statistics.add_episode(transition, running);
+            *running = RunningEpisode::default();
+            self.states[column] = EnvironmentState::start_of(transition.episode + 1);
+        }
+        Some(Outcome {
+            reward: value,
+            ended: has(transition_flag::ENDED),
+            time_limit: has(transition_flag::TIME_LIMIT),
+            // d fell by the progress: a negative progress is a disturbance.
+            disturbed: transition.reward.disturbance_progress_m <= -DISTURBANCE_LABEL_THRESHOLD_M,
+        })
+    }
+}
+
+/// `state` includes `action`, the one that `transition` must speak of.
+fn check_transition(state: &EnvironmentState, action: u8, transition: &Transition) -> Result<(), String> {
+    let flags = transition.flags;
+    if flags & transition_flag::VALID == 0 {
+        return Err(format!(
+            "it reports no transition for action {action} of episode {}, step {}",
+            state.episode,
+            state.action_count - 1
+        ));
+    }
+    let seen = (transition.episode, transition.step, transition.action);
+    let expected = (state.episode, state.action_count - 1, u32::from(action));
+    if seen != expected {
+        return Err(format!(
+            "its transition is episode {}, step {}, action {}; sent was episode {}, step {}, action {}",
+            seen.0, seen.1, seen.2, expected.0, expected.1, expected.2
+        ));
+    }
+    let ended = flags & transition_flag::ENDED != 0;
+    if ended != (flags & (transition_flag::DONE | transition_flag::TIME_LIMIT) != 0) {
+        return Err(format!("an episode ends by Done or by the step limit, and only so; flags {flags:#x}"));
+    }
+    let parts = &transition.reward;
+    let figures = [
+        parts.wrist_object_progress_m,
+        parts.object_goal_progress_m,
+        parts.disturbance_progress_m,
+        parts.failed_action,
+        parts.picked_up,
+        parts.goal_success,
+        transition.disturbance_m,
+    ];
+    if figures.iter().any(|figure| !figure.is_finite()) {
+        return Err(format!("its reward at episode {}, step {} is not finite: {parts:?}", seen.0, seen.1));
+    }
+    Ok(())
+}

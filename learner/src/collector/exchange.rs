@@ -1,0 +1,79 @@
+//! The lockstep of one half: which exchange it is at, and whose observations of it have arrived.
+
+/// One half of every actor's environments.
+///
+/// The observation with step s is answered by the action with step s, which leads to the observation with step s + 1;
+/// all actors answer before the half goes on. So everything an actor can send is either awaited now or was seen before.
+#[derive(Debug)]
+pub struct Half<S> {
+    step: u64,
+    samples: Vec<Option<S>>,
+    settled: bool,
+}
+
+/// What a sample's step says about it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Arrival {
+    /// It is awaited.
+    Awaited,
+    /// It was received before: sent again by an actor that was restarted.
+    Duplicate,
+    /// It answers an action that was never sent.
+    Ahead,
+}
+
+impl<S> Half<S> {
+    /// A half that waits for the observations of exchange `step` from every actor.
+    pub fn new(actors: u32, step: u64) -> Self {
+        Self { step, samples: (0..actors).map(|_| None).collect(), settled: false }
+    }
+
+    /// The exchange whose observations are awaited or here; as many actions have been sent since the run's start.
+    pub fn step(&self) -> u64 {
+        self.step
+    }
+
+    /// Where a sample of `actor` with this step belongs.
+    pub fn arrival(&self, actor: u32, step: u64) -> Arrival {
+        match step.cmp(&self.step) {
+            std::cmp::Ordering::Less => Arrival::Duplicate,
+            std::cmp::Ordering::Equal if self.samples[actor as usize].is_some() => Arrival::Duplicate,
+            std::cmp::Ordering::Equal => Arrival::Awaited,
+            std::cmp::Ordering::Greater => Arrival::Ahead,
+        }
+    }
+
+    /// Keeps an awaited sample.
+    ///
+    /// # Panics
+    /// If that actor's is here already.
+    pub fn keep(&mut self, actor: u32, sample: S) {
+        let slot = &mut self.samples[actor as usize];
+        assert!(slot.is_none(), "only an awaited sample is kept");
+        *slot = Some(sample);
+    }
+
+    /// Actors whose observations are missing, ascending.
+    pub fn missing(&self) -> impl Iterator<Item = u32> {
+        self.samples.iter().enumerate().filter(|(_, sample)| sample.is_none()).map(|(actor, _)| actor as u32)
+    }
+
+    /// The observations of all actors in order, once they are complete.
+    pub fn complete(&self) -> Option<Vec<&S>> {
+        self.samples.iter().map(Option::as_ref).collect()
+    }
+
+    /// True the first time it is asked for an exchange: its outcomes are taken in once.
+    pub fn begin_settling(&mut self) -> bool {
+        !std::mem::replace(&mut self.settled, true)
+    }
+
+    /// The actions of this exchange are sent: lets go of its observations and waits for the next.
+    pub fn advance(&mut self) {
+        self.step += 1;
+        self.settled = false;
+        for sample in &mut self.samples {
+            *sample = None;
+        }
+    }
+}

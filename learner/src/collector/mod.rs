@@ -1,0 +1,479 @@
+//! The rollout collector: a state machine without I/O, clock or tensors.
+//!
+//! It is fed with observation samples and the agent's actions and says what to do next ([`Task`]). For each step of a
+//! rollout and each half of the environments: wait until every actor's observations are here, take in what the last
+//! actions led to, let the agent act, send the actions. After the last step the observations are awaited once more, for
+//! the bootstrap values; they stay and are the first of the next rollout.
+//!
+//! Nothing that arrives twice or late changes anything: every sample names its exchange and the learner incarnation
+//! it goes back to. A restarted actor is told where it stands by [`Collector::restore`], at any moment; a restarted
+//! learner begins from a [`Boundary`]. The tests crash both at every point and compare what was recorded.
+
+mod environments;
+mod exchange;
+mod layout;
+mod noise;
+mod statistics;
+#[cfg(test)]
+mod tests;
+
+pub use environments::{Environments, Mismatch, Reward};
+pub use layout::Layout;
+pub use noise::gumbel;
+pub use statistics::{RolloutStatistics, RunningEpisode};
+
+use crate::agent::{Outcome, StepInput};
+use exchange::{Arrival, Half};
+use proto::action::HOLD;
+use proto::message::{
+    ActionHeader, Current, EnvironmentState, FRAME_PIXELS, ObservationHeader, RestoreHeader, Transition, current_flag,
+    observation_kind,
+};
+use proto::stage::RolloutShape;
+
+/// One actor's observations of one half, in the order of [`Layout::half`].
+pub trait HalfSample {
+    /// Number of observations.
+    fn len(&self) -> usize;
+    /// True when it holds none.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+    /// Environment index that observation `i` says it is of.
+    fn environment(&self, i: usize) -> u32;
+    /// What the last action did.
+    fn transition(&self, i: usize) -> &Transition;
+    /// What is seen now.
+    fn current(&self, i: usize) -> &Current;
+    /// Depth frame, millimetres, row-major.
+    fn frame(&self, i: usize) -> &[u16; FRAME_PIXELS];
+}
+
+/// The state of all environments between two rollouts: with weights and beliefs, all a run needs to go on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Boundary {
+    /// Exchange that the next rollout begins with, the same for both halves.
+    pub exchange: u64,
+    /// State of each environment, by column.
+    pub environments: Vec<EnvironmentState>,
+    /// Figures of each environment's episode in progress, by column.
+    pub running: Vec<RunningEpisode>,
+}
+
+impl Boundary {
+    /// The start of a run with `columns` environments.
+    pub fn start(columns: usize) -> Self {
+        Self {
+            exchange: 0,
+            environments: vec![EnvironmentState::start_of(0); columns],
+            running: vec![RunningEpisode::default(); columns],
+        }
+    }
+}
+
+/// Constants of a collector.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Columns.
+    pub layout: Layout,
+    /// Seed of the run, for the action noise.
+    pub seed: u64,
+    /// Actions of the policy head: Gumbel draws for each environment's step.
+    pub policy_actions: usize,
+    /// Step limit of an episode.
+    pub max_episode_steps: u32,
+    /// Incarnation of this learner.
+    pub learner_incarnation: u32,
+}
+
+/// What to do next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Task {
+    /// Receive until this half's observations are complete.
+    Await {
+        /// The half.
+        half: u32,
+    },
+    /// Let the agent act on this half's [`Collector::batch`], then [`Collector::answer`].
+    Act {
+        /// The half.
+        half: u32,
+        /// Row of the rollout.
+        t: usize,
+    },
+    /// Let the agent value this half's [`Collector::batch`], then [`Collector::bootstrapped`].
+    Bootstrap {
+        /// The half.
+        half: u32,
+    },
+    /// The rollout is complete: [`Collector::finish`].
+    Finish,
+}
+
+/// What became of a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Received {
+    /// It was awaited and is kept.
+    Kept,
+    /// It was seen before.
+    Duplicate,
+    /// It goes back to another learner incarnation: that actor has not been restored yet.
+    Foreign,
+    /// An actor has started: answer with [`Collector::restore`].
+    Hello {
+        /// Actor number.
+        actor: u32,
+        /// Its incarnation.
+        actor_incarnation: u32,
+    },
+}
+
+/// A sample that no correct actor sends.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ProtocolError {
+    /// The header makes no sense.
+    #[error("an observation sample has a header that makes no sense: {0:?}")]
+    Header(ObservationHeader),
+    /// The payload is not one half.
+    #[error("actor {actor} sent {found} observations for half {half}, which has {expected} environments")]
+    Length {
+        /// Actor number.
+        actor: u32,
+        /// The half.
+        half: u32,
+        /// Observations in the sample.
+        found: usize,
+        /// Environments of the half.
+        expected: usize,
+    },
+    /// It answers an action that was never sent.
+    #[error("actor {actor} is at exchange {found} of half {half}, but the learner has only sent actions up to {sent}")]
+    Ahead {
+        /// Actor number.
+        actor: u32,
+        /// The half.
+        half: u32,
+        /// Its step.
+        found: u64,
+        /// Exchange the learner is at.
+        sent: u64,
+    },
+    /// An environment is not where it must be.
+    #[error(transparent)]
+    Mismatch(#[from] Mismatch),
+}
+
+/// Actions to send to one actor.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ActionBatch {
+    /// Actor number.
+    pub actor: u32,
+    /// Header.
+    pub header: ActionHeader,
+    /// One byte an environment of the half.
+    pub actions: Vec<u8>,
+}
+
+/// What an action led to: the agent's record at row `t` of `column`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settled {
+    /// Row of the rollout in which the action was taken.
+    pub t: usize,
+    /// Column.
+    pub column: usize,
+    /// What it led to.
+    pub outcome: Outcome,
+}
+
+/// One half's observations of all actors, in batch order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Batch<'a> {
+    columns: Vec<usize>,
+    frames: Vec<&'a [u16; FRAME_PIXELS]>,
+    goal_m: Vec<[f32; 3]>,
+    previous_action: Vec<u8>,
+    episode_start: Vec<bool>,
+    gumbel: Vec<f32>,
+}
+
+impl Batch<'_> {
+    /// The batch as the agent takes it.
+    pub fn input(&self) -> StepInput<'_> {
+        StepInput {
+            columns: &self.columns,
+            frames: &self.frames,
+            goal_m: &self.goal_m,
+            previous_action: &self.previous_action,
+            episode_start: &self.episode_start,
+            gumbel: &self.gumbel,
+        }
+    }
+}
+
+/// Where a rollout stands.
+#[derive(Debug)]
+struct Cursor {
+    shape: RolloutShape,
+    reward: Reward,
+    /// Turns taken: one for each (step, half), then one for each half's bootstrap.
+    turn: usize,
+    boundary: Boundary,
+    statistics: RolloutStatistics,
+}
+
+/// The collector. `S` is whatever holds a received sample; it is kept until its actions have been sent.
+#[derive(Debug)]
+pub struct Collector<S> {
+    settings: Settings,
+    halves: Vec<Half<S>>,
+    environments: Environments,
+    /// Newest incarnation that each actor has announced or sent under.
+    actor_incarnations: Vec<u32>,
+    stage_version: u64,
+    cursor: Option<Cursor>,
+}
+
+impl<S: HalfSample> Collector<S> {
+    /// A collector that goes on from `boundary`.
+    ///
+    /// # Panics
+    /// If the boundary is not of as many environments as the layout.
+    pub fn new(settings: Settings, boundary: Boundary) -> Self {
+        let layout = settings.layout;
+        let Boundary { exchange, environments, running } = boundary;
+        Self {
+            settings,
+            halves: (0..layout.halves()).map(|_| Half::new(layout.actors(), exchange)).collect(),
+            environments: Environments::new(layout, settings.max_episode_steps, environments, running),
+            actor_incarnations: vec![0; layout.actors() as usize],
+            stage_version: 0,
+            cursor: None,
+        }
+    }
+
+    /// Begins a rollout under the announcement with this version.
+    ///
+    /// # Panics
+    /// If one is in progress.
+    pub fn begin(&mut self, shape: RolloutShape, reward: Reward, stage_version: u64) {
+        assert!(self.cursor.is_none(), "a rollout begins when the last one is finished");
+        self.stage_version = stage_version;
+        let boundary = self.boundary();
+        self.cursor = Some(Cursor { shape, reward, turn: 0, boundary, statistics: RolloutStatistics::default() });
+    }
+
+    /// The state as of the last boundary: the start of the rollout in progress, or now if there is none.
+    pub fn boundary(&self) -> Boundary {
+        if let Some(cursor) = &self.cursor {
+            return cursor.boundary.clone();
+        }
+        assert!(
+            !self.environments.any_in_flight() && self.halves.iter().all(|half| half.step() == self.halves[0].step()),
+            "between rollouts both halves stand at the same exchange and nothing is on its way"
+        );
+        Boundary {
+            exchange: self.halves[0].step(),
+            environments: self.environments.states().to_vec(),
+            running: self.environments.running().to_vec(),
+        }
+    }
+
+    /// Takes a sample in.
+    pub fn receive(&mut self, header: &ObservationHeader, sample: S) -> Result<Received, ProtocolError> {
+        let ObservationHeader { kind, actor, actor_incarnation, learner_incarnation, half, step, .. } = *header;
+        let layout = self.settings.layout;
+        if actor >= layout.actors() || half >= layout.halves() {
+            return Err(ProtocolError::Header(*header));
+        }
+        let newest = &mut self.actor_incarnations[actor as usize];
+        let outdated = actor_incarnation < *newest;
+        *newest = (*newest).max(actor_incarnation);
+        match kind {
+            // The dead predecessor's cry for help: an answer to it could overwrite the one to the living.
+            observation_kind::HELLO if outdated => return Ok(Received::Duplicate),
+            observation_kind::HELLO => return Ok(Received::Hello { actor, actor_incarnation }),
+            observation_kind::OBSERVATIONS => {}
+            _ => return Err(ProtocolError::Header(*header)),
+        }
+        if learner_incarnation != self.settings.learner_incarnation {
+            return Ok(Received::Foreign);
+        }
+        match self.halves[half as usize].arrival(actor, step) {
+            Arrival::Duplicate => return Ok(Received::Duplicate),
+            Arrival::Ahead => {
+                let sent = self.halves[half as usize].step();
+                return Err(ProtocolError::Ahead { actor, half, found: step, sent });
+            }
+            Arrival::Awaited => {}
+        }
+        let columns = layout.columns_of(actor, half);
+        if sample.len() != columns.len() {
+            return Err(ProtocolError::Length { actor, half, found: sample.len(), expected: columns.len() });
+        }
+        for (i, column) in columns.enumerate() {
+            self.environments.check(column, sample.environment(i), sample.transition(i), sample.current(i))?;
+        }
+        self.halves[half as usize].keep(actor, sample);
+        Ok(Received::Kept)
+    }
+
+    /// Where an actor stands by all that was received from it and sent to it: what it must rebuild when it has just
+    /// started. `actor_incarnation` 0 speaks to whoever listens.
+    pub fn restore(&self, actor: u32, actor_incarnation: u32) -> (RestoreHeader, Vec<EnvironmentState>) {
+        let first = self.halves[0].step();
+        let header = RestoreHeader {
+            step: [first, self.halves.get(1).map_or(first, Half::step)],
+            stage_version: self.stage_version,
+            learner_incarnation: self.settings.learner_incarnation,
+            actor_incarnation,
+        };
+        let columns = self.settings.layout.columns_of_actor(actor);
+        (header, columns.map(|column| *self.environments.state(column)).collect())
+    }
+
+    /// Actors from which something is missing before the current task can go on, ascending.
+    pub fn missing(&self) -> Vec<u32> {
+        match self.task() {
+            Task::Await { half } => self.halves[half as usize].missing().collect(),
+            _ => vec![],
+        }
+    }
+
+    /// True when every actor's observations of every half are here.
+    pub fn all_here(&self) -> bool {
+        self.halves.iter().all(|half| half.missing().next().is_none())
+    }
+
+    /// What to do next.
+    ///
+    /// # Panics
+    /// If no rollout is in progress.
+    pub fn task(&self) -> Task {
+        let cursor = self.rollout();
+        let halves = self.halves.len();
+        let (t, half) = (cursor.turn / halves, (cursor.turn % halves) as u32);
+        if t > cursor.shape.steps {
+            return Task::Finish;
+        }
+        if self.halves[half as usize].missing().next().is_some() {
+            return Task::Await { half };
+        }
+        if t == cursor.shape.steps { Task::Bootstrap { half } } else { Task::Act { half, t } }
+    }
+
+    /// Takes in what this half's last actions led to. Empty when that has been done, and for the first observations.
+    ///
+    /// # Panics
+    /// If the half's observations are not complete.
+    pub fn settle(&mut self, half: u32) -> Vec<Settled> {
+        let Self { settings, halves, environments, cursor, .. } = self;
+        let cursor = cursor.as_mut().expect("outcomes belong to a rollout in progress");
+        let exchange = &mut halves[half as usize];
+        if !exchange.begin_settling() {
+            return vec![];
+        }
+        let mut settled = vec![];
+        let step = exchange.step();
+        for (actor, sample) in exchange.complete().expect("a half settles when it is complete").into_iter().enumerate()
+        {
+            for (i, column) in settings.layout.columns_of(actor as u32, half).enumerate() {
+                let outcome = environments.settle(column, sample.transition(i), cursor.reward, &mut cursor.statistics);
+                if let Some(outcome) = outcome {
+                    settled.push(Settled { t: (step - 1 - cursor.boundary.exchange) as usize, column, outcome });
+                }
+            }
+        }
+        settled
+    }
+
+    /// This half's observations as a batch, with the noise that will choose the actions.
+    ///
+    /// # Panics
+    /// If they are not complete.
+    pub fn batch(&self, half: u32) -> Batch<'_> {
+        let Settings { layout, seed, policy_actions, .. } = self.settings;
+        let samples = self.halves[half as usize].complete().expect("a batch is made of a complete half");
+        let count = layout.half(half).len() * samples.len();
+        let mut batch = Batch {
+            columns: layout.batch(half).collect(),
+            frames: Vec::with_capacity(count),
+            goal_m: Vec::with_capacity(count),
+            previous_action: Vec::with_capacity(count),
+            episode_start: Vec::with_capacity(count),
+            gumbel: Vec::with_capacity(count * policy_actions),
+        };
+        for (actor, sample) in samples.into_iter().enumerate() {
+            for (i, column) in layout.columns_of(actor as u32, half).enumerate() {
+                let current = sample.current(i);
+                let holding = current.flags & current_flag::HOLDING != 0;
+                batch.frames.push(sample.frame(i));
+                batch.goal_m.push(if holding { current.object_to_goal_m } else { current.wrist_to_object_m });
+                batch.previous_action.push(current.previous_action as u8);
+                batch.episode_start.push(current.flags & current_flag::EPISODE_START != 0);
+                let environment = layout.environment(column);
+                gumbel(seed, environment, current.episode, current.step, policy_actions, &mut batch.gumbel);
+            }
+        }
+        batch
+    }
+
+    /// Takes the agent's actions, in batch order, and returns what to send to each actor. In a rollout's last step
+    /// the environments beyond its shape HOLD, whatever the agent chose for them.
+    ///
+    /// # Panics
+    /// If the current task is not to act on this half, or there is not one action for each of its environments.
+    pub fn answer(&mut self, half: u32, actions: &[u8]) -> Vec<ActionBatch> {
+        let Task::Act { half: due, t } = self.task() else { panic!("actions are answered when they are due") };
+        assert_eq!(half, due, "the halves take turns");
+        let layout = self.settings.layout;
+        let width = layout.half(half).len();
+        assert_eq!(actions.len(), width * layout.actors() as usize, "one action for each environment of the half");
+        let cursor = self.cursor.as_mut().expect("a task is due in a rollout");
+        cursor.turn += 1;
+        let acting =
+            if t + 1 == cursor.shape.steps { cursor.shape.environments_in_last_step } else { layout.columns() };
+        let exchange = &mut self.halves[half as usize];
+        let header = ActionHeader {
+            step: exchange.step(),
+            stage_version: self.stage_version,
+            learner_incarnation: self.settings.learner_incarnation,
+            half,
+        };
+        exchange.advance();
+        let mut batches = Vec::with_capacity(layout.actors() as usize);
+        for (actor, chosen) in actions.chunks(width).enumerate() {
+            let columns = layout.columns_of(actor as u32, half);
+            let sent: Vec<u8> =
+                columns.clone().zip(chosen).map(|(column, &a)| if column < acting { a } else { HOLD }).collect();
+            for (column, &action) in columns.zip(&sent) {
+                self.environments.act(column, action);
+            }
+            batches.push(ActionBatch { actor: actor as u32, header, actions: sent });
+        }
+        batches
+    }
+
+    /// The agent has valued this half's last observations.
+    ///
+    /// # Panics
+    /// If that was not the current task.
+    pub fn bootstrapped(&mut self, half: u32) {
+        assert_eq!(self.task(), Task::Bootstrap { half }, "a half is bootstrapped when it is due");
+        self.cursor.as_mut().expect("a task is due in a rollout").turn += 1;
+    }
+
+    /// Ends the rollout. Its last observations stay: they are the next rollout's first.
+    ///
+    /// # Panics
+    /// If it is not complete, or as many frames were not recorded as its shape says.
+    pub fn finish(&mut self) -> RolloutStatistics {
+        assert_eq!(self.task(), Task::Finish, "a rollout is finished when it is complete");
+        let cursor = self.cursor.take().expect("a task is due in a rollout");
+        assert_eq!(cursor.statistics.frames(), cursor.shape.frames, "every frame of the budget is recorded once");
+        cursor.statistics
+    }
+
+    fn rollout(&self) -> &Cursor {
+        self.cursor.as_ref().expect("there is a task while a rollout is in progress")
+    }
+}

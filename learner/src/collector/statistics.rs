@@ -1,0 +1,85 @@
+//! What a rollout says about the episodes that ended in it.
+
+use proto::control::metric;
+use proto::message::{Transition, transition_flag};
+use proto::reward::UNDISTURBED_THRESHOLD_M;
+use std::collections::BTreeMap;
+
+/// Figures of an episode in progress that its last transition does not tell. Saved in checkpoints, so that metrics go
+/// on after a resume.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RunningEpisode {
+    /// Undiscounted return so far.
+    pub episode_return: f64,
+    /// The target was picked up at some step.
+    pub picked_up: bool,
+}
+
+impl RunningEpisode {
+    /// Takes one step in.
+    pub fn add(&mut self, transition: &Transition, reward: f32) {
+        self.episode_return += f64::from(reward);
+        self.picked_up |= transition.flags & transition_flag::PICKED_UP != 0;
+    }
+}
+
+/// Sums over one rollout. Filled in the fixed order of the batch, so that the sums do not depend on timing.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RolloutStatistics {
+    frames: u64,
+    reward: f64,
+    episodes: u64,
+    episode_return: f64,
+    length: f64,
+    success: f64,
+    success_undisturbed: f64,
+    picked_up: f64,
+    disturbance_m: f64,
+}
+
+impl RolloutStatistics {
+    /// Takes one step in.
+    pub fn add_step(&mut self, reward: f32) {
+        self.frames += 1;
+        self.reward += f64::from(reward);
+    }
+
+    /// Takes in an episode that ended with `last`.
+    pub fn add_episode(&mut self, last: &Transition, running: &RunningEpisode) {
+        let success = last.flags & transition_flag::SUCCESS != 0;
+        let share = |condition: bool| f64::from(u8::from(condition));
+        self.episodes += 1;
+        self.episode_return += running.episode_return;
+        self.length += f64::from(last.step) + 1.0;
+        self.success += share(success);
+        self.success_undisturbed += share(success && last.disturbance_m < UNDISTURBED_THRESHOLD_M);
+        self.picked_up += share(running.picked_up);
+        self.disturbance_m += f64::from(last.disturbance_m);
+    }
+
+    /// Frames taken in.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// The figures by their names in [`metric`]. Episode means are absent when no episode ended.
+    pub fn metrics(&self) -> BTreeMap<String, f64> {
+        let mut metrics = BTreeMap::from([(metric::EPISODES.to_owned(), self.episodes as f64)]);
+        if self.frames > 0 {
+            metrics.insert(metric::REWARD.to_owned(), self.reward / self.frames as f64);
+        }
+        if self.episodes > 0 {
+            for (name, sum) in [
+                (metric::RETURN, self.episode_return),
+                (metric::LENGTH, self.length),
+                (metric::SUCCESS, self.success),
+                (metric::SUCCESS_UNDISTURBED, self.success_undisturbed),
+                (metric::PICKED_UP, self.picked_up),
+                (metric::DISTURBANCE, self.disturbance_m),
+            ] {
+                metrics.insert(name.to_owned(), sum / self.episodes as f64);
+            }
+        }
+        metrics
+    }
+}

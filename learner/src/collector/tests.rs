@@ -1,0 +1,514 @@
+//! The collector against simulated actors, with crashes of both at every point.
+
+#[path = "../../tests/support/environment.rs"]
+mod environment;
+
+use super::*;
+use environment::{FakeEnvironment, mix};
+use proptest::prelude::*;
+use proto::message::transition_flag;
+use proto::reward::RewardKind;
+use std::collections::VecDeque;
+
+const SEED: u64 = 5;
+const MAX_STEPS: u32 = 7;
+const POLICY_ACTIONS: usize = 21;
+static FRAME: [u16; FRAME_PIXELS] = [0; FRAME_PIXELS];
+
+#[derive(Debug, Clone)]
+struct FakeSample(Vec<(u32, Transition, Current)>);
+
+impl HalfSample for FakeSample {
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+    fn environment(&self, i: usize) -> u32 {
+        self.0[i].0
+    }
+    fn transition(&self, i: usize) -> &Transition {
+        &self.0[i].1
+    }
+    fn current(&self, i: usize) -> &Current {
+        &self.0[i].2
+    }
+    fn frame(&self, _i: usize) -> &[u16; FRAME_PIXELS] {
+        &FRAME
+    }
+}
+
+/// A simulated actor process and its queues.
+#[derive(Debug)]
+struct FakeActor {
+    number: u32,
+    incarnation: u32,
+    /// Learner incarnation it follows, and the exchange of each half; none until its first restore.
+    following: Option<(u32, [u64; 2])>,
+    environments: Vec<FakeEnvironment>,
+    /// On its way to it; what is lost when it dies.
+    actions: VecDeque<ActionBatch>,
+    restore: Option<(RestoreHeader, Vec<EnvironmentState>)>,
+}
+
+type Message = (ObservationHeader, FakeSample);
+
+impl FakeActor {
+    fn new(number: u32, incarnation: u32) -> Self {
+        Self { number, incarnation, following: None, environments: vec![], actions: VecDeque::new(), restore: None }
+    }
+
+    fn hello(&self) -> Message {
+        let header = ObservationHeader {
+            kind: observation_kind::HELLO,
+            actor: self.number,
+            actor_incarnation: self.incarnation,
+            ..ObservationHeader::default()
+        };
+        (header, FakeSample(vec![]))
+    }
+
+    fn observe(&self, layout: Layout, half: u32) -> Message {
+        let (learner_incarnation, steps) = self.following.expect("an actor observes once it is restored");
+        let header = ObservationHeader {
+            step: steps[half as usize],
+            kind: observation_kind::OBSERVATIONS,
+            actor: self.number,
+            actor_incarnation: self.incarnation,
+            learner_incarnation,
+            half,
+            ..ObservationHeader::default()
+        };
+        let observe = |e: usize| (e as u32, self.environments[e].transition(), self.environments[e].current());
+        (header, FakeSample(layout.half(half).map(observe).collect()))
+    }
+
+    /// Handles one message that waits for it, and returns what it sends. None when nothing waits.
+    fn turn(&mut self, layout: Layout) -> Option<Vec<Message>> {
+        if let Some((header, states)) = self.restore.take() {
+            let meant = header.actor_incarnation == 0 || header.actor_incarnation == self.incarnation;
+            if !meant || self.following.is_some_and(|(learner, _)| learner >= header.learner_incarnation) {
+                return Some(vec![]);
+            }
+            let first = layout.columns_of_actor(self.number).start;
+            self.environments = states
+                .iter()
+                .enumerate()
+                .map(|(e, state)| FakeEnvironment::rebuild(layout.environment(first + e), MAX_STEPS, state))
+                .collect();
+            self.following = Some((header.learner_incarnation, header.step));
+            return Some((0..layout.halves()).map(|half| self.observe(layout, half)).collect());
+        }
+        let ActionBatch { header, actions, .. } = self.actions.pop_front()?;
+        let Some((learner, steps)) = &mut self.following else { return Some(vec![]) };
+        if header.learner_incarnation != *learner || header.step != steps[header.half as usize] {
+            return Some(vec![]);
+        }
+        steps[header.half as usize] += 1;
+        for (e, action) in layout.half(header.half).zip(actions) {
+            self.environments[e].act(action);
+        }
+        Some(vec![self.observe(layout, header.half)])
+    }
+}
+
+/// What a run leaves: for each rollout everything that training would see.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct Record {
+    rollouts: Vec<RolloutRecord>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct RolloutRecord {
+    shape: RolloutShape,
+    /// (t, column, action, noise and observation) for each action that counts.
+    actions: Vec<(usize, usize, u8, u64)>,
+    outcomes: Vec<(usize, usize, u32, bool, bool, bool)>,
+    metrics: Vec<(String, u64)>,
+    bootstrap: Vec<(usize, u64)>,
+}
+
+/// The learner's memory that a checkpoint holds: stands for weights and beliefs.
+#[derive(Debug, Clone)]
+struct Brain {
+    weights: u64,
+    beliefs: Vec<u64>,
+}
+
+#[derive(Debug, Clone)]
+struct Checkpoint {
+    boundary: Boundary,
+    brain: Brain,
+    frames: u64,
+    rollout: usize,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    layout: Layout,
+    rollout_steps: usize,
+    budget: u64,
+}
+
+/// A fault of the schedule, at the n-th turn of the world.
+#[derive(Debug, Clone, Copy)]
+enum Fault {
+    Actor(u32),
+    Learner,
+}
+
+struct World {
+    run: Run,
+    actors: Vec<FakeActor>,
+    to_learner: VecDeque<Message>,
+    learner_incarnation: u32,
+    record: Record,
+    checkpoints: Vec<Checkpoint>,
+    brain: Brain,
+    frames: u64,
+    collector: Collector<FakeSample>,
+    in_progress: Option<RolloutRecord>,
+    before: Brain,
+}
+
+impl World {
+    fn new(run: Run) -> Self {
+        let columns = run.layout.columns();
+        let brain = Brain { weights: 1, beliefs: vec![0; columns] };
+        let boundary = Boundary::start(columns);
+        let first = Checkpoint { boundary: boundary.clone(), brain: brain.clone(), frames: 0, rollout: 0 };
+        let mut world = Self {
+            run,
+            actors: (0..run.layout.actors()).map(|actor| FakeActor::new(actor, 1)).collect(),
+            to_learner: VecDeque::new(),
+            learner_incarnation: 1,
+            record: Record::default(),
+            checkpoints: vec![first],
+            before: brain.clone(),
+            brain,
+            frames: 0,
+            collector: Collector::new(settings(run.layout, 1), boundary),
+            in_progress: None,
+        };
+        for actor in 0..run.layout.actors() as usize {
+            world.to_learner.push_back(world.actors[actor].hello());
+        }
+        world.broadcast();
+        world
+    }
+
+    fn broadcast(&mut self) {
+        for actor in 0..self.run.layout.actors() {
+            self.actors[actor as usize].restore = Some(self.collector.restore(actor, 0));
+        }
+    }
+
+    /// The actor dies. What it had sent stays readable; what was on its way to it is lost.
+    fn kill_actor(&mut self, actor: u32) {
+        let slot = &mut self.actors[actor as usize];
+        *slot = FakeActor::new(actor, slot.incarnation + 1);
+        let hello = slot.hello();
+        self.to_learner.push_back(hello);
+    }
+
+    /// The learner dies and comes back from one of its newest two checkpoints.
+    fn kill_learner(&mut self, back: usize) {
+        let keep = self.checkpoints.len() - back.min(self.checkpoints.len() - 1);
+        self.checkpoints.truncate(keep);
+        let Checkpoint { boundary, brain, frames, rollout } = self.checkpoints[keep - 1].clone();
+        self.learner_incarnation += 1;
+        self.record.rollouts.truncate(rollout);
+        self.brain = brain;
+        self.frames = frames;
+        self.in_progress = None;
+        // Its subscriber dies with it.
+        self.to_learner.clear();
+        self.collector = Collector::new(settings(self.run.layout, self.learner_incarnation), boundary);
+        self.broadcast();
+        // Actors that have no restore yet keep crying.
+        for actor in &self.actors {
+            if actor.following.is_none() {
+                self.to_learner.push_back(actor.hello());
+            }
+        }
+    }
+
+    /// One turn of the learner, as the process makes it. False when it waits.
+    fn learner_turn(&mut self) -> bool {
+        let layout = self.run.layout;
+        let mut heard = false;
+        while let Some((header, sample)) = self.to_learner.pop_front() {
+            heard = true;
+            if let Received::Hello { actor, actor_incarnation } = self.collector.receive(&header, sample).unwrap() {
+                self.actors[actor as usize].restore = Some(self.collector.restore(actor, actor_incarnation));
+            }
+        }
+        if self.in_progress.is_none() {
+            if self.frames == self.run.budget {
+                return heard;
+            }
+            let shape = RolloutShape::next(self.run.budget - self.frames, self.run.rollout_steps, layout.columns());
+            self.before = self.brain.clone();
+            let reward = Reward { kind: RewardKind::DisturbanceFree, lambda_disturb: 15.0 };
+            self.collector.begin(shape, reward, 1 + self.record.rollouts.len() as u64);
+            self.in_progress =
+                Some(RolloutRecord { shape, actions: vec![], outcomes: vec![], metrics: vec![], bootstrap: vec![] });
+        }
+        match self.collector.task() {
+            Task::Await { .. } => return heard,
+            Task::Act { half, t } => {
+                self.settle(half);
+                let record = self.in_progress.as_mut().unwrap();
+                let batch = self.collector.batch(half);
+                let last = t + 1 == record.shape.steps;
+                let mut actions = vec![];
+                for (i, &column) in batch.columns.iter().enumerate() {
+                    let (seen, belief) = look(&batch, i, self.brain.beliefs[column]);
+                    let action = (mix([self.brain.weights, belief]) % POLICY_ACTIONS as u64) as u8;
+                    actions.push(action);
+                    if !last || column < record.shape.environments_in_last_step {
+                        self.brain.beliefs[column] = belief;
+                        record.actions.push((t, column, action, seen));
+                    }
+                }
+                for batch in self.collector.answer(half, &actions) {
+                    self.actors[batch.actor as usize].actions.push_back(batch);
+                }
+            }
+            Task::Bootstrap { half } => {
+                self.settle(half);
+                let record = self.in_progress.as_mut().unwrap();
+                let batch = self.collector.batch(half);
+                for (i, &column) in batch.columns.iter().enumerate() {
+                    record.bootstrap.push((column, look(&batch, i, self.brain.beliefs[column]).1));
+                }
+                self.collector.bootstrapped(half);
+            }
+            Task::Finish => {
+                let mut record = self.in_progress.take().unwrap();
+                let metrics = self.collector.finish().metrics();
+                record.metrics = metrics.into_iter().map(|(name, value)| (name, value.to_bits())).collect();
+                self.frames += record.shape.frames;
+                let seen = record.outcomes.iter().map(|outcome| u64::from(outcome.2) ^ outcome.0 as u64);
+                self.brain.weights = mix(seen.chain([self.brain.weights]));
+                self.record.rollouts.push(record);
+                self.checkpoints.push(Checkpoint {
+                    boundary: self.collector.boundary(),
+                    brain: self.brain.clone(),
+                    frames: self.frames,
+                    rollout: self.record.rollouts.len(),
+                });
+            }
+        }
+        true
+    }
+
+    fn settle(&mut self, half: u32) {
+        let record = self.in_progress.as_mut().unwrap();
+        for Settled { t, column, outcome } in self.collector.settle(half) {
+            let Outcome { reward, ended, time_limit, disturbed } = outcome;
+            record.outcomes.push((t, column, reward.to_bits(), ended, time_limit, disturbed));
+        }
+    }
+
+    /// Runs to the budget. `order` decides who moves next; a fault strikes after its number of turns.
+    fn run(mut self, mut order: impl FnMut() -> usize, faults: &[(usize, Fault)]) -> Record {
+        let actors = self.actors.len();
+        let mut idle = 0;
+        let mut turn = 0;
+        while self.frames < self.run.budget || self.in_progress.is_some() {
+            for (_, fault) in faults.iter().filter(|(at, _)| *at == turn) {
+                match *fault {
+                    Fault::Actor(actor) => self.kill_actor(actor % actors as u32),
+                    Fault::Learner => self.kill_learner(turn % 2),
+                }
+            }
+            turn += 1;
+            let who = order() % (actors + 1);
+            let moved = if who == actors {
+                self.learner_turn()
+            } else if let Some(sent) = self.actors[who].turn(self.run.layout) {
+                self.to_learner.extend(sent);
+                true
+            } else {
+                false
+            };
+            idle = if moved { 0 } else { idle + 1 };
+            assert!(idle < 10_000, "everybody waits for somebody: {:?}", self.collector.task());
+        }
+        self.record
+    }
+}
+
+fn settings(layout: Layout, learner_incarnation: u32) -> Settings {
+    Settings { layout, seed: SEED, policy_actions: POLICY_ACTIONS, max_episode_steps: MAX_STEPS, learner_incarnation }
+}
+
+/// Everything the batch says about row `i` as one number, and the belief after it.
+fn look(batch: &Batch, i: usize, belief: u64) -> (u64, u64) {
+    let input = batch.input();
+    let noise = &input.gumbel[i * POLICY_ACTIONS..][..POLICY_ACTIONS];
+    let numbers = input.goal_m[i].iter().chain(noise).map(|value| u64::from(value.to_bits()));
+    let seen = mix(numbers.chain([u64::from(input.previous_action[i]), u64::from(input.episode_start[i])]));
+    let belief = if input.episode_start[i] { 0 } else { belief };
+    (seen, mix([belief, seen]))
+}
+
+fn round_robin() -> impl FnMut() -> usize {
+    let mut next = 0;
+    move || {
+        next += 1;
+        next
+    }
+}
+
+fn random_order(seed: u64) -> impl FnMut() -> usize {
+    let mut state = seed;
+    move || {
+        state = mix([state, 1]);
+        (state >> 8) as usize
+    }
+}
+
+fn any_run() -> impl Strategy<Value = Run> {
+    (1u32..4, 1u32..5, 1usize..9, 1u64..120).prop_map(|(actors, environments, rollout_steps, budget)| Run {
+        layout: Layout::new(0, actors, environments),
+        rollout_steps,
+        budget,
+    })
+}
+
+fn any_fault() -> impl Strategy<Value = (usize, Fault)> {
+    (0usize..400, prop_oneof![3 => (0u32..4).prop_map(Fault::Actor), 1 => Just(Fault::Learner)])
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    /// Whoever dies when, and in whatever order messages arrive: the same rollouts are recorded.
+    #[test]
+    fn no_crash_and_no_timing_changes_what_is_recorded(
+        run in any_run(), order in any::<u64>(), faults in prop::collection::vec(any_fault(), 0..8),
+    ) {
+        let undisturbed = World::new(run).run(round_robin(), &[]);
+        let frames: u64 = undisturbed.rollouts.iter().map(|rollout| rollout.shape.frames).sum();
+        prop_assert_eq!(frames, run.budget);
+        for rollout in &undisturbed.rollouts {
+            prop_assert_eq!(rollout.actions.len() as u64, rollout.shape.frames);
+            prop_assert_eq!(rollout.outcomes.len() as u64, rollout.shape.frames);
+            prop_assert_eq!(rollout.bootstrap.len(), run.layout.columns());
+        }
+        prop_assert_eq!(World::new(run).run(random_order(order), &faults), undisturbed);
+    }
+
+    /// A stop at any point loses nothing: the boundary of the rollout in progress is the one it began at.
+    #[test]
+    fn a_stop_at_any_point_resumes_to_the_same_run(run in any_run(), stop_after in 0usize..300) {
+        let undisturbed = World::new(run).run(round_robin(), &[]);
+        let mut world = World::new(run);
+        let mut order = round_robin();
+        for _ in 0..stop_after {
+            let who = order() % (world.actors.len() + 1);
+            if who == world.actors.len() {
+                world.learner_turn();
+            } else if let Some(sent) = world.actors[who].turn(run.layout) {
+                world.to_learner.extend(sent);
+            }
+        }
+        let brain = if world.in_progress.is_some() { world.before.clone() } else { world.brain.clone() };
+        let (boundary, frames) = (world.collector.boundary(), world.frames);
+        let stored = world.checkpoints.last().unwrap();
+        prop_assert_eq!(&boundary, &stored.boundary, "a stop saves what the last boundary was");
+        let rollout = world.record.rollouts.len();
+        let mut resumed = World::new(run);
+        resumed.record = world.record;
+        resumed.checkpoints = vec![Checkpoint { boundary, brain, frames, rollout }];
+        resumed.kill_learner(0);
+        prop_assert_eq!(resumed.run(round_robin(), &[]), undisturbed);
+    }
+}
+
+/// Every single point of a run, one crash each: shorter than chance, but complete.
+#[test]
+fn a_crash_at_each_turn() {
+    let run = Run { layout: Layout::new(0, 2, 3), rollout_steps: 3, budget: 40 };
+    let undisturbed = World::new(run).run(round_robin(), &[]);
+    assert!(undisturbed.rollouts.iter().flat_map(|rollout| &rollout.outcomes).any(|outcome| outcome.3), "some end");
+    for turn in 0..150 {
+        for fault in [Fault::Actor(0), Fault::Actor(1), Fault::Learner] {
+            assert_eq!(World::new(run).run(round_robin(), &[(turn, fault)]), undisturbed, "{fault:?} at {turn}");
+        }
+    }
+}
+
+#[test]
+fn an_actor_that_disagrees_is_named() {
+    let layout = Layout::new(0, 2, 2);
+    let mut collector = Collector::<FakeSample>::new(settings(layout, 1), Boundary::start(layout.columns()));
+    let mut actor = FakeActor::new(1, 1);
+    actor.restore = Some(collector.restore(1, 0));
+    let sent = actor.turn(layout).unwrap();
+    let broken = |change: &dyn Fn(&mut ObservationHeader, &mut FakeSample)| {
+        let (mut header, mut sample) = sent[1].clone();
+        change(&mut header, &mut sample);
+        (header, sample)
+    };
+    let mut text = |(header, sample): Message| collector.receive(&header, sample).unwrap_err().to_string();
+
+    let wrong_episode = text(broken(&|_, sample| sample.0[0].2.episode = 3));
+    assert!(wrong_episode.contains("actor 1, kitchen 3, environment 1: it is at episode 3, step 0"), "{wrong_episode}");
+    let no_start = text(broken(&|_, sample| sample.0[0].2.flags = 0));
+    assert!(no_start.contains("episode-start flag"), "{no_start}");
+    let not_finite = text(broken(&|_, sample| sample.0[0].2.wrist_to_object_m[1] = f32::NAN));
+    assert!(not_finite.contains("goal sensor is not finite"), "{not_finite}");
+    let swapped = text(broken(&|_, sample| sample.0[0].0 = 0));
+    assert!(swapped.contains("holds environment 0"), "{swapped}");
+    let short = text(broken(&|_, sample| sample.0.clear()));
+    assert!(short.contains("actor 1 sent 0 observations for half 1, which has 1"), "{short}");
+    let ahead = text(broken(&|header, _| header.step = 1));
+    assert!(ahead.contains("actor 1 is at exchange 1 of half 1"), "{ahead}");
+    let nobody = text(broken(&|header, _| header.actor = 2));
+    assert!(nobody.contains("makes no sense"), "{nobody}");
+
+    // What is right is taken once; a copy, an old learner's and a dead predecessor's change nothing.
+    let (header, sample) = sent[1].clone();
+    assert_eq!(collector.receive(&header, sample.clone()), Ok(Received::Kept));
+    assert_eq!(collector.receive(&header, sample.clone()), Ok(Received::Duplicate));
+    let old = ObservationHeader { learner_incarnation: 0, ..header };
+    assert_eq!(collector.receive(&old, sample), Ok(Received::Foreign));
+    let (hello, nothing) = FakeActor::new(1, 2).hello();
+    assert_eq!(collector.receive(&hello, nothing.clone()), Ok(Received::Hello { actor: 1, actor_incarnation: 2 }));
+    let (hello, _) = FakeActor::new(1, 1).hello();
+    assert_eq!(collector.receive(&hello, nothing), Ok(Received::Duplicate));
+}
+
+#[test]
+fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
+    let layout = Layout::new(0, 1, 1);
+    let mut collector = Collector::<FakeSample>::new(settings(layout, 1), Boundary::start(1));
+    let mut actor = FakeActor::new(0, 1);
+    actor.restore = Some(collector.restore(0, 0));
+    let (header, sample) = actor.turn(layout).unwrap().remove(0);
+    collector.receive(&header, sample).unwrap();
+    let reward = Reward { kind: RewardKind::Task, lambda_disturb: 15.0 };
+    collector.begin(RolloutShape { steps: 2, environments_in_last_step: 1, frames: 2 }, reward, 1);
+    assert!(collector.settle(0).is_empty(), "the first observation belongs to no action of this rollout");
+    let batch = collector.answer(0, &[4]).remove(0);
+    actor.actions.push_back(batch);
+    let (header, sample) = actor.turn(layout).unwrap().remove(0);
+    let mut refused = |change: &dyn Fn(&mut Transition)| {
+        let mut sample = sample.clone();
+        change(&mut sample.0[0].1);
+        collector.receive(&header, sample).unwrap_err().to_string()
+    };
+    assert!(refused(&|transition| transition.flags = 0).contains("reports no transition for action 4"));
+    assert!(refused(&|transition| transition.action = 5).contains("action 5; sent was episode 0, step 0, action 4"));
+    assert!(refused(&|transition| transition.step = 1).contains("step 1, action 4; sent was"));
+    assert!(refused(&|transition| transition.flags |= transition_flag::ENDED).contains("only so"));
+    assert!(refused(&|transition| transition.reward.wrist_object_progress_m = f32::INFINITY).contains("not finite"));
+    assert_eq!(collector.receive(&header, sample.clone()), Ok(Received::Kept));
+    let settled = collector.settle(0);
+    assert_eq!((settled.len(), settled[0].t, settled[0].column), (1, 0, 0));
+    let parts = sample.0[0].1.reward;
+    assert_eq!(settled[0].outcome.reward, parts.compose(RewardKind::Task, 15.0));
+    assert_eq!(settled[0].outcome.disturbed, parts.disturbance_progress_m <= -0.001);
+    assert!(collector.settle(0).is_empty(), "an outcome is taken in once");
+}

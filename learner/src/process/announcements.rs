@@ -1,0 +1,98 @@
+//! What the orchestrator allows: the newest stage announcement.
+
+use proto::config::StageConfig;
+use proto::message::{StageAnnouncement, directive};
+use proto::stage::position_at;
+
+/// The newest announcement heard.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Announcements {
+    newest: Option<StageAnnouncement>,
+}
+
+/// What the newest announcement means for a rollout.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Word {
+    /// Nothing yet: wait.
+    Wait,
+    /// Begin it, under the announcement with this version.
+    Begin {
+        /// Version to echo.
+        version: u64,
+    },
+    /// Save and leave.
+    Stop,
+}
+
+/// Orchestrator and learner disagree about the stage.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "rollout {rollout} was announced in stage {announced}, but {frames} frames belong to stage {expected}: \
+     orchestrator and learner do not speak of the same run or configuration"
+)]
+pub struct WrongStage {
+    rollout: u64,
+    announced: u32,
+    frames: u64,
+    expected: usize,
+}
+
+impl Announcements {
+    /// Hears one. Versions only grow; an older one changes nothing.
+    pub fn hear(&mut self, announcement: StageAnnouncement) {
+        if self.newest.is_none_or(|newest| newest.version < announcement.version) {
+            self.newest = Some(announcement);
+        }
+    }
+
+    /// True when a stop is in force.
+    pub fn stop(&self) -> bool {
+        self.newest.is_some_and(|newest| newest.directive == directive::STOP)
+    }
+
+    /// What is in force for `rollout`, which begins at `frames`. An announcement of a later rollout was made to a
+    /// predecessor that got further; one of this rollout follows.
+    pub fn word(&self, stages: &[StageConfig], rollout: u64, frames: u64) -> Result<Word, WrongStage> {
+        match self.newest {
+            Some(newest) if newest.directive == directive::STOP => Ok(Word::Stop),
+            Some(newest) if newest.directive == directive::TRAIN && newest.rollout == rollout => {
+                let expected = position_at(stages, frames).map_or(stages.len(), |position| position.stage);
+                if newest.stage as usize == expected {
+                    Ok(Word::Begin { version: newest.version })
+                } else {
+                    Err(WrongStage { rollout, announced: newest.stage, frames, expected })
+                }
+            }
+            _ => Ok(Word::Wait),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::reward::RewardKind;
+
+    fn train(version: u64, rollout: u64, stage: u32) -> StageAnnouncement {
+        StageAnnouncement { version, rollout, stage, directive: directive::TRAIN }
+    }
+
+    #[test]
+    fn a_rollout_begins_when_it_is_announced_in_its_stage() {
+        let stages = ["I", "II"].map(|name| StageConfig { name: name.into(), reward: RewardKind::Task, frames: 100 });
+        let mut announcements = Announcements::default();
+        assert_eq!(announcements.word(&stages, 3, 100), Ok(Word::Wait));
+        // Made to a predecessor that died further on.
+        announcements.hear(train(7, 5, 1));
+        assert_eq!(announcements.word(&stages, 3, 100), Ok(Word::Wait));
+        announcements.hear(train(8, 3, 1));
+        assert_eq!(announcements.word(&stages, 3, 100), Ok(Word::Begin { version: 8 }));
+        announcements.hear(train(7, 5, 1));
+        assert_eq!(announcements.word(&stages, 3, 100), Ok(Word::Begin { version: 8 }), "an old word is not heard");
+        assert!(announcements.word(&stages, 3, 99).unwrap_err().to_string().contains("stage 1, but 99 frames"));
+        assert!(!announcements.stop());
+        announcements.hear(StageAnnouncement { version: 9, directive: directive::STOP, ..train(0, 3, 1) });
+        assert_eq!(announcements.word(&stages, 3, 100), Ok(Word::Stop));
+        assert!(announcements.stop());
+    }
+}

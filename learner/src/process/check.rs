@@ -1,0 +1,47 @@
+//! `learner check`: proof that libtorch loads and computes, before anything is started.
+
+use super::machine::{TORCH_VERSION, machine, torch_library, torch_version};
+use anyhow::{Result, bail};
+use serde::Serialize;
+use std::io::Write;
+use tch::{Cuda, Device, Kind, Tensor};
+
+/// What `learner check` prints: one line of JSON.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Report {
+    /// Version of libtorch.
+    pub torch: String,
+    /// Path of the loaded library.
+    pub library: String,
+    /// Devices it can compute on; the first CUDA device comes before the CPU.
+    pub devices: Vec<String>,
+    /// Instruction set of its CPU kernels.
+    pub instruction_set: String,
+}
+
+/// Looks at the libtorch that is loaded, lets it compute something, and prints a [`Report`].
+pub fn check(mut output: impl Write) -> Result<()> {
+    let library = torch_library().map_or_else(|| "unknown".to_owned(), |path| path.display().to_string());
+    match torch_version() {
+        Some(version) if version == TORCH_VERSION => {}
+        Some(version) => {
+            bail!("libtorch {version} is loaded from {library}; this program needs {TORCH_VERSION}")
+        }
+        None => tracing::warn!("the version of {library} cannot be told; this program needs {TORCH_VERSION}"),
+    }
+    let sum =
+        Tensor::f_ones([4, 4], (Kind::Float, Device::Cpu))?.f_mm(&Tensor::f_eye(4, (Kind::Float, Device::Cpu))?)?;
+    let sum = f64::try_from(sum.f_sum(Kind::Double)?)?;
+    if sum != 16.0 {
+        bail!("libtorch from {library} computes 16 as {sum}");
+    }
+    let mut devices = vec![];
+    if Cuda::is_available() {
+        devices.extend((0..Cuda::device_count()).map(|index| format!("cuda:{index}")));
+    }
+    devices.push("cpu".to_owned());
+    let machine = machine(Device::Cpu, 1);
+    let report = Report { torch: machine.torch, library, devices, instruction_set: machine.instruction_set };
+    writeln!(output, "{}", serde_json::to_string(&report)?)?;
+    Ok(())
+}

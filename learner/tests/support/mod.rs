@@ -1,0 +1,376 @@
+//! A run's surroundings inside the test process: the services, stand-in actors on threads, and the orchestrator's
+//! part of the conversation with a real learner process.
+
+pub mod environment;
+
+use environment::{FakeEnvironment, mix};
+use proto::config::{Config, StageConfig};
+use proto::control::LearnerEvent;
+use proto::episode::EnvironmentId;
+use proto::message::{Halves, ObservationHeader, StageAnnouncement, directive, observation_kind};
+use proto::reward::RewardKind;
+use proto::run_folder::RunFolder;
+use proto::stage::{position_at, total_frames};
+use proto::wire::{ObservationPublisher, StagePublisher, UpdateConnections, Wire, WireAddress, WireHost, WireShape};
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Longest that one learner process may take.
+const DEADLINE: Duration = Duration::from_secs(120);
+
+/// A small configuration: both halves of an actor, two stages, budgets that are no multiple of anything.
+pub fn tiny() -> Config {
+    let mut config = Config::resolve("demo", None).unwrap();
+    config.seed = 3;
+    config.actors.count = 2;
+    config.actors.environments_per_actor = 3;
+    config.episode.max_steps = 7;
+    config.network.hidden = 16;
+    config.ppo.rollout_steps = 4;
+    config.ppo.epochs = 1;
+    config.learner.device = proto::config::DeviceChoice::Cpu;
+    config.learner.threads = 1;
+    config.learner.actor_deadline_s = 30.0;
+    config.checkpoint.interval_s = 0.0;
+    config.stages = vec![
+        StageConfig { name: "I".into(), reward: RewardKind::Task, frames: 62 },
+        StageConfig { name: "II".into(), reward: RewardKind::DisturbanceFree, frames: 40 },
+    ];
+    config
+}
+
+/// A run folder with the services of one orchestrator incarnation and its actors.
+pub struct Scene {
+    pub config: Config,
+    pub folder: tempfile::TempDir,
+    address: WireAddress,
+    host: Option<WireHost>,
+    stage: Option<StagePublisher>,
+    version: u64,
+    learners: u32,
+    actors: Vec<StandIn>,
+}
+
+/// How a learner process ended.
+#[derive(Debug)]
+pub struct Ended {
+    pub status: ExitStatus,
+    pub events: Vec<LearnerEvent>,
+    pub stderr: String,
+}
+
+impl Ended {
+    /// Frames, weights and completeness of its last word.
+    pub fn finished(&self) -> (u64, String, bool) {
+        match self.events.last() {
+            Some(LearnerEvent::Finished { frames, weights, complete, .. }) => (*frames, weights.clone(), *complete),
+            other => panic!("the learner's last word is {other:?}, {}: {}", self.status, self.stderr),
+        }
+    }
+}
+
+/// What happens to a learner on its way.
+pub enum Plan<'a> {
+    /// Nothing.
+    Undisturbed,
+    /// It kills itself at a fault point.
+    Fault(&'a str),
+    /// STOP is announced when it says that this rollout is trained.
+    StopAfter(u64),
+    /// Its lifeline is cut when it says that this rollout is trained.
+    CutLifelineAfter(u64),
+    /// An actor dies when the learner says that this rollout is trained, and is started again.
+    CrashActorAfter(u64, u32),
+    /// An actor dies for good then.
+    LoseActorAfter(u64, u32),
+}
+
+impl Scene {
+    pub fn new(name: &str, config: Config) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("config.toml"), config.to_toml()).unwrap();
+        let address = WireAddress::new(&format!("learnertest{name}{}", std::process::id()), 1);
+        let shape = shape(&config);
+        let host = WireHost::create(&address, shape).unwrap();
+        let stage = host.wire().stage_publisher().unwrap();
+        let actors = (0..shape.actors).map(|actor| StandIn::start(&address, &config, actor, 1)).collect();
+        Self { config, folder, address, host: Some(host), stage: Some(stage), version: 0, learners: 0, actors }
+    }
+
+    pub fn run_folder(&self) -> RunFolder {
+        RunFolder::new(self.folder.path())
+    }
+
+    /// Starts a learner and plays the orchestrator until it ends.
+    pub fn learner(&mut self, plan: &Plan) -> Ended {
+        self.learners += 1;
+        let mut command = Command::new(env!("CARGO_BIN_EXE_learner"));
+        command
+            .arg("--run")
+            .arg(self.folder.path())
+            .args(["--wire", &self.address.to_string(), "--lifeline"])
+            .args(["--incarnation", &self.learners.to_string()])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        if let Plan::Fault(point) = plan {
+            command.env(proto::fault::VARIABLE, point);
+        }
+        let mut child = command.spawn().unwrap();
+        let mut lifeline = child.stdin.take();
+        let mut stderr = child.stderr.take().unwrap();
+        let words = std::thread::spawn(move || {
+            let mut text = String::new();
+            stderr.read_to_string(&mut text).unwrap();
+            text
+        });
+        let lines = read_events(&mut child);
+        let began = Instant::now();
+        let mut events = vec![];
+        loop {
+            match lines.recv_timeout(Duration::from_millis(20)) {
+                Ok(event) => {
+                    self.answer(&event, plan, &mut lifeline);
+                    events.push(event);
+                }
+                Err(RecvTimeoutError::Timeout) => self.stage.as_ref().unwrap().update_connections().unwrap(),
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            if began.elapsed() > DEADLINE {
+                child.kill().unwrap();
+                child.wait().unwrap();
+                panic!("the learner hangs after {:?}: {}", events.last(), words.join().unwrap());
+            }
+        }
+        let status = child.wait().unwrap();
+        self.host.as_ref().unwrap().sweep_dead();
+        Ended { status, events, stderr: words.join().unwrap() }
+    }
+
+    fn answer(&mut self, event: &LearnerEvent, plan: &Plan, lifeline: &mut Option<std::process::ChildStdin>) {
+        match *event {
+            LearnerEvent::Ready { rollout, frames, .. } => self.announce(rollout, frames),
+            LearnerEvent::RolloutCollected { rollout, frames, .. } => {
+                let stop = matches!(plan, Plan::StopAfter(after) if *after == rollout);
+                if !stop {
+                    self.announce(rollout + 1, frames);
+                }
+            }
+            LearnerEvent::RolloutTrained { rollout, .. } => match plan {
+                Plan::StopAfter(after) if *after == rollout => self.say(rollout + 1, 0, directive::STOP),
+                Plan::CutLifelineAfter(after) if *after == rollout => *lifeline = None,
+                Plan::CrashActorAfter(after, actor) if *after == rollout => {
+                    let old = &mut self.actors[*actor as usize];
+                    old.stop();
+                    *old = StandIn::start(&self.address, &self.config, *actor, old.incarnation + 1);
+                }
+                Plan::LoseActorAfter(after, actor) if *after == rollout => self.actors[*actor as usize].stop(),
+                _ => {}
+            },
+            _ => {}
+        }
+    }
+
+    fn announce(&mut self, rollout: u64, frames: u64) {
+        if let Some(position) = position_at(&self.config.stages, frames) {
+            self.say(rollout, position.stage as u32, directive::TRAIN);
+        }
+    }
+
+    fn say(&mut self, rollout: u64, stage: u32, directive: u32) {
+        self.version += 1;
+        let announcement = StageAnnouncement { version: self.version, rollout, stage, directive };
+        self.stage.as_ref().unwrap().send_copy(announcement).unwrap();
+    }
+
+    /// A new orchestrator incarnation: new services, new actors, the same run folder.
+    pub fn next_incarnation(&mut self, number: u32) {
+        self.close();
+        self.address = WireAddress::new(&format!("learnertest{}x{number}", std::process::id()), number);
+        let shape = shape(&self.config);
+        let host = WireHost::create(&self.address, shape).unwrap();
+        self.stage = Some(host.wire().stage_publisher().unwrap());
+        self.host = Some(host);
+        self.version = 0;
+        self.actors = (0..shape.actors).map(|actor| StandIn::start(&self.address, &self.config, actor, 1)).collect();
+    }
+
+    fn close(&mut self) {
+        for actor in &mut self.actors {
+            actor.stop();
+        }
+        self.stage = None;
+        self.host = None;
+        self.address.sweep().unwrap();
+    }
+
+    pub fn budget(&self) -> u64 {
+        total_frames(&self.config.stages)
+    }
+}
+
+impl Drop for Scene {
+    fn drop(&mut self) {
+        self.close();
+    }
+}
+
+fn shape(config: &Config) -> WireShape {
+    WireShape { actors: config.actors.count, environments_per_actor: config.actors.environments_per_actor }
+}
+
+fn read_events(child: &mut Child) -> Receiver<LearnerEvent> {
+    let (sender, receiver) = channel();
+    let output = BufReader::new(child.stdout.take().unwrap());
+    std::thread::spawn(move || {
+        for line in output.lines() {
+            let line = line.unwrap();
+            let event = serde_json::from_str(&line).unwrap_or_else(|error| panic!("not an event: {line}: {error}"));
+            if sender.send(event).is_err() {
+                break;
+            }
+        }
+    });
+    receiver
+}
+
+/// A stand-in actor on a thread. Stopping it is its death: its ports and all it held are gone.
+struct StandIn {
+    incarnation: u32,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl StandIn {
+    fn start(address: &WireAddress, config: &Config, number: u32, incarnation: u32) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let (address, config, flag) = (address.clone(), config.clone(), stop.clone());
+        let thread = std::thread::spawn(move || Acting::new(&address, &config, number, incarnation, flag).run());
+        Self { incarnation, stop, thread: Some(thread) }
+    }
+
+    fn stop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take()
+            && let Err(panic) = thread.join()
+            && !std::thread::panicking()
+        {
+            std::panic::resume_unwind(panic);
+        }
+    }
+}
+
+impl Drop for StandIn {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+struct Acting {
+    wire: Wire,
+    config: Config,
+    number: u32,
+    incarnation: u32,
+    stop: Arc<AtomicBool>,
+    following: u32,
+    steps: [u64; 2],
+    environments: Vec<FakeEnvironment>,
+}
+
+/// Node names must differ for a restarted actor only in logs, but they cost nothing.
+static NODES: AtomicU32 = AtomicU32::new(0);
+
+impl Acting {
+    fn new(address: &WireAddress, config: &Config, number: u32, incarnation: u32, stop: Arc<AtomicBool>) -> Self {
+        let node = NODES.fetch_add(1, Ordering::Relaxed);
+        let wire = Wire::join(address, shape(config), &format!("actor-{number}-{node}")).unwrap();
+        let config = config.clone();
+        Self { wire, config, number, incarnation, stop, following: 0, steps: [0; 2], environments: vec![] }
+    }
+
+    fn run(mut self) {
+        let restores = self.wire.restore_subscriber(self.number).unwrap();
+        let actions = self.wire.action_subscriber(self.number).unwrap();
+        let wakeup = self.wire.actions_wakeup(self.number).unwrap();
+        let observations = self.wire.observation_publisher().unwrap();
+        let bell = self.wire.observations_bell(self.number).unwrap();
+        let halves = Halves::of(self.config.actors.environments_per_actor);
+        let mut cried = Instant::now() - Duration::from_secs(1);
+        let mut unsent: Vec<u32> = vec![];
+        while !self.stop.load(Ordering::Relaxed) {
+            if self.following == 0 && cried.elapsed() > Duration::from_millis(200) {
+                cried = Instant::now();
+                self.send(&observations, observation_kind::HELLO, 0);
+                let _ = bell.notify();
+            }
+            while let Some(sample) = restores.receive().unwrap() {
+                let header = sample.user_header();
+                let meant = header.actor_incarnation == 0 || header.actor_incarnation == self.incarnation;
+                if meant && header.learner_incarnation > self.following {
+                    self.following = header.learner_incarnation;
+                    self.steps = header.step;
+                    let per_actor = self.config.actors.environments_per_actor;
+                    let rebuild = |(e, state)| {
+                        let id = EnvironmentId::of(self.number, e as u32, per_actor);
+                        FakeEnvironment::rebuild(id, self.config.episode.max_steps, state)
+                    };
+                    self.environments = sample.payload().iter().enumerate().map(rebuild).collect();
+                    unsent = (0..halves.count()).collect();
+                }
+            }
+            while let Some(sample) = actions.receive().unwrap() {
+                let header = sample.user_header();
+                let step = &mut self.steps[header.half as usize];
+                if header.learner_incarnation == self.following && header.step == *step {
+                    *step += 1;
+                    for (e, &action) in halves.range(header.half).zip(sample.payload()) {
+                        self.environments[e].act(action);
+                    }
+                    unsent.push(header.half);
+                }
+            }
+            unsent.retain(|&half| !self.send(&observations, observation_kind::OBSERVATIONS, half));
+            let _ = bell.notify();
+            wakeup.timed_wait(|_| {}, Duration::from_millis(if unsent.is_empty() { 20 } else { 2 })).unwrap();
+        }
+    }
+
+    /// True when somebody received it.
+    fn send(&self, publisher: &ObservationPublisher, kind: u32, half: u32) -> bool {
+        let halves = Halves::of(self.config.actors.environments_per_actor);
+        let range = halves.range(half);
+        let mut sample = publisher.loan_slice_uninit(range.len()).unwrap();
+        *sample.user_header_mut() = ObservationHeader {
+            step: self.steps[half as usize],
+            kind,
+            actor: self.number,
+            actor_incarnation: self.incarnation,
+            learner_incarnation: self.following,
+            half,
+            ..ObservationHeader::default()
+        };
+        for (slot, e) in sample.payload_mut().iter_mut().zip(range) {
+            // SAFETY: all-zero bytes are a valid Observation: it holds integers and floats only.
+            let observation = unsafe {
+                slot.as_mut_ptr().write_bytes(0, 1);
+                slot.assume_init_mut()
+            };
+            if let Some(environment) = self.environments.get(e) {
+                observation.transition = environment.transition();
+                observation.current = environment.current();
+                observation.environment = e as u32;
+                let hash = environment.hash();
+                for (row, line) in observation.depth_mm.chunks_mut(224).enumerate() {
+                    line.fill((mix([hash, row as u64]) % 4000) as u16);
+                }
+            }
+        }
+        // SAFETY: every element was written.
+        unsafe { sample.assume_init() }.send().unwrap() > 0
+    }
+}
