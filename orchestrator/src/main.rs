@@ -1,10 +1,73 @@
-//! The orchestrator.
+//! `orchestrator`: starts and supervises a run, shows how it stands, stops it, goes on with it, replays what it
+//! recorded. Each command is a file in [`command`].
 
 mod command;
+mod figures;
 mod format;
+mod identity;
+mod metrics;
+mod preflight;
+mod progress;
 mod recorder;
 mod recording;
+mod remains;
 mod schema;
+mod session;
+mod summary;
+mod supervisor;
 mod terminal;
 
-fn main() {}
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Trains mobile manipulators that leave a kitchen as they found it
+#[derive(Debug, Parser)]
+#[command(
+    version,
+    propagate_version = true,
+    after_help = "Exit status: 0 when all went well (an orderly stop included), 1 on failure, 2 on wrong usage, 130 after \
+                  a second Ctrl-C."
+)]
+struct CommandLine {
+    #[command(subcommand)]
+    command: Command,
+    /// Show the children's ordinary log lines, too (STILLROOM_LOG filters more finely)
+    #[arg(short, long, global = true)]
+    verbose: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Up(command::up::UpArgs),
+    Resume(command::resume::ResumeArgs),
+    Stop(command::stop::StopArgs),
+    Status(command::status::StatusArgs),
+    Config(command::config::ConfigArgs),
+    Presets(command::presets::PresetsArgs),
+    Replay(command::replay::ReplayArgs),
+    Recover(command::recover::RecoverArgs),
+    Clean(command::clean::CleanArgs),
+    Doctor(command::doctor::DoctorArgs),
+}
+
+fn main() -> ExitCode {
+    let line = CommandLine::parse();
+    terminal::init(line.verbose);
+    let done = |()| ExitCode::SUCCESS;
+    let result = match &line.command {
+        Command::Up(args) => command::up::run(args),
+        Command::Resume(args) => command::resume::run(args),
+        Command::Stop(args) => command::stop::run(args).map(done),
+        Command::Status(args) => command::status::run(args).map(done),
+        Command::Config(args) => command::config::run(args).map(done),
+        Command::Presets(args) => command::presets::run(args).map(done),
+        Command::Replay(args) => command::replay::run(args).map(done),
+        Command::Recover(args) => command::recover::run(args).map(done),
+        Command::Clean(args) => command::clean::run(args).map(done),
+        Command::Doctor(args) => command::doctor::run(args),
+    };
+    result.unwrap_or_else(|error| {
+        terminal::note(&format!("error: {error:#}"));
+        ExitCode::FAILURE
+    })
+}

@@ -1,4 +1,13 @@
 //! One file a command: each reads its arguments, calls what does the work, and prints.
 
+pub mod clean;
+pub mod config;
+pub mod doctor;
+pub mod overrides;
+pub mod presets;
 pub mod recover;
 pub mod replay;
+pub mod resume;
+pub mod status;
+pub mod stop;
+pub mod up;

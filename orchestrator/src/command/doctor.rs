@@ -1,0 +1,114 @@
+//! `orchestrator doctor`: everything that `up` would check, all of it, as a table.
+
+use super::overrides::{Overrides, default_preset};
+use crate::preflight::{Finding, disk, libtorch, memory, processor, programs, shared_memory};
+use crate::remains::survey;
+use crate::terminal;
+use crate::{format, session};
+use anyhow::Result;
+use proto::config::DeviceChoice;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Check everything that `up` would check, and show what is found
+///
+/// The exit status is 1 if something would keep `up` from running.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  orchestrator doctor
+  orchestrator doctor --preset two-stage --actors 38 --run /data/runs/a")]
+pub struct DoctorArgs {
+    /// Preset to check for [default: the one that `up` would take]
+    #[arg(long, value_name = "P")]
+    preset: Option<String>,
+    #[command(flatten)]
+    overrides: Overrides,
+    /// Run folder to check for
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    run: PathBuf,
+}
+
+/// Runs the command.
+pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
+    let mut table = Table::default();
+    table.row("processor", processor::check());
+    for program in ["learner", "actor"] {
+        let found = programs::find(program).map(|path| path.display().to_string());
+        table.row(program, finding(found));
+    }
+    let tools = session::Tools::find();
+    let torch = match &tools {
+        Ok(tools) => Some(tools.torch.clone()),
+        Err(error) => {
+            if programs::find("learner").is_ok() && programs::find("actor").is_ok() {
+                table.row("libtorch", Finding::Problem(format!("{error:#}")));
+            }
+            None
+        }
+    };
+    if let Some(torch) = &torch {
+        let libtorch::Torch { torch: version, library, devices, instruction_set } = torch;
+        let text = format!("{version} from {library}, CPU kernels for {instruction_set}");
+        table.row("libtorch", Finding::Good(text));
+        table.row("devices", Finding::Good(devices.join(", ")));
+    }
+    let default = torch.as_ref().map_or("demo", default_preset).to_owned();
+    let preset = match &args.preset {
+        Some(preset) => preset.clone(),
+        None => args.overrides.preset_in_file()?.unwrap_or(default),
+    };
+    match args.overrides.resolve(&preset) {
+        Err(error) => table.row("configuration", Finding::Problem(format!("{error:#}"))),
+        Ok(config) => {
+            let frames = format::count(proto::stage::total_frames(&config.stages));
+            let shape = format!(
+                "preset {}: {} actors of {} environments, {frames} frames",
+                config.preset, config.actors.count, config.actors.environments_per_actor
+            );
+            table.row("configuration", Finding::Good(shape));
+            let cuda = torch.as_ref().is_some_and(libtorch::Torch::has_cuda);
+            if config.learner.device == DeviceChoice::Cuda && !cuda {
+                table.row("device", Finding::Problem("learner.device = \"cuda\", but there is none".to_owned()));
+            }
+            let on_gpu = cuda && config.learner.device != DeviceChoice::Cpu;
+            match memory::available() {
+                Ok(available) => table.row("memory", memory::check(&config, on_gpu, available)),
+                Err(error) => table.row("memory", Finding::Warning(error.to_string())),
+            }
+            table.row("shared memory", shared_memory::check(&config));
+            table.row("disk", disk::check(&config, &args.run));
+        }
+    }
+    let dead: Vec<_> = survey()?.into_iter().filter(|remains| !remains.alive).collect();
+    if dead.is_empty() {
+        table.row("remains", Finding::Good("none of dead runs".to_owned()));
+    } else {
+        let bytes = format::bytes(dead.iter().map(|remains| remains.bytes).sum());
+        let text = format!("{bytes} in /dev/shm from {} dead runs; `orchestrator clean` frees it", dead.len());
+        table.row("remains", Finding::Warning(text));
+    }
+    Ok(if table.problems == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn finding(result: Result<String>) -> Finding {
+    result.map_or_else(|error| Finding::Problem(format!("{error:#}")), Finding::Good)
+}
+
+#[derive(Debug, Default)]
+struct Table {
+    problems: usize,
+}
+
+impl Table {
+    fn row(&mut self, name: &str, finding: Finding) {
+        let (mark, text) = match finding {
+            Finding::Good(text) => ("ok", text),
+            Finding::Warning(text) => ("warning", text),
+            Finding::Problem(text) => {
+                self.problems += 1;
+                ("PROBLEM", text)
+            }
+        };
+        terminal::out(&format!("{name:14} {mark:8} {text}"));
+    }
+}

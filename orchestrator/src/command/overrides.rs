@@ -1,0 +1,90 @@
+//! Options that `up`, `config` and `doctor` share: what the user lays over a preset.
+
+use crate::preflight::libtorch::Torch;
+use anyhow::{Context, Result};
+use clap::Args;
+use proto::config::Config;
+use proto::stage::scale_to;
+use std::path::PathBuf;
+
+/// What the user lays over a preset.
+#[derive(Debug, Clone, Default, Args)]
+pub struct Overrides {
+    /// TOML file whose keys replace the preset's (`orchestrator config` shows them all)
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Actor processes; actor i simulates training kitchen i, beyond 19 kitchens repeat [default: 19]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=512))]
+    pub actors: Option<u32>,
+    /// Environments in each actor
+    #[arg(long, value_name = "E", value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub envs_per_actor: Option<u32>,
+    /// Seed of everything random
+    #[arg(long, value_name = "S")]
+    pub seed: Option<u64>,
+    /// Frames of the whole run; all stages are scaled in proportion
+    #[arg(long, value_name = "F", value_parser = clap::value_parser!(u64).range(1..))]
+    pub frames: Option<u64>,
+}
+
+impl Overrides {
+    /// The effective configuration.
+    pub fn resolve(&self, preset: &str) -> Result<Config> {
+        let mut config = Config::resolve(preset, self.config.as_deref())?;
+        if let Some(actors) = self.actors {
+            config.actors.count = actors;
+        }
+        if let Some(environments) = self.envs_per_actor {
+            config.actors.environments_per_actor = environments;
+        }
+        if let Some(seed) = self.seed {
+            config.seed = seed;
+        }
+        if let Some(frames) = self.frames {
+            config.stages = scale_to(&config.stages, frames)?;
+        }
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// The preset to use when none is asked for: the one the user's file names, if it names one.
+    pub fn preset_in_file(&self) -> Result<Option<String>> {
+        let Some(path) = &self.config else { return Ok(None) };
+        let text =
+            std::fs::read_to_string(path).with_context(|| format!("cannot read configuration {}", path.display()))?;
+        // A broken file is reported with its line when it is read in earnest.
+        let table: Option<toml::Table> = toml::from_str(&text).ok();
+        Ok(table.and_then(|table| Some(table.get("preset")?.as_str()?.to_owned())))
+    }
+}
+
+/// The preset to use when nobody asks for one.
+pub fn default_preset(torch: &Torch) -> &'static str {
+    if torch.has_cuda() { "two-stage" } else { "demo" }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flags_win_over_the_file_and_the_file_over_the_preset() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mine.toml");
+        std::fs::write(&path, "preset = \"paper\"\nseed = 5\n[actors]\ncount = 3\n").unwrap();
+        let overrides = Overrides { config: Some(path), actors: Some(2), ..Overrides::default() };
+        assert_eq!(overrides.preset_in_file().unwrap().as_deref(), Some("paper"));
+        let config = overrides.resolve("demo").unwrap();
+        assert_eq!((config.preset.as_str(), config.seed, config.actors.count), ("demo", 5, 2));
+        assert_eq!(config.actors.environments_per_actor, 4);
+    }
+
+    #[test]
+    fn frames_scale_all_stages() {
+        let overrides = Overrides { frames: Some(500), ..Overrides::default() };
+        let frames: Vec<u64> = overrides.resolve("demo").unwrap().stages.iter().map(|stage| stage.frames).collect();
+        assert_eq!(frames, [300, 200]);
+        let overrides = Overrides { frames: Some(1), ..Overrides::default() };
+        assert!(overrides.resolve("demo").unwrap_err().to_string().contains("--frames"));
+    }
+}

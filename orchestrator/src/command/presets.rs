@@ -1,0 +1,30 @@
+//! `orchestrator presets`: what `--preset` takes.
+
+use crate::terminal;
+use anyhow::Result;
+use proto::config::PRESETS;
+
+/// List the presets
+#[derive(Debug, clap::Args)]
+pub struct PresetsArgs {
+    /// Print a JSON array of objects with `name` and `summary`
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &PresetsArgs) -> Result<()> {
+    if args.json {
+        let list: Vec<_> = PRESETS
+            .iter()
+            .map(|preset| serde_json::json!({ "name": preset.name, "summary": preset.summary }))
+            .collect();
+        terminal::out(&serde_json::to_string(&list)?);
+        return Ok(());
+    }
+    let width = PRESETS.iter().map(|preset| preset.name.len()).max().unwrap_or(0);
+    for preset in PRESETS {
+        terminal::out(&format!("{:width$}  {}", preset.name, preset.summary));
+    }
+    Ok(())
+}

@@ -1,0 +1,84 @@
+//! `orchestrator resume`: goes on with a run from its last checkpoint.
+
+use crate::identity::{Identity, RunLock, host_name, wait_for_learner};
+use crate::remains;
+use crate::session::{Session, Tools, preflight};
+use crate::summary::Summary;
+use crate::terminal;
+use anyhow::{Context, Result, bail};
+use proto::config::Config;
+use proto::run_folder::RunFolder;
+use proto::wire::WireAddress;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// How long a learner that outlived its orchestrator may take to save and leave.
+const LEARNER_LEAVES: Duration = Duration::from_secs(60);
+/// How long actors may take to notice that their orchestrator is gone.
+const ACTORS_LEAVE: Duration = Duration::from_secs(5);
+
+/// Go on with a run that was stopped, or whose machine or orchestrator died
+///
+/// Continues from the last good checkpoint with the configuration in the run folder. On the CPU the result is the same,
+/// bit for bit, as that of a run that was never interrupted. A run that is complete only prints its summary.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:
+  orchestrator resume runs/20261121-020423-demo-1")]
+pub struct ResumeArgs {
+    /// Run folder
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+}
+
+/// Runs the command.
+pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
+    let folder = RunFolder::new(&args.run);
+    let identity = Identity::read(&folder)?;
+    let lock = RunLock::acquire(&folder)?;
+    if let Some(summary) = Summary::read(&folder)? {
+        terminal::note("this run is complete");
+        for line in summary.lines(&folder, None) {
+            terminal::out(&line);
+        }
+        return Ok(ExitCode::SUCCESS);
+    }
+    let path = folder.config();
+    let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    let config = Config::from_toml(&text, &path.display().to_string())?;
+    let tools = Tools::find()?;
+    settle(&folder, &identity)?;
+    preflight(&config, &folder, &tools)?;
+    for path in [folder.logs(), folder.checkpoints(), folder.recordings()] {
+        std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
+    }
+    Session { folder, config, identity, lock, tools }.run()
+}
+
+/// Waits until nothing of an earlier incarnation runs any more, and removes what it left.
+fn settle(folder: &RunFolder, identity: &Identity) -> Result<()> {
+    let tell = || {
+        terminal::note(&format!(
+            "the learner of the last start still runs; waiting up to {} s for it to save and leave",
+            LEARNER_LEAVES.as_secs()
+        ));
+    };
+    if !wait_for_learner(folder, 0, LEARNER_LEAVES, tell)? {
+        bail!(
+            "the learner of the last start still holds {} after {} s; if it hangs, end it (`orchestrator clean` names \
+             and ends what has outlived its orchestrator) and resume again",
+            folder.learner_lock(0).display(),
+            LEARNER_LEAVES.as_secs()
+        );
+    }
+    for incarnation in identity.incarnations.iter().filter(|incarnation| incarnation.ended.is_none()) {
+        if incarnation.host != host_name() {
+            continue;
+        }
+        let address: WireAddress =
+            incarnation.wire.parse().with_context(|| format!("run.toml: {}", incarnation.wire))?;
+        let swept = remains::sweep(&address, ACTORS_LEAVE)?;
+        tracing::debug!("start {} was cut off; {} names of it removed", incarnation.number, swept.names);
+    }
+    Ok(())
+}

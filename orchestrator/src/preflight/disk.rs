@@ -1,0 +1,93 @@
+//! Whether the disk holds what a run writes: checkpoints must fit, recordings should.
+
+use super::Finding;
+use crate::format::bytes;
+use proto::config::{Config, Encoder};
+use proto::message::EnvironmentState;
+use proto::stage::total_frames;
+use std::path::Path;
+
+/// Below this nothing is begun, bytes.
+const LEAST: u64 = 256 << 20;
+/// A recorded step without its frame, compressed.
+const RECORDED_STEP: u64 = 120;
+/// A recorded depth frame: zstd, between a level camera (2 KB) and one that looks down (28 KB).
+const RECORDED_FRAME: u64 = 20_000;
+
+/// What a run writes at most, bytes: (checkpoints, recordings).
+pub fn need(config: &Config) -> (u64, u64) {
+    let hidden = u64::from(config.network.hidden);
+    // GRU and heads grow with the belief; the encoders are what they are.
+    let encoder: u64 = match config.network.encoder {
+        Encoder::Resnet => 4_200_000,
+        Encoder::Cnn => 20_000_000 / u64::from(config.network.input_pool).pow(2),
+    };
+    let parameters = encoder + 3 * hidden * (hidden + 560) + hidden * 400;
+    let environments = config.environments() as u64;
+    // Weights and two moments, beliefs, environment states.
+    let checkpoint = parameters * 12 + environments * (hidden * 4 + size_of::<EnvironmentState>() as u64);
+    let kept = u64::from(config.checkpoint.keep) + config.stages.len() as u64 + 1;
+    let frames = total_frames(&config.stages) as f64;
+    let recorded_step = RECORDED_STEP as f64 + config.recording.depth_share * RECORDED_FRAME as f64;
+    let recordings = if config.recording.enabled { (frames * recorded_step) as u64 } else { 0 };
+    (checkpoint * kept, recordings)
+}
+
+/// Checks the file system that will hold `folder`.
+pub fn check(config: &Config, folder: &Path) -> Finding {
+    let existing = folder.ancestors().find(|folder| folder.exists()).unwrap_or(Path::new("."));
+    let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
+    match rustix::fs::statvfs(existing) {
+        Ok(status) => check_against(config, existing, status.f_bavail * status.f_frsize),
+        Err(error) => Finding::Problem(format!("{}: {error}", existing.display())),
+    }
+}
+
+fn check_against(config: &Config, folder: &Path, free: u64) -> Finding {
+    let (checkpoints, recordings) = need(config);
+    let place = folder.display();
+    let figures = format!(
+        "checkpoints take up to {}, recordings about {}; {} are free at {place}",
+        bytes(checkpoints),
+        bytes(recordings),
+        bytes(free)
+    );
+    if free < checkpoints + LEAST {
+        Finding::Problem(format!(
+            "the disk is too full to begin: {figures}. Free some space or choose another place with --run"
+        ))
+    } else if free < checkpoints + recordings + LEAST {
+        Finding::Warning(format!(
+            "the disk may not hold the whole recording: {figures}. A smaller recording.depth_share, or \
+             recording.enabled = false, writes less"
+        ))
+    } else {
+        Finding::Good(figures)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_a_problem_and_a_small_one_a_warning() {
+        let paper = Config::resolve("paper", None).unwrap();
+        let folder = Path::new("/somewhere");
+        assert!(matches!(check_against(&paper, folder, 100 << 20), Finding::Problem(_)));
+        assert!(matches!(check_against(&paper, folder, 2 << 30), Finding::Warning(_)));
+        assert!(matches!(check_against(&paper, folder, 1 << 40), Finding::Good(_)));
+        let mut quiet = paper.clone();
+        quiet.recording.enabled = false;
+        assert!(matches!(check_against(&quiet, folder, 2 << 30), Finding::Good(_)));
+    }
+
+    #[test]
+    fn a_folder_that_is_not_there_yet_is_judged_by_where_it_will_be() {
+        let temporary = tempfile::tempdir().unwrap();
+        let demo = Config::resolve("demo", None).unwrap();
+        assert!(
+            !matches!(check(&demo, &temporary.path().join("a/b/c")), Finding::Problem(text) if text.contains("No such"))
+        );
+    }
+}

@@ -1,0 +1,225 @@
+//! Whether the learner finds a libtorch it can work with: it is asked (`learner check`).
+//!
+//! The library that the programs were built with is found by itself. `LIBTORCH` names another one, for example a torch
+//! with CUDA: its `lib` folder then comes first for the learner.
+
+use anyhow::{Context, Result, bail};
+use serde::Deserialize;
+use std::ffi::OsString;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// The series of torch that the learner speaks.
+const SERIES: &str = "2.11";
+/// Loading libtorch takes half a second from a warm cache; a cold network file system may take a minute.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What `learner check` says.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct Torch {
+    /// Version.
+    pub torch: String,
+    /// Path of the loaded library.
+    pub library: String,
+    /// Devices it can compute on: `cuda:0`, ..., `cpu`.
+    pub devices: Vec<String>,
+    /// Instruction set of its CPU kernels.
+    pub instruction_set: String,
+}
+
+impl Torch {
+    /// Whether it can compute on a GPU.
+    pub fn has_cuda(&self) -> bool {
+        self.devices.iter().any(|device| device.starts_with("cuda"))
+    }
+}
+
+/// Variables that make the learner find the libtorch that `LIBTORCH` names, if it names one. Errors if that is none or
+/// of another series.
+pub fn environment() -> Result<Vec<(OsString, OsString)>> {
+    match std::env::var_os("LIBTORCH").filter(|value| !value.is_empty()) {
+        None => Ok(vec![]),
+        Some(root) => environment_for(Path::new(&root), std::env::var_os("LD_LIBRARY_PATH")),
+    }
+}
+
+fn environment_for(root: &Path, before: Option<OsString>) -> Result<Vec<(OsString, OsString)>> {
+    let lib = root.join("lib");
+    if !lib.join("libtorch_cpu.so").exists() {
+        bail!(
+            "LIBTORCH={} is not a libtorch: {} is missing. Unset it to use the one that `make setup` fetches, or point \
+             it at the folder of a torch {SERIES} (the one that holds lib/ and include/)",
+            root.display(),
+            lib.join("libtorch_cpu.so").display()
+        );
+    }
+    if let Some(version) = version_of(root)
+        && !is_of_series(&version)
+    {
+        bail!(
+            "LIBTORCH={} is torch {version}, but this program needs torch {SERIES}.x. Unset LIBTORCH to use the one \
+             that `make setup` fetches, or point it at a torch {SERIES}",
+            root.display()
+        );
+    }
+    let mut folders = vec![lib];
+    folders.extend(before.iter().flat_map(std::env::split_paths).filter(|folder| !folder.as_os_str().is_empty()));
+    let joined = std::env::join_paths(folders).context("LIBTORCH and LD_LIBRARY_PATH")?;
+    Ok(vec![("LD_LIBRARY_PATH".into(), joined)])
+}
+
+/// The version that a libtorch folder or a Python torch package states.
+fn version_of(root: &Path) -> Option<String> {
+    if let Ok(text) = std::fs::read_to_string(root.join("build-version")) {
+        return Some(text.trim().to_owned()).filter(|version| !version.is_empty());
+    }
+    let text = std::fs::read_to_string(root.join("version.py")).ok()?;
+    let line = text.lines().find(|line| line.starts_with("__version__"))?;
+    line.split(['\'', '"']).nth(1).map(str::to_owned)
+}
+
+fn is_of_series(version: &str) -> bool {
+    version.strip_prefix(SERIES).is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '+']))
+}
+
+/// Has the learner load its libtorch.
+pub fn check(learner: &Path, environment: &[(OsString, OsString)]) -> Result<Torch> {
+    let mut child = Command::new(learner)
+        .arg("check")
+        .envs(environment.iter().map(|(name, value)| (name, value)))
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .with_context(|| format!("cannot start {}", learner.display()))?;
+    let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
+    let stdout = std::thread::spawn(move || read(stdout));
+    let stderr = std::thread::spawn(move || read(stderr));
+    let begin = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait()? {
+            break status;
+        }
+        if begin.elapsed() > PATIENCE {
+            child.kill()?;
+            child.wait()?;
+            bail!("`{} check` did not answer within {} s", learner.display(), PATIENCE.as_secs());
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    let output = stdout.join().unwrap_or_default();
+    let complaint = stderr.join().unwrap_or_default();
+    if !status.success() {
+        bail!("{}", explain(learner, &status.to_string(), &complaint));
+    }
+    let line = output.lines().last().unwrap_or_default();
+    serde_json::from_str(line).with_context(|| format!("`{} check` said: {output}{complaint}", learner.display()))
+}
+
+fn read(pipe: Option<impl Read>) -> String {
+    let mut bytes = vec![];
+    if let Some(pipe) = pipe {
+        // A cut answer is judged by what is there.
+        let _ = pipe.take(1 << 20).read_to_end(&mut bytes);
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+/// Why the learner could not load its library, and what to do.
+fn explain(learner: &Path, status: &str, complaint: &str) -> String {
+    const MISSING: &str = "error while loading shared libraries: ";
+    let complaint = complaint.trim();
+    if let Some((_, rest)) = complaint.split_once(MISSING) {
+        let library: PathBuf = rest.split(':').next().unwrap_or(rest).trim().into();
+        return format!(
+            "there is no libtorch: {} cannot load {}. Run `make setup`, which fetches torch {SERIES} into .torch/, or \
+             set LIBTORCH to the folder of a torch {SERIES} that is already on this machine (the one that holds lib/ \
+             and include/)",
+            learner.display(),
+            library.display()
+        );
+    }
+    if complaint.contains("symbol lookup error") || complaint.contains("undefined symbol") {
+        return format!(
+            "the libtorch that {} finds is of another version than {SERIES}: {complaint}. Run `make setup`, or set \
+             LIBTORCH to the folder of a torch {SERIES}",
+            learner.display()
+        );
+    }
+    // A log line of the learner: its time and level say nothing here.
+    let last = complaint.lines().last().unwrap_or_default();
+    let said = last.split_once(" ERROR ").map_or(complaint, |(_, text)| text);
+    let said = if said.is_empty() { status } else { said };
+    format!(
+        "libtorch does not work: {said}. `make setup` fetches torch {SERIES}; LIBTORCH names one that is already there"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    fn torch(version_file: &str, content: &str) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("lib")).unwrap();
+        std::fs::write(folder.path().join("lib/libtorch_cpu.so"), "").unwrap();
+        std::fs::write(folder.path().join(version_file), content).unwrap();
+        folder
+    }
+
+    #[test]
+    fn another_version_is_refused_with_both_named() {
+        let old = torch("build-version", "2.6.0+cpu\n");
+        let message = environment_for(old.path(), None).unwrap_err().to_string();
+        assert!(message.contains("torch 2.6.0+cpu") && message.contains("torch 2.11.x"), "{message}");
+        let almost = torch("version.py", "from typing import Optional\n__version__ = '2.110.0'\n");
+        let message = environment_for(almost.path(), None).unwrap_err().to_string();
+        assert!(message.contains("torch 2.110.0"), "{message}");
+    }
+
+    #[test]
+    fn the_right_one_comes_first_on_the_library_path() {
+        let python = torch("version.py", "__version__ = '2.11.0+cu130'\ndebug = False\n");
+        let environment = environment_for(python.path(), Some("/usr/lib:/opt/lib".into())).unwrap();
+        let expected = format!("{}:/usr/lib:/opt/lib", python.path().join("lib").display());
+        assert_eq!(environment, [("LD_LIBRARY_PATH".into(), expected.into())]);
+        let empty = tempfile::tempdir().unwrap();
+        let message = environment_for(empty.path(), None).unwrap_err().to_string();
+        assert!(message.contains("is not a libtorch") && message.contains("make setup"), "{message}");
+    }
+
+    fn learner(script: &str) -> (tempfile::TempDir, PathBuf) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("learner");
+        std::fs::write(&path, format!("#!/bin/sh\n{script}\n")).unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+        (folder, path)
+    }
+
+    #[test]
+    fn the_learners_answer_is_read() {
+        let json =
+            r#"{"torch":"2.11.0","library":"/x/libtorch_cpu.so","devices":["cuda:0","cpu"],"instruction_set":"AVX2"}"#;
+        let (_folder, path) = learner(&format!("echo '{json}'"));
+        let torch = check(&path, &[]).unwrap();
+        assert!(torch.has_cuda());
+        assert_eq!(torch.torch, "2.11.0");
+    }
+
+    #[test]
+    fn what_keeps_it_from_answering_is_explained() {
+        let line = "learner: error while loading shared libraries: libtorch_cpu.so: cannot open shared object file";
+        let (_folder, path) = learner(&format!("echo '{line}' >&2; exit 127"));
+        let message = check(&path, &[]).unwrap_err().to_string();
+        for part in ["there is no libtorch", "libtorch_cpu.so", "make setup", "LIBTORCH"] {
+            assert!(message.contains(part), "{part}: {message}");
+        }
+        let line = "2026-11-21T02:04:23.1Z ERROR libtorch 2.6.0 is loaded from /x; this program needs 2.11.0";
+        let (_folder, path) = learner(&format!("echo '{line}' >&2; exit 1"));
+        let message = check(&path, &[]).unwrap_err().to_string();
+        assert!(message.starts_with("libtorch does not work: libtorch 2.6.0 is loaded"), "{message}");
+    }
+}

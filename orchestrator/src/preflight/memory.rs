@@ -1,0 +1,166 @@
+//! Whether the processes of a run fit into this machine's memory: an estimate, made before they are started, because
+//! afterwards the kernel kills one of them without a word.
+
+use super::Finding;
+use crate::format::bytes;
+use proto::config::{Config, Encoder};
+use proto::message::FRAME_PIXELS;
+use proto::wire::WireShape;
+use std::path::Path;
+
+/// An actor without environments: its program, its kitchen, meshes, and its ports.
+const ACTOR_BASE: u64 = 24 << 20;
+/// An environment: a physics world (320 KiB), the settled one it is reset from, the simulator's buffers.
+const ACTOR_ENVIRONMENT: u64 = 2 << 20;
+/// A learner without a network: libtorch on the CPU.
+const LEARNER_BASE: u64 = 400 << 20;
+/// What CUDA and its libraries add in host memory.
+const LEARNER_CUDA: u64 = 1536 << 20;
+/// The orchestrator and the recorder's buffers.
+const ORCHESTRATOR: u64 = 96 << 20;
+/// What autograd keeps of one frame at full resolution, both directions: the resnet's feature maps.
+const RESNET_FRAME: u64 = 16 << 20;
+/// The same of the three-layer network.
+const CNN_FRAME: u64 = 3 << 20;
+
+/// Memory that a run needs, bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Need {
+    /// One actor.
+    pub actor: u64,
+    /// The learner.
+    pub learner: u64,
+    /// Shared memory, which is memory too.
+    pub shared: u64,
+    /// All together.
+    pub total: u64,
+}
+
+/// What `config` needs with `actors` actors.
+pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
+    let environments_per_actor = config.actors.environments_per_actor;
+    let actor = ACTOR_BASE + u64::from(environments_per_actor) * ACTOR_ENVIRONMENT;
+    let environments = u64::from(actors) * u64::from(environments_per_actor);
+    let steps = u64::from(config.ppo.rollout_steps);
+    let rollout = environments * (steps + 1) * FRAME_PIXELS as u64 * 2;
+    let learner = if cuda {
+        // Rollout and activations lie on the GPU; the host has staging buffers.
+        LEARNER_BASE + LEARNER_CUDA + environments * FRAME_PIXELS as u64 * 4
+    } else {
+        let in_pass = match u64::from(config.ppo.environments_per_pass) {
+            0 => environments,
+            pass => pass.min(environments),
+        };
+        let full_frame = match config.network.encoder {
+            Encoder::Resnet => RESNET_FRAME,
+            Encoder::Cnn => CNN_FRAME,
+        };
+        let pooling = u64::from(config.network.input_pool).pow(2);
+        LEARNER_BASE + rollout + in_pass * steps * (full_frame / pooling)
+    };
+    let shared = WireShape { actors, environments_per_actor }.shared_memory_bytes();
+    Need { actor, learner, shared, total: u64::from(actors) * actor + learner + shared + ORCHESTRATOR }
+}
+
+/// Checks what `config` needs against `available` bytes.
+pub fn check(config: &Config, cuda: bool, available: u64) -> Finding {
+    let actors = config.actors.count;
+    let all = need(config, actors, cuda);
+    let figures = format!(
+        "{actors} actors of {} each, a learner of {}, {} shared memory: {} of {} available",
+        bytes(all.actor),
+        bytes(all.learner),
+        bytes(all.shared),
+        bytes(all.total),
+        bytes(available)
+    );
+    if all.total <= available {
+        return Finding::Good(figures);
+    }
+    let fits = (1..actors).rev().find(|&fewer| need(config, fewer, cuda).total <= available);
+    let way_out = match fits {
+        Some(fewer) => format!(
+            "--actors {fewer} is the most that fits; fewer environments (--envs-per-actor) or, on a CPU, a smaller \
+             ppo.environments_per_pass need less, too"
+        ),
+        None => "not even one actor fits: a smaller ppo.environments_per_pass, ppo.rollout_steps or encoder needs less"
+            .to_owned(),
+    };
+    Finding::Problem(format!("more actors than memory allows: {figures}. {way_out}"))
+}
+
+/// Memory that this process and its children may still take, bytes: what the machine has left, or less where a
+/// container is limited.
+pub fn available() -> std::io::Result<u64> {
+    let meminfo = std::fs::read_to_string("/proc/meminfo")?;
+    let machine = meminfo_available(&meminfo)
+        .ok_or_else(|| std::io::Error::new(std::io::ErrorKind::InvalidData, "/proc/meminfo has no MemAvailable"))?;
+    let group = std::fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
+    Ok(cgroup_left(&group, Path::new("/sys/fs/cgroup")).map_or(machine, |left| left.min(machine)))
+}
+
+fn meminfo_available(meminfo: &str) -> Option<u64> {
+    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
+}
+
+/// The smallest amount that is left in this process's control group (version 2) and those around it.
+fn cgroup_left(cgroup: &str, mount: &Path) -> Option<u64> {
+    let own = cgroup.lines().find_map(|line| line.strip_prefix("0::"))?;
+    let mut folder = mount.join(own.trim_start_matches('/'));
+    let number =
+        |folder: &Path, name: &str| std::fs::read_to_string(folder.join(name)).ok()?.trim().parse::<u64>().ok();
+    let reclaimable = |folder: &Path| {
+        let stat = std::fs::read_to_string(folder.join("memory.stat")).ok()?;
+        stat.lines().find_map(|line| line.strip_prefix("inactive_file "))?.trim().parse::<u64>().ok()
+    };
+    let mut least = None::<u64>;
+    loop {
+        // "max" is no number: no limit here.
+        if let (Some(limit), Some(used)) = (number(&folder, "memory.max"), number(&folder, "memory.current")) {
+            let used = used.saturating_sub(reclaimable(&folder).unwrap_or(0));
+            let left = limit.saturating_sub(used);
+            least = Some(least.map_or(left, |least| least.min(left)));
+        }
+        if folder == mount || !folder.pop() {
+            return least;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_demo_fits_into_eight_gibibytes_and_the_message_names_what_would() {
+        let demo = Config::resolve("demo", None).unwrap();
+        assert!(matches!(check(&demo, false, 7 << 30), Finding::Good(_)));
+        let mut many = demo.clone();
+        many.actors.count = 400;
+        let Finding::Problem(text) = check(&many, false, 7 << 30) else { panic!("400 actors fit nowhere") };
+        assert!(text.starts_with("more actors than memory allows: 400 actors of "), "{text}");
+        let fits: u32 = text.split("--actors ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+        assert!(need(&many, fits, false).total <= 7 << 30);
+        assert!(need(&many, fits + 1, false).total > 7 << 30);
+        let Finding::Problem(text) = check(&many, false, 100 << 20) else { panic!("nothing fits there") };
+        assert!(text.contains("not even one actor fits"), "{text}");
+    }
+
+    #[test]
+    fn the_narrowest_control_group_counts() {
+        let mount = tempfile::tempdir().unwrap();
+        let inner = mount.path().join("a/b");
+        std::fs::create_dir_all(&inner).unwrap();
+        let write = |folder: &Path, max: &str, current: &str| {
+            std::fs::write(folder.join("memory.max"), max).unwrap();
+            std::fs::write(folder.join("memory.current"), current).unwrap();
+        };
+        write(&inner, "max\n", "50\n");
+        assert_eq!(cgroup_left("0::/a/b\n", mount.path()), None);
+        write(&mount.path().join("a"), "1000\n", "700\n");
+        std::fs::write(mount.path().join("a/memory.stat"), "anon 1\ninactive_file 100\n").unwrap();
+        assert_eq!(cgroup_left("0::/a/b\n", mount.path()), Some(400));
+        assert_eq!(meminfo_available("MemTotal: 9 kB\nMemAvailable:   2048 kB\n"), Some(2 << 20));
+    }
+}

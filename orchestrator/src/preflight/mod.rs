@@ -1,0 +1,32 @@
+//! What is looked at before a process is started, so that what cannot work is said at once, in one message with the
+//! figures and the way out. `up` and `resume` stop at the first problem; `doctor` prints all of it.
+
+pub mod disk;
+pub mod libtorch;
+pub mod memory;
+pub mod processor;
+pub mod programs;
+pub mod shared_memory;
+
+/// What a check found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Finding {
+    /// All is well; what there is.
+    Good(String),
+    /// It works, but.
+    Warning(String),
+    /// It cannot work; why, and what to do.
+    Problem(String),
+}
+
+impl Finding {
+    /// Logs a warning; makes an error of a problem.
+    pub fn demand(self) -> anyhow::Result<()> {
+        match self {
+            Self::Good(text) => tracing::debug!("{text}"),
+            Self::Warning(text) => tracing::warn!("{text}"),
+            Self::Problem(text) => anyhow::bail!(text),
+        }
+        Ok(())
+    }
+}

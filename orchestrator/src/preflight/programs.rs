@@ -1,0 +1,53 @@
+//! Where the other two programs are: beside this one, else on the PATH.
+
+use anyhow::{Result, bail};
+use rustix::fs::Access;
+use std::path::{Path, PathBuf};
+
+/// The executable called `name`.
+pub fn find(name: &str) -> Result<PathBuf> {
+    let beside = std::env::current_exe().ok().and_then(|own| Some(own.parent()?.to_path_buf()));
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let folders = beside.iter().cloned().chain(std::env::split_paths(&path));
+    match find_in(name, folders) {
+        Some(program) => Ok(program),
+        None => {
+            let place = beside.map_or_else(String::new, |folder| format!(" in {} nor", folder.display()));
+            bail!("the program `{name}` is neither{place} on the PATH; `make build` compiles it")
+        }
+    }
+}
+
+fn find_in(name: &str, folders: impl Iterator<Item = PathBuf>) -> Option<PathBuf> {
+    folders.map(|folder| folder.join(name)).find(|path| is_program(path))
+}
+
+fn is_program(path: &Path) -> bool {
+    path.is_file() && rustix::fs::access(path, Access::EXEC_OK).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn the_first_that_can_be_executed_is_taken() {
+        let first = tempfile::tempdir().unwrap();
+        let second = tempfile::tempdir().unwrap();
+        for folder in [&first, &second] {
+            std::fs::write(folder.path().join("learner"), "").unwrap();
+        }
+        let folders = || [first.path().to_path_buf(), second.path().to_path_buf()].into_iter();
+        assert_eq!(find_in("learner", folders()), None, "not executable");
+        let program = second.path().join("learner");
+        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+        assert_eq!(find_in("learner", folders()), Some(program));
+    }
+
+    #[test]
+    fn what_is_missing_is_named() {
+        let message = find("no-such-stillroom-program").unwrap_err().to_string();
+        assert!(message.contains("no-such-stillroom-program") && message.contains("make build"), "{message}");
+    }
+}

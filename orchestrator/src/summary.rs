@@ -1,0 +1,208 @@
+//! The end of a run: `summary.json` and what is printed. Its last two lines are for scripts: `weights: ` and 64 hex
+//! digits, `frames: ` and a count.
+
+use crate::figures::{EpisodeFigures, StageFigures, by_stage};
+use crate::format;
+use crate::metrics::{History, total_s};
+use crate::progress::reward_symbol;
+use anyhow::{Context, Result};
+use proto::SCHEMA_VERSION;
+use proto::config::Config;
+use proto::run_folder::{RunFolder, write_atomically};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Everything that is said about a run at its end.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Version of the format.
+    pub schema_version: u32,
+    /// Id of the run.
+    pub id: String,
+    /// Preset it came from.
+    pub preset: String,
+    /// Its seed.
+    pub seed: u64,
+    /// True when the budget is reached.
+    pub complete: bool,
+    /// Frames trained on.
+    pub frames: u64,
+    /// Frames it is to have.
+    pub budget: u64,
+    /// SHA-256 of the weights, 64 hex digits.
+    pub weights: String,
+    /// Figures of every stage that has begun.
+    pub stages: Vec<StageFigures>,
+    /// Time spent on the rollouts that count, seconds.
+    pub training_s: f64,
+    /// Frames a second of that time.
+    pub frames_per_s: f64,
+    /// How often an orchestrator was started on it.
+    pub incarnations: u32,
+    /// Recordings, relative to the run folder.
+    pub recordings: Vec<PathBuf>,
+}
+
+impl Summary {
+    /// The summary of a run that stands at `frames` with `weights`.
+    pub fn of(
+        folder: &RunFolder,
+        config: &Config,
+        history: &History,
+        id: &str,
+        incarnations: u32,
+        (frames, weights): (u64, &str),
+    ) -> Self {
+        let training_s: f64 = history.iter().map(|trained| total_s(&trained.timing)).sum();
+        let budget = proto::stage::total_frames(&config.stages);
+        Self {
+            schema_version: SCHEMA_VERSION,
+            id: id.to_owned(),
+            preset: config.preset.clone(),
+            seed: config.seed,
+            complete: frames == budget,
+            frames,
+            budget,
+            weights: weights.to_owned(),
+            stages: by_stage(&config.stages, history),
+            training_s,
+            frames_per_s: if training_s > 0.0 { frames as f64 / training_s } else { 0.0 },
+            incarnations,
+            recordings: recordings(folder),
+        }
+    }
+
+    /// Writes `summary.json`.
+    pub fn write(&self, folder: &RunFolder) -> Result<()> {
+        let mut text = serde_json::to_string_pretty(self).context("summary.json")?;
+        text.push('\n');
+        write_atomically(&folder.summary(), text.as_bytes())
+            .with_context(|| format!("cannot write {}", folder.summary().display()))
+    }
+
+    /// Reads `summary.json`; none when the run is not complete yet.
+    pub fn read(folder: &RunFolder) -> Result<Option<Self>> {
+        let path = folder.summary();
+        match std::fs::read_to_string(&path) {
+            Ok(text) => serde_json::from_str(&text).map(Some).with_context(|| format!("{} is damaged", path.display())),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(error).with_context(|| path.display().to_string()),
+        }
+    }
+
+    /// As people read it. `wall` is how long this sitting took.
+    pub fn lines(&self, folder: &RunFolder, wall: Option<Duration>) -> Vec<String> {
+        let state = if self.complete { "complete" } else { "stopped" };
+        let mut lines = vec![format!(
+            "run {} {state}: preset {}, seed {}, {} of {} frames",
+            self.id,
+            self.preset,
+            self.seed,
+            format::count(self.frames),
+            format::count(self.budget)
+        )];
+        lines.extend(table(&self.stages));
+        let training = Duration::try_from_secs_f64(self.training_s).unwrap_or_default();
+        let wall = wall.map_or_else(String::new, |wall| format!(", wall time {}", format::duration(wall)));
+        let starts = if self.incarnations > 1 { format!(" over {} starts", self.incarnations) } else { String::new() };
+        lines.push(format!(
+            "training time {}{starts}{wall}, {} frames/s",
+            format::duration(training),
+            format::rate(self.frames_per_s)
+        ));
+        lines.push(format!("run folder  {}", folder.root().display()));
+        match self.recordings.as_slice() {
+            [] => {}
+            [one] => lines.push(format!("recording   {}", folder.root().join(one).display())),
+            many => lines.push(format!("recordings  {} ({} files)", folder.recordings().display(), many.len())),
+        }
+        lines.push(format!("weights: {}", self.weights));
+        lines.push(format!("frames: {}", self.frames));
+        lines
+    }
+}
+
+fn recordings(folder: &RunFolder) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(folder.recordings()) else { return Vec::new() };
+    let paths = entries.flatten().map(|entry| entry.path());
+    let mut paths: Vec<PathBuf> = paths
+        .filter(|path| path.extension().is_some_and(|extension| extension == "mcap"))
+        .filter_map(|path| path.strip_prefix(folder.root()).map(PathBuf::from).ok())
+        .collect();
+    paths.sort();
+    paths
+}
+
+/// One row a stage; returns are first tenth → last tenth, the other figures are of the last tenth.
+pub fn table(stages: &[StageFigures]) -> Vec<String> {
+    let header = ["stage", "reward", "frames", "episodes", "return", "success", "SRwoD", "disturbance"];
+    let mut rows: Vec<[String; 8]> = vec![header.map(str::to_owned)];
+    for stage in stages {
+        // Before the last tenth is reached, the whole stage is what there is.
+        let late = if stage.last_tenth == EpisodeFigures::default() { stage.whole } else { stage.last_tenth };
+        rows.push([
+            stage.name.clone(),
+            reward_symbol(stage.reward).to_owned(),
+            format::count(stage.frames),
+            format::count(stage.whole.episodes),
+            format!("{} -> {}", number(stage.first_tenth.mean_return, 2), number(late.mean_return, 2)),
+            percent(late.success),
+            percent(late.success_without_disturbance),
+            late.disturbance_m.map_or_else(|| "-".to_owned(), |value| format!("{value:.3} m")),
+        ]);
+    }
+    let widths: [usize; 8] =
+        std::array::from_fn(|column| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0));
+    let align = |(column, cell): (usize, &String)| {
+        let padding = " ".repeat(widths[column] - cell.chars().count());
+        if column < 2 { format!("{cell}{padding}") } else { format!("{padding}{cell}") }
+    };
+    rows.iter().map(|row| row.iter().enumerate().map(align).collect::<Vec<_>>().join("  ")).collect()
+}
+
+fn number(value: Option<f64>, decimals: usize) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
+}
+
+fn percent(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{:.1}%", 100.0 * value))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figures::tests::{history, stages};
+
+    fn summary() -> Summary {
+        let config = Config { stages: stages(), ..Config::default() };
+        let folder = RunFolder::new("/nowhere/run");
+        Summary::of(&folder, &config, &history(30), "0a1b", 2, (1500, &"f".repeat(64)))
+    }
+
+    #[test]
+    fn the_last_lines_are_weights_and_frames() {
+        let lines = summary().lines(&RunFolder::new("/nowhere/run"), Some(Duration::from_secs(61)));
+        assert_eq!(lines[lines.len() - 2], format!("weights: {}", "f".repeat(64)));
+        assert_eq!(lines[lines.len() - 1], "frames: 1500");
+        assert_eq!(
+            lines[1..4],
+            [
+                "stage  reward  frames  episodes          return  success  SRwoD  disturbance",
+                "I      r        1 000        40   0.75 -> 18.75    50.0%      -      0.250 m",
+                "II     r′         500        20  20.00 -> 29.00    50.0%      -      0.250 m",
+            ]
+        );
+        assert_eq!(lines[4], "training time 1 min 00 s over 2 starts, wall time 1 min 01 s, 25.0 frames/s");
+    }
+
+    #[test]
+    fn it_is_read_back_as_written() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        assert_eq!(Summary::read(&folder).unwrap(), None);
+        let summary = summary();
+        summary.write(&folder).unwrap();
+        assert_eq!(Summary::read(&folder).unwrap(), Some(summary));
+    }
+}

@@ -1,0 +1,356 @@
+//! Child processes: started with a lifeline, listened to, reaped.
+//!
+//! Every child gets a process group of its own, so that Ctrl-C in the terminal reaches the orchestrator alone, and a
+//! pipe as standard input, its lifeline: it closes when the orchestrator lets go or dies. Standard error goes line by
+//! line to `RUN/logs/NAME.log`; warnings, errors and whatever is not a log line (a panic, a library's complaint) also
+//! to the terminal. A learner's standard output is its voice ([`proto::control`]).
+
+use super::machine::{Event, Exit, Process};
+use proto::control::LearnerEvent;
+use proto::run_folder::RunFolder;
+use proto::wire::WireAddress;
+use std::collections::{BTreeMap, VecDeque};
+use std::ffi::OsString;
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::os::unix::process::ExitStatusExt;
+use std::path::PathBuf;
+use std::process::{ExitStatus, Stdio};
+use std::time::Duration;
+use tokio::io::{AsyncBufReadExt, AsyncRead, BufReader};
+use tokio::process::{Child, ChildStdin, Command};
+use tokio::sync::{mpsc, oneshot};
+
+/// Lines of a child's standard error that are kept for the report of its death.
+const LAST_WORDS: usize = 10;
+/// A longer line is cut into several.
+const LONGEST_LINE: usize = 64 << 10;
+/// After a child's death its pipes close at once, unless a grandchild holds them.
+const PIPES_CLOSE: Duration = Duration::from_secs(2);
+
+/// The programs and what they need to start.
+#[derive(Debug, Clone)]
+pub struct Programs {
+    /// The learner's executable.
+    pub learner: PathBuf,
+    /// The actor's executable.
+    pub actor: PathBuf,
+    /// Variables for the learner, besides the orchestrator's own.
+    pub learner_environment: Vec<(OsString, OsString)>,
+}
+
+/// What all children of one incarnation have in common.
+#[derive(Debug, Clone)]
+pub struct Launch {
+    /// Executables.
+    pub programs: Programs,
+    /// Threads of libtorch.
+    pub threads: u32,
+    /// The run.
+    pub folder: RunFolder,
+    /// Its services.
+    pub address: WireAddress,
+}
+
+impl Launch {
+    fn command(&self, process: Process, incarnation: u32) -> Command {
+        let mut command = match process {
+            Process::Learner(rank) => {
+                let mut command = Command::new(&self.programs.learner);
+                command.arg("--run").arg(self.folder.root()).arg("--rank").arg(rank.to_string());
+                let threads = self.threads.to_string();
+                command.envs(self.programs.learner_environment.iter().map(|(name, value)| (name, value)));
+                command.env("OMP_NUM_THREADS", &threads).env("MKL_NUM_THREADS", &threads);
+                // Beside busy actors a spinning OpenMP thread burns the core that its sibling waits for.
+                command.env("GOMP_SPINCOUNT", "0").env("OMP_WAIT_POLICY", "PASSIVE");
+                command
+            }
+            Process::Actor(actor) => {
+                let mut command = Command::new(&self.programs.actor);
+                command.arg("--actor").arg(actor.to_string()).arg("--config").arg(self.folder.config());
+                command
+            }
+        };
+        command.arg("--wire").arg(self.address.to_string()).arg("--incarnation").arg(incarnation.to_string());
+        command.arg("--lifeline");
+        if incarnation > 1 {
+            // An armed fault point is met once, not again by everyone who takes the dead one's place.
+            command.env_remove(proto::fault::VARIABLE);
+        }
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.process_group(0).kill_on_drop(true);
+        command
+    }
+}
+
+struct Handle {
+    lifeline: Option<ChildStdin>,
+    kill: Option<oneshot::Sender<()>>,
+}
+
+/// The children that run now.
+pub struct Processes {
+    launch: Launch,
+    running: BTreeMap<Process, Handle>,
+    events: mpsc::Sender<Event>,
+}
+
+impl Processes {
+    /// None yet. What happens to them comes through `events`.
+    pub fn new(launch: Launch, events: mpsc::Sender<Event>) -> Self {
+        Self { launch, running: BTreeMap::new(), events }
+    }
+
+    /// Starts a child. On failure the child counts as one that exited at once.
+    pub fn spawn(&mut self, process: Process, incarnation: u32) -> Result<(), String> {
+        let log_path = self.launch.folder.log(&process.to_string());
+        let mut log = OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(&log_path)
+            .map_err(|cause| format!("cannot open its log {}: {cause}", log_path.display()))?;
+        let mut command = self.launch.command(process, incarnation);
+        let program = command.as_std().get_program().to_owned();
+        let _ = writeln!(log, "--- {process}, start {incarnation} of {}", self.launch.address);
+        let mut child = command.spawn().map_err(|cause| format!("{}: {cause}", program.display()))?;
+        tracing::debug!("{process} started, pid {}", child.id().unwrap_or_default());
+        let lifeline = child.stdin.take();
+        let (kill, killed) = oneshot::channel();
+        tokio::spawn(attend(child, process, incarnation, log, self.events.clone(), killed));
+        self.running.insert(process, Handle { lifeline, kill: Some(kill) });
+        Ok(())
+    }
+
+    /// Closes a child's standard input.
+    pub fn close_lifeline(&mut self, process: Process) {
+        if let Some(handle) = self.running.get_mut(&process) {
+            handle.lifeline = None;
+        }
+    }
+
+    /// Kills a child.
+    pub fn kill(&mut self, process: Process) {
+        if let Some(kill) = self.running.get_mut(&process).and_then(|handle| handle.kill.take()) {
+            // Err: it has just ended by itself.
+            let _ = kill.send(());
+        }
+    }
+
+    /// Forgets a child that has been reaped.
+    pub fn forget(&mut self, process: Process) {
+        self.running.remove(&process);
+    }
+}
+
+/// Stays with a child until it is reaped and everything it wrote has been read.
+async fn attend(
+    mut child: Child,
+    process: Process,
+    incarnation: u32,
+    log: File,
+    events: mpsc::Sender<Event>,
+    mut killed: oneshot::Receiver<()>,
+) {
+    let stdout = child.stdout.take().map(|stdout| tokio::spawn(hear(stdout, process, incarnation, events.clone())));
+    let stderr = child.stderr.take().map(|stderr| tokio::spawn(keep_log(stderr, process, log)));
+    let mut may_be_killed = true;
+    let status = loop {
+        tokio::select! {
+            status = child.wait() => break status,
+            order = &mut killed, if may_be_killed => {
+                may_be_killed = false;
+                if order.is_ok()
+                    && let Err(error) = child.start_kill()
+                {
+                    tracing::debug!("cannot kill {process}: {error}");
+                }
+            }
+        }
+    };
+    // Nothing that it said is lost: the events come before its exit.
+    if let Some(stdout) = stdout {
+        let _ = tokio::time::timeout(PIPES_CLOSE, stdout).await;
+    }
+    let last_words = match stderr {
+        Some(stderr) => tokio::time::timeout(PIPES_CLOSE, stderr).await.ok().and_then(Result::ok).unwrap_or_default(),
+        None => Vec::new(),
+    };
+    let exit = match status {
+        Ok(status) => exit_of(status),
+        Err(error) => Exit::NotStarted(format!("it was lost: {error}")),
+    };
+    tracing::debug!("{process} ended: {exit}");
+    let _ = events.send(Event::Exited { process, incarnation, exit, last_words }).await;
+}
+
+fn exit_of(status: ExitStatus) -> Exit {
+    match (status.code(), status.signal()) {
+        (Some(code), _) => Exit::Code(code),
+        (None, Some(signal)) => Exit::Signal(signal),
+        (None, None) => Exit::NotStarted(status.to_string()),
+    }
+}
+
+/// Reads a child's standard output: a learner speaks in events.
+async fn hear(stdout: impl AsyncRead + Unpin, process: Process, incarnation: u32, events: mpsc::Sender<Event>) {
+    let mut reader = BufReader::new(stdout);
+    while let Some(line) = next_line(&mut reader).await {
+        if !matches!(process, Process::Learner(_)) {
+            tracing::debug!("{process}: {line}");
+            continue;
+        }
+        match serde_json::from_str::<LearnerEvent>(&line) {
+            Ok(event) => {
+                if events.send(Event::Learner { incarnation, event }).await.is_err() {
+                    return;
+                }
+            }
+            Err(error) => tracing::warn!("{process} said what is no event ({error}): {line}"),
+        }
+    }
+}
+
+/// Copies a child's standard error to its log; returns its last lines.
+async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: File) -> Vec<String> {
+    let mut reader = BufReader::new(stderr);
+    let mut last_words = VecDeque::with_capacity(LAST_WORDS);
+    let mut log_works = true;
+    while let Some(line) = next_line(&mut reader).await {
+        if log_works && let Err(error) = writeln!(log, "{line}") {
+            // Said once; the pipe must be read on, or the child would block.
+            log_works = false;
+            tracing::warn!("the log of {process} cannot be written: {error}");
+        }
+        match LogLine::parse(&line) {
+            LogLine { level: Some("TRACE" | "DEBUG" | "INFO"), text } => tracing::debug!("{process}: {text}"),
+            LogLine { level: Some("ERROR"), text } => tracing::error!("{process}: {text}"),
+            LogLine { text, .. } if !text.trim().is_empty() => tracing::warn!("{process}: {text}"),
+            LogLine { .. } => {}
+        }
+        if last_words.len() == LAST_WORDS {
+            last_words.pop_front();
+        }
+        last_words.push_back(line);
+    }
+    last_words.into()
+}
+
+/// A line of a child's standard error, as `proto::logging` writes it: `2026-11-21T02:04:23.1Z  WARN text`.
+#[derive(Debug, PartialEq, Eq)]
+struct LogLine<'a> {
+    /// None for what is not a log line.
+    level: Option<&'a str>,
+    text: &'a str,
+}
+
+impl<'a> LogLine<'a> {
+    fn parse(line: &'a str) -> Self {
+        let plain = Self { level: None, text: line };
+        let Some((time, rest)) = line.split_once(' ') else { return plain };
+        if !(time.ends_with('Z') && time.contains('T') && time.starts_with(|first: char| first.is_ascii_digit())) {
+            return plain;
+        }
+        let rest = rest.trim_start();
+        let (level, text) = rest.split_once(' ').unwrap_or((rest, ""));
+        if matches!(level, "TRACE" | "DEBUG" | "INFO" | "WARN" | "ERROR") {
+            Self { level: Some(level), text }
+        } else {
+            plain
+        }
+    }
+}
+
+/// The next line without its end, cut at [`LONGEST_LINE`] bytes; none when the pipe is closed.
+async fn next_line(reader: &mut (impl AsyncBufReadExt + Unpin)) -> Option<String> {
+    let mut line: Vec<u8> = Vec::new();
+    loop {
+        let available = match reader.fill_buf().await {
+            Ok([]) | Err(_) => {
+                return (!line.is_empty()).then(|| String::from_utf8_lossy(&line).into_owned());
+            }
+            Ok(available) => available,
+        };
+        let end = available.iter().position(|&byte| byte == b'\n');
+        let taken = end.unwrap_or(available.len()).min(LONGEST_LINE - line.len());
+        line.extend_from_slice(&available[..taken]);
+        let complete = end == Some(taken);
+        reader.consume(taken + usize::from(complete));
+        if complete || line.len() == LONGEST_LINE {
+            if line.last() == Some(&b'\r') {
+                line.pop();
+            }
+            return Some(String::from_utf8_lossy(&line).into_owned());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn log_lines_are_told_from_cries() {
+        assert_eq!(
+            LogLine::parse("2026-11-21T02:04:23.123456Z  WARN it is late"),
+            LogLine { level: Some("WARN"), text: "it is late" }
+        );
+        let panic = "thread 'main' panicked at src/main.rs:3:5:";
+        assert_eq!(LogLine::parse(panic), LogLine { level: None, text: panic });
+        assert_eq!(LogLine::parse(""), LogLine { level: None, text: "" });
+    }
+
+    #[tokio::test]
+    async fn lines_are_cut_and_the_last_needs_no_end() {
+        let long = "x".repeat(LONGEST_LINE + 5);
+        let text = format!("one\r\n\n{long}\nlast");
+        let mut reader = BufReader::with_capacity(1000, text.as_bytes());
+        let mut lines = vec![];
+        while let Some(line) = next_line(&mut reader).await {
+            lines.push(line);
+        }
+        assert_eq!(lines, ["one", "", &long[..LONGEST_LINE], "xxxxx", "last"]);
+    }
+
+    #[tokio::test]
+    async fn a_child_is_heard_to_its_last_word_before_its_exit() {
+        let (sender, mut events) = mpsc::channel(16);
+        let script = r#"echo '{"event":"actors_connected","rank":0}'; echo one >&2; echo two >&2; read x; exit 7"#;
+        let mut child = Command::new("sh")
+            .args(["-c", script])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let lifeline = child.stdin.take();
+        let (_kill, killed) = oneshot::channel();
+        let log = tempfile::tempfile().unwrap();
+        tokio::spawn(attend(child, Process::Learner(0), 4, log, sender, killed));
+        let first = events.recv().await.unwrap();
+        assert_eq!(first, Event::Learner { incarnation: 4, event: LearnerEvent::ActorsConnected { rank: 0 } });
+        drop(lifeline);
+        let last = events.recv().await.unwrap();
+        assert_eq!(
+            last,
+            Event::Exited {
+                process: Process::Learner(0),
+                incarnation: 4,
+                exit: Exit::Code(7),
+                last_words: vec!["one".into(), "two".into()]
+            }
+        );
+    }
+
+    #[tokio::test]
+    async fn a_child_that_does_not_listen_is_killed() {
+        let (sender, mut events) = mpsc::channel(16);
+        let mut child =
+            Command::new("sh").args(["-c", "trap '' TERM; sleep 60"]).stdin(Stdio::piped()).spawn().unwrap();
+        let _lifeline = child.stdin.take();
+        let (kill, killed) = oneshot::channel();
+        tokio::spawn(attend(child, Process::Actor(0), 1, tempfile::tempfile().unwrap(), sender, killed));
+        kill.send(()).unwrap();
+        let Some(Event::Exited { exit, .. }) = events.recv().await else { panic!("no exit") };
+        assert_eq!(exit, Exit::Signal(9));
+    }
+}

@@ -1,0 +1,129 @@
+//! How often a process may die. Pure.
+//!
+//! A process that dies is started again, at first at once and then with growing pauses. It is given up when it dies
+//! too often without the run getting any further: in a short time (a crash loop) or over any time (a process that
+//! always lives just long enough). Progress means that the run reached a frame count it had never reached before, so
+//! a learner that falls back to the same checkpoint again and again does not count as progress.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// Bounds on restarts of one process between two moments of progress.
+#[derive(Debug, Clone, Copy)]
+pub struct RestartPolicy {
+    /// Deaths within [`RestartPolicy::window`] at most.
+    pub in_window: usize,
+    /// The window.
+    pub window: Duration,
+    /// Deaths at most, however far apart.
+    pub in_all: usize,
+    /// Pause before the second restart; doubles with each further one. The first is at once.
+    pub first_pause: Duration,
+    /// Longest pause.
+    pub longest_pause: Duration,
+}
+
+impl Default for RestartPolicy {
+    fn default() -> Self {
+        Self {
+            in_window: 5,
+            window: Duration::from_secs(60),
+            in_all: 20,
+            first_pause: Duration::from_millis(250),
+            longest_pause: Duration::from_secs(4),
+        }
+    }
+}
+
+/// What to do about a death.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// Start again at this time.
+    RestartAt(Duration),
+    /// Enough: it died this often without progress.
+    GiveUp {
+        /// Deaths since the last progress.
+        deaths: usize,
+    },
+}
+
+/// The deaths of one process since the run last got further.
+#[derive(Debug, Clone, Default)]
+pub struct RestartHistory {
+    recent: VecDeque<Duration>,
+    deaths: usize,
+}
+
+impl RestartHistory {
+    /// The run got further.
+    pub fn progress(&mut self) {
+        self.recent.clear();
+        self.deaths = 0;
+    }
+
+    /// The process died at `now`.
+    pub fn died(&mut self, now: Duration, policy: &RestartPolicy) -> Verdict {
+        self.deaths += 1;
+        self.recent.push_back(now);
+        while self.recent.front().is_some_and(|&first| now.saturating_sub(first) > policy.window) {
+            self.recent.pop_front();
+        }
+        if self.recent.len() > policy.in_window || self.deaths > policy.in_all {
+            return Verdict::GiveUp { deaths: self.deaths };
+        }
+        let pause = match self.recent.len() {
+            0 | 1 => Duration::ZERO,
+            recent => policy.first_pause.saturating_mul(1 << (recent - 2).min(16)).min(policy.longest_pause),
+        };
+        Verdict::RestartAt(now + pause)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seconds(value: f64) -> Duration {
+        Duration::from_secs_f64(value)
+    }
+
+    #[test]
+    fn a_crash_loop_is_given_up_after_growing_pauses() {
+        let policy = RestartPolicy::default();
+        let mut history = RestartHistory::default();
+        let mut now = seconds(10.0);
+        let mut pauses = vec![];
+        loop {
+            match history.died(now, &policy) {
+                Verdict::RestartAt(at) => {
+                    pauses.push((at - now).as_millis());
+                    now = at;
+                }
+                Verdict::GiveUp { deaths } => {
+                    assert_eq!(deaths, 6);
+                    break;
+                }
+            }
+        }
+        assert_eq!(pauses, [0, 250, 500, 1000, 2000]);
+    }
+
+    #[test]
+    fn slow_deaths_are_bounded_too() {
+        let policy = RestartPolicy::default();
+        let mut history = RestartHistory::default();
+        let restarts = (0..).map(|i| history.died(seconds(30.0 * f64::from(i)), &policy));
+        assert_eq!(restarts.take_while(|verdict| matches!(verdict, Verdict::RestartAt(_))).count(), policy.in_all);
+    }
+
+    #[test]
+    fn progress_forgives() {
+        let policy = RestartPolicy::default();
+        let mut history = RestartHistory::default();
+        for i in 0..1000 {
+            let now = seconds(f64::from(i));
+            assert!(matches!(history.died(now, &policy), Verdict::RestartAt(_)), "death {i}");
+            history.progress();
+        }
+    }
+}

@@ -1,0 +1,231 @@
+//! The loop around the machine: processes, signals and shared memory on one side, events and actions on the other.
+//!
+//! Everything happens on one thread, because ports of shared memory stay on the thread that made them; children are
+//! listened to by small tasks on the same thread, which send events. A turn of the loop takes milliseconds, the
+//! longest part being the sweep after a death.
+
+use super::machine::{Action, Event, Exit, Level, Outcome, Policy, Process, Supervisor};
+use super::process::{Launch, Processes};
+use crate::identity::unix_now;
+use crate::metrics::{History, Journal, Trained};
+use crate::progress::Progress;
+use crate::recorder::Recorder;
+use anyhow::{Context, Result};
+use proto::config::Config;
+use proto::control::LearnerEvent;
+use proto::fault;
+use proto::wire::{StagePublisher, UpdateConnections, WireHost};
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::sync::mpsc;
+use tokio::time::MissedTickBehavior;
+
+/// How often deadlines are looked at, late subscribers are given the announcement, and progress is shown.
+const TICK: Duration = Duration::from_millis(250);
+/// A dead process's ports are swept at its death and on this many ticks after it: the file locks by which it is known
+/// to be dead are released a moment after it is reaped.
+const SWEEPS_AFTER_DEATH: u32 = 4;
+/// Events that may wait. A child that is not listened to blocks; the orchestrator never does.
+const QUEUE: usize = 1024;
+
+/// The signals that ask for a stop.
+#[derive(Debug)]
+pub struct Signals {
+    interrupt: Signal,
+    terminate: Signal,
+    hang_up: Option<Signal>,
+}
+
+impl Signals {
+    /// From now on signals are events. To be called inside the runtime, before there is anything to clean up.
+    pub fn install() -> Result<Self> {
+        // nohup: a closed terminal is no reason to stop.
+        let ignores_hang_up = signal_is_ignored(SignalKind::hangup().as_raw_value());
+        Ok(Self {
+            interrupt: signal(SignalKind::interrupt()).context("SIGINT")?,
+            terminate: signal(SignalKind::terminate()).context("SIGTERM")?,
+            hang_up: if ignores_hang_up { None } else { Some(signal(SignalKind::hangup()).context("SIGHUP")?) },
+        })
+    }
+
+    async fn next(&mut self) -> Event {
+        let hang_up = async {
+            match &mut self.hang_up {
+                Some(hang_up) => hang_up.recv().await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            _ = self.interrupt.recv() => Event::Interrupt,
+            _ = self.terminate.recv() => Event::Stop,
+            _ = hang_up => Event::Stop,
+        }
+    }
+}
+
+fn signal_is_ignored(number: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap_or_default();
+    u64::from_str_radix(mask.trim(), 16).is_ok_and(|mask| mask >> (number - 1) & 1 == 1)
+}
+
+/// What the loop works with.
+pub struct Shell<'a> {
+    /// Configuration of the run.
+    pub config: &'a Config,
+    /// Incarnation of this orchestrator.
+    pub incarnation: u32,
+    /// The services.
+    pub host: &'a WireHost,
+    /// The recording, if there is one.
+    pub recorder: Option<&'a Recorder>,
+    /// Rollouts trained so far.
+    pub history: &'a mut History,
+    /// Where further ones are written down.
+    pub journal: Journal,
+    /// Requests to stop.
+    pub signals: Signals,
+}
+
+impl Shell<'_> {
+    /// Runs everything to its end.
+    pub async fn supervise(mut self, launch: Launch) -> Result<Outcome> {
+        let publisher = self.host.wire().stage_publisher()?;
+        let (sender, mut inbox) = mpsc::channel(QUEUE);
+        let mut processes = Processes::new(launch, sender);
+        let mut machine = Supervisor::new(Policy::of(self.config), self.config.stages.clone());
+        let mut progress = Progress::new(self.config.stages.clone());
+        let mut learner_incarnation = 0;
+        let mut sweeps = 0;
+        let mut own_events: VecDeque<Event> = VecDeque::new();
+        let mut recording_failed = false;
+
+        let begin = Instant::now();
+        let mut tick = tokio::time::interval(TICK);
+        tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut actions = machine.start(Duration::ZERO);
+        fault::reach("orchestrator.before_spawn");
+        loop {
+            for action in actions {
+                match action {
+                    Action::Spawn { process, incarnation } => {
+                        if matches!(process, Process::Learner(_)) {
+                            learner_incarnation = incarnation;
+                        }
+                        if let Err(cause) = processes.spawn(process, incarnation) {
+                            let exit = Exit::NotStarted(cause);
+                            own_events.push_back(Event::Exited { process, incarnation, exit, last_words: vec![] });
+                        }
+                        fault::reach("orchestrator.after_spawn");
+                    }
+                    Action::CloseLifeline(process) => processes.close_lifeline(process),
+                    Action::Kill(process) => processes.kill(process),
+                    Action::Announce(announcement) => {
+                        fault::reach("orchestrator.before_announce");
+                        announce(&publisher, announcement)?;
+                        fault::reach("orchestrator.after_announce");
+                    }
+                    Action::SwitchStage(switch) => {
+                        let stage = &self.config.stages[switch.to];
+                        tracing::info!(
+                            "stage {} ({}) begins at {} frames with rollout {}",
+                            stage.name,
+                            crate::progress::reward_symbol(stage.reward),
+                            switch.frames,
+                            switch.rollout
+                        );
+                        if let Some(recorder) = self.recorder {
+                            recorder.stage_switch(switch.from, switch.to, switch.frames, switch.rollout);
+                        }
+                        fault::reach("orchestrator.stage_switch");
+                    }
+                    Action::Report(Level::Info, text) => tracing::info!("{text}"),
+                    Action::Report(Level::Warning, text) => tracing::warn!("{text}"),
+                    Action::Report(Level::Error, text) => tracing::error!("{text}"),
+                    Action::Finish(outcome) => {
+                        progress.clear();
+                        return Ok(outcome);
+                    }
+                }
+            }
+            let event = match own_events.pop_front() {
+                Some(event) => event,
+                None => tokio::select! {
+                    event = self.signals.next() => event,
+                    Some(event) = inbox.recv() => event,
+                    _ = tick.tick() => Event::Tick,
+                },
+            };
+            let now = begin.elapsed();
+            match &event {
+                Event::Exited { process, .. } => {
+                    processes.forget(*process);
+                    if matches!(process, Process::Learner(_)) {
+                        progress.learner_died(now);
+                    }
+                    // Before its place is taken, and before anyone blocks on what it held.
+                    self.host.sweep_dead();
+                    sweeps = SWEEPS_AFTER_DEATH;
+                }
+                Event::Learner { incarnation, event } if *incarnation == learner_incarnation => {
+                    progress.learner(now, event);
+                    if let Err(error) = self.note(event) {
+                        own_events.push_back(Event::RecorderFailed(format!("{error:#}")));
+                    }
+                }
+                Event::Tick => {
+                    if let Err(error) = publisher.update_connections() {
+                        tracing::debug!("stage announcements: {error:?}");
+                    }
+                    if sweeps > 0 {
+                        sweeps -= 1;
+                        self.host.sweep_dead();
+                    }
+                    if !recording_failed && let Some(failure) = self.recorder.and_then(Recorder::failure) {
+                        recording_failed = true;
+                        own_events.push_back(Event::RecorderFailed(failure));
+                    }
+                    progress.show(now, self.history);
+                }
+                _ => {}
+            }
+            actions = machine.on_event(now, event);
+        }
+    }
+
+    /// Writes down what a learner says.
+    fn note(&mut self, event: &LearnerEvent) -> Result<()> {
+        if let Some(recorder) = self.recorder {
+            recorder.learner(event);
+        }
+        match event {
+            LearnerEvent::Ready { rollout, .. } => self.history.rewind_to(*rollout),
+            LearnerEvent::RolloutTrained { rollout, frames, stage, timing, metrics, .. } => {
+                let trained = Trained {
+                    rollout: *rollout,
+                    frames: *frames,
+                    stage: *stage,
+                    at_unix_s: unix_now(),
+                    incarnation: self.incarnation,
+                    timing: *timing,
+                    metrics: metrics.clone(),
+                };
+                self.journal.append(&trained)?;
+                self.history.insert(trained);
+            }
+            LearnerEvent::CheckpointWritten { path, frames, .. } => {
+                tracing::debug!("checkpoint {path} at {frames} frames");
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+fn announce(publisher: &StagePublisher, announcement: proto::message::StageAnnouncement) -> Result<()> {
+    let failed = |cause: &dyn std::fmt::Debug| anyhow::anyhow!("a stage announcement cannot be published: {cause:?}");
+    publisher.update_connections().map_err(|cause| failed(&cause))?;
+    publisher.send_copy(announcement).map_err(|cause| failed(&cause))?;
+    Ok(())
+}

@@ -1,0 +1,162 @@
+//! The one way to the terminal: results on standard output, logs and live progress on standard error.
+//!
+//! A progress line stays below the log: every log line first clears it and then draws it again. Nothing here fails:
+//! when the reader of a pipe has gone or the terminal was closed, a run goes on without being watched.
+
+use std::fs::File;
+use std::io::{IsTerminal, Write};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+use tracing_subscriber::fmt::MakeWriter;
+use tracing_subscriber::fmt::format::Writer;
+use tracing_subscriber::fmt::time::FormatTime;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{EnvFilter, Layer};
+
+struct State {
+    /// Lines of progress on the screen now.
+    drawn: Vec<String>,
+    /// Where the log goes besides the terminal, once the run folder is known.
+    file: Option<File>,
+}
+
+static STATE: Mutex<State> = Mutex::new(State { drawn: Vec::new(), file: None });
+
+fn state() -> MutexGuard<'static, State> {
+    // A panic while printing leaves nothing that could be inconsistent.
+    STATE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Sends `tracing` events to standard error and, once [`log_to_file`] was called, to the run's log.
+///
+/// `STILLROOM_LOG` filters both.
+pub fn init(verbose: bool) {
+    let default = if verbose { "debug,iceoryx2=error" } else { "info,iceoryx2=error" };
+    let filter = EnvFilter::try_from_env(proto::logging::FILTER_VARIABLE).unwrap_or_else(|_| EnvFilter::new(default));
+    let terminal = tracing_subscriber::fmt::layer()
+        .with_target(false)
+        .with_timer(SinceStart(Instant::now()))
+        .with_ansi(std::io::stderr().is_terminal())
+        .log_internal_errors(false)
+        .with_writer(Screen);
+    let file = tracing_subscriber::fmt::layer()
+        .with_ansi(false)
+        .log_internal_errors(false)
+        .with_writer(LogFile)
+        .with_filter(tracing_subscriber::filter::LevelFilter::DEBUG);
+    // A second call (tests) changes nothing.
+    let _ = tracing_subscriber::registry().with(filter).with(terminal).with(file).try_init();
+}
+
+/// From now on the log is also appended to `file`.
+pub fn log_to_file(file: File) {
+    state().file = Some(file);
+}
+
+/// Writes a line to standard output.
+pub fn out(line: &str) {
+    let mut state = state();
+    let drawn = erase(&mut state);
+    let mut stdout = std::io::stdout().lock();
+    let _ = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
+    draw(&mut state, drawn);
+}
+
+/// Writes a line to standard error, as it is.
+pub fn note(line: &str) {
+    let mut state = state();
+    let drawn = erase(&mut state);
+    let _ = writeln!(std::io::stderr(), "{line}");
+    draw(&mut state, drawn);
+}
+
+/// True when progress can be refreshed in place.
+pub fn interactive() -> bool {
+    std::io::stderr().is_terminal() && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
+}
+
+/// Replaces the progress lines at the bottom of the screen; none removes them. Only for an [`interactive`] terminal.
+pub fn progress(lines: Vec<String>) {
+    let mut state = state();
+    erase(&mut state);
+    draw(&mut state, lines);
+}
+
+fn erase(state: &mut State) -> Vec<String> {
+    let drawn = std::mem::take(&mut state.drawn);
+    if !drawn.is_empty() {
+        // To the first progress line, then clear to the end of the screen.
+        let up = drawn.len() - 1;
+        let sequence = if up == 0 { "\r\x1b[J".to_owned() } else { format!("\r\x1b[{up}A\x1b[J") };
+        let _ = std::io::stderr().write_all(sequence.as_bytes());
+    }
+    drawn
+}
+
+fn draw(state: &mut State, lines: Vec<String>) {
+    if lines.is_empty() {
+        return;
+    }
+    // A wrapped line would be more than one on the screen, and erasing would miss its top.
+    let columns = rustix::termios::tcgetwinsize(std::io::stderr()).map_or(80, |size| usize::from(size.ws_col)).max(20);
+    let cut: Vec<String> = lines.iter().map(|line| line.chars().take(columns - 1).collect()).collect();
+    let _ = std::io::stderr().write_all(cut.join("\n").as_bytes());
+    state.drawn = lines;
+}
+
+/// Time since the program began: `[  12.3s]`.
+struct SinceStart(Instant);
+
+impl FormatTime for SinceStart {
+    fn format_time(&self, writer: &mut Writer<'_>) -> std::fmt::Result {
+        write!(writer, "[{:7.1}s]", self.0.elapsed().as_secs_f64())
+    }
+}
+
+/// Writes whole log lines above the progress.
+#[derive(Clone, Copy)]
+struct Screen;
+
+impl Write for Screen {
+    fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
+        let mut state = state();
+        let drawn = erase(&mut state);
+        let _ = std::io::stderr().write_all(line);
+        draw(&mut state, drawn);
+        Ok(line.len())
+    }
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl<'a> MakeWriter<'a> for Screen {
+    type Writer = Screen;
+    fn make_writer(&'a self) -> Self::Writer {
+        *self
+    }
+}
+
+/// Writes whole log lines to the run's log.
+#[derive(Clone, Copy)]
+struct LogFile;
+
+impl Write for LogFile {
+    fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
+        if let Some(file) = &mut state().file {
+            let _ = file.write_all(line);
+        }
+        Ok(line.len())
+    }
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl<'a> MakeWriter<'a> for LogFile {
+    type Writer = LogFile;
+    fn make_writer(&'a self) -> Self::Writer {
+        *self
+    }
+}
