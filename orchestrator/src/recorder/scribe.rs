@@ -112,8 +112,7 @@ impl Scribe {
                 let prefix = format!("kitchen-{:02}/{}", id.kitchen.number(), id.number);
                 // Foxglove pairs an image with the calibration that shares its name up to the last slash.
                 let depth = segments.topic(format!("/depth/{prefix}/image"), "foxglove.RawImage");
-                let calibration =
-                    segments.topic(format!("/depth/{prefix}/calibration"), "foxglove.CameraCalibration");
+                let calibration = segments.topic(format!("/depth/{prefix}/calibration"), "foxglove.CameraCalibration");
                 let frames = FrameNames::under(&prefix);
                 Environment { id, frames, depth, calibration, described: None, returns: None }
             })
@@ -364,9 +363,8 @@ impl Scribe {
         self.image.data.clear();
         self.image.data.extend_from_slice(bytemuck::cast_slice(&observation.depth_mm));
         let intrinsics = camera::calibration(timestamp(time_ns), &known.frames.camera);
-        let transforms = FrameTransforms {
-            transforms: camera::transforms(timestamp(time_ns), &known.frames, &observation.current),
-        };
+        let transforms =
+            FrameTransforms { transforms: camera::transforms(timestamp(time_ns), &known.frames, &observation.current) };
         self.write(self.topics.transforms, time_ns, &transforms)?;
         self.write(calibration, time_ns, &intrinsics)?;
         self.buffer.clear();

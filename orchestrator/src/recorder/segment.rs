@@ -11,8 +11,8 @@ use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 use std::cell::Cell;
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -250,6 +250,8 @@ impl CountedFile {
     /// Refuses to replace a file: a segment is written once.
     fn create(path: &Path, bytes: Rc<Cell<u64>>) -> std::io::Result<Self> {
         let file = File::options().write(true).create_new(true).open(path)?;
+        // Tells `recover` to leave it alone. Where the file system has no locks there is none.
+        let _ = file.try_lock();
         Ok(Self { buffer: BufWriter::with_capacity(CHUNK_BYTES as usize, file), bytes })
     }
 

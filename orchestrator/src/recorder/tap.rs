@@ -71,10 +71,9 @@ pub fn run(
 fn drain(subscriber: &ObservationSubscriber, desk: &mut Desk<'_>) -> Result<u64, WireError> {
     let mut taken = 0;
     loop {
-        let sample = subscriber.receive().map_err(|cause| WireError::Port {
-            service: "observations".to_owned(),
-            cause: format!("{cause:?}"),
-        })?;
+        let sample = subscriber
+            .receive()
+            .map_err(|cause| WireError::Port { service: "observations".to_owned(), cause: format!("{cause:?}") })?;
         let Some(sample) = sample else { return Ok(taken) };
         desk.sample(sample.user_header(), sample.payload());
         taken += 1;

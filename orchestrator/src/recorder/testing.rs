@@ -6,6 +6,7 @@ use proto::message::{
 };
 use proto::reward::RewardParts;
 use proto::wire::{Bell, ObservationPublisher, Wire, WireAddress, WireShape};
+use std::time::{Duration, Instant};
 
 /// Length of every test episode, steps.
 pub const EPISODE_STEPS: u32 = 5;
@@ -61,8 +62,8 @@ pub fn hash(episode: u32, step: u32) -> u64 {
     (u64::from(episode) << 32 | u64::from(step)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
 }
 
-/// The observation after `exchange` actions, all of them taken.
-pub fn observation(environment: u32, exchange: u64, flags: u32) -> Observation {
+/// What was done and is seen after `exchange` actions, all of them taken.
+pub fn described(exchange: u64, flags: u32) -> (Transition, Current) {
     let (episode, step) = position(exchange);
     let before = exchange.checked_sub(1).map(position);
     let mut current = current(episode, step);
@@ -71,6 +72,12 @@ pub fn observation(environment: u32, exchange: u64, flags: u32) -> Observation {
         Some((episode, step)) => transition(episode, step),
         None => Transition { flags: 0, ..transition(0, 0) },
     };
+    (transition, current)
+}
+
+/// The observation after `exchange` actions.
+pub fn observation(environment: u32, exchange: u64, flags: u32) -> Observation {
+    let (transition, current) = described(exchange, flags);
     let mut depth_mm = [0; FRAME_PIXELS];
     for (index, pixel) in depth_mm.iter_mut().enumerate() {
         *pixel = (index % 224) as u16 + exchange as u16;
@@ -122,14 +129,24 @@ impl FakeActor {
     /// Sends one half's observations of an exchange, each passed through `edit`.
     pub fn send(&self, half: u32, learner_incarnation: u32, step: u64, edit: impl Fn(&mut Observation)) {
         let range = self.halves.range(half);
-        let mut sample = self.publisher.loan_slice_uninit(range.len()).unwrap();
-        *sample.user_header_mut() = self.header(half, learner_incarnation, step);
-        let sample = sample.write_from_fn(|index| {
-            let mut observation = observation((range.start + index) as u32, step, 0);
-            edit(&mut observation);
-            observation
-        });
-        assert_eq!(sample.send().unwrap(), 1, "the recorder is connected");
-        self.bell.notify().unwrap();
+        let deadline = Instant::now() + Duration::from_secs(20);
+        loop {
+            let mut sample = self.publisher.loan_slice_uninit(range.len()).unwrap();
+            *sample.user_header_mut() = self.header(half, learner_incarnation, step);
+            let sample = sample.write_from_fn(|index| {
+                let mut observation = observation((range.start + index) as u32, step, 0);
+                edit(&mut observation);
+                observation
+            });
+            let recipients = sample.send().unwrap();
+            self.bell.notify().unwrap();
+            if recipients == 1 {
+                return;
+            }
+            // A subscriber that has not met this publisher yet is not waited for once its buffer is full: it meets
+            // it with its next `receive`.
+            assert!(Instant::now() < deadline, "the recorder never connects");
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 }

@@ -7,8 +7,8 @@ use crate::recording::reader::{End, RecordingError, read};
 use crate::recording::repair::{Repair, repair};
 use crate::schema::stillroom::{EpisodeEnd, LearnerMetrics, Step};
 use mcap::records::Record;
-use prost::Message;
 use proptest::prelude::*;
+use prost::Message;
 use proto::control::{Timing, metric};
 use proto::message::current_flag;
 use proto::wire::WireHost;
@@ -26,7 +26,8 @@ struct Bench {
 
 impl Bench {
     fn new(test: &str) -> Self {
-        let address = WireAddress::new(&format!("recorder{test}{}", std::process::id()), 1);
+        // Short: sockets in the folder of this name have at most 108 bytes of path.
+        let address = WireAddress::new(&format!("r{test}{}", std::process::id()), 1);
         let _host = WireHost::create(&address, SHAPE).unwrap();
         Self { address, _host, folder: tempfile::tempdir().unwrap(), config: Config::default() }
     }
@@ -175,6 +176,8 @@ fn a_rewind_is_recorded_again_and_readers_take_the_newest() {
     }
     // Still on the way from before.
     actor.send(1, 1, 10, |_| {});
+    let busy = repair(&RunFolder::new(bench.folder.path()).recording(1, 0), None).unwrap_err().to_string();
+    assert!(busy.contains("is still being written"), "{busy}");
     let summary = recorder.finish().unwrap();
     assert_eq!(summary.steps, 9 + 1);
     let found = messages(&summary.files[0]);
@@ -317,7 +320,7 @@ proptest! {
         }
         prop_assert_eq!(all_messages(&path), (some, End::Whole));
         let again = repair(&path, None).unwrap();
-        prop_assert!(matches!(again, Repair::NotNeeded { .. }));
+        prop_assert_eq!(again, Repair::NotNeeded { messages: all_messages(&path).0.len() as u64 });
     }
 
     /// Whatever a disk does to a file: reading it neither panics nor invents messages.
@@ -364,4 +367,44 @@ fn what_is_no_recording_is_said_to_be_none() {
     assert!(crate::recording::files_at(folder.path()).is_ok());
     let empty = tempfile::tempdir().unwrap();
     assert!(crate::recording::files_at(empty.path()).unwrap_err().to_string().contains("holds no recordings"));
+}
+
+/// `cargo test --release -p orchestrator throughput -- --ignored --nocapture`; with `KEEP_RECORDING=FOLDER` the file
+/// stays, for `tests/reference/read_mcap.py`.
+#[test]
+#[ignore = "a measurement"]
+fn throughput_of_the_scribe() {
+    use super::scribe::Scribe;
+    use super::segment::{Preamble, Segments};
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = std::env::var_os("KEEP_RECORDING").map_or_else(|| temporary.path().to_path_buf(), PathBuf::from);
+    let config = Config::default();
+    let preamble = Preamble { run_id: "throughput".to_owned(), incarnation: 1, config: config.clone() };
+    let shape = WireShape { actors: 1, environments_per_actor: 16 };
+    for (name, flags, exchanges) in [("steps", 0, 20_000u64), ("depth frames", current_flag::RECORD_DEPTH, 100)] {
+        let folder = RunFolder::new(folder.join(name));
+        let segments = Segments::create(folder, preamble.clone(), 0).unwrap();
+        let mut scribe = Scribe::new(segments, shape, 1, &config);
+        let header = proto::message::ObservationHeader { learner_incarnation: 1, ..Default::default() };
+        let mut half: Vec<_> = (0..8).map(|environment| testing::observation(environment, 0, flags)).collect();
+        let started = std::time::Instant::now();
+        for step in 0..=exchanges {
+            for observation in &mut half {
+                let fresh = testing::described(step, flags);
+                (observation.transition, observation.current) = fresh;
+            }
+            let header = proto::message::ObservationHeader { step, ..header };
+            scribe.observations(step * 1_000_000, &header, &half, step > 0).unwrap();
+        }
+        scribe.segments().finish().unwrap();
+        let seconds = started.elapsed().as_secs_f64();
+        let counts = scribe.counts();
+        let bytes = scribe.segments().bytes();
+        println!(
+            "{name}: {:.0} steps/s, {:.0} depth frames/s, {:.1} bytes a step",
+            counts.steps as f64 / seconds,
+            counts.depth_frames as f64 / seconds,
+            bytes as f64 / counts.steps as f64
+        );
+    }
 }

@@ -6,7 +6,7 @@ use mcap::records::{Metadata, Record};
 use mcap::{Attachment, McapError, Writer};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
@@ -16,6 +16,9 @@ pub enum RepairError {
     /// The old file.
     #[error(transparent)]
     Read(#[from] RecordingError),
+    /// A recorder writes it at this moment.
+    #[error("{path} is still being written: stop the run first", path = .0.display())]
+    Busy(PathBuf),
     /// The new file.
     #[error("cannot write {path}: {cause}", path = .path.display())]
     Write {
@@ -48,6 +51,11 @@ pub enum Repair {
 /// Copies all that is readable in `path` into a complete file: to `output`, or in place of the old file, which is then
 /// kept as `….cut`.
 pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError> {
+    let unreadable = |cause| RecordingError::Unreadable { path: path.to_path_buf(), cause };
+    let old = File::open(path).map_err(unreadable)?;
+    if let Err(TryLockError::WouldBlock) = old.try_lock_shared() {
+        return Err(RepairError::Busy(path.to_path_buf()));
+    }
     let target = output.unwrap_or(path);
     let partial = with_suffix(target, ".partial");
     let failed = |cause: McapError| RepairError::Write { path: target.to_path_buf(), cause };
@@ -69,8 +77,16 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError>
         Some(kept) => std::fs::hard_link(path, kept).or_else(|_| std::fs::rename(path, kept)),
         None => Ok(()),
     };
-    moved.and_then(|()| std::fs::rename(&partial, target)).map_err(|cause| failed(cause.into()))?;
+    moved
+        .and_then(|()| std::fs::rename(&partial, target))
+        .and_then(|()| sync_folder_of(target))
+        .map_err(|cause| failed(cause.into()))?;
     Ok(Repair::Repaired { repaired: target.to_path_buf(), kept, extent })
+}
+
+fn sync_folder_of(path: &Path) -> std::io::Result<()> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    File::open(folder)?.sync_all()
 }
 
 fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
