@@ -341,6 +341,7 @@ impl Environment {
                 continue;
             }
             let moved = self.simulation.movable_pose(movable).translation - *origin;
+            assert!(moved.is_finite(), "a body's pose is not a number");
             total_m += f64::from(moved.length().min(OBJECT_DISPLACEMENT_CAP_M));
             disturbed += u32::from(moved.abs().max_element() > DISTURBED_AXIS_M);
         }

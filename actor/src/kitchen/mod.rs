@@ -184,6 +184,7 @@ impl Kitchen {
         if stands.len() < STANDS_LEAST {
             return Err(format!("free floor ({} robot poses)", stands.len()));
         }
+        let points = spots::reachable_points(&layout.surfaces, &stands);
         let mut targets = Vec::new();
         for category in TargetCategory::ALL {
             let movable = bodies[static_count..]
@@ -197,7 +198,7 @@ impl Kitchen {
                 .filter(|&(index, _)| index != movable)
                 .map(|(_, other)| other)
                 .collect();
-            let spots = spots::target_spots(&solids[movable], &layout.surfaces, &scene, &others, &stands);
+            let spots = spots::target_spots(&solids[movable], &points, &scene, &others);
             if spots.len() < SPOTS_LEAST {
                 return Err(format!("{} spots for {}", spots.len(), category.name()));
             }

@@ -104,47 +104,59 @@ fn largest_component(free: &[bool], columns: usize) -> Vec<usize> {
     best
 }
 
-/// Places where a thing can stand: unturned, clear of everything, within the robot's reach from somewhere. `others`
-/// are all other movable things.
+/// Points of a grid over the surfaces within the robot's reach from somewhere: surface and position on it.
+pub fn reachable_points<'a>(surfaces: &'a [Surface], stands: &[Stand]) -> Vec<(&'a Surface, Vec3)> {
+    let mut places: Vec<(f32, f32)> = stands.iter().map(|stand| (stand.x_m, stand.z_m)).collect();
+    places.dedup();
+    let mut points = Vec::new();
+    for surface in surfaces {
+        let columns = ((surface.high.x - surface.low.x) / SPOT_GRID_M) as u32;
+        let rows = ((surface.high.z - surface.low.z) / SPOT_GRID_M) as u32;
+        for cell in 0..rows * columns {
+            let (row, column) = (cell / columns, cell % columns);
+            let x = surface.low.x + (column as f32 + 0.5) * SPOT_GRID_M;
+            let z = surface.low.z + (row as f32 + 0.5) * SPOT_GRID_M;
+            let near = |&(stand_x, stand_z): &(f32, f32)| {
+                let (along_x, along_z) = (stand_x - x, stand_z - z);
+                along_x * along_x + along_z * along_z <= SPOT_REACH_M * SPOT_REACH_M
+            };
+            if places.iter().any(near) {
+                points.push((surface, Vec3::new(x, surface.low.y, z)));
+            }
+        }
+    }
+    points
+}
+
+/// Places where a thing can stand: unturned, on one of the points, clear of everything. `others` are all other
+/// movable things.
 pub fn target_spots(
     solid: &Solid,
-    surfaces: &[Surface],
+    points: &[(&Surface, Vec3)],
     scene: &Scene,
     others: &[(&Solid, &Pose3)],
-    stands: &[Stand],
 ) -> Vec<Vec3> {
     let about_origin = solid.aabb(&Pose3::identity());
     let other_aabbs: Vec<Aabb> = others.iter().map(|(other, pose)| other.aabb(pose)).collect();
     let mut spots = Vec::new();
-    for surface in surfaces {
-        let columns = ((surface.high.x - surface.low.x) / SPOT_GRID_M) as u32;
-        let rows = ((surface.high.z - surface.low.z) / SPOT_GRID_M) as u32;
-        for row in 0..rows {
-            for column in 0..columns {
-                let spot = Vec3::new(
-                    surface.low.x + (column as f32 + 0.5) * SPOT_GRID_M,
-                    surface.low.y - about_origin.mins.y + DROP_M,
-                    surface.low.z + (row as f32 + 0.5) * SPOT_GRID_M,
-                );
-                let aabb = Aabb::new(about_origin.mins + spot, about_origin.maxs + spot);
-                // Lifted, so that the surface itself does not count as in the way.
-                let lift = Vec3::new(0.0, SPOT_CLEARANCE_M, 0.0);
-                let wide = aabb.loosened(SPOT_CLEARANCE_M);
-                let above = Aabb::new(wide.mins + lift, wide.maxs + lift);
-                let near = |stand: &Stand| {
-                    let (x, z) = (stand.x_m - spot.x, stand.z_m - spot.z);
-                    x * x + z * z <= SPOT_REACH_M * SPOT_REACH_M
-                };
-                let crowded = || {
-                    others.iter().zip(&other_aabbs).any(|((other, pose), other_aabb)| {
-                        other_aabb.intersects(&wide)
-                            && solid.nearer_than(&Pose3::from_translation(spot), other, pose, SPOT_CLEARANCE_M)
-                    })
-                };
-                if surface.carries(&aabb) && !scene.meets_aabb(&above) && stands.iter().any(near) && !crowded() {
-                    spots.push(spot);
-                }
-            }
+    for (surface, point) in points {
+        let spot = *point + Vec3::new(0.0, DROP_M - about_origin.mins.y, 0.0);
+        let aabb = Aabb::new(about_origin.mins + spot, about_origin.maxs + spot);
+        if !surface.carries(&aabb) {
+            continue;
+        }
+        // Lifted, so that the surface itself does not count as in the way.
+        let lift = Vec3::new(0.0, SPOT_CLEARANCE_M, 0.0);
+        let wide = aabb.loosened(SPOT_CLEARANCE_M);
+        let above = Aabb::new(wide.mins + lift, wide.maxs + lift);
+        let crowded = || {
+            others.iter().zip(&other_aabbs).any(|((other, pose), other_aabb)| {
+                other_aabb.intersects(&wide)
+                    && solid.nearer_than(&Pose3::from_translation(spot), other, pose, SPOT_CLEARANCE_M)
+            })
+        };
+        if !scene.meets_aabb(&above) && !crowded() {
+            spots.push(spot);
         }
     }
     spots

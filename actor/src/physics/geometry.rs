@@ -46,8 +46,8 @@ impl Solid {
             other.parts.iter().any(|(other_shape, other_from_part)| {
                 let other_pose = *other_pose * *other_from_part;
                 // A pair without an algorithm does not occur among convex solids; it would count as too near.
-                query::contact(&pose, &**shape, &other_pose, &**other_shape, distance_m)
-                    .map_or(true, |contact| contact.is_some())
+                query::distance(&pose, &**shape, &other_pose, &**other_shape)
+                    .map_or(true, |gap| gap.distance < distance_m)
             })
         })
     }
