@@ -6,7 +6,7 @@
 
 mod disturb;
 
-pub use disturb::Disturb;
+pub use disturb::{Disturb, focal_loss};
 
 use crate::network::{Layout, Packing, Parameters};
 use crate::rollout::Rollout;

@@ -1,0 +1,460 @@
+"""Reference values for learner/tests/reference.rs: the same method, written a second time in plain PyTorch.
+
+    pip install torch==2.11.0 numpy==2.4.6 safetensors==0.8.0
+    python3 make_fixtures.py            # writes *.safetensors beside this file
+
+Nothing here is shared with the Rust code but the formula `noise`, from which both sides make weights and inputs, so
+that the files hold results only. Beliefs are stepped one at a time, advantages are explicit sums, the optimiser and
+the gradient clipping are PyTorch's own.
+"""
+
+import math
+import pathlib
+
+import numpy as np
+import torch
+from safetensors.torch import save_file
+from torch import nn
+from torch.nn import functional as F
+
+torch.set_num_threads(1)
+HERE = pathlib.Path(__file__).parent
+
+
+def noise(name: str, count: int) -> np.ndarray:
+    """`count` numbers in [-1, 1) that are a function of the name: murmur3's finaliser over a counter."""
+    seed = 0x811C9DC5
+    for byte in name.encode():
+        seed = ((seed ^ byte) * 0x01000193) & 0xFFFFFFFF
+    x = (np.arange(count, dtype=np.uint64) * 0x9E3779B9 + seed) & 0xFFFFFFFF
+    x ^= x >> 16
+    x = (x * 0x85EBCA6B) & 0xFFFFFFFF
+    x ^= x >> 13
+    x = (x * 0xC2B2AE35) & 0xFFFFFFFF
+    x ^= x >> 16
+    return x.astype(np.float64) / 2**31 - 1.0
+
+
+def tensor(name: str, *shape: int) -> torch.Tensor:
+    return torch.tensor(noise(name, math.prod(shape)).reshape(shape), dtype=torch.float32)
+
+
+def set_weights(module: nn.Module) -> None:
+    for name, weight in module.named_parameters():
+        value = torch.tensor(noise(name, weight.numel()).reshape(weight.shape))
+        if weight.dim() > 1:
+            value = value * math.sqrt(3.0 / (weight.numel() / weight.shape[0]))
+        else:
+            value = 0.1 * value + (1.0 if is_norm_scale(module, name) else 0.0)
+        weight.data.copy_(value.float())
+
+
+def is_norm_scale(module: nn.Module, name: str) -> bool:
+    return name.endswith(".weight") and isinstance(module.get_submodule(name.rpartition(".")[0]), nn.GroupNorm)
+
+
+def probes(named: list[tuple[str, torch.Tensor]]) -> torch.Tensor:
+    """One row a tensor: its norm, and its product with a noise vector."""
+    rows = []
+    for name, value in named:
+        value = value.detach().double().reshape(-1)
+        rows.append([value.norm().item(), float(value.numpy() @ noise("probe." + name, value.numel()))])
+    return torch.tensor(rows, dtype=torch.float64)
+
+
+# The network --------------------------------------------------------------------------------------------------------
+
+
+class Block(nn.Module):
+    def __init__(self, inputs: int, planes: int, stride: int):
+        super().__init__()
+        self.convs = nn.Sequential(
+            nn.Conv2d(inputs, planes, 3, stride, 1, bias=False),
+            nn.GroupNorm(16, planes),
+            nn.ReLU(),
+            nn.Conv2d(planes, planes, 3, 1, 1, bias=False),
+            nn.GroupNorm(16, planes),
+        )
+        self.downsample = None
+        if stride != 1 or inputs != planes:
+            self.downsample = nn.Sequential(
+                nn.Conv2d(inputs, planes, 1, stride, bias=False), nn.GroupNorm(16, planes)
+            )
+
+    def forward(self, x):
+        return F.relu(self.convs(x) + (x if self.downsample is None else self.downsample(x)))
+
+
+class Backbone(nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.conv1 = nn.Sequential(nn.Conv2d(1, 32, 7, 2, 3, bias=False), nn.GroupNorm(16, 32), nn.ReLU())
+        self.maxpool = nn.MaxPool2d(3, 2, 1)
+        self.layer1 = nn.Sequential(Block(32, 32, 1), Block(32, 32, 1))
+        self.layer2 = nn.Sequential(Block(32, 64, 2), Block(64, 64, 1))
+        self.layer3 = nn.Sequential(Block(64, 128, 2), Block(128, 128, 1))
+        self.layer4 = nn.Sequential(Block(128, 256, 2), Block(256, 256, 1))
+
+    def forward(self, x):
+        return self.layer4(self.layer3(self.layer2(self.layer1(self.maxpool(self.conv1(x))))))
+
+
+class Resnet(nn.Module):
+    def __init__(self, side: int):
+        super().__init__()
+        self.backbone = Backbone()
+        self.compression = nn.Sequential(nn.Conv2d(256, 128, 3, 1, 1, bias=False), nn.GroupNorm(1, 128), nn.ReLU())
+        with torch.no_grad():
+            flat = self.compression(self.backbone(torch.zeros(1, 1, side, side))).numel()
+        self.fc = nn.Sequential(nn.Flatten(), nn.Linear(flat, 512), nn.ReLU())
+
+    def forward(self, x):
+        return self.fc(self.compression(self.backbone(x)))
+
+
+class Cnn(nn.Module):
+    def __init__(self, side: int):
+        super().__init__()
+        convolutions = [nn.Conv2d(1, 32, 8, 4), nn.ReLU(), nn.Conv2d(32, 64, 4, 2), nn.ReLU(), nn.Conv2d(64, 32, 3)]
+        with torch.no_grad():
+            flat = nn.Sequential(*convolutions)(torch.zeros(1, 1, side, side)).numel()
+        self.cnn = nn.Sequential(*convolutions, nn.Flatten(), nn.Linear(flat, 512), nn.ReLU())
+
+    def forward(self, x):
+        return self.cnn(x)
+
+
+class Network(nn.Module):
+    def __init__(self, encoder: str, pool: int, polar: bool, previous_action: bool, hidden: int, actions: int):
+        super().__init__()
+        self.pool, self.polar = pool, polar
+        self.visual_encoder = {"resnet": Resnet, "cnn": Cnn}[encoder](224 // pool)
+        self.goal_embedder = nn.Sequential(nn.Linear(3, 100), nn.LeakyReLU(0.01), nn.Linear(100, 32))
+        inputs = 544
+        if previous_action:
+            self.previous_action_embedder = nn.Embedding(actions + 1, 16)
+            inputs += 16
+        self.belief = nn.GRU(inputs, hidden)
+        self.actor = nn.Linear(hidden, actions)
+        self.critic = nn.Linear(hidden, 1)
+        self.auxiliary = nn.ModuleDict(
+            {"disturb": nn.Sequential(nn.Linear(hidden, 128), nn.ReLU(), nn.Linear(128, actions))}
+        )
+        set_weights(self)
+
+    def step(self, depth_mm, goal_m, previous_action, start, belief):
+        """Millimetres [B, 224, 224], metres [B, 3], rows of the action table [B] (0 = none), bool [B], [B, hidden]."""
+        depth = F.avg_pool2d(depth_mm.float()[:, None] / 1000.0, self.pool)
+        parts = [self.visual_encoder((depth - 0.5) / 0.25)]
+        x, y, z = goal_m.double().unbind(1)
+        if self.polar:
+            rho = (x**2 + y**2 + z**2).sqrt()
+            goal = torch.stack(
+                [rho, torch.atan2(z, torch.hypot(x, y)) / (math.pi / 2), torch.atan2(y, x) / math.pi], 1
+            )
+        else:
+            goal = torch.stack([x, y, z], 1).abs()
+        parts.append(self.goal_embedder(goal.float()))
+        if hasattr(self, "previous_action_embedder"):
+            parts.append(self.previous_action_embedder(previous_action))
+        belief = torch.where(start[:, None], torch.zeros_like(belief), belief)
+        _, belief = self.belief(torch.cat(parts, 1)[None], belief[None])
+        belief = belief[0]
+        return F.log_softmax(self.actor(belief), -1), self.critic(belief)[:, 0], belief
+
+
+def depth_mm(t: int, n: int) -> torch.Tensor:
+    """0..4095 mm in tiles of 8 pixels: walls and edges, not white noise."""
+    tiles = np.floor((noise(f"frame.{t}.{n}", 28 * 28) + 1.0) * 2048.0).reshape(28, 28)
+    return torch.tensor(np.kron(tiles, np.ones((8, 8))) + np.arange(224)[None, :])
+
+
+def goal_m(t: int, n: int) -> torch.Tensor:
+    return tensor(f"goal.{t}.{n}", 3) * 2.0
+
+
+def network_fixture(name: str, **settings) -> None:
+    """Three steps of three columns, with an episode's start at step 0, one at 1 and one at 2."""
+    network = Network(**settings)
+    hidden, actions = settings["hidden"], settings["actions"]
+    belief = tensor("belief", 3, hidden)
+    starts = [[False, False, True], [False, True, False], [True, False, False]]
+    loss, log_probs, values = 0.0, [], []
+    for t in range(3):
+        previous = torch.tensor([(5 * t + 3 * n) % (actions + 1) for n in range(3)])
+        log_prob, value, belief = network.step(
+            torch.stack([depth_mm(t, n) for n in range(3)]),
+            torch.stack([goal_m(t, n) for n in range(3)]),
+            previous,
+            torch.tensor(starts[t]),
+            belief,
+        )
+        risk = network.auxiliary["disturb"](belief)
+        loss = loss + (log_prob * tensor(f"pull.policy.{t}", 3, actions)).sum()
+        loss = loss + (value * tensor(f"pull.value.{t}", 3)).sum()
+        loss = loss + (risk * tensor(f"pull.disturb.{t}", 3, actions)).sum()
+        log_probs.append(log_prob.detach())
+        values.append(value.detach())
+    network.zero_grad()
+    loss.backward()
+    gradients = [(name, weight.grad) for name, weight in network.named_parameters()]
+    save_file(
+        {
+            "log_probs": torch.stack(log_probs),
+            "values": torch.stack(values),
+            "beliefs": belief.detach(),
+            "gradients": probes(sorted(gradients)),
+        },
+        HERE / f"network_{name}.safetensors",
+    )
+
+
+# The algorithm ------------------------------------------------------------------------------------------------------
+
+
+def advantages(rewards, values, after, ended, truncated, gamma, lam):
+    """A_t as the explicit sum of (γλ)^k δ_{t+k} up to the episode's end; all [T], `after` the value after the last."""
+    steps = len(rewards)
+    following = values[1:] + [after]
+    deltas = []
+    for t in range(steps):
+        nxt = following[t]
+        if ended[t]:
+            nxt = values[t] if truncated[t] else 0.0
+        deltas.append(rewards[t] + gamma * nxt - values[t])
+    result = []
+    for t in range(steps):
+        total, k = 0.0, t
+        while True:
+            total += (gamma * lam) ** (k - t) * deltas[k]
+            if ended[k] or k == steps - 1:
+                break
+            k += 1
+        result.append(total)
+    return result
+
+
+def gae_fixture() -> None:
+    """12 steps of 5 columns, the last two of which have 11."""
+    steps, columns, held = 12, 5, 2
+    rewards = noise("gae.reward", steps * columns).reshape(steps, columns)
+    values = 2.0 * noise("gae.value", steps * columns).reshape(steps, columns)
+    after = noise("gae.after", columns)
+    ended = noise("gae.ended", steps * columns).reshape(steps, columns) > 0.6
+    limit = ended & (noise("gae.limit", steps * columns).reshape(steps, columns) > 0.0)
+    assert limit.any() and (ended & ~limit).any()
+    f32 = lambda array: array.astype(np.float32).astype(np.float64)
+    rewards, values, after = f32(rewards), f32(values), f32(after)
+    out = {}
+    for name, bootstrap in [("terminal", False), ("truncated", True)]:
+        table = np.zeros((steps, columns))
+        for n in range(columns):
+            length = steps - (n >= columns - held)
+            table[:length, n] = advantages(
+                list(rewards[:length, n]),
+                list(values[:length, n]),
+                values[steps - 1, n] if length < steps else after[n],
+                list(ended[:length, n]),
+                list(limit[:length, n] & bootstrap),
+                0.99,
+                0.95,
+            )
+        valid = np.ones((steps, columns), dtype=bool)
+        valid[steps - 1, columns - held :] = False
+        normal = torch.tensor(table[valid])
+        normal = (normal - normal.mean()) / (normal.std() + 1e-5)
+        normalized = np.zeros((steps, columns))
+        normalized[valid] = normal.numpy()
+        out[f"{name}.advantages"] = torch.tensor(table)
+        out[f"{name}.normalized"] = torch.tensor(normalized)
+        out[f"{name}.returns"] = torch.tensor(np.where(valid, table + values, 0.0))
+    save_file(out, HERE / "gae.safetensors")
+
+
+def ppo_terms(log_probs, values, actions, old_log_probs, old_values, advantage, returns, clip):
+    new = torch.distributions.Categorical(logits=log_probs)
+    ratio = torch.exp(new.log_prob(actions) - old_log_probs)
+    policy = -torch.min(ratio * advantage, torch.clamp(ratio, 1 - clip, 1 + clip) * advantage).mean()
+    clipped = old_values + torch.clamp(values - old_values, -clip, clip)
+    value = 0.5 * torch.max((values - returns) ** 2, (clipped - returns) ** 2).mean()
+    kl = (ratio - 1 - ratio.log()).mean()
+    return policy, value, new.entropy().mean(), ((ratio - 1).abs() > clip).float().mean(), kl
+
+
+def loss_fixture() -> None:
+    rows, actions = 40, 21
+    logits = tensor("loss.logits", rows, actions).double() * 2.0
+    values = tensor("loss.values", rows).double()
+    logits.requires_grad_()
+    values.requires_grad_()
+    taken = torch.tensor([(7 * i) % actions for i in range(rows)])
+    log_probs = F.log_softmax(logits, -1)
+    old_log_probs = (log_probs[torch.arange(rows), taken].detach() + 0.3 * tensor("loss.drift", rows)).float().double()
+    terms = ppo_terms(
+        log_probs,
+        values,
+        taken,
+        old_log_probs,
+        (values.detach() + 0.3 * tensor("loss.value_drift", rows)).float().double(),
+        tensor("loss.advantages", rows).double(),
+        tensor("loss.returns", rows).double(),
+        0.1,
+    )
+    policy, value, entropy, fraction, _ = terms
+    assert 0.2 < fraction < 0.9
+    gradients = torch.autograd.grad(policy + 0.5 * value - 0.01 * entropy, [logits, values])
+
+    focal_logits = (tensor("focal.logits", rows) * 6.0).double().requires_grad_()
+    labels = (tensor("focal.labels", rows) > 0.5).double()
+    p = torch.sigmoid(focal_logits)
+    p_true = torch.where(labels > 0.5, p, 1 - p)
+    focal = -((1 - p_true) ** 2.0) * p_true.log()
+    (focal_gradient,) = torch.autograd.grad(focal.mean(), [focal_logits])
+    save_file(
+        {
+            "old_log_probs": old_log_probs.float(),
+            "terms": torch.stack([term.detach() for term in terms]),
+            "gradient.logits": gradients[0].contiguous(),
+            "gradient.values": gradients[1].contiguous(),
+            "focal": focal.detach(),
+            "gradient.focal": focal_gradient.contiguous(),
+        },
+        HERE / "loss.safetensors",
+    )
+
+
+def adam_fixture() -> None:
+    """Ten steps under PyTorch's clipping, Adam and linear schedule, with gradients that shrink below the limit."""
+    weights = nn.Parameter(tensor("adam.weights", 257))
+    optimizer = torch.optim.Adam([weights], lr=3e-4)
+    schedule = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 1.0 / 3.0, total_iters=10)
+    norms, path = [], []
+    for step in range(10):
+        weights.grad = tensor(f"adam.gradient.{step}", 257) * 0.5**step
+        norms.append(nn.utils.clip_grad_norm_([weights], 0.5).item())
+        optimizer.step()
+        schedule.step()
+        path.append(weights.detach().clone())
+    assert norms[0] > 0.5 > norms[-1]
+    save_file({"weights": torch.stack(path), "norms": torch.tensor(norms)}, HERE / "adam.safetensors")
+
+
+def run_fixture() -> None:
+    """The whole algorithm: two rollouts of four columns, acting, then two epochs on each, compared as a whole."""
+    columns, steps, actions, epochs, clip = 4, 6, 13, 2, 0.1
+    # A_large indices of A_small, in its order.
+    small = list(range(8)) + [16, 17, 18, 19, 20]
+    network = Network(encoder="cnn", pool=4, polar=True, previous_action=True, hidden=32, actions=actions)
+    with torch.no_grad():
+        network.actor.weight *= 0.2
+    optimizer = torch.optim.Adam(network.parameters())
+    belief = torch.zeros(columns, 32)
+    previous = [0] * columns
+    out = {}
+    for rollout, (progress, last) in enumerate([(0.0, 3), (0.5, 4)]):
+        at_start, rows, chosen, old_log_probs, old_values = belief, [], [], [], []
+        ended, reward, limit, disturbed = [], [], [], []
+        for t in range(steps):
+            now = rollout * steps + t
+            # An episode starts at the beginning of the run and after each end.
+            start = torch.tensor([p == 0 for p in previous])
+            row = (
+                torch.stack([depth_mm(now, n) for n in range(columns)]),
+                torch.stack([goal_m(now, n) for n in range(columns)]),
+                torch.tensor(previous),
+                start,
+            )
+            with torch.no_grad():
+                log_probs, values, after = network.step(*row, belief)
+            uniform = (noise(f"gumbel.{now}", columns * actions).reshape(columns, actions) + 1.0) / 2.0
+            gumbel = torch.tensor(-np.log(-np.log(np.clip(uniform, 1e-6, 1 - 1e-6))), dtype=torch.float32)
+            action = (log_probs + gumbel).argmax(-1)
+            acts = torch.tensor([t < steps - 1 or n < last for n in range(columns)])
+            belief = torch.where(acts[:, None], after, belief)
+            rows.append(row)
+            chosen.append(action)
+            old_log_probs.append(log_probs[torch.arange(columns), action])
+            old_values.append(values)
+            ended.append([bool(e) for e in noise(f"ended.{now}", columns) > 0.5])
+            limit.append([e and bool(l) for e, l in zip(ended[-1], noise(f"limit.{now}", columns) > 0.0)])
+            reward.append(list(tensor(f"reward.{now}", columns).double().numpy() * 3.0))
+            disturbed.append([float(d) for d in noise(f"disturbed.{now}", columns) > 0.4])
+            previous = [
+                (0 if ended[-1][n] else int(action[n]) + 1) if acts[n] else previous[n] for n in range(columns)
+            ]
+        now = (rollout + 1) * steps
+        # What is seen after the last action; a column that held sees the same again.
+        final = torch.stack([depth_mm(now, n) if n < last else depth_mm(now - 1, n) for n in range(columns)])
+        final_goal = torch.stack([goal_m(now, n) if n < last else goal_m(now - 1, n) for n in range(columns)])
+        with torch.no_grad():
+            _, after_values, _ = network.step(
+                final, final_goal, torch.tensor(previous), torch.tensor([p == 0 for p in previous]), belief
+            )
+
+        keep = torch.tensor([[t < steps - 1 or n < last for n in range(columns)] for t in range(steps)])
+        advantage = torch.zeros(steps, columns)
+        for n in range(columns):
+            length = int(keep[:, n].sum())
+            result = advantages(
+                [reward[t][n] for t in range(length)],
+                [float(old_values[t][n]) for t in range(length)],
+                float(after_values[n]),
+                [ended[t][n] for t in range(length)],
+                [False] * length,
+                0.99,
+                0.95,
+            )
+            advantage[:length, n] = torch.tensor(result)
+        old_value = torch.stack(old_values)
+        returns = advantage + old_value
+        # A row is asked about disturbance when its successor is a frame of the rollout and of the same episode.
+        asked = keep.clone()
+        asked[-1] = False
+        for t in range(steps - 1):
+            for n in range(columns):
+                asked[t, n] &= bool(keep[t + 1, n]) and not bool(rows[t + 1][3][n])
+        for group in optimizer.param_groups:
+            group["lr"] = 1e-3 * (1 - progress * 2 / 3)
+
+        figures = []
+        for _ in range(epochs):
+            b, log_probs, values, risks = at_start, [], [], []
+            for t in range(steps):
+                log_prob, value, b = network.step(*rows[t], b)
+                log_probs.append(log_prob)
+                values.append(value)
+                risks.append(network.auxiliary["disturb"](b)[torch.arange(columns), chosen[t]])
+            policy, value, entropy, fraction, kl = ppo_terms(
+                torch.stack(log_probs)[keep],
+                torch.stack(values)[keep],
+                torch.stack(chosen)[keep],
+                torch.stack(old_log_probs)[keep],
+                old_value[keep],
+                advantage[keep],
+                returns[keep],
+                clip,
+            )
+            p = torch.sigmoid(torch.stack(risks)[asked])
+            label = torch.tensor(disturbed)[asked] > 0.5
+            p_true = torch.where(label, p, 1 - p)
+            focal = (-((1 - p_true) ** 2) * p_true.log()).mean()
+            optimizer.zero_grad()
+            (policy + 0.5 * value - 0.01 * entropy + 0.1 * focal).backward()
+            norm = nn.utils.clip_grad_norm_(network.parameters(), 0.5)
+            optimizer.step()
+            figures.append(torch.stack([policy, value, entropy, focal, fraction, kl, norm]).detach())
+        out[f"{rollout}.actions"] = torch.tensor([[small[a] for a in row] for row in torch.stack(chosen).tolist()])
+        out[f"{rollout}.log_probs"] = torch.stack(old_log_probs)
+        out[f"{rollout}.values"] = old_value
+        out[f"{rollout}.figures"] = torch.stack(figures).mean(0)
+        out[f"{rollout}.weights"] = probes(sorted((name, w) for name, w in network.named_parameters()))
+    save_file(out, HERE / "run.safetensors")
+
+
+if __name__ == "__main__":
+    network_fixture("resnet", encoder="resnet", pool=2, polar=True, previous_action=True, hidden=512, actions=21)
+    network_fixture("cnn", encoder="cnn", pool=1, polar=False, previous_action=False, hidden=64, actions=13)
+    gae_fixture()
+    loss_fixture()
+    adam_fixture()
+    run_fixture()
