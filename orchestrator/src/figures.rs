@@ -236,7 +236,7 @@ pub mod tests {
     fn the_moment_is_the_last_few_rollouts() {
         let recent = recent(&stages(), &history(22));
         assert_eq!((recent.frames, recent.budget, recent.stage), (1100, 1500, Some(1)));
-        assert_eq!(recent.frames_per_s, Some(25.0));
+        assert!((recent.frames_per_s.unwrap() - 25.0).abs() < 1e-9);
         assert!((recent.left_s.unwrap() - 16.0).abs() < 1e-9);
         assert!((recent.simulate - 0.4).abs() < 1e-9 && (recent.update - 0.3).abs() < 1e-9);
         // Only rollouts 20 and 21 are of stage II.

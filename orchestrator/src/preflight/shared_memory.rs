@@ -42,12 +42,12 @@ mod tests {
     #[test]
     fn dockers_default_is_too_small_and_the_message_says_what_would_do() {
         let demo = Config::resolve("demo", None).unwrap();
-        let Finding::Problem(text) = check_against(&demo, 60 << 20, 64 << 20) else { panic!("64 MiB is too little") };
+        let Finding::Problem(text) = check_against(&demo, 40 << 20, 64 << 20) else { panic!("64 MiB is too little") };
         for part in ["/dev/shm is too small: 19 actors of 4 environments need", "--shm-size=", "remount,size="] {
             assert!(text.contains(part), "{part}: {text}");
         }
         let size_mib: u64 = text.split("--shm-size=").nth(1).unwrap().split('m').next().unwrap().parse().unwrap();
-        let used = 4 << 20;
+        let used = 24 << 20;
         assert!(matches!(check_against(&demo, (size_mib << 20) - used, size_mib << 20), Finding::Good(_)));
     }
 }

@@ -557,9 +557,12 @@ impl Supervisor {
     fn tick(&mut self, now: Duration) {
         match self.phase.clone() {
             Phase::Running => {
-                self.start_due(now);
                 self.check_learner(now);
                 self.check_killed(now);
+                // Not when one of them has just ended the run.
+                if self.phase == Phase::Running {
+                    self.start_due(now);
+                }
             }
             Phase::Saving { failure, until } => {
                 if now >= until {
@@ -724,12 +727,14 @@ impl Supervisor {
     }
 }
 
-/// A process's last lines, indented below the sentence that tells of its death.
+/// A process's last lines, indented below the sentence that tells of its death. Where it said what its error was, that
+/// and what followed.
 fn quote(last_words: &[String]) -> String {
     if last_words.is_empty() {
         return String::new();
     }
-    let lines: String = last_words.iter().map(|line| format!("\n    {line}")).collect();
+    let error = last_words.iter().rposition(|line| line.contains(" ERROR ")).unwrap_or(0);
+    let lines: String = last_words[error..].iter().map(|line| format!("\n    {line}")).collect();
     format!("; its last words:{lines}")
 }
 
