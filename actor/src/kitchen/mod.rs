@@ -123,7 +123,7 @@ impl Kitchen {
             }
             let outcome = placement::place(&layout, &scene, &mut random)
                 .map_err(|category| format!("a place for {category}"))
-                .and_then(|placed| Self::settle(id, simulation, &layout, scene, placed));
+                .and_then(|placed| Self::settle(id, simulation.timestep_s, &layout, scene, placed));
             match outcome {
                 Ok(kitchen) => return Ok(kitchen),
                 Err(why) => {
@@ -138,12 +138,12 @@ impl Kitchen {
     /// Builds the physics world, lets it come to rest, and finds where episodes can take place in it.
     fn settle(
         id: KitchenId,
-        simulation: &SimulationConfig,
+        timestep_s: f32,
         layout: &Layout,
         scene: Scene,
         placed: Vec<Placed>,
     ) -> Result<Self, String> {
-        let mut world = World::new(simulation.timestep_s);
+        let mut world = World::new(timestep_s);
         let mut bodies = Vec::new();
         let mut settled_poses = Vec::new();
         for fixture in &layout.fixtures {
@@ -159,12 +159,11 @@ impl Kitchen {
         let robot_parts = robot_shapes.clone().map(|shape| Solid::of(&shape));
         let robot = robot_parts.each_ref().map(|part| world.add_kinematic(part, Pose3::from_translation(PARKED)));
 
-        world.settle(&movables, (SETTLE_LIMIT_S / simulation.timestep_s) as u32);
+        world.settle(&movables, (SETTLE_LIMIT_S / timestep_s) as u32);
         for (thing, &handle) in placed.iter().zip(&movables) {
             let settled = *world.body(handle).position();
             let drift = (settled.translation - thing.pose.translation).length();
-            // Written so that a pose that is not a number fails too.
-            if !(drift < SETTLE_DRIFT_M) {
+            if drift.is_nan() || drift >= SETTLE_DRIFT_M {
                 return Err(format!("setting down {} (moved {drift:.3} m)", thing.category.name));
             }
             bodies.push(body(thing.category.name, thing.shape.clone(), BodyRole::Movable));

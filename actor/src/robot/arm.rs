@@ -119,16 +119,14 @@ mod tests {
             roll in -1.5f32..1.5, yaw in -1.5f32..1.5, pitch in -1.5f32..1.5,
         ) {
             let wrist = Vec3::new(x, y, z);
-            match inverse(wrist, roll, yaw, pitch) {
-                Ok(joints) => {
+            if let Ok(joints) = inverse(wrist, roll, yaw, pitch) {
                     let frames = forward(&joints);
                     prop_assert!((frames.wrist - wrist).length() < 1e-4, "{frames:?}");
                     prop_assert!((frames.elbow.length() - LINK_LENGTH_M).abs() < 1e-5);
                     prop_assert!(((frames.wrist - frames.elbow).length() - LINK_LENGTH_M).abs() < 1e-5);
                     prop_assert!(within_limits(&joints) && z >= -1e-6 && frames.elbow.z >= 0.0);
                     prop_assert!((frames.hand.length() - 1.0).abs() < 1e-5);
-                }
-                Err(Unreachable) => {
+            } else {
                     // Whatever is refused breaks a limit that can be stated without inverse kinematics.
                     let horizontal = x.hypot(z);
                     let far = wrist.length() > REACH_M;
@@ -142,7 +140,6 @@ mod tests {
                     let above = along.cross(right);
                     let elbow = 0.5 * wrist + LINK_LENGTH_M * bend.sin() * (above * roll.cos() - right * roll.sin());
                     prop_assert!(far || near || steep || behind || elbow.z < 1e-4, "{wrist:?} {elbow:?}");
-                }
             }
         }
     }
