@@ -135,6 +135,7 @@ fn a_torn_checkpoint_is_named_and_skipped_and_only_torn_ones_are_refused() {
     let newest = run.checkpoint_tensors(3);
     let content = std::fs::read(&newest).unwrap();
     std::fs::write(&newest, &content[..content.len() / 2]).unwrap();
+    scene.next_incarnation(4);
     let stopped = scene.learner(&Plan::StopAfter(2));
     assert!(stopped.stderr.contains("rollout-00000003.safetensors is torn"), "{}", stopped.stderr);
     assert_eq!(trained(&stopped)[0].0, 2, "it goes on from the one before");

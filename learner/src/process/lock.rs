@@ -8,7 +8,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Time that a predecessor has to save and exit.
-pub const PATIENCE: Duration = Duration::from_secs(60);
+pub const PATIENCE: Duration = Duration::from_mins(1);
 
 /// A held lock; the kernel releases it when the process ends, however it ends.
 #[derive(Debug)]

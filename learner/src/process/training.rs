@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 /// Longest sleep without a look at lifeline and announcements.
 const LOOK: Duration = Duration::from_millis(50);
 /// Longest wait for a rollout's announcement.
-const ANNOUNCEMENT_DEADLINE: Duration = Duration::from_secs(60);
+const ANNOUNCEMENT_DEADLINE: Duration = Duration::from_mins(1);
 /// An actor that has not answered for this long is told of, and again after each [`NOTICE_INTERVAL`].
 const FIRST_NOTICE: Duration = Duration::from_secs(2);
 const NOTICE_INTERVAL: Duration = Duration::from_secs(10);
@@ -128,7 +128,7 @@ impl<W: Write> Training<W> {
             }
             let statistics = self.collector.finish();
             let frames = self.frames + shape.frames;
-            self.tell(LearnerEvent::RolloutCollected { rank: self.rank, rollout: self.rollout, frames });
+            self.tell(&LearnerEvent::RolloutCollected { rank: self.rank, rollout: self.rollout, frames });
 
             fault::reach("learner.before_update");
             let update_began = Instant::now();
@@ -142,7 +142,7 @@ impl<W: Write> Training<W> {
             self.frames = frames;
 
             let timing = state.timing_of(began.elapsed());
-            self.tell(LearnerEvent::RolloutTrained {
+            self.tell(&LearnerEvent::RolloutTrained {
                 rank: self.rank,
                 rollout,
                 frames,
@@ -175,7 +175,7 @@ impl<W: Write> Training<W> {
             self.save(state)?;
         }
         let weights = self.agent.weights_digest();
-        self.tell(LearnerEvent::Finished { rank: self.rank, frames: self.frames, weights, complete: stop.is_none() });
+        self.tell(&LearnerEvent::Finished { rank: self.rank, frames: self.frames, weights, complete: stop.is_none() });
         Ok(())
     }
 
@@ -190,7 +190,7 @@ impl<W: Write> Training<W> {
         let path = self.store.save(&snapshot)?;
         self.saved = Some(self.rollout);
         state.last_save = Instant::now();
-        self.tell(LearnerEvent::CheckpointWritten {
+        self.tell(&LearnerEvent::CheckpointWritten {
             rank: self.rank,
             rollout: self.rollout,
             frames: self.frames,
@@ -290,7 +290,7 @@ impl<W: Write> Training<W> {
             if waited >= notice {
                 notice = waited + NOTICE_INTERVAL;
                 let waited_s = waited.as_secs_f64();
-                self.tell(LearnerEvent::WaitingForActor { rank: self.rank, actor: first, waited_s });
+                self.tell(&LearnerEvent::WaitingForActor { rank: self.rank, actor: first, waited_s });
             }
             self.ports.wait(LOOK)?;
         }
@@ -312,7 +312,7 @@ impl<W: Write> Training<W> {
         }
         if !state.connected && self.collector.all_here() {
             state.connected = true;
-            self.tell(LearnerEvent::ActorsConnected { rank: self.rank });
+            self.tell(&LearnerEvent::ActorsConnected { rank: self.rank });
         }
         Ok(())
     }
@@ -349,8 +349,8 @@ impl<W: Write> Training<W> {
         NonFinite { rollout: self.rollout, what, dump }.into()
     }
 
-    fn tell(&mut self, event: LearnerEvent) {
-        self.control.tell(&event);
+    fn tell(&mut self, event: &LearnerEvent) {
+        self.control.tell(event);
     }
 }
 

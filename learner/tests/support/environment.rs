@@ -6,7 +6,7 @@ use proto::episode::EnvironmentId;
 use proto::message::{Current, EnvironmentState, Transition, current_flag, transition_flag};
 use proto::reward::RewardParts;
 
-/// SplitMix64 over a list of words.
+/// `SplitMix64` over a list of words.
 pub fn mix(words: impl IntoIterator<Item = u64>) -> u64 {
     words.into_iter().fold(0x9e37_79b9_7f4a_7c15, |state, word| {
         let mut z = (state ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);
