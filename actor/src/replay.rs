@@ -94,7 +94,8 @@ impl Theatre {
         }
         photograph(&mut pictures, camera, environment, &mut poses)?;
         for (step, (&index, &hash)) in recorded.actions.iter().zip(&recorded.hashes).enumerate() {
-            let action = Action::from_index(index).with_context(|| format!("step {step}: there is no action {index}"))?;
+            let action =
+                Action::from_index(index).with_context(|| format!("step {step}: there is no action {index}"))?;
             let transition = environment.step(action);
             compare(&mut verdict, step as u64 + 1, hash, transition.state_hash);
             photograph(&mut pictures, camera, environment, &mut poses)?;

@@ -19,6 +19,7 @@ pub struct DepthCamera {
     bodies: Vec<BodyView>,
     raster: Raster,
     scratch: Scratch,
+    triangles_in_view: usize,
 }
 
 #[derive(Debug, Clone)]
@@ -37,6 +38,8 @@ struct PartView {
 /// Buffers that live from call to call.
 #[derive(Debug, Clone, Default)]
 struct Scratch {
+    /// Height of the eye above each face of the part at hand, metres.
+    heights_m: Vec<f32>,
     /// Vertices of the part at hand, in the image.
     projected: Vec<Corner>,
     /// The face at hand, in the image.
@@ -49,6 +52,7 @@ struct Scratch {
 /// Pixels per unit of x/z, and the image's centre.
 #[derive(Debug, Clone, Copy)]
 struct Lens {
+    side: usize,
     focal_px: f32,
     centre_px: f32,
 }
@@ -56,13 +60,13 @@ struct Lens {
 impl Lens {
     fn of(side: usize) -> Self {
         let centre_px = side as f32 * 0.5;
-        Self { focal_px: centre_px / TAN_HALF_FIELD_OF_VIEW, centre_px }
+        Self { side, focal_px: centre_px / TAN_HALF_FIELD_OF_VIEW, centre_px }
     }
 
     fn project(self, p: [f32; 3]) -> Corner {
         let inverse_m = 1.0 / p[2];
         let scale = self.focal_px * inverse_m;
-        Corner { x_px: self.centre_px + p[0] * scale, y_px: self.centre_px - p[1] * scale, inverse_m }
+        Corner::new(self.centre_px + p[0] * scale, self.centre_px - p[1] * scale, inverse_m, self.side)
     }
 
     /// Inverse depth over the image of the plane normal · p = −height, camera's frame: the camera stands `height`
@@ -102,13 +106,24 @@ impl DepthCamera {
                 BodyView { parts, bounds }
             })
             .collect();
-        Self { solids, bodies, raster: Raster::new(proto::message::FRAME_SIDE), scratch: Scratch::default() }
+        Self {
+            solids,
+            bodies,
+            raster: Raster::new(proto::message::FRAME_SIDE),
+            scratch: Scratch::default(),
+            triangles_in_view: 0,
+        }
     }
 
     /// Triangles of all bodies at their finest level of detail.
     pub fn triangles(&self) -> usize {
         let finest = |part: &PartView| self.solids[part.solid].levels.last().map_or(0, |(_, mesh)| mesh.triangles());
         self.bodies.iter().flat_map(|body| &body.parts).map(finest).sum()
+    }
+
+    /// Triangles of the last image after culling and choice of detail, both sides of each solid.
+    pub fn triangles_in_view(&self) -> usize {
+        self.triangles_in_view
     }
 
     /// Renders into `depth_mm`: `side` × `side` pixels, row-major from the top left.
@@ -135,6 +150,7 @@ impl DepthCamera {
         if self.raster.side() != side {
             self.raster = Raster::new(side);
         }
+        self.triangles_in_view = 0;
         let lens = Lens::of(side);
         let camera_from_world = Rigid::from_pose(&world_from_camera).inverse();
         for (body, world_from_body) in self.bodies.iter().zip(world_from_bodies) {
@@ -157,6 +173,7 @@ impl DepthCamera {
                 let finest = solid.levels.len() - 1;
                 let level = solid.levels.iter().position(|&(error_m, _)| error_m <= tolerance_m).unwrap_or(finest);
                 let mesh = &solid.levels[level].1;
+                self.triangles_in_view += mesh.triangles();
                 draw(&mut self.raster, &mut self.scratch, lens, mesh, &camera_from_part, near_cut);
             }
         }
@@ -167,17 +184,22 @@ impl DepthCamera {
 /// Draws one convex mesh.
 fn draw(raster: &mut Raster, scratch: &mut Scratch, lens: Lens, mesh: &Mesh, camera_from_part: &Rigid, near_cut: bool) {
     let eye = camera_from_part.origin_of_target();
+    // All at once, for the vector unit: most faces go no further.
+    scratch.heights_m.clear();
+    scratch.heights_m.extend(mesh.faces.iter().map(|face| {
+        let n = face.normal;
+        n[0] * eye[0] + n[1] * eye[1] + n[2] * eye[2] - face.offset_m
+    }));
     scratch.projected.clear();
     if !near_cut {
         scratch.projected.extend(mesh.vertices.iter().map(|&v| lens.project(camera_from_part.point(v))));
     }
-    for face in &mesh.faces {
-        let n = face.normal;
-        let height_m = n[0] * eye[0] + n[1] * eye[1] + n[2] * eye[2] - face.offset_m;
+    for (face, &height_m) in mesh.faces.iter().zip(&scratch.heights_m) {
+        // The eye is behind it: the face looks away.
         if height_m <= 0.0 {
             continue;
         }
-        let plane = lens.plane(camera_from_part.vector(n), height_m);
+        let plane = lens.plane(camera_from_part.vector(face.normal), height_m);
         let corners = &mesh.corners[face.first as usize..(face.first + face.count) as usize];
         scratch.corners.clear();
         if near_cut {

@@ -7,7 +7,7 @@
 use super::view::Sphere;
 use crate::shape::Primitive;
 use rapier3d::math::Vec3;
-use rapier3d::parry::shape::ConvexPolyhedron;
+use rapier3d::parry::transformation::try_convex_hull;
 
 /// One planar face. Its corners run so that (b − a) × (c − a) points outwards.
 #[derive(Debug, Clone, Copy)]
@@ -54,7 +54,7 @@ const SIDES: [(usize, f64, f64); 5] = [
 impl Mesh {
     /// Triangles that its faces amount to.
     pub fn triangles(&self) -> usize {
-        self.faces.iter().map(|face| face.count as usize - 2).sum()
+        self.corners.len() - 2 * self.faces.len()
     }
 
     /// Adds a face through these vertices; degenerate ones are left out.
@@ -75,8 +75,7 @@ impl Mesh {
 
     fn cuboid(half: Vec3) -> Self {
         let sign = |bit: usize| if bit == 0 { -1.0 } else { 1.0 };
-        let vertices =
-            (0..8).map(|i| [sign(i & 1) * half.x, sign(i & 2) * half.y, sign(i & 4) * half.z]).collect();
+        let vertices = (0..8).map(|i| [sign(i & 1) * half.x, sign(i & 2) * half.y, sign(i & 4) * half.z]).collect();
         let mut mesh = Self { vertices, ..Self::default() };
         for face in [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]] {
             mesh.face(&face);
@@ -122,21 +121,15 @@ impl Mesh {
         mesh
     }
 
-    /// The hull of points. Faces keep the corners that parry's merging of coplanar triangles leaves them.
+    /// The hull of points, as triangles. (The faces of parry's `ConvexPolyhedron` are merged from triangles that are
+    /// only nearly coplanar: drawn as planes they were 2 mm off.)
     fn hull(points: &[Vec3]) -> Self {
-        let Some(hull) = ConvexPolyhedron::from_convex_hull(points) else {
+        let Ok((vertices, triangles)) = try_convex_hull(points) else {
             return Self::default();
         };
-        let mut mesh = Self { vertices: hull.points().iter().map(|p| p.to_array()).collect(), ..Self::default() };
-        for face in hull.faces() {
-            let range = face.first_vertex_or_edge as usize..(face.first_vertex_or_edge + face.num_vertices_or_edges) as usize;
-            let mut corners: Vec<u16> = hull.vertices_adj_to_face()[range].iter().map(|&i| i as u16).collect();
-            let p = |i: usize| Vec3::from(mesh.vertices[usize::from(corners[i])]);
-            let area = (0..corners.len()).fold(Vec3::ZERO, |sum, i| sum + p(i).cross(p((i + 1) % corners.len())));
-            if area.dot(face.normal) < 0.0 {
-                corners.reverse();
-            }
-            mesh.face(&corners);
+        let mut mesh = Self { vertices: vertices.iter().map(Vec3::to_array).collect(), ..Self::default() };
+        for triangle in triangles {
+            mesh.face(&triangle.map(|corner| corner as u16));
         }
         mesh
     }
@@ -218,9 +211,7 @@ mod tests {
             .iter()
             .map(|face| {
                 let corner = |i: u32| Vec3::from(mesh.vertices[usize::from(mesh.corners[(face.first + i) as usize])]);
-                (1..face.count - 1)
-                    .map(|i| corner(0).dot(corner(i).cross(corner(i + 1))) / 6.0)
-                    .sum::<f32>()
+                (1..face.count - 1).map(|i| corner(0).dot(corner(i).cross(corner(i + 1))) / 6.0).sum::<f32>()
             })
             .sum()
     }

@@ -4,14 +4,13 @@
 //! to its right (or below): faces that share an edge neither overlap nor leave a gap, because both compute the edge
 //! from its upper to its lower end.
 
+use super::simd::{Span, raise};
 use std::mem::MaybeUninit;
 
 /// Largest depth a pixel can hold, millimetres: signed and unsigned 16-bit readers agree on it.
 pub const DEPTH_MAX_MM: u16 = 32_766;
 /// Pixels that are worked on at once; rows are padded to a multiple.
 const LANES: usize = 8;
-/// Horizontal offsets of the pixels of a group.
-const LANE_OFFSET: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 
 /// A corner in the image: pixels from the top left, and inverse depth, 1/m.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,6 +18,15 @@ pub struct Corner {
     pub x_px: f32,
     pub y_px: f32,
     pub inverse_m: f32,
+    /// First row whose centre lies at or below the corner, limited to 0..=side.
+    row: u32,
+}
+
+impl Corner {
+    /// A corner in an image of `side` × `side` pixels.
+    pub fn new(x_px: f32, y_px: f32, inverse_m: f32, side: usize) -> Self {
+        Self { x_px, y_px, inverse_m, row: first_centre(y_px, side as f32) }
+    }
 }
 
 /// Inverse depth over the image of a plane: `at_origin + per_x · x + per_y · y`, with x and y in pixels from the top
@@ -38,21 +46,15 @@ pub struct Raster {
     groups: usize,
     inverse_m: Vec<[f32; LANES]>,
     /// First pixel of the current polygon in each row, and the one after its last.
-    left: Vec<i32>,
-    right: Vec<i32>,
+    left: Vec<u32>,
+    right: Vec<u32>,
 }
 
 impl Raster {
     /// An empty image.
     pub fn new(side: usize) -> Self {
         let groups = side.div_ceil(LANES);
-        Self {
-            side,
-            groups,
-            inverse_m: vec![[0.0; LANES]; groups * side],
-            left: vec![0; side],
-            right: vec![0; side],
-        }
+        Self { side, groups, inverse_m: vec![[0.0; LANES]; groups * side], left: vec![0; side], right: vec![0; side] }
     }
 
     /// Pixels along an edge.
@@ -63,34 +65,30 @@ impl Raster {
     /// Draws a convex polygon that runs clockwise on the screen (y down) and lies in `plane`.
     pub fn fill(&mut self, corners: &[Corner], plane: Plane) {
         let limit = self.side as f32;
-        let (mut x_min, mut x_max, mut y_min, mut y_max) = (f32::MAX, f32::MIN, f32::MAX, f32::MIN);
+        let (mut top, mut bottom) = (u32::MAX, 0);
+        let (mut x_min, mut x_max) = (f32::MAX, f32::MIN);
         let (mut nearest, mut farthest) = (f32::MIN, f32::MAX);
         for corner in corners {
-            x_min = x_min.min(corner.x_px);
-            x_max = x_max.max(corner.x_px);
-            y_min = y_min.min(corner.y_px);
-            y_max = y_max.max(corner.y_px);
-            nearest = nearest.max(corner.inverse_m);
-            farthest = farthest.min(corner.inverse_m);
+            top = top.min(corner.row);
+            bottom = bottom.max(corner.row);
+            x_min = least(x_min, corner.x_px);
+            x_max = most(x_max, corner.x_px);
+            nearest = most(nearest, corner.inverse_m);
+            farthest = least(farthest, corner.inverse_m);
         }
-        if x_max <= 0.0 || x_min >= limit || y_max <= 0.0 || y_min >= limit {
-            return;
-        }
-        let top = first_centre(y_min, self.side);
-        let bottom = first_centre(y_max, self.side);
-        if top >= bottom || first_centre(x_min, self.side) >= first_centre(x_max, self.side) {
+        if top >= bottom || first_centre(x_min, limit) >= first_centre(x_max, limit) {
             return;
         }
         for i in 0..corners.len() {
             let (a, b) = (corners[i], corners[if i + 1 == corners.len() { 0 } else { i + 1 }]);
             // On the screen, clockwise: what runs down is on the right, what runs up on the left.
-            if a.y_px < b.y_px {
+            if a.row < b.row {
                 edge(a, b, limit, &mut self.right);
-            } else {
+            } else if b.row < a.row {
                 edge(b, a, limit, &mut self.left);
             }
         }
-        for row in top..bottom {
+        for row in top as usize..bottom as usize {
             let (left, right) = (self.left[row], self.right[row]);
             if left >= right {
                 continue;
@@ -98,17 +96,14 @@ impl Raster {
             let (left, right) = (left as usize, right as usize);
             let at_row = plane.at_origin + plane.per_y * (row as f32 + 0.5);
             let groups = &mut self.inverse_m[row * self.groups..][left / LANES..right.div_ceil(LANES)];
-            let (from, to) = (left as f32, right as f32);
-            for (offset, group) in groups.iter_mut().enumerate() {
-                let start = ((left / LANES + offset) * LANES) as f32;
-                for lane in 0..LANES {
-                    let x = start + LANE_OFFSET[lane];
-                    // The plane of a face seen edge-on is ill-conditioned; its corners are not.
-                    let inverse = (at_row + plane.per_x * (x + 0.5)).min(nearest).max(farthest);
-                    let inside = x >= from && x < to;
-                    group[lane] = group[lane].max(if inside { inverse } else { 0.0 });
-                }
-            }
+            let span = Span {
+                pixels: [self.left[row] as f32, self.right[row] as f32],
+                at_zero: at_row,
+                per_x: plane.per_x,
+                // The plane of a face seen edge-on is ill-conditioned; its corners are not.
+                limits: [farthest, nearest],
+            };
+            raise(groups, (left / LANES * LANES) as f32, span);
         }
     }
 
@@ -136,27 +131,33 @@ impl Raster {
 fn millimetres(inverse_m: f32) -> u16 {
     // Below 2²³, adding 2²³ leaves the rounded integer in the lowest bits of the mantissa.
     const ROUND: f32 = 8_388_608.0;
-    let depth = (1000.0 / inverse_m).min(f32::from(DEPTH_MAX_MM));
+    let depth = least(1000.0 / inverse_m, f32::from(DEPTH_MAX_MM));
     let bits = (depth + ROUND).to_bits() as u16;
     if inverse_m > 0.0 { bits } else { 0 }
 }
 
-/// Index of the first pixel whose centre lies at or beyond `position`, limited to 0..=side.
-fn first_centre(position: f32, side: usize) -> usize {
-    (position - 0.5).ceil().clamp(0.0, side as f32) as usize
+/// Index of the first pixel whose centre lies at or beyond `position`, limited to 0..=limit.
+fn first_centre(position: f32, limit: f32) -> u32 {
+    least(most((position - 0.5).ceil(), 0.0), limit) as u32
 }
 
-/// Notes where an edge crosses each row of pixel centres; `upper` is its end with the smaller y.
-fn edge(upper: Corner, lower: Corner, limit: f32, crossing: &mut [i32]) {
-    let (first, end) = (first_centre(upper.y_px, crossing.len()), first_centre(lower.y_px, crossing.len()));
-    if first >= end {
-        return;
-    }
+/// The smaller of two numbers: unlike `f32::min` one instruction, because neither is NaN.
+fn least(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// The larger of two numbers, neither of them NaN.
+fn most(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// Notes where an edge crosses each row of pixel centres between its ends; `upper` is the one with the smaller y.
+fn edge(upper: Corner, lower: Corner, limit: f32, crossing: &mut [u32]) {
     let slope = (lower.x_px - upper.x_px) / (lower.y_px - upper.y_px);
-    for (offset, crossing) in crossing[first..end].iter_mut().enumerate() {
-        let y = (first + offset) as f32 + 0.5;
-        let x = upper.x_px + (y - upper.y_px) * slope;
-        *crossing = (x - 0.5).ceil().clamp(0.0, limit) as i32;
+    let rows = upper.row as usize..lower.row as usize;
+    for (row, crossing) in rows.clone().zip(&mut crossing[rows]) {
+        let x = upper.x_px + (row as i32 as f32 + 0.5 - upper.y_px) * slope;
+        *crossing = first_centre(x, limit);
     }
 }
 
@@ -167,8 +168,8 @@ mod tests {
 
     const FLAT: Plane = Plane { at_origin: 0.5, per_x: 0.0, per_y: 0.0 };
 
-    fn corner(x_px: f32, y_px: f32) -> Corner {
-        Corner { x_px, y_px, inverse_m: 0.5 }
+    fn corner(x_px: f32, y_px: f32, side: usize) -> Corner {
+        Corner::new(x_px, y_px, 0.5, side)
     }
 
     fn image(raster: &mut Raster) -> Vec<u16> {
@@ -179,7 +180,8 @@ mod tests {
     #[test]
     fn a_rectangle_covers_the_centres_inside_it() {
         let mut raster = Raster::new(12);
-        raster.fill(&[corner(2.5, 3.0), corner(10.5, 3.0), corner(10.5, 4.5), corner(2.5, 4.5)], FLAT);
+        let rectangle = [(2.5, 3.0), (10.5, 3.0), (10.5, 4.5), (2.5, 4.5)].map(|(x, y)| corner(x, y, 12));
+        raster.fill(&rectangle, FLAT);
         let image = image(&mut raster);
         for y in 0..12 {
             for x in 0..12 {
@@ -211,13 +213,13 @@ mod tests {
             let mut along = along;
             along.sort_by(f32::total_cmp);
             for ((ax, ay), (bx, by)) in edges {
-                rim.push(corner(ax, ay));
-                rim.extend(along.iter().map(|t| corner(ax + t * (bx - ax), ay + t * (by - ay))));
+                rim.push(corner(ax, ay, 20));
+                rim.extend(along.iter().map(|t| corner(ax + t * (bx - ax), ay + t * (by - ay), 20)));
             }
             let mut count = vec![0; 400];
             for i in 0..rim.len() {
                 let mut raster = Raster::new(20);
-                raster.fill(&[corner(cx, cy), rim[i], rim[(i + 1) % rim.len()]], FLAT);
+                raster.fill(&[corner(cx, cy, 20), rim[i], rim[(i + 1) % rim.len()]], FLAT);
                 for (count, depth) in count.iter_mut().zip(image(&mut raster)) {
                     *count += i32::from(depth > 0);
                 }

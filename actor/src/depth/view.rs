@@ -91,10 +91,7 @@ pub enum Visibility {
 pub fn visibility(centre: [f32; 3], radius_m: f32) -> Visibility {
     let [x, y, z] = centre;
     let [across, along] = SIDE_NORMAL;
-    if z + radius_m < NEAR_M
-        || x.abs() * across - z * along > radius_m
-        || y.abs() * across - z * along > radius_m
-    {
+    if z + radius_m < NEAR_M || x.abs() * across - z * along > radius_m || y.abs() * across - z * along > radius_m {
         Visibility::None
     } else if z - radius_m > NEAR_M {
         Visibility::Whole

@@ -31,7 +31,11 @@ impl Link {
     /// Joins the run and opens the services of actor `actor`. The orchestrator has created them.
     pub fn open(address: &WireAddress, actors: &ActorsConfig, actor: u32) -> Result<Self> {
         let shape = WireShape { actors: actors.count, environments_per_actor: actors.environments_per_actor };
-        anyhow::ensure!(actor < shape.actors, "the run has actors 0 to {}: there is no actor {actor}", shape.actors - 1);
+        anyhow::ensure!(
+            actor < shape.actors,
+            "the run has actors 0 to {}: there is no actor {actor}",
+            shape.actors - 1
+        );
         let wire = Wire::join(address, shape, &format!("actor-{actor:02}"))?;
         Ok(Self {
             // What can be told to this actor is open before it is heard of.
@@ -56,7 +60,10 @@ impl Link {
 
     /// Sleeps until the learner rings or the time is over.
     pub fn wait(&self, longest: Duration) -> Result<()> {
-        self.wakeup.timed_wait(|_| {}, longest).map(|_| ()).map_err(|cause| anyhow!("cannot wait for the learner: {cause:?}"))
+        self.wakeup
+            .timed_wait(|_| {}, longest)
+            .map(|_| ())
+            .map_err(|cause| anyhow!("cannot wait for the learner: {cause:?}"))
     }
 
     /// Sends a HELLO: one zeroed observation.

@@ -39,7 +39,8 @@ impl Pictures {
     /// Makes the folder, and the file if there is to be one.
     pub fn begin(images: &ReplayImages, recorded: &RecordedEpisode) -> Result<Self> {
         let id = recorded.environment;
-        let name = format!("kitchen-{:02}-environment-{}-episode-{:06}", id.kitchen.number(), id.number, recorded.episode);
+        let name =
+            format!("kitchen-{:02}-environment-{}-episode-{:06}", id.kitchen.number(), id.number, recorded.episode);
         let path = Path::new(&images.folder).join(name);
         let sink = match images.format {
             ImageFormat::Png => {
@@ -77,7 +78,8 @@ impl Pictures {
                 self.bytes.extend(self.depth_mm.iter().flat_map(|depth| depth.to_be_bytes()));
                 let path = folder.join(format!("step-{:03}.png", self.kept));
                 let failed = || format!("cannot write {}", path.display());
-                let mut writer = encoder(&path, self.side as u32, png::BitDepth::Sixteen)?.write_header().with_context(failed)?;
+                let mut writer =
+                    encoder(&path, self.side as u32, png::BitDepth::Sixteen)?.write_header().with_context(failed)?;
                 writer.write_image_data(&self.bytes).with_context(failed)?;
                 writer.finish().with_context(failed)?;
             }
