@@ -38,6 +38,7 @@ impl Adam {
     }
 
     /// A copy that later steps leave alone.
+    #[must_use]
     pub fn copy(&self) -> Self {
         Self { first: self.first.copy(), second: self.second.copy(), steps: self.steps }
     }

@@ -8,6 +8,8 @@ use proto::stage::RolloutShape;
 use tch::Tensor;
 
 /// One step of one column.
+// Four independent facts, not a state machine.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Step {
     /// What the network was given for the goal.

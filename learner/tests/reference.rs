@@ -63,7 +63,7 @@ fn weight_values(name: &str, shape: &[i64]) -> Tensor {
 
 fn depth_mm(t: usize, n: usize) -> Box<RawFrame> {
     let tiles = noise(&format!("frame.{t}.{n}"), 28 * 28);
-    let mut frame = Box::new([0; FRAME_PIXELS]);
+    let mut frame: Box<RawFrame> = vec![0; FRAME_PIXELS].try_into().expect("a frame's pixels");
     for (pixel, depth_mm) in frame.iter_mut().enumerate() {
         let (row, column) = (pixel / FRAME_SIDE, pixel % FRAME_SIDE);
         let tile = ((tiles[row / 8 * 28 + column / 8] + 1.0) * 2048.0).floor();
@@ -343,7 +343,7 @@ impl World {
             let now = rollout * steps + t;
             let gumbel: Vec<f32> = noise(&format!("gumbel.{now}"), columns * actions)
                 .into_iter()
-                .map(|value| (-(-((value + 1.0) / 2.0).clamp(1e-6, 1.0 - 1e-6).ln()).ln()) as f32)
+                .map(|value| (-(-(value * 0.5 + 0.5).clamp(1e-6, 1.0 - 1e-6).ln()).ln()) as f32)
                 .collect();
             let ended = noise(&format!("ended.{now}"), columns);
             let limit = noise(&format!("limit.{now}"), columns);
@@ -378,7 +378,7 @@ impl World {
             outputs.push(whole);
         }
         let acting: Vec<usize> = (0..last).collect();
-        self.see(agent, (rollout + 1) * steps, &acting, |agent, input| agent.bootstrap(input))?;
+        self.see(agent, (rollout + 1) * steps, &acting, Agent::bootstrap)?;
         Ok(outputs)
     }
 

@@ -1,4 +1,4 @@
-//! Disturbance prediction, the paper's auxiliary task (Ni et al. section 3.2): from the belief b_t and the action
+//! Disturbance prediction, the paper's auxiliary task (Ni et al. section 3.2): from the belief `b_t` and the action
 //! taken, will this action move an object?
 //!
 //! Disturbances are rare, hence the focal loss (Lin et al. 2017) and a last bias that starts out saying no. As in the

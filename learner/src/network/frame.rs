@@ -100,7 +100,7 @@ mod tests {
 
     fn frame(seed: u32) -> Box<RawFrame> {
         let mut state = seed;
-        let mut frame = Box::new([0; FRAME_PIXELS]);
+        let mut frame: Box<RawFrame> = vec![0; FRAME_PIXELS].try_into().unwrap();
         for depth_mm in frame.iter_mut() {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             *depth_mm = (state >> 17) as u16;

@@ -1,11 +1,15 @@
 //! Generalised advantage estimation (Schulman et al. 2016).
 //!
-//! δ_t = r_t + γ·V(s_{t+1}) − V(s_t), A_t = δ_t + γλ·A_{t+1}, return R_t = A_t + V(s_t); at an episode's end both
-//! V(s_{t+1}) and A_{t+1} are 0, since row t+1 belongs to the next episode.
+//! ```text
+//! δ_t = r_t + γ·V(s_{t+1}) − V(s_t)
+//! A_t = δ_t + γλ·A_{t+1}
+//! R_t = A_t + V(s_t)
+//! ```
+//! At an episode's end both `V(s_{t+1})` and `A_{t+1}` are 0, since row t+1 belongs to the next episode.
 //!
 //! An end by the step limit counts as an end, as in the reference. With `bootstrap_time_limits` it is a truncation
 //! instead: the state that would have followed still has a value. The environment has been reset by then, so its
-//! observation is not there to be judged; V(s_t), one step earlier, stands in for it.
+//! observation is not there to be judged; `V(s_t)`, one step earlier, stands in for it.
 
 use crate::rollout::Rollout;
 use proto::config::PpoConfig;
@@ -20,12 +24,12 @@ pub struct Targets {
 }
 
 impl Targets {
-    /// A_t of a column.
+    /// `A_t` of a column.
     pub fn advantage(&self, (t, column): (usize, usize)) -> f32 {
         self.advantages[t * self.columns + column]
     }
 
-    /// R_t of a column, what its value is drawn towards.
+    /// `R_t` of a column, what its value is drawn towards.
     pub fn value_target(&self, (t, column): (usize, usize)) -> f32 {
         self.returns[t * self.columns + column]
     }

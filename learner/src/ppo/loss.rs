@@ -15,9 +15,9 @@ pub struct Experience {
     pub log_probs: Tensor,
     /// Values when the actions were taken.
     pub values: Tensor,
-    /// A_t.
+    /// `A_t`.
     pub advantages: Tensor,
-    /// R_t.
+    /// `R_t`.
     pub returns: Tensor,
 }
 
@@ -26,7 +26,7 @@ pub struct Experience {
 pub struct Terms {
     /// −min(ρA, clip(ρ, 1−ε, 1+ε)A), ρ the ratio of the new to the old probability.
     pub policy: Tensor,
-    /// ½·max((V−R)², (V_clipped−R)²), `V_clipped` within ε of the old value.
+    /// `½·max((V−R)², (V_clipped−R)²)`, `V_clipped` within ε of the old value.
     pub value: Tensor,
     /// Entropy of the policy, nats.
     pub entropy: Tensor,
