@@ -172,7 +172,7 @@ impl Solid {
 
 /// Distance between a circle and the sides of the inscribed polygon: r (1 − cos(π/n)), with the half-angle formula.
 fn error_m(radius_m: f64, (_, cos, _): (usize, f64, f64)) -> f32 {
-    (radius_m * (1.0 - ((1.0 + cos) / 2.0).sqrt())) as f32
+    (radius_m * (1.0 - f64::midpoint(1.0, cos).sqrt())) as f32
 }
 
 /// A sphere (half height 0) or a capsule about the y axis.
