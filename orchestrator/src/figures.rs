@@ -24,7 +24,7 @@ pub struct EpisodeFigures {
 
 impl EpisodeFigures {
     /// Over `rollouts`, each weighted by its episodes.
-    pub fn over<'a>(rollouts: impl Iterator<Item = &'a Trained> + Clone) -> Self {
+    pub fn over<'a>(rollouts: &(impl Iterator<Item = &'a Trained> + Clone)) -> Self {
         let episodes = |trained: &Trained| trained.metrics.get(metric::EPISODES).copied().unwrap_or(0.0);
         let mean = |name: &str| {
             let (mut sum, mut weight) = (0.0, 0.0);
@@ -104,9 +104,9 @@ pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageFigures> 
             reward: stage.reward,
             frames: reached,
             budget: stage.frames,
-            whole: EpisodeFigures::over(rollouts.iter().map(|&(_, _, trained)| trained)),
-            first_tenth: EpisodeFigures::over(first.iter().copied()),
-            last_tenth: EpisodeFigures::over(last.iter().copied()),
+            whole: EpisodeFigures::over(&rollouts.iter().map(|&(_, _, trained)| trained)),
+            first_tenth: EpisodeFigures::over(&first.iter().copied()),
+            last_tenth: EpisodeFigures::over(&last.iter().copied()),
         });
     }
     figures
@@ -159,7 +159,7 @@ pub fn recent(stages: &[StageConfig], history: &History) -> Recent {
         infer: share(sum(|timing| timing.infer_s)),
         update: share(sum(|timing| timing.update_s)),
         left_s: frames_per_s.filter(|&rate| rate > 0.0).map(|rate| budget.saturating_sub(frames) as f64 / rate),
-        episodes: EpisodeFigures::over(newest.iter().copied().filter(|trained| Some(trained.stage as usize) == stage)),
+        episodes: EpisodeFigures::over(&newest.iter().copied().filter(|trained| Some(trained.stage as usize) == stage)),
     }
 }
 

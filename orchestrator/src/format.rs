@@ -97,8 +97,8 @@ mod tests {
     fn durations_round_to_whole_seconds_before_they_are_split() {
         assert_eq!(duration(Duration::from_millis(59_400)), "59 s");
         assert_eq!(duration(Duration::from_millis(59_600)), "1 min 00 s");
-        assert_eq!(duration(Duration::from_secs(7500)), "2 h 05 min");
-        assert_eq!(duration(Duration::from_secs(3 * 86400 + 4 * 3600)), "3 d 4 h");
+        assert_eq!(duration(Duration::from_mins(125)), "2 h 05 min");
+        assert_eq!(duration(Duration::from_hours(76)), "3 d 4 h");
     }
 
     #[test]

@@ -69,7 +69,7 @@ impl Identity {
         File::open("/dev/urandom").and_then(|mut source| source.read_exact(&mut bytes)).context("/dev/urandom")?;
         Ok(Self {
             schema_version: SCHEMA_VERSION,
-            id: bytes.iter().map(|byte| format!("{byte:02x}")).collect(),
+            id: format!("{:012x}", bytes.iter().fold(0u64, |id, &byte| id << 8 | u64::from(byte))),
             created_by: env!("CARGO_PKG_VERSION").to_owned(),
             created_unix_s: unix_now(),
             incarnations: Vec::new(),

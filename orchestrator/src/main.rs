@@ -31,7 +31,7 @@ use std::process::ExitCode;
 struct CommandLine {
     #[command(subcommand)]
     command: Command,
-    /// Show the children's ordinary log lines, too (STILLROOM_LOG filters more finely)
+    /// Show the children's ordinary log lines, too (the variable `STILLROOM_LOG` filters more finely)
     #[arg(short, long, global = true)]
     verbose: bool,
 }

@@ -101,24 +101,24 @@ impl Progress {
 /// Stage, frames, rate and where the time goes, time left.
 pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     let percent = 100.0 * recent.frames as f64 / recent.budget.max(1) as f64;
-    let mut line = String::new();
-    if let Some(stage) = recent.stage.and_then(|stage| stages.get(stage)) {
-        line = format!("stage {} ({})  ", stage.name, reward_symbol(stage.reward));
-    }
-    line += &format!("{} / {} frames  {percent:.1}%", format::count(recent.frames), format::count(recent.budget));
+    let (frames, budget) = (format::count(recent.frames), format::count(recent.budget));
+    let stage = recent.stage.and_then(|stage| stages.get(stage));
+    let stage =
+        stage.map_or_else(String::new, |stage| format!("stage {} ({})  ", stage.name, reward_symbol(stage.reward)));
+    let mut parts = vec![format!("{stage}{frames} / {budget} frames  {percent:.1}%")];
     if let Some(rate) = recent.frames_per_s {
-        line += &format!(
-            "  |  {} frames/s: simulate {:.0}% infer {:.0}% update {:.0}%",
+        parts.push(format!(
+            "{} frames/s: simulate {:.0}% infer {:.0}% update {:.0}%",
             format::rate(rate),
             100.0 * recent.simulate,
             100.0 * recent.infer,
             100.0 * recent.update
-        );
+        ));
     }
-    if let Some(left_s) = recent.left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok()) {
-        line += &format!("  |  {} left", format::duration(left_s));
+    if let Some(left) = recent.left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok()) {
+        parts.push(format!("{} left", format::duration(left)));
     }
-    line
+    parts.join("  |  ")
 }
 
 /// Return, success, disturbance; empty before the first episode has ended.

@@ -104,14 +104,14 @@ fn examine(prefix: &str, names: usize, bytes: u64, changed: SystemTime) -> Resul
     };
     let young = changed.elapsed().is_ok_and(|age| age < CLAIMING);
     let signed_address = signature.as_ref().and_then(|signature| signature.wire.parse::<WireAddress>().ok());
-    let address = match signed_address.filter(|address| address.prefix() == prefix) {
-        Some(address) => address,
-        None => {
-            let root = std::env::temp_dir().join(prefix.trim_end_matches('_'));
-            format!("{prefix}@{}", root.display()).parse()?
-        }
+    let address = if let Some(address) = signed_address.filter(|address| address.prefix() == prefix) {
+        address
+    } else {
+        let root = std::env::temp_dir().join(prefix.trim_end_matches('_'));
+        format!("{prefix}@{}", root.display()).parse()?
     };
-    let alive = locked || (signature.is_none() && young);
+    // Without an owner's signature (another program's services, a test's) use is what shows life.
+    let alive = locked || (signature.is_none() && (young || is_mapped(prefix)));
     Ok(Remains { address, run: signature.map(|signature| signature.run), names, bytes, alive })
 }
 
@@ -141,6 +141,14 @@ fn was_started_with(pid: u32, address: &WireAddress) -> bool {
             value.starts_with(wanted.as_bytes())
         })
     })
+}
+
+/// Whether a process that we may look at has one of these names in its memory.
+fn is_mapped(prefix: &str) -> bool {
+    let wanted = format!("{SHARED_MEMORY}/{prefix}");
+    let Ok(entries) = std::fs::read_dir("/proc") else { return false };
+    let mut pids = entries.flatten().filter(|entry| entry.file_name().to_string_lossy().parse::<u32>().is_ok());
+    pids.any(|entry| std::fs::read_to_string(entry.path().join("maps")).is_ok_and(|maps| maps.contains(&wanted)))
 }
 
 /// What a sweep did.
@@ -233,6 +241,17 @@ mod tests {
         assert!(!found(&address).unwrap().alive);
         assert_eq!(sweep(&address, Duration::ZERO).unwrap(), Swept { names: 1, killed: 0 });
         assert!(found(&address).is_none());
+    }
+
+    #[test]
+    fn unsigned_names_are_alive_while_a_process_has_them_in_memory() {
+        use proto::wire::{WireHost, WireShape};
+        let address = address("mapped");
+        let host = WireHost::create(&address, WireShape { actors: 1, environments_per_actor: 1 }).unwrap();
+        assert!(is_mapped(address.prefix()));
+        drop(host);
+        assert!(!is_mapped(address.prefix()));
+        sweep(&address, Duration::ZERO).unwrap();
     }
 
     #[test]

@@ -50,7 +50,7 @@ pub fn preflight(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<(
         anyhow::bail!(
             "learner.device = \"cuda\", but torch {} at {} finds no CUDA device here (it finds: {}). A torch with CUDA is \
              named by LIBTORCH; `orchestrator doctor` shows what is found",
-            tools.torch.torch,
+            tools.torch.version,
             tools.torch.library,
             tools.torch.devices.join(", ")
         );

@@ -47,7 +47,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         }
     };
     if let Some(torch) = &torch {
-        let libtorch::Torch { torch: version, library, devices, instruction_set } = torch;
+        let libtorch::Torch { version, library, devices, instruction_set } = torch;
         let text = format!("{version} from {library}, CPU kernels for {instruction_set}");
         table.row("libtorch", Finding::Good(text));
         table.row("devices", Finding::Good(devices.join(", ")));

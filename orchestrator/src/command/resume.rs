@@ -14,7 +14,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 /// How long a learner that outlived its orchestrator may take to save and leave.
-const LEARNER_LEAVES: Duration = Duration::from_secs(60);
+const LEARNER_LEAVES: Duration = Duration::from_mins(1);
 /// How long actors may take to notice that their orchestrator is gone.
 const ACTORS_LEAVE: Duration = Duration::from_secs(5);
 

@@ -88,7 +88,9 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         terminal::out(&figures);
     }
     if !status.stages.is_empty() {
-        table(&status.stages).iter().for_each(|line| terminal::out(line));
+        for line in table(&status.stages) {
+            terminal::out(&line);
+        }
     }
     if held == Held::Free && status.weights.is_none() {
         terminal::out(&format!("go on with: orchestrator resume {}", folder.root().display()));

@@ -33,8 +33,6 @@ pub fn run(args: &StopArgs) -> Result<()> {
     loop {
         match holder(&folder)? {
             Held::Free => break,
-            // It is just starting.
-            Held::Unsigned => {}
             Held::By(holder) if holder.host != host_name() => {
                 bail!("{root} is run on {}: stop it there", holder.host);
             }
@@ -51,7 +49,8 @@ pub fn run(args: &StopArgs) -> Result<()> {
                 }
                 asked = Some(holder.pid);
             }
-            Held::By(_) => {}
+            // It is just starting, or has been asked.
+            Held::Unsigned | Held::By(_) => {}
         }
         if begin.elapsed() > Duration::from_secs(args.timeout) {
             bail!("{root} has not stopped within {} s; it still may", args.timeout);

@@ -5,7 +5,7 @@
 
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -14,13 +14,14 @@ use std::time::{Duration, Instant};
 /// The series of torch that the learner speaks.
 const SERIES: &str = "2.11";
 /// Loading libtorch takes half a second from a warm cache; a cold network file system may take a minute.
-const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_mins(2);
 
 /// What `learner check` says.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 pub struct Torch {
     /// Version.
-    pub torch: String,
+    #[serde(rename = "torch")]
+    pub version: String,
     /// Path of the loaded library.
     pub library: String,
     /// Devices it can compute on: `cuda:0`, ..., `cpu`.
@@ -41,11 +42,11 @@ impl Torch {
 pub fn environment() -> Result<Vec<(OsString, OsString)>> {
     match std::env::var_os("LIBTORCH").filter(|value| !value.is_empty()) {
         None => Ok(vec![]),
-        Some(root) => environment_for(Path::new(&root), std::env::var_os("LD_LIBRARY_PATH")),
+        Some(root) => environment_for(Path::new(&root), std::env::var_os("LD_LIBRARY_PATH").as_deref()),
     }
 }
 
-fn environment_for(root: &Path, before: Option<OsString>) -> Result<Vec<(OsString, OsString)>> {
+fn environment_for(root: &Path, before: Option<&OsStr>) -> Result<Vec<(OsString, OsString)>> {
     let lib = root.join("lib");
     if !lib.join("libtorch_cpu.so").exists() {
         bail!(
@@ -65,7 +66,7 @@ fn environment_for(root: &Path, before: Option<OsString>) -> Result<Vec<(OsStrin
         );
     }
     let mut folders = vec![lib];
-    folders.extend(before.iter().flat_map(std::env::split_paths).filter(|folder| !folder.as_os_str().is_empty()));
+    folders.extend(before.into_iter().flat_map(std::env::split_paths).filter(|folder| !folder.as_os_str().is_empty()));
     let joined = std::env::join_paths(folders).context("LIBTORCH and LD_LIBRARY_PATH")?;
     Ok(vec![("LD_LIBRARY_PATH".into(), joined)])
 }
@@ -183,7 +184,7 @@ mod tests {
     #[test]
     fn the_right_one_comes_first_on_the_library_path() {
         let python = torch("version.py", "__version__ = '2.11.0+cu130'\ndebug = False\n");
-        let environment = environment_for(python.path(), Some("/usr/lib:/opt/lib".into())).unwrap();
+        let environment = environment_for(python.path(), Some(OsStr::new("/usr/lib:/opt/lib"))).unwrap();
         let expected = format!("{}:/usr/lib:/opt/lib", python.path().join("lib").display());
         assert_eq!(environment, [("LD_LIBRARY_PATH".into(), expected.into())]);
         let empty = tempfile::tempdir().unwrap();
@@ -206,7 +207,7 @@ mod tests {
         let (_folder, path) = learner(&format!("echo '{json}'"));
         let torch = check(&path, &[]).unwrap();
         assert!(torch.has_cuda());
-        assert_eq!(torch.torch, "2.11.0");
+        assert_eq!(torch.version, "2.11.0");
     }
 
     #[test]

@@ -9,13 +9,11 @@ pub fn find(name: &str) -> Result<PathBuf> {
     let beside = std::env::current_exe().ok().and_then(|own| Some(own.parent()?.to_path_buf()));
     let path = std::env::var_os("PATH").unwrap_or_default();
     let folders = beside.iter().cloned().chain(std::env::split_paths(&path));
-    match find_in(name, folders) {
-        Some(program) => Ok(program),
-        None => {
-            let place = beside.map_or_else(String::new, |folder| format!(" in {} nor", folder.display()));
-            bail!("the program `{name}` is neither{place} on the PATH; `make build` compiles it")
-        }
+    if let Some(program) = find_in(name, folders) {
+        return Ok(program);
     }
+    let place = beside.map_or_else(String::new, |folder| format!(" in {} nor", folder.display()));
+    bail!("the program `{name}` is neither{place} on the PATH; `make build` compiles it")
 }
 
 fn find_in(name: &str, folders: impl Iterator<Item = PathBuf>) -> Option<PathBuf> {

@@ -224,7 +224,7 @@ impl Policy {
         Self {
             actors: config.actors.count,
             restart: RestartPolicy::default(),
-            learner_ready: Duration::from_secs(120),
+            learner_ready: Duration::from_mins(2),
             actors_connected: actor_deadline + Duration::from_secs(30),
             silence: Duration::from_secs_f64(slowest_update_s.max(600.0)) + actor_deadline,
             actor_silence: actor_deadline / 2,
@@ -734,8 +734,7 @@ fn quote(last_words: &[String]) -> String {
         return String::new();
     }
     let error = last_words.iter().rposition(|line| line.contains(" ERROR ")).unwrap_or(0);
-    let lines: String = last_words[error..].iter().map(|line| format!("\n    {line}")).collect();
-    format!("; its last words:{lines}")
+    format!("; its last words:\n    {}", last_words[error..].join("\n    "))
 }
 
 #[cfg(test)]

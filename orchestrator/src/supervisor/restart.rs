@@ -27,7 +27,7 @@ impl Default for RestartPolicy {
     fn default() -> Self {
         Self {
             in_window: 5,
-            window: Duration::from_secs(60),
+            window: Duration::from_mins(1),
             in_all: 20,
             first_pause: Duration::from_millis(250),
             longest_pause: Duration::from_secs(4),
@@ -96,7 +96,7 @@ mod tests {
         loop {
             match history.died(now, &policy) {
                 Verdict::RestartAt(at) => {
-                    pauses.push((at - now).as_millis());
+                    pauses.push(at.saturating_sub(now).as_millis());
                     now = at;
                 }
                 Verdict::GiveUp { deaths } => {

@@ -6,6 +6,7 @@
 
 use super::machine::{Action, Event, Exit, Level, Outcome, Policy, Process, Supervisor};
 use super::process::{Launch, Processes};
+use super::stage::StageSwitch;
 use crate::identity::unix_now;
 use crate::metrics::{History, Journal, Trained};
 use crate::progress::Progress;
@@ -126,20 +127,7 @@ impl Shell<'_> {
                         announce(&publisher, announcement)?;
                         fault::reach("orchestrator.after_announce");
                     }
-                    Action::SwitchStage(switch) => {
-                        let stage = &self.config.stages[switch.to];
-                        tracing::info!(
-                            "stage {} ({}) begins at {} frames with rollout {}",
-                            stage.name,
-                            crate::progress::reward_symbol(stage.reward),
-                            switch.frames,
-                            switch.rollout
-                        );
-                        if let Some(recorder) = self.recorder {
-                            recorder.stage_switch(switch.from, switch.to, switch.frames, switch.rollout);
-                        }
-                        fault::reach("orchestrator.stage_switch");
-                    }
+                    Action::SwitchStage(switch) => self.switch_stage(switch),
                     Action::Report(Level::Info, text) => tracing::info!("{text}"),
                     Action::Report(Level::Warning, text) => tracing::warn!("{text}"),
                     Action::Report(Level::Error, text) => tracing::error!("{text}"),
@@ -149,13 +137,14 @@ impl Shell<'_> {
                     }
                 }
             }
-            let event = match own_events.pop_front() {
-                Some(event) => event,
-                None => tokio::select! {
+            let event = if let Some(event) = own_events.pop_front() {
+                event
+            } else {
+                tokio::select! {
                     event = self.signals.next() => event,
                     Some(event) = inbox.recv() => event,
                     _ = tick.tick() => Event::Tick,
-                },
+                }
             };
             let now = begin.elapsed();
             match &event {
@@ -192,6 +181,21 @@ impl Shell<'_> {
             }
             actions = machine.on_event(now, event);
         }
+    }
+
+    fn switch_stage(&self, switch: StageSwitch) {
+        let stage = &self.config.stages[switch.to];
+        tracing::info!(
+            "stage {} ({}) is in force from {} frames, rollout {}",
+            stage.name,
+            crate::progress::reward_symbol(stage.reward),
+            switch.frames,
+            switch.rollout
+        );
+        if let Some(recorder) = self.recorder {
+            recorder.stage_switch(switch.from, switch.to, switch.frames, switch.rollout);
+        }
+        fault::reach("orchestrator.stage_switch");
     }
 
     /// Writes down what a learner says.
