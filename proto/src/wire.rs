@@ -29,8 +29,10 @@ use iceoryx2::prelude::{
     NodeName, Path as IoxPath, SemanticString, ServiceName, SignalHandlingMode, ipc,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
+use iceoryx2::prelude::PortFactory;
 use iceoryx2::service::builder::event::Builder as EventBuilder;
 use iceoryx2::service::builder::publish_subscribe::Builder as PublishSubscribeBuilder;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribe;
 use std::fmt::{Debug, Display};
 use std::path::{Path, PathBuf};
 
@@ -99,6 +101,12 @@ pub enum WireError {
         /// What iceoryx2 said.
         cause: String,
     },
+    /// Events are sockets, and a socket's path is limited to 108 bytes.
+    #[error("the temporary folder {root} has too long a name for sockets: set TMPDIR to a shorter one, such as /tmp")]
+    TooLong {
+        /// Root folder of the incarnation.
+        root: String,
+    },
     /// The address is not one that iceoryx2 accepts.
     #[error("`{0}` is not a wire address (expected PREFIX@FOLDER)")]
     Address(String),
@@ -159,6 +167,9 @@ impl WireAddress {
         let invalid = || WireError::Address(self.to_string());
         let mut config = Config::default();
         let root = self.root.to_str().ok_or_else(invalid)?;
+        if root.len() > MAX_ROOT_BYTES {
+            return Err(WireError::TooLong { root: root.to_owned() });
+        }
         config.global.set_root_path(&IoxPath::new(root.as_bytes()).map_err(|_| invalid())?);
         config.global.prefix = SemanticString::new(self.prefix.as_bytes()).map_err(|_| invalid())?;
         // Sweeping dead nodes is the orchestrator's task, on SIGCHLD and on a timer: a starting actor must not spend
@@ -169,6 +180,9 @@ impl WireAddress {
         Ok(config)
     }
 }
+
+/// Longest root folder: iceoryx2 puts sockets in it, whose names, prefix included, take the rest of 108 bytes.
+const MAX_ROOT_BYTES: usize = 36;
 
 /// Where POSIX shared memory lives on Linux.
 pub const SHARED_MEMORY: &str = "/dev/shm";
@@ -254,6 +268,8 @@ impl Wire {
     /// The actor's end of the observations.
     ///
     /// A full subscriber blocks `send`: the recorder must see every step. A dead one is swept by the orchestrator.
+    /// A subscriber that has not met this publisher yet blocks nothing and may miss a sample: compare what `send`
+    /// returns with [`Self::observation_readers`].
     pub fn observation_publisher(&self) -> Result<ObservationPublisher, WireError> {
         let service = self
             .observations()?
@@ -267,6 +283,15 @@ impl Wire {
             .backpressure_strategy(BackpressureStrategy::RetryUntilDelivered)
             .create()
             .map_err(|cause| port(OBSERVATIONS, &cause))
+    }
+
+    /// Counts the subscribers of the observations, those that were killed and not swept yet included.
+    pub fn observation_readers(&self) -> Result<ObservationReaders, WireError> {
+        let service = self
+            .observations()?
+            .open_with_attributes(&required_attributes())
+            .map_err(|cause| self::service("open", OBSERVATIONS, &cause))?;
+        Ok(ObservationReaders { service })
     }
 
     /// A reader's end of the observations.
@@ -482,6 +507,19 @@ impl Wire {
             .max_publishers(1)
             .max_subscribers(2 * RESTART_MARGIN)
             .max_nodes(self.shape.nodes()))
+    }
+}
+
+/// Knows how many subscribers the observations have at any moment.
+#[derive(Debug)]
+pub struct ObservationReaders {
+    service: PublishSubscribe<Ipc, [Observation], ObservationHeader>,
+}
+
+impl ObservationReaders {
+    /// How many there are now.
+    pub fn count(&self) -> usize {
+        self.service.dynamic_config().number_of_subscribers()
     }
 }
 

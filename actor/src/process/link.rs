@@ -5,7 +5,7 @@ use anyhow::{Context, Result, anyhow};
 use proto::config::ActorsConfig;
 use proto::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
 use proto::wire::{
-    ActionSubscriber, Bell, Ipc, ObservationPublisher, RestoreSubscriber, UpdateConnections, Wakeup, Wire, WireAddress,
+    ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, RestoreSubscriber, UpdateConnections, Wakeup, Wire, WireAddress,
     WireShape,
 };
 use std::mem::MaybeUninit;
@@ -19,6 +19,7 @@ type Actions = iceoryx2::sample::Sample<Ipc, [u8], ActionHeader>;
 /// All ports of one actor.
 pub struct Link {
     observations: ObservationPublisher,
+    readers: ObservationReaders,
     bell: Bell,
     restores: RestoreSubscriber,
     actions: ActionSubscriber,
@@ -29,7 +30,7 @@ pub struct Link {
 
 impl Link {
     /// Joins the run and opens the services of actor `actor`. The orchestrator has created them.
-    pub fn open(address: &WireAddress, actors: &ActorsConfig, actor: u32) -> Result<Self> {
+    pub fn open(address: &WireAddress, actors: ActorsConfig, actor: u32) -> Result<Self> {
         let shape = WireShape { actors: actors.count, environments_per_actor: actors.environments_per_actor };
         anyhow::ensure!(
             actor < shape.actors,
@@ -44,6 +45,7 @@ impl Link {
             wakeup: wire.actions_wakeup(actor)?,
             bell: wire.observations_bell(actor)?,
             observations: wire.observation_publisher()?,
+            readers: wire.observation_readers()?,
             _wire: wire,
         })
     }
@@ -72,13 +74,14 @@ impl Link {
     }
 
     /// Sends `count` observations, each written in place by `write`, which is given its index and must initialise
-    /// the whole slot. Returns the number of subscribers that got them; blocks while one of them is full.
+    /// the whole slot. Blocks while a subscriber is full. Returns whether all subscribers got them: one that has only
+    /// just come, and has not looked for publishers yet, can miss a sample.
     pub fn send_observations(
         &self,
         header: ObservationHeader,
         count: usize,
         mut write: impl FnMut(usize, &mut MaybeUninit<Observation>),
-    ) -> Result<usize> {
+    ) -> Result<bool> {
         // A subscriber that came after the last send is found here, and only here.
         self.observations.update_connections().context("cannot connect to the learner")?;
         let mut sample = self.observations.loan_slice_uninit(count).context("no free slot for observations")?;
@@ -88,6 +91,6 @@ impl Link {
         }
         let receivers = shm::assume_written(sample).send().context("cannot send observations")?;
         self.bell.notify().context("cannot ring the observations' bell")?;
-        Ok(receivers)
+        Ok(receivers > 0 && receivers >= self.readers.count())
     }
 }

@@ -62,7 +62,7 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     let bodies = kitchen.bodies().len();
     let kitchen_ms = started.elapsed().as_millis() as u64;
     let mut environments = Environments::new(&kitchen, kitchen_id, settings.actor, &config)?;
-    let link = Link::open(&settings.wire, &config.actors, settings.actor)?;
+    let link = Link::open(&settings.wire, config.actors, settings.actor)?;
     tracing::info!(
         bodies,
         triangles = environments.triangles(),
@@ -115,11 +115,11 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
             Todo::Send { half } => {
                 let range = protocol.halves().range(half);
                 fault::reach("actor.before_send");
-                let receivers = link.send_observations(protocol.observation_header(half), range.len(), |i, slot| {
+                let everyone = link.send_observations(protocol.observation_header(half), range.len(), |i, slot| {
                     environments.observe(range.start + i, slot);
                 })?;
                 fault::reach("actor.after_send");
-                protocol.sent(half, receivers, started.elapsed());
+                protocol.sent(half, everyone, started.elapsed());
             }
             Todo::Wait(longest) => link.wait(longest)?,
         }

@@ -203,10 +203,10 @@ impl Protocol {
         self.served_last = (half + self.halves.count() - 1) % self.halves.count();
     }
 
-    /// A half's observations were sent and this many subscribers got them. With none, they are due again later.
-    pub fn sent(&mut self, half: u32, receivers: usize, now: Duration) {
+    /// A half's observations were sent. If not every subscriber got them, they are due again later.
+    pub fn sent(&mut self, half: u32, everyone: bool, now: Duration) {
         self.half[half as usize].phase =
-            if receivers == 0 { Phase::Sending { not_before: now + RESEND_INTERVAL } } else { Phase::Awaiting };
+            if everyone { Phase::Awaiting } else { Phase::Sending { not_before: now + RESEND_INTERVAL } };
         self.served_last = half;
     }
 
@@ -264,7 +264,7 @@ mod tests {
         assert_eq!(protocol.on_restore(&restore(1, 0, [10, 10]), environments as usize, T0), Verdict::Accepted);
         for half in 0..protocol.halves().count() {
             assert_eq!(protocol.next(T0), Todo::Send { half });
-            protocol.sent(half, 1, T0);
+            protocol.sent(half, true, T0);
         }
         protocol
     }
@@ -303,7 +303,7 @@ mod tests {
         let header = protocol.observation_header(0);
         assert_eq!((header.step, header.stage_version, header.learner_incarnation), (11, 2, 1));
         assert_eq!(protocol.observation_header(1).step, 10);
-        protocol.sent(0, 2, T0);
+        protocol.sent(0, true, T0);
         assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
     }
 
@@ -318,7 +318,7 @@ mod tests {
             order.push(todo);
             match todo {
                 Todo::Act { half } => protocol.acted(half, T0),
-                Todo::Send { half } => protocol.sent(half, 1, T0),
+                Todo::Send { half } => protocol.sent(half, true, T0),
                 _ => break,
             }
         }
@@ -343,7 +343,7 @@ mod tests {
         assert_eq!(protocol.on_actions(&actions(1, 0, 10), 2), Verdict::Accepted);
         assert!(ignored(protocol.on_actions(&actions(1, 0, 10), 2)), "twice");
         protocol.acted(0, T0);
-        protocol.sent(0, 1, T0);
+        protocol.sent(0, true, T0);
         assert!(ignored(protocol.on_actions(&actions(1, 0, 10), 2)), "late");
         assert!(ignored(protocol.on_restore(&restore(0, 0, [0, 0]), 3, T0)), "of a dead learner");
         assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
@@ -359,7 +359,7 @@ mod tests {
             assert_eq!(protocol.next(T0), Todo::Send { half }, "the actions taken from the old learner are forgotten");
             let header = protocol.observation_header(half);
             assert_eq!((header.step, header.learner_incarnation, header.stage_version), (6, 2, 1));
-            protocol.sent(half, 1, T0);
+            protocol.sent(half, true, T0);
         }
         assert_eq!(protocol.on_actions(&actions(2, 0, 6), 2), Verdict::Accepted);
     }
@@ -369,7 +369,7 @@ mod tests {
         let mut protocol = talking(3);
         protocol.on_actions(&actions(1, 0, 10), 2);
         protocol.acted(0, T0);
-        protocol.sent(0, 1, T0);
+        protocol.sent(0, true, T0);
         assert!(ignored(protocol.on_restore(&restore(1, 7, [10, 10]), 3, T0)));
         assert!(ignored(protocol.on_restore(&restore(1, 7, [10, 11]), 3, T0)));
         assert_eq!(protocol.on_actions(&actions(1, 0, 11), 2), Verdict::Accepted);
@@ -381,10 +381,10 @@ mod tests {
     fn an_observation_that_reached_nobody_is_sent_again() {
         let mut protocol = Protocol::new(0, 1, 1);
         protocol.on_restore(&restore(1, 0, [0, 0]), 1, T0);
-        protocol.sent(0, 0, T0);
+        protocol.sent(0, false, T0);
         assert_eq!(protocol.next(ms(20)), Todo::Wait(ms(30)));
         assert_eq!(protocol.next(ms(50)), Todo::Send { half: 0 });
-        protocol.sent(0, 1, ms(50));
+        protocol.sent(0, true, ms(50));
         assert_eq!(protocol.next(ms(50)), Todo::Wait(WAIT_MAX));
     }
 
@@ -396,7 +396,7 @@ mod tests {
         assert_eq!(protocol.next(T0), Todo::Act { half: 0 });
         protocol.acted(0, T0);
         assert_eq!(protocol.next(T0), Todo::Send { half: 0 });
-        protocol.sent(0, 1, T0);
+        protocol.sent(0, true, T0);
         assert_eq!(protocol.next(T0), Todo::Wait(WAIT_MAX));
     }
 
@@ -422,7 +422,7 @@ mod tests {
                         Todo::Send { half } => {
                             let lost = event == 2;
                             let header = protocol.observation_header(half);
-                            protocol.sent(half, usize::from(!lost), now);
+                            protocol.sent(half, !lost, now);
                             prop_assert!(header.step <= wants[half as usize]);
                             if !lost && header.learner_incarnation == learner && header.step == wants[half as usize] {
                                 queue.push(actions(learner, half, header.step));
@@ -460,7 +460,7 @@ mod tests {
                     Todo::Act { half } => protocol.acted(half, now),
                     Todo::Send { half } => {
                         let header = protocol.observation_header(half);
-                        protocol.sent(half, 1, now);
+                        protocol.sent(half, true, now);
                         if header.step == wants[half as usize] {
                             queue.push(actions(learner, half, header.step));
                             wants[half as usize] += 1;
