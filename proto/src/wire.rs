@@ -24,12 +24,12 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 pub use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::PortFactory;
 use iceoryx2::prelude::{
     AllocationStrategy, AttributeSpecifier, AttributeVerifier, BackpressureStrategy, EventId, Node, NodeBuilder,
     NodeName, Path as IoxPath, SemanticString, ServiceName, SignalHandlingMode, ipc,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
-use iceoryx2::prelude::PortFactory;
 use iceoryx2::service::builder::event::Builder as EventBuilder;
 use iceoryx2::service::builder::publish_subscribe::Builder as PublishSubscribeBuilder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribe;

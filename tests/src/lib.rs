@@ -39,7 +39,7 @@ depth_share = 0.2
 "#;
 
 /// How long any one command of a test may take.
-pub const DEADLINE: Duration = Duration::from_secs(240);
+pub const DEADLINE: Duration = Duration::from_mins(4);
 
 /// Path of one of our binaries.
 ///
@@ -84,7 +84,11 @@ impl Workshop {
     /// `orchestrator ARGS`, ready to be started, with nothing inherited that would change it.
     pub fn orchestrator(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(binary("orchestrator"));
-        command.args(arguments).current_dir(self.folder.path()).env_remove("STILLROOM_LOG").env_remove("STILLROOM_FAULT");
+        command
+            .args(arguments)
+            .current_dir(self.folder.path())
+            .env_remove("STILLROOM_LOG")
+            .env_remove("STILLROOM_FAULT");
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         command
     }
@@ -95,14 +99,7 @@ impl Workshop {
     }
 
     /// The same with a seed.
-    pub fn up_seeded(
-        &self,
-        name: &str,
-        actors: u32,
-        environments_per_actor: u32,
-        frames: u64,
-        seed: u64,
-    ) -> Command {
+    pub fn up_seeded(&self, name: &str, actors: u32, environments_per_actor: u32, frames: u64, seed: u64) -> Command {
         self.orchestrator(&[
             "up",
             "--preset",
@@ -175,14 +172,12 @@ pub fn finish(child: Child) -> Printed {
     let pid = child.id();
     let (sender, receiver) = std::sync::mpsc::channel();
     std::thread::spawn(move || sender.send(child.wait_with_output()));
-    match receiver.recv_timeout(DEADLINE) {
-        Ok(output) => Printed::from(&output.expect("the child's pipes are readable")),
-        Err(_) => {
-            kill(pid);
-            let output = receiver.recv().expect("the waiting thread sends once").expect("readable pipes");
-            panic!("pid {pid} hung for {DEADLINE:?}: {:#?}", Printed::from(&output));
-        }
+    if let Ok(output) = receiver.recv_timeout(DEADLINE) {
+        return Printed::from(&output.expect("the child's pipes are readable"));
     }
+    kill(pid);
+    let output = receiver.recv().expect("the waiting thread sends once").expect("readable pipes");
+    panic!("pid {pid} hung for {DEADLINE:?}: {:#?}", Printed::from(&output));
 }
 
 /// Starts a command.
@@ -242,7 +237,8 @@ impl Run {
         lines.filter_map(|line| Some((line["rollout"].as_u64()?, line))).collect()
     }
 
-    /// Processes of this run whose command line holds `word`, e.g. `--actor`.
+    /// Processes of this run whose command line holds `word`, e.g. `--actor ` (with the space: the orchestrator's own
+    /// line holds `--actors`).
     pub fn processes(&self, word: &str) -> Vec<u32> {
         let folder = self.folder.root().display().to_string();
         let name = self.folder.root().file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -252,7 +248,8 @@ impl Run {
             let Ok(bytes) = std::fs::read(entry.path().join("cmdline")) else { continue };
             let line = String::from_utf8_lossy(&bytes).replace('\0', " ");
             let here = std::fs::read_link(entry.path().join("cwd")).ok();
-            let ours = line.contains(&folder) || (line.contains(&name) && here.as_deref() == self.folder.root().parent());
+            let ours =
+                line.contains(&folder) || (line.contains(&name) && here.as_deref() == self.folder.root().parent());
             if ours && line.contains(word) {
                 found.push(pid);
             }
@@ -289,8 +286,10 @@ impl Run {
     /// The MCAP files of the run, in order.
     pub fn recordings(&self) -> Vec<PathBuf> {
         let entries = std::fs::read_dir(self.folder.recordings()).into_iter().flatten().flatten();
-        let mut files: Vec<PathBuf> =
-            entries.map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|end| end == "mcap")).collect();
+        let mut files: Vec<PathBuf> = entries
+            .map(|entry| entry.path())
+            .filter(|path| path.extension().is_some_and(|end| end == "mcap"))
+            .collect();
         files.sort();
         files
     }

@@ -42,7 +42,7 @@ fn a_killed_actor_comes_back_and_changes_nothing() {
     let run = workshop.run("actor");
     for rollouts in [1, 4, 9] {
         run.wait_for_rollouts(rollouts);
-        if let Some(actor) = run.processes("--actor").first() {
+        if let Some(actor) = run.processes("--actor ").first() {
             kill(*actor);
         }
     }
@@ -82,7 +82,7 @@ fn a_stopped_run_is_resumed() {
     signal(child.id(), Signal::INT);
     let printed = finish(child);
     assert!(printed.success, "{printed:#?}");
-    assert!(printed.stdout.contains("orchestrator resume"), "{printed:#?}");
+    assert!(printed.stderr.contains("orchestrator resume stopped"), "{printed:#?}");
     run.assert_nothing_left();
     assert!(trained(&run) < FRAMES, "the run was stopped in its middle");
 
@@ -102,7 +102,7 @@ fn everything_killed_at_once_is_resumed() {
     let run = workshop.run("all");
     run.wait_for_rollouts(6);
     let mut everyone = run.processes("--rank");
-    everyone.extend(run.processes("--actor"));
+    everyone.extend(run.processes("--actor "));
     everyone.push(child.id());
     everyone.into_iter().for_each(kill);
     assert!(!finish(child).success);

@@ -5,8 +5,8 @@ use anyhow::{Context, Result, anyhow};
 use proto::config::ActorsConfig;
 use proto::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
 use proto::wire::{
-    ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, RestoreSubscriber, UpdateConnections, Wakeup, Wire, WireAddress,
-    WireShape,
+    ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, RestoreSubscriber, UpdateConnections,
+    Wakeup, Wire, WireAddress, WireShape,
 };
 use std::mem::MaybeUninit;
 use std::time::Duration;

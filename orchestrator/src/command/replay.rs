@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 /// An actor that says nothing for so long hangs: an episode takes well under a second, the first also builds its
 /// kitchen.
-const SILENCE_DEADLINE: Duration = Duration::from_secs(300);
+const SILENCE_DEADLINE: Duration = Duration::from_mins(5);
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
 const PROGRESS_LINE_INTERVAL: Duration = Duration::from_secs(10);
 
@@ -154,7 +154,7 @@ impl Totals {
 
 /// What comes back from an actor's reader.
 enum Report {
-    Verdict(usize, Box<ReplayVerdict>),
+    Verdict(Box<ReplayVerdict>),
     /// Its output has ended, after all verdicts or not.
     Ended(usize, Result<()>),
 }
@@ -175,7 +175,7 @@ fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<Total
     let mut heard = Instant::now();
     while running > 0 {
         match inbox.recv_timeout(PROGRESS_INTERVAL) {
-            Ok(Report::Verdict(_, verdict)) => {
+            Ok(Report::Verdict(verdict)) => {
                 totals.add(&verdict);
                 heard = Instant::now();
             }
@@ -318,7 +318,7 @@ fn listen(
             "an actor answered for another episode than it was asked"
         );
         answered += 1;
-        reports.send(Report::Verdict(number, Box::new(verdict))).map_err(|_| anyhow!("replay was given up"))?;
+        reports.send(Report::Verdict(Box::new(verdict))).map_err(|_| anyhow!("replay was given up"))?;
     }
     ensure!(answered == expected.len(), "an actor answered {answered} of {} episodes", expected.len());
     Ok(())

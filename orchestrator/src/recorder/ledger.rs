@@ -80,10 +80,10 @@ mod tests {
 
     #[test]
     fn a_rewind_is_recorded_again_and_what_was_on_the_way_is_not() {
+        use Verdict::{News, Repeated, RestorePoint, Stale};
         let mut ledger = Ledger::new(1);
         let verdicts = [(1, 0), (1, 1), (1, 2), (2, 1), (1, 3), (2, 2), (2, 2), (2, 3)]
             .map(|(incarnation, step)| ledger.judge(&header(0, 0, incarnation, step)));
-        use Verdict::{News, Repeated, RestorePoint, Stale};
         assert_eq!(verdicts, [RestorePoint, News, News, RestorePoint, Stale, News, Repeated, News]);
         assert_eq!(ledger.missed(), 0);
     }

@@ -1,7 +1,7 @@
 //! Observations as tests need them, and an actor that sends them.
 
 use proto::message::{
-    Current, FRAME_PIXELS, Halves, Observation, ObservationHeader, Transition, current_flag, observation_kind,
+    Current, FRAME_SIDE, Halves, Observation, ObservationHeader, Transition, current_flag, observation_kind,
     transition_flag,
 };
 use proto::reward::RewardParts;
@@ -78,10 +78,7 @@ pub fn described(exchange: u64, flags: u32) -> (Transition, Current) {
 /// The observation after `exchange` actions.
 pub fn observation(environment: u32, exchange: u64, flags: u32) -> Observation {
     let (transition, current) = described(exchange, flags);
-    let mut depth_mm = [0; FRAME_PIXELS];
-    for (index, pixel) in depth_mm.iter_mut().enumerate() {
-        *pixel = (index % 224) as u16 + exchange as u16;
-    }
+    let depth_mm = std::array::from_fn(|index| (index % FRAME_SIDE) as u16 + exchange as u16);
     Observation { transition, current, environment, reserved: [0; 9], depth_mm }
 }
 

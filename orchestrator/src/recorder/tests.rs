@@ -28,8 +28,8 @@ impl Bench {
     fn new(test: &str) -> Self {
         // Short: sockets in the folder of this name have at most 108 bytes of path.
         let address = WireAddress::new(&format!("r{test}{}", std::process::id()), 1);
-        let _host = WireHost::create(&address, SHAPE).unwrap();
-        Self { address, _host, folder: tempfile::tempdir().unwrap(), config: Config::default() }
+        let host = WireHost::create(&address, SHAPE).unwrap();
+        Self { address, _host: host, folder: tempfile::tempdir().unwrap(), config: Config::default() }
     }
 
     fn start(&self) -> Recorder {
