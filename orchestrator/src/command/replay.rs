@@ -249,7 +249,7 @@ impl Actors {
         std::thread::Builder::new().name(format!("replay-{number}-in")).spawn(move || feed(input, &setup, &share))?;
         let reports = reports.clone();
         std::thread::Builder::new().name(format!("replay-{number}-out")).spawn(move || {
-            let outcome = listen(number, output, &expected, &reports);
+            let outcome = listen(output, &expected, &reports);
             // Nobody listens any more once another actor has failed.
             let _ = reports.send(Report::Ended(number, outcome));
         })?;
@@ -301,12 +301,7 @@ fn feed(input: ChildStdin, setup: &ReplaySetup, share: &[RecordedEpisode]) {
 }
 
 /// Reads verdicts until the output ends; they must be those that were asked for.
-fn listen(
-    number: usize,
-    output: ChildStdout,
-    expected: &[(EnvironmentId, u32)],
-    reports: &Sender<Report>,
-) -> Result<()> {
+fn listen(output: ChildStdout, expected: &[(EnvironmentId, u32)], reports: &Sender<Report>) -> Result<()> {
     let mut answered = 0;
     for line in BufReader::new(output).lines() {
         let line = line.context("cannot read from an actor")?;
