@@ -6,6 +6,9 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+/// Status with which a learner exits on a non-finite loss, gradient or observation.
+pub const EXIT_NON_FINITE: i32 = 3;
+
 /// One line of a learner's standard output.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]

@@ -6,14 +6,20 @@ use tracing_subscriber::EnvFilter;
 /// Environment variable that holds the filter, in `tracing_subscriber::EnvFilter` syntax.
 pub const FILTER_VARIABLE: &str = "STILLROOM_LOG";
 
-/// Sends `tracing` events to standard error. iceoryx2 reports through the same subscriber, at `warn` and above
+/// Sends `tracing` events to standard error. iceoryx2 reports through the same subscriber, errors only
 /// unless the filter says otherwise. Call once, first thing in `main`.
 pub fn to_stderr() {
-    let filter = EnvFilter::try_from_env(FILTER_VARIABLE).unwrap_or_else(|_| EnvFilter::new("info,iceoryx2=error"));
+    let asked = std::env::var(FILTER_VARIABLE).ok();
+    let parsed = asked.as_deref().map(EnvFilter::try_new);
+    let problem = parsed.as_ref().and_then(|parsed| parsed.as_ref().err().map(ToString::to_string));
+    let filter = parsed.and_then(Result::ok).unwrap_or_else(|| EnvFilter::new("info,iceoryx2=error"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .init();
+    if let Some(problem) = problem {
+        tracing::warn!("{FILTER_VARIABLE} is not a filter and is ignored: {problem}");
+    }
 }

@@ -14,8 +14,8 @@ pub const MAX_ENVIRONMENTS_PER_ACTOR: usize = 256;
 
 /// Bits of [`Transition::flags`].
 pub mod transition_flag {
-    /// The transition exists: an action was taken. Unset in the first observation after a (re)start at step 0 of
-    /// an episode, and after a HOLD.
+    /// The transition exists: an action was taken. Unset at step 0 of the first episode after a (re)start, and after
+    /// a HOLD. (An actor that is rebuilt after a HOLD knows nothing of it and repeats the transition before.)
     pub const VALID: u32 = 1;
     /// The action failed (blocked, out of reach, or a `PickUp` that holds nothing).
     pub const ACTION_FAILED: u32 = 1 << 1;

@@ -45,7 +45,7 @@ pub struct Key {
     pub step: u32,
 }
 
-/// A short stream of random numbers for one [`Key`]: at most 4 × 65,536 words.
+/// A short stream of random numbers for one [`Key`]: at most 262,140 words.
 #[derive(Debug, Clone)]
 pub struct Random {
     key: [u32; 2],
@@ -81,7 +81,7 @@ impl Random {
     pub fn next_u32(&mut self) -> u32 {
         if self.used == 4 {
             self.block = philox4x32_10(self.counter, self.key);
-            assert!(self.counter[0] & 0xffff != 0xffff, "a random stream is limited to 262,144 words");
+            assert!(self.counter[0] & 0xffff != 0xffff, "a random stream is limited to 262,140 words");
             self.counter[0] += 1;
             self.used = 0;
         }

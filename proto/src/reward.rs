@@ -14,7 +14,8 @@ pub const FAILED_ACTION: f32 = -0.03;
 pub const PICK_UP: f32 = 5.0;
 /// Added when Done is declared with the target at its goal.
 pub const GOAL_SUCCESS: f32 = 10.0;
-/// An object moved by more than this in one step is a disturbance: threshold of the auxiliary label, metres.
+/// Total displacement that rises by at least this in one step is a disturbance: threshold of the auxiliary label,
+/// metres.
 pub const DISTURBANCE_LABEL_THRESHOLD_M: f32 = 0.001;
 /// An episode with less total displacement than this is "without disturbance" (`SRwoD`), metres.
 pub const UNDISTURBED_THRESHOLD_M: f32 = 0.01;

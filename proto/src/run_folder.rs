@@ -10,6 +10,7 @@
 //!   recordings/            incarnation-001.000.mcap, ...
 //!   logs/                  orchestrator.log, learner-0.log, actor-00.log, ...
 //!   metrics.jsonl          one line a trained rollout
+//!   nonfinite-rollout-12.safetensors   the batch of an update that met a number that is not finite
 //!   summary.json           written when the budget is reached
 //! ```
 
@@ -91,6 +92,11 @@ impl RunFolder {
     /// One line a trained rollout.
     pub fn metrics(&self) -> PathBuf {
         self.root.join("metrics.jsonl")
+    }
+
+    /// The batch of rollout `rollout`, whose update met a number that is not finite.
+    pub fn nonfinite_dump(&self, rollout: u64) -> PathBuf {
+        self.root.join(format!("nonfinite-rollout-{rollout}.safetensors"))
     }
 
     /// Summary of a complete run.

@@ -59,7 +59,8 @@ pub type Wakeup = Listener<Ipc>;
 /// Raises events.
 pub type Bell = Notifier<Ipc>;
 
-/// Subscribers of observations at most: learner, recorder, one more tap.
+/// Subscribers of observations: learner, recorder, one more tap. The services have room for one more, a killed learner
+/// that is not swept yet when its successor comes.
 const OBSERVATION_SUBSCRIBERS: usize = 3;
 /// Samples that wait for one subscriber: one for each half.
 const OBSERVATION_BUFFER: usize = 2;
@@ -219,7 +220,7 @@ impl WireShape {
     /// for everything else.
     pub fn shared_memory_bytes(self) -> u64 {
         // The publisher's pool: what subscribers queue and borrow, and the loan in flight.
-        let samples = OBSERVATION_SUBSCRIBERS * (OBSERVATION_BUFFER + OBSERVATION_BORROWED) + 1;
+        let samples = (OBSERVATION_SUBSCRIBERS + 1) * (OBSERVATION_BUFFER + OBSERVATION_BORROWED) + 1;
         let half = Halves::of(self.environments_per_actor).range(0).len();
         let per_actor = samples * half * size_of::<Observation>();
         u64::from(self.actors) * per_actor as u64 * 11 / 10 + (1 << 20)
@@ -437,7 +438,7 @@ impl Wire {
             .subscriber_max_borrowed_samples(OBSERVATION_BORROWED)
             .history_size(0)
             .max_publishers(self.shape.actors as usize * RESTART_MARGIN)
-            .max_subscribers(OBSERVATION_SUBSCRIBERS)
+            .max_subscribers(OBSERVATION_SUBSCRIBERS + 1)
             .max_nodes(self.shape.nodes()))
     }
 
@@ -447,7 +448,7 @@ impl Wire {
             .service_builder(&name(OBSERVATIONS_READY)?)
             .event()
             .max_notifiers(self.shape.actors as usize * RESTART_MARGIN)
-            .max_listeners(OBSERVATION_SUBSCRIBERS)
+            .max_listeners(OBSERVATION_SUBSCRIBERS + 1)
             .event_id_max_value(self.shape.actors as usize)
             .max_nodes(self.shape.nodes()))
     }
