@@ -33,7 +33,8 @@ pub fn reach(point: &str) {
 fn parse(text: &str) -> Armed {
     let (point, count) = text.rsplit_once(':').unwrap_or((text, "1"));
     // A test tool: a mistake in it must not pass for a test.
-    let countdown = count.parse().unwrap_or_else(|_| panic!("{VARIABLE}={text}: `{count}` is not a count")).max(1);
+    let countdown: u64 = count.parse().unwrap_or_else(|_| panic!("{VARIABLE}={text}: `{count}` is not a count"));
+    let countdown = countdown.max(1);
     Armed { point: point.to_owned(), countdown: AtomicU64::new(countdown) }
 }
 
