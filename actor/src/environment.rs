@@ -246,8 +246,9 @@ impl Environment {
         }
     }
 
-    /// Hash of everything that the future depends on: episode, step, every movable thing's pose, velocity and sleep,
-    /// the robot's configuration, and whether it holds the target.
+    /// Hash of everything that can be seen of the state: episode, step, every movable thing's pose, velocity and sleep
+    /// flag, the robot's configuration, and whether it holds the target. The solver's own memory (contacts, islands)
+    /// is not in it; where that differs, a later hash does.
     pub fn state_hash(&self) -> u64 {
         let mut bytes: Vec<u8> = Vec::with_capacity(4096);
         let mut word = |value: u32| bytes.extend_from_slice(&value.to_le_bytes());

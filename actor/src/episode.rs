@@ -99,7 +99,8 @@ fn stand(kitchen: &Kitchen, category: TargetCategory, target: Vec3, distance_max
             }
         }
     }
-    // Every spot has a stand within the robot's reach, so this is at most the arm's length away.
+    // The nearest stand that is clear of the target, be it out of the arm's reach. Were there none in the whole room,
+    // any would do: the target is then pushed aside while it comes to rest.
     let stands = kitchen.robot_stands();
     stands
         .iter()

@@ -2,7 +2,7 @@
 
 use actor::process::{self, lifeline, whereabouts};
 use actor::{bench, replay};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
 use proto::kitchen::KitchenId;
 use proto::wire::WireAddress;
@@ -32,7 +32,7 @@ struct Arguments {
     /// Exit when standard input closes, and leave Ctrl-C to whoever holds its other end.
     #[arg(long)]
     lifeline: bool,
-    /// Simulate this kitchen in place of the actor's own.
+    /// Simulate this kitchen in place of the actor's own; not with --lifeline.
     #[arg(long, value_parser = kitchen, value_name = "1..30")]
     kitchen: Option<KitchenId>,
 }
@@ -76,6 +76,11 @@ fn run(arguments: Arguments) -> Result<()> {
         Some(Command::Replay) => replay::run(std::io::stdin().lock(), std::io::stdout().lock()),
         Some(Command::Bench { kitchen, seconds }) => bench::run(kitchen, seconds),
         None => {
+            ensure!(
+                !(arguments.lifeline && arguments.kitchen.is_some()),
+                "--kitchen cannot be used in a run (--lifeline): its recordings name environments by actor number, \
+                 from which the kitchen follows"
+            );
             if arguments.lifeline {
                 lifeline::hold().context("cannot watch standard input")?;
             }

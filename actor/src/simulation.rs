@@ -7,6 +7,9 @@
 //! Where everything movable sleeps and lies clear of the robot's path, physics would change nothing, and is left out.
 //! That is part of the definition of a step, not an approximation chosen at run time: the same state and action leave
 //! it out on every machine.
+//!
+//! What is held goes where the hand goes. It collides with the room and with other movable things, not with the robot
+//! that holds it.
 
 use crate::kitchen::Kitchen;
 use crate::physics::geometry::Solid;
@@ -22,7 +25,7 @@ use std::sync::Arc;
 /// No part of the robot travels further in one sub-step, metres: about a link's radius, so that nothing is skipped.
 const MAX_TRAVEL_PER_SUBSTEP_M: f32 = 0.03;
 /// The robot may touch fixed things this deeply, metres.
-const CONTACT_TOLERANCE_M: f32 = 0.001;
+pub const CONTACT_TOLERANCE_M: f32 = 0.001;
 /// A held thing may touch fixed things this deeply, metres: it was picked up from among them.
 const HELD_TOLERANCE_M: f32 = 0.006;
 /// A thing that the robot has entered this deeply, metres, ...
@@ -43,6 +46,7 @@ pub struct Simulation {
     configuration: Configuration,
     poses: PartPoses,
     held: Option<Held>,
+    began_at_rest: bool,
     // Scratch, without meaning between calls.
     path: Vec<PartPoses>,
     candidates: Vec<u32>,
@@ -76,8 +80,43 @@ impl Simulation {
         }
         // One step at least: it tells the broad phase where everything is now.
         world.step();
-        world.settle(&kitchen.movables, SETTLE_SUBSTEPS);
-        Self { kitchen, world, substeps, configuration, poses, held: None, path: Vec::new(), candidates: Vec::new() }
+        let began_at_rest = world.settle(&kitchen.movables, SETTLE_SUBSTEPS);
+        if !began_at_rest {
+            tracing::warn!(
+                kitchen = kitchen.id().number(),
+                target,
+                position_m = ?target_position.to_array(),
+                "the target did not come to rest where it was set down: stopped there"
+            );
+        }
+        Self {
+            kitchen,
+            world,
+            substeps,
+            configuration,
+            poses,
+            held: None,
+            began_at_rest,
+            path: Vec::new(),
+            candidates: Vec::new(),
+        }
+    }
+
+    /// Whether everything came to rest by itself after the target was set down. If not, it was stopped in its motion:
+    /// just as repeatable, but not what physics would have done.
+    pub fn began_at_rest(&self) -> bool {
+        self.began_at_rest
+    }
+
+    /// How deeply the robot (without what it holds) stands in fixed things, metres; 0 if it touches none. Never above
+    /// [`CONTACT_TOLERANCE_M`].
+    pub fn depth_in_fixed_m(&self) -> f32 {
+        self.kitchen
+            .robot_parts
+            .iter()
+            .zip(&self.poses)
+            .map(|(part, pose)| self.kitchen.scene.deepest_penetration_m(part, pose))
+            .fold(0.0, f32::max)
     }
 
     /// The robot's configuration.
@@ -191,7 +230,9 @@ impl Simulation {
         Some(arrived)
     }
 
-    /// Sub-steps of a motion: the action's own, or as many as keep every part slow enough.
+    /// Sub-steps of a motion: the action's own, or as many as keep the origin of every part below
+    /// [`MAX_TRAVEL_PER_SUBSTEP_M`]. Measured are the straight way from start to goal and the arc of a turn about the
+    /// robot's axis; the far end of a part that swings about its own origin can go further.
     fn substep_count(&self, from: &Posture, to: &Posture, goal: &PartPoses) -> u32 {
         let mut turn = (to.yaw_rad - from.yaw_rad).abs();
         if turn > std::f32::consts::PI {

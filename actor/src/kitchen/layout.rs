@@ -20,6 +20,8 @@ const CABINET_DEPTH_M: f32 = 0.33;
 const ROOM_HEIGHT_M: f32 = 2.6;
 const WALL_M: f32 = 0.2;
 const TABLE_HEIGHT_M: f32 = 0.75;
+/// Thickness of a shelf. With the hand's radius it exceeds the magnet's reach: nothing is picked up through a shelf.
+const SHELF_M: f32 = 0.03;
 
 /// A fixed body of the room.
 #[derive(Debug, Clone)]
@@ -349,9 +351,9 @@ impl Layout {
         self.add_union("ShelvingUnit", &[side(low.x, low.x + 0.02), side(high.x - 0.02, high.x)]);
         for (index, y) in [0.45, 0.85, 1.2].into_iter().enumerate() {
             let (shelf_low, shelf_high) =
-                (Vec3::new(low.x + 0.02, y - 0.025, low.z), Vec3::new(high.x - 0.02, y, high.z));
+                (Vec3::new(low.x + 0.02, y - SHELF_M, low.z), Vec3::new(high.x - 0.02, y, high.z));
             self.add("Shelf", shelf_low, shelf_high);
-            let ceiling = [0.825, 1.175, ROOM_HEIGHT_M][index];
+            let ceiling = [0.85 - SHELF_M, 1.2 - SHELF_M, ROOM_HEIGHT_M][index];
             self.surfaces.push(Surface {
                 low: Vec3::new(shelf_low.x, y, shelf_low.z),
                 high: Vec3::new(shelf_high.x, ceiling, shelf_high.z),

@@ -159,7 +159,9 @@ impl Kitchen {
         let robot_parts = robot_shapes.clone().map(|shape| Solid::of(&shape));
         let robot = robot_parts.each_ref().map(|part| world.add_kinematic(part, Pose3::from_translation(PARKED)));
 
-        world.settle(&movables, (SETTLE_LIMIT_S / timestep_s) as u32);
+        if !world.settle(&movables, (SETTLE_LIMIT_S / timestep_s) as u32) {
+            return Err("coming to rest".to_owned());
+        }
         for (thing, &handle) in placed.iter().zip(&movables) {
             let settled = *world.body(handle).position();
             let drift = (settled.translation - thing.pose.translation).length();

@@ -64,6 +64,21 @@ impl Scene {
             })
         })
     }
+
+    /// Depth to which the solid penetrates the scene, metres; 0 if it touches nothing.
+    pub fn deepest_penetration_m(&self, solid: &Solid, world_from_body: &Pose3) -> f32 {
+        let mut deepest = 0.0_f32;
+        for (shape, body_from_part) in &solid.parts {
+            let pose = *world_from_body * *body_from_part;
+            let aabb = shape.compute_aabb(&pose);
+            for (other_aabb, (other, other_pose)) in self.aabbs.iter().zip(&self.parts) {
+                if other_aabb.intersects(&aabb) {
+                    deepest = deepest.max(penetration_m(&pose, shape, other_pose, other));
+                }
+            }
+        }
+        deepest
+    }
 }
 
 /// Depth to which two convex solids penetrate each other, metres; 0 or less when they do not.

@@ -152,21 +152,23 @@ impl World {
         handles.iter().all(|&handle| self.bodies[handle].is_sleeping())
     }
 
-    /// Steps until all these bodies sleep, at most `limit` times; whoever is still awake then is put to sleep.
-    /// Returns the number of steps.
-    pub fn settle(&mut self, handles: &[RigidBodyHandle], limit: u32) -> u32 {
+    /// Steps until all these bodies sleep, at most `limit` times; whoever is still awake then is put to sleep
+    /// where it is. Returns whether all came to rest by themselves.
+    pub fn settle(&mut self, handles: &[RigidBodyHandle], limit: u32) -> bool {
         let mut steps = 0;
         while steps < limit && !self.asleep(handles) {
             self.step();
             steps += 1;
         }
+        let rested = self.asleep(handles);
         for &handle in handles {
-            let body = &mut self.bodies[handle];
+            // Asked through a shared reference: a mutable one would mark the body as modified.
+            let body = &self.bodies[handle];
             if !body.is_sleeping() || body.linvel() != Vec3::ZERO || body.angvel() != Vec3::ZERO {
-                body.sleep();
+                self.bodies[handle].sleep();
             }
         }
-        steps
+        rested
     }
 
     /// Deepest penetration between a body and any dynamic body it touches, metres; 0 if none.

@@ -9,8 +9,7 @@ use proto::action::{Action, HOLD};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::{Current, EnvironmentState, FRAME_SIDE, Observation, Transition, current_flag, transition_flag};
-use proto::random::{Key, Purpose};
+use proto::message::{EnvironmentState, FRAME_SIDE, Observation, Transition, transition_flag};
 use proto::reward::RewardParts;
 use rapier3d::math::Pose3;
 use std::mem::MaybeUninit;
@@ -45,9 +44,6 @@ pub struct Environments {
     running: Vec<Running>,
     camera: DepthCamera,
     world_from_bodies: Vec<Pose3>,
-    seed: u64,
-    /// Share of episodes whose depth frames the recorder keeps.
-    depth_share: f64,
 }
 
 /// One environment in its current episode.
@@ -89,13 +85,7 @@ impl Environments {
                 Ok(Running { id, environment, episode: 0, transition: NO_TRANSITION })
             })
             .collect::<Result<_>>()?;
-        Ok(Self {
-            running,
-            camera: DepthCamera::new(kitchen.bodies()),
-            world_from_bodies: Vec::new(),
-            seed: config.seed,
-            depth_share: if config.recording.enabled { config.recording.depth_share } else { 0.0 },
-        })
+        Ok(Self { running, camera: DepthCamera::new(kitchen.bodies()), world_from_bodies: Vec::new() })
     }
 
     /// Triangles that the camera has to choose from.
@@ -152,28 +142,13 @@ impl Environments {
     pub fn observe(&mut self, index: usize, slot: &mut MaybeUninit<Observation>) {
         let running = &self.running[index];
         whereabouts::enter(running.id, running.episode);
-        let mut current = running.environment.current();
-        if self.keeps_depth(running) {
-            current.flags |= current_flag::RECORD_DEPTH;
-        }
+        let current = running.environment.current();
         running.environment.world_from_bodies(&mut self.world_from_bodies);
         let world_from_camera = running.environment.world_from_camera();
         let (camera, poses) = (&mut self.camera, &self.world_from_bodies);
         shm::write_observation(slot, index as u32, running.transition, current, |frame| {
             camera.render_into(poses, world_from_camera, FRAME_SIDE, frame)
         });
-    }
-
-    /// What environment `index` shows apart from the frame.
-    pub fn current(&self, index: usize) -> Current {
-        self.running[index].environment.current()
-    }
-
-    /// Whether the recorder keeps the frames of the current episode: a draw of its own for each episode.
-    fn keeps_depth(&self, running: &Running) -> bool {
-        let id = running.id;
-        let key = Key::episode(self.seed, Purpose::Recording, id.kitchen, id.number, running.episode);
-        f64::from(key.stream().uniform()) < self.depth_share
     }
 }
 

@@ -115,14 +115,11 @@ impl Protocol {
             return Verdict::Ignored("it holds another number of environments");
         }
         if let Some(current) = self.learner_incarnation {
-            if header.learner_incarnation < current {
-                return Verdict::Ignored("it comes from a learner that has been replaced");
-            }
-            // The learner answers each HELLO, and a later answer may have overtaken what it describes: this actor
-            // has since applied actions that the learner sent after it. Going back would wait for them for ever.
-            let behind = (0..self.halves.count() as usize).any(|half| header.step[half] < self.half[half].step);
-            if header.learner_incarnation == current && behind {
-                return Verdict::Ignored("this actor is already past it");
+            // The learner answers each HELLO, and a later answer may be older than what has come since: this actor has
+            // accepted actions that the learner sends only once. Going back would wait for them for ever. One restore
+            // a learner is enough: from there on both sides count the same exchanges.
+            if header.learner_incarnation <= current {
+                return Verdict::Ignored("it comes from the learner already followed, or one that was replaced");
             }
         }
         self.learner_incarnation = Some(header.learner_incarnation);
@@ -373,8 +370,19 @@ mod tests {
         assert!(ignored(protocol.on_restore(&restore(1, 7, [10, 10]), 3, T0)));
         assert!(ignored(protocol.on_restore(&restore(1, 7, [10, 11]), 3, T0)));
         assert_eq!(protocol.on_actions(&actions(1, 0, 11), 2), Verdict::Accepted);
-        assert_eq!(protocol.on_restore(&restore(1, 7, [12, 10]), 3, T0), Verdict::Accepted);
-        assert_eq!(protocol.observation_header(0).step, 12);
+        assert!(ignored(protocol.on_restore(&restore(1, 7, [12, 11]), 3, T0)), "the learner cannot be ahead either");
+        assert_eq!(protocol.next(T0), Todo::Act { half: 0 });
+        assert_eq!(protocol.observation_header(0).step, 11);
+    }
+
+    #[test]
+    fn a_late_answer_to_a_hello_does_not_erase_accepted_actions() {
+        let mut protocol = talking(3);
+        assert_eq!(protocol.on_actions(&actions(1, 1, 10), 1), Verdict::Accepted);
+        assert!(ignored(protocol.on_restore(&restore(1, 7, [10, 10]), 3, T0)));
+        assert_eq!(protocol.next(T0), Todo::Act { half: 1 }, "the learner will not send them again");
+        protocol.acted(1, T0);
+        assert_eq!(protocol.observation_header(1).step, 11);
     }
 
     #[test]

@@ -2,10 +2,13 @@
 
 use proto::message::{Current, Observation, ObservationHeader, Transition};
 use proto::wire::Ipc;
-use std::mem::MaybeUninit;
+use std::mem::{MaybeUninit, offset_of};
 use std::ptr::{addr_of_mut, slice_from_raw_parts_mut};
 
-/// Fills one observation in place. `render` is given the depth frame, row-major, and must write every pixel: it
+/// Where the fields of a [`Current`] end. Four bytes of padding follow, which aligns its 64-bit hash.
+const CURRENT_END: usize = offset_of!(Current, reserved) + size_of::<u32>();
+
+/// Fills one observation in place, its padding with zeros. `render` is given the depth frame, row-major, and must write every pixel: it
 /// returns the written slice as proof.
 ///
 /// # Panics
@@ -22,7 +25,11 @@ pub fn write_observation(
     // through a raw pointer, without a reference to anything that is not initialised yet.
     unsafe {
         addr_of_mut!((*observation).transition).write(transition);
-        addr_of_mut!((*observation).current).write(current);
+        let to = addr_of_mut!((*observation).current);
+        to.write(current);
+        // What a typed write leaves in padding is anybody's guess, and would make equal observations differ. So this
+        // comes after it.
+        to.cast::<u8>().add(CURRENT_END).write_bytes(0, size_of::<Current>() - CURRENT_END);
         addr_of_mut!((*observation).environment).write(environment);
         addr_of_mut!((*observation).reserved).write([0; 9]);
     }
