@@ -266,6 +266,13 @@ impl Agent {
         AgentState { tensors, adam_steps: self.adam.steps }
     }
 
+    /// The rollout in progress for a look at what went wrong, as tensors on the CPU named `rollout.…`; empty outside
+    /// one. The beliefs it began with are in [`Agent::state`].
+    pub fn rollout_tensors(&self) -> BTreeMap<String, Tensor> {
+        let tensors = self.rollout.as_ref().map(Rollout::tensors).unwrap_or_default();
+        tensors.into_iter().map(|(name, tensor)| (format!("rollout.{name}"), tensor)).collect()
+    }
+
     /// Goes on from a saved state; a rollout in progress is forgotten. After an error nothing has changed.
     pub fn load_state(&mut self, state: &AgentState) -> Result<(), AgentError> {
         let own = self.state();

@@ -10,6 +10,14 @@ pub fn load_library_globally(file: &CStr) -> bool {
     !handle.is_null()
 }
 
+/// Ignores SIGINT for the rest of the process.
+pub fn ignore_interrupt() {
+    // SAFETY: SIG_IGN installs no handler, so nothing can run at a bad moment; the arguments are valid constants.
+    unsafe {
+        libc::signal(libc::SIGINT, libc::SIG_IGN);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

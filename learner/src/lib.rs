@@ -9,6 +9,7 @@ pub mod checkpoint;
 pub mod collector;
 pub mod device;
 mod ffi;
+mod hex;
 pub mod network;
 pub mod optimizer;
 pub mod ppo;

@@ -1,7 +1,8 @@
 //! The `learner` binary.
 
 use clap::{Parser, Subcommand};
-use learner::process::{self, Arguments, EXIT_NON_FINITE, NonFinite};
+use learner::process::{self, Arguments, NonFinite};
+use proto::control::EXIT_NON_FINITE;
 use proto::wire::WireAddress;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -51,7 +52,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             tracing::error!("{error:#}");
-            ExitCode::from(if error.is::<NonFinite>() { EXIT_NON_FINITE } else { 1 })
+            ExitCode::from(if error.is::<NonFinite>() { EXIT_NON_FINITE as u8 } else { 1 })
         }
     }
 }

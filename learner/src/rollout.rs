@@ -5,7 +5,8 @@
 
 use crate::network::{Observations, Packing};
 use proto::stage::RolloutShape;
-use tch::Tensor;
+use std::collections::BTreeMap;
+use tch::{Device, Tensor};
 
 /// One step of one column.
 // Four independent facts, not a state machine.
@@ -172,6 +173,34 @@ impl Rollout {
         Tensor::from_slice(&values).to_device(self.frames.device())
     }
 
+    /// All of it on the CPU, by name: (T, N, …), `bootstrap` (N), NaN where there is none yet. Rows that are not
+    /// `recorded` have no outcome; those that were never stored hold what the last rollout left there.
+    pub fn tensors(&self) -> BTreeMap<&'static str, Tensor> {
+        fn table<T: tch::kind::Element>(steps: &[Step], columns: usize, number: impl Fn(&Step) -> T) -> Tensor {
+            let values: Vec<T> = steps.iter().map(number).collect();
+            Tensor::from_slice(&values).view([-1, columns as i64])
+        }
+        let (steps, columns, side) = (&self.steps, self.columns, self.frames.size()[1]);
+        let goals: Vec<f32> = steps.iter().flat_map(|step| step.goal).collect();
+        let bootstrap: Vec<f32> = self.bootstrap.iter().map(|value| value.unwrap_or(f32::NAN)).collect();
+        let frames = self.frames.narrow(0, 0, steps.len() as i64).to_device(Device::Cpu);
+        BTreeMap::from([
+            ("frames", frames.view([-1, columns as i64, side, side])),
+            ("goal", Tensor::from_slice(&goals).view([-1, columns as i64, 3])),
+            ("previous_action", table(steps, columns, |step| step.previous_action)),
+            ("episode_start", table(steps, columns, |step| step.episode_start)),
+            ("action", table(steps, columns, |step| step.action)),
+            ("log_prob", table(steps, columns, |step| step.log_prob)),
+            ("value", table(steps, columns, |step| step.value)),
+            ("reward", table(steps, columns, |step| step.reward)),
+            ("ended", table(steps, columns, |step| step.ended)),
+            ("time_limit", table(steps, columns, |step| step.time_limit)),
+            ("disturbed", table(steps, columns, |step| step.disturbed)),
+            ("recorded", Tensor::from_slice(&self.recorded).view([-1, columns as i64])),
+            ("bootstrap", Tensor::from_slice(&bootstrap)),
+        ])
+    }
+
     /// The store of frames, for the next rollout.
     pub fn into_frames(self) -> Tensor {
         self.frames
@@ -188,7 +217,7 @@ mod tests {
     use super::*;
     use crate::agent::Outcome;
     use crate::network::to_vec;
-    use tch::{Device, Kind};
+    use tch::Kind;
 
     fn rollout() -> Rollout {
         // 3 steps of 2 columns, the second of which holds in the last.

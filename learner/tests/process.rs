@@ -3,7 +3,8 @@
 
 mod support;
 
-use proto::control::LearnerEvent;
+use proto::control::{EXIT_NON_FINITE, LearnerEvent};
+use proto::wire::WireAddress;
 use std::sync::OnceLock;
 use support::{Ended, Plan, Scene, tiny};
 
@@ -124,6 +125,73 @@ fn an_actor_that_never_comes_back_is_named_and_the_work_saved() {
         _ => None,
     });
     assert!(saved >= Some(48), "{lost:?}");
+}
+
+#[test]
+fn actors_are_connected_before_the_first_rollout_is_collected() {
+    let mut config = tiny();
+    // Two halves of one environment each: they take turns, so they need never be complete at the same moment.
+    config.actors.environments_per_actor = 2;
+    config.stages.truncate(1);
+    let mut scene = Scene::new("connected", config);
+    let ended = scene.learner(&Plan::Undisturbed);
+    complete(&scene, &ended);
+    let at = |wanted: fn(&LearnerEvent) -> bool| ended.events.iter().position(wanted);
+    let connected = at(|event| matches!(event, LearnerEvent::ActorsConnected { .. }));
+    let collected = at(|event| matches!(event, LearnerEvent::RolloutCollected { .. }));
+    assert!(connected.is_some() && connected < collected, "{ended:?}");
+}
+
+#[test]
+fn every_missing_actor_is_told_of() {
+    let mut config = tiny();
+    config.learner.actor_deadline_s = 3.0;
+    let mut scene = Scene::new("nobody", config);
+    scene.stop_actors();
+    let lost = scene.learner(&Plan::Undisturbed);
+    assert_eq!(lost.status.code(), Some(1), "{lost:?}");
+    assert!(lost.stderr.contains("actors 0, 1 did not answer within 3 s"), "{}", lost.stderr);
+    let told = |event: &LearnerEvent| match event {
+        LearnerEvent::WaitingForActor { actor, .. } => Some(*actor),
+        _ => None,
+    };
+    assert_eq!(lost.events.iter().filter_map(told).collect::<Vec<_>>(), [0, 1]);
+    // The run's start was on disk already.
+    let saved = lost.events.iter().filter(|event| matches!(event, LearnerEvent::CheckpointWritten { .. }));
+    assert_eq!(saved.count(), 1, "{lost:?}");
+}
+
+#[test]
+fn a_number_that_is_not_finite_has_a_status_of_its_own_and_leaves_a_dump() {
+    let mut config = tiny();
+    // Finite rewards, but their squares are not.
+    config.reward.lambda_disturb = 1e30;
+    let mut scene = Scene::new("poison", config);
+    let failed = scene.learner(&Plan::Undisturbed);
+    assert_eq!(failed.status.code(), Some(EXIT_NON_FINITE), "{failed:?}");
+    // The first rollout of the second stage, the one whose reward counts disturbance.
+    let dump = scene.run_folder().nonfinite_dump(3);
+    assert!(failed.stderr.contains(&dump.display().to_string()), "{}", failed.stderr);
+    let bytes = std::fs::read(&dump).unwrap();
+    let dump = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    let frames = dump.tensor("rollout.frames").unwrap();
+    assert_eq!(frames.shape()[..2], [4, 6]);
+    assert!(frames.data().iter().any(|&byte| byte != 0));
+    let rewards = dump.tensor("rollout.reward").unwrap();
+    let rewards = rewards.data().chunks_exact(4).map(|word| f32::from_le_bytes(word.try_into().unwrap()));
+    assert!(rewards.map(f32::abs).fold(0.0, f32::max) > 1e25);
+    assert!(dump.tensor("beliefs").is_ok(), "what the rollout began with is there too");
+}
+
+#[test]
+fn another_rank_than_0_is_refused() {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_learner"))
+        .args(["--run", "nowhere", "--wire", &WireAddress::new("rank", 1).to_string(), "--rank", "1"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("--rank must be 0, not 1"), "{said}");
 }
 
 #[test]

@@ -540,8 +540,23 @@ fn a_number_that_is_not_finite_leaves_everything_as_it_was() {
         assert_eq!(to_vec(tensor), to_vec(&after.tensors[name]), "{name}");
     }
 
+    // What the update was made of is still there: pooling keeps a frame's mean.
+    let rollout = agent.rollout_tensors();
+    let mean = |depths_mm: &[f64]| depths_mm.iter().sum::<f64>() / depths_mm.len() as f64;
+    let steps = config.ppo.rollout_steps as usize;
+    let frames = &rollout["rollout.frames"];
+    for (t, column) in [(0, 0), (3, 1), (steps - 1, 3)] {
+        let seen: Vec<f64> = depth_mm(steps + t, column).iter().map(|&depth_mm| f64::from(depth_mm)).collect();
+        let kept = doubles(&frames.get(t as i64).get(column as i64).flatten(0, -1));
+        assert!((mean(&seen) - mean(&kept)).abs() < 0.01, "step {t}, column {column}");
+    }
+    let poisoned: Vec<bool> = to_vec(&rollout["rollout.reward"]).iter().map(|reward| reward.is_nan()).collect();
+    assert_eq!(poisoned.iter().position(|&nan| nan), Some(3 * 4 + 1));
+    assert_eq!(poisoned.iter().filter(|&&nan| nan).count(), 1);
+
     // An observation.
     agent.abandon_rollout();
+    assert!(agent.rollout_tensors().is_empty());
     agent.begin_rollout(RolloutShape { steps: 1, environments_in_last_step: 4, frames: 4 });
     let error = world.see(&mut agent, 0, &[2], |agent, input| {
         let goal_m = [[0.0, f32::INFINITY, 0.0]];

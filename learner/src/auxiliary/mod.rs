@@ -1,6 +1,6 @@
 //! Auxiliary tasks: what the belief is asked besides policy and value (SPEC section 4). One at a time.
 //!
-//! A task declares its own parameters, is given the beliefs, embeddings and packing of a training pass, and answers
+//! A task declares its own parameters, is given the beliefs and packing of a training pass, and answers
 //! with a loss. Its normaliser is counted over the whole rollout beforehand, so that passes over parts of the columns
 //! add up to the whole batch's mean.
 
@@ -30,8 +30,6 @@ pub struct Pass<'a> {
     pub rollout: &'a Rollout,
     /// Its rows of this pass.
     pub packing: &'a Packing,
-    /// Embedded observations \[rows, 512 + 32 + 16\], with gradients.
-    pub embedded: &'a Tensor,
     /// Beliefs \[rows, hidden\], with gradients.
     pub beliefs: &'a Tensor,
     /// Policy indices of the actions taken, i64 \[rows\].

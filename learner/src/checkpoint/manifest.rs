@@ -1,15 +1,12 @@
 //! The manifest of a checkpoint: what the tensor file must hash to, and where and under what the run stood.
 
+use crate::hex::hex;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 /// SHA-256 as 64 hex digits.
 pub fn sha256(bytes: &[u8]) -> String {
-    use std::fmt::Write;
-    Sha256::digest(bytes).iter().fold(String::with_capacity(64), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
+    hex(Sha256::digest(bytes))
 }
 
 /// What the last bits of a result depend on. A resume under another environment goes on, but not bit for bit.

@@ -339,11 +339,6 @@ impl<S: HalfSample> Collector<S> {
         }
     }
 
-    /// True when every actor's observations of every half are here.
-    pub fn all_here(&self) -> bool {
-        self.halves.iter().all(|half| half.missing().next().is_none())
-    }
-
     /// What to do next.
     ///
     /// # Panics

@@ -112,7 +112,7 @@ impl Network {
         (Self { parameters, preparation, belief, encoder, goal, previous_action, actor, critic }, declared)
     }
 
-    /// What the observations say, each for itself: \[rows, 512 + 32 + 16\].
+    /// What the observations say, each for itself: \[rows, 512 + 32\], and 16 more with the previous action.
     pub fn embed(&self, observations: &Observations) -> Tensor {
         let visual = if observations.frames.device() == Device::Cpu && observations.frames.size()[0] > CPU_FRAMES {
             let parts = observations.frames.split(CPU_FRAMES, 0);

@@ -5,8 +5,8 @@
 //! hundred small ones, and a snapshot of the network is one copy.
 
 use super::initialize::Initial;
+use crate::hex::hex;
 use sha2::{Digest, Sha256};
-use std::fmt::Write as _;
 use std::ops::Index;
 use tch::{Device, Kind, Tensor};
 
@@ -139,10 +139,7 @@ impl Parameters {
             let bytes: Vec<u8> = stretch.iter().flat_map(|value| value.to_le_bytes()).collect();
             hash.update(&bytes);
         }
-        hash.finalize().iter().fold(String::with_capacity(64), |mut text, byte| {
-            let _ = write!(text, "{byte:02x}");
-            text
-        })
+        hex(hash.finalize())
     }
 }
 

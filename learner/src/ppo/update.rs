@@ -7,7 +7,7 @@
 use super::gae::{Targets, estimate};
 use super::loss::{Experience, Terms, terms};
 use crate::auxiliary::{Auxiliary, Pass, Tally};
-use crate::network::{Network, Packing, all_finite, to_vec};
+use crate::network::{Network, Observations, Packing, all_finite, to_vec};
 use crate::optimizer::{Adam, clip_norm};
 use crate::rollout::Rollout;
 use proto::config::{AuxiliaryConfig, PpoConfig};
@@ -59,6 +59,9 @@ pub struct Update<'a> {
 struct Share {
     packing: Packing,
     experience: Experience,
+    /// What was seen, when one share is the whole batch: then it is made once, not in every epoch, and is little beside
+    /// what the pass itself keeps. Of several shares each makes its own anew: they are there to save memory.
+    observations: Option<Observations>,
 }
 
 /// Names of the scalars of a pass, in the order in which they are read back from the device.
@@ -148,7 +151,8 @@ impl Update<'_> {
                     advantages: target(&|row| targets.advantage(row)),
                     returns: target(&|row| targets.value_target(row)),
                 };
-                Share { packing, experience }
+                let observations = (width >= columns).then(|| self.rollout.observations(&packing));
+                Share { packing, experience, observations }
             })
             // In a rollout of one step, columns that hold have no rows.
             .filter(|share| !share.packing.rows.is_empty())
@@ -157,9 +161,12 @@ impl Update<'_> {
 
     /// The loss of one pass, and its scalars in the order of [`SCALARS`].
     fn forward(&self, share: &Share, asked: u64, tally: &mut Tally) -> (Tensor, Vec<f32>) {
-        let Share { packing, experience } = share;
+        let Share { packing, experience, observations } = share;
         let Self { network, rollout, .. } = self;
-        let embedded = network.embed(&rollout.observations(packing));
+        let embedded = match observations {
+            Some(observations) => network.embed(observations),
+            None => network.embed(&rollout.observations(packing)),
+        };
         let beliefs = network.belief.unroll(&network.parameters, &embedded, packing, rollout.beliefs_at_start());
         let judgement = network.judge(&beliefs);
 
@@ -168,7 +175,7 @@ impl Update<'_> {
             terms(&judgement, experience, self.ppo.clip, frames);
         let mut loss = &policy + &value * self.ppo.value_coefficient - &entropy * self.ppo.entropy_coefficient;
 
-        let pass = Pass { rollout, packing, embedded: &embedded, beliefs: &beliefs, actions: &experience.actions };
+        let pass = Pass { rollout, packing, beliefs: &beliefs, actions: &experience.actions };
         let mut auxiliary = policy.zeros_like();
         if let Some(answer) = self.auxiliary.loss(&network.parameters, &pass, asked) {
             loss += &answer.loss * self.auxiliary_config.weight;

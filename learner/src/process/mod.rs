@@ -9,9 +9,7 @@ mod control;
 mod lifeline;
 mod lock;
 mod machine;
-mod signals;
 mod stop;
-mod trace;
 mod training;
 mod wire;
 
@@ -21,7 +19,7 @@ pub use training::NonFinite;
 use crate::agent::Agent;
 use crate::checkpoint::Store;
 use crate::collector::{Boundary, Collector, Layout, Settings};
-use crate::device;
+use crate::{device, ffi};
 use anyhow::{Context, Result, bail};
 use control::Control;
 use lock::Lock;
@@ -33,9 +31,6 @@ use std::path::PathBuf;
 use stop::OrchestratorGone;
 use training::Training;
 use wire::Ports;
-
-/// Exit status of a learner that met a number that is not finite.
-pub const EXIT_NON_FINITE: u8 = 3;
 
 /// What a learner is started with.
 #[derive(Debug, Clone)]
@@ -55,9 +50,14 @@ pub struct Arguments {
 /// Runs the learner to the end of its budget or to a stop.
 pub fn run(arguments: Arguments) -> Result<()> {
     let Arguments { run, wire, incarnation, rank, lifeline } = arguments;
+    if rank != 0 {
+        // Checkpoints and locks of several learners of one run would be one another's.
+        bail!("this version trains with one learner: --rank must be 0, not {rank}");
+    }
     let gone = OrchestratorGone::default();
     if lifeline {
-        signals::ignore_interrupt();
+        // Ctrl-C in a terminal reaches every process in the foreground; only the orchestrator acts on it.
+        ffi::ignore_interrupt();
         lifeline::watch(std::io::stdin(), gone.clone()).context("cannot watch the lifeline")?;
     }
     let run = RunFolder::new(run);

@@ -3,7 +3,6 @@
 use super::announcements::{Announcements, Word};
 use super::control::Control;
 use super::stop::{OrchestratorGone, Stop};
-use super::trace::Trace;
 use super::wire::{Ports, Sample};
 use crate::agent::{Agent, AgentError};
 use crate::checkpoint::{Snapshot, Store, encode_tensors};
@@ -76,7 +75,6 @@ struct Loop {
     connected: bool,
     last_save: Instant,
     timing: Timing,
-    trace: Trace,
 }
 
 impl<W: Write> Training<W> {
@@ -87,7 +85,6 @@ impl<W: Write> Training<W> {
             connected: false,
             last_save: Instant::now(),
             timing: Timing::default(),
-            trace: Trace::default(),
         };
         if self.saved.is_none() {
             self.save(&mut state)?;
@@ -111,7 +108,6 @@ impl<W: Write> Training<W> {
             let reward = Reward { kind: stage.reward, lambda_disturb: self.config.reward.lambda_disturb };
             self.agent.begin_rollout(shape);
             self.collector.begin(shape, reward, version);
-            state.trace = Trace::new(shape.steps, environments);
             match self.collect(&mut state) {
                 Ok(None) => {}
                 Ok(Some(stop)) => {
@@ -121,7 +117,7 @@ impl<W: Write> Training<W> {
                 Err(error) if error.is::<Silent>() => {
                     // The work up to the boundary is good, whatever became of the actor.
                     self.agent.abandon_rollout();
-                    self.save(&mut state)?;
+                    self.save_unsaved(&mut state)?;
                     return Err(error);
                 }
                 Err(error) => return Err(error),
@@ -133,7 +129,7 @@ impl<W: Write> Training<W> {
             fault::reach("learner.before_update");
             let update_began = Instant::now();
             let update = self.agent.update(progress, self.rollout);
-            let mut metrics = update.map_err(|error| self.agent_failed(error, &state.trace))?;
+            let mut metrics = update.map_err(|error| self.agent_failed(error))?;
             fault::reach("learner.after_update");
             state.timing.update_s = update_began.elapsed().as_secs_f64();
             metrics.extend(statistics.metrics());
@@ -171,12 +167,15 @@ impl<W: Write> Training<W> {
                 tracing::warn!("the orchestrator is gone: saving at {} frames, rollout {}", self.frames, self.rollout);
             }
         }
-        if self.saved != Some(self.rollout) {
-            self.save(state)?;
-        }
+        self.save_unsaved(state)?;
         let weights = self.agent.weights_digest();
         self.tell(&LearnerEvent::Finished { rank: self.rank, frames: self.frames, weights, complete: stop.is_none() });
         Ok(())
+    }
+
+    /// Saves, unless this very boundary is on disk.
+    fn save_unsaved(&mut self, state: &mut Loop) -> Result<()> {
+        if self.saved == Some(self.rollout) { Ok(()) } else { self.save(state) }
     }
 
     fn save(&mut self, state: &mut Loop) -> Result<()> {
@@ -203,7 +202,7 @@ impl<W: Write> Training<W> {
     fn await_announcement(&mut self, state: &mut Loop) -> Result<Result<u64, Stop>> {
         let began = Instant::now();
         loop {
-            self.receive_all(state)?;
+            self.receive_all()?;
             if let Some(stop) = self.stop_asked(state)? {
                 return Ok(Err(stop));
             }
@@ -211,7 +210,15 @@ impl<W: Write> Training<W> {
                 Word::Begin { version } => return Ok(Ok(version)),
                 Word::Stop => return Ok(Err(Stop::Announced)),
                 Word::Wait if began.elapsed() >= ANNOUNCEMENT_DEADLINE => {
-                    bail!("rollout {} was not announced within {} s", self.rollout, ANNOUNCEMENT_DEADLINE.as_secs())
+                    // The work up to the boundary is good, whatever became of the orchestrator.
+                    self.save_unsaved(state)?;
+                    bail!(
+                        "the orchestrator does not answer: rollout {} was not announced within {} s. The run is saved: \
+                         end the orchestrator if it still runs, then `orchestrator resume {}`",
+                        self.rollout,
+                        ANNOUNCEMENT_DEADLINE.as_secs(),
+                        self.run.root().display()
+                    )
                 }
                 // Announcements ring no bell.
                 Word::Wait => self.ports.wait(Duration::from_millis(2))?,
@@ -232,12 +239,15 @@ impl<W: Write> Training<W> {
                     }
                 }
                 Task::Act { half, t } => {
+                    if !state.connected {
+                        // What is due could not be if any actor had not answered.
+                        state.connected = true;
+                        self.tell(&LearnerEvent::ActorsConnected { rank: self.rank });
+                    }
                     let began = Instant::now();
-                    self.settle(half, state);
+                    self.settle(half);
                     let batch = self.collector.batch(half);
-                    let input = batch.input();
-                    let output = self.agent.step(t, &input).map_err(|error| self.agent_failed(error, &state.trace))?;
-                    state.trace.step(t, &input, &output);
+                    let output = self.agent.step(t, &batch.input()).map_err(|error| self.agent_failed(error))?;
                     drop(batch);
                     state.timing.infer_s += began.elapsed().as_secs_f64();
                     for batch in self.collector.answer(half, &output.actions) {
@@ -249,9 +259,9 @@ impl<W: Write> Training<W> {
                 }
                 Task::Bootstrap { half } => {
                     let began = Instant::now();
-                    self.settle(half, state);
+                    self.settle(half);
                     let batch = self.collector.batch(half);
-                    self.agent.bootstrap(&batch.input()).map_err(|error| self.agent_failed(error, &state.trace))?;
+                    self.agent.bootstrap(&batch.input()).map_err(|error| self.agent_failed(error))?;
                     drop(batch);
                     state.timing.infer_s += began.elapsed().as_secs_f64();
                     self.collector.bootstrapped(half);
@@ -261,10 +271,9 @@ impl<W: Write> Training<W> {
         }
     }
 
-    fn settle(&mut self, half: u32, state: &mut Loop) {
+    fn settle(&mut self, half: u32) {
         for settled in self.collector.settle(half) {
             self.agent.record(settled.t, settled.column, settled.outcome);
-            state.trace.outcome(settled.t, settled.column, settled.outcome);
         }
     }
 
@@ -274,12 +283,14 @@ impl<W: Write> Training<W> {
         let deadline_s = self.config.learner.actor_deadline_s;
         let mut notice = FIRST_NOTICE;
         loop {
-            self.receive_all(state)?;
+            self.receive_all()?;
             let missing = self.collector.missing();
             if let Some(stop) = self.stop_asked(state)? {
                 return Ok(Some(stop));
             }
-            let Some(&first) = missing.first() else { return Ok(None) };
+            if missing.is_empty() {
+                return Ok(None);
+            }
             let waited = began.elapsed();
             if waited.as_secs_f64() >= deadline_s {
                 let named: Vec<String> = missing.iter().map(u32::to_string).collect();
@@ -290,14 +301,16 @@ impl<W: Write> Training<W> {
             if waited >= notice {
                 notice = waited + NOTICE_INTERVAL;
                 let waited_s = waited.as_secs_f64();
-                self.tell(&LearnerEvent::WaitingForActor { rank: self.rank, actor: first, waited_s });
+                for actor in missing {
+                    self.tell(&LearnerEvent::WaitingForActor { rank: self.rank, actor, waited_s });
+                }
             }
             self.ports.wait(LOOK)?;
         }
     }
 
     /// Takes in every sample that is waiting: whoever is served first must not keep others waiting.
-    fn receive_all(&mut self, state: &mut Loop) -> Result<()> {
+    fn receive_all(&mut self) -> Result<()> {
         while let Some((header, sample)) = self.ports.receive()? {
             match self.collector.receive(&header, sample)? {
                 Received::Hello { actor, actor_incarnation } => {
@@ -309,10 +322,6 @@ impl<W: Write> Training<W> {
                 }
                 Received::Kept | Received::Duplicate => {}
             }
-        }
-        if !state.connected && self.collector.all_here() {
-            state.connected = true;
-            self.tell(&LearnerEvent::ActorsConnected { rank: self.rank });
         }
         Ok(())
     }
@@ -334,11 +343,11 @@ impl<W: Write> Training<W> {
     }
 
     /// A number that is not finite is dumped with its rollout; every other error passes.
-    fn agent_failed(&self, error: AgentError, trace: &Trace) -> anyhow::Error {
+    fn agent_failed(&self, error: AgentError) -> anyhow::Error {
         let AgentError::NonFinite { what } = error else { return error.into() };
-        let path = self.run.root().join(format!("nonfinite-rollout-{}.safetensors", self.rollout));
+        let path = self.run.nonfinite_dump(self.rollout);
         let mut tensors = self.agent.state().tensors;
-        tensors.extend(trace.tensors());
+        tensors.extend(self.agent.rollout_tensors());
         let written = encode_tensors(&tensors)
             .map_err(anyhow::Error::from)
             .and_then(|bytes| write_atomically(&path, &bytes).context("cannot write"));

@@ -202,10 +202,15 @@ impl Scene {
         self.actors = (0..shape.actors).map(|actor| StandIn::start(&self.address, &self.config, actor, 1)).collect();
     }
 
-    fn close(&mut self) {
+    /// All actors die for good.
+    pub fn stop_actors(&mut self) {
         for actor in &mut self.actors {
             actor.stop();
         }
+    }
+
+    fn close(&mut self) {
+        self.stop_actors();
         self.stage = None;
         self.host = None;
         self.address.sweep().unwrap();
