@@ -167,6 +167,8 @@ impl RunLock {
             .open(&path)
             .with_context(|| format!("cannot open {}", path.display()))?;
         if wait_for_lock(&file, Duration::from_millis(500))? {
+            // The last holder's signature: its process id may be somebody else's by now, and `stop` would signal it.
+            file.set_len(0).with_context(|| format!("cannot write {}", path.display()))?;
             return Ok(Self { file });
         }
         match holder_in(&path) {
@@ -272,7 +274,8 @@ mod tests {
         assert!(message.contains("already in use: pid"), "{message}");
         drop(lock);
         assert_eq!(holder(&folder).unwrap(), Held::Free);
-        RunLock::acquire(&folder).unwrap();
+        let _unsigned = RunLock::acquire(&folder).unwrap();
+        assert_eq!(holder(&folder).unwrap(), Held::Unsigned, "the signature of the holder before");
     }
 
     #[test]

@@ -81,7 +81,17 @@ impl Session {
         let begin = Instant::now();
         let (incarnation, address) = self.identity.begin_incarnation();
         self.identity.write(&self.folder)?;
-        self.lock.sign(incarnation)?;
+        match self.sitting(incarnation, &address) {
+            Ok((outcome, recording, history)) => self.report(&outcome, &recording, &history, begin.elapsed()),
+            Err(error) => {
+                self.note_end("failed", None, Some(format!("{error:#}")));
+                Err(error)
+            }
+        }
+    }
+
+    /// Everything between the note that it began and the note how it ended.
+    fn sitting(&mut self, incarnation: u32, address: &WireAddress) -> Result<(Outcome, Result<()>, History)> {
         let log_path = self.folder.log("orchestrator");
         let log = OpenOptions::new().create(true).append(true).open(&log_path);
         terminal::log_to_file(log.with_context(|| format!("cannot open {}", log_path.display()))?);
@@ -97,31 +107,25 @@ impl Session {
 
         let mut history = History::read(&self.folder)?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
-        let result = runtime.block_on(self.sit(incarnation, &address, &mut history));
+        let result = runtime.block_on(self.sit(incarnation, address, &mut history));
         // Whatever happened: no process and nothing in shared memory stays of this incarnation.
         drop(runtime);
-        if let Err(error) = remains::sweep(&address, Duration::from_secs(2)) {
+        if let Err(error) = remains::sweep(address, Duration::from_secs(2)) {
             tracing::warn!("{error:#}");
         }
-
-        let (outcome, recording) = match result {
-            Ok(both) => both,
-            Err(error) => {
-                self.note_end("failed", None, Some(format!("{error:#}")));
-                return Err(error);
-            }
-        };
-        self.report(&outcome, &recording, &history, begin.elapsed())
+        result.map(|(outcome, recording)| (outcome, recording, history))
     }
 
     /// From the claim to the last process's end.
     async fn sit(
-        &self,
+        &mut self,
         incarnation: u32,
         address: &WireAddress,
         history: &mut History,
     ) -> Result<(Outcome, Result<()>)> {
         let signals = Signals::install()?;
+        // `stop` signals whoever has signed: not before a signal is a request rather than the end.
+        self.lock.sign(incarnation)?;
         let run = std::path::absolute(self.folder.root()).context("run folder")?;
         let _claim = remains::claim(address, &run)?;
         let shape = WireShape {
@@ -182,11 +186,10 @@ impl Session {
         history: &History,
         wall: Duration,
     ) -> Result<ExitCode> {
-        let (how, reason) = match &outcome.end {
-            End::Complete => ("complete", None),
-            End::Stopped => ("stopped", None),
-            End::Interrupted => ("interrupted", None),
-            End::Failed(reason) => ("failed", Some(reason.clone())),
+        let how = outcome.end.word();
+        let reason = match &outcome.end {
+            End::Failed(reason) => Some(reason.clone()),
+            End::Complete | End::Stopped | End::Interrupted => None,
         };
         let saved = outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.as_str()));
         let incarnations = self.identity.incarnations.len() as u32;
@@ -201,7 +204,7 @@ impl Session {
             terminal::note(&format!("go on with: orchestrator resume {}", self.folder.root().display()));
         }
         if let Some(summary) = &summary {
-            for line in summary.lines(&self.folder, Some(wall)) {
+            for line in summary.lines(&self.folder, &outcome.end, Some(wall)) {
                 terminal::out(&line);
             }
         } else if let End::Stopped | End::Interrupted = outcome.end {

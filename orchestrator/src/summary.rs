@@ -1,10 +1,11 @@
 //! The end of a run: `summary.json` and what is printed. Its last two lines are for scripts: `weights: ` and 64 hex
-//! digits, `frames: ` and a count.
+//! digits, `frames: ` and a count; a run that failed has neither.
 
 use crate::figures::{EpisodeFigures, StageFigures, by_stage};
 use crate::format;
 use crate::metrics::{History, total_s};
 use crate::progress::reward_symbol;
+use crate::supervisor::machine::End;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
@@ -91,9 +92,10 @@ impl Summary {
         }
     }
 
-    /// As people read it. `wall` is how long this sitting took.
-    pub fn lines(&self, folder: &RunFolder, wall: Option<Duration>) -> Vec<String> {
-        let state = if self.complete { "complete" } else { "stopped" };
+    /// As people read it. `wall` is how long this sitting took. A failed run has no result, so the two lines for
+    /// scripts are missing then.
+    pub fn lines(&self, folder: &RunFolder, end: &End, wall: Option<Duration>) -> Vec<String> {
+        let state = end.word();
         let mut lines = vec![format!(
             "run {} {state}: preset {}, seed {}, {} of {} frames",
             self.id,
@@ -117,8 +119,10 @@ impl Summary {
             [one] => lines.push(format!("recording   {}", folder.root().join(one).display())),
             many => lines.push(format!("recordings  {} ({} files)", folder.recordings().display(), many.len())),
         }
-        lines.push(format!("weights: {}", self.weights));
-        lines.push(format!("frames: {}", self.frames));
+        if !matches!(end, End::Failed(_)) {
+            lines.push(format!("weights: {}", self.weights));
+            lines.push(format!("frames: {}", self.frames));
+        }
         lines
     }
 }
@@ -182,7 +186,8 @@ mod tests {
 
     #[test]
     fn the_last_lines_are_weights_and_frames() {
-        let lines = summary().lines(&RunFolder::new("/nowhere/run"), Some(Duration::from_secs(61)));
+        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &End::Stopped, Some(Duration::from_secs(61)));
+        assert!(lines[0].starts_with("run 0a1b stopped: "), "{}", lines[0]);
         assert_eq!(lines[lines.len() - 2], format!("weights: {}", "f".repeat(64)));
         assert_eq!(lines[lines.len() - 1], "frames: 1500");
         assert_eq!(
@@ -194,6 +199,13 @@ mod tests {
             ]
         );
         assert_eq!(lines[4], "training time 1 min 00 s over 2 starts, wall time 1 min 01 s, 25.0 frames/s");
+    }
+
+    #[test]
+    fn a_failed_run_is_called_so_and_has_no_result() {
+        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &End::Failed("disk full".to_owned()), None);
+        assert!(lines[0].starts_with("run 0a1b failed: "), "{}", lines[0]);
+        assert!(!lines.iter().any(|line| line.starts_with("weights:") || line.starts_with("frames:")));
     }
 
     #[test]

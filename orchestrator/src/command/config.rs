@@ -22,14 +22,9 @@ pub struct ConfigArgs {
 
 /// Runs the command.
 pub fn run(args: &ConfigArgs) -> Result<()> {
-    let asked = match &args.preset {
-        Some(preset) => Some(preset.clone()),
-        None => args.overrides.preset_in_file()?,
-    };
-    let preset = asked.unwrap_or_else(|| {
-        // Without a learner that starts there is no CUDA either.
-        Tools::find().map_or("demo", |tools| default_preset(&tools.torch)).to_owned()
-    });
+    // Without a learner that starts there is no CUDA either.
+    let default = || Ok(Tools::find().map_or("demo", |tools| default_preset(&tools.torch)));
+    let preset = args.overrides.preset(args.preset.as_deref(), default)?;
     terminal::out(args.overrides.resolve(&preset)?.to_toml().trim_end());
     Ok(())
 }

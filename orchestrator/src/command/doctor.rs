@@ -52,11 +52,8 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         table.row("libtorch", Finding::Good(text));
         table.row("devices", Finding::Good(devices.join(", ")));
     }
-    let default = torch.as_ref().map_or("demo", default_preset).to_owned();
-    let preset = match &args.preset {
-        Some(preset) => preset.clone(),
-        None => args.overrides.preset_in_file()?.unwrap_or(default),
-    };
+    let default = || Ok(torch.as_ref().map_or("demo", default_preset));
+    let preset = args.overrides.preset(args.preset.as_deref(), default)?;
     match args.overrides.resolve(&preset) {
         Err(error) => table.row("configuration", Finding::Problem(format!("{error:#}"))),
         Ok(config) => {

@@ -47,8 +47,19 @@ impl Overrides {
         Ok(config)
     }
 
-    /// The preset to use when none is asked for: the one the user's file names, if it names one.
-    pub fn preset_in_file(&self) -> Result<Option<String>> {
+    /// The preset to take: the one `asked` for, else the one that the user's file names, else `default`, which is
+    /// only computed then.
+    pub fn preset(&self, asked: Option<&str>, default: impl FnOnce() -> Result<&'static str>) -> Result<String> {
+        if let Some(asked) = asked {
+            return Ok(asked.to_owned());
+        }
+        match self.preset_in_file()? {
+            Some(named) => Ok(named),
+            None => Ok(default()?.to_owned()),
+        }
+    }
+
+    fn preset_in_file(&self) -> Result<Option<String>> {
         let Some(path) = &self.config else { return Ok(None) };
         let text =
             std::fs::read_to_string(path).with_context(|| format!("cannot read configuration {}", path.display()))?;
@@ -73,7 +84,10 @@ mod tests {
         let path = folder.path().join("mine.toml");
         std::fs::write(&path, "preset = \"paper\"\nseed = 5\n[actors]\ncount = 3\n").unwrap();
         let overrides = Overrides { config: Some(path), actors: Some(2), ..Overrides::default() };
-        assert_eq!(overrides.preset_in_file().unwrap().as_deref(), Some("paper"));
+        let unused = || -> Result<&'static str> { anyhow::bail!("nobody needs a default") };
+        assert_eq!(overrides.preset(None, unused).unwrap(), "paper");
+        assert_eq!(overrides.preset(Some("demo"), unused).unwrap(), "demo");
+        assert_eq!(Overrides::default().preset(None, || Ok("two-stage")).unwrap(), "two-stage");
         let config = overrides.resolve("demo").unwrap();
         assert_eq!((config.preset.as_str(), config.seed, config.actors.count), ("demo", 5, 2));
         assert_eq!(config.actors.environments_per_actor, 4);
@@ -81,9 +95,17 @@ mod tests {
 
     #[test]
     fn frames_scale_all_stages() {
-        let overrides = Overrides { frames: Some(500), ..Overrides::default() };
-        let frames: Vec<u64> = overrides.resolve("demo").unwrap().stages.iter().map(|stage| stage.frames).collect();
-        assert_eq!(frames, [300, 200]);
+        let frames_of = |overrides: Overrides| -> Vec<u64> {
+            overrides.resolve("demo").unwrap().stages.iter().map(|stage| stage.frames).collect()
+        };
+        let whole = frames_of(Overrides::default());
+        let total: u64 = whole.iter().sum();
+        let scaled = frames_of(Overrides { frames: Some(500), ..Overrides::default() });
+        assert_eq!((scaled.len(), scaled.iter().sum::<u64>()), (whole.len(), 500));
+        for (scaled, whole) in scaled.iter().zip(&whole) {
+            let exact = *whole as f64 / total as f64 * 500.0;
+            assert!((*scaled as f64 - exact).abs() <= 1.0, "{scaled} is not {exact}");
+        }
         let overrides = Overrides { frames: Some(1), ..Overrides::default() };
         assert!(overrides.resolve("demo").unwrap_err().to_string().contains("--frames"));
     }

@@ -1,9 +1,11 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
+use crate::format;
 use crate::identity::{Identity, RunLock, host_name, wait_for_learner};
 use crate::remains;
 use crate::session::{Session, Tools, preflight};
 use crate::summary::Summary;
+use crate::supervisor::machine::{End, Policy};
 use crate::terminal;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
@@ -13,8 +15,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// How long a learner that outlived its orchestrator may take to save and leave.
-const LEARNER_LEAVES: Duration = Duration::from_mins(1);
 /// How long actors may take to notice that their orchestrator is gone.
 const ACTORS_LEAVE: Duration = Duration::from_secs(5);
 
@@ -34,11 +34,14 @@ pub struct ResumeArgs {
 /// Runs the command.
 pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     let folder = RunFolder::new(&args.run);
-    let identity = Identity::read(&folder)?;
+    // Refuses what is no run before a lock file is made in it.
+    Identity::read(&folder)?;
     let lock = RunLock::acquire(&folder)?;
+    // Only now nobody else writes it.
+    let identity = Identity::read(&folder)?;
     if let Some(summary) = Summary::read(&folder)? {
         terminal::note("this run is complete");
-        for line in summary.lines(&folder, None) {
+        for line in summary.lines(&folder, &End::Complete, None) {
             terminal::out(&line);
         }
         return Ok(ExitCode::SUCCESS);
@@ -47,7 +50,7 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
     let config = Config::from_toml(&text, &path.display().to_string())?;
     let tools = Tools::find()?;
-    settle(&folder, &identity)?;
+    settle(&folder, &identity, Policy::of(&config).silence)?;
     preflight(&config, &folder, &tools)?;
     for path in [folder.logs(), folder.checkpoints(), folder.recordings()] {
         std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
@@ -55,20 +58,22 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     Session { folder, config, identity, lock, tools }.run()
 }
 
-/// Waits until nothing of an earlier incarnation runs any more, and removes what it left.
-fn settle(folder: &RunFolder, identity: &Identity) -> Result<()> {
+/// Waits until nothing of an earlier incarnation runs any more, and removes what it left. A learner that outlived its
+/// orchestrator finishes its update before it saves and leaves, so it is given `patience`: as long as the supervisor
+/// gives an update.
+fn settle(folder: &RunFolder, identity: &Identity, patience: Duration) -> Result<()> {
     let tell = || {
         terminal::note(&format!(
-            "the learner of the last start still runs; waiting up to {} s for it to save and leave",
-            LEARNER_LEAVES.as_secs()
+            "the learner of the last start still runs; waiting up to {} for it to finish its update, save and leave",
+            format::duration(patience)
         ));
     };
-    if !wait_for_learner(folder, 0, LEARNER_LEAVES, tell)? {
+    if !wait_for_learner(folder, 0, patience, tell)? {
         bail!(
-            "the learner of the last start still holds {} after {} s; if it hangs, end it (`orchestrator clean` names \
+            "the learner of the last start still holds {} after {}; if it hangs, end it (`orchestrator clean` names \
              and ends what has outlived its orchestrator) and resume again",
             folder.learner_lock(0).display(),
-            LEARNER_LEAVES.as_secs()
+            format::duration(patience)
         );
     }
     for incarnation in identity.incarnations.iter().filter(|incarnation| incarnation.ended.is_none()) {

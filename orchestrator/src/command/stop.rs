@@ -1,6 +1,7 @@
 //! `orchestrator stop`: an orderly stop of a run that another process runs.
 
 use crate::identity::{Held, Identity, holder, host_name};
+use crate::supervisor::machine::FAILED;
 use crate::terminal;
 use anyhow::{Result, bail};
 use proto::run_folder::RunFolder;
@@ -64,10 +65,10 @@ pub fn run(args: &StopArgs) -> Result<()> {
     let Some(ended) = identity.incarnations.last().and_then(|last| last.ended.as_ref()) else {
         bail!("{root} was cut off; `orchestrator resume {root}` goes on from its last checkpoint");
     };
-    terminal::out(&format!("run {} {}", identity.id, ended.how));
-    if let Some(reason) = &ended.reason {
-        terminal::out(reason);
+    if ended.how == FAILED {
+        bail!("run {} failed: {}", identity.id, ended.reason.as_deref().unwrap_or("no reason is written down"));
     }
+    terminal::out(&format!("run {} {}", identity.id, ended.how));
     if let Some(weights) = &ended.weights {
         terminal::out(&format!("weights: {weights}"));
     }

@@ -37,22 +37,21 @@ pub struct UpArgs {
 /// Runs the command.
 pub fn run(args: &UpArgs) -> Result<ExitCode> {
     // What the user wrote is judged before anything is started.
-    let asked = match &args.preset {
-        Some(preset) => Some(preset.clone()),
-        None => args.overrides.preset_in_file()?,
-    };
-    let config = asked.as_deref().map(|preset| args.overrides.resolve(preset)).transpose()?;
     if let Some(run) = &args.run {
         check_free(&RunFolder::new(run))?;
     }
-    let tools = Tools::find()?;
-    let config = match config {
-        Some(config) => config,
-        None => args.overrides.resolve(default_preset(&tools.torch))?,
+    let mut found = None;
+    let default = || Ok(default_preset(&found.insert(Tools::find()?).torch));
+    let config = args.overrides.resolve(&args.overrides.preset(args.preset.as_deref(), default)?)?;
+    // The default was needed: nobody asked for a preset, on the command line or in a file.
+    let asked = found.is_none();
+    let tools = match found {
+        Some(tools) => tools,
+        None => Tools::find()?,
     };
     let folder = RunFolder::new(args.run.clone().unwrap_or_else(|| default_folder(&config)));
     preflight(&config, &folder, &tools)?;
-    introduce(&config, args.preset.is_some());
+    introduce(&config, asked);
     let (identity, lock) = create(&folder, &config)?;
     Session { folder, config, identity, lock, tools }.run()
 }

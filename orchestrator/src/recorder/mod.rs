@@ -205,7 +205,8 @@ impl Recorder {
         self.note(Note::Log { level: Level::Info, process: "orchestrator".to_owned(), line });
     }
 
-    /// Why nothing is written any more, if that is so. The run itself is not affected.
+    /// Why nothing is written any more, if that is so. The supervisor then saves and ends the run; until it has, the
+    /// thread goes on taking samples, so that no actor waits for it.
     pub fn failure(&self) -> Option<String> {
         match self.failure.get() {
             Some(failure) => Some(failure.clone()),

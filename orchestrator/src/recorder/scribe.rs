@@ -81,6 +81,9 @@ struct Environment {
     calibration: Topic,
     /// Observation that was last described, so that one that comes back after a HOLD is not described again.
     described: Option<(u32, u32, u32)>,
+    /// Transition that was last accounted for: learner incarnation, episode, step. An actor that is restarted during a
+    /// HOLD knows nothing of the HOLD and sends the action before it again, as the next exchange.
+    taken: Option<(u32, u32, u32)>,
     returns: Option<Returns>,
 }
 
@@ -114,7 +117,7 @@ impl Scribe {
                 let depth = segments.topic(format!("/depth/{prefix}/image"), "foxglove.RawImage");
                 let calibration = segments.topic(format!("/depth/{prefix}/calibration"), "foxglove.CameraCalibration");
                 let frames = FrameNames::under(&prefix);
-                Environment { id, frames, depth, calibration, described: None, returns: None }
+                Environment { id, frames, depth, calibration, described: None, taken: None, returns: None }
             })
             .collect();
         let image = RawImage {
@@ -151,10 +154,15 @@ impl Scribe {
         for (index, observation) in range.zip(observations) {
             let environment = first as usize + index;
             let transition = &observation.transition;
-            if with_transitions && transition.flags & transition_flag::VALID != 0 {
-                self.step(time_ns, header, environment, index as u32, transition)?;
-                if transition.flags & transition_flag::ENDED != 0 {
-                    self.episode_end(time_ns, header, environment, transition)?;
+            let taken = Some((header.learner_incarnation, transition.episode, transition.step));
+            if transition.flags & transition_flag::VALID != 0 && self.environments[environment].taken != taken {
+                // At a restore point, too: there the transition is old, but a HOLD may follow.
+                self.environments[environment].taken = taken;
+                if with_transitions {
+                    self.step(time_ns, header, environment, index as u32, transition)?;
+                    if transition.flags & transition_flag::ENDED != 0 {
+                        self.episode_end(time_ns, header, environment, transition)?;
+                    }
                 }
             }
             let current = &observation.current;

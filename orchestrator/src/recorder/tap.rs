@@ -159,7 +159,7 @@ impl<'a> Desk<'a> {
         let Some(scribe) = &mut self.scribe else { return };
         if let Err(error) = write(scribe) {
             let message = RecorderError::from(error).to_string();
-            tracing::error!("recording ends here, the run goes on: {message}");
+            tracing::error!("recording ends here, and the run is saved and ended: {message}");
             // Only this thread sets it, and only once: the scribe is gone afterwards.
             let _ = self.failure.set(message);
             if let Some(scribe) = self.scribe.take() {

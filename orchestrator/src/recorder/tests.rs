@@ -160,6 +160,57 @@ fn a_hold_is_not_recorded() {
 }
 
 #[test]
+fn an_actor_restarted_during_a_hold_repeats_no_step() {
+    let bench = Bench::new("hold2");
+    let recorder = bench.start();
+    let [actor, _] = bench.actors();
+    // Sent as exchange `step`, it describes where the environment stood after `exchange` actions.
+    let repeat = |step: u64, learner: u32, exchange: u64| {
+        actor.send(1, learner, step, |observation| {
+            *observation = testing::observation(observation.environment, exchange, 0);
+        });
+    };
+    let last = u64::from(EPISODE_STEPS);
+    for step in 0..=last {
+        actor.send(1, 1, step, |_| {});
+    }
+    // HOLD, and an actor that was rebuilt sends the last action again: the one that ended the episode.
+    repeat(last + 1, 1, last);
+    repeat(last + 2, 1, last + 1);
+    // The learner goes back to before this point, and the HOLD comes right after its restore point.
+    repeat(last, 2, last);
+    repeat(last + 1, 2, last);
+    repeat(last + 2, 2, last + 1);
+    let summary = recorder.finish().unwrap();
+    assert_eq!((summary.steps, summary.episodes), (last + 2, 1));
+}
+
+#[test]
+fn files_may_be_given_in_any_order_and_under_any_name() {
+    let mut bench = Bench::new("order");
+    bench.config.recording.segment_bytes = 20_000;
+    let recorder = bench.start();
+    let [actor, _] = bench.actors();
+    for step in 0..=30 {
+        for half in 0..2 {
+            actor.send(half, 1, step, |observation| observation.current.flags |= current_flag::RECORD_DEPTH);
+        }
+    }
+    let files = recorder.finish().unwrap().files;
+    assert!(files.len() > 2, "{files:?}");
+    let in_order = gather(&files, Wanted::default()).unwrap();
+    let moved: Vec<PathBuf> = (0..files.len()).map(|i| files[i].with_file_name(format!("{}.mcap", 99 - i))).collect();
+    for (from, to) in files.iter().zip(&moved) {
+        std::fs::rename(from, to).unwrap();
+    }
+    let backwards: Vec<PathBuf> = moved.into_iter().rev().collect();
+    let recorded = gather(&backwards, Wanted::default()).unwrap();
+    assert_eq!((recorded.broken, recorded.headless), (0, 0));
+    assert_eq!(recorded.episodes, in_order.episodes);
+    assert_eq!(recorded.episodes.len(), 3 * 6);
+}
+
+#[test]
 fn a_rewind_is_recorded_again_and_readers_take_the_newest() {
     let bench = Bench::new("rewind");
     let recorder = bench.start();
@@ -343,6 +394,25 @@ proptest! {
         prop_assert!(some.iter().all(|message| all.contains(message)));
         let _ = gather(&[path], Wanted::default());
     }
+}
+
+#[test]
+fn a_repair_replaces_no_file_of_the_user() {
+    let whole = recording();
+    let folder = tempfile::tempdir().unwrap();
+    let (path, output, cut) = (folder.path().join("a.mcap"), folder.path().join("b"), folder.path().join("a.mcap.cut"));
+    std::fs::write(&path, &whole[..whole.len() / 2]).unwrap();
+    for existing in [&output, &cut] {
+        std::fs::write(existing, "precious").unwrap();
+    }
+    for refused in [repair(&path, Some(&output)), repair(&path, Some(&path)), repair(&path, None)] {
+        assert!(refused.unwrap_err().to_string().contains("exists: move it away"));
+    }
+    for existing in [&output, &cut] {
+        assert_eq!(std::fs::read_to_string(existing).unwrap(), "precious");
+    }
+    assert_eq!(std::fs::read(&path).unwrap(), &whole[..whole.len() / 2]);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3, "nothing is left behind");
 }
 
 #[test]

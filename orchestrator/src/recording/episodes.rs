@@ -1,13 +1,13 @@
 //! Recorded episodes, put together from the steps of one or more segments.
 //!
 //! An episode can run over several segments, and after a learner went back to its checkpoint a part of it is recorded
-//! twice. Files are read in the order of time and steps of a newer learner incarnation replace what they redo, with
+//! twice. Files are read in the order of time, however they are given, and steps of a newer learner incarnation replace what they redo, with
 //! everything after it.
 
 use super::reader::{Extent, RecordingError, read};
 use crate::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, identity};
 use crate::schema::stillroom::{EpisodeStart, Step};
-use mcap::records::Record;
+use mcap::records::{Metadata, Record};
 use prost::Message;
 use proto::SCHEMA_VERSION;
 use proto::episode::EnvironmentId;
@@ -60,6 +60,10 @@ struct Assembly {
 
 impl Assembly {
     fn step(&mut self, generation: Generation, step: usize, action: u8, hash: u64) {
+        if generation < self.generation {
+            // Void: a newer learner has gone on from an earlier point, and that has been read already.
+            return;
+        }
         if generation > self.generation {
             // The learner went back to before this step: what an older one did from here on is void.
             self.generation = generation;
@@ -79,15 +83,46 @@ impl Assembly {
     }
 }
 
-/// Reads the files in order and puts the wanted episodes together.
+/// Reads the files, given in any order, and puts the wanted episodes together.
 pub fn gather(files: &[PathBuf], wanted: Wanted) -> Result<Recorded, RecordingError> {
+    let mut in_time = files.iter().map(|path| Ok((place(path)?, path))).collect::<Result<Vec<_>, RecordingError>>()?;
+    in_time.sort_by_key(|(place, _)| *place);
     let mut collection = Collection { wanted, ..Collection::default() };
     let mut complaints = Vec::new();
-    for path in files {
+    for (_, path) in in_time {
         let extent = collection.add(path)?;
         complaints.extend(extent.complaint(path));
     }
     collection.into_recorded(files, complaints)
+}
+
+/// Incarnation of the orchestrator and number of the segment, from the beginning of a file; none if it does not say.
+/// Not from its name: files are copied and renamed.
+fn place(path: &Path) -> Result<Option<(u32, u32)>, RecordingError> {
+    /// Why reading ends before the end of the file.
+    enum Enough {
+        Seen(Option<(u32, u32)>),
+        Failed(RecordingError),
+    }
+    impl From<RecordingError> for Enough {
+        fn from(error: RecordingError) -> Self {
+            Self::Failed(error)
+        }
+    }
+    let outcome = read(path, |record| match record {
+        Record::Metadata(Metadata { name, metadata }) if name == IDENTITY_METADATA => {
+            let number = |key: &str| metadata.get(key)?.parse().ok();
+            Err(Enough::Seen(number(identity::INCARNATION).zip(number(identity::SEGMENT))))
+        }
+        // It comes before everything that was seen.
+        Record::Message { .. } => Err(Enough::Seen(None)),
+        _ => Ok(()),
+    });
+    match outcome {
+        Ok(_) => Ok(None),
+        Err(Enough::Seen(place)) => Ok(place),
+        Err(Enough::Failed(error)) => Err(error),
+    }
 }
 
 #[derive(Default)]
@@ -252,6 +287,15 @@ mod tests {
             let got: Vec<_> = assembly.actions.iter().copied().zip(assembly.hashes.iter().copied()).collect();
             prop_assert_eq!(got, reference);
         }
+    }
+
+    #[test]
+    fn an_older_learner_adds_nothing_to_a_newer_one() {
+        let mut assembly = Assembly::default();
+        assembly.step((2, 1), 0, 1, 10);
+        assembly.step((1, 1), 1, 9, 90);
+        assert!(!assembly.gap);
+        assert_eq!((assembly.actions, assembly.hashes), (vec![1], vec![10]));
     }
 
     #[test]

@@ -1,9 +1,10 @@
 //! Reading recordings back: [`reader`] goes through a file however it ends, [`episodes`] puts together what can be
-//! re-simulated, [`repair`] makes a whole file of a cut one.
+//! re-simulated, [`simulate`] does so, [`repair`] makes a whole file of a cut one.
 
 pub mod episodes;
 pub mod reader;
 pub mod repair;
+pub mod simulate;
 
 use reader::RecordingError;
 use std::path::{Path, PathBuf};

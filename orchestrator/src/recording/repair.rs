@@ -19,6 +19,9 @@ pub enum RepairError {
     /// A recorder writes it at this moment.
     #[error("{path} is still being written: stop the run first", path = .0.display())]
     Busy(PathBuf),
+    /// Something would be replaced that may be the only good copy.
+    #[error("{path} exists: move it away first", path = .0.display())]
+    Exists(PathBuf),
     /// The new file.
     #[error("cannot write {path}: {cause}", path = .path.display())]
     Write {
@@ -49,12 +52,17 @@ pub enum Repair {
 }
 
 /// Copies all that is readable in `path` into a complete file: to `output`, or in place of the old file, which is then
-/// kept as `….cut`.
+/// kept as `….cut`. Neither `output` nor `….cut` may exist yet.
 pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError> {
     let unreadable = |cause| RecordingError::Unreadable { path: path.to_path_buf(), cause };
     let old = File::open(path).map_err(unreadable)?;
     if let Err(TryLockError::WouldBlock) = old.try_lock_shared() {
         return Err(RepairError::Busy(path.to_path_buf()));
+    }
+    if let Some(output) = output
+        && output.symlink_metadata().is_ok()
+    {
+        return Err(RepairError::Exists(output.to_path_buf()));
     }
     let target = output.unwrap_or(path);
     let partial = with_suffix(target, ".partial");
@@ -72,6 +80,10 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError>
         return Ok(Repair::NotNeeded { messages: extent.messages });
     }
     let kept = output.is_none().then(|| with_suffix(path, ".cut"));
+    if let Some(kept) = kept.as_ref().filter(|kept| kept.symlink_metadata().is_ok()) {
+        std::fs::remove_file(&partial).map_err(|cause| failed(cause.into()))?;
+        return Err(RepairError::Exists(kept.clone()));
+    }
     let moved = match &kept {
         // A hard link keeps the old content reachable at every moment; the rename then replaces the name alone.
         Some(kept) => std::fs::hard_link(path, kept).or_else(|_| std::fs::rename(path, kept)),

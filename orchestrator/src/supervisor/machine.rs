@@ -1,13 +1,14 @@
 //! The supervisor: a state machine fed with events and a clock. Pure: it starts, signals and prints nothing itself.
 //!
 //! ```text
-//! Running ──stop, Ctrl-C, a process given up, recorder failed──▶ Saving ──learner saved──▶ Leaving ──all gone──▶ Over
+//! Running ──stop, Ctrl-C, a process given up, cannot write─────▶ Saving ──learner saved──▶ Leaving ──all gone──▶ Over
 //!    └───────────────────── budget reached ──────────────────────────────────────────────▶ Leaving
 //! ```
 //!
 //! Every state has a deadline: a learner must become ready, its actors must connect, rollouts must come, a stop must
-//! be answered, a process told to leave must go. What exceeds its deadline is killed, and a kill is a death like any
-//! other. Deaths without progress are bounded ([`super::restart`]), progress is bounded by the frame budget, so every
+//! be answered, a process told to leave must go. A learner that does not become ready, or whose actors do not connect,
+//! fails the run at once: trying again would only take as long again. What exceeds any other deadline is killed, and a
+//! kill is a death like any other. Deaths without progress are bounded ([`super::restart`]), progress is bounded by the frame budget, so every
 //! schedule of events ends in [`Action::Finish`].
 //!
 //! Time is the duration since the orchestrator began.
@@ -15,7 +16,7 @@
 use super::restart::{RestartHistory, RestartPolicy, Verdict};
 use super::stage::{StageMachine, StageSwitch};
 use proto::config::{Config, StageConfig};
-use proto::control::LearnerEvent;
+use proto::control::{EXIT_NON_FINITE, LearnerEvent};
 use proto::kitchen::KitchenId;
 use proto::message::StageAnnouncement;
 use std::collections::BTreeMap;
@@ -91,9 +92,6 @@ fn signal_name(signal: i32) -> Option<&'static str> {
     })
 }
 
-/// Status with which a learner exits on a non-finite loss, gradient or observation.
-pub const EXIT_NON_FINITE: i32 = 3;
-
 /// What happened.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
@@ -121,8 +119,8 @@ pub enum Event {
     Stop,
     /// Ctrl-C: the first is an orderly stop, the second ends everything at once.
     Interrupt,
-    /// The recording cannot go on.
-    RecorderFailed(String),
+    /// The recording or the figures of the run cannot be written any more: a run that nobody can look into is ended.
+    CannotWrite(String),
 }
 
 /// How loudly a report is made.
@@ -181,6 +179,21 @@ pub enum End {
     /// It cannot go on. The reason has been reported.
     Failed(String),
 }
+
+impl End {
+    /// As `run.toml` and the user are told: `complete`, `stopped`, `interrupted` or `failed`.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Complete => "complete",
+            Self::Stopped => "stopped",
+            Self::Interrupted => "interrupted",
+            Self::Failed(_) => FAILED,
+        }
+    }
+}
+
+/// The word for a run that cannot go on.
+pub const FAILED: &str = "failed";
 
 /// The state a learner left behind.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -332,9 +345,9 @@ impl Supervisor {
             Event::Tick => self.tick(now),
             Event::Stop => self.stop(now),
             Event::Interrupt => self.interrupt(now),
-            Event::RecorderFailed(cause) => {
+            Event::CannotWrite(cause) => {
                 if self.phase == Phase::Running {
-                    self.fail(now, format!("the recording cannot go on: {cause}"));
+                    self.fail(now, format!("what the run does cannot be written down any more: {cause}"));
                 }
             }
         }

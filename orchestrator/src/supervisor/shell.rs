@@ -160,7 +160,7 @@ impl Shell<'_> {
                 Event::Learner { incarnation, event } if *incarnation == learner_incarnation => {
                     progress.learner(now, event);
                     if let Err(error) = self.note(event) {
-                        own_events.push_back(Event::RecorderFailed(format!("{error:#}")));
+                        own_events.push_back(Event::CannotWrite(format!("{error:#}")));
                     }
                 }
                 Event::Tick => {
@@ -173,7 +173,7 @@ impl Shell<'_> {
                     }
                     if !recording_failed && let Some(failure) = self.recorder.and_then(Recorder::failure) {
                         recording_failed = true;
-                        own_events.push_back(Event::RecorderFailed(failure));
+                        own_events.push_back(Event::CannotWrite(failure));
                     }
                     progress.show(now, self.history);
                 }

@@ -220,7 +220,7 @@ impl World {
             (19, _) => match pick {
                 0..10 => self.feed(Event::Stop),
                 10..20 => self.feed(Event::Interrupt),
-                20..25 => self.feed(Event::RecorderFailed("disk full".into())),
+                20..25 => self.feed(Event::CannotWrite("disk full".into())),
                 _ => {}
             },
             _ => {}

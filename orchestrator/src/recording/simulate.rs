@@ -1,0 +1,302 @@
+//! Recorded episodes, simulated again.
+//!
+//! The simulator is bit-identical for the same (kitchen, episode, actions). So every recorded episode is handed to
+//! `actor replay`, which takes the actions again and compares the hash of every state on the way, and draws what the
+//! camera saw where that is asked for. The work is divided by kitchen over as many actors as there are cores.
+
+use crate::preflight::programs;
+use crate::terminal;
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use proto::episode::EnvironmentId;
+use proto::kitchen::KitchenId;
+use proto::replay::{RecordedEpisode, ReplaySetup, ReplayVerdict};
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Write};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::time::{Duration, Instant};
+
+/// An actor that says nothing for so long hangs: an episode takes well under a second, the first also builds its
+/// kitchen.
+const SILENCE_DEADLINE: Duration = Duration::from_mins(5);
+const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
+const PROGRESS_LINE_INTERVAL: Duration = Duration::from_secs(10);
+
+/// What came of it.
+#[derive(Debug, Default)]
+pub struct Totals {
+    /// Episodes simulated.
+    pub episodes: u64,
+    /// States compared.
+    pub compared: u64,
+    /// Images drawn.
+    pub images: u64,
+    /// Episodes with a difference.
+    pub different: u64,
+    /// Kitchen, environment, episode, step of the first one, in that order.
+    pub first: Option<(u8, u32, u32, u64)>,
+}
+
+impl Totals {
+    fn add(&mut self, verdict: &ReplayVerdict) {
+        self.episodes += 1;
+        self.compared += verdict.compared;
+        self.images += verdict.images;
+        if let Some(step) = verdict.first_difference {
+            self.different += 1;
+            let EnvironmentId { kitchen, number } = verdict.environment;
+            let place = (kitchen.number(), number, verdict.episode, step);
+            self.first = Some(self.first.map_or(place, |first| first.min(place)));
+        }
+    }
+}
+
+/// What comes back from an actor's reader.
+enum Report {
+    Verdict(Box<ReplayVerdict>),
+    /// Its output has ended, after all verdicts or not.
+    Ended(usize, Result<()>),
+}
+
+/// Simulates the episodes as `setup` says, showing progress; an error if an actor fails or hangs.
+pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<Totals> {
+    let total = episodes.len();
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let (reports, inbox) = channel();
+    let mut actors = Actors(Vec::new());
+    for (number, share) in divide(episodes, cores).into_iter().enumerate() {
+        actors.start(number, setup, share, &reports)?;
+    }
+    drop(reports);
+
+    let mut totals = Totals::default();
+    let mut running = actors.0.len();
+    let mut progress = Progress::new(total);
+    let mut heard = Instant::now();
+    while running > 0 {
+        match inbox.recv_timeout(PROGRESS_INTERVAL) {
+            Ok(Report::Verdict(verdict)) => {
+                totals.add(&verdict);
+                heard = Instant::now();
+            }
+            Ok(Report::Ended(number, outcome)) => {
+                running -= 1;
+                heard = Instant::now();
+                // How the process ended says more than what its output lacks.
+                actors.reap(number)?;
+                outcome?;
+            }
+            Err(RecvTimeoutError::Timeout) => {
+                ensure!(
+                    heard.elapsed() < SILENCE_DEADLINE,
+                    "no actor has answered for {} s: giving up",
+                    SILENCE_DEADLINE.as_secs()
+                );
+            }
+            Err(RecvTimeoutError::Disconnected) => bail!("an actor's reader ended without a word"),
+        }
+        progress.show(&totals);
+    }
+    progress.clear();
+    Ok(totals)
+}
+
+/// Divides episodes by kitchen into at most `shares` shares of about as many steps each.
+fn divide(episodes: Vec<RecordedEpisode>, shares: usize) -> Vec<Vec<RecordedEpisode>> {
+    let mut kitchens: BTreeMap<KitchenId, Vec<RecordedEpisode>> = BTreeMap::new();
+    for episode in episodes {
+        kitchens.entry(episode.environment.kitchen).or_default().push(episode);
+    }
+    let mut kitchens: Vec<(usize, Vec<RecordedEpisode>)> = kitchens
+        .into_values()
+        .map(|episodes| (episodes.iter().map(|episode| episode.actions.len() + 1).sum(), episodes))
+        .collect();
+    // The largest first, each to the smallest share so far. Stable, so the same files are always divided alike.
+    kitchens.sort_by_key(|(steps, _)| std::cmp::Reverse(*steps));
+    let mut divided: Vec<(usize, Vec<RecordedEpisode>)> = vec![(0, Vec::new()); shares.min(kitchens.len())];
+    for (steps, episodes) in kitchens {
+        let share = divided.iter_mut().min_by_key(|(steps, _)| *steps).expect("there is a share for any kitchen");
+        share.0 += steps;
+        share.1.extend(episodes);
+    }
+    divided.into_iter().map(|(_, episodes)| episodes).collect()
+}
+
+/// The actors at work; those that still run when this is dropped are killed and reaped.
+struct Actors(Vec<Child>);
+
+impl Actors {
+    fn start(
+        &mut self,
+        number: usize,
+        setup: &ReplaySetup,
+        share: Vec<RecordedEpisode>,
+        reports: &Sender<Report>,
+    ) -> Result<()> {
+        let program = programs::find("actor")?;
+        let mut child = Command::new(&program)
+            .arg("replay")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .with_context(|| format!("cannot start {}", program.display()))?;
+        let input = child.stdin.take().context("the actor has no standard input")?;
+        let output = child.stdout.take().context("the actor has no standard output")?;
+        self.0.push(child);
+        let expected: Vec<_> = share.iter().map(|episode| (episode.environment, episode.episode)).collect();
+        let setup = setup.clone();
+        // Reading and writing on threads of their own: neither pipe can fill up while we wait on the other.
+        std::thread::Builder::new().name(format!("replay-{number}-in")).spawn(move || feed(input, &setup, &share))?;
+        let reports = reports.clone();
+        std::thread::Builder::new().name(format!("replay-{number}-out")).spawn(move || {
+            let outcome = listen(output, &expected, &reports);
+            // Nobody listens any more once another actor has failed.
+            let _ = reports.send(Report::Ended(number, outcome));
+        })?;
+        Ok(())
+    }
+
+    fn reap(&mut self, number: usize) -> Result<()> {
+        let child = &mut self.0[number];
+        let deadline = Instant::now() + Duration::from_secs(10);
+        loop {
+            match child.try_wait().context("cannot wait for an actor")? {
+                Some(status) if status.success() => return Ok(()),
+                Some(status) => bail!("the actor that replays ended with {status}; its last words are above"),
+                None if Instant::now() > deadline => bail!("an actor closed its output but did not exit"),
+                None => std::thread::sleep(Duration::from_millis(5)),
+            }
+        }
+    }
+}
+
+impl Drop for Actors {
+    fn drop(&mut self) {
+        for child in &mut self.0 {
+            if let Ok(None) = child.try_wait() {
+                let _ = child.kill();
+                let _ = child.wait();
+            }
+        }
+    }
+}
+
+/// Writes the work to an actor. A broken pipe is the reader's to report: it knows how the actor ended.
+fn feed(input: ChildStdin, setup: &ReplaySetup, share: &[RecordedEpisode]) {
+    let mut input = BufWriter::new(input);
+    let mut write = || -> std::io::Result<()> {
+        serde_json::to_writer(&mut input, setup)?;
+        input.write_all(b"\n")?;
+        for episode in share {
+            serde_json::to_writer(&mut input, episode)?;
+            input.write_all(b"\n")?;
+        }
+        input.flush()
+    };
+    if let Err(error) = write()
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        tracing::error!("cannot write to an actor: {error}");
+    }
+}
+
+/// Reads verdicts until the output ends; they must be those that were asked for.
+fn listen(output: ChildStdout, expected: &[(EnvironmentId, u32)], reports: &Sender<Report>) -> Result<()> {
+    let mut answered = 0;
+    for line in BufReader::new(output).lines() {
+        let line = line.context("cannot read from an actor")?;
+        let verdict: ReplayVerdict =
+            serde_json::from_str(&line).with_context(|| format!("an actor said what is no verdict: {line}"))?;
+        let asked = expected.get(answered);
+        ensure!(
+            asked == Some(&(verdict.environment, verdict.episode)),
+            "an actor answered for another episode than it was asked"
+        );
+        answered += 1;
+        reports.send(Report::Verdict(Box::new(verdict))).map_err(|_| anyhow!("replay was given up"))?;
+    }
+    ensure!(answered == expected.len(), "an actor answered {answered} of {} episodes", expected.len());
+    Ok(())
+}
+
+/// What the user sees meanwhile: a line that is refreshed, or one now and then where that cannot be.
+struct Progress {
+    total: usize,
+    started: Instant,
+    shown: Instant,
+    interactive: bool,
+}
+
+impl Progress {
+    fn new(total: usize) -> Self {
+        let now = Instant::now();
+        Self { total, started: now, shown: now, interactive: terminal::interactive() }
+    }
+
+    fn show(&mut self, totals: &Totals) {
+        let interval = if self.interactive { PROGRESS_INTERVAL } else { PROGRESS_LINE_INTERVAL };
+        if self.shown.elapsed() < interval {
+            return;
+        }
+        self.shown = Instant::now();
+        let rate = totals.compared as f64 / self.started.elapsed().as_secs_f64().max(1e-3);
+        let line = format!(
+            "replayed {} of {} episodes, {} states, {rate:.0} a second, {} differences",
+            totals.episodes, self.total, totals.compared, totals.different
+        );
+        if self.interactive {
+            terminal::progress(vec![line]);
+        } else {
+            terminal::note(&line);
+        }
+    }
+
+    fn clear(&self) {
+        if self.interactive {
+            terminal::progress(Vec::new());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn episode(kitchen: u8, episode: u32, steps: usize) -> RecordedEpisode {
+        RecordedEpisode {
+            environment: EnvironmentId { kitchen: KitchenId::new(kitchen).unwrap(), number: 0 },
+            episode,
+            start_hash: None,
+            actions: vec![0; steps],
+            hashes: vec![0; steps],
+        }
+    }
+
+    #[test]
+    fn work_is_divided_by_kitchen_and_evenly() {
+        let episodes = vec![episode(1, 0, 100), episode(3, 0, 60), episode(4, 0, 50), episode(1, 1, 10)];
+        let shares = divide(episodes, 2);
+        let kitchens: Vec<Vec<u8>> = shares
+            .iter()
+            .map(|share| share.iter().map(|episode| episode.environment.kitchen.number()).collect())
+            .collect();
+        assert_eq!(kitchens, [vec![1, 1], vec![3, 4]]);
+        assert_eq!(divide(vec![episode(1, 0, 3)], 8).len(), 1);
+    }
+
+    #[test]
+    fn the_first_difference_is_the_first_in_order_not_in_time() {
+        let mut totals = Totals::default();
+        let verdict = |kitchen: u8, first_difference| ReplayVerdict {
+            environment: EnvironmentId { kitchen: KitchenId::new(kitchen).unwrap(), number: 1 },
+            episode: 2,
+            compared: 3,
+            first_difference,
+            images: 0,
+        };
+        for (kitchen, difference) in [(9, Some(1)), (3, Some(2)), (1, None)] {
+            totals.add(&verdict(kitchen, difference));
+        }
+        assert_eq!((totals.different, totals.first), (2, Some((3, 1, 2, 2))));
+    }
+}
