@@ -1,0 +1,39 @@
+//! The orchestrator is killed at every named point of its protocol; `resume` ends in the weights of a run that was
+//! left alone.
+
+use system_tests::{Workshop, complete};
+
+const ACTORS: u32 = 1;
+const ENVIRONMENTS: u32 = 3;
+const FRAMES: u64 = 400;
+
+/// Kills the orchestrator the `count`-th time it comes to each point, then resumes.
+fn killed_at(points: &[(&str, u32)]) {
+    let workshop = Workshop::new();
+    let undisturbed = complete(workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result();
+    for (number, (point, count)) in points.iter().enumerate() {
+        let name = format!("run-{number}");
+        let mut command = workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES);
+        command.env("STILLROOM_FAULT", format!("orchestrator.{point}:{count}"));
+        let killed = complete(command);
+        assert!(!killed.success, "the point {point} is never reached: {killed:#?}");
+        let resumed = complete(workshop.resume(&name)).result();
+        assert_eq!(resumed, undisturbed, "killed at {point}");
+        workshop.run(&name).assert_nothing_left();
+    }
+}
+
+#[test]
+fn killed_while_it_starts() {
+    killed_at(&[("after_lock", 1), ("after_wire", 1), ("before_spawn", 2), ("after_spawn", 1)]);
+}
+
+#[test]
+fn killed_while_it_announces() {
+    killed_at(&[("before_announce", 2), ("after_announce", 5), ("stage_switch", 2)]);
+}
+
+#[test]
+fn killed_while_it_ends() {
+    killed_at(&[("before_recorder_finish", 1), ("before_summary", 1)]);
+}
