@@ -32,7 +32,7 @@ up: build
 
 test: build
 	@if cargo nextest --version >/dev/null 2>&1; then \
-		set -x; cargo nextest run --release --locked --workspace; \
+		set -x; cargo nextest run --release --locked --workspace --no-fail-fast; \
 	else \
 		set -x; cargo test --release --locked --workspace --tests; \
 	fi

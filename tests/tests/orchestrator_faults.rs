@@ -25,7 +25,7 @@ fn killed_at(points: &[(&str, u32)]) {
 
 #[test]
 fn killed_while_it_starts() {
-    killed_at(&[("after_lock", 1), ("after_wire", 1), ("before_spawn", 2), ("after_spawn", 1)]);
+    killed_at(&[("after_lock", 1), ("after_wire", 1), ("before_spawn", 1), ("after_spawn", 1)]);
 }
 
 #[test]
