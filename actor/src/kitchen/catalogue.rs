@@ -20,6 +20,9 @@ pub enum Place {
     Floor,
 }
 
+/// Coulomb friction coefficient of common household materials on each other.
+const FRICTION: f32 = 0.6;
+
 /// One category of movable things.
 #[derive(Debug, Clone, Copy)]
 pub struct Category {
@@ -27,6 +30,8 @@ pub struct Category {
     pub name: &'static str,
     /// Mass, kilograms.
     pub mass_kg: f32,
+    /// Coulomb friction coefficient of its surface.
+    pub friction: f32,
     /// Where it stands.
     pub place: Place,
     /// Share of the kitchens that have it (reference statistics).
@@ -44,18 +49,34 @@ impl Category {
 }
 
 const fn small(name: &'static str, mass_kg: f32, shape: fn() -> Shape) -> Category {
-    Category { name, mass_kg, place: Place::Surface, share: 1.0, most: 1, shape }
+    Category { name, mass_kg, friction: FRICTION, place: Place::Surface, share: 1.0, most: 1, shape }
 }
 
 const fn some(name: &'static str, mass_kg: f32, share: f32, most: u32, shape: fn() -> Shape) -> Category {
-    Category { name, mass_kg, place: Place::Surface, share, most, shape }
+    Category { name, mass_kg, friction: FRICTION, place: Place::Surface, share, most, shape }
 }
 
 /// All movable categories, largest footprint first: placement goes down this list.
 pub const CATEGORIES: [Category; 41] = [
-    Category { name: "Chair", mass_kg: 5.5, place: Place::Seat, share: 0.4, most: 3, shape: chair },
-    Category { name: "Stool", mass_kg: 4.0, place: Place::Seat, share: 0.47, most: 2, shape: stool },
-    Category { name: "GarbageCan", mass_kg: 1.8, place: Place::Floor, share: 1.0, most: 1, shape: garbage_can },
+    Category { name: "Chair", mass_kg: 5.5, friction: FRICTION, place: Place::Seat, share: 0.4, most: 3, shape: chair },
+    Category {
+        name: "Stool",
+        mass_kg: 4.0,
+        friction: FRICTION,
+        place: Place::Seat,
+        share: 0.47,
+        most: 2,
+        shape: stool,
+    },
+    Category {
+        name: "GarbageCan",
+        mass_kg: 1.8,
+        friction: FRICTION,
+        place: Place::Floor,
+        share: 1.0,
+        most: 1,
+        shape: garbage_can,
+    },
     small("CoffeeMachine", 3.2, coffee_machine),
     small("Toaster", 1.6, toaster),
     some("HousePlant", 1.8, 0.33, 1, house_plant),

@@ -4,9 +4,9 @@
 //! wall with an island. Modules become cabinets with drawers under a counter top, or fridge, sink and stove; above
 //! them hang cabinets. What is left free on top is where small things stand.
 
+use super::room::{Fixture, Surface};
 use crate::shape::{Part, Primitive, Shape};
 use proto::random::Random;
-use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
 
 /// Height of a counter's top, metres.
@@ -22,26 +22,6 @@ const WALL_M: f32 = 0.2;
 const TABLE_HEIGHT_M: f32 = 0.75;
 /// Thickness of a shelf. With the hand's radius it exceeds the magnet's reach: nothing is picked up through a shelf.
 const SHELF_M: f32 = 0.03;
-
-/// A fixed body of the room.
-#[derive(Debug, Clone)]
-pub struct Fixture {
-    /// Category, iTHOR's name or `Wall`, `Ceiling`.
-    pub category: &'static str,
-    /// Shape in world axes about its origin.
-    pub shape: Shape,
-    /// Where its origin is, metres.
-    pub position: Vec3,
-}
-
-/// A level rectangle on which things can stand.
-#[derive(Debug, Clone, Copy)]
-pub struct Surface {
-    /// Corner with the smaller x and z; y is the surface, metres.
-    pub low: Vec3,
-    /// Corner with the larger x and z; y is the lowest thing that may hang above it, metres.
-    pub high: Vec3,
-}
 
 /// The room and what is fixed in it.
 #[derive(Debug, Clone, Default)]
@@ -150,9 +130,13 @@ impl Layout {
         layout
     }
 
+    fn fix(&mut self, category: &str, shape: Shape, position: Vec3) {
+        self.fixtures.push(Fixture { category: category.to_owned(), shape, pose: Pose3::from_translation(position) });
+    }
+
     fn add(&mut self, category: &'static str, low: Vec3, high: Vec3) {
         let shape = Shape::of(Primitive::Cuboid { half_extents_m: 0.5 * (high - low) });
-        self.fixtures.push(Fixture { category, shape, position: 0.5 * (low + high) });
+        self.fix(category, shape, 0.5 * (low + high));
     }
 
     /// Adds one body made of several boxes.
@@ -165,7 +149,7 @@ impl Layout {
                 body_from_part: Pose3::from_translation(0.5 * (low + high) - position),
             })
             .collect();
-        self.fixtures.push(Fixture { category, shape: Shape { parts }, position });
+        self.fix(category, Shape { parts }, position);
     }
 
     fn room(&mut self, width: f32, depth: f32, random: &mut Random) {
@@ -294,11 +278,8 @@ impl Layout {
         for burner in 0..4 {
             let along = from + 0.16 + 0.28 * (burner % 2) as f32;
             let out = 0.18 + 0.27 * (burner / 2) as f32;
-            self.fixtures.push(Fixture {
-                category: "StoveBurner",
-                shape: Shape::of(Primitive::Cylinder { radius_m: 0.09, half_height_m: 0.006 }),
-                position: frame.at(along, COUNTER_HEIGHT_M + 0.006, out),
-            });
+            let disc = Shape::of(Primitive::Cylinder { radius_m: 0.09, half_height_m: 0.006 });
+            self.fix("StoveBurner", disc, frame.at(along, COUNTER_HEIGHT_M + 0.006, out));
             let knob = from + 0.12 + 0.12 * burner as f32;
             let (low, high) =
                 frame.block(knob - 0.02, knob + 0.02, 0.79, 0.83, COUNTER_DEPTH_M, COUNTER_DEPTH_M + 0.025);
@@ -371,22 +352,5 @@ impl Frame {
     fn block(self, from: f32, to: f32, bottom: f32, top: f32, out_from: f32, out_to: f32) -> (Vec3, Vec3) {
         let (a, b) = (self.at(from, bottom, out_from), self.at(to, top, out_to));
         (a.min(b), a.max(b))
-    }
-}
-
-impl Surface {
-    /// Its area, square metres.
-    pub fn area_m2(&self) -> f32 {
-        (self.high.x - self.low.x) * (self.high.z - self.low.z)
-    }
-
-    /// Whether a thing with this bounding box stands wholly on it and below what hangs above.
-    pub fn carries(&self, aabb: &Aabb) -> bool {
-        const RIM_M: f32 = 0.01;
-        aabb.mins.x >= self.low.x + RIM_M
-            && aabb.maxs.x <= self.high.x - RIM_M
-            && aabb.mins.z >= self.low.z + RIM_M
-            && aabb.maxs.z <= self.high.z - RIM_M
-            && aabb.maxs.y <= self.high.y - RIM_M
     }
 }

@@ -6,6 +6,7 @@
 pub mod catalogue;
 pub mod layout;
 pub mod placement;
+pub mod room;
 pub mod spots;
 
 use crate::physics::geometry::Solid;
@@ -14,13 +15,13 @@ use crate::physics::world::World;
 use crate::robot::links::{LINK_NAMES, PART_COUNT, part_shapes};
 use crate::shape::Shape;
 use layout::Layout;
-use placement::Placed;
 use proto::config::SimulationConfig;
 use proto::kitchen::{KitchenId, TargetCategory};
-use proto::random::{Key, Purpose};
+use proto::random::{Key, Purpose, Random};
 use rapier3d::dynamics::RigidBodyHandle;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
+use room::Room;
 use spots::Stand;
 use std::ops::Range;
 
@@ -115,15 +116,7 @@ impl Kitchen {
                 episode: 0,
                 step: 0,
             };
-            let mut random = key.stream();
-            let layout = Layout::draw(&mut random);
-            let mut scene = Scene::default();
-            for fixture in &layout.fixtures {
-                scene.add(&Solid::of(&fixture.shape), &Pose3::from_translation(fixture.position));
-            }
-            let outcome = placement::place(&layout, &scene, &mut random)
-                .map_err(|category| format!("a place for {category}"))
-                .and_then(|placed| Self::settle(id, simulation.timestep_s, &layout, scene, placed));
+            let outcome = draw(&mut key.stream()).and_then(|room| Self::assemble(id, simulation.timestep_s, room));
             match outcome {
                 Ok(kitchen) => return Ok(kitchen),
                 Err(why) => {
@@ -135,26 +128,26 @@ impl Kitchen {
         Err(KitchenError::NoRoom { kitchen: id, reason })
     }
 
-    /// Builds the physics world, lets it come to rest, and finds where episodes can take place in it.
-    fn settle(
-        id: KitchenId,
-        timestep_s: f32,
-        layout: &Layout,
-        scene: Scene,
-        placed: Vec<Placed>,
-    ) -> Result<Self, String> {
+    /// Builds a room's physics world, lets it come to rest, and finds where episodes can take place in it. The error
+    /// says what is wrong with the room.
+    pub fn assemble(id: KitchenId, timestep_s: f32, room: Room) -> Result<Self, String> {
+        let Room { fixtures, things, surfaces, floor } = room;
+        let mut scene = Scene::default();
         let mut world = World::new(timestep_s);
         let mut bodies = Vec::new();
         let mut settled_poses = Vec::new();
-        for fixture in &layout.fixtures {
-            let pose = Pose3::from_translation(fixture.position);
-            world.add_fixed(&Solid::of(&fixture.shape), pose);
-            bodies.push(body(fixture.category, fixture.shape.clone(), BodyRole::Static));
-            settled_poses.push(pose);
+        for fixture in fixtures {
+            let solid = Solid::of(&fixture.shape);
+            scene.add(&solid, &fixture.pose);
+            world.add_fixed(&solid, fixture.pose);
+            settled_poses.push(fixture.pose);
+            bodies.push(body(&fixture.category, fixture.shape, BodyRole::Static));
         }
         let static_count = bodies.len();
-        let movables: Vec<RigidBodyHandle> =
-            placed.iter().map(|thing| world.add_movable(&thing.solid, thing.pose, thing.category.mass_kg)).collect();
+        let movables: Vec<RigidBodyHandle> = things
+            .iter()
+            .map(|thing| world.add_movable(&thing.solid, thing.pose, thing.mass_kg, thing.friction))
+            .collect();
         let robot_shapes = part_shapes();
         let robot_parts = robot_shapes.clone().map(|shape| Solid::of(&shape));
         let robot = robot_parts.each_ref().map(|part| world.add_kinematic(part, Pose3::from_translation(PARKED)));
@@ -162,13 +155,13 @@ impl Kitchen {
         if !world.settle(&movables, (SETTLE_LIMIT_S / timestep_s) as u32) {
             return Err("coming to rest".to_owned());
         }
-        for (thing, &handle) in placed.iter().zip(&movables) {
+        for (thing, &handle) in things.iter().zip(&movables) {
             let settled = *world.body(handle).position();
             let drift = (settled.translation - thing.pose.translation).length();
             if drift.is_nan() || drift >= SETTLE_DRIFT_M {
-                return Err(format!("setting down {} (moved {drift:.3} m)", thing.category.name));
+                return Err(format!("setting down {} (moved {drift:.3} m)", thing.category));
             }
-            bodies.push(body(thing.category.name, thing.shape.clone(), BodyRole::Movable));
+            bodies.push(body(&thing.category, thing.shape.clone(), BodyRole::Movable));
             settled_poses.push(settled);
         }
         for (name, shape) in LINK_NAMES.iter().zip(robot_shapes.into_iter().skip(1)) {
@@ -177,15 +170,14 @@ impl Kitchen {
         }
         number_names(&mut bodies);
 
-        let solids: Vec<Solid> = placed.into_iter().map(|thing| thing.solid).collect();
+        let solids: Vec<Solid> = things.into_iter().map(|thing| thing.solid).collect();
         let poses = &settled_poses[static_count..static_count + solids.len()];
         let aabbs: Vec<Aabb> = solids.iter().zip(poses).map(|(solid, pose)| solid.aabb(pose)).collect();
-        let floor = layout.floor.ok_or("the floor")?;
         let stands = spots::stands(floor, &scene, &aabbs, &robot_parts);
         if stands.len() < STANDS_LEAST {
             return Err(format!("free floor ({} robot poses)", stands.len()));
         }
-        let points = spots::reachable_points(&layout.surfaces, &stands);
+        let points = spots::reachable_points(&surfaces, &stands);
         let mut targets = Vec::new();
         for category in TargetCategory::ALL {
             let movable = bodies[static_count..]
@@ -256,6 +248,18 @@ impl Kitchen {
     pub fn robot_stands(&self) -> &[Stand] {
         &self.stands
     }
+}
+
+/// Draws a room and furnishes it; the error is what found no place.
+fn draw(random: &mut Random) -> Result<Room, String> {
+    let layout = Layout::draw(random);
+    let mut scene = Scene::default();
+    for fixture in &layout.fixtures {
+        scene.add(&Solid::of(&fixture.shape), &fixture.pose);
+    }
+    let things = placement::place(&layout, &scene, random).map_err(|category| format!("a place for {category}"))?;
+    let floor = layout.floor.ok_or("the floor")?;
+    Ok(Room { fixtures: layout.fixtures, things, surfaces: layout.surfaces, floor })
 }
 
 fn body(category: &str, shape: Shape, role: BodyRole) -> Body {

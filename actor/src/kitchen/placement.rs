@@ -1,10 +1,10 @@
 //! Where movable things stand: drawn at random, without overlap, before physics has its say.
 
 use super::catalogue::{CATEGORIES, Category, Place};
-use super::layout::{Layout, Surface};
+use super::layout::Layout;
+use super::room::{Surface, Thing};
 use crate::physics::geometry::{Solid, rotation_y};
 use crate::physics::scene::Scene;
-use crate::shape::Shape;
 use proto::random::Random;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
@@ -17,22 +17,9 @@ const GAP_M: f32 = 0.02;
 pub const DROP_M: f32 = 0.001;
 const TRIES: u32 = 600;
 
-/// A movable thing and where it is set down.
-#[derive(Debug, Clone)]
-pub struct Placed {
-    /// Its category.
-    pub category: &'static Category,
-    /// Its shape.
-    pub shape: Shape,
-    /// Its collision geometry.
-    pub solid: Solid,
-    /// `world_from_body` at set-down.
-    pub pose: Pose3,
-}
-
 /// Draws which things a kitchen holds and where they stand. The error is the category that found no room.
-pub fn place(layout: &Layout, scene: &Scene, random: &mut Random) -> Result<Vec<Placed>, &'static str> {
-    let mut placed: Vec<Placed> = Vec::new();
+pub fn place(layout: &Layout, scene: &Scene, random: &mut Random) -> Result<Vec<Thing>, &'static str> {
+    let mut placed: Vec<Thing> = Vec::new();
     let mut taken: Vec<Aabb> = Vec::new();
     for category in &CATEGORIES {
         let wanted = if random.uniform() < category.share { 1 + random.below(category.most) } else { 0 };
@@ -42,7 +29,14 @@ pub fn place(layout: &Layout, scene: &Scene, random: &mut Random) -> Result<Vec<
             match find(category, &solid, layout, scene, &taken, random) {
                 Some(pose) => {
                     taken.push(solid.aabb(&pose).loosened(GAP_M));
-                    placed.push(Placed { category, shape, solid, pose });
+                    placed.push(Thing {
+                        category: category.name.to_owned(),
+                        shape,
+                        solid,
+                        mass_kg: category.mass_kg,
+                        friction: category.friction,
+                        pose,
+                    });
                 }
                 None if category.share >= 1.0 => return Err(category.name),
                 None => {}

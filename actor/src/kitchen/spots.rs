@@ -1,7 +1,7 @@
 //! Where an episode can begin and end: free floor for the robot, free places for the target.
 
-use super::layout::Surface;
 use super::placement::DROP_M;
+use super::room::Surface;
 use crate::physics::geometry::Solid;
 use crate::physics::scene::Scene;
 use crate::robot::configuration::Configuration;

@@ -13,7 +13,7 @@ const TIME_UNTIL_SLEEP_S: f32 = 0.25;
 const MAX_SPEED_M_PER_S: f32 = 5.0;
 /// Spin dies out at this rate (1/s). It stands for rolling friction, which rapier lacks.
 const ANGULAR_DAMPING: f32 = 1.0;
-/// Friction coefficient of everything.
+/// Coulomb friction coefficient of fixed things and of the robot.
 const FRICTION: f32 = 0.6;
 
 /// A rigid-body world.
@@ -82,12 +82,12 @@ impl World {
     /// Adds a body that never moves.
     pub fn add_fixed(&mut self, solid: &Solid, pose: Pose3) -> RigidBodyHandle {
         let handle = self.bodies.insert(RigidBodyBuilder::fixed().pose(pose));
-        self.add_colliders(handle, solid, None);
+        self.add_colliders(handle, solid, None, FRICTION);
         handle
     }
 
-    /// Adds a dynamic body of this mass, spread over its parts by volume.
-    pub fn add_movable(&mut self, solid: &Solid, pose: Pose3, mass_kg: f32) -> RigidBodyHandle {
+    /// Adds a dynamic body of this mass, spread over its parts by volume, and Coulomb friction coefficient.
+    pub fn add_movable(&mut self, solid: &Solid, pose: Pose3, mass_kg: f32, friction: f32) -> RigidBodyHandle {
         let mut body =
             RigidBodyBuilder::dynamic().pose(pose).angular_damping(ANGULAR_DAMPING).ccd_enabled(true).build();
         let activation = body.activation_mut();
@@ -95,22 +95,22 @@ impl World {
         activation.angular_threshold *= SLEEP_THRESHOLD_FACTOR;
         activation.time_until_sleep = TIME_UNTIL_SLEEP_S;
         let handle = self.bodies.insert(body);
-        self.add_colliders(handle, solid, Some(mass_kg));
+        self.add_colliders(handle, solid, Some(mass_kg), friction);
         handle
     }
 
     /// Adds a body that goes where it is told.
     pub fn add_kinematic(&mut self, solid: &Solid, pose: Pose3) -> RigidBodyHandle {
         let handle = self.bodies.insert(RigidBodyBuilder::kinematic_position_based().pose(pose));
-        self.add_colliders(handle, solid, None);
+        self.add_colliders(handle, solid, None, FRICTION);
         handle
     }
 
-    fn add_colliders(&mut self, body: RigidBodyHandle, solid: &Solid, mass_kg: Option<f32>) {
+    fn add_colliders(&mut self, body: RigidBodyHandle, solid: &Solid, mass_kg: Option<f32>, friction: f32) {
         let volumes = solid.volumes_m3();
         let total: f32 = volumes.iter().sum();
         for ((shape, body_from_part), volume) in solid.parts.iter().zip(volumes) {
-            let mut collider = ColliderBuilder::new(shape.clone()).position(*body_from_part).friction(FRICTION);
+            let mut collider = ColliderBuilder::new(shape.clone()).position(*body_from_part).friction(friction);
             if let Some(mass_kg) = mass_kg {
                 collider = collider.mass(mass_kg * volume / total);
             }
