@@ -65,7 +65,12 @@ fn at(pose: &Pose3, z: f32) -> Vec3 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 2000, max_global_rejects: 20_000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 2000,
+        max_global_rejects: 20_000,
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
 
     #[test]
     fn links_hang_together_and_stay_out_of_the_body(posture in posture()) {

@@ -18,7 +18,7 @@
 //! shoulder-wrist line, turned about that line as told (0 = the elbow above it, positive = to the left).
 
 use super::dimensions::{
-    ARM_BASE_AHEAD_M, BODY_RADIUS_M, ELBOW_LIMIT_RAD, FOREARM_LENGTH_M, LINE_PITCH_LIMIT_RAD, LINK_RADIUS_M, REACH_M,
+    ARM_BASE_AHEAD_M, BODY_RADIUS_M, ELBOW_LIMIT_RAD, FOREARM_LENGTH_M, LINE_STEEPNESS_LIMIT, LINK_RADIUS_M, REACH_M,
     SHOULDER_LIMIT_RAD, UPPER_ARM_LENGTH_M, WRIST_LIMIT_RAD,
 };
 use crate::physics::geometry::{rotation_x, rotation_y, rotation_z};
@@ -75,13 +75,12 @@ pub fn inverse(
         return Err(Unreachable);
     }
     let horizontal = libm::sqrtf(wrist.x * wrist.x + wrist.z * wrist.z);
-    let steepness = libm::atan2f(wrist.y.abs(), horizontal);
     // The law of cosines by half angles, tan²(e/2) = ((a+b)² − d²) / (d² − (a−b)²): it keeps its digits where the arm
     // is all but stretched, and acos does not.
     let opposite = (REACH_M - distance) * (REACH_M + distance);
     let adjacent = (distance - (a - b)) * (distance + (a - b));
     let elbow_rad = 2.0 * libm::atan2f(libm::sqrtf(opposite), libm::sqrtf(adjacent));
-    if steepness > LINE_PITCH_LIMIT_RAD || elbow_rad > ELBOW_LIMIT_RAD {
+    if wrist.y.abs() > LINE_STEEPNESS_LIMIT * horizontal || elbow_rad > ELBOW_LIMIT_RAD {
         return Err(Unreachable);
     }
     // The triangle's corner at the shoulder; its height is twice its area over the line.
@@ -199,28 +198,25 @@ mod tests {
             let wrist = Vec3::new(x, y, z);
             let elbow = elbow_by_circle(wrist, roll);
             let gap_m = nearest_to_body(elbow, wrist) - f64::from(BODY_RADIUS_M + LINK_RADIUS_M);
-            match inverse(wrist, roll, yaw, pitch) {
-                Ok(joints) => {
-                    let frames = forward(&joints);
-                    prop_assert!((frames.wrist - wrist).length() < 1e-5, "{frames:?}");
-                    let away = frames.elbow - Vec3::from_array(elbow.map(|axis| axis as f32));
-                    prop_assert!(away.length() < 1e-5, "{away}");
-                    prop_assert!(within_limits(&joints) && gap_m > -1e-4, "{joints:?}, {gap_m} m to the body");
-                    let turn = frames.forearm.inverse() * frames.hand;
-                    let wanted = Vec3::new(yaw.sin() * pitch.cos(), -pitch.sin(), yaw.cos() * pitch.cos());
-                    prop_assert!((turn * Vec3::Z - wanted).length() < 1e-5);
-                }
-                Err(Unreachable) => {
-                    let (a, b) = (UPPER_ARM_LENGTH_M, FOREARM_LENGTH_M);
-                    let folded = (a * a + b * b + 2.0 * a * b * ELBOW_LIMIT_RAD.cos()).sqrt();
-                    let far = wrist.length() > REACH_M - 1e-5;
-                    let near = wrist.length() < folded + 1e-5;
-                    let steep = y.atan2(x.hypot(z)).abs() > LINE_PITCH_LIMIT_RAD - 1e-5;
-                    let in_body = gap_m < 1e-4;
-                    let shoulder_bent = elbow[2] / f64::from(a) < f64::from(SHOULDER_LIMIT_RAD.cos()) + 1e-5;
-                    let hand_bent = yaw.abs().max(pitch.abs()) > WRIST_LIMIT_RAD - 1e-6;
-                    prop_assert!(far || near || steep || in_body || shoulder_bent || hand_bent, "{wrist:?}, {roll}");
-                }
+            if let Ok(joints) = inverse(wrist, roll, yaw, pitch) {
+                let frames = forward(&joints);
+                prop_assert!((frames.wrist - wrist).length() < 1e-5, "{frames:?}");
+                let away = frames.elbow - Vec3::from_array(elbow.map(|axis| axis as f32));
+                prop_assert!(away.length() < 1e-5, "{away}");
+                prop_assert!(within_limits(&joints) && gap_m > -1e-4, "{joints:?}, {gap_m} m to the body");
+                let turn = frames.forearm.inverse() * frames.hand;
+                let wanted = Vec3::new(yaw.sin() * pitch.cos(), -pitch.sin(), yaw.cos() * pitch.cos());
+                prop_assert!((turn * Vec3::Z - wanted).length() < 1e-5);
+            } else {
+                let (a, b) = (UPPER_ARM_LENGTH_M, FOREARM_LENGTH_M);
+                let folded = (a * a + b * b + 2.0 * a * b * ELBOW_LIMIT_RAD.cos()).sqrt();
+                let far = wrist.length() > REACH_M - 1e-5;
+                let near = wrist.length() < folded + 1e-5;
+                let steep = y.atan2(x.hypot(z)).abs() > (80.0 * PI / 180.0) - 1e-5;
+                let in_body = gap_m < 1e-4;
+                let shoulder_bent = elbow[2] / f64::from(a) < f64::from(SHOULDER_LIMIT_RAD.cos()) + 1e-5;
+                let hand_bent = yaw.abs().max(pitch.abs()) > WRIST_LIMIT_RAD - 1e-6;
+                prop_assert!(far || near || steep || in_body || shoulder_bent || hand_bent, "{wrist:?}, {roll}");
             }
         }
 

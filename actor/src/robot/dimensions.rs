@@ -1,16 +1,17 @@
 //! The robot's dimensions: which are published, which are scaled, which are chosen.
 //!
-//! *Published*: the six-joint Kinova Gen3, distances between joints and ranges of joints as in the maker's URDF
-//! description (`kortex_description`, arms/gen3/6dof). Its frames also step sideways along the joints' axes by 5.4, 6.4
-//! and 0.2 mm. These steps nearly cancel and are left out; `tests/reference/gen3_chain.py` says how far that moves the
-//! wrist.
+//! *Published*: the six-joint Kinova Gen3, distances between joints as in the maker's URDF description
+//! (`kortex_description`, arms/gen3/6dof), ranges of joints as in the user guide (the URDF rounds them down by half a
+//! degree). The URDF's frames also step sideways along the joints' axes by 5.4, 6.4 and 0.2 mm. These steps are left
+//! out, which moves the wrist by about a centimetre at most (`tests/reference/gen3_chain.py` says so): without them
+//! shoulder, elbow and wrist lie in one plane, and the inverse is a triangle.
 //!
 //! *Scaled*: every published length, by [`SCALE`], so that the stretched arm measures `ManipulaTHOR`'s reach.
 //!
-//! *Chosen*: how the arm is mounted. Its base lies level within the body, its foot on the body's axis, its own axis
-//! ahead. The shoulder then stands [`ARM_BASE_AHEAD_M`] ahead of the body's axis, five centimetres clear of the body.
-//! Where the body's round top recedes, above 1.6 m, nothing is modelled between the two. What the Gen3 carries beyond
-//! joint 5 is left out: the magnet's centre is the wrist.
+//! *Chosen*: the links' radii, before scaling, and how the arm is mounted. Its base lies level within the body, its
+//! foot on the body's axis, its own axis ahead. The shoulder then stands [`ARM_BASE_AHEAD_M`] ahead of the body's axis,
+//! five centimetres clear of the body. Where the body's round top recedes, above 1.6 m, nothing is modelled between the
+//! two. What the Gen3 carries beyond joint 5 is left out: the magnet's centre is the wrist.
 
 use std::f32::consts::PI;
 
@@ -31,10 +32,11 @@ const GEN3_UPPER_ARM_M: f32 = 0.41;
 const GEN3_FOREARM_M: f32 = 0.20843;
 /// Gen3: joint 4 to the wrist, joint 5, metres.
 const GEN3_WRIST_M: f32 = 0.10593;
-/// Radius of the Gen3's shells about its four large joints, metres: rounded, the shells are no cylinders.
-const GEN3_LARGE_RADIUS_M: f32 = 0.045;
-/// Radius of the Gen3's shells about the wrist, metres: rounded likewise.
-const GEN3_SMALL_RADIUS_M: f32 = 0.036;
+/// Radius of the links about the Gen3's large joints, metres (chosen: a little wider than its shells, which are no
+/// cylinders).
+const LARGE_RADIUS_M: f32 = 0.045;
+/// Radius of the link at the Gen3's wrist, metres (chosen likewise).
+const SMALL_RADIUS_M: f32 = 0.036;
 
 /// This arm's lengths over the Gen3's.
 pub const SCALE: f32 = REACH_M / (GEN3_UPPER_ARM_M + GEN3_FOREARM_M + GEN3_WRIST_M);
@@ -47,9 +49,9 @@ pub const WRIST_LENGTH_M: f32 = SCALE * GEN3_WRIST_M;
 /// The shoulder is this far ahead of the body's axis, metres: the whole length of the arm's base.
 pub const ARM_BASE_AHEAD_M: f32 = SCALE * GEN3_BASE_M;
 /// Radius of shoulder, upper arm and forearm, metres.
-pub const LINK_RADIUS_M: f32 = SCALE * GEN3_LARGE_RADIUS_M;
+pub const LINK_RADIUS_M: f32 = SCALE * LARGE_RADIUS_M;
 /// Radius of the forearm's thinner end, metres.
-pub const WRIST_RADIUS_M: f32 = SCALE * GEN3_SMALL_RADIUS_M;
+pub const WRIST_RADIUS_M: f32 = SCALE * SMALL_RADIUS_M;
 /// Radius of the magnet sphere about the wrist, metres (AI2-THOR's default): what it touches can be picked up.
 pub const MAGNET_RADIUS_M: f32 = 0.06;
 /// Radius of the hand's solid core, metres (chosen). Smaller than the magnet, so that touching need not push.
@@ -62,9 +64,9 @@ pub const ELBOW_LIMIT_RAD: f32 = 147.8 * PI / 180.0;
 /// Joint 5, hand against forearm (Gen3). Yaw and pitch of the hand each keep to it; the angle between the two axes,
 /// whose cosine is the product of their cosines, then does so too.
 pub const WRIST_LIMIT_RAD: f32 = 120.3 * PI / 180.0;
-/// The shoulder-wrist line keeps within this angle of level (chosen): on a steep line "above it" turns about with the
-/// least motion of the wrist, and at 90 degrees it means nothing.
-pub const LINE_PITCH_LIMIT_RAD: f32 = 80.0 * PI / 180.0;
+/// The shoulder-wrist line rises or falls at most this much over its run on the floor plane: the tangent of 80 degrees
+/// (chosen). On a steep line "above it" turns about with the least motion of the wrist; upright it means nothing.
+pub const LINE_STEEPNESS_LIMIT: f32 = 5.671_282;
 
 #[cfg(test)]
 mod tests {

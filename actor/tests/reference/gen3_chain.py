@@ -85,33 +85,40 @@ def chain(base_roll, shoulder, upper_arm_roll, elbow, wrist_yaw, wrist_pitch, si
     frame = product(frame, origin(5, sideways), about(2, q5))
     wrist_position = [row[3] for row in frame[:3]]
     frame = product(frame, about(0, GEN3_JOINTS[5][1]), about(2, q6))
-    # The last frame's z axis points back into the hand; seen from the robot the hand's axes are x right, y up, z ahead.
-    frame = product(frame, about(0, math.pi), about(2, -math.pi / 2), about(2, math.pi / 2))
-    hand = [[frame[row][column] for row in range(3)] for column in range(3)]
-    return elbow_position, wrist_position, hand
+    return elbow_position, wrist_position, frame
 
 
-def quarter_turned(hand):
-    """The hand's axes as the robot names them: at rest the same as the shoulder frame's."""
+def hand_axes(frame):
+    """Axes x, y, z of the hand by the robot's names: with every joint at 0 they are those of the shoulder's frame."""
     rest = chain(0, 0, 0, 0, 0, 0)[2]
-    # Columns of hand times the inverse of the rest orientation, both given by their axes.
-    return [[sum(rest[k][axis] * hand[k][row] for k in range(3)) for row in range(3)] for axis in range(3)]
+    return [[sum(frame[row][k] * rest[axis][k] for k in range(3)) for row in range(3)] for axis in range(3)]
+
+
+def rounded(value):
+    """To nine decimals: far below what single precision can tell, and without the last bits of one machine's sines."""
+    if isinstance(value, dict):
+        return {key: rounded(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [rounded(inner) for inner in value]
+    return round(value, 9) + 0.0
 
 
 def main():
     draw = random.Random(6)
     cases = []
     for number in range(64):
-        angle = lambda limit: math.radians(draw.uniform(-limit, limit)) if number else 0.0
+        # The first is the arm at rest.
+        def angle(limit_deg):
+            return math.radians(draw.uniform(-limit_deg, limit_deg)) if number else 0.0
+
         joints = [angle(180), abs(angle(LIMITS_DEG[2])), angle(180), abs(angle(LIMITS_DEG[3]))]
         joints += [angle(LIMITS_DEG[5]), angle(LIMITS_DEG[5])]
-        elbow, wrist, hand = chain(*joints)
-        case = {"joints_rad": joints, "elbow_m": elbow, "wrist_m": wrist, "hand_axes": quarter_turned(hand)}
-        cases.append(case)
+        elbow, wrist, frame = chain(*joints)
+        cases.append({"joints_rad": joints, "elbow_m": elbow, "wrist_m": wrist, "hand_axes": hand_axes(frame)})
     moved = [math.dist(chain(*c["joints_rad"], sideways=True)[1], c["wrist_m"]) for c in cases]
     print(f"the sideways steps move the wrist by at most {1e3 * max(moved):.1f} mm", file=sys.stderr)
-    json.dump({"reach_m": REACH, "scale": SCALE, "cases": cases}, sys.stdout, indent=1)
-    print()
+    lines = ",\n".join("  " + json.dumps(rounded(case)) for case in cases)
+    print(f'{{"reach_m": {REACH}, "scale": {SCALE}, "cases": [\n{lines}\n]}}')
 
 
 if __name__ == "__main__":
