@@ -15,7 +15,7 @@ use crate::kitchen::Kitchen;
 use crate::physics::geometry::Solid;
 use crate::physics::world::World;
 use crate::robot::configuration::{Configuration, Posture};
-use crate::robot::links::{HAND, MAGNET_RADIUS_M, PART_COUNT, PartPoses, part_poses};
+use crate::robot::links::{HAND, MAGNET_RADIUS_M, Motion, PART_COUNT, PartPoses, part_poses};
 use rapier3d::dynamics::RigidBodyType;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
@@ -203,9 +203,10 @@ impl Simulation {
     fn plan(&mut self, from: &Posture, to: &Posture) -> Option<bool> {
         let goal = part_poses(to).ok()?;
         let count = self.substep_count(from, to, &goal);
+        let motion = Motion::between(from, to).ok()?;
         self.path.clear();
         for k in 1..=count {
-            let poses = if k == count { goal } else { part_poses(&from.towards(to, k as f32 / count as f32)).ok()? };
+            let poses = if k == count { goal } else { motion.at(k as f32 / count as f32).ok()? };
             self.path.push(poses);
         }
         let mut clear = self.path.len();

@@ -177,6 +177,14 @@ impl Posture {
         }
     }
 
+    /// Whether the arm has the same form as in another posture, wherever the robot stands and the arm rides.
+    pub fn same_arm(&self, other: &Self) -> bool {
+        self.wrist_m == other.wrist_m
+            && self.elbow_rad == other.elbow_rad
+            && self.wrist_yaw_rad == other.wrist_yaw_rad
+            && self.wrist_pitch_rad == other.wrist_pitch_rad
+    }
+
     /// Joint angles of the arm in this posture.
     pub fn joints(&self) -> Result<Joints, Unreachable> {
         arm::inverse(self.wrist_m, self.elbow_rad, self.wrist_yaw_rad, self.wrist_pitch_rad)

@@ -1,65 +1,106 @@
 //! The robot's collision bodies and where a posture puts them.
+//!
+//! Every link's body has its origin at the link's far end, which travels furthest: whoever bounds the travel of the
+//! origins bounds that of the links.
 
-use super::arm::{self, LINK_LENGTH_M, Unreachable};
+use super::arm::{self, Unreachable};
 use super::configuration::Posture;
 use crate::physics::geometry::{rotation_x, rotation_y};
-use crate::shape::{Primitive, Shape};
+use crate::shape::{Part, Primitive, Shape};
 use rapier3d::math::{Pose3, Rot3, Vec3};
-use std::f32::consts::FRAC_PI_2;
+use std::f32::consts::FRAC_1_SQRT_2;
 
-/// Radius of the body, metres (AI2-THOR's default agent).
-pub const BODY_RADIUS_M: f32 = 0.2;
-/// Height of the body, metres (AI2-THOR's default agent).
-pub const BODY_HEIGHT_M: f32 = 1.8;
-/// Height of the head camera on the body's axis, metres (ManipulaTHOR).
-pub const CAMERA_HEIGHT_M: f32 = 1.58;
-/// The arm's base rides on the front of the body, this far ahead of its axis, metres.
-pub const ARM_BASE_AHEAD_M: f32 = BODY_RADIUS_M;
-/// Radius of the magnet sphere about the wrist, metres (AI2-THOR's default): what it touches can be picked up.
-pub const MAGNET_RADIUS_M: f32 = 0.06;
-/// Radius of the hand's solid core, metres. Smaller than the magnet, so that touching need not push.
-pub const HAND_RADIUS_M: f32 = 0.035;
-const SHOULDER_RADIUS_M: f32 = 0.045;
-const UPPER_ARM_RADIUS_M: f32 = 0.032;
-const FOREARM_RADIUS_M: f32 = 0.027;
+pub use super::dimensions::{
+    ARM_BASE_AHEAD_M, BODY_HEIGHT_M, BODY_RADIUS_M, CAMERA_HEIGHT_M, HAND_RADIUS_M, MAGNET_RADIUS_M,
+};
+use super::dimensions::{FOREARM_LENGTH_M, LINK_RADIUS_M, UPPER_ARM_LENGTH_M, WRIST_LENGTH_M, WRIST_RADIUS_M};
 
 /// Collision bodies: the body itself, then the arm's links in the order of [`LINK_NAMES`].
-pub const PART_COUNT: usize = 5;
+pub const PART_COUNT: usize = 6;
 /// The arm's links, which the camera sees. The body is not among them: the camera sits inside it.
-pub const LINK_NAMES: [&str; PART_COUNT - 1] = ["Shoulder", "UpperArm", "Forearm", "Hand"];
+pub const LINK_NAMES: [&str; PART_COUNT - 1] = ["Shoulder", "UpperArm", "Forearm", "Wrist", "Hand"];
 /// Index of the hand among the collision bodies.
-pub const HAND: usize = 4;
+pub const HAND: usize = 5;
 
-/// Poses of all collision bodies: body, shoulder, upper arm, forearm, hand.
+/// Poses of all collision bodies: body, shoulder, upper arm, forearm, wrist, hand.
 pub type PartPoses = [Pose3; PART_COUNT];
 
 /// Shapes of all collision bodies.
 pub fn part_shapes() -> [Shape; PART_COUNT] {
-    let link = |radius_m| Shape::of(Primitive::Capsule { radius_m, half_height_m: 0.5 * LINK_LENGTH_M });
     [
         Shape::of(Primitive::Capsule { radius_m: BODY_RADIUS_M, half_height_m: 0.5 * BODY_HEIGHT_M - BODY_RADIUS_M }),
-        Shape::of(Primitive::Sphere { radius_m: SHOULDER_RADIUS_M }),
-        link(UPPER_ARM_RADIUS_M),
-        link(FOREARM_RADIUS_M),
+        // The end of the base that looks out of the body.
+        link(ARM_BASE_AHEAD_M - BODY_RADIUS_M, LINK_RADIUS_M),
+        link(UPPER_ARM_LENGTH_M, LINK_RADIUS_M),
+        link(FOREARM_LENGTH_M - WRIST_LENGTH_M, LINK_RADIUS_M),
+        link(WRIST_LENGTH_M, WRIST_RADIUS_M),
         Shape::of(Primitive::Sphere { radius_m: HAND_RADIUS_M }),
     ]
 }
 
+/// A capsule about the z axis from `-length_m` to the origin. The primitive itself lies along y.
+fn link(length_m: f32, radius_m: f32) -> Shape {
+    let along_z = Rot3::from_xyzw(FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2);
+    Shape {
+        parts: vec![Part {
+            primitive: Primitive::Capsule { radius_m, half_height_m: 0.5 * length_m },
+            body_from_part: Pose3::from_parts(Vec3::new(0.0, 0.0, -0.5 * length_m), along_z),
+        }],
+    }
+}
+
 /// Where a posture puts the collision bodies; an error if the arm cannot take it.
 pub fn part_poses(posture: &Posture) -> Result<PartPoses, Unreachable> {
+    Ok(on_the_floor(posture, &arm_poses(posture)?))
+}
+
+/// The way from one posture to another. Where the arm keeps its form on it, that is worked out once.
+#[derive(Debug, Clone, Copy)]
+pub struct Motion {
+    from: Posture,
+    to: Posture,
+    rigid: Option<ArmPoses>,
+}
+
+impl Motion {
+    /// The way between two postures; an error if the arm keeps its form and cannot take it.
+    pub fn between(from: &Posture, to: &Posture) -> Result<Self, Unreachable> {
+        let rigid = if from.same_arm(to) { Some(arm_poses(from)?) } else { None };
+        Ok(Self { from: *from, to: *to, rigid })
+    }
+
+    /// Where the collision bodies are at share `t` in 0..=1 of the way, bit for bit what [`part_poses`] says of
+    /// [`Posture::towards`].
+    pub fn at(&self, t: f32) -> Result<PartPoses, Unreachable> {
+        let posture = self.from.towards(&self.to, t);
+        match &self.rigid {
+            Some(arm) => Ok(on_the_floor(&posture, arm)),
+            None => part_poses(&posture),
+        }
+    }
+}
+
+/// Poses of the arm's moving links (upper arm, forearm, wrist, hand) in the shoulder's frame.
+type ArmPoses = [Pose3; PART_COUNT - 2];
+
+fn arm_poses(posture: &Posture) -> Result<ArmPoses, Unreachable> {
     let frames = arm::forward(&posture.joints()?);
-    let world_from_robot = world_from_robot(posture);
-    let world_from_base = world_from_robot * Pose3::translation(0.0, posture.arm_height_m, ARM_BASE_AHEAD_M);
-    // A capsule lies along its y axis, a link along its z axis.
-    let along = rotation_x(FRAC_PI_2);
-    let link = |middle: Vec3, rotation: Rot3| world_from_base * Pose3::from_parts(middle, rotation * along);
+    let forearm_end = frames.wrist - frames.forearm * Vec3::new(0.0, 0.0, WRIST_LENGTH_M);
     Ok([
-        world_from_robot * Pose3::translation(0.0, 0.5 * BODY_HEIGHT_M, 0.0),
-        world_from_base,
-        link(0.5 * frames.elbow, frames.upper_arm),
-        link(0.5 * (frames.elbow + frames.wrist), frames.forearm),
-        world_from_base * Pose3::from_parts(frames.wrist, frames.hand),
+        Pose3::from_parts(frames.elbow, frames.upper_arm),
+        Pose3::from_parts(forearm_end, frames.forearm),
+        Pose3::from_parts(frames.wrist, frames.forearm),
+        Pose3::from_parts(frames.wrist, frames.hand),
     ])
+}
+
+/// All collision bodies, the arm on the body, the body on the floor.
+fn on_the_floor(posture: &Posture, arm: &ArmPoses) -> PartPoses {
+    let world_from_robot = world_from_robot(posture);
+    let world_from_shoulder = world_from_robot * Pose3::translation(0.0, posture.arm_height_m, ARM_BASE_AHEAD_M);
+    let [upper_arm, forearm, wrist, hand] = arm.map(|pose| world_from_shoulder * pose);
+    let body = world_from_robot * Pose3::translation(0.0, 0.5 * BODY_HEIGHT_M, 0.0);
+    [body, world_from_shoulder, upper_arm, forearm, wrist, hand]
 }
 
 /// Pose of the robot's frame: on the floor at the body's axis, turned by its yaw.

@@ -2,4 +2,5 @@
 
 pub mod arm;
 pub mod configuration;
+pub mod dimensions;
 pub mod links;
