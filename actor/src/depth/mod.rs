@@ -24,8 +24,12 @@
 
 mod camera;
 mod mesh;
+mod outline;
 mod raster;
+mod round;
+mod scene;
 mod simd;
+mod surface;
 #[cfg(test)]
 mod tests;
 mod view;
