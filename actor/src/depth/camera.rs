@@ -1,14 +1,15 @@
 //! The walk over what is in view.
 
+use super::backdrop::{Backdrop, Redraw, roles};
 use super::mesh::Mesh;
 use super::outline::{Corners, Outline};
 use super::raster::{Corner, Extent, Raster};
 use super::round::{LEAST_HEIGHT_M, Round, RoundBrush, rows_of};
 use super::scene::{Form, PartView, Scene};
-use super::simd::{LANES, Lanes};
+use super::simd::{LANES, Lanes, as_unwritten};
 use super::surface::{ManyPlanes, Plane, Planes};
 use super::view::{Lens, NEAR_M, Rigid, clip_near, visible};
-use crate::kitchen::Body;
+use crate::kitchen::{Body, BodyRole};
 use rapier3d::math::Pose3;
 use std::mem::MaybeUninit;
 
@@ -17,6 +18,7 @@ use std::mem::MaybeUninit;
 #[derive(Debug, Clone)]
 pub struct DepthCamera {
     scene: Scene,
+    roles: Vec<BodyRole>,
     cuboids: CuboidOutlines,
     raster: Raster,
     outline: Outline,
@@ -93,6 +95,7 @@ impl DepthCamera {
     pub fn new(bodies: &[Body]) -> Self {
         Self {
             scene: Scene::new(bodies),
+            roles: roles(bodies),
             cuboids: CuboidOutlines::new(),
             raster: Raster::new(proto::message::FRAME_SIDE),
             outline: Outline::default(),
@@ -118,7 +121,7 @@ impl DepthCamera {
     /// # Panics
     /// If there is not one pose a body, or the frame has another size.
     pub fn render(&mut self, world_from_bodies: &[Pose3], world_from_camera: Pose3, side: usize, depth_mm: &mut [u16]) {
-        let frame = super::simd::as_unwritten(depth_mm);
+        let frame = as_unwritten(depth_mm);
         self.render_into(world_from_bodies, world_from_camera, side, frame);
     }
 
@@ -133,33 +136,64 @@ impl DepthCamera {
         side: usize,
         depth_mm: &'a mut [MaybeUninit<u16>],
     ) -> &'a [u16] {
+        let view = self.set_up(world_from_bodies, &world_from_camera, side);
+        self.view_set_triangles = self.draw(&view, |_| true);
+        self.raster.finish(depth_mm)
+    }
+
+    /// Renders the same frame as [`Self::render_into`], bit for bit, and remembers in `backdrop` what is likely to be
+    /// the same in the next one. One backdrop belongs to one environment; what it remembers is checked, so that a
+    /// wrong one costs time and nothing else.
+    ///
+    /// # Panics
+    /// If there is not one pose a body, or the frame has another size.
+    pub fn render_over<'a>(
+        &mut self,
+        backdrop: &mut Backdrop,
+        world_from_bodies: &[Pose3],
+        world_from_camera: Pose3,
+        side: usize,
+        depth_mm: &'a mut [MaybeUninit<u16>],
+    ) -> &'a [u16] {
+        let view = self.set_up(world_from_bodies, &world_from_camera, side);
+        if backdrop.prepare(&self.roles, world_from_bodies, &world_from_camera, side) == Redraw::Everything {
+            backdrop.view_set_triangles = self.draw(&view, |body| backdrop.holds(body));
+            self.raster.finish(as_unwritten(&mut backdrop.frame_mm));
+        }
+        let before = self.draw(&view, |body| !backdrop.holds(body));
+        self.view_set_triangles = backdrop.view_set_triangles + before;
+        self.raster.finish_over(&backdrop.frame_mm, depth_mm)
+    }
+
+    fn set_up(&mut self, world_from_bodies: &[Pose3], world_from_camera: &Pose3, side: usize) -> View {
         if self.raster.side() != side {
             self.raster = Raster::new(side);
         }
         self.scene.place(world_from_bodies);
-        self.draw(&View::new(Lens::of(side), &world_from_camera));
-        self.raster.finish(depth_mm)
+        View::new(Lens::of(side), world_from_camera)
     }
 
-    /// Draws everything in view.
-    fn draw(&mut self, view: &View) {
-        self.view_set_triangles = 0;
+    /// Draws those bodies in view that are `wanted`; returns how many triangles they have at their finest.
+    fn draw(&mut self, view: &View, wanted: impl Fn(usize) -> bool) -> usize {
+        let mut triangles = 0;
         self.find_visible(view);
         let visible = std::mem::take(&mut self.scratch.visible);
         let mut last_body = u32::MAX;
         for &(index, centre) in &visible {
             let part = &self.scene.parts[index as usize];
+            if !wanted(part.body as usize) {
+                continue;
+            }
             if part.body != last_body {
                 last_body = part.body;
-                self.view_set_triangles += self.scene.triangles(part.body as usize);
+                triangles += self.scene.triangles(part.body as usize);
             }
             let model = &self.scene.models[part.model as usize];
             let cut = centre[2] - model.bounds.radius_m <= NEAR_M;
-            let camera_from_part = |part: &PartView| view.camera_from_world.after(&part.world_from_part);
             match model.form {
                 Form::Cuboid | Form::Polyhedron => self.polyhedron(view, index as usize),
                 _ if cut => {
-                    let camera_from_part = camera_from_part(part);
+                    let camera_from_part = view.camera_from_world.after(&part.world_from_part);
                     clipped(&mut self.raster, &mut self.scratch, view.lens, &model.mesh, &camera_from_part);
                 }
                 Form::Sphere(round) => RoundBrush::sphere(&mut self.raster, view.lens, centre, round),
@@ -174,6 +208,7 @@ impl DepthCamera {
             }
         }
         self.scratch.visible = visible;
+        triangles
     }
 
     /// Lists the parts whose bounds meet the view volume.

@@ -22,6 +22,7 @@
 //! Plain single-precision additions, multiplications, divisions and square roots in a fixed order, nothing fused,
 //! and no transcendental function at run time: the same bits on every machine.
 
+mod backdrop;
 mod camera;
 mod mesh;
 mod outline;
@@ -34,6 +35,7 @@ mod surface;
 mod tests;
 mod view;
 
+pub use backdrop::Backdrop;
 pub use camera::DepthCamera;
 pub use mesh::triangles_of;
 pub use raster::DEPTH_MAX_MM;

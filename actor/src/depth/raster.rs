@@ -47,7 +47,12 @@ pub struct Raster {
     /// First pixel of the current figure in each row, and the one after its last: whole numbers in 0..=side.
     pub left: Vec<f32>,
     pub right: Vec<f32>,
+    /// Rows that anything was drawn in: from the first to before the last.
+    drawn: [usize; 2],
 }
+
+/// Nothing was drawn in any row.
+const NO_ROWS: [usize; 2] = [usize::MAX, 0];
 
 impl Raster {
     /// An empty image.
@@ -61,6 +66,7 @@ impl Raster {
             inverse_m: vec![[0.0; LANES]; groups * side],
             left: vec![0.0; rows],
             right: vec![0.0; rows],
+            drawn: NO_ROWS,
         }
     }
 
@@ -104,6 +110,7 @@ impl Raster {
     pub fn sweep(&mut self, extent: Extent, surface: &mut impl Surface) {
         let (farthest, nearest) = (Lanes::splat(extent.inverse_m[0]), Lanes::splat(extent.inverse_m[1]));
         let step = Lanes::splat(LANES as f32);
+        self.drawn = [self.drawn[0].min(extent.top), self.drawn[1].max(extent.bottom)];
         for row in extent.top..extent.bottom {
             let (left, right) = (self.left[row], self.right[row]);
             if left >= right {
@@ -149,8 +156,41 @@ impl Raster {
                 }
             }
         }
+        self.drawn = NO_ROWS;
         assume_written(depth_mm)
     }
+
+    /// Puts the image before another one in millimetres, and clears it for the next one.
+    pub fn finish_over<'a>(&mut self, behind_mm: &[u16], depth_mm: &'a mut [MaybeUninit<u16>]) -> &'a mut [u16] {
+        assert_eq!(behind_mm.len(), self.side * self.side, "the picture behind is a square of this side");
+        assert_eq!(depth_mm.len(), behind_mm.len(), "the frame is a square of this side");
+        for (out, &behind) in depth_mm.iter_mut().zip(behind_mm) {
+            out.write(behind);
+        }
+        let depth_mm = assume_written(depth_mm);
+        let zero = Lanes::splat(0.0);
+        let rows = self.inverse_m.chunks_exact_mut(self.groups).zip(depth_mm.chunks_exact_mut(self.side));
+        let [top, bottom] = self.drawn;
+        for (row, out) in rows.take(bottom).skip(top) {
+            for (group, out) in row.iter_mut().zip(out.chunks_mut(LANES)) {
+                let inverse_m = Lanes::load(group);
+                if zero.less(inverse_m).bits() == 0 {
+                    continue;
+                }
+                zero.store(group);
+                for (out, before) in out.iter_mut().zip(millimetres(inverse_m)) {
+                    *out = nearer(*out, before);
+                }
+            }
+        }
+        self.drawn = NO_ROWS;
+        depth_mm
+    }
+}
+
+/// The nearer of two depths, where 0 is nothing.
+fn nearer(a_mm: u16, b_mm: u16) -> u16 {
+    a_mm.wrapping_sub(1).min(b_mm.wrapping_sub(1)).wrapping_add(1)
 }
 
 /// Depths in millimetres, rounded, at most [`DEPTH_MAX_MM`]; 0 for an inverse depth of 0.
