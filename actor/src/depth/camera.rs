@@ -6,9 +6,9 @@ use super::outline::{Corners, Outline};
 use super::raster::{Corner, Extent, Raster};
 use super::round::{LEAST_HEIGHT_M, Round, RoundBrush, rows_of};
 use super::scene::{Form, PartView, Scene};
-use super::simd::{LANES, Lanes, as_unwritten};
+use super::simd::{LANES, Lanes, Mask, as_unwritten};
 use super::surface::{ManyPlanes, Plane, Planes};
-use super::view::{Lens, NEAR_M, Rigid, clip_near, visible};
+use super::view::{Lens, NEAR_M, Rigid, TAN_HALF_FIELD_OF_VIEW, clip_near, visible};
 use crate::kitchen::{Body, BodyRole};
 use rapier3d::math::Pose3;
 use std::mem::MaybeUninit;
@@ -251,11 +251,18 @@ impl DepthCamera {
         scratch.inverse_m.resize(blocks.len() * LANES, 0.0);
         let (mut farthest, mut nearest) = (Lanes::splat(f32::MAX), Lanes::splat(0.0));
         let (mut low, mut high) = ([Lanes::splat(f32::MAX); 2], [Lanes::splat(f32::MIN); 2]);
-        let mut cut = 0;
+        let (mut cut, mut outside) = (0, [u32::MAX; 5]);
+        let edge = Lanes::splat(TAN_HALF_FIELD_OF_VIEW);
         let mut corners = Corners { x_px: low[0], y_px: low[1] };
         for (block, points) in blocks.iter().enumerate() {
             let p = view.points(points.load());
-            cut |= p[2].less(Lanes::splat(NEAR_M)).bits();
+            let behind = p[2].less(Lanes::splat(NEAR_M)).bits();
+            cut |= behind;
+            let reach = p[2] * edge;
+            let back = Lanes::splat(0.0) - reach;
+            let beyond = [p[0].less(back), reach.less(p[0]), p[1].less(back), reach.less(p[1])].map(Mask::bits);
+            outside[4] &= behind;
+            outside[..4].iter_mut().zip(beyond).for_each(|(outside, beyond)| *outside &= beyond);
             let (projected, inverse_m) = view.lens.project_lanes(p);
             corners = projected;
             farthest = farthest.min(inverse_m);
@@ -266,6 +273,10 @@ impl DepthCamera {
             scratch.x_px[at.clone()].copy_from_slice(&corners.x_px.to_array());
             scratch.y_px[at.clone()].copy_from_slice(&corners.y_px.to_array());
             scratch.inverse_m[at].copy_from_slice(&inverse_m.to_array());
+        }
+        // All of its vertices lie outside of one side of the view volume.
+        if outside.iter().any(|&bits| bits == 255) {
+            return;
         }
         if cut != 0 {
             let camera_from_part = view.camera_from_world.after(&part.world_from_part);

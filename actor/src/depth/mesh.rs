@@ -69,13 +69,18 @@ pub fn triangles_of(shape: &Shape) -> Vec<[[f32; 3]; 3]> {
     triangles
 }
 
-/// Number of sides of a round thing of this radius, a multiple of 4.
+/// Number of sides of a cylinder of this radius, a multiple of 4.
 pub fn sides(radius_m: f32) -> usize {
     let mut sides = SIDES_LEAST;
     while sides < SIDES_MOST && f64::from(radius_m) * (1.0 - libm::cos(PI / sides as f64)) > FINEST_ERROR_M {
         sides += 4;
     }
     sides
+}
+
+/// Number of sides of a sphere or capsule of this radius: bent both ways, it deviates twice as far from its faces.
+pub fn sides_of_sphere(radius_m: f32) -> usize {
+    sides(2.0 * radius_m)
 }
 
 impl Mesh {
@@ -235,7 +240,7 @@ impl Mesh {
 /// A sphere (half height 0) or a capsule about the y axis.
 fn round_ended(radius_m: f32, half_height_m: f32) -> Mesh {
     let (r, h) = (f64::from(radius_m), f64::from(half_height_m));
-    let sides = sides(radius_m);
+    let sides = sides_of_sphere(radius_m);
     let quarter: Vec<(f64, f64)> = (0..sides / 4)
         .map(|ring| {
             let (sin, cos) = libm::sincos(2.0 * PI * ring as f64 / sides as f64);
@@ -423,8 +428,7 @@ mod tests {
                 }
             };
             let error_m = FINEST_ERROR_M as f32;
-            // Bent both ways, so twice as far off as a circle.
-            within(&Mesh::of(&Primitive::Sphere { radius_m }), 2.0 * error_m);
+            within(&Mesh::of(&Primitive::Sphere { radius_m }), error_m);
             within(&Mesh::of(&Primitive::Cylinder { radius_m, half_height_m: 0.5 }), error_m);
             assert!(sides(radius_m) % 4 == 0);
         }

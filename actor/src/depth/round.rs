@@ -4,11 +4,10 @@
 //! Their radius lies halfway between the circles within and about the finest mesh, so that no point of that mesh is
 //! further off than half of what separates the circles.
 
-use super::mesh::sides;
-use super::outline::{Corners, Outline, first_centres, mark_rows};
+use super::outline::{Outline, first_centres, mark_rows};
 use super::raster::{Extent, Raster};
 use super::simd::{LANES, Lanes};
-use super::surface::{Ball, Mantle, Plane, Planes};
+use super::surface::{Ball, Mantle, Planes};
 use super::view::Lens;
 use std::f64::consts::PI;
 
@@ -31,15 +30,15 @@ pub struct Round {
 }
 
 impl Round {
-    /// A cylinder.
-    pub fn cylinder(radius_m: f32, half_height_m: f32) -> Self {
-        let within = libm::cos(PI / sides(radius_m) as f64);
+    /// A cylinder whose mesh has this many sides.
+    pub fn cylinder(radius_m: f32, half_height_m: f32, sides: usize) -> Self {
+        let within = libm::cos(PI / sides as f64);
         Self { radius_m: (f64::from(radius_m) * f64::midpoint(1.0, within)) as f32, half_height_m }
     }
 
-    /// A sphere: bent both ways, its mesh deviates twice as far.
-    pub fn sphere(radius_m: f32) -> Self {
-        let within = libm::cos(PI / sides(radius_m) as f64);
+    /// A sphere whose mesh has this many sides: bent both ways, the mesh deviates twice as far.
+    pub fn sphere(radius_m: f32, sides: usize) -> Self {
+        let within = libm::cos(PI / sides as f64);
         Self { radius_m: (f64::from(radius_m) * within) as f32, half_height_m: 0.0 }
     }
 }

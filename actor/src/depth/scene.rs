@@ -2,7 +2,7 @@
 //!
 //! A part is placed anew only when its body's pose has changed, bit for bit; most never move.
 
-use super::mesh::{Edge, Mesh, triangles_of};
+use super::mesh::{Edge, Mesh, sides, sides_of_sphere, triangles_of};
 use super::round::Round;
 use super::simd::{LANES, Lanes};
 use super::view::{Rigid, Sphere};
@@ -36,11 +36,6 @@ pub struct HalfSpaces {
 impl Points {
     fn set(&mut self, lane: usize, p: [f32; 3]) {
         [self.x_m[lane], self.y_m[lane], self.z_m[lane]] = p;
-    }
-
-    /// One of the points.
-    pub fn get(&self, lane: usize) -> [f32; 3] {
-        [self.x_m[lane], self.y_m[lane], self.z_m[lane]]
     }
 
     /// All of them, by axis.
@@ -116,10 +111,16 @@ impl Model {
         let form = match *primitive {
             Primitive::Cuboid { .. } => Form::Cuboid,
             Primitive::Hull { .. } => Form::Polyhedron,
-            Primitive::Cylinder { radius_m, half_height_m } => Form::Cylinder(Round::cylinder(radius_m, half_height_m)),
-            Primitive::Sphere { radius_m } => Form::Sphere(Round::sphere(radius_m)),
+            Primitive::Cylinder { radius_m, half_height_m } => {
+                Form::Cylinder(Round::cylinder(radius_m, half_height_m, sides(radius_m)))
+            }
+            Primitive::Sphere { radius_m } => Form::Sphere(Round::sphere(radius_m, sides_of_sphere(radius_m))),
             Primitive::Capsule { radius_m, half_height_m } => {
-                Form::Capsule { mantle: Round::cylinder(radius_m, half_height_m), ends: Round::sphere(radius_m) }
+                let sides = sides_of_sphere(radius_m);
+                Form::Capsule {
+                    mantle: Round::cylinder(radius_m, half_height_m, sides),
+                    ends: Round::sphere(radius_m, sides),
+                }
             }
         };
         // A box without thickness has fewer faces, and no table fits it.
