@@ -41,7 +41,7 @@ pub fn run(kitchen: KitchenId, seconds: f64) -> Result<()> {
     writeln!(
         out,
         "{:>12}  {:>22}  {:>22}  {:>22}  {:>17}",
-        "environments", "physics", "depth", "whole step", "triangles in view"
+        "environments", "physics", "depth", "whole step", "view set triangles"
     )?;
     for count in ENVIRONMENT_COUNTS {
         let mut players = (0..count)
@@ -54,7 +54,7 @@ pub fn run(kitchen: KitchenId, seconds: f64) -> Result<()> {
             player.environment.world_from_bodies(&mut poses);
             camera.render(&poses, player.environment.world_from_camera(), FRAME_SIDE, &mut frame);
             looks += 1;
-            triangles += camera.triangles_in_view();
+            triangles += camera.view_set_triangles();
         };
         let physics = rate(&mut players, span, Player::step)?;
         let depth = rate(&mut players, span, |player| look(player))?;

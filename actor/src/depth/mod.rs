@@ -22,14 +22,21 @@
 //! Plain single-precision additions, multiplications, divisions and square roots in a fixed order, nothing fused,
 //! and no transcendental function at run time: the same bits on every machine.
 
+mod backdrop;
 mod camera;
 mod mesh;
+mod outline;
 mod raster;
+mod round;
+mod scene;
 mod simd;
+mod surface;
 #[cfg(test)]
 mod tests;
 mod view;
 
+pub use backdrop::Backdrop;
 pub use camera::DepthCamera;
+pub use mesh::triangles_of;
 pub use raster::DEPTH_MAX_MM;
 pub use view::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};

@@ -1,16 +1,15 @@
-//! Convex polygons filled into a buffer of inverse depths.
+//! The image while it is drawn: a buffer of inverse depths, and figures with one interval of pixels in each row.
 //!
-//! A pixel belongs to a polygon if its centre lies inside, where a centre exactly on an edge belongs to the side
-//! to its right (or below): faces that share an edge neither overlap nor leave a gap, because both compute the edge
-//! from its upper to its lower end.
+//! A pixel belongs to a figure if its centre lies inside, where a centre exactly on an edge belongs to the side to its
+//! right (or below): polygons that share an edge neither overlap nor leave a gap, because both compute the edge from
+//! its upper to its lower end.
 
-use super::simd::{Span, raise};
+use super::simd::{LANES, Lanes, assume_written};
+use super::surface::{Plane, Planes, Surface};
 use std::mem::MaybeUninit;
 
 /// Largest depth a pixel can hold, millimetres: signed and unsigned 16-bit readers agree on it.
 pub const DEPTH_MAX_MM: u16 = 32_766;
-/// Pixels that are worked on at once; rows are padded to a multiple.
-const LANES: usize = 8;
 
 /// A corner in the image: pixels from the top left, and inverse depth, 1/m.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,36 +24,50 @@ pub struct Corner {
 impl Corner {
     /// A corner in an image of `side` × `side` pixels.
     pub fn new(x_px: f32, y_px: f32, inverse_m: f32, side: usize) -> Self {
-        Self { x_px, y_px, inverse_m, row: first_centre(y_px, side as f32) }
+        Self { x_px, y_px, inverse_m, row: first_centre(y_px, side as f32) as u32 }
     }
 }
 
-/// Inverse depth over the image of a plane: `at_origin + per_x · x + per_y · y`, with x and y in pixels from the top
-/// left of the image.
+/// Rows of the image, and the least and greatest inverse depth that what is drawn in them can have, 1/m. (The plane of
+/// a face seen edge-on is ill-conditioned; its corners are not.)
 #[derive(Debug, Clone, Copy)]
-pub struct Plane {
-    pub at_origin: f32,
-    pub per_x: f32,
-    pub per_y: f32,
+pub struct Extent {
+    pub top: usize,
+    pub bottom: usize,
+    pub inverse_m: [f32; 2],
 }
 
 /// The image while it is drawn: the largest inverse depth so far at each pixel, 0 where nothing was drawn.
 #[derive(Debug, Clone)]
 pub struct Raster {
     side: usize,
-    /// Groups of pixels in a row.
+    /// Groups of pixels in a row: rows are padded to a multiple of [`LANES`].
     groups: usize,
     inverse_m: Vec<[f32; LANES]>,
-    /// First pixel of the current polygon in each row, and the one after its last.
-    left: Vec<u32>,
-    right: Vec<u32>,
+    /// First pixel of the current figure in each row, and the one after its last: whole numbers in 0..=side.
+    pub left: Vec<f32>,
+    pub right: Vec<f32>,
+    /// Rows that anything was drawn in: from the first to before the last.
+    drawn: [usize; 2],
 }
+
+/// Nothing was drawn in any row.
+const NO_ROWS: [usize; 2] = [usize::MAX, 0];
 
 impl Raster {
     /// An empty image.
     pub fn new(side: usize) -> Self {
         let groups = side.div_ceil(LANES);
-        Self { side, groups, inverse_m: vec![[0.0; LANES]; groups * side], left: vec![0; side], right: vec![0; side] }
+        // Intervals are computed for LANES rows at a time, from any row on.
+        let rows = side + LANES;
+        Self {
+            side,
+            groups,
+            inverse_m: vec![[0.0; LANES]; groups * side],
+            left: vec![0.0; rows],
+            right: vec![0.0; rows],
+            drawn: NO_ROWS,
+        }
     }
 
     /// Pixels along an edge.
@@ -88,32 +101,52 @@ impl Raster {
                 edge(b, a, limit, &mut self.left);
             }
         }
-        for row in top as usize..bottom as usize {
+        let extent = Extent { top: top as usize, bottom: bottom as usize, inverse_m: [farthest, nearest] };
+        self.sweep(extent, &mut Planes::new([plane]));
+    }
+
+    /// Draws a surface into the intervals of these rows.
+    #[inline(always)]
+    pub fn sweep(&mut self, extent: Extent, surface: &mut impl Surface) {
+        let (farthest, nearest) = (Lanes::splat(extent.inverse_m[0]), Lanes::splat(extent.inverse_m[1]));
+        let step = Lanes::splat(LANES as f32);
+        self.drawn = [self.drawn[0].min(extent.top), self.drawn[1].max(extent.bottom)];
+        for row in extent.top..extent.bottom {
             let (left, right) = (self.left[row], self.right[row]);
             if left >= right {
                 continue;
             }
-            let (left, right) = (left as usize, right as usize);
-            let at_row = plane.at_origin + plane.per_y * (row as f32 + 0.5);
-            let groups = &mut self.inverse_m[row * self.groups..][left / LANES..right.div_ceil(LANES)];
-            let span = Span {
-                pixels: [self.left[row] as f32, self.right[row] as f32],
-                at_zero: at_row,
-                per_x: plane.per_x,
-                // The plane of a face seen edge-on is ill-conditioned; its corners are not.
-                limits: [farthest, nearest],
-            };
-            raise(groups, (left / LANES * LANES) as f32, span);
+            surface.begin_row(row as f32 + 0.5);
+            let (first, end) = (left as i32 as usize / LANES, (right as i32 as usize).div_ceil(LANES));
+            let groups = &mut self.inverse_m[row * self.groups..][first..end];
+            let mut x_px = Lanes::splat((first * LANES) as f32 + 0.5) + Lanes::ramp();
+            let (left, right) = (Lanes::splat(left), Lanes::splat(right));
+            let (last, others) = groups.split_last_mut().expect("an interval that is not empty has a group");
+            let mut others = others.iter_mut();
+            if let Some(group) = others.next() {
+                let value = surface.inverse_m(x_px).min(nearest).max(farthest).only(left.less(x_px));
+                Lanes::load(group).max(value).store(group);
+                x_px = x_px + step;
+            }
+            for group in others {
+                let value = surface.inverse_m(x_px).min(nearest).max(farthest);
+                Lanes::load(group).max(value).store(group);
+                x_px = x_px + step;
+            }
+            let inside = left.less(x_px).and(x_px.less(right));
+            let value = surface.inverse_m(x_px).min(nearest).max(farthest).only(inside);
+            Lanes::load(last).max(value).store(last);
         }
     }
 
     /// Turns the image into millimetres, row-major from the top left, and clears it for the next one.
-    pub fn finish<'a>(&mut self, depth_mm: &'a mut [MaybeUninit<u16>]) -> &'a [u16] {
+    pub fn finish<'a>(&mut self, depth_mm: &'a mut [MaybeUninit<u16>]) -> &'a mut [u16] {
         assert_eq!(depth_mm.len(), self.side * self.side, "the frame is a square of this side");
+        let zero = Lanes::splat(0.0);
         for (row, out) in self.inverse_m.chunks_exact_mut(self.groups).zip(depth_mm.chunks_exact_mut(self.side)) {
             for (group, out) in row.iter_mut().zip(out.chunks_mut(LANES)) {
-                let millimetres = group.map(millimetres);
-                *group = [0.0; LANES];
+                let millimetres = millimetres(Lanes::load(group));
+                zero.store(group);
                 if let Ok(out) = <&mut [MaybeUninit<u16>; LANES]>::try_from(&mut *out) {
                     *out = millimetres.map(MaybeUninit::new);
                 } else {
@@ -123,22 +156,55 @@ impl Raster {
                 }
             }
         }
-        super::simd::assume_written(depth_mm)
+        self.drawn = NO_ROWS;
+        assume_written(depth_mm)
+    }
+
+    /// Puts the image before another one in millimetres, and clears it for the next one.
+    pub fn finish_over<'a>(&mut self, behind_mm: &[u16], depth_mm: &'a mut [MaybeUninit<u16>]) -> &'a mut [u16] {
+        assert_eq!(behind_mm.len(), self.side * self.side, "the picture behind is a square of this side");
+        assert_eq!(depth_mm.len(), behind_mm.len(), "the frame is a square of this side");
+        for (out, &behind) in depth_mm.iter_mut().zip(behind_mm) {
+            out.write(behind);
+        }
+        let depth_mm = assume_written(depth_mm);
+        let zero = Lanes::splat(0.0);
+        let rows = self.inverse_m.chunks_exact_mut(self.groups).zip(depth_mm.chunks_exact_mut(self.side));
+        let [top, bottom] = self.drawn;
+        for (row, out) in rows.take(bottom).skip(top) {
+            for (group, out) in row.iter_mut().zip(out.chunks_mut(LANES)) {
+                let inverse_m = Lanes::load(group);
+                if zero.less(inverse_m).bits() == 0 {
+                    continue;
+                }
+                zero.store(group);
+                for (out, before) in out.iter_mut().zip(millimetres(inverse_m)) {
+                    *out = nearer(*out, before);
+                }
+            }
+        }
+        self.drawn = NO_ROWS;
+        depth_mm
     }
 }
 
-/// Depth in millimetres, rounded, at most [`DEPTH_MAX_MM`]; 0 for an inverse depth of 0.
-fn millimetres(inverse_m: f32) -> u16 {
-    // Below 2²³, adding 2²³ leaves the rounded integer in the lowest bits of the mantissa.
-    const ROUND: f32 = 8_388_608.0;
-    let depth = least(1000.0 / inverse_m, f32::from(DEPTH_MAX_MM));
-    let bits = (depth + ROUND).to_bits() as u16;
-    if inverse_m > 0.0 { bits } else { 0 }
+/// The nearer of two depths, where 0 is nothing.
+fn nearer(a_mm: u16, b_mm: u16) -> u16 {
+    a_mm.wrapping_sub(1).min(b_mm.wrapping_sub(1)).wrapping_add(1)
+}
+
+/// Depths in millimetres, rounded, at most [`DEPTH_MAX_MM`]; 0 for an inverse depth of 0.
+#[inline(always)]
+fn millimetres(inverse_m: Lanes) -> [u16; LANES] {
+    // Below 2²³, adding 2²³ leaves a whole number, the nearest.
+    let round = Lanes::splat(8_388_608.0);
+    let depth = (Lanes::splat(1000.0) / inverse_m).min(Lanes::splat(f32::from(DEPTH_MAX_MM)));
+    (depth + round - round).only(Lanes::splat(0.0).less(inverse_m)).to_u16()
 }
 
 /// Index of the first pixel whose centre lies at or beyond `position`, limited to 0..=limit.
-fn first_centre(position: f32, limit: f32) -> u32 {
-    least(most((position - 0.5).ceil(), 0.0), limit) as u32
+fn first_centre(position: f32, limit: f32) -> f32 {
+    least(most((position - 0.5).ceil(), 0.0), limit)
 }
 
 /// The smaller of two numbers: unlike `f32::min` one instruction, because neither is NaN.
@@ -152,7 +218,7 @@ fn most(a: f32, b: f32) -> f32 {
 }
 
 /// Notes where an edge crosses each row of pixel centres between its ends; `upper` is the one with the smaller y.
-fn edge(upper: Corner, lower: Corner, limit: f32, crossing: &mut [u32]) {
+fn edge(upper: Corner, lower: Corner, limit: f32, crossing: &mut [f32]) {
     let slope = (lower.x_px - upper.x_px) / (lower.y_px - upper.y_px);
     let rows = upper.row as usize..lower.row as usize;
     for (row, crossing) in rows.clone().zip(&mut crossing[rows]) {
@@ -194,11 +260,9 @@ mod tests {
 
     #[test]
     fn depth_is_rounded_and_limited() {
-        assert_eq!(millimetres(0.0), 0);
-        assert_eq!(millimetres(1.0), 1000);
-        assert_eq!(millimetres(1.0 / 1.2344), 1234);
-        assert_eq!(millimetres(1.0 / 1.2346), 1235);
-        assert_eq!(millimetres(1e-9), DEPTH_MAX_MM);
+        let inverse_m = [0.0, 1.0, 1.0 / 1.2344, 1.0 / 1.2346, 1e-9, 20.0, 1.0 / 32.766, 1.0 / 32.767];
+        let expected = [0, 1000, 1234, 1235, DEPTH_MAX_MM, 50, DEPTH_MAX_MM, DEPTH_MAX_MM];
+        assert_eq!(millimetres(Lanes::load(&inverse_m)), expected);
     }
 
     proptest! {

@@ -2,12 +2,62 @@
 //!
 //! Camera frame: x right, y up, z ahead. Image frame: x to the right and y *down*, in pixels, from the centre.
 
+use super::outline::Corners;
+use super::raster::Corner;
+use super::simd::Lanes;
+use super::surface::Plane;
+
 /// tan(50°): half of the field of view, which is the same horizontally and vertically.
 pub const TAN_HALF_FIELD_OF_VIEW: f32 = 1.191_753_6;
 /// cos(50°) and sin(50°): the normals of the view volume's sides.
 const SIDE_NORMAL: [f32; 2] = [0.642_787_6, 0.766_044_44];
 /// What lies nearer than this along the axis is not drawn, metres.
 pub const NEAR_M: f32 = 0.05;
+
+/// Pixels per unit of x / z, and the image's centre.
+#[derive(Debug, Clone, Copy)]
+pub struct Lens {
+    pub side: usize,
+    pub focal_px: f32,
+    pub centre_px: f32,
+}
+
+impl Lens {
+    /// The lens of an image of `side` × `side` pixels.
+    pub fn of(side: usize) -> Self {
+        let centre_px = side as f32 * 0.5;
+        Self { side, focal_px: centre_px / TAN_HALF_FIELD_OF_VIEW, centre_px }
+    }
+
+    /// Where a point of the camera's frame is seen.
+    pub fn project(self, p: [f32; 3]) -> Corner {
+        let inverse_m = 1.0 / p[2];
+        let scale = self.focal_px * inverse_m;
+        Corner::new(self.centre_px + p[0] * scale, self.centre_px - p[1] * scale, inverse_m, self.side)
+    }
+
+    /// Where eight points of the camera's frame are seen, and their inverse depths.
+    #[inline(always)]
+    pub fn project_lanes(self, p: [Lanes; 3]) -> (Corners, Lanes) {
+        let inverse_m = Lanes::splat(1.0) / p[2];
+        let scale = Lanes::splat(self.focal_px) * inverse_m;
+        let centre = Lanes::splat(self.centre_px);
+        (Corners { x_px: centre + p[0] * scale, y_px: centre - p[1] * scale }, inverse_m)
+    }
+
+    /// v · d over the image, where d is the direction of a pixel's ray, with z = 1.
+    pub fn over_image(self, v: [f32; 3]) -> Plane {
+        let (per_x, per_y) = (v[0] / self.focal_px, -v[1] / self.focal_px);
+        Plane { at_origin: v[2] - (per_x + per_y) * self.centre_px, per_x, per_y }
+    }
+
+    /// Inverse depth over the image of the plane normal · p = −height, camera's frame: the camera stands `height`
+    /// above it.
+    pub fn plane(self, normal: [f32; 3], height_m: f32) -> Plane {
+        let per_height = -1.0 / height_m;
+        self.over_image(normal.map(|v| v * per_height))
+    }
+}
 
 /// A rigid transformation: row-major rotation, then translation.
 #[derive(Debug, Clone, Copy)]
@@ -76,28 +126,15 @@ pub struct Sphere {
     pub radius_m: f32,
 }
 
-/// What part of a sphere can be seen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Visibility {
-    /// Nothing.
-    None,
-    /// Some of it; the near plane may cut it.
-    NearCut,
-    /// Some of it, all beyond the near plane.
-    Whole,
-}
-
-/// Tests a sphere, its centre in the camera frame, against the view volume.
-pub fn visibility(centre: [f32; 3], radius_m: f32) -> Visibility {
+/// Which of eight spheres, centres in the camera's frame, meet the view volume.
+#[inline(always)]
+pub fn visible(centre: [Lanes; 3], radius_m: Lanes) -> u32 {
     let [x, y, z] = centre;
-    let [across, along] = SIDE_NORMAL;
-    if z + radius_m < NEAR_M || x.abs() * across - z * along > radius_m || y.abs() * across - z * along > radius_m {
-        Visibility::None
-    } else if z - radius_m > NEAR_M {
-        Visibility::Whole
-    } else {
-        Visibility::NearCut
-    }
+    let [across, along] = SIDE_NORMAL.map(Lanes::splat);
+    let zero = Lanes::splat(0.0);
+    let least_along = z * along + radius_m;
+    let within = |v: Lanes| (v.max(zero - v) * across).less(least_along);
+    within(x).and(within(y)).and(Lanes::splat(NEAR_M).less(z + radius_m)).bits()
 }
 
 /// Cuts a convex polygon, camera frame, at the near plane. `out` is empty if nothing is left.
@@ -151,17 +188,14 @@ mod tests {
         #[test]
         fn what_is_called_invisible_is_outside(c in prop::array::uniform3(-4f32..4.0), radius in 0.01f32..2.0,
                                                d in prop::array::uniform3(-1f32..1.0)) {
-            // A point in the sphere that projects into the image refutes `None`.
+            // A point in the sphere that projects into the image refutes that.
             let direction = Vec3::from(d).normalize_or_zero();
             let p = Vec3::from(c) + direction * radius * 0.999;
             let inside = p.z > NEAR_M
                 && p.x.abs() < p.z * TAN_HALF_FIELD_OF_VIEW
                 && p.y.abs() < p.z * TAN_HALF_FIELD_OF_VIEW;
             if inside {
-                prop_assert_ne!(visibility(c, radius), Visibility::None);
-            }
-            if p.z < NEAR_M {
-                prop_assert_ne!(visibility(c, radius), Visibility::Whole);
+                prop_assert_eq!(visible(c.map(Lanes::splat), Lanes::splat(radius)), 255);
             }
         }
 

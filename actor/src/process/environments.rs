@@ -1,7 +1,7 @@
 //! The environments of one actor: stepping them, rebuilding them, and showing what they see.
 
 use super::{shm, whereabouts};
-use crate::depth::DepthCamera;
+use crate::depth::{Backdrop, DepthCamera};
 use crate::environment::Environment;
 use crate::kitchen::Kitchen;
 use anyhow::{Context, Result, bail, ensure};
@@ -50,6 +50,8 @@ pub struct Environments {
 struct Running {
     id: EnvironmentId,
     environment: Environment,
+    /// What its camera has seen stand still.
+    backdrop: Backdrop,
     episode: u32,
     /// What the last exchange did.
     transition: Transition,
@@ -82,7 +84,7 @@ impl Environments {
                 let id = EnvironmentId { kitchen: kitchen_id, ..EnvironmentId::of(actor, index, count) };
                 let environment = Environment::new(Arc::clone(kitchen), id, config)
                     .with_context(|| format!("cannot set up environment {} of kitchen {kitchen_id}", id.number))?;
-                Ok(Running { id, environment, episode: 0, transition: NO_TRANSITION })
+                Ok(Running { id, environment, backdrop: Backdrop::new(), episode: 0, transition: NO_TRANSITION })
             })
             .collect::<Result<_>>()?;
         Ok(Self { running, camera: DepthCamera::new(kitchen.bodies()), world_from_bodies: Vec::new() })
@@ -140,14 +142,14 @@ impl Environments {
 
     /// Writes what environment `index` has to say, its frame rendered in place.
     pub fn observe(&mut self, index: usize, slot: &mut MaybeUninit<Observation>) {
-        let running = &self.running[index];
+        let running = &mut self.running[index];
         whereabouts::enter(running.id, running.episode);
         let current = running.environment.current();
         running.environment.world_from_bodies(&mut self.world_from_bodies);
         let world_from_camera = running.environment.world_from_camera();
-        let (camera, poses) = (&mut self.camera, &self.world_from_bodies);
+        let (camera, poses, backdrop) = (&mut self.camera, &self.world_from_bodies, &mut running.backdrop);
         shm::write_observation(slot, index as u32, running.transition, current, |frame| {
-            camera.render_into(poses, world_from_camera, FRAME_SIDE, frame)
+            camera.render_over(backdrop, poses, world_from_camera, FRAME_SIDE, frame)
         });
     }
 }
