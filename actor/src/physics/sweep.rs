@@ -13,7 +13,7 @@ use std::ops::Range;
 /// Added to each pose's travel, metres: more than rounding can take away, so that a test is never left out by it.
 const ROUNDING_M: f32 = 1e-5;
 /// Share of a measured distance that is surely there: the search for it on curved surfaces ends early.
-const SURE_SHARE: f32 = 0.99;
+const SURE_SHARE: f32 = 0.9;
 
 /// Poses of a body one after another.
 #[derive(Debug, Clone)]
