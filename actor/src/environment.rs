@@ -54,7 +54,10 @@ pub struct Environment {
     // Distances after the last step; none before the first, whose progress is 0 by definition.
     distances: Option<Distances>,
     disturbance_m: f64,
+    disturbed_objects: u32,
     peak_disturbance_m: f64,
+    // The revision of the things' poses that the disturbance was counted in.
+    counted_revision: u32,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -101,7 +104,9 @@ impl Environment {
             ended: false,
             distances: None,
             disturbance_m: 0.0,
+            disturbed_objects: 0,
             peak_disturbance_m: 0.0,
+            counted_revision: 0,
         };
         environment.begin_counting();
         environment
@@ -121,14 +126,14 @@ impl Environment {
         let key = Key::episode(self.seed, Purpose::Recording, self.id.kitchen, self.id.number, self.episode_number);
         self.record_depth = key.stream().uniform_open() < self.depth_share;
         self.origins.clear();
-        for movable in 0..self.simulation.movable_count() {
-            self.origins.push(self.simulation.movable_pose(movable).translation);
-        }
+        self.origins.extend(self.simulation.things().poses().iter().map(|pose| pose.translation));
+        self.counted_revision = self.simulation.things().revision();
         self.step = 0;
         self.previous_action = NO_ACTION;
         self.ended = false;
         self.distances = None;
         self.disturbance_m = 0.0;
+        self.disturbed_objects = 0;
         self.peak_disturbance_m = 0.0;
     }
 
@@ -185,8 +190,12 @@ impl Environment {
             object_goal_m: (self.target_position() - self.episode.goal).length(),
         };
         let before = self.distances.replace(now).unwrap_or(now);
-        let (disturbance_m, disturbed_objects) = self.disturbance();
-        let disturbance_before_m = std::mem::replace(&mut self.disturbance_m, disturbance_m);
+        let disturbance_before_m = self.disturbance_m;
+        let revision = self.simulation.things().revision();
+        if std::mem::replace(&mut self.counted_revision, revision) != revision {
+            (self.disturbance_m, self.disturbed_objects) = self.disturbance();
+        }
+        let disturbance_m = self.disturbance_m;
         self.peak_disturbance_m = self.peak_disturbance_m.max(disturbance_m);
         let one_if = |condition: bool| f32::from(u8::from(condition));
         Transition {
@@ -207,7 +216,7 @@ impl Environment {
             peak_disturbance_m: self.peak_disturbance_m as f32,
             wrist_object_m: now.wrist_object_m,
             object_goal_m: now.object_goal_m,
-            disturbed_objects,
+            disturbed_objects: self.disturbed_objects,
             target: u32::from(self.episode.category.index()),
         }
     }
@@ -247,27 +256,13 @@ impl Environment {
     }
 
     /// Hash of everything that can be seen of the state: episode, step, every movable thing's pose, velocity and sleep
-    /// flag, the robot's configuration, and whether it holds the target. The solver's own memory (contacts, islands)
-    /// is not in it; where that differs, a later hash does.
+    /// flag (of one that is held its pose alone), the robot's configuration, and whether it holds the target. The
+    /// solver's own memory (contacts, islands) is not in it; where that differs, a later hash does.
     pub fn state_hash(&self) -> u64 {
-        let mut bytes: Vec<u8> = Vec::with_capacity(4096);
-        let mut word = |value: u32| bytes.extend_from_slice(&value.to_le_bytes());
-        word(self.episode_number);
-        word(self.step);
-        for movable in 0..self.simulation.movable_count() {
-            let pose = self.simulation.movable_pose(movable);
-            let (linear, angular, sleeping) = self.simulation.movable_motion(movable);
-            for vector in [pose.translation, linear, angular] {
-                vector.to_array().map(f32::to_bits).into_iter().for_each(&mut word);
-            }
-            pose.rotation.to_array().map(f32::to_bits).into_iter().for_each(&mut word);
-            word(u32::from(sleeping));
-        }
         let configuration = self.simulation.configuration();
-        word(configuration.x_m.to_bits());
-        word(configuration.z_m.to_bits());
+        let things = self.simulation.things().hash();
         let [x, y, z] = configuration.wrist_ticks;
-        for ticks in [
+        let ticks = [
             configuration.yaw_ticks,
             configuration.look_ticks,
             configuration.height_ticks,
@@ -277,10 +272,16 @@ impl Environment {
             configuration.elbow_ticks,
             configuration.wrist_yaw_ticks,
             configuration.wrist_pitch_ticks,
-        ] {
-            word(ticks.cast_unsigned());
+        ];
+        let words = [self.episode_number, self.step, things as u32, (things >> 32) as u32]
+            .into_iter()
+            .chain([configuration.x_m, configuration.z_m].map(f32::to_bits))
+            .chain(ticks.map(i32::cast_unsigned))
+            .chain([u32::from(self.simulation.holding())]);
+        let mut bytes = [0; 4 * (4 + 2 + 9 + 1)];
+        for (bytes, word) in bytes.chunks_exact_mut(4).zip(words) {
+            bytes.copy_from_slice(&word.to_le_bytes());
         }
-        word(u32::from(self.simulation.holding()));
         xxh3_64(&bytes)
     }
 
@@ -294,7 +295,7 @@ impl Environment {
     pub fn world_from_bodies(&self, out: &mut Vec<Pose3>) {
         out.clear();
         out.extend_from_slice(&self.kitchen.settled_poses()[self.kitchen.static_bodies()]);
-        out.extend((0..self.simulation.movable_count()).map(|movable| *self.simulation.movable_pose(movable)));
+        out.extend_from_slice(self.simulation.things().poses());
         // The robot's body is not drawn: the camera sits inside it.
         out.extend_from_slice(&self.simulation.part_poses()[1..]);
     }
@@ -319,6 +320,11 @@ impl Environment {
         self.simulation.configuration()
     }
 
+    /// Keeps an eye on every sub-step of this episode from now on: see [`Simulation::extremes`].
+    pub fn watch(&mut self) {
+        self.simulation.watch();
+    }
+
     /// The physics beneath, to look at.
     pub fn simulation(&self) -> &Simulation {
         &self.simulation
@@ -337,11 +343,11 @@ impl Environment {
     fn disturbance(&self) -> (f64, u32) {
         let mut total_m = 0.0_f64;
         let mut disturbed = 0;
-        for (movable, origin) in self.origins.iter().enumerate() {
+        for (movable, (origin, pose)) in self.origins.iter().zip(self.simulation.things().poses()).enumerate() {
             if movable == self.target {
                 continue;
             }
-            let moved = self.simulation.movable_pose(movable).translation - *origin;
+            let moved = pose.translation - *origin;
             assert!(moved.is_finite(), "a body's pose is not a number");
             total_m += f64::from(moved.length().min(OBJECT_DISPLACEMENT_CAP_M));
             disturbed += u32::from(moved.abs().max_element() > DISTURBED_AXIS_M);

@@ -11,3 +11,4 @@ pub mod replay;
 pub mod robot;
 pub mod shape;
 pub mod simulation;
+pub mod soak;

@@ -1,7 +1,7 @@
 //! The `actor` program: rolls out environments for a learner, re-simulates recordings, measures itself.
 
 use actor::process::{self, lifeline, whereabouts};
-use actor::{bench, replay};
+use actor::{bench, replay, soak};
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
 use proto::kitchen::KitchenId;
@@ -50,6 +50,29 @@ enum Command {
         #[arg(long, default_value_t = 1.0, value_name = "S")]
         seconds: f64,
     },
+    /// Take random actions in many kitchens; fails if anything moves too fast, leaves the room or is not a number.
+    Soak {
+        /// Actions in all, spread evenly over the kitchens.
+        #[arg(long, default_value_t = 100_000, value_name = "N")]
+        steps: u64,
+        /// Kitchens.
+        #[arg(long, value_parser = kitchens, default_value = "all", value_name = "all|1,2,..")]
+        kitchens: Kitchens,
+        /// What the actions and episodes are drawn from.
+        #[arg(long, default_value_t = 1, value_name = "SEED")]
+        seed: u64,
+    },
+}
+
+/// One or more kitchens, as given on the command line.
+#[derive(Debug, Clone)]
+struct Kitchens(Vec<KitchenId>);
+
+fn kitchens(text: &str) -> Result<Kitchens, String> {
+    if text == "all" {
+        return Ok(Kitchens(KitchenId::all().collect()));
+    }
+    text.split(',').map(kitchen).collect::<Result<_, _>>().map(Kitchens)
 }
 
 fn kitchen(text: &str) -> Result<KitchenId, String> {
@@ -75,6 +98,7 @@ fn run(arguments: Arguments) -> Result<()> {
     match arguments.command {
         Some(Command::Replay) => replay::run(std::io::stdin().lock(), std::io::stdout().lock()),
         Some(Command::Bench { kitchen, seconds }) => bench::run(kitchen, seconds),
+        Some(Command::Soak { steps, kitchens, seed }) => soak::run(&kitchens.0, steps, seed),
         None => {
             ensure!(
                 !(arguments.lifeline && arguments.kitchen.is_some()),

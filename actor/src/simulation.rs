@@ -4,15 +4,17 @@
 //! [`MAX_TRAVEL_PER_SUBSTEP_M`]. Fixed things and joint limits stop the robot, movable things are pushed. A motion
 //! that is stopped is run backwards to where it began.
 //!
-//! Where everything movable sleeps and lies clear of the robot's path, physics would change nothing, and is left out.
-//! That is part of the definition of a step, not an approximation chosen at run time: the same state and action leave
-//! it out on every machine.
+//! Where everything movable sleeps and the robot touches nothing, physics would change nothing, and is left out, be it
+//! for a whole action or for the sub-steps before the first touch. That is part of the definition of a step, not an
+//! approximation chosen at run time: the same state and action leave it out on every machine.
 //!
 //! What is held goes where the hand goes. It collides with the room and with other movable things, not with the robot
 //! that holds it.
 
 use crate::kitchen::Kitchen;
-use crate::physics::geometry::Solid;
+use crate::physics::sweep::Sweep;
+use crate::physics::things::Things;
+use crate::physics::watch::{Extremes, Watch};
 use crate::physics::world::World;
 use crate::robot::configuration::{Configuration, Posture};
 use crate::robot::links::{HAND, MAGNET_RADIUS_M, Motion, PART_COUNT, PartPoses, part_poses};
@@ -20,6 +22,7 @@ use rapier3d::dynamics::RigidBodyType;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::bounding_volume::BoundingVolume;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// No part of the robot travels further in one sub-step, metres: about a link's radius, so that nothing is skipped.
@@ -32,8 +35,8 @@ const HELD_TOLERANCE_M: f32 = 0.006;
 const JAM_DEPTH_M: f32 = 0.02;
 /// ... for this many sub-steps on end is jammed between robot and room, and stops the motion.
 const JAM_SUBSTEPS: u32 = 3;
-/// Movable things this near to the robot's path call for physics, metres.
-const PATH_MARGIN_M: f32 = 0.05;
+/// A movable thing this near to the robot, or to what it holds, calls for physics, metres.
+const TOUCH_M: f32 = 0.005;
 /// After an episode's target is set down, it has this many sub-steps to come to rest.
 const SETTLE_SUBSTEPS: u32 = 240;
 
@@ -42,13 +45,20 @@ const SETTLE_SUBSTEPS: u32 = 240;
 pub struct Simulation {
     kitchen: Arc<Kitchen>,
     world: World,
+    things: Things,
     substeps: u32,
     configuration: Configuration,
     poses: PartPoses,
+    /// Whether the robot stands there in the physics world too. Where physics is left out it need not.
+    placed: bool,
+    /// Whether anything moves by itself.
+    awake: bool,
     held: Option<Held>,
     began_at_rest: bool,
-    // Scratch, without meaning between calls.
+    watch: Option<Box<Watch>>,
+    // Scratch, without meaning between calls: the way of the robot, pose by pose and body by body.
     path: Vec<PartPoses>,
+    sweeps: Vec<Sweep>,
     candidates: Vec<u32>,
 }
 
@@ -73,33 +83,42 @@ impl Simulation {
     ) -> Self {
         let poses = part_poses(&configuration.posture()).expect("the start configuration is within the arm's reach");
         let mut world = kitchen.world.clone();
-        let body = world.body_mut(kitchen.movables[target]);
-        body.set_position(Pose3::from_translation(target_position), true);
-        for (&handle, pose) in kitchen.robot.iter().zip(&poses) {
-            world.body_mut(handle).set_position(*pose, false);
-        }
-        // One step at least: it tells the broad phase where everything is now.
-        world.step();
-        let began_at_rest = world.settle(&kitchen.movables, SETTLE_SUBSTEPS);
-        if !began_at_rest {
+        let mut things = kitchen.things.clone();
+        world.body_mut(kitchen.movables[target]).set_position(Pose3::from_translation(target_position), true);
+        things.disturb(target);
+        let mut simulation = Self {
+            kitchen,
+            world,
+            things,
+            substeps,
+            configuration,
+            poses,
+            placed: false,
+            awake: true,
+            held: None,
+            began_at_rest: false,
+            watch: None,
+            path: Vec::new(),
+            sweeps: Vec::new(),
+            candidates: Vec::new(),
+        };
+        // One sub-step at least: it tells the broad phase where everything is now.
+        simulation.place_robot();
+        simulation.advance_world();
+        simulation.pass(SETTLE_SUBSTEPS);
+        simulation.began_at_rest = !simulation.awake;
+        if simulation.awake {
             tracing::warn!(
-                kitchen = kitchen.id().number(),
+                kitchen = simulation.kitchen.id().number(),
                 target,
                 position_m = ?target_position.to_array(),
                 "the target did not come to rest where it was set down: stopped there"
             );
         }
-        Self {
-            kitchen,
-            world,
-            substeps,
-            configuration,
-            poses,
-            held: None,
-            began_at_rest,
-            path: Vec::new(),
-            candidates: Vec::new(),
-        }
+        simulation.world.put_to_sleep(&simulation.kitchen.movables);
+        simulation.awake = false;
+        simulation.look_at_things();
+        simulation
     }
 
     /// Whether everything came to rest by itself after the target was set down. If not, it was stopped in its motion:
@@ -141,7 +160,12 @@ impl Simulation {
 
     /// Pose of a movable thing.
     pub fn movable_pose(&self, movable: usize) -> &Pose3 {
-        self.world.body(self.kitchen.movables[movable]).position()
+        &self.things.poses()[movable]
+    }
+
+    /// Poses, and hash of poses, velocities and sleep flags, of all movable things.
+    pub fn things(&self) -> &Things {
+        &self.things
     }
 
     /// Linear and angular velocity (m/s, rad/s) of a movable thing, and whether it sleeps.
@@ -150,14 +174,25 @@ impl Simulation {
         (body.linvel(), body.angvel(), body.is_sleeping())
     }
 
+    /// Keeps an eye on every sub-step from now on.
+    pub fn watch(&mut self) {
+        self.watch = Some(Box::new(Watch::new(&self.kitchen, self.world.timestep_s(), self.things.poses())));
+    }
+
+    /// The worst since [`watch`](Self::watch); none if nobody watched.
+    pub fn extremes(&self) -> Option<&Extremes> {
+        self.watch.as_ref().map(|watch| watch.extremes())
+    }
+
     /// Number of movable things.
     pub fn movable_count(&self) -> usize {
-        self.kitchen.movables.len()
+        self.things.poses().len()
     }
 
     /// Lets an action's time pass without the robot's moving.
     pub fn idle(&mut self) {
         self.pass(self.substeps);
+        self.look_at_things();
     }
 
     /// Turns the camera; nothing else moves.
@@ -168,20 +203,25 @@ impl Simulation {
 
     /// Switches the magnet on. True if `movable` is held afterwards.
     pub fn pick_up(&mut self, movable: usize) -> bool {
-        if self.held.is_none() {
-            let pose = *self.movable_pose(movable);
-            let gap_m = self.kitchen.solids[movable].distance_to_point_m(&pose, self.wrist());
-            if gap_m <= MAGNET_RADIUS_M {
-                // It goes with the hand from now on. What leans on it wakes up.
-                let body = self.world.body_mut(self.kitchen.movables[movable]);
-                body.set_linvel(Vec3::ZERO, false);
-                body.set_angvel(Vec3::ZERO, false);
-                body.set_body_type(RigidBodyType::KinematicPositionBased, true);
-                self.held = Some(Held { movable, hand_from_body: self.poses[HAND].inverse() * pose });
-            }
+        let pose = *self.movable_pose(movable);
+        let gap_m = self.kitchen.solids[movable].distance_to_point_m(&pose, self.wrist());
+        if self.holding() || gap_m > MAGNET_RADIUS_M {
+            self.idle();
+            return self.holding();
         }
-        self.idle();
-        self.held.is_some()
+        // It goes with the hand from now on.
+        let body = self.world.body_mut(self.kitchen.movables[movable]);
+        body.set_linvel(Vec3::ZERO, false);
+        body.set_angvel(Vec3::ZERO, false);
+        body.set_body_type(RigidBodyType::KinematicPositionBased, true);
+        self.held = Some(Held { movable, hand_from_body: self.poses[HAND].inverse() * pose });
+        self.things.carry(movable, &pose, &self.kitchen.solids[movable]);
+        // What leans on it wakes up in this sub-step.
+        self.place_robot();
+        self.advance_world();
+        self.pass(self.substeps - 1);
+        self.look_at_things();
+        true
     }
 
     /// Moves the robot. True if it got there; otherwise it is back where it was.
@@ -195,39 +235,45 @@ impl Simulation {
         if moved {
             self.configuration = next;
         }
+        self.look_at_things();
         moved
     }
 
-    /// Fills `path` with the poses at each sub-step, up to the last one that no fixed thing forbids. Returns whether
-    /// that is the end of the way; nothing if the arm cannot follow it.
+    /// Fills `path` with the present poses and those at each sub-step, up to the last one that no fixed thing forbids.
+    /// Returns whether that is the end of the way; nothing if the arm cannot follow it.
     fn plan(&mut self, from: &Posture, to: &Posture) -> Option<bool> {
         let goal = part_poses(to).ok()?;
         let count = self.substep_count(from, to, &goal);
         let motion = Motion::between(from, to).ok()?;
         self.path.clear();
+        self.path.push(self.poses);
         for k in 1..=count {
             let poses = if k == count { goal } else { motion.at(k as f32 / count as f32).ok()? };
             self.path.push(poses);
         }
-        let mut clear = self.path.len();
-        for part in 0..=PART_COUNT {
-            let (solid, tolerance_m) = match (self.kitchen.robot_parts.get(part), self.held) {
-                (Some(solid), _) => (solid, CONTACT_TOLERANCE_M),
-                (None, Some(held)) => (&self.kitchen.solids[held.movable], HELD_TOLERANCE_M),
-                (None, None) => break,
-            };
-            let poses = self.path[..clear].iter().map(|poses| self.pose_of(part, poses));
-            let swept = swept_aabb(solid, poses);
-            self.kitchen.scene.candidates(&swept, &mut self.candidates);
-            if let Some(stop) = (0..clear).find(|&k| {
-                let pose = self.pose_of(part, &self.path[k]);
-                self.kitchen.scene.blocks(&self.candidates, solid, &pose, tolerance_m)
-            }) {
-                clear = stop;
+        let kitchen = Arc::clone(&self.kitchen);
+        let bodies = kitchen.robot_parts.iter().zip(std::iter::repeat(CONTACT_TOLERANCE_M));
+        let held = self.held.map(|held| (&kitchen.solids[held.movable], HELD_TOLERANCE_M));
+        self.sweeps.resize_with(PART_COUNT + 1, Sweep::default);
+        let mut swept = Aabb::new_invalid();
+        for (body, (solid, _)) in bodies.clone().chain(held).enumerate() {
+            let hand_from_body = self.held.map(|held| held.hand_from_body);
+            let poses = self.path.iter().map(|poses| pose_of(body, poses, hand_from_body));
+            self.sweeps[body].record(solid, poses);
+            swept.merge(self.sweeps[body].aabb());
+        }
+        kitchen.scene.candidates(&swept, &mut self.candidates);
+        let mut end = self.path.len();
+        for (sweep, (solid, tolerance_m)) in self.sweeps.iter().zip(bodies.chain(held)) {
+            for &index in &self.candidates {
+                let (aabb, fixed, pose) = kitchen.scene.part(index);
+                if aabb.intersects(sweep.aabb()) {
+                    end = sweep.first_nearer(solid, 1..end, fixed, pose, -tolerance_m).unwrap_or(end);
+                }
             }
         }
-        let arrived = clear == self.path.len();
-        self.path.truncate(clear);
+        let arrived = end == self.path.len();
+        self.path.truncate(end);
         Some(arrived)
     }
 
@@ -241,107 +287,96 @@ impl Simulation {
         }
         let axis = Vec3::new(from.x_m, 0.0, from.z_m);
         let mut travel = 0.0_f32;
-        for part in 0..=PART_COUNT {
-            if part == PART_COUNT && self.held.is_none() {
-                break;
-            }
-            let (start, end) = (self.pose_of(part, &self.poses), self.pose_of(part, goal));
+        let hand_from_body = self.held.map(|held| held.hand_from_body);
+        for body in 0..PART_COUNT + usize::from(self.held.is_some()) {
+            let start = pose_of(body, &self.poses, hand_from_body);
+            let end = pose_of(body, goal, hand_from_body);
             let radius = (start.translation - axis).with_y(0.0).length();
             travel = travel.max((end.translation - start.translation).length()).max(turn * radius);
         }
         self.substeps.max(libm::ceilf(travel / MAX_TRAVEL_PER_SUBSTEP_M) as u32)
     }
 
-    /// Pose of one of the robot's parts, or, past the last, of what it holds.
-    fn pose_of(&self, part: usize, poses: &PartPoses) -> Pose3 {
-        match (poses.get(part), self.held) {
-            (Some(pose), _) => *pose,
-            (None, Some(held)) => poses[HAND] * held.hand_from_body,
-            (None, None) => Pose3::identity(),
-        }
-    }
-
     /// Follows the path; back again if it ends early or something jams. True if it arrived.
     fn drive(&mut self, arrived: bool) -> bool {
-        if !self.needs_physics() {
-            if arrived && let Some(&last) = self.path.last() {
-                self.place_robot(&last);
-            }
-            return arrived;
-        }
-        let origin = self.poses;
         let path = std::mem::take(&mut self.path);
+        let last = path.len() - 1;
+        let mut at = 0;
         let mut jammed_for = 0;
-        let mut done = 0;
-        for poses in &path {
-            self.advance_robot(poses);
-            done += 1;
-            jammed_for = if self.deepest_contact_m() > JAM_DEPTH_M { jammed_for + 1 } else { 0 };
-            if jammed_for == JAM_SUBSTEPS {
-                break;
+        while at < last && jammed_for < JAM_SUBSTEPS {
+            if !self.awake {
+                // As far as nothing is touched, nor left that was touched.
+                let free = self.first_touch(at..last + 1).map_or(last, |touch| touch.saturating_sub(1));
+                if free > at {
+                    at = free;
+                    self.stand(&path[at]);
+                    continue;
+                }
             }
+            at += 1;
+            self.advance_robot(&path[at]);
+            jammed_for = if self.deepest_contact_m() > JAM_DEPTH_M { jammed_for + 1 } else { 0 };
         }
         let success = arrived && jammed_for < JAM_SUBSTEPS;
-        let mut used = done;
+        let mut used = at;
         if !success {
-            for poses in path[..done].iter().rev().skip(1) {
-                self.advance_robot(poses);
-                used += 1;
+            if self.awake || self.first_touch(0..at + 1).is_some() {
+                for poses in path[..at].iter().rev() {
+                    self.advance_robot(poses);
+                }
+                used += at;
+            } else {
+                self.stand(&path[0]);
             }
-            self.advance_robot(&origin);
-            used += 1;
         }
         self.path = path;
         self.pass(self.substeps.saturating_sub(used as u32));
         success
     }
 
-    /// Whether anything movable is awake or near the path.
-    fn needs_physics(&self) -> bool {
-        if !self.asleep() {
-            return true;
+    /// First pose in a range of the path at which the robot, or what it holds, touches a movable thing.
+    fn first_touch(&mut self, range: Range<usize>) -> Option<usize> {
+        self.look_at_things();
+        let kitchen = &self.kitchen;
+        let held = self.held.map(|held| &kitchen.solids[held.movable]);
+        let bodies = || self.sweeps.iter().zip(kitchen.robot_parts.iter().chain(held));
+        let mut swept = Aabb::new_invalid();
+        for (sweep, _) in bodies() {
+            swept.merge(sweep.aabb());
         }
-        let swept: Vec<Aabb> = (0..=PART_COUNT)
-            .filter_map(|part| {
-                let solid = match (self.kitchen.robot_parts.get(part), self.held) {
-                    (Some(solid), _) => solid,
-                    (None, Some(held)) => &self.kitchen.solids[held.movable],
-                    (None, None) => return None,
-                };
-                let poses = std::iter::once(&self.poses).chain(&self.path).map(|poses| self.pose_of(part, poses));
-                Some(swept_aabb(solid, poses).loosened(PATH_MARGIN_M))
-            })
-            .collect();
-        (0..self.movable_count()).any(|movable| {
-            !self.is_held(movable) && {
-                let aabb = self.kitchen.solids[movable].aabb(self.movable_pose(movable));
-                swept.iter().any(|path| path.intersects(&aabb))
+        let swept = swept.loosened(TOUCH_M);
+        let mut end = range.end;
+        for (thing, aabb) in self.things.aabbs().iter().enumerate() {
+            if !aabb.intersects(&swept) || self.held.is_some_and(|held| held.movable == thing) {
+                continue;
             }
-        })
-    }
-
-    fn is_held(&self, movable: usize) -> bool {
-        self.held.is_some_and(|held| held.movable == movable)
-    }
-
-    /// Whether everything that moves by itself sleeps.
-    fn asleep(&self) -> bool {
-        (0..self.movable_count())
-            .all(|movable| self.is_held(movable) || self.world.body(self.kitchen.movables[movable]).is_sleeping())
+            let (aabb, pose) = (aabb.loosened(TOUCH_M), self.things.poses()[thing]);
+            for (sweep, body) in bodies().filter(|(sweep, _)| aabb.intersects(sweep.aabb())) {
+                for (shape, body_from_part) in &kitchen.solids[thing].parts {
+                    let pose = pose * *body_from_part;
+                    end = sweep.first_nearer(body, range.start..end, shape, &pose, TOUCH_M).unwrap_or(end);
+                }
+            }
+        }
+        (end < range.end).then_some(end)
     }
 
     /// Sub-steps in which the robot stands still; ends early when everything sleeps.
     fn pass(&mut self, substeps: u32) {
+        if self.awake {
+            self.place_robot();
+        }
         for _ in 0..substeps {
-            if self.asleep() {
+            if !self.awake {
                 break;
             }
-            self.world.step();
+            self.advance_world();
         }
     }
 
     /// One sub-step in which the robot goes to these poses.
     fn advance_robot(&mut self, poses: &PartPoses) {
+        self.place_robot();
         for (&handle, pose) in self.kitchen.robot.iter().zip(poses) {
             self.world.body_mut(handle).set_next_kinematic_position(*pose);
         }
@@ -349,20 +384,56 @@ impl Simulation {
             let body = self.world.body_mut(self.kitchen.movables[held.movable]);
             body.set_next_kinematic_position(poses[HAND] * held.hand_from_body);
         }
-        self.world.step();
         self.poses = *poses;
+        self.advance_world();
     }
 
-    /// Puts the robot there outright: nothing is near enough to notice.
-    fn place_robot(&mut self, poses: &PartPoses) {
-        for (&handle, pose) in self.kitchen.robot.iter().zip(poses) {
+    /// The robot is there outright: nothing is near enough to notice.
+    fn stand(&mut self, poses: &PartPoses) {
+        self.poses = *poses;
+        self.placed = false;
+    }
+
+    /// Tells the physics world where the robot stands, if it does not know.
+    fn place_robot(&mut self) {
+        if std::mem::replace(&mut self.placed, true) {
+            return;
+        }
+        for (&handle, pose) in self.kitchen.robot.iter().zip(&self.poses) {
             self.world.body_mut(handle).set_position(*pose, false);
         }
         if let Some(held) = self.held {
             let body = self.world.body_mut(self.kitchen.movables[held.movable]);
-            body.set_position(poses[HAND] * held.hand_from_body, false);
+            body.set_position(self.poses[HAND] * held.hand_from_body, false);
         }
-        self.poses = *poses;
+    }
+
+    /// One sub-step of physics.
+    fn advance_world(&mut self) {
+        self.world.step();
+        self.awake = false;
+        for thing in self.world.awake_movables() {
+            self.awake = true;
+            self.things.disturb(thing);
+            if let Some(watch) = &mut self.watch {
+                let body = self.world.body(self.kitchen.movables[thing]);
+                watch.note(&self.kitchen, thing, body.position(), body.linvel());
+            }
+        }
+        if let Some(watch) = &mut self.watch {
+            watch.count_substep();
+        }
+    }
+
+    /// Brings `things` up to date.
+    fn look_at_things(&mut self) {
+        self.things.look(&self.world, &self.kitchen.movables, &self.kitchen.solids);
+        if let Some(held) = self.held {
+            let pose = self.poses[HAND] * held.hand_from_body;
+            if pose != *self.movable_pose(held.movable) {
+                self.things.carry(held.movable, &pose, &self.kitchen.solids[held.movable]);
+            }
+        }
     }
 
     /// How deeply the robot, or what it holds, has entered a movable thing, metres.
@@ -378,10 +449,11 @@ impl Simulation {
     }
 }
 
-fn swept_aabb(solid: &Solid, poses: impl Iterator<Item = Pose3>) -> Aabb {
-    let mut swept = Aabb::new_invalid();
-    for pose in poses {
-        swept.merge(&solid.aabb(&pose));
+/// Pose of one of the robot's parts, or, past the last, of what it holds.
+fn pose_of(body: usize, poses: &PartPoses, hand_from_body: Option<Pose3>) -> Pose3 {
+    match (poses.get(body), hand_from_body) {
+        (Some(pose), _) => *pose,
+        (None, Some(hand_from_body)) => poses[HAND] * hand_from_body,
+        (None, None) => unreachable!("no body but a held one comes after the robot's parts"),
     }
-    swept
 }

@@ -11,6 +11,7 @@ pub mod spots;
 
 use crate::physics::geometry::Solid;
 use crate::physics::scene::Scene;
+use crate::physics::things::Things;
 use crate::physics::world::World;
 use crate::robot::links::{LINK_NAMES, PART_COUNT, part_shapes};
 use crate::shape::Shape;
@@ -88,6 +89,7 @@ pub struct Kitchen {
     pub(crate) scene: Scene,
     pub(crate) movables: Vec<RigidBodyHandle>,
     pub(crate) solids: Vec<Solid>,
+    pub(crate) things: Things,
     pub(crate) robot: [RigidBodyHandle; PART_COUNT],
     pub(crate) robot_parts: [Solid; PART_COUNT],
     pub(crate) targets: Vec<Target>,
@@ -197,6 +199,7 @@ impl Kitchen {
             }
             targets.push(Target { movable, spots });
         }
+        let things = Things::of(&world, &movables, &solids);
         Ok(Self {
             id,
             bodies,
@@ -206,6 +209,7 @@ impl Kitchen {
             scene,
             movables,
             solids,
+            things,
             robot,
             robot_parts,
             targets,

@@ -11,6 +11,7 @@ use rapier3d::parry::query;
 pub struct Solid {
     /// Convex parts and `body_from_part`.
     pub parts: Vec<(SharedShape, Pose3)>,
+    radius_m: f32,
 }
 
 impl std::fmt::Debug for Solid {
@@ -22,7 +23,21 @@ impl std::fmt::Debug for Solid {
 impl Solid {
     /// The collision geometry of a shape.
     pub fn of(shape: &Shape) -> Self {
-        Self { parts: shape.parts.iter().map(|part| (convex(&part.primitive), part.body_from_part)).collect() }
+        let parts: Vec<(SharedShape, Pose3)> =
+            shape.parts.iter().map(|part| (convex(&part.primitive), part.body_from_part)).collect();
+        let radius_m = parts
+            .iter()
+            .map(|(shape, body_from_part)| {
+                let sphere = shape.compute_bounding_sphere(body_from_part);
+                sphere.center.length() + sphere.radius
+            })
+            .fold(0.0, f32::max);
+        Self { parts, radius_m }
+    }
+
+    /// No point of it is further from the origin, metres.
+    pub fn radius_m(&self) -> f32 {
+        self.radius_m
     }
 
     /// Bounding box in the world. An empty solid gives an inverted box, which intersects nothing.

@@ -1,12 +1,12 @@
-//! The fixed scene: what never moves, indexed for one question: does this solid stand in it?
+//! The fixed scene: what never moves, for one question: does this solid stand in it?
 //!
-//! Kinematic bodies pass through fixed ones in rapier, so the robot asks here before each sub-step.
+//! Kinematic bodies pass through fixed ones in rapier, so the robot asks here before it moves.
 
+use super::gap::gap_m;
 use super::geometry::Solid;
 use rapier3d::geometry::{Aabb, SharedShape};
 use rapier3d::math::Pose3;
 use rapier3d::parry::bounding_volume::BoundingVolume;
-use rapier3d::parry::query;
 
 /// All convex parts of all fixed bodies.
 #[derive(Clone, Default)]
@@ -47,22 +47,10 @@ impl Scene {
         out.extend((0..self.aabbs.len() as u32).filter(|&index| self.aabbs[index as usize].intersects(aabb)));
     }
 
-    /// Whether the solid penetrates one of the candidate parts by more than `tolerance_m`.
-    pub fn blocks(&self, candidates: &[u32], solid: &Solid, world_from_body: &Pose3, tolerance_m: f32) -> bool {
-        if candidates.is_empty() {
-            return false;
-        }
-        solid.parts.iter().any(|(shape, body_from_part)| {
-            let pose = *world_from_body * *body_from_part;
-            let aabb = shape.compute_aabb(&pose);
-            candidates.iter().any(|&index| {
-                let index = index as usize;
-                self.aabbs[index].intersects(&aabb) && {
-                    let (other, other_pose) = &self.parts[index];
-                    penetration_m(&pose, shape, other_pose, other) > tolerance_m
-                }
-            })
-        })
+    /// A part: its bounding box, its solid, where it is.
+    pub fn part(&self, index: u32) -> (&Aabb, &SharedShape, &Pose3) {
+        let (shape, pose) = &self.parts[index as usize];
+        (&self.aabbs[index as usize], shape, pose)
     }
 
     /// Depth to which the solid penetrates the scene, metres; 0 if it touches nothing.
@@ -73,19 +61,10 @@ impl Scene {
             let aabb = shape.compute_aabb(&pose);
             for (other_aabb, (other, other_pose)) in self.aabbs.iter().zip(&self.parts) {
                 if other_aabb.intersects(&aabb) {
-                    deepest = deepest.max(penetration_m(&pose, shape, other_pose, other));
+                    deepest = deepest.max(-gap_m(&pose, shape, other_pose, other));
                 }
             }
         }
         deepest
-    }
-}
-
-/// Depth to which two convex solids penetrate each other, metres; 0 or less when they do not.
-pub fn penetration_m(pose: &Pose3, shape: &SharedShape, other_pose: &Pose3, other: &SharedShape) -> f32 {
-    match query::contact(pose, &**shape, other_pose, &**other, 0.0) {
-        Ok(Some(contact)) => -contact.dist,
-        // No contact, or a pair parry has no algorithm for: there is none among convex solids.
-        Ok(None) | Err(_) => 0.0,
     }
 }

@@ -27,6 +27,7 @@ pub struct World {
     impulse_joints: ImpulseJointSet,
     multibody_joints: MultibodyJointSet,
     soft_bodies: SoftBodySet,
+    movable_count: u128,
     // Work space only: a clone begins with fresh ones, so that nothing of an earlier episode can leak into the next.
     pipeline: PhysicsPipeline,
     ccd_solver: CCDSolver,
@@ -50,6 +51,7 @@ impl Clone for World {
             impulse_joints: ImpulseJointSet::new(),
             multibody_joints: MultibodyJointSet::new(),
             soft_bodies: SoftBodySet::new(),
+            movable_count: self.movable_count,
             pipeline: PhysicsPipeline::new(),
             ccd_solver: CCDSolver::new(),
         }
@@ -74,6 +76,7 @@ impl World {
             impulse_joints: ImpulseJointSet::new(),
             multibody_joints: MultibodyJointSet::new(),
             soft_bodies: SoftBodySet::new(),
+            movable_count: 0,
             pipeline: PhysicsPipeline::new(),
             ccd_solver: CCDSolver::new(),
         }
@@ -86,7 +89,8 @@ impl World {
         handle
     }
 
-    /// Adds a dynamic body of this mass, spread over its parts by volume, and Coulomb friction coefficient.
+    /// Adds a dynamic body of this mass, spread over its parts by volume, and Coulomb friction coefficient. Dynamic
+    /// bodies are numbered in the order in which they are added.
     pub fn add_movable(&mut self, solid: &Solid, pose: Pose3, mass_kg: f32, friction: f32) -> RigidBodyHandle {
         let mut body =
             RigidBodyBuilder::dynamic().pose(pose).angular_damping(ANGULAR_DAMPING).ccd_enabled(true).build();
@@ -94,6 +98,8 @@ impl World {
         activation.normalized_linear_threshold *= SLEEP_THRESHOLD_FACTOR;
         activation.angular_threshold *= SLEEP_THRESHOLD_FACTOR;
         activation.time_until_sleep = TIME_UNTIL_SLEEP_S;
+        body.user_data = self.movable_count;
+        self.movable_count += 1;
         let handle = self.bodies.insert(body);
         self.add_colliders(handle, solid, Some(mass_kg), friction);
         handle
@@ -147,8 +153,22 @@ impl World {
         &mut self.bodies[handle]
     }
 
+    /// Numbers of the dynamic bodies that are awake.
+    pub fn awake_movables(&self) -> impl Iterator<Item = usize> {
+        self.islands
+            .active_bodies()
+            .map(|handle| &self.bodies[handle])
+            .filter(|body| body.is_dynamic() && !body.is_sleeping())
+            .map(|body| body.user_data as usize)
+    }
+
+    /// Length of a sub-step, seconds.
+    pub fn timestep_s(&self) -> f32 {
+        self.parameters.dt
+    }
+
     /// Whether all these bodies sleep.
-    pub fn asleep(&self, handles: &[RigidBodyHandle]) -> bool {
+    fn asleep(&self, handles: &[RigidBodyHandle]) -> bool {
         handles.iter().all(|&handle| self.bodies[handle].is_sleeping())
     }
 
@@ -161,6 +181,12 @@ impl World {
             steps += 1;
         }
         let rested = self.asleep(handles);
+        self.put_to_sleep(handles);
+        rested
+    }
+
+    /// Stops these bodies where they are.
+    pub fn put_to_sleep(&mut self, handles: &[RigidBodyHandle]) {
         for &handle in handles {
             // Asked through a shared reference: a mutable one would mark the body as modified.
             let body = &self.bodies[handle];
@@ -168,7 +194,6 @@ impl World {
                 self.bodies[handle].sleep();
             }
         }
-        rested
     }
 
     /// Deepest penetration between a body and any dynamic body it touches, metres; 0 if none.
