@@ -21,8 +21,8 @@ const TRIES: u32 = 600;
 pub fn place(layout: &Layout, scene: &Scene, random: &mut Random) -> Result<Vec<Thing>, &'static str> {
     let mut placed: Vec<Thing> = Vec::new();
     let mut taken: Vec<Aabb> = Vec::new();
-    for category in &CATEGORIES {
-        let wanted = if random.uniform() < category.share { 1 + random.below(category.most) } else { 0 };
+    for category in CATEGORIES.iter() {
+        let wanted = if random.uniform() < category.share() { 1 + random.below(category.most()) } else { 0 };
         for _ in 0..wanted {
             let shape = category.shape();
             let solid = Solid::of(&shape);
@@ -34,11 +34,11 @@ pub fn place(layout: &Layout, scene: &Scene, random: &mut Random) -> Result<Vec<
                         shape,
                         solid,
                         mass_kg: category.mass_kg,
-                        friction: category.friction,
+                        friction: category.friction(),
                         pose,
                     });
                 }
-                None if category.share >= 1.0 => return Err(category.name),
+                None if category.share() >= 1.0 => return Err(category.name),
                 None => {}
             }
         }
@@ -59,13 +59,6 @@ fn find(
     let area: f32 = layout.surfaces.iter().map(Surface::area_m2).sum();
     for _ in 0..TRIES {
         let (pose, surface) = match category.place {
-            Place::Surface => {
-                let surface = pick(&layout.surfaces, area, random)?;
-                let x = random.range(surface.low.x, surface.high.x);
-                let z = random.range(surface.low.z, surface.high.z);
-                let yaw = rotation_y(random.range(-PI, PI));
-                (Pose3::from_parts(Vec3::new(x, surface.low.y + half_height + DROP_M, z), yaw), Some(surface))
-            }
             Place::Seat => {
                 let (x, z, yaw) = seat(layout, floor_low, floor_high, random);
                 (Pose3::from_parts(Vec3::new(x, half_height + DROP_M, z), rotation_y(yaw)), None)
@@ -75,6 +68,13 @@ fn find(
                 let z = random.range(floor_low.z + 0.25, floor_high.z - 0.25);
                 let yaw = rotation_y(random.range(-PI, PI));
                 (Pose3::from_parts(Vec3::new(x, half_height + DROP_M, z), yaw), None)
+            }
+            _ => {
+                let surface = pick(&layout.surfaces, area, random)?;
+                let x = random.range(surface.low.x, surface.high.x);
+                let z = random.range(surface.low.z, surface.high.z);
+                let yaw = rotation_y(random.range(-PI, PI));
+                (Pose3::from_parts(Vec3::new(x, surface.low.y + half_height + DROP_M, z), yaw), Some(surface))
             }
         };
         let whole = solid.aabb(&pose);
