@@ -31,10 +31,9 @@ const MAX_TRAVEL_PER_SUBSTEP_M: f32 = 0.03;
 pub const CONTACT_TOLERANCE_M: f32 = 0.001;
 /// A held thing may touch fixed things this deeply, metres: it was picked up from among them.
 const HELD_TOLERANCE_M: f32 = 0.006;
-/// A thing that the robot has entered this deeply, metres, ...
-const JAM_DEPTH_M: f32 = 0.02;
-/// ... for this many sub-steps on end is jammed between robot and room, and stops the motion.
-const JAM_SUBSTEPS: u32 = 3;
+/// A thing that the robot has entered this deeply, or that has been pushed this deep into another or into the room, is
+/// jammed and stops the motion, metres.
+const JAM_DEPTH_M: f32 = 0.015;
 /// A movable thing this near to the robot, or to what it holds, calls for physics, metres.
 const TOUCH_M: f32 = 0.005;
 /// After an episode's target is set down, it has this many sub-steps to come to rest.
@@ -302,8 +301,9 @@ impl Simulation {
         let path = std::mem::take(&mut self.path);
         let last = path.len() - 1;
         let mut at = 0;
-        let mut jammed_for = 0;
-        while at < last && jammed_for < JAM_SUBSTEPS {
+        // Whatever eases is no jam: out of one the robot must be able to leave.
+        let (mut jammed, mut depth_m) = (false, self.deepest_contact_m());
+        while at < last && !jammed {
             if !self.awake {
                 // As far as nothing is touched, nor left that was touched.
                 let free = self.first_touch(at..last + 1).map_or(last, |touch| touch.saturating_sub(1));
@@ -315,9 +315,10 @@ impl Simulation {
             }
             at += 1;
             self.advance_robot(&path[at]);
-            jammed_for = if self.deepest_contact_m() > JAM_DEPTH_M { jammed_for + 1 } else { 0 };
+            let depth_before_m = std::mem::replace(&mut depth_m, self.deepest_contact_m());
+            jammed = depth_m > JAM_DEPTH_M && depth_m >= depth_before_m;
         }
-        let success = arrived && jammed_for < JAM_SUBSTEPS;
+        let success = arrived && !jammed;
         let mut used = at;
         if !success {
             if self.awake || self.first_touch(0..at + 1).is_some() {
@@ -436,14 +437,17 @@ impl Simulation {
         }
     }
 
-    /// How deeply the robot, or what it holds, has entered a movable thing, metres.
+    /// How deeply, metres, the robot, or what it holds, has entered a movable thing, or one that is awake has entered
+    /// whatever it touches.
     fn deepest_contact_m(&self) -> f32 {
         let held = self.held.map(|held| self.kitchen.movables[held.movable]);
+        let awake = self.world.awake_movables().map(|thing| self.kitchen.movables[thing]);
         self.kitchen
             .robot
             .iter()
             .copied()
             .chain(held)
+            .chain(awake)
             .map(|handle| self.world.deepest_contact_m(handle))
             .fold(0.0, f32::max)
     }

@@ -18,7 +18,7 @@ use std::sync::Arc;
 pub const SPEED_LIMIT_M_PER_S: f32 = 10.0;
 /// Nothing may stand this deep in a fixed thing, metres. Pressed by the robot, which nothing can hold back, things do
 /// enter what is behind them until the motion is stopped for it.
-pub const DEPTH_LIMIT_M: f32 = 0.1;
+pub const DEPTH_LIMIT_M: f32 = 0.05;
 
 /// What a soak of one kitchen saw.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -64,6 +64,7 @@ impl World {
         let parameters = IntegrationParameters {
             dt: timestep_s,
             normalized_max_linear_velocity: MAX_SPEED_M_PER_S,
+            max_ccd_substeps: 0,
             ..IntegrationParameters::default()
         };
         Self {
@@ -93,7 +94,7 @@ impl World {
     /// bodies are numbered in the order in which they are added.
     pub fn add_movable(&mut self, solid: &Solid, pose: Pose3, mass_kg: f32, friction: f32) -> RigidBodyHandle {
         let mut body =
-            RigidBodyBuilder::dynamic().pose(pose).angular_damping(ANGULAR_DAMPING).ccd_enabled(true).build();
+            RigidBodyBuilder::dynamic().pose(pose).angular_damping(ANGULAR_DAMPING).soft_ccd_prediction(0.1).build();
         let activation = body.activation_mut();
         activation.normalized_linear_threshold *= SLEEP_THRESHOLD_FACTOR;
         activation.angular_threshold *= SLEEP_THRESHOLD_FACTOR;
