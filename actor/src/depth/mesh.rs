@@ -98,11 +98,6 @@ impl Mesh {
         }
     }
 
-    /// Triangles that its faces amount to.
-    pub fn triangles(&self) -> usize {
-        self.corners.len() - 2 * self.faces.len()
-    }
-
     /// Its faces cut into triangles, from the first corner of each.
     fn triangulated(&self) -> Vec<[[f32; 3]; 3]> {
         let corner = |index: u32| self.vertices[usize::from(self.corners[index as usize])];
@@ -415,7 +410,7 @@ mod tests {
         for (moment, expected) in moment.into_iter().zip([cuboid - ball, 2.0 * cuboid, 3.0 * cuboid]) {
             assert!((moment - expected).abs() < 0.02 * ball, "{moment}, expected {expected}");
         }
-        assert_eq!(triangles.len(), 12 + Mesh::of(&Primitive::Sphere { radius_m: 0.2 }).triangles());
+        assert_eq!(triangles.len(), 12 + Mesh::of(&Primitive::Sphere { radius_m: 0.2 }).triangulated().len());
     }
 
     #[test]
@@ -430,7 +425,7 @@ mod tests {
             let error_m = FINEST_ERROR_M as f32;
             within(&Mesh::of(&Primitive::Sphere { radius_m }), error_m);
             within(&Mesh::of(&Primitive::Cylinder { radius_m, half_height_m: 0.5 }), error_m);
-            assert!(sides(radius_m) % 4 == 0);
+            assert!(sides(radius_m).is_multiple_of(4));
         }
     }
 
@@ -445,7 +440,7 @@ mod tests {
             .collect();
         let mesh = Mesh::of(&Primitive::Hull { points_m });
         check(&mesh);
-        assert_eq!((mesh.faces.len(), mesh.edges().unwrap().len(), mesh.triangles()), (18, 48, 60));
+        assert_eq!((mesh.faces.len(), mesh.edges().unwrap().len(), mesh.triangulated().len()), (18, 48, 60));
     }
 
     proptest! {

@@ -1,10 +1,16 @@
 //! The depth camera: a software rasteriser for unions of convex parts.
 //!
 //! ```text
-//! mesh     convex polyhedra with planar faces, at several levels of detail
-//! view     projection, near plane and view volume
-//! raster   convex polygons filled into a buffer of inverse depths
-//! camera   culling, choice of detail, and the walk over bodies
+//! mesh        the finest mesh of a shape: convex polyhedra with planar faces
+//! scene       all parts placed in the world, side by side for the vector unit
+//! view        projection, near plane and view volume
+//! outline     which pixels of a row a convex figure covers
+//! surface     inverse depth within an outline: planes, mantles, balls
+//! raster      the image while it is drawn
+//! polyhedron  boxes and hulls
+//! round       spheres and cylinders
+//! camera      the walk over what is in view
+//! backdrop    what stays the same while the camera stands still
 //! ```
 //!
 //! # What is drawn
@@ -13,19 +19,26 @@
 //! nothing is hit; at most [`DEPTH_MAX_MM`]. What lies nearer than [`NEAR_M`] is clipped away.
 //!
 //! # Why it is fast
-//! Everything is convex, so a face that looks away is found by one dot product in the part's own frame, before
-//! anything is transformed, and no other test for visibility within a part is needed. Inverse depth is affine over
-//! the image of a plane, so a face costs one plane equation, and a pixel one multiplication, one addition and one
-//! maximum, eight pixels at a time without branches. The maximum does not depend on the order of drawing.
+//! Everything is convex. A ray enters a convex solid where it has entered all of its half-spaces, so within the solid's
+//! outline its inverse depth is the least of those of the planes that look at the eye: a box is one figure with six
+//! sides and not three faces, and no edge inside of an outline is ever computed. Inverse depth is affine over the
+//! image of a plane. A cylinder's mantle and a sphere have inverse depths with one square root a pixel, so that round
+//! things need neither many faces nor levels of detail, and are exact at any distance. All of it works on eight
+//! vertices, faces, rows or pixels at a time. The nearest surface is the maximum of inverse depths, which does not
+//! depend on the order of drawing.
 //!
 //! # Why it is reproducible
 //! Plain single-precision additions, multiplications, divisions and square roots in a fixed order, nothing fused,
 //! and no transcendental function at run time: the same bits on every machine.
 
+// The vector code is written in small functions that must become one loop; without this they became calls.
+#![allow(clippy::inline_always)]
+
 mod backdrop;
 mod camera;
 mod mesh;
 mod outline;
+mod polyhedron;
 mod raster;
 mod round;
 mod scene;

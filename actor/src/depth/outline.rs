@@ -86,9 +86,8 @@ impl Outline {
         let ramp = Lanes::ramp();
         for row in (top..bottom).step_by(LANES) {
             let y_px = Lanes::splat(row as f32 + 0.5) + ramp;
-            let at = |line: &Line| {
-                Lanes::splat(line.x_px) + (y_px - Lanes::splat(line.y_px)) * Lanes::splat(line.slope)
-            };
+            let at =
+                |line: &Line| Lanes::splat(line.x_px) + (y_px - Lanes::splat(line.y_px)) * Lanes::splat(line.slope);
             let left = self.left.iter().fold(Lanes::splat(0.0), |left, line| left.max(at(line)));
             let right = self.right.iter().fold(Lanes::splat(limit), |right, line| right.min(at(line)));
             mark_rows(raster, row, [left, right]);
@@ -104,5 +103,59 @@ pub fn mark_rows(raster: &mut Raster, row: usize, [left, right]: [Lanes; 2]) {
     for (rows, position) in [(&mut raster.left, left), (&mut raster.right, right)] {
         let rows = rows[row..].first_chunk_mut().expect("there is room for LANES rows from any row on");
         first_centres(position, limit).store(rows);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Polygons inscribed in a circle, against the definition: a centre lies right of every side.
+        #[test]
+        fn intervals_hold_the_centres_inside(x in -5f32..25.0, y in -5f32..25.0, radius in 0.2f32..20.0,
+                angles in prop::collection::btree_set(0u32..360, 3..20)) {
+            const SIDE: usize = 20;
+            // y runs down, so growing angles run clockwise.
+            let corners: Vec<[f32; 2]> = angles
+                .iter()
+                .map(|&angle| {
+                    let (sin, cos) = libm::sincosf((angle as f32).to_radians());
+                    [x + radius * cos, y + radius * sin]
+                })
+                .collect();
+            let mut raster = Raster::new(SIDE);
+            let mut outline = Outline::default();
+            let (mut x_px, mut y_px) = ([0.0; 40], [0.0; 40]);
+            for (i, corner) in corners.iter().enumerate() {
+                [x_px[i], y_px[i]] = *corner;
+            }
+            outline.add_polygon(&mut x_px, &mut y_px, corners.len(), SIDE as f32);
+            // As its users do: only rows between the highest and the lowest corner.
+            let rows = Lanes::load(&[
+                corners.iter().map(|c| c[1]).fold(f32::MAX, f32::min),
+                corners.iter().map(|c| c[1]).fold(f32::MIN, f32::max),
+                0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+            ]);
+            let [top, bottom, ..] = first_centres(rows, SIDE as f32).to_array();
+            outline.mark(&mut raster, top as usize, bottom as usize);
+            for row in 0..SIDE {
+                for column in 0..SIDE {
+                    let (px, py) = (column as f32 + 0.5, row as f32 + 0.5);
+                    let insideness = (0..corners.len()).map(|i| {
+                        let ([ax, ay], [bx, by]) = (corners[i], corners[(i + 1) % corners.len()]);
+                        let (dx, dy) = (bx - ax, by - ay);
+                        (dx * (py - ay) - dy * (px - ax)) / (dx * dx + dy * dy).sqrt()
+                    }).fold(f32::MAX, f32::min);
+                    let covered = (top as usize..bottom as usize).contains(&row)
+                        && raster.left[row] <= column as f32
+                        && (column as f32) < raster.right[row];
+                    if insideness.abs() > 1e-3 {
+                        prop_assert_eq!(covered, insideness > 0.0, "({}, {}): {}", column, row, insideness);
+                    }
+                }
+            }
+        }
     }
 }

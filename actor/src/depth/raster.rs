@@ -4,6 +4,7 @@
 //! right (or below): polygons that share an edge neither overlap nor leave a gap, because both compute the edge from
 //! its upper to its lower end.
 
+use super::outline::first_centres;
 use super::simd::{LANES, Lanes, assume_written};
 use super::surface::{Plane, Planes, Surface};
 use std::mem::MaybeUninit;
@@ -191,6 +192,17 @@ impl Raster {
 /// The nearer of two depths, where 0 is nothing.
 fn nearer(a_mm: u16, b_mm: u16) -> u16 {
     a_mm.wrapping_sub(1).min(b_mm.wrapping_sub(1)).wrapping_add(1)
+}
+
+/// The first and one past the last column, and row, with centres between the least and greatest x and y, if there are
+/// any.
+#[inline(always)]
+pub fn rectangle(low: [Lanes; 2], high: [Lanes; 2], side: f32) -> Option<[f32; 4]> {
+    let [left, top] = low.map(Lanes::smallest);
+    let [right, bottom] = high.map(Lanes::largest);
+    let bounds = Lanes::load(&[left, right, top, bottom, 0.0, 0.0, 0.0, 0.0]);
+    let [left, right, top, bottom, ..] = first_centres(bounds, side).to_array();
+    (left < right && top < bottom).then_some([left, right, top, bottom])
 }
 
 /// Depths in millimetres, rounded, at most [`DEPTH_MAX_MM`]; 0 for an inverse depth of 0.

@@ -5,10 +5,10 @@
 //! further off than half of what separates the circles.
 
 use super::outline::{Outline, first_centres, mark_rows};
-use super::raster::{Extent, Raster};
+use super::raster::{Extent, Raster, rectangle};
 use super::simd::{LANES, Lanes};
 use super::surface::{Ball, Mantle, Planes};
-use super::view::Lens;
+use super::view::{LEAST_HEIGHT_M, Lens, NEAR_M};
 use std::f64::consts::PI;
 
 /// Corners of a ring and the radius in pixels up to which they are enough: the outline deviates by at most 0.15 pixels.
@@ -17,8 +17,6 @@ const RINGS: [(usize, f32); 6] = [(8, 3.9), (16, 15.0), (24, 35.0), (32, 62.0), 
 const RING_MOST: usize = 64;
 /// Corners of an outline: two rings, and room for the vector unit.
 const OUTLINE_MOST: usize = 2 * RING_MOST + 2 * LANES;
-/// A face is seen from this height above it on, metres.
-pub const LEAST_HEIGHT_M: f32 = 1e-6;
 
 /// A sphere or cylinder as it is drawn.
 #[derive(Debug, Clone, Copy)]
@@ -56,7 +54,7 @@ struct Ring {
     side_radius: f32,
 }
 
-/// Draws round things.
+/// Draws cylinders; its buffers live from call to call.
 #[derive(Debug, Clone)]
 pub struct RoundBrush {
     rings: Vec<Ring>,
@@ -99,48 +97,6 @@ impl RoundBrush {
         Self { rings, x_px: [0.0; OUTLINE_MOST], y_px: [0.0; OUTLINE_MOST] }
     }
 
-    /// Draws a sphere that lies beyond the near plane; its centre in the camera's frame.
-    pub fn sphere(raster: &mut Raster, lens: Lens, centre: [f32; 3], round: Round) {
-        let radius_m = round.radius_m;
-        let [x, y, z] = centre;
-        let side = raster.side() as f32;
-        // Tangent planes through the eye that are level: y / z of where the sphere is seen highest and lowest.
-        let square = radius_m * radius_m;
-        let reach = radius_m * (y * y + z * z - square).max(0.0).sqrt();
-        let per_depth = lens.focal_px / (z * z - square);
-        let rows = Lanes::load(&[y * z + reach, y * z - reach, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        let rows = Lanes::splat(lens.centre_px) - rows * Lanes::splat(per_depth);
-        let rows = first_centres(rows, side).to_array();
-        let (top, bottom) = (rows[0] as usize, rows[1] as usize);
-        if top >= bottom {
-            return;
-        }
-        let outside_m2 = dot(centre, centre) - square;
-        let scale = 1.0 / outside_m2;
-        let per_focal = 1.0 / lens.focal_px;
-        let per_z = 1.0 / z;
-        let outside = lens.over_image(centre.map(|v| v * scale));
-        let centre_px = [lens.centre_px + lens.focal_px * x * per_z, lens.centre_px - lens.focal_px * y * per_z];
-        // ((d · c)² − (c² − r²) d²) / (c² − r²)² about the direction in which the centre is seen.
-        let (first, second) = (2.0 * square * per_z * per_focal, per_focal * per_focal);
-        let quadratic = [
-            square * dot(centre, centre) * per_z * per_z,
-            first * x,
-            -first * y,
-            (x * x - outside_m2) * second,
-            -2.0 * x * y * second,
-            (y * y - outside_m2) * second,
-        ]
-        .map(|coefficient| coefficient * scale * scale);
-        let mut ball = Ball::new(outside, centre_px, quadratic);
-        for row in (top..bottom).step_by(LANES) {
-            let interval = ball.interval(row as f32 + 0.5);
-            mark_rows(raster, row, interval);
-        }
-        let inverse_m = [1.0 / (z + radius_m), 1.0 / (z - radius_m)];
-        raster.sweep(Extent { top, bottom, inverse_m }, &mut ball);
-    }
-
     /// Draws a cylinder that lies beyond the near plane; its centre and the unit vector along its axis in the camera's
     /// frame.
     pub fn cylinder(
@@ -169,7 +125,7 @@ impl RoundBrush {
         };
 
         let nearest_m = centre[2] - (radius_m + half_height_m);
-        let nearest_m = if nearest_m > super::view::NEAR_M { nearest_m } else { super::view::NEAR_M };
+        let nearest_m = if nearest_m > NEAR_M { nearest_m } else { NEAR_M };
         let radius_px = radius_m * lens.focal_px / nearest_m;
         let which = RINGS.iter().position(|&(_, enough_px)| radius_px <= enough_px).unwrap_or(RINGS.len() - 1);
         let ring = &self.rings[which];
@@ -182,12 +138,11 @@ impl RoundBrush {
         let (mut farthest, mut nearest) = (Lanes::splat(f32::MAX), Lanes::splat(0.0));
         let (mut low, mut high) = ([Lanes::splat(f32::MAX); 2], [Lanes::splat(f32::MIN); 2]);
         for block in (0..ring.count).step_by(LANES) {
-            let table = |table: &[f32; RING_MOST]| Lanes::load(table[block..].first_chunk().expect("counts are multiples"));
+            let table =
+                |table: &[f32; RING_MOST]| Lanes::load(table[block..].first_chunk().expect("counts are multiples"));
             let (cos, sin) = (table(&ring.cos), table(&ring.sin));
             let out = [0, 1, 2].map(|i| across_u[i] * cos + across_v[i] * sin);
-            for (end, x_px, y_px) in
-                [(top, &mut top_x, &mut top_y), (bottom, &mut bottom_x, &mut bottom_y)]
-            {
+            for (end, x_px, y_px) in [(top, &mut top_x, &mut top_y), (bottom, &mut bottom_x, &mut bottom_y)] {
                 let (corners, inverse_m) = lens.project_lanes([0, 1, 2].map(|i| end[i] + out[i]));
                 farthest = farthest.min(inverse_m);
                 nearest = nearest.max(inverse_m);
@@ -197,7 +152,8 @@ impl RoundBrush {
                 corners.y_px.store(y_px[block..].first_chunk_mut().expect("counts are multiples"));
             }
         }
-        let Some((first_row, end_row)) = rows_of(low, high, raster.side() as f32) else { return };
+        let Some([_, _, first_row, end_row]) = rectangle(low, high, raster.side() as f32) else { return };
+        let (first_row, end_row) = (first_row as usize, end_row as usize);
 
         // Sides turn away from the eye beyond ± some number of the one that faces it.
         let turned = ring.side_radius * radius_m;
@@ -245,30 +201,54 @@ impl RoundBrush {
                 let scale = 1.0 / outside_m2;
                 let tangent_m = outside_m2.sqrt();
                 let outside = lens.over_image(u.map(|v| v * (-away_m * scale)));
-                let root = [-tangent_m, tangent_m].map(|tangent_m| {
-                    lens.over_image([0, 1, 2].map(|i| (radius_m * u[i] + tangent_m * v[i]) * scale))
-                });
+                let root = [-tangent_m, tangent_m]
+                    .map(|tangent_m| lens.over_image([0, 1, 2].map(|i| (radius_m * u[i] + tangent_m * v[i]) * scale)));
                 raster.sweep(extent, &mut Mantle::new(outside, root, cap));
             }
         }
     }
 }
 
-/// The rows between a least and a greatest y, if there is at least one and one column between those of x.
-#[inline(always)]
-pub fn rows_of(low: [Lanes; 2], high: [Lanes; 2], side: f32) -> Option<(usize, usize)> {
-    let bounds = Lanes::load(&[
-        low[0].smallest(),
-        high[0].largest(),
-        low[1].smallest(),
-        high[1].largest(),
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    ]);
-    let [left, right, top, bottom, ..] = first_centres(bounds, side).to_array();
-    (left < right && top < bottom).then_some((top as usize, bottom as usize))
+/// Draws a sphere that lies beyond the near plane; its centre in the camera's frame.
+pub fn sphere(raster: &mut Raster, lens: Lens, centre: [f32; 3], round: Round) {
+    let radius_m = round.radius_m;
+    let [x, y, z] = centre;
+    let side = raster.side() as f32;
+    // Tangent planes through the eye that are level: y / z of where the sphere is seen highest and lowest.
+    let square = radius_m * radius_m;
+    let reach = radius_m * (y * y + z * z - square).max(0.0).sqrt();
+    let per_depth = lens.focal_px / (z * z - square);
+    let rows = Lanes::load(&[y * z + reach, y * z - reach, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let rows = Lanes::splat(lens.centre_px) - rows * Lanes::splat(per_depth);
+    let rows = first_centres(rows, side).to_array();
+    let (top, bottom) = (rows[0] as usize, rows[1] as usize);
+    if top >= bottom {
+        return;
+    }
+    let outside_m2 = dot(centre, centre) - square;
+    let scale = 1.0 / outside_m2;
+    let per_focal = 1.0 / lens.focal_px;
+    let per_z = 1.0 / z;
+    let outside = lens.over_image(centre.map(|v| v * scale));
+    let centre_px = [lens.centre_px + lens.focal_px * x * per_z, lens.centre_px - lens.focal_px * y * per_z];
+    // ((d · c)² − (c² − r²) d²) / (c² − r²)² about the direction in which the centre is seen.
+    let (first, second) = (2.0 * square * per_z * per_focal, per_focal * per_focal);
+    let quadratic = [
+        square * dot(centre, centre) * per_z * per_z,
+        first * x,
+        -first * y,
+        (x * x - outside_m2) * second,
+        -2.0 * x * y * second,
+        (y * y - outside_m2) * second,
+    ]
+    .map(|coefficient| coefficient * scale * scale);
+    let mut ball = Ball::new(outside, centre_px, quadratic);
+    for row in (top..bottom).step_by(LANES) {
+        let interval = ball.interval(row as f32 + 0.5);
+        mark_rows(raster, row, interval);
+    }
+    let inverse_m = [1.0 / (z + radius_m), 1.0 / (z - radius_m)];
+    raster.sweep(Extent { top, bottom, inverse_m }, &mut ball);
 }
 
 /// Some unit vector at right angles to a unit vector.

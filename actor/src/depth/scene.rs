@@ -11,13 +11,9 @@ use crate::shape::Primitive;
 use rapier3d::math::Pose3;
 use std::ops::Range;
 
-/// Eight points.
+/// Eight points, metres, or directions: their x, y and z.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Points {
-    pub x_m: [f32; LANES],
-    pub y_m: [f32; LANES],
-    pub z_m: [f32; LANES],
-}
+pub struct Points([[f32; LANES]; 3]);
 
 /// Eight spheres.
 #[derive(Debug, Clone, Copy, Default)]
@@ -35,13 +31,13 @@ pub struct HalfSpaces {
 
 impl Points {
     fn set(&mut self, lane: usize, p: [f32; 3]) {
-        [self.x_m[lane], self.y_m[lane], self.z_m[lane]] = p;
+        self.0.iter_mut().zip(p).for_each(|(axis, value)| axis[lane] = value);
     }
 
     /// All of them, by axis.
     #[inline(always)]
     pub fn load(&self) -> [Lanes; 3] {
-        [Lanes::load(&self.x_m), Lanes::load(&self.y_m), Lanes::load(&self.z_m)]
+        self.0.each_ref().map(Lanes::load)
     }
 }
 
@@ -63,7 +59,10 @@ pub enum Form {
     Cylinder(Round),
     Sphere(Round),
     /// A cylinder and a sphere at each of its ends.
-    Capsule { mantle: Round, ends: Round },
+    Capsule {
+        mantle: Round,
+        ends: Round,
+    },
 }
 
 /// A convex part, placed in the world.

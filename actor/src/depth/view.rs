@@ -59,6 +59,9 @@ impl Lens {
     }
 }
 
+/// A face is seen from this height above it on, metres.
+pub const LEAST_HEIGHT_M: f32 = 1e-6;
+
 /// A rigid transformation: row-major rotation, then translation.
 #[derive(Debug, Clone, Copy)]
 pub struct Rigid {
@@ -119,6 +122,51 @@ impl Rigid {
     }
 }
 
+/// Where the eye stands in the world, and where it looks.
+#[derive(Debug, Clone, Copy)]
+pub struct View {
+    pub lens: Lens,
+    pub camera_from_world: Rigid,
+    pub eye: [f32; 3],
+    /// The direction of a pixel's ray, z = 1, in the world: at the image's origin, and its change per pixel.
+    pub ray: [[f32; 3]; 3],
+}
+
+impl View {
+    /// From a camera's pose.
+    pub fn new(lens: Lens, world_from_camera: &rapier3d::math::Pose3) -> Self {
+        let world_from_camera = Rigid::from_pose(world_from_camera);
+        let camera_from_world = world_from_camera.inverse();
+        let column = |axis: usize| world_from_camera.rotation.map(|row| row[axis]);
+        let (right, up, ahead) = (column(0), column(1), column(2));
+        let per_focal = 1.0 / lens.focal_px;
+        let corner = lens.centre_px * per_focal;
+        Self {
+            lens,
+            camera_from_world,
+            eye: world_from_camera.translation,
+            ray: [
+                [0, 1, 2].map(|i| ahead[i] + corner * (up[i] - right[i])),
+                right.map(|v| v * per_focal),
+                up.map(|v| -v * per_focal),
+            ],
+        }
+    }
+
+    /// Eight points of the world, seen from the camera.
+    #[inline(always)]
+    pub fn points(&self, p: [Lanes; 3]) -> [Lanes; 3] {
+        let d = [0, 1, 2].map(|i| p[i] - Lanes::splat(self.eye[i]));
+        self.camera_from_world.rotation.map(|row| dot(row.map(Lanes::splat), d))
+    }
+}
+
+/// Eight scalar products.
+#[inline(always)]
+pub fn dot(a: [Lanes; 3], b: [Lanes; 3]) -> Lanes {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
 /// A sphere around something.
 #[derive(Debug, Clone, Copy)]
 pub struct Sphere {
@@ -128,7 +176,7 @@ pub struct Sphere {
 
 /// Which of eight spheres, centres in the camera's frame, meet the view volume.
 #[inline(always)]
-pub fn visible(centre: [Lanes; 3], radius_m: Lanes) -> u32 {
+pub fn meets_view(centre: [Lanes; 3], radius_m: Lanes) -> u32 {
     let [x, y, z] = centre;
     let [across, along] = SIDE_NORMAL.map(Lanes::splat);
     let zero = Lanes::splat(0.0);
@@ -195,7 +243,7 @@ mod tests {
                 && p.x.abs() < p.z * TAN_HALF_FIELD_OF_VIEW
                 && p.y.abs() < p.z * TAN_HALF_FIELD_OF_VIEW;
             if inside {
-                prop_assert_eq!(visible(c.map(Lanes::splat), Lanes::splat(radius)), 255);
+                prop_assert_eq!(meets_view(c.map(Lanes::splat), Lanes::splat(radius)), 255);
             }
         }
 
