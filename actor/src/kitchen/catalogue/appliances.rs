@@ -3,7 +3,7 @@
 use super::Material::{Plastic, Rubber};
 use super::Place::{Counter, Shelf};
 use super::colour::{BLACK, CREAM, GREY, RED, STEEL, WHITE};
-use super::forms::{along_x, along_z, block, capsule, cuboid, cylinder, handle, lathe, legs, rolled, spun, upright};
+use super::forms::{along_x, along_z, block, capsule, cuboid, cylinder, handle, lathe, rolled, spun, upright};
 use super::{Category, thing};
 use crate::shape::Shape;
 
@@ -34,7 +34,7 @@ pub const APPLIANCES: &[Category] = &[
 ];
 
 fn toaster() -> Shape {
-    legs(0.018, 0.012, 0.11, 0.06)
+    block(0.25, 0.012, 0.14)
         .with(cuboid(0.28, 0.16, 0.17), 0.0, 0.09, 0.0)
         .with(cuboid(0.26, 0.02, 0.055), 0.0, 0.18, 0.048)
         .with(cuboid(0.26, 0.02, 0.040), 0.0, 0.18, 0.0)
@@ -136,7 +136,7 @@ fn sandwich_toaster() -> Shape {
 }
 
 fn toaster_oven() -> Shape {
-    legs(0.025, 0.02, 0.19, 0.13)
+    block(0.39, 0.02, 0.26)
         .with(cuboid(0.43, 0.23, 0.30), 0.0, 0.135, 0.0)
         .with(cuboid(0.31, 0.18, 0.012), -0.05, 0.135, 0.155)
         .turned(capsule(0.009, 0.28), along_x(-0.05, 0.215, 0.185))
@@ -188,7 +188,7 @@ fn milk_frother() -> Shape {
 }
 
 fn hot_plate() -> Shape {
-    legs(0.022, 0.015, 0.10, 0.10)
+    block(0.22, 0.015, 0.22)
         .with(cuboid(0.26, 0.055, 0.26), 0.0, 0.0425, 0.0)
         .with(cylinder(0.09, 0.012), 0.0, 0.076, -0.01)
         .turned(cylinder(0.02, 0.02), along_z(0.0, 0.042, 0.14))
@@ -208,5 +208,5 @@ fn radio() -> Shape {
         .turned(cylinder(0.045, 0.008), along_z(-0.06, 0.07, 0.044))
         .turned(cylinder(0.018, 0.014), along_z(0.06, 0.045, 0.047))
         .with(cuboid(0.09, 0.03, 0.006), 0.06, 0.10, 0.043)
-        .joined(handle(0.0, 0.0, 0.001, 0.03, 0.01), 0.0, 0.15, 0.0)
+        .turned(capsule(0.007, 0.16), along_x(0.0, 0.147, 0.0))
 }

@@ -2,7 +2,7 @@
 
 use super::Material::{Ceramic, Metal, Rubber};
 use super::Place::{Counter, Stove};
-use super::colour::{BLACK, CREAM, GREY, IRON, ORANGE, RED, STEEL, WHITE};
+use super::colour::{BLACK, CREAM, GREY, IRON, ORANGE, RED, STEEL};
 use super::forms::{
     along_x, along_z, basin, capsule, cuboid, cylinder, handle, lathe, open_box, oval, rolled, spun, upright,
 };
@@ -15,7 +15,7 @@ pub const COOKWARE: &[Category] = &[
     thing("Pot", 1.4, Metal, STEEL, Stove, pot).every(),
     thing("Saucepan", 0.9, Metal, STEEL, Stove, saucepan),
     thing("CastIronSkillet", 2.3, Metal, IRON, Stove, || pan(0.12, 0.13, 0.045, 0.12)),
-    thing("CrepePan", 0.9, Metal, BLACK, Stove, || pan(0.125, 0.13, 0.018, 0.18)),
+    thing("CrepePan", 0.9, Metal, BLACK, Stove, crepe_pan),
     thing("Wok", 1.6, Metal, IRON, Stove, wok),
     thing("StockPot", 2.4, Metal, STEEL, Stove, || lidded(0.13, 0.22)),
     thing("PressureCooker", 3.2, Metal, STEEL, Stove, pressure_cooker),
@@ -29,25 +29,26 @@ pub const COOKWARE: &[Category] = &[
     thing("BakingTray", 0.9, Metal, GREY, Counter, || open_box(0.40, 0.022, 0.30, 0.005)),
     thing("RoastingPan", 1.7, Metal, STEEL, Counter, roasting_pan),
     thing("LoafPan", 0.4, Metal, GREY, Counter, || open_box(0.25, 0.065, 0.11, 0.005)),
-    thing("CakePan", 0.5, Metal, GREY, Counter, || basin(0.115, 0.118, 0.065, 0.006, 12)),
-    thing("PieDish", 0.9, Ceramic, WHITE, Counter, || basin(0.10, 0.135, 0.045, 0.008, 12)),
+    thing("CakePan", 0.5, Metal, GREY, Counter, || basin(0.115, 0.118, 0.065, 0.006, 8)),
+    thing("Pie", 1.3, Ceramic, ORANGE, Counter, pie),
     thing("MuffinTin", 0.5, Metal, GREY, Counter, muffin_tin),
     thing("GratinDish", 1.2, Ceramic, CREAM, Counter, gratin_dish),
-    thing("SiliconeMould", 0.2, Rubber, RED, Counter, || basin(0.095, 0.115, 0.07, 0.008, 12)),
+    thing("SiliconeMould", 0.2, Rubber, RED, Counter, || lathe(&[(0.115, 0.0), (0.115, 0.008), (0.095, 0.07)])),
 ];
 
 /// A frying pan with a sloping side and a long handle that rises a little.
 fn pan(low_m: f32, high_m: f32, height_m: f32, handle_m: f32) -> Shape {
-    basin(low_m, high_m, height_m, 0.006, 12)
-        .turned(capsule(0.011, handle_m + 0.022), rolled(high_m + 0.5 * handle_m, height_m - 0.010, 0.0, 1.48))
+    basin(low_m, high_m, height_m, 0.006, 10).turned(
+        capsule(0.011, handle_m + 0.022),
+        rolled(high_m + 0.5 * handle_m, height_m.max(0.03) - 0.010, 0.0, 1.66),
+    )
 }
 
-/// Handles on both sides: two stubs and a bar.
+/// Handles on both sides: a lug and its rounded edge.
 fn ears(x_m: f32, y_m: f32) -> Shape {
     [1.0, -1.0].into_iter().fold(Shape::default(), |shape, side| {
         shape
-            .with(cuboid(0.030, 0.010, 0.012), side * (x_m + 0.013), y_m, 0.030)
-            .with(cuboid(0.030, 0.010, 0.012), side * (x_m + 0.013), y_m, -0.030)
+            .with(cuboid(0.030, 0.008, 0.060), side * (x_m + 0.013), y_m, 0.0)
             .turned(capsule(0.007, 0.076), along_z(side * (x_m + 0.028), y_m, 0.0))
     })
 }
@@ -83,14 +84,18 @@ fn lidded(radius_m: f32, height_m: f32) -> Shape {
     )
 }
 
+fn crepe_pan() -> Shape {
+    lathe(&[(0.12, 0.0), (0.13, 0.018)]).turned(capsule(0.011, 0.20), rolled(0.22, 0.026, 0.0, 1.66))
+}
+
 fn saucepan() -> Shape {
     upright(0.08, 0.095)
         .with(cylinder(0.083, 0.005), 0.0, 0.0945, 0.0)
-        .turned(capsule(0.010, 0.19), rolled(0.165, 0.082, 0.0, 1.48))
+        .turned(capsule(0.010, 0.19), rolled(0.165, 0.086, 0.0, 1.66))
 }
 
 fn wok() -> Shape {
-    let bowl = basin(0.07, 0.16, 0.09, 0.006, 12);
+    let bowl = basin(0.07, 0.16, 0.09, 0.006, 8);
     bowl.turned(capsule(0.012, 0.20), rolled(0.245, 0.10, 0.0, 1.75))
 }
 
@@ -153,6 +158,15 @@ fn roasting_pan() -> Shape {
     open_box(0.38, 0.075, 0.27, 0.006)
         .turned(capsule(0.008, 0.12), along_z(0.20, 0.07, 0.0))
         .turned(capsule(0.008, 0.12), along_z(-0.20, 0.07, 0.0))
+}
+
+fn pie() -> Shape {
+    lathe(&[(0.10, 0.0), (0.135, 0.042)]).with(
+        spun(&[(0.135, 0.0), (0.125, 0.010), (0.06, 0.020)], 1.0),
+        0.0,
+        0.042,
+        0.0,
+    )
 }
 
 fn muffin_tin() -> Shape {

@@ -22,7 +22,7 @@ pub const CUTLERY: &[Category] = &[
     thing("SteakKnife", 0.07, Metal, DARK_WOOD, Table, || knife(0.11, 0.018, 0.10, 0.018)),
     thing("BreadKnife", 0.16, Metal, DARK_WOOD, Counter, || knife(0.21, 0.030, 0.12, 0.024)),
     thing("ParingKnife", 0.06, Metal, STEEL, Counter, || knife(0.08, 0.020, 0.09, 0.018)),
-    thing("Cleaver", 0.45, Metal, DARK_WOOD, Counter, cleaver),
+    thing("Cleaver", 0.45, Metal, STEEL, Counter, cleaver),
     thing("CakeServer", 0.09, Metal, STEEL, Table, cake_server),
     thing("Chopsticks", 0.025, Wood, WOOD, Table, chopsticks),
 ];

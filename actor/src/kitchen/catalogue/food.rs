@@ -20,7 +20,7 @@ pub const FOOD: &[Category] = &[
     thing("Lettuce", 0.5, Food, GREEN, Surface, lettuce).every(),
     thing("Apple", 0.2, Food, [186, 46, 42], Surface, apple).every(),
     thing("Banana", 0.13, Food, YELLOW, Surface, || bananas(1)),
-    thing("BananaBunch", 0.7, Food, YELLOW, Surface, || bananas(4)),
+    thing("BananaBunch", 0.5, Food, YELLOW, Surface, || bananas(3)),
     thing("Orange", 0.2, Food, ORANGE, Surface, || fruit(0.039, 0.076, 1.0)),
     thing("Lemon", 0.11, Food, YELLOW, Surface, || fruit(0.027, 0.052, 1.4)),
     thing("Lime", 0.07, Food, GREEN, Surface, || fruit(0.023, 0.045, 1.25)),
@@ -110,16 +110,17 @@ fn lettuce() -> Shape {
         .turned(cylinder(0.062, 0.010), rolled(-0.034, 0.075, 0.0, -1.2))
 }
 
-/// Bananas side by side, bent in three pieces, on their flanks.
+/// Bananas side by side, bent in three pieces, on a common flat.
 fn bananas(count: u32) -> Shape {
-    let bend = 0.45;
-    (0..count).fold(Shape::default(), |shape, index| {
-        let z_m = 0.034 * (index as f32 - 0.5 * (count - 1) as f32);
-        let one = block(0.06, 0.012, 0.022)
-            .turned(capsule(0.017, 0.10), along_x(0.0, 0.019, 0.0))
-            .turned(capsule(0.0155, 0.09), rolled(0.068, 0.033, 0.0, bend - 0.5 * PI))
-            .turned(capsule(0.0155, 0.09), rolled(-0.068, 0.033, 0.0, 0.5 * PI - bend));
-        shape.joined(one, 0.0, 0.0, z_m)
+    const PITCH_M: f32 = 0.034;
+    const BEND_RAD: f32 = 0.45;
+    let foot = block(0.06, 0.012, 0.022 + PITCH_M * (count - 1) as f32);
+    (0..count).fold(foot, |shape, index| {
+        let z_m = PITCH_M * (index as f32 - 0.5 * (count - 1) as f32);
+        shape
+            .turned(capsule(0.017, 0.10), along_x(0.0, 0.019, z_m))
+            .turned(capsule(0.0155, 0.09), rolled(0.068, 0.033, z_m, BEND_RAD - 0.5 * PI))
+            .turned(capsule(0.0155, 0.09), rolled(-0.068, 0.033, z_m, 0.5 * PI - BEND_RAD))
     })
 }
 

@@ -3,7 +3,7 @@
 use super::Material::{Metal, Plastic, Wood};
 use super::Place::{Floor, Seat};
 use super::colour::{BLACK, CREAM, DARK_WOOD, GREY, RED, STEEL, WHITE, WICKER, WOOD};
-use super::forms::{basin, block, cuboid, cylinder, handle, lathe, legs, open_box, spun, upright};
+use super::forms::{basin, block, cuboid, cylinder, lathe, legs, open_box, spun, upright};
 use super::{Category, Material, thing};
 use crate::shape::Shape;
 
@@ -20,13 +20,14 @@ pub const FURNITURE: &[Category] = &[
     thing("HighChair", 6.5, Wood, CREAM, Floor, high_chair),
     thing("PedalBin", 2.6, Metal, STEEL, Floor, pedal_bin),
     thing("RecyclingBox", 1.4, Plastic, [64, 120, 78], Floor, || open_box(0.40, 0.28, 0.30, 0.008)),
-    thing("LaundryBasket", 1.6, Wood, WICKER, Floor, || basin(0.19, 0.24, 0.50, 0.012, 12)),
+    thing("LaundryBasket", 1.6, Wood, WICKER, Floor, laundry_basket),
     thing("BottleCrate", 6.0, Plastic, RED, Floor, bottle_crate),
     thing("VegetableCrate", 1.8, Wood, WOOD, Floor, || open_box(0.42, 0.20, 0.30, 0.012)),
-    thing("Bucket", 0.7, Plastic, [70, 112, 172], Floor, || basin(0.105, 0.145, 0.27, 0.006, 12)),
-    thing("PetBowl", 0.4, Material::Rubber, STEEL, Floor, || basin(0.10, 0.08, 0.055, 0.012, 12)),
+    thing("Bucket", 0.7, Plastic, [70, 112, 172], Floor, || basin(0.105, 0.145, 0.27, 0.006, 8)),
+    thing("PetBowl", 0.4, Material::Rubber, STEEL, Floor, || {
+        lathe(&[(0.10, 0.0), (0.085, 0.05)]).with(cylinder(0.07, 0.01), 0.0, 0.05, 0.0)
+    }),
     thing("FloorLantern", 2.4, Metal, BLACK, Floor, lantern),
-    thing("UmbrellaStand", 3.0, Metal, BLACK, Floor, || basin(0.12, 0.12, 0.48, 0.008, 12)),
 ];
 
 fn chair() -> Shape {
@@ -121,6 +122,15 @@ fn pedal_bin() -> Shape {
         .with(cuboid(0.09, 0.012, 0.06), 0.0, 0.024, 0.165)
 }
 
+fn laundry_basket() -> Shape {
+    lathe(&[(0.18, 0.0), (0.21, 0.48)]).with(cylinder(0.22, 0.04), 0.0, 0.50, 0.0).with(
+        cylinder(0.03, 0.03),
+        0.0,
+        0.535,
+        0.0,
+    )
+}
+
 fn bottle_crate() -> Shape {
     open_box(0.40, 0.27, 0.30, 0.012)
         .with(cuboid(0.376, 0.18, 0.008), 0.0, 0.10, 0.0)
@@ -133,5 +143,5 @@ fn lantern() -> Shape {
         .joined(legs(0.018, 0.30, 0.085, 0.085), 0.0, 0.03, 0.0)
         .with(cylinder(0.035, 0.14), 0.0, 0.10, 0.0)
         .with(spun(&[(0.14, 0.0), (0.03, 0.08)], 1.0), 0.0, 0.33, 0.0)
-        .joined(handle(0.0, 0.0, 0.001, 0.03, 0.008), 0.0, 0.42, 0.0)
+        .with(cylinder(0.012, 0.03), 0.0, 0.42, 0.0)
 }

@@ -7,8 +7,8 @@ use super::colour::{
     YELLOW,
 };
 use super::forms::{
-    along_x, along_z, ball, basin, block, capsule, cuboid, cylinder, handle, lathe, open_box, oval, pitched, rolled,
-    spun, upright,
+    along_x, along_z, ball, block, capsule, cuboid, cylinder, handle, lathe, open_box, oval, pitched, rolled, spun,
+    upright,
 };
 use super::{Category, thing};
 use crate::shape::Shape;
@@ -44,7 +44,6 @@ pub const HOUSEHOLD: &[Category] = &[
     thing("TableClock", 0.5, Wood, DARK_WOOD, Shelf, table_clock),
     thing("PictureFrame", 0.4, Wood, DARK_WOOD, Shelf, picture_frame),
     thing("Basket", 0.5, Wood, WICKER, Shelf, basket),
-    thing("BreadBasket", 0.3, Wood, WICKER, Table, || basin(0.10, 0.125, 0.07, 0.010, 12)),
     thing("TissueBox", 0.25, Paper, BLUE, Surface, || {
         block(0.23, 0.075, 0.12).with(cuboid(0.06, 0.03, 0.02), 0.0, 0.09, 0.0)
     }),
@@ -70,10 +69,10 @@ pub const HOUSEHOLD: &[Category] = &[
     }),
     thing("MatchBox", 0.012, Paper, RED, Stove, || block(0.054, 0.016, 0.036)),
     thing("TableLamp", 1.6, Ceramic, CREAM, Surface, table_lamp),
-    thing("HerbPot", 0.6, Ceramic, TERRACOTTA, Counter, herb_pot),
+    thing("HerbPot", 0.6, Ceramic, DARK_GREEN, Counter, herb_pot),
     thing("Succulent", 0.4, Ceramic, GREEN, Shelf, succulent),
     thing("Cactus", 0.7, Ceramic, GREEN, Shelf, cactus),
-    thing("FlowerPot", 0.7, Ceramic, TERRACOTTA, Surface, || basin(0.055, 0.075, 0.13, 0.008, 12)),
+    thing("FlowerPot", 0.7, Ceramic, TERRACOTTA, Surface, || pot_and_soil(0.055, 0.075, 0.13)),
     thing("WateringCan", 0.6, Metal, GREEN, Counter, watering_can),
     thing("DishBrush", 0.09, Wood, WOOD, Sink, dish_brush),
     thing("ScouringPad", 0.03, Metal, STEEL, Sink, || lathe(&[(0.030, 0.0), (0.038, 0.012), (0.030, 0.028)])),
@@ -166,7 +165,7 @@ fn dish_rack() -> Shape {
         .with(cuboid(0.010, 0.12, 0.30), 0.195, 0.06, 0.0)
         .with(cuboid(0.010, 0.12, 0.30), -0.195, 0.06, 0.0);
     (0..4)
-        .fold(rack, |shape, index| shape.turned(cylinder(0.004, 0.28), along_z(0.08 * (index as f32 - 1.5), 0.06, 0.0)))
+        .fold(rack, |shape, index| shape.turned(cylinder(0.004, 0.28), along_z(0.09 * (index as f32 - 1.0), 0.06, 0.0)))
 }
 
 fn oven_mitt() -> Shape {

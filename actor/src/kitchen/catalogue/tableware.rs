@@ -12,11 +12,11 @@ use crate::shape::Shape;
 /// Plates, bowls, cups, glasses, and what is served in.
 pub const TABLEWARE: &[Category] = &[
     thing("Plate", 0.5, Ceramic, WHITE, Surface, || plate(0.075, 0.125, 0.022)).every(),
-    thing("Bowl", 0.4, Ceramic, BLUE, Surface, || basin(0.042, 0.078, 0.065, 0.007, 12)).every(),
+    thing("Bowl", 0.4, Ceramic, BLUE, Surface, || basin(0.042, 0.078, 0.065, 0.007, 10)).every(),
     thing("Mug", 0.35, Ceramic, [176, 62, 54], Surface, || mug(0.040, 0.095)).every(),
     thing("Cup", 0.2, Plastic, BLUE, Surface, cup).every(),
     thing("SidePlate", 0.28, Ceramic, WHITE, Table, || plate(0.055, 0.09, 0.018)),
-    thing("SoupPlate", 0.45, Ceramic, WHITE, Table, || basin(0.06, 0.115, 0.04, 0.008, 12)),
+    thing("SoupPlate", 0.45, Ceramic, WHITE, Table, || plate(0.06, 0.115, 0.038)),
     thing("Saucer", 0.17, Ceramic, WHITE, Table, || plate(0.042, 0.072, 0.016)),
     thing("Teacup", 0.2, Ceramic, WHITE, Table, teacup),
     thing("EspressoCup", 0.11, Ceramic, WHITE, Surface, || mug(0.028, 0.055)),
@@ -34,10 +34,12 @@ pub const TABLEWARE: &[Category] = &[
         stemmed(0.036, 0.03, &[(0.012, 0.0), (0.045, 0.03), (0.050, 0.065)])
     }),
     thing("EggCup", 0.07, Ceramic, WHITE, Table, || stemmed(0.023, 0.015, &[(0.012, 0.0), (0.025, 0.035)])),
-    thing("Ramekin", 0.2, Ceramic, WHITE, Surface, || basin(0.042, 0.045, 0.048, 0.006, 12)),
-    thing("SaladBowl", 0.9, Wood, WOOD, Table, || basin(0.07, 0.13, 0.10, 0.010, 12)),
-    thing("MixingBowl", 0.7, Metal, STEEL, Surface, || basin(0.065, 0.125, 0.115, 0.006, 12)),
-    thing("FruitBowl", 1.1, Ceramic, CREAM, Table, || basin(0.07, 0.15, 0.085, 0.009, 12)),
+    thing("Ramekin", 0.2, Ceramic, WHITE, Surface, || {
+        upright(0.042, 0.042).with(cylinder(0.046, 0.010), 0.0, 0.044, 0.0)
+    }),
+    thing("SaladBowl", 0.9, Wood, WOOD, Table, || basin(0.07, 0.13, 0.10, 0.010, 8)),
+    thing("MixingBowl", 0.7, Metal, STEEL, Surface, || basin(0.065, 0.125, 0.115, 0.006, 8)),
+    thing("FruitBowl", 1.1, Ceramic, CREAM, Table, || basin(0.07, 0.15, 0.085, 0.009, 8)),
     thing("ServingPlatter", 0.9, Ceramic, WHITE, Table, || oval(&[(0.09, 0.0), (0.125, 0.018), (0.125, 0.022)], 1.45)),
     thing("CakeStand", 1.1, Glass, GLASS, Table, cake_stand),
     thing("Tray", 0.8, Wood, DARK_WOOD, Table, tray),
