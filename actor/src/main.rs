@@ -1,5 +1,6 @@
 //! The `actor` program: rolls out environments for a learner, re-simulates recordings, measures itself.
 
+use actor::kitchen::{check, report};
 use actor::process::{self, lifeline, whereabouts};
 use actor::{bench, replay};
 use anyhow::{Context, Result, ensure};
@@ -50,6 +51,37 @@ enum Command {
         #[arg(long, default_value_t = 1.0, value_name = "S")]
         seconds: f64,
     },
+    /// What the generated kitchens are like.
+    Kitchens {
+        #[command(subcommand)]
+        command: KitchensCommand,
+    },
+    /// Prove all that a kitchen must satisfy: a line a kitchen, the totals last.
+    Check {
+        /// Kitchens to check: `all`, or numbers with commas between.
+        #[arg(long, default_value = "all", value_name = "all|N,N,...")]
+        kitchens: Kitchens,
+    },
+}
+
+#[derive(Debug, Subcommand)]
+enum KitchensCommand {
+    /// Print our kitchens' figures beside iTHOR's; fails if they are too far apart.
+    Report,
+}
+
+/// A choice of kitchens.
+#[derive(Debug, Clone)]
+struct Kitchens(Vec<KitchenId>);
+
+impl std::str::FromStr for Kitchens {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "all" {
+            return Ok(Self(KitchenId::all().collect()));
+        }
+        text.split(',').map(kitchen).collect::<Result<Vec<_>, _>>().map(Self)
+    }
 }
 
 fn kitchen(text: &str) -> Result<KitchenId, String> {
@@ -75,6 +107,8 @@ fn run(arguments: Arguments) -> Result<()> {
     match arguments.command {
         Some(Command::Replay) => replay::run(std::io::stdin().lock(), std::io::stdout().lock()),
         Some(Command::Bench { kitchen, seconds }) => bench::run(kitchen, seconds),
+        Some(Command::Kitchens { command: KitchensCommand::Report }) => report::run(std::io::stdout().lock()),
+        Some(Command::Check { kitchens: Kitchens(kitchens) }) => check::run(&kitchens, std::io::stdout().lock()),
         None => {
             ensure!(
                 !(arguments.lifeline && arguments.kitchen.is_some()),

@@ -15,11 +15,11 @@ const FLOOR_GRID_M: f32 = 0.25;
 /// Room that a robot position leaves about the body, metres.
 const FLOOR_CLEARANCE_M: f32 = 0.03;
 /// Grid of target positions, metres.
-const SPOT_GRID_M: f32 = 0.05;
+const SPOT_GRID_M: f32 = 0.025;
 /// Room that a target position leaves to everything else, metres.
 const SPOT_CLEARANCE_M: f32 = 0.02;
 /// A spot counts only if the robot can stand this near to it on the floor plane, metres.
-const SPOT_REACH_M: f32 = 0.78;
+const SPOT_REACH_M: f32 = 0.75;
 
 /// A robot pose at which an episode can begin.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,8 +32,17 @@ pub struct Stand {
     pub yaw_ticks: i32,
 }
 
-/// Robot poses whose body and arm touch nothing, in the largest connected part of the free floor.
-pub fn stands(floor: (Vec3, Vec3), scene: &Scene, movables: &[Aabb], parts: &[Solid; PART_COUNT]) -> Vec<Stand> {
+/// Where on the floor the robot can stand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stands {
+    /// Poses whose body and arm touch nothing, in the largest connected part of the free floor.
+    pub poses: Vec<Stand>,
+    /// Share of the free floor that is connected with the largest part.
+    pub connected_share: f32,
+}
+
+/// Finds where on the floor the robot can stand.
+pub fn stands(floor: (Vec3, Vec3), scene: &Scene, movables: &[Aabb], parts: &[Solid; PART_COUNT]) -> Stands {
     let (low, high) = floor;
     let columns = ((high.x - low.x) / FLOOR_GRID_M) as usize;
     let rows = ((high.z - low.z) / FLOOR_GRID_M) as usize;
@@ -49,23 +58,25 @@ pub fn stands(floor: (Vec3, Vec3), scene: &Scene, movables: &[Aabb], parts: &[So
             !scene.meets_aabb(&body) && !movables.iter().any(|other| other.intersects(&body))
         })
         .collect();
-    let mut result = Vec::new();
-    for cell in largest_component(&free, columns) {
+    let mut poses = Vec::new();
+    let component = largest_component(&free, columns);
+    let connected_share = component.len() as f32 / free.iter().filter(|&&free| free).count().max(1) as f32;
+    for cell in component {
         let (x_m, z_m) = at(cell);
         for yaw_ticks in 0..8 {
             let configuration = Configuration::start(x_m, z_m, yaw_ticks);
-            let Ok(poses) = part_poses(&configuration.posture()) else { continue };
+            let Ok(part_poses) = part_poses(&configuration.posture()) else { continue };
             // The body was checked above; the arm's links remain.
-            let clear = parts.iter().zip(&poses).skip(1).all(|(part, pose)| {
+            let clear = parts.iter().zip(&part_poses).skip(1).all(|(part, pose)| {
                 let aabb = part.aabb(pose).loosened(FLOOR_CLEARANCE_M);
                 !scene.meets_aabb(&aabb) && !movables.iter().any(|other| other.intersects(&aabb))
             });
             if clear {
-                result.push(Stand { x_m, z_m, yaw_ticks });
+                poses.push(Stand { x_m, z_m, yaw_ticks });
             }
         }
     }
-    result
+    Stands { poses, connected_share }
 }
 
 /// Cells of the largest four-connected set of free cells, ascending.
