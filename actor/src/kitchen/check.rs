@@ -1,7 +1,7 @@
 //! Everything that a kitchen must satisfy, and `actor check`, which goes through it.
 
 use super::catalogue::{CATEGORIES, Place};
-use super::{Kitchen, NOT_THINGS, SPOTS_LEAST, ithor};
+use super::{CONNECTED_LEAST, Kitchen, NOT_THINGS, SPOTS_LEAST, ithor};
 use crate::environment::Environment;
 use crate::physics::geometry::Solid;
 use crate::physics::scene::penetration_m;
@@ -20,8 +20,6 @@ use std::sync::Arc;
 const PENETRATION_MAX_M: f32 = 0.001;
 /// Steps of standing still.
 const STILL_STEPS: u32 = 200;
-/// Least share of the free floor that is connected.
-const CONNECTED_LEAST: f32 = 0.95;
 /// A chair's bounding box is at most this far from its table, metres.
 const CHAIR_TO_TABLE_M: f32 = 0.15;
 /// Height up to which floor is kept clear, metres: a wall cabinet may hang over it.

@@ -7,12 +7,17 @@
 /// A thing is set down at that distance from its nearest neighbour which a draw from this distribution asks for, as
 /// far as the kitchen allows: deciles from the 0th to the 10th, metres. Later things come between earlier ones, so this
 /// is wider than the distribution that results.
-pub const COMPANY_M: [f32; 11] = [0.09, 0.13, 0.17, 0.21, 0.25, 0.30, 0.36, 0.42, 0.50, 0.66, 1.1];
+pub const COMPANY_M: [f32; 11] = [0.06, 0.10, 0.14, 0.19, 0.25, 0.33, 0.42, 0.54, 0.70, 1.0, 1.8];
+/// That distribution belongs to a kitchen with this area of surfaces, square metres; ...
+pub const USUAL_AREA_M2: f32 = 4.0;
+/// ... in others it is wider or narrower as the root of the area, within these bounds: a small kitchen is crowded in
+/// places, not everywhere.
+pub const SPREAD: [f32; 2] = [0.5, 1.5];
 /// Places that are compared for the wanted distance.
 pub const CANDIDATES: u32 = 40;
 /// Draws of places, free or not, before the best so far is taken or the kitchen is given up.
 pub const TRIES: u32 = 900;
-/// Gap between the bounding boxes of two things, metres.
+/// Gap between two things, metres.
 pub const GAP_M: f32 = 0.012;
 /// Distance of a thing's bounding box from the edge of what it stands on, metres.
 pub const EDGE_M: f32 = 0.012;
@@ -24,7 +29,7 @@ pub const BESIDE_M: f32 = 0.45;
 /// Share of pots, pans and kettles that stand on a burner.
 pub const ON_BURNER_SHARE: f32 = 0.4;
 /// Weight of a square metre of each kind of surface: counter, island, dining table, side table, shelf, basin.
-pub const PREFERENCE: [f32; 6] = [1.0, 0.8, 0.5, 0.8, 0.7, 0.5];
+pub const PREFERENCE: [f32; 6] = [1.0, 0.9, 0.6, 1.0, 1.3, 0.8];
 /// Distance of a chair's middle from the table's edge, least and most, metres.
 pub const CHAIR_OUT_M: [f32; 2] = [0.06, 0.28];
 /// Turn of a chair away from the table, at most, radians.

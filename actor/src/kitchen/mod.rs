@@ -23,7 +23,7 @@ use crate::shape::Shape;
 use layout::floor_plan::Rectangle;
 use layout::{Layout, Plan};
 use proto::config::SimulationConfig;
-use proto::kitchen::{KitchenId, TargetCategory};
+use proto::kitchen::{KitchenId, Split, TargetCategory};
 use proto::random::{Key, Purpose, Random};
 use rapier3d::dynamics::RigidBodyHandle;
 use rapier3d::geometry::Aabb;
@@ -38,14 +38,19 @@ const ATTEMPTS: u32 = 32;
 const SETTLE_LIMIT_S: f32 = 4.0;
 /// A thing that settles further than this from where it was set down has fallen over, metres.
 const SETTLE_DRIFT_M: f32 = 0.02;
-/// Fewest spots of a target category.
+/// Fewest spots of a target category: in any room, ...
+const SPOTS_LEAST_ANYWHERE: usize = 100;
+/// ... and in a training kitchen; half as many in others.
 pub const SPOTS_LEAST: usize = 400;
+/// Least share of a generated kitchen's free floor that is connected.
+pub const CONNECTED_LEAST: f32 = 0.95;
 /// Fewest robot poses.
 const STANDS_LEAST: usize = 80;
 /// The robot waits here, below the floor, until an episode places it.
 const PARKED: Vec3 = Vec3::new(0.0, -20.0, 0.0);
 /// Categories that are not counted as things: iTHOR has no objects for them.
-pub(crate) const NOT_THINGS: [&str; 8] = ["Wall", "Ceiling", "Robot", "Door", "Filler", "StoveOven", "Dishwasher", "RangeHood"];
+pub(crate) const NOT_THINGS: [&str; 10] =
+    ["Wall", "Ceiling", "Robot", "Door", "Filler", "CornerUnit", "DrawerUnit", "StoveOven", "Dishwasher", "RangeHood"];
 
 /// What a body is to the simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -128,7 +133,7 @@ impl Kitchen {
             };
             let outcome = draw(id, &mut key.stream()).and_then(|(room, plan, kept_clear)| {
                 let kitchen = Self::assemble(id, simulation.timestep_s, room)?;
-                Ok(Self { plan: Some(plan), kept_clear, ..kitchen })
+                Self { plan: Some(plan), kept_clear, ..kitchen }.acceptable()
             });
             match outcome {
                 Ok(kitchen) => return Ok(kitchen),
@@ -186,11 +191,12 @@ impl Kitchen {
         let solids: Vec<Solid> = things.into_iter().map(|thing| thing.solid).collect();
         let poses = &settled_poses[static_count..static_count + solids.len()];
         let aabbs: Vec<Aabb> = solids.iter().zip(poses).map(|(solid, pose)| solid.aabb(pose)).collect();
-        let Stands { poses: stands, connected_share } = spots::stands(floor, &scene, &aabbs, &robot_parts);
+        let stands = spots::stands(floor, &scene, &aabbs, &robot_parts);
+        let Stands { poses: stands, floor: free_floor, connected_share } = stands;
         if stands.len() < STANDS_LEAST {
             return Err(format!("free floor ({} robot poses)", stands.len()));
         }
-        let points = spots::reachable_points(&surfaces, &stands);
+        let points = spots::reachable_points(&surfaces, &free_floor);
         let mut targets = Vec::new();
         for category in TargetCategory::ALL {
             let movable = bodies[static_count..]
@@ -205,7 +211,7 @@ impl Kitchen {
                 .map(|(_, other)| other)
                 .collect();
             let spots = spots::target_spots(&solids[movable], &points, &scene, &others);
-            if spots.len() < SPOTS_LEAST {
+            if spots.len() < SPOTS_LEAST_ANYWHERE {
                 return Err(format!("{} spots for {}", spots.len(), category.name()));
             }
             targets.push(Target { movable, spots });
@@ -247,6 +253,25 @@ impl Kitchen {
     /// Floor that is to stay free of fixtures: before fronts and the door. Empty for a room that was not generated.
     pub fn kept_clear(&self) -> &[Rectangle] {
         &self.kept_clear
+    }
+
+    /// Itself, or what a generated kitchen must not be like.
+    fn acceptable(self) -> Result<Self, String> {
+        let things = self.thing_count();
+        if !(ithor::THINGS[0]..=ithor::THINGS[2]).contains(&(things as f32)) {
+            return Err(format!("{things} things"));
+        }
+        if self.connected_share < CONNECTED_LEAST {
+            return Err(format!("free floor ({:.2} of it connected)", self.connected_share));
+        }
+        let least = if self.id.split() == Split::Train { SPOTS_LEAST } else { SPOTS_LEAST / 2 };
+        for category in TargetCategory::ALL {
+            let spots = self.target_spots(category).len();
+            if spots < least {
+                return Err(format!("{spots} spots for {}", category.name()));
+            }
+        }
+        Ok(self)
     }
 
     /// Its number.

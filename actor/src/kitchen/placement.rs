@@ -38,10 +38,12 @@ struct Furnishing<'a> {
     scene: &'a Scene,
     sites: Vec<Site>,
     things: Vec<Thing>,
-    /// Bounding boxes of what is there, with their gaps.
+    /// Bounding boxes of what is there.
     taken: Vec<Aabb>,
     /// Centres of the small things.
     small: Vec<Vec3>,
+    /// How much wider than usual things stand.
+    spread: f32,
     free_burners: Vec<Vec3>,
     free_seats: Vec<Seat>,
 }
@@ -81,6 +83,7 @@ impl<'a> Furnishing<'a> {
                 Site { worktop, obstacles }
             })
             .collect();
+        let area_m2: f32 = layout.worktops.iter().map(|worktop| worktop.surface.area_m2()).sum();
         Self {
             layout,
             scene,
@@ -88,6 +91,7 @@ impl<'a> Furnishing<'a> {
             things: Vec::new(),
             taken: Vec::new(),
             small: Vec::new(),
+            spread: libm::sqrtf(area_m2 / density::USUAL_AREA_M2).clamp(density::SPREAD[0], density::SPREAD[1]),
             free_burners: layout.burners.clone(),
             free_seats: layout.seats.clone(),
         }
@@ -101,15 +105,15 @@ impl<'a> Furnishing<'a> {
             Place::Seat => self.seat(category.name == "Stool", &solid, random),
             Place::Floor => self.beside_wall(&solid, random),
             Place::Surface => {
-                let burner = matches!(category.name, "Pot" | "Pan" | "Kettle")
-                    && random.uniform() < density::ON_BURNER_SHARE;
+                let burner =
+                    matches!(category.name, "Pot" | "Pan" | "Kettle") && random.uniform() < density::ON_BURNER_SHARE;
                 let on_burner = if burner { self.on_burner(&solid, random) } else { None };
                 let pose = on_burner.or_else(|| self.on_surface(category, &solid, random));
                 self.small.extend(pose.map(|pose| pose.translation));
                 pose
             }
         }?;
-        self.taken.push(solid.aabb(&pose).loosened(density::GAP_M));
+        self.taken.push(solid.aabb(&pose));
         self.things.push(Thing {
             category: category.name.to_owned(),
             shape,
@@ -126,7 +130,7 @@ impl<'a> Furnishing<'a> {
         let half_height = half_height(solid);
         let weight = |site: &Site| site.worktop.surface.area_m2() * density::PREFERENCE[site.worktop.kind as usize];
         let total: f32 = self.sites.iter().map(weight).sum();
-        let wanted_m = wanted_distance(random);
+        let wanted_m = wanted_distance(random) * self.spread;
         let beside = self.haunt(category.name);
         let mut best: Option<(f32, Pose3)> = None;
         let mut found = 0;
@@ -148,8 +152,8 @@ impl<'a> Furnishing<'a> {
             let inside = whole.loosened(density::EDGE_M);
             let surface = &site.worktop.surface;
             let free = surface.carries(&Aabb::new(inside.mins.with_y(whole.mins.y), inside.maxs.with_y(whole.maxs.y)))
-                && !self.taken.iter().any(|other| other.intersects(&whole))
-                && !parts_meet(solid, &pose, &site.obstacles);
+                && !parts_meet(solid, &pose, &site.obstacles)
+                && !self.meets_thing(solid, &pose);
             if !free {
                 continue;
             }
@@ -220,7 +224,7 @@ impl<'a> Furnishing<'a> {
     fn beside_wall(&self, solid: &Solid, random: &mut Random) -> Option<Pose3> {
         let half = solid.aabb(&Pose3::identity()).half_extents();
         let out = half.x.max(half.z) + density::BIN_OUT_M;
-        (0..FLOOR_TRIES).find_map(|_| {
+        (0..FLOOR_TRIES).find_map(|attempt| {
             let (from, to, into) = self.layout.free_walls[random.below(self.layout.free_walls.len() as u32) as usize];
             let length = (to - from).length();
             if length < 2.0 * out {
@@ -231,15 +235,24 @@ impl<'a> Furnishing<'a> {
             let pose = Pose3::from_parts(position, rotation_y(random.range(-PI, PI)));
             let aabb = solid.aabb(&pose);
             let below = Rectangle::below((aabb.mins, aabb.maxs));
-            let in_the_way = self.layout.kept_clear.iter().any(|clear| clear.overlaps(&below));
+            // In a small kitchen the bin has to be moved before a drawer opens; never before one leaves.
+            let fronts: &[Rectangle] = if attempt < FLOOR_TRIES / 2 { &self.layout.kept_clear } else { &[] };
+            let in_the_way = below.overlaps(&self.layout.before_door) || fronts.iter().any(|it| it.overlaps(&below));
             (!in_the_way && self.is_free(solid, &pose)).then_some(pose)
         })
     }
 
     /// Whether nothing is in the way, fixed or not.
     fn is_free(&self, solid: &Solid, pose: &Pose3) -> bool {
-        let whole = solid.aabb(pose);
-        !self.taken.iter().any(|other| other.intersects(&whole)) && !parts_meet(solid, pose, self.scene.aabbs())
+        !parts_meet(solid, pose, self.scene.aabbs()) && !self.meets_thing(solid, pose)
+    }
+
+    /// Whether a thing that is already there would be nearer than the gap.
+    fn meets_thing(&self, solid: &Solid, pose: &Pose3) -> bool {
+        let around = solid.aabb(pose).loosened(density::GAP_M);
+        self.taken.iter().zip(&self.things).any(|(aabb, thing)| {
+            aabb.intersects(&around) && solid.nearer_than(pose, &thing.solid, &thing.pose, density::GAP_M)
+        })
     }
 }
 

@@ -81,7 +81,11 @@ impl Figures {
         {
             let off = ours / theirs - 1.0;
             if off.abs() > DECILE_TOLERANCE {
-                found.push(format!("decile {} of the nearest-neighbour distance is off by {:+.0}%", index + 1, off * 100.0));
+                found.push(format!(
+                    "decile {} of the nearest-neighbour distance is off by {:+.0}%",
+                    index + 1,
+                    off * 100.0
+                ));
             }
         }
         for &(kitchen, _, things) in &self.kitchens {
@@ -148,9 +152,8 @@ impl Figures {
 /// Prints the report over all kitchens; an error if they deviate from iTHOR's by more than they may.
 pub fn run(mut out: impl Write) -> Result<()> {
     let config = Config::default();
-    let kitchens = KitchenId::all()
-        .map(|id| Kitchen::build(id, &config.simulation))
-        .collect::<Result<Vec<Kitchen>, _>>()?;
+    let kitchens =
+        KitchenId::all().map(|id| Kitchen::build(id, &config.simulation)).collect::<Result<Vec<Kitchen>, _>>()?;
     let figures = Figures::of(&kitchens);
     figures.print(&mut out)?;
     let deviations = figures.deviations();

@@ -10,14 +10,16 @@ use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::bounding_volume::BoundingVolume;
 
-/// Grid of robot positions, metres (AI2-THOR's default grid).
-const FLOOR_GRID_M: f32 = 0.25;
+/// Grid of floor positions, metres.
+const FLOOR_GRID_M: f32 = 0.125;
+/// An episode begins on every second of them in either direction: 0.25 m, AI2-THOR's default grid.
+const STAND_EVERY: usize = 2;
 /// Room that a robot position leaves about the body, metres.
 const FLOOR_CLEARANCE_M: f32 = 0.03;
 /// Grid of target positions, metres.
 const SPOT_GRID_M: f32 = 0.025;
 /// Room that a target position leaves to everything else, metres.
-const SPOT_CLEARANCE_M: f32 = 0.02;
+const SPOT_CLEARANCE_M: f32 = 0.015;
 /// A spot counts only if the robot can stand this near to it on the floor plane, metres.
 const SPOT_REACH_M: f32 = 0.75;
 
@@ -37,6 +39,8 @@ pub struct Stand {
 pub struct Stands {
     /// Poses whose body and arm touch nothing, in the largest connected part of the free floor.
     pub poses: Vec<Stand>,
+    /// Positions of the body's axis, x and z, in that part, metres.
+    pub floor: Vec<(f32, f32)>,
     /// Share of the free floor that is connected with the largest part.
     pub connected_share: f32,
 }
@@ -61,7 +65,11 @@ pub fn stands(floor: (Vec3, Vec3), scene: &Scene, movables: &[Aabb], parts: &[So
     let mut poses = Vec::new();
     let component = largest_component(&free, columns);
     let connected_share = component.len() as f32 / free.iter().filter(|&&free| free).count().max(1) as f32;
+    let floor = component.iter().map(|&cell| at(cell)).collect();
     for cell in component {
+        if !(cell % columns).is_multiple_of(STAND_EVERY) || !(cell / columns).is_multiple_of(STAND_EVERY) {
+            continue;
+        }
         let (x_m, z_m) = at(cell);
         for yaw_ticks in 0..8 {
             let configuration = Configuration::start(x_m, z_m, yaw_ticks);
@@ -76,7 +84,7 @@ pub fn stands(floor: (Vec3, Vec3), scene: &Scene, movables: &[Aabb], parts: &[So
             }
         }
     }
-    Stands { poses, connected_share }
+    Stands { poses, floor, connected_share }
 }
 
 /// Cells of the largest four-connected set of free cells, ascending.
@@ -116,19 +124,21 @@ fn largest_component(free: &[bool], columns: usize) -> Vec<usize> {
 }
 
 /// Points of a grid over the surfaces within the robot's reach from somewhere: surface and position on it.
-pub fn reachable_points<'a>(surfaces: &'a [Surface], stands: &[Stand]) -> Vec<(&'a Surface, Vec3)> {
-    let mut places: Vec<(f32, f32)> = stands.iter().map(|stand| (stand.x_m, stand.z_m)).collect();
-    places.dedup();
+pub fn reachable_points<'a>(surfaces: &'a [Surface], floor: &[(f32, f32)]) -> Vec<(&'a Surface, Vec3)> {
     let mut points = Vec::new();
     for surface in surfaces {
+        let about = |low: f32, high: f32| low - SPOT_REACH_M..=high + SPOT_REACH_M;
+        let (about_x, about_z) = (about(surface.low.x, surface.high.x), about(surface.low.z, surface.high.z));
+        let places: Vec<(f32, f32)> =
+            floor.iter().filter(|(x, z)| about_x.contains(x) && about_z.contains(z)).copied().collect();
         let columns = ((surface.high.x - surface.low.x) / SPOT_GRID_M) as u32;
         let rows = ((surface.high.z - surface.low.z) / SPOT_GRID_M) as u32;
         for cell in 0..rows * columns {
             let (row, column) = (cell / columns, cell % columns);
             let x = surface.low.x + (column as f32 + 0.5) * SPOT_GRID_M;
             let z = surface.low.z + (row as f32 + 0.5) * SPOT_GRID_M;
-            let near = |&(stand_x, stand_z): &(f32, f32)| {
-                let (along_x, along_z) = (stand_x - x, stand_z - z);
+            let near = |&(place_x, place_z): &(f32, f32)| {
+                let (along_x, along_z) = (place_x - x, place_z - z);
                 along_x * along_x + along_z * along_z <= SPOT_REACH_M * SPOT_REACH_M
             };
             if places.iter().any(near) {

@@ -81,7 +81,7 @@ impl Draft<'_> {
             .slab([along[0] + 0.005, along[1] - 0.005], [toe + 0.17, panel - 0.01], [face - 0.03, face])
             .slab(along, [panel, top], [face - 0.03, face])
             .slab(along, [top, top + 0.05], [0.0, 0.03])
-            .rod([bar[0], panel - 0.05, face + 0.035], [bar[1], panel - 0.05, face + 0.035], 0.009)
+            .drum([bar[0], panel - 0.05, face + 0.035], [bar[1], panel - 0.05, face + 0.035], 0.009)
             .drum([bar[0] + 0.03, panel - 0.05, face], [bar[0] + 0.03, panel - 0.05, face + 0.035], 0.007)
             .drum([bar[1] - 0.03, panel - 0.05, face], [bar[1] - 0.03, panel - 0.05, face + 0.035], 0.007);
         self.fix("StoveOven", oven);
@@ -106,9 +106,11 @@ impl Draft<'_> {
             let share = (knob as f32 + 0.5) / self.burner_count as f32;
             let x = along[0] + 0.06 + share * (along[1] - along[0] - 0.12);
             let up = 0.5 * (panel + top);
-            let body = Assembly::new(frame)
-                .drum([x, up, face], [x, up, face + 0.006], 0.026)
-                .drum([x, up, face + 0.006], [x, up, face + 0.03], 0.019);
+            let body = Assembly::new(frame).drum([x, up, face], [x, up, face + 0.006], 0.026).drum(
+                [x, up, face + 0.006],
+                [x, up, face + 0.03],
+                0.019,
+            );
             self.fix("StoveKnob", body);
         }
     }
@@ -129,11 +131,14 @@ impl Draft<'_> {
         let high = [split + 0.06, (split + 0.6).min(height - 0.1)];
         for [bottom, top] in [low, high] {
             fridge = fridge
-                .rod([to - 0.05, bottom, bar], [to - 0.05, top, bar], 0.010)
+                .drum([to - 0.05, bottom, bar], [to - 0.05, top, bar], 0.010)
                 .drum([to - 0.05, bottom + 0.04, face], [to - 0.05, bottom + 0.04, bar], 0.008)
                 .drum([to - 0.05, top - 0.04, face], [to - 0.05, top - 0.04, bar], 0.008);
         }
         self.fix("Fridge", fridge);
+        if self.random.uniform() < 0.5 {
+            return;
+        }
         let up = [height + 0.06, self.style.wall_cabinet_m[1].max(height + 0.36)];
         self.cabinet_above(frame, along, up, COUNTER_DEPTH_M - 0.06);
     }
@@ -149,7 +154,7 @@ impl Draft<'_> {
             .slab(along, [toe, top], [0.0, depth])
             .slab([along[0] + 0.004, along[1] - 0.004], [toe, top - 0.13], [depth, face])
             .slab([along[0] + 0.004, along[1] - 0.004], [top - 0.125, top - 0.01], [depth, face])
-            .rod([bar[0], top - 0.16, face + 0.03], [bar[1], top - 0.16, face + 0.03], 0.009)
+            .drum([bar[0], top - 0.16, face + 0.03], [bar[1], top - 0.16, face + 0.03], 0.009)
             .drum([bar[0] + 0.02, top - 0.16, face], [bar[0] + 0.02, top - 0.16, face + 0.03], 0.007)
             .drum([bar[1] - 0.02, top - 0.16, face], [bar[1] - 0.02, top - 0.16, face + 0.03], 0.007);
         self.fix("Dishwasher", body);
@@ -188,7 +193,7 @@ impl Draft<'_> {
             .slab([along[0] + 0.02, along[1] - 0.02], [up[0], up[0] + 0.008], [out[0] + 0.03, face - 0.06])
             .slab([along[0], door - 0.003], [up[0] + 0.01, up[1] - 0.003], [face - 0.03, face])
             .slab([door, along[1]], [up[0] + 0.01, up[1] - 0.003], [face - 0.03, face - 0.004])
-            .rod([door - 0.035, up[0] + 0.06, face + 0.03], [door - 0.035, up[1] - 0.05, face + 0.03], 0.008)
+            .drum([door - 0.035, up[0] + 0.06, face + 0.03], [door - 0.035, up[1] - 0.05, face + 0.03], 0.008)
             .drum([door - 0.035, up[0] + 0.08, face], [door - 0.035, up[0] + 0.08, face + 0.03], 0.006)
             .drum([door - 0.035, up[1] - 0.07, face], [door - 0.035, up[1] - 0.07, face + 0.03], 0.006)
             .drum([door + 0.065, up[0] + 0.07, face - 0.004], [door + 0.065, up[0] + 0.07, face + 0.012], 0.022);

@@ -16,7 +16,7 @@ const DOOR_M: f32 = 0.02;
 /// Wider openings have two doors, metres.
 const DOOR_WIDEST_M: f32 = 0.56;
 /// Widest wall cabinet, metres.
-const WALL_CABINET_WIDEST_M: f32 = 0.78;
+const WALL_CABINET_WIDEST_M: f32 = 1.05;
 /// Narrowest, metres; what is narrower stays open wall.
 const WALL_CABINET_NARROWEST_M: f32 = 0.22;
 /// Height of a top drawer's front, metres.
@@ -36,16 +36,18 @@ impl Draft<'_> {
     pub fn cabinet_below(&mut self, frame: Frame, along: Span) {
         let top = self.style.counter_height_m - self.style.slab_m;
         let toe = self.style.toe_kick_m;
-        let mut body = Assembly::new(frame)
-            .slab(along, [0.0, toe], [0.0, TOE_DEPTH_M])
-            .slab(along, [toe, top], [0.0, CARCASS_DEPTH_M]);
+        let mut body = Assembly::new(frame).slab(along, [0.0, toe], [0.0, TOE_DEPTH_M]).slab(
+            along,
+            [toe, top],
+            [0.0, CARCASS_DEPTH_M],
+        );
         let front = [toe, top - 0.01];
-        let stack = self.drawers >= 3 && self.random.uniform() < 0.35;
+        let stack = self.drawers >= 3 && self.random.uniform() < 0.6;
         if stack {
             self.drawers -= 3;
             let below = 0.5 * (front[1] - DRAWER_M - front[0]);
             let (low, middle) = (front[0] + below, front[0] + 2.0 * below);
-            self.fix("Cabinet", body);
+            self.fix("DrawerUnit", body);
             for up in [[front[0], low], [low, middle], [middle, front[1]]] {
                 self.drawer(frame, along, up);
             }
@@ -65,10 +67,12 @@ impl Draft<'_> {
     pub fn corner_below(&mut self, frame: Frame, along: Span) {
         let top = self.style.counter_height_m - self.style.slab_m;
         let toe = self.style.toe_kick_m;
-        let body = Assembly::new(frame)
-            .slab(along, [0.0, toe], [0.0, TOE_DEPTH_M])
-            .slab(along, [toe, top], [0.0, FRONT_DEPTH_M]);
-        self.fix("Cabinet", body);
+        let body = Assembly::new(frame).slab(along, [0.0, toe], [0.0, TOE_DEPTH_M]).slab(
+            along,
+            [toe, top],
+            [0.0, FRONT_DEPTH_M],
+        );
+        self.fix("CornerUnit", body);
     }
 
     /// A blind panel that closes a narrow rest of a run.
@@ -132,8 +136,7 @@ impl Draft<'_> {
     /// A front with its handle.
     fn front(&self, body: Assembly, along: Span, up: Span, depth: f32, grip: Grip) -> Assembly {
         let face = depth + DOOR_M;
-        let panel =
-            body.slab([along[0] + GAP_M, along[1] - GAP_M], [up[0] + GAP_M, up[1] - GAP_M], [depth, face]);
+        let panel = body.slab([along[0] + GAP_M, along[1] - GAP_M], [up[0] + GAP_M, up[1] - GAP_M], [depth, face]);
         let (middle, mid_up) = (0.5 * (along[0] + along[1]), 0.5 * (up[0] + up[1]));
         let (at, bar_up, bar_along) = match grip {
             Grip::Across => {
@@ -149,14 +152,16 @@ impl Draft<'_> {
         };
         if self.style.knobs {
             let knob = face + 0.022;
-            return panel
-                .drum([at[0], at[1], face], [at[0], at[1], knob], 0.006)
-                .drum([at[0], at[1], knob], [at[0], at[1], knob + 0.01], 0.016);
+            return panel.drum([at[0], at[1], face], [at[0], at[1], knob], 0.006).drum(
+                [at[0], at[1], knob],
+                [at[0], at[1], knob + 0.01],
+                0.016,
+            );
         }
         let bar = face + 0.026;
         let ends = [[bar_along[0], bar_up[0]], [bar_along[1], bar_up[1]]];
         let posts = [0.12, 0.88].map(|t| [0, 1].map(|axis| ends[0][axis] + t * (ends[1][axis] - ends[0][axis])));
-        let mut panel = panel.rod([ends[0][0], ends[0][1], bar], [ends[1][0], ends[1][1], bar], 0.006);
+        let mut panel = panel.drum([ends[0][0], ends[0][1], bar], [ends[1][0], ends[1][1], bar], 0.006);
         for [along, up] in posts {
             panel = panel.drum([along, up, face], [along, up, bar], 0.005);
         }

@@ -1,6 +1,6 @@
 //! A layout in the making: what has been built so far, and the style that all of it shares.
 
-use super::floor_plan::FloorPlan;
+use super::floor_plan::{FloorPlan, Rectangle};
 use super::frame::{Assembly, Frame, Span};
 use super::shell::Opening;
 use crate::kitchen::room::{Fixture, Surface};
@@ -83,6 +83,7 @@ pub(super) struct Draft<'a> {
     pub burners: Vec<Vec3>,
     pub sink: Option<Vec3>,
     pub floor_plan: FloorPlan,
+    pub before_door: Rectangle,
     /// Drawers that are still to be built.
     pub drawers: u32,
     /// Burners of the stove.
@@ -91,7 +92,7 @@ pub(super) struct Draft<'a> {
 
 impl Style {
     pub fn draw(random: &mut Random) -> Self {
-        let counter_height_m = 0.88 + 0.02 * random.below(4) as f32;
+        let counter_height_m = 0.88 + 0.02 * random.below(5) as f32;
         let bottom = counter_height_m + random.range(0.52, 0.58);
         Self {
             counter_height_m,

@@ -32,8 +32,7 @@ impl Draft<'_> {
         } else {
             Vec3::new(self.random.range(1.05, 1.5), 0.0, self.random.range(0.75, 0.9))
         };
-        let (frame, [length, depth]) =
-            (self.walls[0].frame, [self.walls[0].length_m, self.walls[1].length_m]);
+        let (frame, [length, depth]) = (self.walls[0].frame, [self.walls[0].length_m, self.walls[1].length_m]);
         for _ in 0..TRIES {
             let turned = self.random.uniform() < 0.5;
             let (along, out) = if turned { (size.z, size.x) } else { (size.x, size.z) };
@@ -106,8 +105,7 @@ impl Draft<'_> {
         }
         self.fix("DiningTable", body);
         let (surface_low, surface_high) = (middle - usable, middle + usable);
-        let surface =
-            Surface { low: surface_low.with_y(TABLE_HEIGHT_M), high: surface_high.with_y(ROOM_HEIGHT_M) };
+        let surface = Surface { low: surface_low.with_y(TABLE_HEIGHT_M), high: surface_high.with_y(ROOM_HEIGHT_M) };
         self.worktops.push(Worktop { surface, kind: WorktopKind::Table, back: None });
         for (facing, edge_half, across) in [
             (Vec3::X, half.x, half.z),
@@ -175,9 +173,11 @@ impl Draft<'_> {
             body = body.slab([x, x + post], [0.0, height], [z, z + post]);
         }
         let brace = 0.5 * height;
-        body = body
-            .slab([post, width - post], [brace, brace + 0.03], [0.002, 0.012])
-            .slab([post, width - post], [height - 0.03, height], [0.002, 0.012]);
+        body = body.slab([post, width - post], [brace, brace + 0.03], [0.002, 0.012]).slab(
+            [post, width - post],
+            [height - 0.03, height],
+            [0.002, 0.012],
+        );
         self.fix("ShelvingUnit", body);
         let inner = [post, width - post];
         for index in 0..shelves {
@@ -210,9 +210,11 @@ impl Draft<'_> {
             let above = if board + 1 == boards { ROOM_HEIGHT_M } else { top + PITCH_M - SHELF_M };
             let mut body = Assembly::new(frame).slab(inset, [top - SHELF_M, top], [0.0, DEPTH_M]);
             for bracket in [inset[0] + 0.08, inset[1] - 0.08] {
-                body = body
-                    .slab([bracket - 0.01, bracket + 0.01], [top - 0.16, top - SHELF_M], [0.0, 0.012])
-                    .slab([bracket - 0.01, bracket + 0.01], [top - 0.045, top - SHELF_M], [0.012, 0.2]);
+                body = body.slab([bracket - 0.01, bracket + 0.01], [top - 0.16, top - SHELF_M], [0.0, 0.012]).slab(
+                    [bracket - 0.01, bracket + 0.01],
+                    [top - 0.045, top - SHELF_M],
+                    [0.012, 0.2],
+                );
             }
             self.fix("Shelf", body);
             let (low, high) = frame.block(inset, [top, above], [0.0, DEPTH_M]);
@@ -228,9 +230,12 @@ impl Draft<'_> {
         let height = self.random.range(0.74, 0.86);
         let leg = 0.04;
         let mut body = Assembly::new(frame).slab([0.0, width], [height - 0.03, height], [0.0, depth]);
-        for (x, z) in
-            [(0.01, 0.01), (width - leg - 0.01, 0.01), (0.01, depth - leg - 0.01), (width - leg - 0.01, depth - leg - 0.01)]
-        {
+        for (x, z) in [
+            (0.01, 0.01),
+            (width - leg - 0.01, 0.01),
+            (0.01, depth - leg - 0.01),
+            (width - leg - 0.01, depth - leg - 0.01),
+        ] {
             body = body.slab([x, x + leg], [0.0, height - 0.03], [z, z + leg]);
         }
         body = body.slab([0.05, width - 0.05], [0.2, 0.22], [0.02, depth - 0.02]);

@@ -27,22 +27,23 @@ mod shell;
 
 use super::ithor;
 use super::quota;
-use super::room::Fixture;
+use super::room::{Fixture, Surface};
 use draft::{Draft, Style, Wall};
 pub use draft::{Seat, Worktop, WorktopKind};
 use floor_plan::{FloorPlan, Rectangle, WORKING_DEPTH_M};
-use frame::{Frame, Span};
+use frame::{Assembly, Frame, Span};
 pub use plan::Plan;
-use plan::{Order, Programme};
+use plan::{Order, Programme, Shelves};
 use proto::kitchen::KitchenId;
 use proto::random::Random;
 use rapier3d::math::Vec3;
-use run::{COUNTER_DEPTH_M, CORNER_M, Run, Slot, Unit, divide};
+use run::{CORNER_M, COUNTER_DEPTH_M, Run, Slot, Unit, divide};
 use shell::{Drapery, ROOM_HEIGHT_M};
 
 /// Longest runs, metres: nobody walks further between sink and fridge.
-const MAIN_LONGEST_M: f32 = 4.9;
+const MAIN_LONGEST_M: f32 = 4.7;
 const SIDE_LONGEST_M: f32 = 3.2;
+const OPPOSITE_LONGEST_M: f32 = 3.6;
 /// Floor that a side run leaves free before the wall that faces the main one, metres.
 const SIDE_END_M: f32 = 1.05;
 /// A main run that would end this near to a wall goes up to it, metres.
@@ -51,10 +52,15 @@ const GAP_LEAST_M: f32 = 0.5;
 const AISLE_M: f32 = 1.08;
 /// Overhang of an island's or a peninsula's top over the stools' side, metres.
 const OVERHANG_M: f32 = 0.26;
+/// Share of islands and peninsulas with a raised bar at the back, and how far it is raised, metres.
+const BAR_SHARE: f32 = 0.5;
+const BAR_RISE_M: f32 = 0.16;
 /// Where wall cabinets of a side run begin, before the base cabinets do: beside the main run's wall cabinets, metres.
 const ABOVE_CORNER_M: f32 = -0.22;
-/// Shares of stoves with the microwave above, with the microwave elsewhere a hood hangs there.
-const MICROWAVE_ABOVE_SHARE: f32 = 0.35;
+/// Share of the kitchens with the microwave above the stove; in the others it stands on the counter.
+const MICROWAVE_ABOVE_SHARE: f32 = 0.25;
+/// Rooms smaller than this always have it there: their counters are needed, square metres.
+const SMALL_ROOM_M2: f32 = 16.0;
 
 /// A laid-out room, before small things stand in it.
 #[derive(Debug, Clone)]
@@ -79,6 +85,8 @@ pub struct Layout {
     pub sink: Vec3,
     /// Free lengths of wall, where a bin can stand: two ends on the floor, and the unit vector into the room.
     pub free_walls: Vec<(Vec3, Vec3, Vec3)>,
+    /// Floor before the door, where nothing at all stands.
+    pub before_door: Rectangle,
     /// Floor that stays free of fixtures: before fronts and the door.
     pub kept_clear: Vec<Rectangle>,
 }
@@ -106,6 +114,7 @@ impl Layout {
             burners: Vec::new(),
             sink: None,
             floor_plan: FloorPlan::default(),
+            before_door: Rectangle { low: Vec3::ZERO, high: Vec3::ZERO },
             drawers,
             burner_count: quota::count(kitchen, "StoveBurner", 1.0, ithor::share_and_mean("StoveBurner").1),
         };
@@ -140,16 +149,16 @@ struct AtWall {
 impl Draft<'_> {
     fn lay_out(&mut self, kitchen: KitchenId, programme: &Programme) -> Result<(), &'static str> {
         let runs = self.runs(programme)?;
-        self.doorway().ok_or("the door")?;
+        self.before_door = self.doorway().ok_or("the door")?;
         self.windows(kitchen, &runs);
-        self.above(kitchen, &runs);
+        self.above(kitchen, programme.shelves == Shelves::OnWall, &runs);
         for _ in 0..programme.tables {
             // A second table is welcome; without the first one chairs have no place.
             if self.dining_table().is_none() && self.seats.iter().all(|seat| seat.at_counter) {
                 return Err("the dining table");
             }
         }
-        if quota::rank(kitchen, "Shelf") < quota::holders(ithor::share_and_mean("ShelvingUnit").0) {
+        if programme.shelves == Shelves::Unit {
             self.shelving_unit(3).ok_or("the shelving unit")?;
         }
         if quota::among(kitchen, "SideTable", ithor::share_and_mean("SideTable").0) {
@@ -192,7 +201,7 @@ impl Draft<'_> {
             runs.push(side);
         }
         if !order.opposite.is_empty() {
-            let longest = (length - SIDE_END_M).min(SIDE_LONGEST_M);
+            let longest = if length - OPPOSITE_LONGEST_M < GAP_LEAST_M { length } else { OPPOSITE_LONGEST_M };
             let opposite = self.at_wall_run(3, 0.0, &order.opposite, longest).ok_or("the opposite run")?;
             self.run(&opposite.run, None);
             runs.push(opposite);
@@ -232,7 +241,8 @@ impl Draft<'_> {
             .collect();
         if let (Some(first), Some(last)) = (fronts.first(), fronts.last()) {
             let out = [COUNTER_DEPTH_M + 0.12, COUNTER_DEPTH_M + WORKING_DEPTH_M];
-            let before = run.frame.block([first[0], last[1]], [0.0, 0.0], out);
+            // A door's casing in the wall at the run's end is not in the way.
+            let before = run.frame.block([first[0] + 0.05, last[1] - 0.05], [0.0, 0.0], out);
             self.floor_plan.kept_clear.push(Rectangle::below(before));
         }
     }
@@ -263,9 +273,13 @@ impl Draft<'_> {
             units.push(run::Placed { unit: Unit::Filler, along: [0.0, filler] });
         }
         units.push(run::Placed { unit: Unit::Cabinets, along: [filler, long] });
-        let run =
+        let mut run =
             Run { frame, units, overhang_m: OVERHANG_M, headroom_m: ROOM_HEIGHT_M, kind: WorktopKind::Island };
         self.claim_floor(&run);
+        if self.random.uniform() < BAR_SHARE {
+            run.overhang_m = 0.0;
+            self.bar(frame, [filler, long]);
+        }
         self.run(&run, joins);
         let count = libm::floorf((long - filler) / STOOL_WIDTH_M) as u32;
         for index in 0..count {
@@ -273,6 +287,19 @@ impl Draft<'_> {
             // The run's own floor reaches to the overhang's edge; the stool's begins there.
             self.seat(frame.at(along, 0.0, -OVERHANG_M), frame.out, true);
         }
+    }
+
+    /// A raised ledge on a panel along the back of a free-standing counter, to sit at.
+    fn bar(&mut self, frame: Frame, along: Span) {
+        const PANEL_M: f32 = 0.04;
+        let counter = self.style.counter_height_m;
+        let up = [counter + BAR_RISE_M - self.style.slab_m, counter + BAR_RISE_M];
+        let out = [-OVERHANG_M, 0.08];
+        self.fix("Filler", Assembly::new(frame).slab(along, [0.0, up[0]], [-PANEL_M, 0.0]));
+        self.tops.push(Assembly::new(frame).slab(along, up, out));
+        let (low, high) = frame.block(along, [up[1], ROOM_HEIGHT_M], out);
+        let surface = Surface { low, high };
+        self.worktops.push(Worktop { surface, kind: WorktopKind::Island, back: None });
     }
 
     /// The window over the sink, and another one where a wall is free.
@@ -314,15 +341,16 @@ impl Draft<'_> {
     }
 
     /// What hangs over the runs at walls, and the microwave.
-    fn above(&mut self, kitchen: KitchenId, runs: &[AtWall]) {
-        let microwave_above = quota::among(kitchen, "microwave above the stove", MICROWAVE_ABOVE_SHARE);
-        let mut wall_shelves = {
-            let (share, _) = ithor::share_and_mean("Shelf");
-            let units = quota::holders(ithor::share_and_mean("ShelvingUnit").0);
-            (units..quota::holders(share)).contains(&quota::rank(kitchen, "Shelf"))
-        };
-        for at in runs {
+    fn above(&mut self, kitchen: KitchenId, mut wall_shelves: bool, runs: &[AtWall]) {
+        let room = self.room().high - self.room().low;
+        let small = room.x * room.z < SMALL_ROOM_M2;
+        let microwave_above = small || quota::among(kitchen, "microwave above the stove", MICROWAVE_ABOVE_SHARE);
+        for (index, at) in runs.iter().enumerate() {
             let run = &at.run;
+            if index > 1 && run.of(Unit::Stove).next().is_none() {
+                // Of three runs one has free wall above.
+                continue;
+            }
             let begin = if at.offset_m > 0.0 { ABOVE_CORNER_M } else { 0.0 };
             let mut blocked: Vec<Span> = run.of(Unit::Fridge).collect();
             for stove in run.of(Unit::Stove) {
@@ -330,14 +358,14 @@ impl Draft<'_> {
                 blocked.push(stove);
             }
             let windows = self.walls[at.wall].openings.iter().filter(|opening| opening.up[0] > 0.0);
-            blocked.extend(windows.map(|window| {
-                [window.along[0] - at.offset_m - 0.12, window.along[1] - at.offset_m + 0.12]
-            }));
+            blocked.extend(
+                windows.map(|window| [window.along[0] - at.offset_m - 0.12, window.along[1] - at.offset_m + 0.12]),
+            );
             let mut line = Wall::new(run.frame, run.along()[1] - begin);
             line.taken = blocked.iter().map(|span| [span[0] - begin, span[1] - begin]).collect();
             for free in line.free() {
                 let along = [free[0] + begin, free[1] + begin];
-                if wall_shelves && (0.7..1.8).contains(&(along[1] - along[0])) && along[0] >= 0.0 {
+                if wall_shelves && (0.6..2.2).contains(&(along[1] - along[0])) {
                     wall_shelves = false;
                     self.wall_shelves(run.frame, along, 3);
                 } else {
@@ -375,9 +403,9 @@ impl Draft<'_> {
             .walls
             .iter()
             .flat_map(|wall| {
-                wall.free().into_iter().map(|span| {
-                    (wall.frame.at(span[0], 0.0, 0.0), wall.frame.at(span[1], 0.0, 0.0), wall.frame.out)
-                })
+                wall.free()
+                    .into_iter()
+                    .map(|span| (wall.frame.at(span[0], 0.0, 0.0), wall.frame.at(span[1], 0.0, 0.0), wall.frame.out))
             })
             .collect();
         Layout {
@@ -391,6 +419,7 @@ impl Draft<'_> {
             burners: self.burners,
             sink: self.sink.unwrap_or(Vec3::ZERO),
             free_walls,
+            before_door: self.before_door,
             kept_clear: self.floor_plan.kept_clear,
         }
     }

@@ -4,7 +4,8 @@ use super::run::{Slot, Unit};
 use crate::kitchen::ithor;
 use crate::kitchen::quota;
 use proto::kitchen::KitchenId;
-use std::cmp::Ordering;
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 /// How the runs of counters lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,11 +39,23 @@ pub(super) struct Programme {
     pub chairs: u32,
     /// Stools at the island, the peninsula, or a table.
     pub stools: u32,
+    /// Open shelves.
+    pub shelves: Shelves,
+}
+
+/// Open shelves of a kitchen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Shelves {
+    None,
+    /// Boards on the wall over a counter.
+    OnWall,
+    /// A unit on the floor.
+    Unit,
 }
 
 /// A room is larger than the extent of its objects' centres: those at a wall have theirs this far from it, both
 /// sides together, metres.
-const CENTRES_TO_WALLS_M: f32 = 0.3;
+const CENTRES_TO_WALLS_M: f32 = 0.4;
 
 impl Plan {
     const ALL: [Self; 6] = [Self::OneWall, Self::Ell, Self::You, Self::Galley, Self::Island, Self::Peninsula];
@@ -62,10 +75,11 @@ impl Plan {
     /// Whether a room has space for it whose main wall is `length` and whose other walls are `depth` long, metres.
     fn fits(self, length: f32, depth: f32) -> bool {
         match self {
-            Self::OneWall => length >= 3.9 && depth <= 4.6,
-            Self::Ell => length >= 3.1 && depth >= 2.9,
-            Self::You => (2.9..=4.7).contains(&length) && depth >= 3.0,
-            Self::Galley => length >= 2.9 && (2.4..=3.4).contains(&depth),
+            Self::OneWall => (3.9..=6.0).contains(&length) && depth <= 5.2,
+            // Two runs have too little counter in a small room.
+            Self::Ell => length >= 3.1 && depth >= 2.9 && length * depth >= 18.0,
+            Self::You => (2.9..=4.6).contains(&length) && depth >= 3.2,
+            Self::Galley => length >= 3.4 && (2.4..=3.7).contains(&depth),
             Self::Island => length >= 4.2 && depth >= 4.1,
             Self::Peninsula => length >= 5.2 && depth >= 3.4,
         }
@@ -74,9 +88,9 @@ impl Plan {
     /// How readily it is chosen where it fits: what few rooms can have is chosen more readily.
     fn weight(self) -> f32 {
         match self {
-            Self::OneWall | Self::Ell => 1.0,
-            Self::You | Self::Galley => 2.0,
-            Self::Island | Self::Peninsula => 2.5,
+            Self::Ell | Self::You => 1.0,
+            Self::Island | Self::Peninsula | Self::Galley => 2.0,
+            Self::OneWall => 6.0,
         }
     }
 }
@@ -84,70 +98,91 @@ impl Plan {
 impl Programme {
     /// What this kitchen is to be.
     pub fn of(kitchen: KitchenId) -> Self {
-        let size_m = size_m(kitchen);
-        let (plan, main_along_x) = plan(kitchen, size_m);
-        let has_counter_seats = |id| matches!(self::plan(id, self::size_m(id)).0, Plan::Island | Plan::Peninsula);
-        // Tables stand in the larger rooms; stools at islands and peninsulas first, then at tables.
-        let table_rank = order(kitchen, |id| area(id) * (0.8 + 0.4 * quota::quantile(id, "DiningTable")));
-        let stool_rank = order(kitchen, |id| {
-            let preference = if has_counter_seats(id) { 2.0 } else { f32::from(u8::from(has_table(id))) };
-            preference + 0.5 * quota::quantile(id, "Stool")
-        });
-        let of = |rank, category| {
-            let (share, mean) = ithor::share_and_mean(category);
-            quota::count_of_rank(rank, share, mean)
-        };
-        Self {
-            plan,
-            size_m,
-            main_along_x,
-            tables: of(table_rank, "DiningTable"),
-            chairs: of(table_rank, "Chair"),
-            stools: of(stool_rank, "Stool"),
-        }
+        static ALL: LazyLock<BTreeMap<KitchenId, Programme>> = LazyLock::new(all);
+        ALL[&kitchen]
     }
 }
 
-fn area(kitchen: KitchenId) -> f32 {
-    let [x, z] = size_m(kitchen);
-    x * z
+/// The programmes of all kitchens, which share out tables and seats among them.
+fn all() -> BTreeMap<KitchenId, Programme> {
+    let numbers = |category, rank| {
+        let (share, mean) = ithor::share_and_mean(category);
+        quota::count_of_rank(rank, share, mean)
+    };
+    // Tables stand in the larger rooms.
+    let table_ranks = ranks(|id| {
+        let [x, z] = size_m(id);
+        x * z * (0.8 + 0.4 * quota::quantile(id, "DiningTable"))
+    });
+    let plans: BTreeMap<KitchenId, (Plan, bool)> =
+        KitchenId::all().map(|id| (id, plan(id, size_m(id), numbers("DiningTable", table_ranks[&id]) > 0))).collect();
+    // Stools stand at islands and peninsulas first, then at tables.
+    let stool_ranks = ranks(|id| {
+        let preference = match plans[&id].0 {
+            Plan::Island | Plan::Peninsula => 2.0,
+            _ => f32::from(u8::from(numbers("DiningTable", table_ranks[&id]) > 0)),
+        };
+        preference + 0.5 * quota::quantile(id, "Stool")
+    });
+    // A galley has no floor for a shelving unit.
+    let shelf_ranks =
+        ranks(|id| f32::from(u8::from(plans[&id].0 != Plan::Galley)) + 0.5 * quota::quantile(id, "Shelf"));
+    let shelves = |rank| match rank {
+        _ if numbers("ShelvingUnit", rank) > 0 => Shelves::Unit,
+        _ if numbers("Shelf", rank) > 0 => Shelves::OnWall,
+        _ => Shelves::None,
+    };
+    KitchenId::all()
+        .map(|id| {
+            let (plan, main_along_x) = plans[&id];
+            let programme = Programme {
+                plan,
+                size_m: size_m(id),
+                main_along_x,
+                tables: numbers("DiningTable", table_ranks[&id]),
+                chairs: numbers("Chair", table_ranks[&id]),
+                stools: numbers("Stool", stool_ranks[&id]),
+                shelves: shelves(shelf_ranks[&id]),
+            };
+            (id, programme)
+        })
+        .collect()
 }
 
-fn has_table(kitchen: KitchenId) -> bool {
-    let rank = order(kitchen, |id| area(id) * (0.8 + 0.4 * quota::quantile(id, "DiningTable")));
-    rank < quota::holders(ithor::share_and_mean("DiningTable").0)
-}
-
-/// The kitchen's place, from 0, when all are ordered by a score, highest first.
-fn order(kitchen: KitchenId, score: impl Fn(KitchenId) -> f32) -> usize {
-    let own = score(kitchen);
-    KitchenId::all().filter(|&other| score(other).total_cmp(&own).then(kitchen.cmp(&other)) == Ordering::Greater).count()
+/// Each kitchen's place, from 0, when all are ordered by a score, highest first.
+fn ranks(score: impl Fn(KitchenId) -> f32) -> BTreeMap<KitchenId, usize> {
+    let mut order: Vec<(f32, KitchenId)> = KitchenId::all().map(|id| (score(id), id)).collect();
+    order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    order.into_iter().enumerate().map(|(rank, (_, id))| (id, rank)).collect()
 }
 
 /// Inner size along x and z, metres: iTHOR's distribution, through least, median and largest.
 fn size_m(kitchen: KitchenId) -> [f32; 2] {
+    let last = (KitchenId::all().count() - 1) as f32;
     let size = |question, [least, median, largest]: [f32; 3]| {
         // Nine tenths of the rooms lie in the lower half of what is above the median.
         let knots = [(0.0, least), (0.5, median), (0.9, 0.5 * (median + largest)), (1.0, largest)];
-        interpolate(&knots, quota::quantile(kitchen, question)) + CENTRES_TO_WALLS_M
+        interpolate(&knots, quota::rank(kitchen, question) as f32 / last) + CENTRES_TO_WALLS_M
     };
     [size("width", ithor::EXTENT_X_M), size("depth", ithor::EXTENT_Z_M)]
 }
 
 /// Piecewise linear through knots of ascending abscissa.
-pub(super) fn interpolate(knots: &[(f32, f32)], at: f32) -> f32 {
+fn interpolate(knots: &[(f32, f32)], at: f32) -> f32 {
     let upper = knots.iter().position(|&(x, _)| x >= at).unwrap_or(knots.len() - 1).max(1);
     let ((x0, y0), (x1, y1)) = (knots[upper - 1], knots[upper]);
     y0 + (y1 - y0) * ((at - x0) / (x1 - x0)).clamp(0.0, 1.0)
 }
 
 /// A plan that fits, and whether its main wall lies along x.
-fn plan(kitchen: KitchenId, size_m: [f32; 2]) -> (Plan, bool) {
+fn plan(kitchen: KitchenId, size_m: [f32; 2], has_table: bool) -> (Plan, bool) {
     let [x, z] = size_m;
     let options: Vec<(Plan, bool)> = Plan::ALL
         .into_iter()
         .flat_map(|plan| [(plan, true), (plan, false)])
         .filter(|&(plan, along_x)| if along_x { plan.fits(x, z) } else { plan.fits(z, x) })
+        // One run alone has too little room for all that a kitchen holds.
+        .filter(|&(plan, _)| plan != Plan::OneWall || has_table)
         .collect();
     let total: f32 = options.iter().map(|(plan, _)| plan.weight()).sum();
     let mut at = quota::quantile(kitchen, "plan") * total;
@@ -157,7 +192,7 @@ fn plan(kitchen: KitchenId, size_m: [f32; 2]) -> (Plan, bool) {
             return option;
         }
     }
-    // Every room of the smallest size or more has space for an L.
+    // Any room but a very narrow one has space for an L.
     options.last().copied().unwrap_or((Plan::Ell, x >= z))
 }
 

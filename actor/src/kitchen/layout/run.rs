@@ -14,7 +14,7 @@ pub(super) const COUNTER_DEPTH_M: f32 = 0.62;
 /// Length that a corner takes of either wall: the other run's depth and a filler, so that fronts can open, metres.
 pub(super) const CORNER_M: f32 = 0.67;
 /// Widest single cabinet of a run, metres.
-const CABINET_WIDEST_M: f32 = 0.62;
+const CABINET_WIDEST_M: f32 = 0.90;
 /// What is narrower than this gets a blind panel, no cabinet, metres.
 const FILLER_WIDEST_M: f32 = 0.18;
 /// Room in which the sink's basin hangs, from the unit's sides and from the wall, metres.
@@ -94,10 +94,8 @@ pub(super) fn divide(slots: &[Slot], length_m: f32, random: &mut Random) -> Opti
     if spare_m < 0.0 {
         return None;
     }
-    let weights: Vec<f32> = slots
-        .iter()
-        .map(|slot| if slot.unit == Unit::Cabinets { random.range(0.6, 1.4) } else { 0.0 })
-        .collect();
+    let weights: Vec<f32> =
+        slots.iter().map(|slot| if slot.unit == Unit::Cabinets { random.range(0.6, 1.4) } else { 0.0 }).collect();
     let total: f32 = weights.iter().sum();
     let mut at = 0.0;
     let placed = slots
@@ -175,10 +173,11 @@ impl Draft<'_> {
         let end = units[units.len() - 1].along[1];
         let sinks = units.iter().filter(|placed| placed.unit == Unit::Sink);
         for hole in sinks.map(|placed| [placed.along[0] + BASIN_SIDE_M, placed.along[1] - BASIN_SIDE_M]) {
-            top = top
-                .slab([from, hole[0]], up, whole_depth)
-                .slab(hole, up, [whole_depth[0], BASIN_OUT_M[0]])
-                .slab(hole, up, [BASIN_OUT_M[1], whole_depth[1]]);
+            top = top.slab([from, hole[0]], up, whole_depth).slab(hole, up, [whole_depth[0], BASIN_OUT_M[0]]).slab(
+                hole,
+                up,
+                [BASIN_OUT_M[1], whole_depth[1]],
+            );
             self.worktop(run, [from, hole[0]]);
             from = hole[1];
         }

@@ -72,9 +72,9 @@ fn wall_with_openings(wall: &Wall, along: Span) -> Assembly {
 }
 
 impl Draft<'_> {
-    /// A doorway with a closed door, in a free length of some wall; the light switch beside it. None
-    /// if there is no such length.
-    pub fn doorway(&mut self) -> Option<()> {
+    /// A doorway with a closed door, in a free length of some wall; the light switch beside it. The floor before it, or
+    /// none if there is no such length.
+    pub fn doorway(&mut self) -> Option<Rectangle> {
         let width = DOOR_WIDTH_M + 2.0 * CASING_M;
         let needed = width + 0.15;
         let spots: Vec<(usize, Span)> = (0..4)
@@ -112,7 +112,8 @@ impl Draft<'_> {
         self.fix("Door", body);
         // The handle and the casing stand out a little themselves.
         let clear = frame.block([from, to], [0.0, 0.0], [0.05, DOOR_SWING_M]);
-        self.floor_plan.kept_clear.push(Rectangle::below(clear));
+        let clear = Rectangle::below(clear);
+        self.floor_plan.kept_clear.push(clear);
         let wall = &mut self.walls[wall];
         wall.openings.push(Opening { along: [from, to], up });
         wall.taken.push([from - CASING_M - 0.04, to + CASING_M + 0.22]);
@@ -120,14 +121,16 @@ impl Draft<'_> {
         let length = wall.length_m;
         let switch = if to + CASING_M + 0.2 < length { to + CASING_M + 0.12 } else { from - CASING_M - 0.12 };
         self.light_switch(frame, switch);
-        Some(())
+        Some(clear)
     }
 
     fn light_switch(&mut self, frame: Frame, along: f32) {
         let up = self.random.range(1.15, 1.35);
-        let body = Assembly::new(frame)
-            .slab([along - 0.04, along + 0.04], [up - 0.06, up + 0.06], [0.0, 0.008])
-            .slab([along - 0.018, along + 0.018], [up - 0.035, up + 0.035], [0.008, 0.013]);
+        let body = Assembly::new(frame).slab([along - 0.04, along + 0.04], [up - 0.06, up + 0.06], [0.0, 0.008]).slab(
+            [along - 0.018, along + 0.018],
+            [up - 0.035, up + 0.035],
+            [0.008, 0.013],
+        );
         self.fix("LightSwitch", body);
     }
 
@@ -186,11 +189,7 @@ impl Draft<'_> {
         const FOLD_M: f32 = 0.028;
         let top = WINDOW_M[1] + 0.12;
         let out = 0.06;
-        let mut body = Assembly::new(frame).rod(
-            [along[0] - 0.12, top, out],
-            [along[1] + 0.12, top, out],
-            0.010,
-        );
+        let mut body = Assembly::new(frame).rod([along[0] - 0.12, top, out], [along[1] + 0.12, top, out], 0.010);
         for (start, step) in [(along[0] - 0.08, 1.6 * FOLD_M), (along[1] + 0.08, -1.6 * FOLD_M)] {
             for fold in 0..5 {
                 let at = start + fold as f32 * step;
