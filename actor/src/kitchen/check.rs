@@ -228,5 +228,5 @@ fn lonely_chairs(kitchen: &Kitchen, found: &mut Vec<Problem>) {
 /// Whether a category is a small thing: movable, and stands on surfaces.
 pub(super) fn is_small(category: &str) -> bool {
     !NOT_THINGS.contains(&category)
-        && CATEGORIES.iter().any(|known| known.name == category && known.place == Place::Surface)
+        && CATEGORIES.iter().any(|known| known.name == category && !matches!(known.place, Place::Seat | Place::Floor))
 }

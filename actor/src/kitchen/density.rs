@@ -4,6 +4,8 @@
 //! oracle's share of episodes without disturbance says whether the task is as hard as it should be. Change them here,
 //! then look at both.
 
+use super::catalogue::Place;
+
 /// A thing is set down at that distance from its nearest neighbour which a draw from this distribution asks for, as
 /// far as the kitchen allows: deciles from the 0th to the 10th, metres. Later things come between earlier ones, so this
 /// is wider than the distribution that results.
@@ -28,8 +30,21 @@ pub const BACKWARDS: f32 = 1.5;
 pub const BESIDE_M: f32 = 0.45;
 /// Share of pots, pans and kettles that stand on a burner.
 pub const ON_BURNER_SHARE: f32 = 0.4;
-/// Weight of a square metre of each kind of surface: counter, island, dining table, side table, shelf, basin.
-pub const PREFERENCE: [f32; 6] = [1.0, 0.9, 0.6, 1.0, 1.3, 0.8];
+/// Most things of categories that iTHOR does not have; the number is drawn from 0 to this.
+pub const EXTRAS_MOST: u32 = 4;
+
+/// Weight of a square metre of each kind of surface for things of a class: counter, island, dining table, side table,
+/// shelf, basin.
+pub fn preference(place: Place) -> [f32; 6] {
+    match place {
+        Place::Counter => [1.0, 0.7, 0.1, 0.5, 0.1, 0.0],
+        Place::Table => [0.4, 1.0, 2.0, 1.0, 0.2, 0.0],
+        Place::Shelf => [0.3, 0.2, 0.1, 1.0, 4.0, 0.0],
+        Place::Sink => [1.0, 0.2, 0.0, 0.0, 0.0, 3.0],
+        Place::Surface | Place::Stove | Place::Seat | Place::Floor => [1.0, 0.9, 0.6, 1.0, 1.3, 0.8],
+    }
+}
+
 /// Distance of a chair's middle from the table's edge, least and most, metres.
 pub const CHAIR_OUT_M: [f32; 2] = [0.06, 0.28];
 /// Turn of a chair away from the table, at most, radians.

@@ -5,9 +5,8 @@
 //! loners in the proportions that kitchens have. How places are drawn is what makes the clutter plausible: backs of
 //! counters, sponges at the sink, spatulas at the stove.
 
-use super::catalogue::{CATEGORIES, Category, Place};
+use super::catalogue::{CATEGORIES, Category, Place, Presence};
 use super::density;
-use super::ithor;
 use super::layout::floor_plan::Rectangle;
 use super::layout::{Layout, Seat, Worktop, WorktopKind};
 use super::quota;
@@ -56,20 +55,31 @@ pub fn place(
     random: &mut Random,
 ) -> Result<Vec<Thing>, &'static str> {
     let mut furnishing = Furnishing::new(layout, scene);
-    for category in &CATEGORIES {
-        let wanted = match category.name {
-            "Chair" => layout.chairs,
-            "Stool" => layout.stools,
-            name => {
-                let (share, mean) = ithor::share_and_mean(name);
-                quota::count(kitchen, name, share, mean)
-            }
+    let extras = extras(random);
+    for (index, category) in CATEGORIES.iter().enumerate() {
+        let wanted = match (category.place, category.presence) {
+            (Place::Seat, _) if category.name == "Stool" => layout.stools,
+            (Place::Seat, _) => layout.chairs,
+            (_, Presence::Every) => 1,
+            (_, Presence::Share { share, per_kitchen }) => quota::count(kitchen, category.name, share, per_kitchen),
+            (_, Presence::Extra) => u32::from(extras.contains(&index)),
         };
         for _ in 0..wanted {
-            furnishing.add(category, random).ok_or(category.name)?;
+            // What is there for variety only may be left out.
+            if furnishing.add(category, random).is_none() && category.presence != Presence::Extra {
+                return Err(category.name);
+            }
         }
     }
     Ok(furnishing.things)
+}
+
+/// Indices of the categories that this kitchen has for variety.
+fn extras(random: &mut Random) -> Vec<usize> {
+    let all: Vec<usize> =
+        (0..CATEGORIES.len()).filter(|&index| CATEGORIES[index].presence == Presence::Extra).collect();
+    let count = random.below(density::EXTRAS_MOST + 1).min(all.len() as u32);
+    (0..count).map(|_| all[random.below(all.len() as u32) as usize]).collect()
 }
 
 impl<'a> Furnishing<'a> {
@@ -104,7 +114,7 @@ impl<'a> Furnishing<'a> {
         let pose = match category.place {
             Place::Seat => self.seat(category.name == "Stool", &solid, random),
             Place::Floor => self.beside_wall(&solid, random),
-            Place::Surface => {
+            _ => {
                 let burner =
                     matches!(category.name, "Pot" | "Pan" | "Kettle") && random.uniform() < density::ON_BURNER_SHARE;
                 let on_burner = if burner { self.on_burner(&solid, random) } else { None };
@@ -119,7 +129,7 @@ impl<'a> Furnishing<'a> {
             shape,
             solid,
             mass_kg: category.mass_kg,
-            friction: category.friction,
+            friction: category.friction(),
             pose,
         });
         Some(())
@@ -128,10 +138,11 @@ impl<'a> Furnishing<'a> {
     /// Of some free places on surfaces, the one whose distance to the nearest neighbour is most like one drawn.
     fn on_surface(&self, category: &Category, solid: &Solid, random: &mut Random) -> Option<Pose3> {
         let half_height = half_height(solid);
-        let weight = |site: &Site| site.worktop.surface.area_m2() * density::PREFERENCE[site.worktop.kind as usize];
+        let preference = density::preference(category.place);
+        let weight = |site: &Site| site.worktop.surface.area_m2() * preference[site.worktop.kind as usize];
         let total: f32 = self.sites.iter().map(weight).sum();
         let wanted_m = wanted_distance(random) * self.spread;
-        let beside = self.haunt(category.name);
+        let beside = self.haunt(category);
         let mut best: Option<(f32, Pose3)> = None;
         let mut found = 0;
         for _ in 0..density::TRIES {
@@ -172,10 +183,10 @@ impl<'a> Furnishing<'a> {
     }
 
     /// What a category is used at.
-    fn haunt(&self, name: &str) -> Option<Vec3> {
-        match name {
-            "DishSponge" | "SoapBottle" => Some(self.layout.sink),
-            "Spatula" | "Ladle" | "Pan" | "Pot" | "Kettle" => self.layout.burners.first().copied(),
+    fn haunt(&self, category: &Category) -> Option<Vec3> {
+        match (category.name, category.place) {
+            ("DishSponge" | "SoapBottle", _) | (_, Place::Sink) => Some(self.layout.sink),
+            ("Spatula" | "Ladle", _) | (_, Place::Stove) => self.layout.burners.first().copied(),
             _ => None,
         }
     }
