@@ -10,16 +10,18 @@ use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::bounding_volume::BoundingVolume;
 
-/// Grid of robot positions, metres (AI2-THOR's default grid).
-const FLOOR_GRID_M: f32 = 0.25;
+/// Grid of floor positions, metres.
+const FLOOR_GRID_M: f32 = 0.125;
+/// An episode begins on every second of them in either direction: 0.25 m, AI2-THOR's default grid.
+const STAND_EVERY: usize = 2;
 /// Room that a robot position leaves about the body, metres.
 const FLOOR_CLEARANCE_M: f32 = 0.03;
 /// Grid of target positions, metres.
-const SPOT_GRID_M: f32 = 0.05;
+const SPOT_GRID_M: f32 = 0.025;
 /// Room that a target position leaves to everything else, metres.
-const SPOT_CLEARANCE_M: f32 = 0.02;
+const SPOT_CLEARANCE_M: f32 = 0.015;
 /// A spot counts only if the robot can stand this near to it on the floor plane, metres.
-const SPOT_REACH_M: f32 = 0.78;
+const SPOT_REACH_M: f32 = 0.75;
 
 /// A robot pose at which an episode can begin.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,8 +34,19 @@ pub struct Stand {
     pub yaw_ticks: i32,
 }
 
-/// Robot poses whose body and arm touch nothing, in the largest connected part of the free floor.
-pub fn stands(floor: (Vec3, Vec3), scene: &Scene, movables: &[Aabb], parts: &[Solid; PART_COUNT]) -> Vec<Stand> {
+/// Where on the floor the robot can stand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stands {
+    /// Poses whose body and arm touch nothing, in the largest connected part of the free floor.
+    pub poses: Vec<Stand>,
+    /// Positions of the body's axis, x and z, in that part, metres.
+    pub floor: Vec<(f32, f32)>,
+    /// Share of the free floor that is connected with the largest part.
+    pub connected_share: f32,
+}
+
+/// Finds where on the floor the robot can stand.
+pub fn stands(floor: (Vec3, Vec3), scene: &Scene, movables: &[Aabb], parts: &[Solid; PART_COUNT]) -> Stands {
     let (low, high) = floor;
     let columns = ((high.x - low.x) / FLOOR_GRID_M) as usize;
     let rows = ((high.z - low.z) / FLOOR_GRID_M) as usize;
@@ -49,23 +62,29 @@ pub fn stands(floor: (Vec3, Vec3), scene: &Scene, movables: &[Aabb], parts: &[So
             !scene.meets_aabb(&body) && !movables.iter().any(|other| other.intersects(&body))
         })
         .collect();
-    let mut result = Vec::new();
-    for cell in largest_component(&free, columns) {
+    let mut poses = Vec::new();
+    let component = largest_component(&free, columns);
+    let connected_share = component.len() as f32 / free.iter().filter(|&&free| free).count().max(1) as f32;
+    let floor = component.iter().map(|&cell| at(cell)).collect();
+    for cell in component {
+        if !(cell % columns).is_multiple_of(STAND_EVERY) || !(cell / columns).is_multiple_of(STAND_EVERY) {
+            continue;
+        }
         let (x_m, z_m) = at(cell);
         for yaw_ticks in 0..8 {
             let configuration = Configuration::start(x_m, z_m, yaw_ticks);
-            let Ok(poses) = part_poses(&configuration.posture()) else { continue };
+            let Ok(part_poses) = part_poses(&configuration.posture()) else { continue };
             // The body was checked above; the arm's links remain.
-            let clear = parts.iter().zip(&poses).skip(1).all(|(part, pose)| {
+            let clear = parts.iter().zip(&part_poses).skip(1).all(|(part, pose)| {
                 let aabb = part.aabb(pose).loosened(FLOOR_CLEARANCE_M);
                 !scene.meets_aabb(&aabb) && !movables.iter().any(|other| other.intersects(&aabb))
             });
             if clear {
-                result.push(Stand { x_m, z_m, yaw_ticks });
+                poses.push(Stand { x_m, z_m, yaw_ticks });
             }
         }
     }
-    result
+    Stands { poses, floor, connected_share }
 }
 
 /// Cells of the largest four-connected set of free cells, ascending.
@@ -105,19 +124,21 @@ fn largest_component(free: &[bool], columns: usize) -> Vec<usize> {
 }
 
 /// Points of a grid over the surfaces within the robot's reach from somewhere: surface and position on it.
-pub fn reachable_points<'a>(surfaces: &'a [Surface], stands: &[Stand]) -> Vec<(&'a Surface, Vec3)> {
-    let mut places: Vec<(f32, f32)> = stands.iter().map(|stand| (stand.x_m, stand.z_m)).collect();
-    places.dedup();
+pub fn reachable_points<'a>(surfaces: &'a [Surface], floor: &[(f32, f32)]) -> Vec<(&'a Surface, Vec3)> {
     let mut points = Vec::new();
     for surface in surfaces {
+        let about = |low: f32, high: f32| low - SPOT_REACH_M..=high + SPOT_REACH_M;
+        let (about_x, about_z) = (about(surface.low.x, surface.high.x), about(surface.low.z, surface.high.z));
+        let places: Vec<(f32, f32)> =
+            floor.iter().filter(|(x, z)| about_x.contains(x) && about_z.contains(z)).copied().collect();
         let columns = ((surface.high.x - surface.low.x) / SPOT_GRID_M) as u32;
         let rows = ((surface.high.z - surface.low.z) / SPOT_GRID_M) as u32;
         for cell in 0..rows * columns {
             let (row, column) = (cell / columns, cell % columns);
             let x = surface.low.x + (column as f32 + 0.5) * SPOT_GRID_M;
             let z = surface.low.z + (row as f32 + 0.5) * SPOT_GRID_M;
-            let near = |&(stand_x, stand_z): &(f32, f32)| {
-                let (along_x, along_z) = (stand_x - x, stand_z - z);
+            let near = |&(place_x, place_z): &(f32, f32)| {
+                let (along_x, along_z) = (place_x - x, place_z - z);
                 along_x * along_x + along_z * along_z <= SPOT_REACH_M * SPOT_REACH_M
             };
             if places.iter().any(near) {

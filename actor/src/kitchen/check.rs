@@ -1,0 +1,232 @@
+//! Everything that a kitchen must satisfy, and `actor check`, which goes through it.
+
+use super::catalogue::{CATEGORIES, Place};
+use super::{CONNECTED_LEAST, Kitchen, NOT_THINGS, SPOTS_LEAST, ithor};
+use crate::environment::Environment;
+use crate::physics::geometry::Solid;
+use crate::physics::scene::penetration_m;
+use anyhow::{Result, ensure};
+use proto::action::Action;
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::kitchen::{KitchenId, Split, TargetCategory};
+use rapier3d::geometry::Aabb;
+use rapier3d::math::{Pose3, Vec3};
+use rapier3d::parry::bounding_volume::BoundingVolume;
+use std::io::Write;
+use std::sync::Arc;
+
+/// Things may touch this deeply, metres: what the contact solver leaves.
+const PENETRATION_MAX_M: f32 = 0.001;
+/// Steps of standing still.
+const STILL_STEPS: u32 = 200;
+/// A chair's bounding box is at most this far from its table, metres.
+const CHAIR_TO_TABLE_M: f32 = 0.15;
+/// Height up to which floor is kept clear, metres: a wall cabinet may hang over it.
+const CLEAR_HEIGHT_M: f32 = 1.3;
+
+/// What is wrong with a kitchen.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Problem {
+    /// Two bodies stand in each other.
+    #[error("{one} stands {depth_mm:.1} mm deep in {other}")]
+    Interpenetration {
+        /// A movable thing.
+        one: String,
+        /// Another body.
+        other: String,
+        /// How deeply, millimetres.
+        depth_mm: f32,
+    },
+    /// Something is awake in the settled kitchen.
+    #[error("{0} is awake")]
+    Awake(String),
+    /// Something moved although nothing was done.
+    #[error("episode {episode}: d = {disturbance_m} m after {step} steps in which nothing moved")]
+    Restless {
+        /// The episode.
+        episode: u32,
+        /// The first step at which it was seen.
+        step: u32,
+        /// Total displacement, metres.
+        disturbance_m: f32,
+    },
+    /// Parts of the floor are cut off.
+    #[error("only {:.0}% of the free floor are connected", .0 * 100.0)]
+    FloorInParts(f32),
+    /// A fixture stands where doors, drawers and people need room.
+    #[error("{0} stands on floor that is to be kept clear")]
+    Obstructed(String),
+    /// A target has too few positions.
+    #[error("{category} has {spots} valid positions, {SPOTS_LEAST} are wanted")]
+    FewSpots {
+        /// The target.
+        category: &'static str,
+        /// Its positions.
+        spots: usize,
+    },
+    /// A chair stands away from every table.
+    #[error("{0} stands at no table")]
+    ChairAlone(String),
+    /// The number of things is not one that iTHOR's kitchens have.
+    #[error("{0} things; iTHOR's kitchens hold {least} to {most}", least = ithor::THINGS[0], most = ithor::THINGS[2])]
+    ThingCount(usize),
+}
+
+/// All that is wrong with a kitchen.
+pub fn problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
+    let mut found = Vec::new();
+    interpenetrations(kitchen, &mut found);
+    awake(kitchen, &mut found);
+    restless(kitchen, config, &mut found);
+    if kitchen.connected_share() < CONNECTED_LEAST {
+        found.push(Problem::FloorInParts(kitchen.connected_share()));
+    }
+    obstructions(kitchen, &mut found);
+    if kitchen.id().split() == Split::Train {
+        for category in TargetCategory::ALL {
+            let spots = kitchen.target_spots(category).len();
+            if spots < SPOTS_LEAST {
+                found.push(Problem::FewSpots { category: category.name(), spots });
+            }
+        }
+    }
+    lonely_chairs(kitchen, &mut found);
+    let things = kitchen.thing_count();
+    if !(ithor::THINGS[0]..=ithor::THINGS[2]).contains(&(things as f32)) {
+        found.push(Problem::ThingCount(things));
+    }
+    found
+}
+
+/// Prints a line a kitchen and the totals last; an error if any kitchen has a problem.
+pub fn run(kitchens: &[KitchenId], mut out: impl Write) -> Result<()> {
+    let config = Config::default();
+    let (mut bad, mut total, mut things) = (0, 0, 0);
+    for &id in kitchens {
+        let (found, summary) = match Kitchen::build(id, &config.simulation) {
+            Ok(kitchen) => {
+                let kitchen = Arc::new(kitchen);
+                things += kitchen.thing_count();
+                let least = TargetCategory::ALL.map(|category| kitchen.target_spots(category).len()).into_iter().min();
+                let plan = kitchen.plan().map_or("", super::layout::Plan::name);
+                let summary = format!(
+                    "{plan:<9} {:3} things, {:2} movable, {:4} robot poses, at least {:4} positions a target",
+                    kitchen.thing_count(),
+                    kitchen.movable_bodies().len(),
+                    kitchen.robot_stands().len(),
+                    least.unwrap_or(0)
+                );
+                let found: Vec<String> = problems(&kitchen, &config).iter().map(ToString::to_string).collect();
+                (found, summary)
+            }
+            Err(error) => (vec![error.to_string()], String::new()),
+        };
+        bad += usize::from(!found.is_empty());
+        total += found.len();
+        let verdict = if found.is_empty() { "ok".to_owned() } else { found.join("; ") };
+        writeln!(out, "kitchen {:2}  {summary}: {verdict}", id.number())?;
+    }
+    writeln!(out, "{} kitchens, {things} things, {bad} kitchens with problems, {total} problems", kitchens.len())?;
+    ensure!(bad == 0, "{bad} of {} kitchens have problems", kitchens.len());
+    Ok(())
+}
+
+fn interpenetrations(kitchen: &Kitchen, found: &mut Vec<Problem>) {
+    let solids: Vec<(Solid, &Pose3, Aabb)> = kitchen.bodies()[..kitchen.movable_bodies().end]
+        .iter()
+        .zip(kitchen.settled_poses())
+        .map(|(body, pose)| {
+            let solid = Solid::of(&body.shape);
+            let aabb = solid.aabb(pose);
+            (solid, pose, aabb)
+        })
+        .collect();
+    for movable in kitchen.movable_bodies() {
+        let (solid, pose, aabb) = &solids[movable];
+        for (other, (other_solid, other_pose, other_aabb)) in solids[..movable].iter().enumerate() {
+            if !aabb.intersects(other_aabb) {
+                continue;
+            }
+            let mut deepest = 0.0_f32;
+            for (shape, body_from_part) in &solid.parts {
+                for (other_shape, other_from_part) in &other_solid.parts {
+                    let (own, others) = (**pose * *body_from_part, **other_pose * *other_from_part);
+                    deepest = deepest.max(penetration_m(&own, shape, &others, other_shape));
+                }
+            }
+            if deepest > PENETRATION_MAX_M {
+                found.push(Problem::Interpenetration {
+                    one: kitchen.bodies()[movable].name.clone(),
+                    other: kitchen.bodies()[other].name.clone(),
+                    depth_mm: deepest * 1000.0,
+                });
+            }
+        }
+    }
+}
+
+fn awake(kitchen: &Kitchen, found: &mut Vec<Problem>) {
+    for (index, &handle) in kitchen.movable_bodies().zip(&kitchen.movables) {
+        let body = kitchen.world.body(handle);
+        if !body.is_sleeping() || body.linvel() != Vec3::ZERO || body.angvel() != Vec3::ZERO {
+            found.push(Problem::Awake(kitchen.bodies()[index].name.clone()));
+        }
+    }
+}
+
+/// Looking down and up moves nothing but the camera: the displacement must be exactly zero.
+fn restless(kitchen: &Arc<Kitchen>, config: &Config, found: &mut Vec<Problem>) {
+    let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
+    let Ok(mut environment) = Environment::new(Arc::clone(kitchen), id, config) else { return };
+    for step in 0..STILL_STEPS.min(config.episode.max_steps) {
+        let action = if step % 2 == 0 { Action::LookDown } else { Action::LookUp };
+        let disturbance_m = environment.step(action).disturbance_m;
+        if disturbance_m != 0.0 {
+            found.push(Problem::Restless { episode: 0, step, disturbance_m });
+            return;
+        }
+    }
+}
+
+fn obstructions(kitchen: &Kitchen, found: &mut Vec<Problem>) {
+    const FLOOR_M: f32 = 0.01;
+    for index in kitchen.static_bodies() {
+        let body = &kitchen.bodies()[index];
+        if matches!(body.category.as_str(), "Floor" | "Ceiling") {
+            continue;
+        }
+        let solid = Solid::of(&body.shape);
+        let pose = &kitchen.settled_poses()[index];
+        let in_the_way = kitchen.kept_clear().iter().any(|clear| {
+            let room = Aabb::new(clear.low.with_y(FLOOR_M), clear.high.with_y(CLEAR_HEIGHT_M));
+            solid.parts.iter().any(|(shape, body_from_part)| {
+                let aabb = shape.compute_aabb(&(*pose * *body_from_part));
+                room.intersects(&aabb.tightened(0.001))
+            })
+        });
+        if in_the_way {
+            found.push(Problem::Obstructed(body.name.clone()));
+        }
+    }
+}
+
+fn lonely_chairs(kitchen: &Kitchen, found: &mut Vec<Problem>) {
+    let aabb = |index: usize| Solid::of(&kitchen.bodies()[index].shape).aabb(&kitchen.settled_poses()[index]);
+    let with = |category: &str| {
+        (0..kitchen.movable_bodies().end).filter(|&index| kitchen.bodies()[index].category == category).collect()
+    };
+    let (chairs, tables): (Vec<usize>, Vec<usize>) = (with("Chair"), with("DiningTable"));
+    for chair in chairs {
+        let near = aabb(chair).loosened(CHAIR_TO_TABLE_M);
+        if !tables.iter().any(|&table| aabb(table).intersects(&near)) {
+            found.push(Problem::ChairAlone(kitchen.bodies()[chair].name.clone()));
+        }
+    }
+}
+
+/// Whether a category is a small thing: movable, and stands on surfaces.
+pub(super) fn is_small(category: &str) -> bool {
+    !NOT_THINGS.contains(&category)
+        && CATEGORIES.iter().any(|known| known.name == category && !matches!(known.place, Place::Seat | Place::Floor))
+}
