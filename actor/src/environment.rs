@@ -310,6 +310,11 @@ impl Environment {
         &self.episode
     }
 
+    /// Total displacement after the last step of everything movable but the target, metres.
+    pub fn disturbance_m(&self) -> f32 {
+        self.disturbance_m as f32
+    }
+
     /// Whether the episode has ended.
     pub fn ended(&self) -> bool {
         self.ended

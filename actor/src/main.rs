@@ -1,7 +1,7 @@
 //! The `actor` program: rolls out environments for a learner, re-simulates recordings, measures itself.
 
 use actor::process::{self, lifeline, whereabouts};
-use actor::{bench, replay, soak};
+use actor::{bench, episodes, oracle, replay, soak};
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
 use proto::kitchen::KitchenId;
@@ -62,6 +62,11 @@ enum Command {
         #[arg(long, default_value_t = 1, value_name = "SEED")]
         seed: u64,
     },
+    /// The fixed episodes of the validation and test kitchens.
+    #[command(subcommand)]
+    Episodes(episodes::command::Command),
+    /// Let a planner with privileged knowledge play episodes, to see that they can be solved.
+    Oracle(oracle::table::Settings),
 }
 
 /// One or more kitchens, as given on the command line.
@@ -99,6 +104,8 @@ fn run(arguments: Arguments) -> Result<()> {
         Some(Command::Replay) => replay::run(std::io::stdin().lock(), std::io::stdout().lock()),
         Some(Command::Bench { kitchen, seconds }) => bench::run(kitchen, seconds),
         Some(Command::Soak { steps, kitchens, seed }) => soak::run(&kitchens.0, steps, seed),
+        Some(Command::Episodes(command)) => episodes::command::run(&command),
+        Some(Command::Oracle(settings)) => oracle::table::run(&settings),
         None => {
             ensure!(
                 !(arguments.lifeline && arguments.kitchen.is_some()),

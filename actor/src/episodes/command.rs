@@ -1,0 +1,83 @@
+//! `actor episodes`: draws the fixed episodes, or checks those that are part of the program.
+
+use super::check::check;
+use super::format::File;
+use super::{EPISODES_PER_KITCHEN, FILE_HASH, draw, fixed, kitchens};
+use crate::kitchen::Kitchen;
+use crate::oracle::table::in_parallel;
+use anyhow::{Context, Result, bail};
+use proto::config::Config;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// What `actor episodes` is asked.
+#[derive(Debug, Clone, clap::Subcommand)]
+pub enum Command {
+    /// Draw them anew for the kitchens as they are now.
+    Generate {
+        /// File to write.
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+    },
+    /// Check those that are part of this program.
+    Check,
+}
+
+/// Does it.
+pub fn run(command: &Command) -> Result<()> {
+    match command {
+        Command::Generate { out } => generate(out),
+        Command::Check => check_all(),
+    }
+}
+
+/// Draws the fixed episodes of all kitchens that have some and writes them to a file.
+fn generate(path: &Path) -> Result<()> {
+    let config = Config::default();
+    let mut out = std::io::stdout().lock();
+    let mut file = File::default();
+    for id in kitchens() {
+        let kitchen = Arc::new(Kitchen::build(id, &config.simulation)?);
+        let (section, draws) = draw::draw(&kitchen, &config)?;
+        writeln!(out, "kitchen {id:>2}: {EPISODES_PER_KITCHEN} episodes in {draws} draws")?;
+        out.flush()?;
+        file.sections.push(section);
+    }
+    let bytes = file.to_bytes();
+    std::fs::write(path, &bytes).with_context(|| format!("cannot write {}", path.display()))?;
+    let hash = xxh3_64(&bytes);
+    writeln!(out, "{}: {} bytes, hash {hash:#018x}", path.display(), bytes.len())?;
+    if hash != FILE_HASH {
+        writeln!(out, "to be put into actor/src/episodes/mod.rs as FILE_HASH (now {FILE_HASH:#018x})")?;
+    }
+    Ok(())
+}
+
+/// Checks every fixed episode that is part of the program: a line per kitchen; an error if one is not valid.
+fn check_all() -> Result<()> {
+    let config = Config::default();
+    let mut out = std::io::stdout().lock();
+    let (mut valid, mut wrong) = (0, 0);
+    for id in kitchens() {
+        let kitchen = Arc::new(Kitchen::build(id, &config.simulation)?);
+        let episodes = fixed(&kitchen)?;
+        let verdicts = in_parallel(episodes.len(), |index| check(&kitchen, &config, &episodes[index]));
+        for (index, verdict) in verdicts.iter().enumerate() {
+            if let Err(problem) = verdict {
+                writeln!(out, "kitchen {id}, episode {index}: {problem}")?;
+            }
+        }
+        let good = verdicts.iter().filter(|verdict| verdict.is_ok()).count();
+        writeln!(out, "kitchen {id:>2}: {good} of {} episodes valid", verdicts.len())?;
+        out.flush()?;
+        valid += good;
+        wrong += verdicts.len() - good;
+    }
+    writeln!(out, "all: {valid} of {} episodes valid", valid + wrong)?;
+    if wrong > 0 {
+        bail!("{wrong} episodes are not valid");
+    }
+    Ok(())
+}

@@ -1,0 +1,70 @@
+//! Draws the fixed episodes: the same for the same kitchens, for ever.
+
+use super::check::check;
+use super::format::{Record, Section};
+use super::{EPISODES_PER_KITCHEN, category, fingerprint};
+use crate::kitchen::Kitchen;
+use crate::oracle::table::in_parallel;
+use proto::config::Config;
+use proto::kitchen::KitchenId;
+use proto::random::{Key, Purpose};
+use std::sync::Arc;
+
+/// Seed of the fixed episodes.
+const SEED: u64 = 0x5354_494c_4c52_4f4f;
+/// Draws of one episode.
+const DRAWS: u32 = 400;
+
+/// Why a kitchen got no fixed episodes.
+#[derive(Debug, thiserror::Error)]
+pub enum DrawError {
+    /// One of them could not be drawn.
+    #[error("kitchen {kitchen}, episode {episode}: none of {DRAWS} draws is valid; the last one: {last}")]
+    NoneValid {
+        /// The kitchen.
+        kitchen: KitchenId,
+        /// The episode.
+        episode: usize,
+        /// What was wrong with the last draw.
+        last: String,
+    },
+}
+
+/// Draws all episodes of a kitchen; also returns how many draws it took.
+pub fn draw(kitchen: &Arc<Kitchen>, config: &Config) -> Result<(Section, u32), DrawError> {
+    let drawn = in_parallel(EPISODES_PER_KITCHEN, |episode| one(kitchen, config, episode));
+    let mut records = Vec::with_capacity(EPISODES_PER_KITCHEN);
+    let mut draws = 0;
+    for record in drawn {
+        let (record, used) = record?;
+        records.push(record);
+        draws += used;
+    }
+    Ok((Section { kitchen: kitchen.id(), fingerprint: fingerprint(kitchen), records }, draws))
+}
+
+/// The first valid draw of an episode and its number, from 1.
+fn one(kitchen: &Arc<Kitchen>, config: &Config, episode: usize) -> Result<(Record, u32), DrawError> {
+    let mut last = "no draw".to_owned();
+    for attempt in 0..DRAWS {
+        let key = Key {
+            seed: SEED,
+            purpose: Purpose::Episode,
+            kitchen: kitchen.id().number(),
+            environment: 0,
+            episode: episode as u32,
+            step: attempt,
+        };
+        let mut random = key.stream();
+        // A file has 16 bits for each number: what lies beyond is never drawn.
+        let mut below = |count: usize| random.below(count.min(usize::from(u16::MAX)) as u32) as u16;
+        let spots = kitchen.target_spots(category(episode)).len();
+        let record = Record { start: below(spots), goal: below(spots), stand: below(kitchen.robot_stands().len()) };
+        let drawn = record.episode(kitchen, episode).expect("the numbers were drawn below the counts");
+        match check(kitchen, config, &drawn) {
+            Ok(()) => return Ok((record, attempt + 1)),
+            Err(problem) => last = problem.to_string(),
+        }
+    }
+    Err(DrawError::NoneValid { kitchen: kitchen.id(), episode, last })
+}

@@ -1,0 +1,107 @@
+//! The fixed episodes of the validation and test kitchens: 12 categories times 60 in each of the ten.
+//!
+//! [`draw`] makes them from a fixed seed, [`check`] says what an episode must satisfy, [`format`] is the file they are
+//! kept in. The file is part of the program; its hash is [`FILE_HASH`], and each kitchen's section carries the
+//! fingerprint of the kitchen it was drawn for: episodes name places by number, which mean nothing in another room.
+
+pub mod check;
+pub mod command;
+mod draw;
+mod format;
+
+use crate::episode::Episode;
+use crate::kitchen::Kitchen;
+use format::{File, FormatError};
+use proto::kitchen::{KitchenId, Split, TargetCategory};
+use std::sync::OnceLock;
+use xxhash_rust::xxh3::{Xxh3, xxh3_64};
+
+/// Episodes of one category in one kitchen.
+pub const EPISODES_PER_CATEGORY: usize = 60;
+/// Episodes in one kitchen.
+pub const EPISODES_PER_KITCHEN: usize = EPISODES_PER_CATEGORY * TargetCategory::ALL.len();
+/// XXH3 (64 bits) of the file: a file of other episodes is noticed before a figure is compared with an older one.
+pub const FILE_HASH: u64 = 0;
+/// The file, as `actor episodes generate` wrote it.
+static FILE: &[u8] = include_bytes!("fixed.bin");
+
+/// Why there are no fixed episodes.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum EpisodesError {
+    /// The file in the program is not the one the code was written for.
+    #[error("the file of fixed episodes has hash {found:#018x}, not {FILE_HASH:#018x}")]
+    WrongFile {
+        /// Hash of the file.
+        found: u64,
+    },
+    /// The file cannot be read.
+    #[error("the file of fixed episodes: {0}")]
+    Format(#[from] FormatError),
+    /// Training kitchens have none.
+    #[error("kitchen {0} has no fixed episodes: only validation and test kitchens do")]
+    NotFixed(KitchenId),
+    /// The kitchen has changed since.
+    #[error(
+        "the fixed episodes were drawn for another kitchen {kitchen} (fingerprint {drawn_for:#018x}, now \
+         {found:#018x}): `actor episodes generate` draws new ones"
+    )]
+    OtherKitchen {
+        /// The kitchen.
+        kitchen: KitchenId,
+        /// Fingerprint in the file.
+        drawn_for: u64,
+        /// Fingerprint of the kitchen given.
+        found: u64,
+    },
+    /// An episode names a place that the kitchen does not have.
+    #[error("episode {episode} of kitchen {kitchen} names a place that is not there")]
+    NoSuchPlace {
+        /// The kitchen.
+        kitchen: KitchenId,
+        /// The episode.
+        episode: usize,
+    },
+}
+
+/// Kitchens that have fixed episodes, in the file's order.
+pub fn kitchens() -> Vec<KitchenId> {
+    KitchenId::all().filter(|kitchen| kitchen.split() != Split::Train).collect()
+}
+
+/// The fixed episodes of a kitchen. Categories take turns, so that the first 12 have each of them once.
+pub fn fixed(kitchen: &Kitchen) -> Result<Vec<Episode>, EpisodesError> {
+    static PARSED: OnceLock<Result<File, FormatError>> = OnceLock::new();
+    let found = xxh3_64(FILE);
+    if found != FILE_HASH {
+        return Err(EpisodesError::WrongFile { found });
+    }
+    let file = PARSED.get_or_init(|| File::parse(FILE)).as_ref().map_err(Clone::clone)?;
+    file.episodes(kitchen)
+}
+
+/// Category of the fixed episode with this number.
+pub fn category(episode: usize) -> TargetCategory {
+    TargetCategory::ALL[episode % TargetCategory::ALL.len()]
+}
+
+/// Hash of what episodes refer to: where everything stands, where targets can stand, where the robot can start.
+pub fn fingerprint(kitchen: &Kitchen) -> u64 {
+    let mut hash = Xxh3::new();
+    for body in kitchen.bodies() {
+        hash.update(body.name.as_bytes());
+        hash.update(&[0]);
+    }
+    let mut floats = |values: &[f32]| values.iter().for_each(|value| hash.update(&value.to_bits().to_le_bytes()));
+    for pose in kitchen.settled_poses() {
+        floats(&pose.translation.to_array());
+        floats(&pose.rotation.to_array());
+    }
+    for category in TargetCategory::ALL {
+        floats(&[kitchen.target_spots(category).len() as f32]);
+        kitchen.target_spots(category).iter().for_each(|spot| floats(&spot.to_array()));
+    }
+    for stand in kitchen.robot_stands() {
+        floats(&[stand.x_m, stand.z_m, stand.yaw_ticks as f32]);
+    }
+    hash.digest()
+}

@@ -1,0 +1,191 @@
+//! `actor oracle`: lets the oracle loose on episodes and says how it fared, a line per kitchen.
+
+use super::{Policy, Variant};
+use crate::environment::Environment;
+use crate::episode::Episode;
+use crate::kitchen::Kitchen;
+use anyhow::{Context, Result, bail, ensure};
+use proto::action::Action;
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::kitchen::{KitchenId, Split};
+use proto::message::transition_flag;
+use std::io::Write;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
+
+/// A successful episode counts as undisturbed below this total displacement, metres (SPEC section 5).
+pub const UNDISTURBED_M: f32 = 0.01;
+
+/// How one episode went.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// The actions that were taken.
+    pub actions: Vec<Action>,
+    /// The target was picked up.
+    pub picked_up: bool,
+    /// The target was brought to its goal.
+    pub success: bool,
+    /// Total displacement of everything but the target at the end, metres.
+    pub disturbance_m: f32,
+    /// Things that moved by more than 1 cm on an axis.
+    pub disturbed_objects: u32,
+    /// State hash after the last action.
+    pub state_hash: u64,
+}
+
+/// Lets the oracle play one episode to its end.
+pub fn play(kitchen: &Arc<Kitchen>, config: &Config, number: u32, episode: Episode, variant: Variant) -> Outcome {
+    let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
+    let mut environment = Environment::with_episode(Arc::clone(kitchen), id, config, number, episode);
+    let mut policy = Policy::new(variant);
+    let mut actions = Vec::new();
+    loop {
+        let action = policy.next(&environment);
+        actions.push(action);
+        let transition = environment.step(action);
+        if transition.flags & transition_flag::ENDED != 0 {
+            return Outcome {
+                actions,
+                picked_up: transition.flags & transition_flag::HOLDING != 0,
+                success: transition.flags & transition_flag::SUCCESS != 0,
+                disturbance_m: transition.disturbance_m,
+                disturbed_objects: transition.disturbed_objects,
+                state_hash: transition.state_hash,
+            };
+        }
+    }
+}
+
+/// Calls `work` for each index below `count` on all processors; the results in order.
+pub fn in_parallel<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let next = AtomicUsize::new(0);
+    let done: Mutex<Vec<(usize, T)>> = Mutex::new(Vec::with_capacity(count));
+    let threads = thread::available_parallelism().map_or(1, std::num::NonZero::get).min(count.max(1));
+    thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                loop {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    if index >= count {
+                        return;
+                    }
+                    let result = work(index);
+                    done.lock().expect("a worker that panics takes the whole scope with it").push((index, result));
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().expect("a worker that panics takes the whole scope with it");
+    done.sort_by_key(|&(index, _)| index);
+    done.into_iter().map(|(_, result)| result).collect()
+}
+
+/// What `actor oracle` is asked.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Settings {
+    /// Kitchens to play in: train, valid or test.
+    #[arg(long, value_parser = split, default_value = "test", value_name = "SPLIT")]
+    pub split: Split,
+    /// How it goes about it.
+    #[arg(long, value_enum, default_value = "fast")]
+    pub variant: Variant,
+    /// Episodes in each kitchen.
+    #[arg(long, default_value_t = 720, value_name = "N")]
+    pub episodes: u32,
+    /// Fail when the success rate is below this share.
+    #[arg(long, value_name = "SHARE")]
+    pub require: Option<f64>,
+    /// List the episodes that failed.
+    #[arg(long)]
+    pub failures: bool,
+}
+
+fn split(text: &str) -> Result<Split, String> {
+    match text {
+        "train" => Ok(Split::Train),
+        "valid" => Ok(Split::Validation),
+        "test" => Ok(Split::Test),
+        _ => Err(format!("`{text}` is none of train, valid, test")),
+    }
+}
+
+/// Plays the episodes and prints the table.
+pub fn run(settings: &Settings) -> Result<()> {
+    ensure!(settings.episodes > 0, "play at least one episode");
+    let config = Config::default();
+    let kitchens = KitchenId::of_split(settings.split);
+    let mut out = std::io::stdout().lock();
+    let variant = settings.variant.name();
+    writeln!(
+        out,
+        "{:>8}  {:>8}  {:>8}  {:>6}  {:>6}  {:>9}  {:>6}  {:>11}  {:>9}",
+        "kitchen", "variant", "episodes", "SR", "SRwoD", "SRwoD/SR", "length", "picked up", "disturbed"
+    )?;
+    let built = in_parallel(kitchens.len(), |index| Kitchen::build(kitchens[index], &config.simulation));
+    let mut all = Vec::new();
+    for kitchen in built {
+        let kitchen = Arc::new(kitchen?);
+        let episodes = episodes(&kitchen, &config, settings)?;
+        let outcomes = in_parallel(episodes.len(), |index| {
+            play(&kitchen, &config, index as u32, episodes[index], settings.variant)
+        });
+        if settings.failures {
+            for (index, (episode, outcome)) in episodes.iter().zip(&outcomes).enumerate() {
+                if !outcome.success {
+                    let Outcome { picked_up, actions, .. } = outcome;
+                    writeln!(
+                        out,
+                        "failed {index}: picked up {picked_up} after {} actions: {episode:?}",
+                        actions.len()
+                    )?;
+                }
+            }
+        }
+        line(&mut out, &kitchen.id().to_string(), variant, &outcomes)?;
+        all.extend(outcomes);
+    }
+    let rate = line(&mut out, "all", variant, &all)?;
+    if let Some(least) = settings.require
+        && rate < least
+    {
+        bail!("success rate {rate:.3} is below the {least} that was required");
+    }
+    Ok(())
+}
+
+/// The first episodes of a kitchen: fixed ones where it has them, sampled ones in training kitchens.
+fn episodes(kitchen: &Kitchen, config: &Config, settings: &Settings) -> Result<Vec<Episode>> {
+    let count = settings.episodes as usize;
+    if kitchen.id().split() == Split::Train {
+        let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
+        let sample = |number| Episode::sample(kitchen, &config.episode, config.seed, id, number);
+        return Ok((0..settings.episodes).map(sample).collect());
+    }
+    let mut fixed = crate::episodes::fixed(kitchen)?;
+    ensure!(count <= fixed.len(), "kitchen {} has {} fixed episodes, not {count}", kitchen.id(), fixed.len());
+    fixed.truncate(count);
+    Ok(fixed)
+}
+
+/// Writes one line of the table; returns the success rate.
+fn line(out: &mut impl Write, name: &str, variant: &str, outcomes: &[Outcome]) -> Result<f64> {
+    let count = outcomes.len() as f64;
+    let share =
+        |test: &dyn Fn(&Outcome) -> bool| outcomes.iter().filter(|outcome| test(outcome)).count() as f64 / count;
+    let success = share(&|outcome| outcome.success);
+    let undisturbed = share(&|outcome| outcome.success && outcome.disturbance_m < UNDISTURBED_M);
+    let picked_up = share(&|outcome| outcome.picked_up);
+    let length = outcomes.iter().map(|outcome| outcome.actions.len()).sum::<usize>() as f64 / count;
+    let disturbed = outcomes.iter().map(|outcome| f64::from(outcome.disturbed_objects)).sum::<f64>() / count;
+    let ratio = if success > 0.0 { undisturbed / success } else { 0.0 };
+    writeln!(
+        out,
+        "{name:>8}  {variant:>8}  {:>8}  {success:>6.3}  {undisturbed:>6.3}  {ratio:>9.3}  {length:>6.1}  {picked_up:>11.3}  {disturbed:>9.2}",
+        outcomes.len()
+    )
+    .context("cannot write the table")?;
+    out.flush()?;
+    Ok(success)
+}
