@@ -6,6 +6,7 @@ pub mod environment;
 pub mod episode;
 pub mod kitchen;
 pub mod physics;
+pub mod picture;
 pub mod process;
 pub mod replay;
 pub mod robot;

@@ -1,10 +1,11 @@
 //! The `actor` program: rolls out environments for a learner, re-simulates recordings, measures itself.
 
+use actor::picture::{self, SheetOptions};
 use actor::process::{self, lifeline, whereabouts};
 use actor::{bench, replay};
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
-use proto::kitchen::KitchenId;
+use proto::kitchen::{KitchenChoice, KitchenId};
 use proto::wire::WireAddress;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -41,6 +42,9 @@ struct Arguments {
 enum Command {
     /// Re-simulate recorded episodes: reads them from standard input, writes verdicts to standard output.
     Replay,
+    /// Show kitchens.
+    #[command(subcommand)]
+    Kitchens(Kitchens),
     /// Measure physics, rendering and whole steps on one core.
     Bench {
         /// Kitchen to measure in.
@@ -49,6 +53,22 @@ enum Command {
         /// Seconds for each figure.
         #[arg(long, default_value_t = 1.0, value_name = "S")]
         seconds: f64,
+    },
+}
+
+#[derive(Debug, Subcommand)]
+enum Kitchens {
+    /// Draw kitchens on one sheet: floor plan and robot's view of each.
+    Sheet {
+        /// Which: `all`, or numbers.
+        #[arg(long, default_value = "all", value_name = "all|1,2,...")]
+        kitchens: KitchenChoice,
+        /// Width of the picture, pixels.
+        #[arg(long, default_value_t = 2200, value_name = "PIXELS")]
+        width: u32,
+        /// The PNG file.
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
     },
 }
 
@@ -74,6 +94,9 @@ fn main() -> ExitCode {
 fn run(arguments: Arguments) -> Result<()> {
     match arguments.command {
         Some(Command::Replay) => replay::run(std::io::stdin().lock(), std::io::stdout().lock()),
+        Some(Command::Kitchens(Kitchens::Sheet { kitchens, width, out })) => {
+            picture::sheet(&SheetOptions { kitchens: kitchens.0, width, out })
+        }
         Some(Command::Bench { kitchen, seconds }) => bench::run(kitchen, seconds),
         None => {
             ensure!(

@@ -23,12 +23,12 @@
 //! and no transcendental function at run time: the same bits on every machine.
 
 mod camera;
-mod mesh;
+pub(crate) mod mesh;
 mod raster;
 mod simd;
 #[cfg(test)]
 mod tests;
-mod view;
+pub(crate) mod view;
 
 pub use camera::DepthCamera;
 pub use raster::DEPTH_MAX_MM;
