@@ -42,15 +42,12 @@ pub fn run(args: &KitchensArgs) -> Result<()> {
     let program = programs::find("actor")?;
     let mut command = Command::new(&program);
     command.arg("kitchens");
-    let default_name = match args.gltf {
-        Some(kitchen) => {
-            command.args(["gltf", "--kitchen", &kitchen.to_string()]);
-            format!("kitchen-{kitchen}.glb")
-        }
-        None => {
-            command.args(["sheet", "--kitchens", &args.kitchens.to_string(), "--width", &args.width.to_string()]);
-            "kitchens.png".to_owned()
-        }
+    let default_name = if let Some(kitchen) = args.gltf {
+        command.args(["gltf", "--kitchen", &kitchen.to_string()]);
+        format!("kitchen-{kitchen}.glb")
+    } else {
+        command.args(["sheet", "--kitchens", &args.kitchens.to_string(), "--width", &args.width.to_string()]);
+        "kitchens.png".to_owned()
     };
     command.arg("--out").arg(args.out.as_ref().map_or_else(|| PathBuf::from(default_name), Clone::clone));
     let status = command.status().with_context(|| format!("cannot start {}", program.display()))?;
