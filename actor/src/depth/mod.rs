@@ -23,12 +23,12 @@
 //! and no transcendental function at run time: the same bits on every machine.
 
 mod camera;
-pub(crate) mod mesh;
+mod mesh;
 mod raster;
 mod simd;
 #[cfg(test)]
 mod tests;
-pub(crate) mod view;
+mod view;
 
 pub use camera::DepthCamera;
 pub use raster::DEPTH_MAX_MM;
