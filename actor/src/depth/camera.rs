@@ -20,11 +20,14 @@ pub struct DepthCamera {
     raster: Raster,
     scratch: Scratch,
     triangles_in_view: usize,
+    view_set_triangles: usize,
 }
 
 #[derive(Debug, Clone)]
 struct BodyView {
     parts: Vec<PartView>,
+    /// At the finest level of detail.
+    triangles: usize,
     /// Around all parts, body's frame.
     bounds: Sphere,
 }
@@ -103,7 +106,9 @@ impl DepthCamera {
                     })
                     .collect();
                 let bounds = around(&parts, &solids);
-                BodyView { parts, bounds }
+                let finest = |part: &PartView| solids[part.solid].levels.last().map_or(0, |(_, mesh)| mesh.triangles());
+                let triangles = parts.iter().map(finest).sum();
+                BodyView { parts, triangles, bounds }
             })
             .collect();
         Self {
@@ -112,13 +117,19 @@ impl DepthCamera {
             raster: Raster::new(proto::message::FRAME_SIDE),
             scratch: Scratch::default(),
             triangles_in_view: 0,
+            view_set_triangles: 0,
         }
     }
 
     /// Triangles of all bodies at their finest level of detail.
     pub fn triangles(&self) -> usize {
-        let finest = |part: &PartView| self.solids[part.solid].levels.last().map_or(0, |(_, mesh)| mesh.triangles());
-        self.bodies.iter().flat_map(|body| &body.parts).map(finest).sum()
+        self.bodies.iter().map(|body| body.triangles).sum()
+    }
+
+    /// Triangles of the view set of the last image: all bodies that met the view volume, whole, at their finest level
+    /// of detail ([`super::triangles_of`]).
+    pub fn view_set_triangles(&self) -> usize {
+        self.view_set_triangles
     }
 
     /// Triangles of the last image after culling and choice of detail, both sides of each solid.
@@ -151,6 +162,7 @@ impl DepthCamera {
             self.raster = Raster::new(side);
         }
         self.triangles_in_view = 0;
+        self.view_set_triangles = 0;
         let lens = Lens::of(side);
         let camera_from_world = Rigid::from_pose(&world_from_camera).inverse();
         for (body, world_from_body) in self.bodies.iter().zip(world_from_bodies) {
@@ -159,6 +171,7 @@ impl DepthCamera {
             if visibility(camera_from_body.point(bounds.centre), bounds.radius_m) == Visibility::None {
                 continue;
             }
+            self.view_set_triangles += body.triangles;
             for part in &body.parts {
                 let solid = &self.solids[part.solid];
                 let camera_from_part = camera_from_body.after(&part.body_from_part);

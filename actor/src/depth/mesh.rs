@@ -5,7 +5,7 @@
 //! whose error is a fraction of a pixel.
 
 use super::view::Sphere;
-use crate::shape::Primitive;
+use crate::shape::{Primitive, Shape};
 use rapier3d::math::Vec3;
 use rapier3d::parry::transformation::try_convex_hull;
 
@@ -42,6 +42,21 @@ pub struct Solid {
     pub bounds: Sphere,
 }
 
+/// The finest mesh of a shape: triangles in the body's frame, metres, whose corners a, b, c run so that
+/// (b − a) × (c − a) points outwards. Each part is closed; parts that overlap are not cut at each other.
+pub fn triangles_of(shape: &Shape) -> Vec<[[f32; 3]; 3]> {
+    let mut triangles = Vec::new();
+    for part in &shape.parts {
+        let levels = Solid::of(&part.primitive).levels;
+        let Some((_, mesh)) = levels.last() else { continue };
+        let place = |&[a, b, c]: &[[f32; 3]; 3]| {
+            [a, b, c].map(|corner| part.body_from_part.transform_point(Vec3::from(corner)).to_array())
+        };
+        triangles.extend(mesh.triangulated().iter().map(place));
+    }
+    triangles
+}
+
 /// Numbers of sides that round things are drawn with, coarse to fine, with (cos, sin) of a side's angle.
 const SIDES: [(usize, f64, f64); 5] = [
     (6, 0.5, 0.866_025_403_784_438_6),
@@ -55,6 +70,18 @@ impl Mesh {
     /// Triangles that its faces amount to.
     pub fn triangles(&self) -> usize {
         self.corners.len() - 2 * self.faces.len()
+    }
+
+    /// Its faces cut into triangles, from the first corner of each.
+    fn triangulated(&self) -> Vec<[[f32; 3]; 3]> {
+        let corner = |index: u32| self.vertices[usize::from(self.corners[index as usize])];
+        self.faces
+            .iter()
+            .flat_map(|face| {
+                (face.first + 1..face.first + face.count - 1)
+                    .map(move |second| [corner(face.first), corner(second), corner(second + 1)])
+            })
+            .collect()
     }
 
     /// Adds a face through these vertices; degenerate ones are left out.
@@ -268,6 +295,33 @@ mod tests {
             assert!((got / expected - 1.0).abs() < tolerance, "{primitive:?}: volume {got}, expected {expected}");
             assert!(solid.levels.windows(2).all(|pair| pair[0].0 > pair[1].0), "errors decrease");
         }
+    }
+
+    #[test]
+    fn triangles_of_a_shape_stand_where_its_parts_do() {
+        use rapier3d::math::Pose3;
+        let half = Vec3::new(0.1, 0.2, 0.3);
+        let mut shape = Shape::of(Primitive::Cuboid { half_extents_m: half });
+        shape.parts[0].body_from_part = Pose3::new(Vec3::new(1.0, 2.0, 3.0), Vec3::new(0.3, -0.4, 0.5));
+        let shape = shape.with(Primitive::Sphere { radius_m: 0.2 }, -1.0, 0.0, 0.0);
+        let triangles = triangles_of(&shape);
+        // The divergence theorem: each closed surface adds its volume and the first moment of it.
+        let (mut volume, mut moment) = (0.0f64, [0.0f64; 3]);
+        for triangle in &triangles {
+            let [a, b, c] = triangle.map(|corner| corner.map(f64::from));
+            let cross = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]];
+            let six = a[0] * cross[0] + a[1] * cross[1] + a[2] * cross[2];
+            volume += six / 6.0;
+            for axis in 0..3 {
+                moment[axis] += six / 24.0 * (a[axis] + b[axis] + c[axis]);
+            }
+        }
+        let (cuboid, ball) = (8.0 * 0.1 * 0.2 * 0.3, 4.0 / 3.0 * std::f64::consts::PI * 0.2f64.powi(3));
+        assert!((volume - cuboid - ball).abs() < 0.02 * ball, "{volume}");
+        for (moment, expected) in moment.into_iter().zip([cuboid - ball, 2.0 * cuboid, 3.0 * cuboid]) {
+            assert!((moment - expected).abs() < 0.02 * ball, "{moment}, expected {expected}");
+        }
+        assert_eq!(triangles.len(), 12 + Solid::of(&Primitive::Sphere { radius_m: 0.2 }).levels[4].1.triangles());
     }
 
     #[test]

@@ -31,5 +31,6 @@ mod tests;
 mod view;
 
 pub use camera::DepthCamera;
+pub use mesh::triangles_of;
 pub use raster::DEPTH_MAX_MM;
 pub use view::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
