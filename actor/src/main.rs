@@ -2,7 +2,7 @@
 
 use actor::picture::{self, SheetOptions};
 use actor::process::{self, lifeline, whereabouts};
-use actor::{bench, replay};
+use actor::{bench, gltf, replay};
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
 use proto::kitchen::{KitchenChoice, KitchenId};
@@ -70,6 +70,15 @@ enum Kitchens {
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
+    /// Write a kitchen as a binary glTF scene.
+    Gltf {
+        /// Which.
+        #[arg(long, value_parser = kitchen, value_name = "1..30")]
+        kitchen: KitchenId,
+        /// The GLB file.
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+    },
 }
 
 fn kitchen(text: &str) -> Result<KitchenId, String> {
@@ -97,6 +106,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Some(Command::Kitchens(Kitchens::Sheet { kitchens, width, out })) => {
             picture::sheet(&SheetOptions { kitchens: kitchens.0, width, out })
         }
+        Some(Command::Kitchens(Kitchens::Gltf { kitchen, out })) => gltf::export::write(kitchen, &out),
         Some(Command::Bench { kitchen, seconds }) => bench::run(kitchen, seconds),
         None => {
             ensure!(

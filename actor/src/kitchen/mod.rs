@@ -21,7 +21,7 @@ use proto::random::{Key, Purpose, Random};
 use rapier3d::dynamics::RigidBodyHandle;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
-use room::Room;
+use room::{Room, Thing};
 use spots::Stand;
 use std::ops::Range;
 
@@ -92,6 +92,16 @@ pub struct Kitchen {
     pub(crate) robot_parts: [Solid; PART_COUNT],
     pub(crate) targets: Vec<Target>,
     pub(crate) stands: Vec<Stand>,
+    matter: Vec<Matter>,
+}
+
+/// What a movable thing is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Matter {
+    /// Mass, kilograms.
+    pub mass_kg: f32,
+    /// Coulomb friction coefficient of its surface.
+    pub friction: f32,
 }
 
 /// What an episode needs to know of one target category.
@@ -170,6 +180,7 @@ impl Kitchen {
         }
         number_names(&mut bodies);
 
+        let matter = things.iter().map(|&Thing { mass_kg, friction, .. }| Matter { mass_kg, friction }).collect();
         let solids: Vec<Solid> = things.into_iter().map(|thing| thing.solid).collect();
         let poses = &settled_poses[static_count..static_count + solids.len()];
         let aabbs: Vec<Aabb> = solids.iter().zip(poses).map(|(solid, pose)| solid.aabb(pose)).collect();
@@ -210,6 +221,7 @@ impl Kitchen {
             robot_parts,
             targets,
             stands,
+            matter,
         })
     }
 
@@ -232,6 +244,11 @@ impl Kitchen {
     /// `world_from_body` of every body in the settled state.
     pub fn settled_poses(&self) -> &[Pose3] {
         &self.settled_poses
+    }
+
+    /// What a body is made of, by its index; none unless it is movable.
+    pub fn matter(&self, body: usize) -> Option<Matter> {
+        self.matter.get(body.checked_sub(self.static_count)?).copied()
     }
 
     /// Things as iTHOR counts them: everything but walls, ceiling and robot.

@@ -1,7 +1,7 @@
 //! A kitchen as coloured triangles.
 
 use super::palette;
-use crate::depth::mesh;
+use crate::depth::triangles_of;
 use crate::kitchen::{BodyRole, Kitchen};
 use crate::robot::links::{PartPoses, part_shapes};
 use crate::shape::Shape;
@@ -59,18 +59,10 @@ impl Model {
         self.colours.push(colour);
         self.sections.push(palette::SECTION);
         self.movable.push(movable);
-        for part in &shape.parts {
-            let pose = *world_from_body * part.body_from_part;
-            let solid = mesh::Solid::of(&part.primitive);
-            let Some((_, finest)) = solid.levels.last() else { continue };
-            for face in &finest.faces {
-                let corners = &finest.corners[face.first as usize..(face.first + face.count) as usize];
-                let corner = |i: usize| pose * Vec3::from(finest.vertices[usize::from(corners[i])]);
-                let normal = pose.rotation * Vec3::from(face.normal);
-                for i in 2..corners.len() {
-                    self.triangles.push(Triangle { corners: [corner(0), corner(i - 1), corner(i)], normal, body });
-                }
-            }
+        for corners in triangles_of(shape) {
+            let corners = corners.map(|corner| *world_from_body * Vec3::from(corner));
+            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+            self.triangles.push(Triangle { corners, normal, body });
         }
     }
 

@@ -102,6 +102,12 @@ const OTHERS: [Rgb; 12] = [
     [116, 128, 140],
 ];
 
+/// An sRGB channel as linear light, 0 to 1.
+pub fn linear(channel: u8) -> f32 {
+    let c = f32::from(channel) / 255.0;
+    if c <= 0.04045 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) }
+}
+
 /// sRGB colour of a category.
 pub fn colour(category: &str) -> Rgb {
     if let Some((_, colour)) = COLOURS.iter().find(|(name, _)| *name == category) {

@@ -3,6 +3,7 @@
 use super::camera::{Camera, Pixel};
 use super::canvas::{Canvas, Rgb};
 use super::model::Model;
+use super::palette::linear;
 use super::raster::{NOTHING, Raster};
 use super::sky::Lit;
 use rapier3d::math::Vec3;
@@ -115,7 +116,7 @@ fn sample(model: &Model, camera: &Camera, raster: &Raster, index: usize, backgro
     let nothing =
         Sample { colour: [0.0; 3], body: NOTHING, normal: Vec3::ZERO, depth_m: f32::MAX, lit: None, facing: 1.0 };
     if number == NOTHING {
-        return Sample { colour: background.map(decode), ..nothing };
+        return Sample { colour: background.map(linear), ..nothing };
     }
     let triangle = &model.triangles[number as usize];
     let body = triangle.body;
@@ -128,11 +129,11 @@ fn sample(model: &Model, camera: &Camera, raster: &Raster, index: usize, backgro
     let facing = -(camera.camera_from_world.rotation * triangle.normal).dot(camera.ray(in_camera));
     if facing < 0.0 {
         // The inner side of a solid: a section cuts it here. Filled flat, as in a floor plan.
-        let colour = model.sections[body as usize].map(decode);
+        let colour = model.sections[body as usize].map(linear);
         return Sample { colour, body, depth_m: camera.near_m, ..nothing };
     }
     Sample {
-        colour: model.colours[body as usize].map(decode),
+        colour: model.colours[body as usize].map(linear),
         body,
         normal: triangle.normal,
         depth_m: in_camera.z,
@@ -154,12 +155,6 @@ fn edge(a: &Sample, b: &Sample) -> f32 {
     } else {
         1.0
     }
-}
-
-/// sRGB to linear light.
-fn decode(channel: u8) -> f32 {
-    let c = f32::from(channel) / 255.0;
-    if c <= 0.04045 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) }
 }
 
 /// Linear light to sRGB, in [`LEVELS`] steps.
