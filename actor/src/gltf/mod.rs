@@ -11,5 +11,7 @@
 //! mesh, and a mesh's primitive becomes one convex part again. Round parts also say in their `extras` what they are,
 //! so that they come back as exact as they went.
 
+pub mod document;
 pub mod export;
 mod mirror;
+pub mod solid;

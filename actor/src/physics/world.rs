@@ -152,14 +152,19 @@ impl World {
         handles.iter().all(|&handle| self.bodies[handle].is_sleeping())
     }
 
-    /// Steps until all these bodies sleep, at most `limit` times; whoever is still awake then is put to sleep
-    /// where it is. Returns whether all came to rest by themselves.
-    pub fn settle(&mut self, handles: &[RigidBodyHandle], limit: u32) -> bool {
+    /// Steps until all these bodies sleep, at most `limit` times.
+    pub fn run_until_asleep(&mut self, handles: &[RigidBodyHandle], limit: u32) {
         let mut steps = 0;
         while steps < limit && !self.asleep(handles) {
             self.step();
             steps += 1;
         }
+    }
+
+    /// Steps until all these bodies sleep, at most `limit` times; whoever is still awake then is put to sleep
+    /// where it is. Returns whether all came to rest by themselves.
+    pub fn settle(&mut self, handles: &[RigidBodyHandle], limit: u32) -> bool {
+        self.run_until_asleep(handles, limit);
         let rested = self.asleep(handles);
         for &handle in handles {
             // Asked through a shared reference: a mutable one would mark the body as modified.
