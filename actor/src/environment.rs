@@ -85,7 +85,7 @@ impl Environment {
         episode: Episode,
     ) -> Self {
         let simulation = begin(&kitchen, config.simulation.substeps, &episode);
-        let target = kitchen.targets[usize::from(episode.category.index())].movable;
+        let target = kitchen.target_movable(episode.category);
         let mut environment = Self {
             kitchen,
             id,
@@ -116,7 +116,7 @@ impl Environment {
     pub fn start_episode(&mut self, episode: u32) {
         self.episode = Episode::sample(&self.kitchen, &self.settings, self.seed, self.id, episode);
         self.episode_number = episode;
-        self.target = self.kitchen.targets[usize::from(self.episode.category.index())].movable;
+        self.target = self.kitchen.target_movable(self.episode.category);
         self.simulation = begin(&self.kitchen, self.substeps, &self.episode);
         self.begin_counting();
     }
@@ -364,7 +364,7 @@ impl Environment {
 /// The settled kitchen as an episode begins in it.
 fn begin(kitchen: &Arc<Kitchen>, substeps: u32, episode: &Episode) -> Simulation {
     let Episode { category, start, stand, .. } = episode;
-    let target = kitchen.targets[usize::from(category.index())].movable;
+    let target = kitchen.target_movable(*category);
     let configuration = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
     Simulation::start(Arc::clone(kitchen), substeps, configuration, target, *start)
 }

@@ -42,7 +42,8 @@ impl Episode {
     /// The training episode with this number.
     pub fn sample(kitchen: &Kitchen, config: &EpisodeConfig, seed: u64, id: EnvironmentId, episode: u32) -> Self {
         let mut random = Key::episode(seed, Purpose::Episode, id.kitchen, id.number, episode).stream();
-        let category = TargetCategory::SEEN[random.below(TargetCategory::SEEN.len() as u32) as usize];
+        let targets = kitchen.training_targets();
+        let category = targets[random.below(targets.len() as u32) as usize];
         let spots = kitchen.target_spots(category);
         let start = spots[random.below(spots.len() as u32) as usize];
         let goal = goal(spots, start, config.goal_distance_max_m, &mut random);
@@ -73,7 +74,7 @@ fn goal(spots: &[Vec3], start: Vec3, distance_max_m: f32, random: &mut Random) -
 /// A robot pose that does not touch the target: within `distance_max_m` of it on the floor plane if that is not 0,
 /// or the nearest there is.
 fn stand(kitchen: &Kitchen, category: TargetCategory, target: Vec3, distance_max_m: f32, random: &mut Random) -> Stand {
-    let movable = kitchen.targets[usize::from(category.index())].movable;
+    let movable = kitchen.target_movable(category);
     let target_pose = Pose3::from_translation(target);
     let occupied = kitchen.solids[movable].aabb(&target_pose).loosened(START_CLEARANCE_M);
     let distance = |stand: &Stand| {

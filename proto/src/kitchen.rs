@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::str::FromStr;
 
 /// Number of one kitchen: 1..=30 without 28, as in iTHOR.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -78,6 +79,31 @@ impl From<KitchenId> for u8 {
 impl fmt::Display for KitchenId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.0)
+    }
+}
+
+/// Which kitchens a command is about, as a user writes it: `all`, or numbers such as `1,2,5`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KitchenChoice(pub Vec<KitchenId>);
+
+impl FromStr for KitchenChoice {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "all" {
+            return Ok(Self(KitchenId::all().collect()));
+        }
+        let one = |word: &str| {
+            let number = word.trim().parse().map_err(|_| format!("`{word}` is not a kitchen number"))?;
+            KitchenId::new(number).map_err(|error| error.to_string())
+        };
+        text.split(',').map(one).collect::<Result<_, _>>().map(Self)
+    }
+}
+
+impl fmt::Display for KitchenChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let numbers: Vec<String> = self.0.iter().map(ToString::to_string).collect();
+        f.write_str(&numbers.join(","))
     }
 }
 

@@ -13,6 +13,7 @@ pub mod placement;
 mod quota;
 pub mod report;
 pub mod room;
+pub mod scene_file;
 pub mod spots;
 
 use crate::physics::geometry::Solid;
@@ -29,7 +30,7 @@ use proto::random::{Key, Purpose, Random};
 use rapier3d::dynamics::RigidBodyHandle;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
-use room::Room;
+use room::{Room, Thing};
 use spots::{Stand, Stands};
 use std::ops::Range;
 
@@ -45,8 +46,8 @@ const SPOTS_LEAST_ANYWHERE: usize = 100;
 pub const SPOTS_LEAST: usize = 400;
 /// Least share of a generated kitchen's free floor that is connected.
 pub const CONNECTED_LEAST: f32 = 0.95;
-/// Fewest robot poses.
-const STANDS_LEAST: usize = 80;
+/// What a generated room must offer before it is looked at closely.
+const DEMANDS: Demands = Demands { every_target: true, spots: SPOTS_LEAST_ANYWHERE, stands: 80 };
 /// The robot waits here, below the floor, until an episode places it.
 const PARKED: Vec3 = Vec3::new(0.0, -20.0, 0.0);
 /// Categories that are not counted as things: iTHOR has no objects for them.
@@ -90,6 +91,56 @@ pub enum KitchenError {
     },
 }
 
+/// What a room must offer to become a kitchen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Demands {
+    /// Whether all twelve target categories must be there.
+    pub every_target: bool,
+    /// Fewest places where each target can stand.
+    pub spots: usize,
+    /// Fewest robot poses.
+    pub stands: usize,
+}
+
+/// What a room lacks to become a kitchen.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Flaw {
+    /// A thing did not stay where it was set down.
+    #[error("setting down thing {thing} (moved {moved_m:.3} m)")]
+    Fell {
+        /// Which of the room's things.
+        thing: usize,
+        /// How far it moved, metres.
+        moved_m: f32,
+    },
+    /// A thing does not come to rest.
+    #[error("thing {thing}, which does not come to rest")]
+    Awake {
+        /// Which of the room's things.
+        thing: usize,
+    },
+    /// There is little room for the robot.
+    #[error("free floor ({stands} robot poses)")]
+    Stands {
+        /// How many.
+        stands: usize,
+    },
+    /// A target is not there.
+    #[error("{}, which is not there", .category.name())]
+    Target {
+        /// Which.
+        category: TargetCategory,
+    },
+    /// There is little room for a target.
+    #[error("{spots} spots for {}", .category.name())]
+    Spots {
+        /// Which.
+        category: TargetCategory,
+        /// How many.
+        spots: usize,
+    },
+}
+
 /// A generated kitchen, settled and asleep; immutable, shared between environments.
 #[derive(Debug)]
 pub struct Kitchen {
@@ -104,11 +155,21 @@ pub struct Kitchen {
     pub(crate) things: Things,
     pub(crate) robot: [RigidBodyHandle; PART_COUNT],
     pub(crate) robot_parts: [Solid; PART_COUNT],
-    pub(crate) targets: Vec<Target>,
+    targets: Vec<Option<Target>>,
     pub(crate) stands: Vec<Stand>,
+    matter: Vec<Matter>,
     connected_share: f32,
     plan: Option<Plan>,
     kept_clear: Vec<Rectangle>,
+}
+
+/// What a movable thing is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Matter {
+    /// Mass, kilograms.
+    pub mass_kg: f32,
+    /// Coulomb friction coefficient of its surface.
+    pub friction: f32,
 }
 
 /// What an episode needs to know of one target category.
@@ -134,7 +195,8 @@ impl Kitchen {
                 step: 0,
             };
             let outcome = draw(id, &mut key.stream()).and_then(|(room, plan, kept_clear)| {
-                let kitchen = Self::assemble(id, simulation.timestep_s, room)?;
+                let flaw = |flaws: Vec<Flaw>| flaws.first().map_or_else(String::new, ToString::to_string);
+                let kitchen = Self::assemble(id, simulation.timestep_s, room, &DEMANDS).map_err(flaw)?;
                 Self { plan: Some(plan), kept_clear, ..kitchen }.acceptable()
             });
             match outcome {
@@ -149,8 +211,8 @@ impl Kitchen {
     }
 
     /// Builds a room's physics world, lets it come to rest, and finds where episodes can take place in it. The error
-    /// says what is wrong with the room.
-    pub fn assemble(id: KitchenId, timestep_s: f32, room: Room) -> Result<Self, String> {
+    /// says what is wrong with the room; it is never empty.
+    pub fn assemble(id: KitchenId, timestep_s: f32, room: Room, demands: &Demands) -> Result<Self, Vec<Flaw>> {
         let Room { fixtures, things, surfaces, floor } = room;
         let mut scene = Scene::default();
         let mut world = World::new(timestep_s);
@@ -172,17 +234,24 @@ impl Kitchen {
         let robot_parts = robot_shapes.clone().map(|shape| Solid::of(&shape));
         let robot = robot_parts.each_ref().map(|part| world.add_kinematic(part, Pose3::from_translation(PARKED)));
 
-        if !world.settle(&movables, (SETTLE_LIMIT_S / timestep_s) as u32) {
-            return Err("coming to rest".to_owned());
-        }
-        for (thing, &handle) in things.iter().zip(&movables) {
+        // Asked one by one before the rest is put to sleep, for whoever has to mend it.
+        world.run_until_asleep(&movables, (SETTLE_LIMIT_S / timestep_s) as u32);
+        let awake: Vec<bool> = movables.iter().map(|&handle| !world.asleep(&[handle])).collect();
+        world.settle(&movables, 0);
+        let mut flaws = Vec::new();
+        for (index, (thing, &handle)) in things.iter().zip(&movables).enumerate() {
             let settled = *world.body(handle).position();
-            let drift = (settled.translation - thing.pose.translation).length();
-            if drift.is_nan() || drift >= SETTLE_DRIFT_M {
-                return Err(format!("setting down {} (moved {drift:.3} m)", thing.category));
+            let moved_m = (settled.translation - thing.pose.translation).length();
+            if moved_m.is_nan() || moved_m >= SETTLE_DRIFT_M {
+                flaws.push(Flaw::Fell { thing: index, moved_m });
+            } else if awake[index] {
+                flaws.push(Flaw::Awake { thing: index });
             }
             bodies.push(body(&thing.category, thing.shape.clone(), BodyRole::Movable));
             settled_poses.push(settled);
+        }
+        if !flaws.is_empty() {
+            return Err(flaws);
         }
         for (name, shape) in LINK_NAMES.iter().zip(robot_shapes.into_iter().skip(1)) {
             bodies.push(Body { name: (*name).into(), category: "Robot".into(), shape, role: BodyRole::Robot });
@@ -190,21 +259,25 @@ impl Kitchen {
         }
         number_names(&mut bodies);
 
+        let matter = things.iter().map(|&Thing { mass_kg, friction, .. }| Matter { mass_kg, friction }).collect();
         let solids: Vec<Solid> = things.into_iter().map(|thing| thing.solid).collect();
         let poses = &settled_poses[static_count..static_count + solids.len()];
         let aabbs: Vec<Aabb> = solids.iter().zip(poses).map(|(solid, pose)| solid.aabb(pose)).collect();
         let stands = spots::stands(floor, &scene, &aabbs, &robot_parts);
         let Stands { poses: stands, floor: free_floor, connected_share } = stands;
-        if stands.len() < STANDS_LEAST {
-            return Err(format!("free floor ({} robot poses)", stands.len()));
+        if stands.len() < demands.stands {
+            return Err(vec![Flaw::Stands { stands: stands.len() }]);
         }
         let points = spots::reachable_points(&surfaces, &free_floor);
         let mut targets = Vec::new();
         for category in TargetCategory::ALL {
-            let movable = bodies[static_count..]
-                .iter()
-                .position(|body| body.category == category.name())
-                .ok_or_else(|| category.name().to_owned())?;
+            let Some(movable) = bodies[static_count..].iter().position(|body| body.category == category.name()) else {
+                if demands.every_target {
+                    flaws.push(Flaw::Target { category });
+                }
+                targets.push(None);
+                continue;
+            };
             let others: Vec<(&Solid, &Pose3)> = solids
                 .iter()
                 .zip(poses)
@@ -213,10 +286,13 @@ impl Kitchen {
                 .map(|(_, other)| other)
                 .collect();
             let spots = spots::target_spots(&solids[movable], &points, &scene, &others);
-            if spots.len() < SPOTS_LEAST_ANYWHERE {
-                return Err(format!("{} spots for {}", spots.len(), category.name()));
+            if spots.len() < demands.spots {
+                flaws.push(Flaw::Spots { category, spots: spots.len() });
             }
-            targets.push(Target { movable, spots });
+            targets.push(Some(Target { movable, spots }));
+        }
+        if !flaws.is_empty() {
+            return Err(flaws);
         }
         let things = Things::of(&world, &movables, &solids);
         Ok(Self {
@@ -233,6 +309,7 @@ impl Kitchen {
             robot_parts,
             targets,
             stands,
+            matter,
             connected_share,
             plan: None,
             kept_clear: Vec::new(),
@@ -299,14 +376,42 @@ impl Kitchen {
         &self.settled_poses
     }
 
+    /// What a body is made of, by its index; none unless it is movable.
+    pub fn matter(&self, body: usize) -> Option<Matter> {
+        self.matter.get(body.checked_sub(self.static_count)?).copied()
+    }
+
     /// Things as iTHOR counts them: everything but walls, ceiling and robot.
     pub fn thing_count(&self) -> usize {
         self.bodies.iter().filter(|body| !NOT_THINGS.contains(&body.category.as_str())).count()
     }
 
-    /// Positions at which a target of this category can stand, metres.
+    /// Positions at which a target of this category can stand, metres; none if the kitchen has no such thing.
     pub fn target_spots(&self, category: TargetCategory) -> &[Vec3] {
-        &self.targets[usize::from(category.index())].spots
+        self.targets[usize::from(category.index())].as_ref().map_or(&[], |target| &target.spots)
+    }
+
+    /// Categories that training episodes are about: the seen ones that are here, or, where there are none, whatever
+    /// target there is.
+    pub fn training_targets(&self) -> Vec<TargetCategory> {
+        let here = |categories: &[TargetCategory]| -> Vec<TargetCategory> {
+            categories
+                .iter()
+                .copied()
+                .filter(|category| self.targets[usize::from(category.index())].is_some())
+                .collect()
+        };
+        let seen = here(&TargetCategory::SEEN);
+        if seen.is_empty() { here(&TargetCategory::ALL) } else { seen }
+    }
+
+    /// Index of a target among the movables.
+    ///
+    /// # Panics
+    /// If the kitchen has no such thing: episodes are about what is there.
+    pub(crate) fn target_movable(&self, category: TargetCategory) -> usize {
+        let target = self.targets[usize::from(category.index())].as_ref();
+        target.expect("an episode's target is one of the kitchen's").movable
     }
 
     /// Robot poses at which an episode can begin.

@@ -173,14 +173,19 @@ impl World {
         handles.iter().all(|&handle| self.bodies[handle].is_sleeping())
     }
 
-    /// Steps until all these bodies sleep, at most `limit` times; whoever is still awake then is put to sleep
-    /// where it is. Returns whether all came to rest by themselves.
-    pub fn settle(&mut self, handles: &[RigidBodyHandle], limit: u32) -> bool {
+    /// Steps until all these bodies sleep, at most `limit` times.
+    pub fn run_until_asleep(&mut self, handles: &[RigidBodyHandle], limit: u32) {
         let mut steps = 0;
         while steps < limit && !self.asleep(handles) {
             self.step();
             steps += 1;
         }
+    }
+
+    /// Steps until all these bodies sleep, at most `limit` times; whoever is still awake then is put to sleep
+    /// where it is. Returns whether all came to rest by themselves.
+    pub fn settle(&mut self, handles: &[RigidBodyHandle], limit: u32) -> bool {
+        self.run_until_asleep(handles, limit);
         let rested = self.asleep(handles);
         self.put_to_sleep(handles);
         rested

@@ -1,0 +1,97 @@
+//! A picture in memory: text, rectangles, other pictures, PNG.
+
+use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
+use anyhow::{Context, Result};
+use std::io::BufWriter;
+use std::path::Path;
+
+/// 24-bit sRGB.
+pub type Rgb = [u8; 3];
+
+/// A picture.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Canvas {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Row after row from the top.
+    pub pixels: Vec<Rgb>,
+}
+
+impl Canvas {
+    /// A picture of one colour.
+    pub fn new(width: usize, height: usize, colour: Rgb) -> Self {
+        Self { width, height, pixels: vec![colour; width * height] }
+    }
+
+    /// Copies another picture in, its upper left corner at (x, y); what does not fit is left out.
+    pub fn place(&mut self, other: &Self, x: usize, y: usize) {
+        let columns = other.width.min(self.width.saturating_sub(x));
+        for row in 0..other.height.min(self.height.saturating_sub(y)) {
+            let (to, from) = ((y + row) * self.width + x, row * other.width);
+            self.pixels[to..to + columns].copy_from_slice(&other.pixels[from..from + columns]);
+        }
+    }
+
+    /// Fills a rectangle; what does not fit is left out.
+    pub fn fill(&mut self, x: usize, y: usize, width: usize, height: usize, colour: Rgb) {
+        for row in y..(y + height).min(self.height) {
+            let (from, to) = (x.min(self.width), (x + width).min(self.width));
+            self.pixels[row * self.width + from..row * self.width + to].fill(colour);
+        }
+    }
+
+    /// Writes a line of text of this height (pixels), beginning at `x`, its base line at `y`. Returns where it ends.
+    pub fn text(&mut self, text: &str, height_px: f32, x: f32, y: f32, colour: Rgb) -> f32 {
+        let font = font();
+        let scaled = font.as_scaled(PxScale::from(height_px));
+        let mut at = x;
+        let mut previous = None;
+        for letter in text.chars() {
+            let id = scaled.glyph_id(letter);
+            if let Some(previous) = previous {
+                at += scaled.kern(previous, id);
+            }
+            let glyph = id.with_scale_and_position(height_px, point(at, y));
+            if let Some(outline) = font.outline_glyph(glyph) {
+                let bounds = outline.px_bounds();
+                outline.draw(|column, row, cover| {
+                    let (column, row) = (bounds.min.x + column as f32, bounds.min.y + row as f32);
+                    if column >= 0.0 && row >= 0.0 && (column as usize) < self.width && (row as usize) < self.height {
+                        let pixel = &mut self.pixels[row as usize * self.width + column as usize];
+                        *pixel = mix(*pixel, colour, cover);
+                    }
+                });
+            }
+            at += scaled.h_advance(id);
+            previous = Some(id);
+        }
+        at
+    }
+
+    /// The picture as a PNG file, of 256 colours where that loses little enough not to be seen.
+    pub fn write_png(&self, path: &Path) -> Result<()> {
+        let problem = || format!("cannot write {}", path.display());
+        let file = std::fs::File::create(path).with_context(problem)?;
+        let mut encoder = png::Encoder::new(BufWriter::new(file), self.width as u32, self.height as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::High);
+        let mut writer = encoder.write_header().with_context(problem)?;
+        writer.write_image_data(self.pixels.as_flattened()).with_context(problem)?;
+        writer.finish().with_context(problem)
+    }
+}
+
+/// The face of all labels.
+fn font() -> FontRef<'static> {
+    FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).expect("the crate ships a sound font")
+}
+
+fn mix(below: Rgb, above: Rgb, share: f32) -> Rgb {
+    std::array::from_fn(|i| {
+        let (below, above) = (f32::from(below[i]), f32::from(above[i]));
+        (below + (above - below) * share.clamp(0.0, 1.0)).round() as u8
+    })
+}

@@ -1,0 +1,79 @@
+//! A kitchen as coloured triangles.
+
+use super::palette;
+use crate::depth::triangles_of;
+use crate::kitchen::{BodyRole, Kitchen};
+use crate::robot::links::{PartPoses, part_shapes};
+use crate::shape::Shape;
+use rapier3d::math::{Pose3, Vec3};
+
+/// One triangle in the world.
+#[derive(Debug, Clone, Copy)]
+pub struct Triangle {
+    /// Its corners, metres.
+    pub corners: [Vec3; 3],
+    /// Outward unit normal.
+    pub normal: Vec3,
+    /// Which body it belongs to: triangles of one body have the same number.
+    pub body: u32,
+}
+
+/// What is drawn of a kitchen.
+#[derive(Debug, Clone, Default)]
+pub struct Model {
+    /// All triangles.
+    pub triangles: Vec<Triangle>,
+    /// sRGB colour of each body.
+    pub colours: Vec<[u8; 3]>,
+    /// sRGB colour of each body where a section cuts it.
+    pub sections: Vec<[u8; 3]>,
+    /// Whether each body is a movable thing.
+    pub movable: Vec<bool>,
+}
+
+impl Model {
+    /// The settled kitchen without ceiling and robot.
+    pub fn of(kitchen: &Kitchen) -> Self {
+        let mut model = Self::default();
+        for (body, pose) in kitchen.bodies().iter().zip(kitchen.settled_poses()) {
+            if body.role != BodyRole::Robot && body.category != "Ceiling" {
+                let colour = palette::colour(&body.category);
+                model.add(&body.shape, pose, colour, body.role == BodyRole::Movable);
+            }
+        }
+        model
+    }
+
+    /// Adds the robot's arm in these poses, with the body or without: the head camera sits inside it.
+    pub fn add_robot(&mut self, poses: &PartPoses, with_body: bool) {
+        for (shape, pose) in part_shapes().iter().zip(poses).skip(usize::from(!with_body)) {
+            self.add(shape, pose, palette::ROBOT, false);
+            self.sections.pop();
+            self.sections.push(palette::ROBOT);
+        }
+    }
+
+    /// Adds a body.
+    pub fn add(&mut self, shape: &Shape, world_from_body: &Pose3, colour: [u8; 3], movable: bool) {
+        let body = self.colours.len() as u32;
+        self.colours.push(colour);
+        self.sections.push(palette::SECTION);
+        self.movable.push(movable);
+        for corners in triangles_of(shape) {
+            let corners = corners.map(|corner| *world_from_body * Vec3::from(corner));
+            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+            self.triangles.push(Triangle { corners, normal, body });
+        }
+    }
+
+    /// The corners of every triangle.
+    pub fn corners(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
+        self.triangles.iter().map(|triangle| triangle.corners)
+    }
+
+    /// Smallest and largest coordinates, metres.
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        let begin = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
+        self.corners().flatten().fold(begin, |(low, high), corner| (low.min(corner), high.max(corner)))
+    }
+}

@@ -1,0 +1,165 @@
+//! Pixels to colours: light from the sky, fill where a section cuts, lines along edges.
+
+use super::camera::{Camera, Pixel};
+use super::canvas::{Canvas, Rgb};
+use super::model::Model;
+use super::palette::linear;
+use super::raster::{NOTHING, Raster};
+use super::sky::Lit;
+use rapier3d::math::Vec3;
+
+/// Samples along each side of a pixel.
+const SAMPLES: usize = 2;
+/// Light that is everywhere, as a share of the open sky's.
+const AMBIENT: f32 = 0.34;
+/// Share of light that depends on how much of the sky is seen.
+const SKY: f32 = 0.86;
+/// Light from the beholder, so that faces of a box differ.
+const HEAD_LAMP: f32 = 0.10;
+/// Shades that a channel has: few enough that flat faces stay flat, which a PNG packs well.
+const LEVELS: f32 = 85.0;
+/// The inner side of a cut body is drawn this much nearer, metres.
+const SECTION_LIFT_M: f32 = 0.01;
+/// A step in depth is an edge if it is this much, metres, ...
+const STEP_M: f32 = 0.02;
+/// ... and this share of the distance.
+const STEP_SHARE: f32 = 0.01;
+/// Darkness of a line between bodies, and of a line along a body's own edge.
+const OUTLINE: f32 = 0.42;
+const CREASE: f32 = 0.72;
+/// Faces whose normals' cosine is below this meet in an edge.
+const CREASE_COSINE: f32 = 0.87;
+
+/// A picture before light falls on it.
+pub struct Exposure {
+    width: usize,
+    height: usize,
+    samples: Vec<Sample>,
+}
+
+/// What one sample shows.
+#[derive(Clone, Copy)]
+struct Sample {
+    /// Linear colour; of what waits for light, under full light.
+    colour: [f32; 3],
+    body: u32,
+    normal: Vec3,
+    depth_m: f32,
+    /// Where light falls on it; none where a section or nothing is shown.
+    lit: Option<Vec3>,
+    /// Cosine between the surface's normal and the ray back to the camera.
+    facing: f32,
+}
+
+impl Exposure {
+    /// The model as the camera sees it.
+    pub fn take(model: &Model, camera: &Camera, width: usize, height: usize, background: Rgb) -> Self {
+        let (columns, rows) = (width * SAMPLES, height * SAMPLES);
+        let raster = Raster::draw(camera, columns, rows, (0..).zip(cut(model, camera)));
+        let samples = (0..columns * rows).map(|index| sample(model, camera, &raster, index, background)).collect();
+        Self { width, height, samples }
+    }
+
+    /// The points that wait for light, in order.
+    pub fn waiting(&self) -> impl Iterator<Item = Lit> + '_ {
+        self.samples.iter().filter_map(|sample| sample.lit.map(|point| Lit { point, normal: sample.normal }))
+    }
+
+    /// The picture; `light` yields what falls onto each of the waiting points, in order.
+    pub fn develop(mut self, light: &mut impl Iterator<Item = f32>) -> Canvas {
+        for sample in &mut self.samples {
+            if sample.lit.is_some() {
+                let sky = light.next().unwrap_or(0.0);
+                let light = AMBIENT + SKY * sky + HEAD_LAMP * sample.facing;
+                sample.colour = sample.colour.map(|channel| channel * light);
+            }
+        }
+        let (columns, rows) = (self.width * SAMPLES, self.height * SAMPLES);
+        let mut canvas = Canvas::new(self.width, self.height, [0; 3]);
+        for (index, pixel) in canvas.pixels.iter_mut().enumerate() {
+            let (x, y) = (index % self.width * SAMPLES, index / self.width * SAMPLES);
+            let mut sum = [0.0; 3];
+            for at in 0..SAMPLES * SAMPLES {
+                let (x, y) = (x + at % SAMPLES, y + at / SAMPLES);
+                let here = &self.samples[y * columns + x];
+                let right = &self.samples[y * columns + (x + 1).min(columns - 1)];
+                let below = &self.samples[(y + 1).min(rows - 1) * columns + x];
+                let line = edge(here, right).min(edge(here, below));
+                for (sum, channel) in sum.iter_mut().zip(here.colour) {
+                    *sum += channel * line;
+                }
+            }
+            *pixel = sum.map(|sum| encode(sum / (SAMPLES * SAMPLES) as f32));
+        }
+        canvas
+    }
+}
+
+/// Corners of the model's triangles. Where the near plane cuts a body its inner side is seen, which is what a section
+/// is recognised by; it is drawn a little nearer, since it may lie on what the body stands on.
+fn cut<'a>(model: &'a Model, camera: &'a Camera) -> impl Iterator<Item = [Vec3; 3]> + 'a {
+    let mut cut = vec![false; model.colours.len()];
+    for triangle in &model.triangles {
+        let nearer = |corner: &Vec3| (camera.camera_from_world * *corner).z < camera.near_m;
+        cut[triangle.body as usize] |= triangle.corners.iter().any(nearer);
+    }
+    let back = camera.camera_from_world.inverse_transform_vector(Vec3::NEG_Z);
+    model.triangles.iter().map(move |triangle| {
+        let inner = cut[triangle.body as usize] && triangle.normal.dot(back) < 0.0;
+        let lift = if inner { back * SECTION_LIFT_M } else { Vec3::ZERO };
+        triangle.corners.map(|corner| corner + lift)
+    })
+}
+
+fn sample(model: &Model, camera: &Camera, raster: &Raster, index: usize, background: Rgb) -> Sample {
+    let number = raster.triangle[index];
+    let nothing =
+        Sample { colour: [0.0; 3], body: NOTHING, normal: Vec3::ZERO, depth_m: f32::MAX, lit: None, facing: 1.0 };
+    if number == NOTHING {
+        return Sample { colour: background.map(linear), ..nothing };
+    }
+    let triangle = &model.triangles[number as usize];
+    let body = triangle.body;
+    let pixel = Pixel {
+        x: (index % raster.width) as f32 + 0.5,
+        y: (index / raster.width) as f32 + 0.5,
+        nearness: raster.nearness[index],
+    };
+    let in_camera = camera.unproject(pixel, raster.width, raster.height);
+    let facing = -(camera.camera_from_world.rotation * triangle.normal).dot(camera.ray(in_camera));
+    if facing < 0.0 {
+        // The inner side of a solid: a section cuts it here. Filled flat, as in a floor plan.
+        let colour = model.sections[body as usize].map(linear);
+        return Sample { colour, body, depth_m: camera.near_m, ..nothing };
+    }
+    Sample {
+        colour: model.colours[body as usize].map(linear),
+        body,
+        normal: triangle.normal,
+        depth_m: in_camera.z,
+        lit: Some(camera.camera_from_world.inverse_transform_point(in_camera)),
+        facing,
+    }
+}
+
+/// What is left of the light where two samples are an edge apart: 1 if they are not.
+fn edge(a: &Sample, b: &Sample) -> f32 {
+    let step = (a.depth_m - b.depth_m).abs();
+    let far = step > STEP_M + STEP_SHARE * a.depth_m.min(b.depth_m);
+    if a.body != b.body {
+        OUTLINE
+    } else if a.lit.is_none() || b.lit.is_none() {
+        1.0
+    } else if far && a.normal.dot(b.normal) < 0.999 || a.normal.dot(b.normal) < CREASE_COSINE {
+        CREASE
+    } else {
+        1.0
+    }
+}
+
+/// Linear light to sRGB, in [`LEVELS`] steps.
+fn encode(light: f32) -> u8 {
+    let c = light.clamp(0.0, 1.0);
+    let c = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * libm::powf(c, 1.0 / 2.4) - 0.055 };
+    ((c * LEVELS).round() * (255.0 / LEVELS)).round() as u8
+}

@@ -1,0 +1,116 @@
+//! All kitchens side by side: floor plan and robot's view of each, with what there is to say about it.
+
+use super::canvas::{Canvas, Rgb};
+use super::view::Views;
+use crate::kitchen::Kitchen;
+use anyhow::{Context, Result, ensure};
+use proto::config::SimulationConfig;
+use proto::kitchen::{KitchenId, Split};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+const PAPER: Rgb = [250, 250, 248];
+const INK: Rgb = [34, 38, 44];
+const FAINT: Rgb = [112, 118, 126];
+/// Kitchens in a row, at most.
+const COLUMNS: usize = 5;
+const MARGIN: usize = 10;
+const TITLE: usize = 26;
+const HEAD: usize = 46;
+/// Narrowest and widest sheet, pixels.
+const WIDTH_MIN: u32 = 320;
+const WIDTH_MAX: u32 = 8192;
+
+/// What to draw.
+#[derive(Debug, Clone)]
+pub struct SheetOptions {
+    /// Which kitchens, in this order.
+    pub kitchens: Vec<KitchenId>,
+    /// Width of the sheet, pixels.
+    pub width: u32,
+    /// The PNG file.
+    pub out: PathBuf,
+}
+
+/// Draws the sheet, writes it, and says so on standard output.
+pub fn sheet(options: &SheetOptions) -> Result<()> {
+    ensure!(!options.kitchens.is_empty(), "no kitchen was asked for");
+    ensure!(
+        (WIDTH_MIN..=WIDTH_MAX).contains(&options.width),
+        "a sheet is {WIDTH_MIN} to {WIDTH_MAX} pixels wide, not {}",
+        options.width
+    );
+    let columns = options.kitchens.len().min(COLUMNS);
+    let rows = options.kitchens.len().div_ceil(columns);
+    let cell = (options.width as usize - MARGIN) / columns - MARGIN;
+    let side = cell / 2;
+    let pairs = draw_all(&options.kitchens, side)?;
+
+    let (width, height) = (options.width as usize, HEAD + rows * (TITLE + side + MARGIN) + MARGIN);
+    let mut canvas = Canvas::new(width, height, PAPER);
+    let end = canvas.text("Stillroom kitchens", 26.0, MARGIN as f32, 31.0, INK);
+    let legend = format!(
+        "each: floor plan cut at 1.4 m, and what the robot (orange) sees from where it stands; {} things in all",
+        pairs.iter().map(|(_, things)| *things).sum::<usize>()
+    );
+    canvas.text(&legend, 17.0, end + 18.0, 31.0, FAINT);
+    for (index, (id, (views, things))) in options.kitchens.iter().zip(&pairs).enumerate() {
+        let x = MARGIN + index % columns * (cell + MARGIN);
+        let y = HEAD + index / columns * (TITLE + side + MARGIN);
+        let (word, colour) = split(*id);
+        canvas.fill(x, y + 3, 4, TITLE - 8, colour);
+        let end = canvas.text(&format!("{id}"), 21.0, x as f32 + 10.0, y as f32 + 18.0, INK);
+        let end = canvas.text(word, 17.0, end + 9.0, y as f32 + 18.0, colour);
+        canvas.text(&format!("{things} things"), 17.0, end + 9.0, y as f32 + 18.0, FAINT);
+        canvas.place(&views.plan, x, y + TITLE);
+        canvas.place(&views.robot, x + side, y + TITLE);
+    }
+    canvas.write_png(&options.out)?;
+    let bytes = std::fs::metadata(&options.out).map_or(0, |file| file.len());
+    println!(
+        "{}: {} kitchens, {width} × {height} pixels, {} kB",
+        options.out.display(),
+        pairs.len(),
+        bytes.div_ceil(1000)
+    );
+    Ok(())
+}
+
+/// Pictures and number of things of each kitchen, in order, on all cores.
+fn draw_all(kitchens: &[KitchenId], side: usize) -> Result<Vec<(Views, usize)>> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from).min(kitchens.len());
+    let next = AtomicUsize::new(0);
+    let simulation = SimulationConfig::default();
+    let work = || -> Result<Vec<(usize, (Views, usize))>> {
+        let mut done = Vec::new();
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(&id) = kitchens.get(index) else { return Ok(done) };
+            let kitchen = Kitchen::build(id, &simulation)?;
+            let views = Views::of(&kitchen, side, PAPER).with_context(|| format!("kitchen {id}"))?;
+            done.push((index, (views, kitchen.thing_count())));
+        }
+    };
+    let mut drawn = Vec::with_capacity(kitchens.len());
+    std::thread::scope(|scope| -> Result<()> {
+        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
+        for worker in workers {
+            match worker.join() {
+                Ok(done) => drawn.extend(done?),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        }
+        Ok(())
+    })?;
+    drawn.sort_by_key(|(index, _)| *index);
+    Ok(drawn.into_iter().map(|(_, pair)| pair).collect())
+}
+
+/// A split's name and colour.
+fn split(id: KitchenId) -> (&'static str, Rgb) {
+    match id.split() {
+        Split::Train => ("train", [40, 108, 72]),
+        Split::Validation => ("validation", [36, 92, 168]),
+        Split::Test => ("test", [170, 56, 44]),
+    }
+}

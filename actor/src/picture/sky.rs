@@ -1,0 +1,101 @@
+//! Soft light from all over: a dome of many distant lamps, each with a picture of what it reaches.
+//!
+//! The share of the dome that a point sees is its ambient occlusion, exact up to the number of lamps and the size of
+//! their pixels: what stands on something darkens it, and corners are dark.
+
+use super::camera::{Camera, Projection};
+use super::model::Model;
+use super::raster::Raster;
+use rapier3d::math::{Pose3, Rot3, Vec3};
+use std::f32::consts::PI;
+
+/// Lamps on the dome.
+const LAMPS: usize = 96;
+/// Lowest lamp: sine of its elevation.
+const LOWEST: f32 = 0.12;
+/// Side of a lamp's picture, pixels.
+const SIDE: usize = 640;
+/// A point is lifted this far off its own surface before it is looked up, metres ...
+const LIFT_M: f32 = 0.012;
+/// ... and counts as hidden only by what is this much nearer to the lamp, metres.
+const SLACK_M: f32 = 0.012;
+
+/// A point on a surface, waiting for light.
+#[derive(Debug, Clone, Copy)]
+pub struct Lit {
+    /// Where, metres.
+    pub point: Vec3,
+    /// The surface's outward unit normal.
+    pub normal: Vec3,
+}
+
+/// Light that falls onto each point: 1 for a floor under the open dome. Lamp after lamp, so that only one lamp's
+/// picture is held at a time.
+pub fn light(model: &Model, points: &[Lit]) -> Vec<f32> {
+    let (low, high) = model.bounds();
+    let (centre, radius) = (0.5 * (low + high), 0.5 * (high - low).length());
+    let mut sums = vec![0.0_f32; points.len()];
+    let mut full = 0.0;
+    for index in 0..LAMPS {
+        // A spiral with equal steps in height is uniform over the sphere (Archimedes), and the golden angle keeps
+        // its turns apart.
+        let up = LOWEST + (1.0 - LOWEST) * (index as f32 + 0.5) / LAMPS as f32;
+        let (sin, cos) = libm::sincosf(PI * (3.0 - 5.0_f32.sqrt()) * index as f32);
+        let flat = (1.0 - up * up).sqrt();
+        let towards = Vec3::new(flat * cos, up, flat * sin);
+        let rotation = Rot3::from_rotation_arc(Vec3::Z, -towards);
+        let pose = Pose3::from_parts(centre + towards * (radius + 0.1), rotation);
+        let camera = Camera::new(pose, Projection::Parallel { half_width_m: radius }, 0.0);
+        let lamp = Lamp { raster: Raster::draw(&camera, SIDE, SIDE, (0..).zip(model.corners())), camera };
+        for (sum, lit) in sums.iter_mut().zip(points) {
+            let slant = lit.normal.dot(towards);
+            if slant > 0.0 {
+                *sum += slant * lamp.reaches(lit.point + lit.normal * LIFT_M);
+            }
+        }
+        full += up;
+    }
+    sums.iter().map(|sum| sum / full).collect()
+}
+
+/// One lamp and what it reaches.
+struct Lamp {
+    camera: Camera,
+    raster: Raster,
+}
+
+impl Lamp {
+    /// Share of the four pixels about a point that the lamp sees through to it, weighted by nearness in the picture.
+    fn reaches(&self, point: Vec3) -> f32 {
+        let pixel = self.camera.project(self.camera.camera_from_world * point, SIDE, SIDE);
+        let limit = (SIDE - 2) as f32;
+        let (x, y) = ((pixel.x - 0.5).clamp(0.0, limit), (pixel.y - 0.5).clamp(0.0, limit));
+        let (column, row) = (x as usize, y as usize);
+        let (along, down) = (x - column as f32, y - row as f32);
+        let at = row * SIDE + column;
+        let seen = |index: usize| f32::from(u8::from(self.raster.nearness[index] <= pixel.nearness + SLACK_M));
+        let above = seen(at) * (1.0 - along) + seen(at + 1) * along;
+        let below = seen(at + SIDE) * (1.0 - along) + seen(at + SIDE + 1) * along;
+        above * (1.0 - down) + below * down
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shape::{Primitive, Shape};
+
+    #[test]
+    fn an_open_floor_is_bright_and_the_floor_beside_a_wall_is_not() {
+        let mut model = Model::default();
+        let block = |x: f32, y: f32, z: f32| Shape::of(Primitive::Cuboid { half_extents_m: Vec3::new(x, y, z) });
+        model.add(&block(4.0, 0.05, 4.0), &Pose3::translation(0.0, -0.05, 0.0), [255; 3], false);
+        model.add(&block(0.05, 2.0, 4.0), &Pose3::translation(-1.05, 2.0, 0.0), [255; 3], false);
+        let at = |x: f32| Lit { point: Vec3::new(x, 0.0, 0.0), normal: Vec3::Y };
+        let light = light(&model, &[at(3.8), at(-0.95), at(-1.05)]);
+        assert!(light[0] > 0.9, "far from the wall: {}", light[0]);
+        // A high wall hides half of the dome.
+        assert!((light[1] - 0.5).abs() < 0.1, "beside it: {}", light[1]);
+        assert!(light[2] < 0.05, "under it: {}", light[2]);
+    }
+}

@@ -1,0 +1,103 @@
+//! The two pictures of a kitchen: its floor plan, and what the robot sees from where it sees most.
+
+use super::camera::{Camera, Projection};
+use super::canvas::{Canvas, Rgb};
+use super::model::Model;
+use super::raster::{NOTHING, Raster};
+use super::shade::Exposure;
+use super::sky::{self, Lit};
+use crate::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
+use crate::kitchen::Kitchen;
+use crate::physics::geometry::rotation_x;
+use crate::robot::configuration::Configuration;
+use crate::robot::links::{part_poses, world_from_camera};
+use anyhow::{Context, Result};
+use rapier3d::math::{Pose3, Vec3};
+use std::f32::consts::FRAC_PI_2;
+
+/// Height at which the floor plan is cut, metres: above the counters, below the wall cabinets.
+const SECTION_M: f32 = 1.4;
+/// Looks down (30 degrees each) in the robot's view: level, half of the picture would be wall.
+const LOOK_TICKS: i32 = 1;
+/// The arm's height in the picture, ticks: lowered, so that it hides little.
+const ARM_HEIGHT_TICKS: i32 = 6;
+/// Places from which the robot's view is tried.
+const TRIALS: usize = 40;
+/// Side of a trial, pixels.
+const TRIAL_SIDE: usize = 96;
+/// A thing counts as seen from this many pixels of a trial on.
+const SEEN_PIXELS: usize = 4;
+/// What is nearer than this stands in the way, metres.
+const TOO_NEAR_M: f32 = 0.6;
+
+/// Both pictures of one kitchen, square.
+pub struct Views {
+    /// From above, cut at [`SECTION_M`], north up.
+    pub plan: Canvas,
+    /// What the robot sees.
+    pub robot: Canvas,
+}
+
+impl Views {
+    /// Draws them; the robot stands where it sees the most things.
+    pub fn of(kitchen: &Kitchen, side: usize, paper: Rgb) -> Result<Self> {
+        let furnished = Model::of(kitchen);
+        let configuration = best_look(kitchen, &furnished)?;
+        let poses = part_poses(&configuration.posture())?;
+        let (mut whole, mut seen) = (furnished.clone(), furnished);
+        whole.add_robot(&poses, true);
+        seen.add_robot(&poses, false);
+        let plan = Exposure::take(&whole, &plan_camera(&whole), side, side, paper);
+        let robot = Exposure::take(&seen, &robot_camera(&configuration), side, side, paper);
+        let waiting: Vec<Lit> = plan.waiting().chain(robot.waiting()).collect();
+        let mut light = sky::light(&seen, &waiting).into_iter();
+        Ok(Self { plan: plan.develop(&mut light), robot: robot.develop(&mut light) })
+    }
+}
+
+/// Straight down on the whole kitchen.
+fn plan_camera(model: &Model) -> Camera {
+    let (low, high) = model.bounds();
+    let centre = 0.5 * (low + high);
+    let half_width_m = 0.51 * (high - low).x.max((high - low).z);
+    let height_m = high.y + 1.0;
+    let pose = Pose3::from_parts(Vec3::new(centre.x, height_m, centre.z), rotation_x(FRAC_PI_2));
+    Camera::new(pose, Projection::Parallel { half_width_m }, height_m - SECTION_M)
+}
+
+/// The robot's own camera.
+fn robot_camera(configuration: &Configuration) -> Camera {
+    let pose = world_from_camera(&configuration.posture(), configuration.camera_pitch_rad());
+    Camera::new(pose, Projection::Central { tan_half_width: TAN_HALF_FIELD_OF_VIEW }, NEAR_M)
+}
+
+/// Among start poses spread over the kitchen, the one from which the robot sees the most things.
+fn best_look(kitchen: &Kitchen, model: &Model) -> Result<Configuration> {
+    let stands = kitchen.robot_stands();
+    let step = (stands.len() / TRIALS).max(1);
+    let mut best: Option<(f32, Configuration)> = None;
+    for stand in stands.iter().step_by(step) {
+        let mut configuration = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
+        configuration.look_ticks = LOOK_TICKS;
+        configuration.height_ticks = ARM_HEIGHT_TICKS;
+        let camera = robot_camera(&configuration);
+        let raster = Raster::draw(&camera, TRIAL_SIDE, TRIAL_SIDE, (0..).zip(model.corners()));
+        let mut pixels = vec![0usize; model.colours.len()];
+        let mut too_near = 0usize;
+        for (&number, &nearness) in raster.triangle.iter().zip(&raster.nearness) {
+            if number != NOTHING {
+                pixels[model.triangles[number as usize].body as usize] += 1;
+                too_near += usize::from(nearness > 1.0 / TOO_NEAR_M);
+            }
+        }
+        let seen = |movable: bool| {
+            let counts = pixels.iter().zip(&model.movable);
+            counts.filter(|&(&count, &is)| is == movable && count >= SEEN_PIXELS).count() as f32
+        };
+        let score = seen(true) + 0.5 * seen(false) - 40.0 * too_near as f32 / raster.triangle.len() as f32;
+        if best.is_none_or(|(highest, _)| score > highest) {
+            best = Some((score, configuration));
+        }
+    }
+    Ok(best.context("the kitchen has no free floor")?.1)
+}

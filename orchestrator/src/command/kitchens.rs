@@ -1,0 +1,56 @@
+//! `orchestrator kitchens`: the kitchens to look at, as one picture or as a scene for other programs.
+//!
+//! This program links no physics: `actor kitchens` builds and draws them.
+
+use crate::preflight::programs;
+use anyhow::{Context, Result, ensure};
+use proto::kitchen::{KitchenChoice, KitchenId};
+use std::path::PathBuf;
+use std::process::Command;
+
+/// Draw the kitchens on one sheet, or write one as a glTF scene
+///
+/// The sheet shows each kitchen from above, cut at 1.4 m, and as the robot sees it. The scene is a binary glTF file
+/// (GLB) for Blender, three.js and other viewers.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  orchestrator kitchens                            all 29 into kitchens.png
+  orchestrator kitchens --kitchens 1,2,5 --width 1600 --out some.png
+  orchestrator kitchens --gltf 7                   kitchen 7 into kitchen-7.glb")]
+pub struct KitchensArgs {
+    /// Which kitchens are on the sheet: `all`, or numbers.
+    #[arg(long, default_value = "all", value_name = "all|1,2,...", conflicts_with = "gltf")]
+    kitchens: KitchenChoice,
+    /// Width of the sheet in pixels.
+    #[arg(long, default_value_t = 2200, value_parser = clap::value_parser!(u32).range(320..=8192), conflicts_with = "gltf")]
+    width: u32,
+    /// Write this kitchen as a glTF scene instead.
+    #[arg(long, value_name = "KITCHEN", value_parser = one)]
+    gltf: Option<KitchenId>,
+    /// File to write [default: kitchens.png, or kitchen-N.glb].
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+fn one(text: &str) -> Result<KitchenId, String> {
+    let number = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
+    KitchenId::new(number).map_err(|error| error.to_string())
+}
+
+/// Runs the command: the actor says what it wrote.
+pub fn run(args: &KitchensArgs) -> Result<()> {
+    let program = programs::find("actor")?;
+    let mut command = Command::new(&program);
+    command.arg("kitchens");
+    let default_name = if let Some(kitchen) = args.gltf {
+        command.args(["gltf", "--kitchen", &kitchen.to_string()]);
+        format!("kitchen-{kitchen}.glb")
+    } else {
+        command.args(["sheet", "--kitchens", &args.kitchens.to_string(), "--width", &args.width.to_string()]);
+        "kitchens.png".to_owned()
+    };
+    command.arg("--out").arg(args.out.as_ref().map_or_else(|| PathBuf::from(default_name), Clone::clone));
+    let status = command.status().with_context(|| format!("cannot start {}", program.display()))?;
+    ensure!(status.success(), "the actor that was to draw ended with {status}; its last words are above");
+    Ok(())
+}
