@@ -1,5 +1,6 @@
 //! The `actor` program: rolls out environments for a learner, re-simulates recordings, measures itself.
 
+use actor::bench::policy::PolicyKind;
 use actor::process::{self, lifeline, whereabouts};
 use actor::{bench, replay, soak};
 use anyhow::{Context, Result, ensure};
@@ -43,12 +44,28 @@ enum Command {
     Replay,
     /// Measure physics, rendering and whole steps on one core.
     Bench {
-        /// Kitchen to measure in.
-        #[arg(long, value_parser = kitchen, default_value = "1", value_name = "1..30")]
-        kitchen: KitchenId,
+        /// Kitchens to measure in: `all`, or numbers with commas between.
+        #[arg(long, value_parser = kitchens, default_value = "all", value_name = "all|1,2,...")]
+        kitchens: Kitchens,
+        /// Who chooses the actions.
+        #[arg(long, value_delimiter = ',', default_values_t = PolicyKind::ALL, value_name = "POLICY,...")]
+        policies: Vec<PolicyKind>,
         /// Seconds for each figure.
-        #[arg(long, default_value_t = 1.0, value_name = "S")]
+        #[arg(long, default_value_t = 0.2, value_name = "S")]
         seconds: f64,
+        /// Leave out the memory of a further environment.
+        #[arg(long)]
+        no_memory: bool,
+        /// Print JSON, every kitchen by itself.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Print the memory of a further environment; `bench` calls this in a process of its own.
+    #[command(hide = true)]
+    BenchMemory {
+        /// Kitchen to measure in.
+        #[arg(long, value_parser = kitchen, value_name = "1..30")]
+        kitchen: KitchenId,
     },
     /// Take random actions in many kitchens; fails if anything moves too fast, leaves the room or is not a number.
     Soak {
@@ -97,8 +114,11 @@ fn main() -> ExitCode {
 fn run(arguments: Arguments) -> Result<()> {
     match arguments.command {
         Some(Command::Replay) => replay::run(std::io::stdin().lock(), std::io::stdout().lock()),
-        Some(Command::Bench { kitchen, seconds }) => bench::run(kitchen, seconds),
         Some(Command::Soak { steps, kitchens, seed }) => soak::run(&kitchens.0, steps, seed),
+        Some(Command::Bench { kitchens: Kitchens(kitchens), policies, seconds, no_memory, json }) => {
+            bench::run(&bench::Options { kitchens, policies, seconds, memory: !no_memory, json })
+        }
+        Some(Command::BenchMemory { kitchen }) => bench::memory::run(kitchen),
         None => {
             ensure!(
                 !(arguments.lifeline && arguments.kitchen.is_some()),
