@@ -4,6 +4,7 @@ pub mod bench;
 pub mod depth;
 pub mod environment;
 pub mod episode;
+pub mod export;
 pub mod kitchen;
 pub mod physics;
 pub mod process;

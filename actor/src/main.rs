@@ -2,7 +2,7 @@
 
 use actor::bench::policy::PolicyKind;
 use actor::process::{self, lifeline, whereabouts};
-use actor::{bench, replay, soak};
+use actor::{bench, export, replay, soak};
 use anyhow::{Context, Result, ensure};
 use clap::{Parser, Subcommand};
 use proto::kitchen::KitchenId;
@@ -59,6 +59,21 @@ enum Command {
         /// Print JSON, every kitchen by itself.
         #[arg(long)]
         json: bool,
+    },
+    /// Write kitchens, episodes and frames for other programs to be measured on; `make bench-peers` calls this.
+    ExportPeers {
+        /// Kitchens to export: `all`, or numbers with commas between.
+        #[arg(long, value_parser = kitchens, default_value = "all", value_name = "all|1,2,...")]
+        kitchens: Kitchens,
+        /// Who chooses the actions, in an episode each.
+        #[arg(long, value_delimiter = ',', default_values_t = PolicyKind::ALL, value_name = "POLICY,...")]
+        policies: Vec<PolicyKind>,
+        /// Depth frames of each episode.
+        #[arg(long, default_value_t = 16, value_name = "N")]
+        frames: usize,
+        /// The folder to write.
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
     },
     /// Print the memory of a further environment; `bench` calls this in a process of its own.
     #[command(hide = true)]
@@ -117,6 +132,9 @@ fn run(arguments: Arguments) -> Result<()> {
         Some(Command::Soak { steps, kitchens, seed }) => soak::run(&kitchens.0, steps, seed),
         Some(Command::Bench { kitchens: Kitchens(kitchens), policies, seconds, no_memory, json }) => {
             bench::run(&bench::Options { kitchens, policies, seconds, memory: !no_memory, json })
+        }
+        Some(Command::ExportPeers { kitchens: Kitchens(kitchens), policies, frames, out }) => {
+            export::run(&export::Options { kitchens, policies, frames, folder: out })
         }
         Some(Command::BenchMemory { kitchen }) => bench::memory::run(kitchen),
         None => {
