@@ -133,13 +133,7 @@ impl Scene {
 
     fn parts(&mut self, body: &Body, matter: &[Matter]) {
         for (index, (part, &matter)) in body.shape.parts.iter().zip(matter).enumerate() {
-            self.geom(
-                &format!("{}/{index}", body.name),
-                &part.primitive,
-                &part.body_from_part,
-                matter,
-                SEEN_GROUP,
-            );
+            self.geom(&format!("{}/{index}", body.name), &part.primitive, &part.body_from_part, matter, SEEN_GROUP);
         }
     }
 

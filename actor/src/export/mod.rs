@@ -27,6 +27,7 @@ use crate::bench::policy::PolicyKind;
 use crate::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW, triangles_of};
 use crate::kitchen::{BodyRole, Kitchen};
 use crate::robot::links::PART_COUNT;
+use crate::shape::Shape;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::kitchen::KitchenId;
@@ -88,25 +89,28 @@ fn export(kitchen: &Arc<Kitchen>, config: &Config, options: &Options, folder: &P
     let mut bodies = Vec::new();
     let mut movables = kitchen.movables.iter();
     for body in kitchen.bodies() {
-        let triangles = triangles_of(&body.shape);
+        let first_triangle = corners.len() / 9;
+        let mut part_triangles = Vec::new();
+        for part in &body.shape.parts {
+            let triangles = triangles_of(&Shape { parts: vec![part.clone()] });
+            part_triangles.push(triangles.len());
+            corners.extend(triangles.iter().flatten().flatten());
+        }
         let mass_kg = match body.role {
             BodyRole::Movable => movables.next().map(|&handle| kitchen.world.body(handle).mass()),
             BodyRole::Static | BodyRole::Robot => None,
         };
         bodies.push(json!({
             "name": body.name,
-            "category": body.category,
             "role": match body.role {
                 BodyRole::Static => "static",
                 BodyRole::Movable => "movable",
                 BodyRole::Robot => "robot",
             },
             "mass_kg": mass_kg,
-            "parts": body.shape.parts.len(),
-            "first_triangle": corners.len() / 9,
-            "triangle_count": triangles.len(),
+            "first_triangle": first_triangle,
+            "part_triangles": part_triangles,
         }));
-        corners.extend(triangles.iter().flatten().flatten());
     }
     npy::write(&folder.join("triangles.npy"), &corners, &[3, 3])?;
     for &policy in &options.policies {

@@ -55,7 +55,6 @@ pub fn record(
         world_from_movables: (0..simulation.movable_count()).map(|index| *simulation.movable_pose(index)).collect(),
         ..Trace::default()
     };
-    let mut now = Substep { parts: *simulation.part_poses(), held: None };
     environment.take_substeps();
     let mut camera = DepthCamera::new(kitchen.bodies());
     let mut step = 0;
@@ -66,13 +65,9 @@ pub fn record(
         step += 1;
         let first = trace.substeps.len();
         trace.substeps.extend(environment.take_substeps());
-        now = Substep {
-            parts: *environment.simulation().part_poses(),
-            held: trace.substeps.last().map_or(now.held, |last| last.held),
-        };
         let least = first + config.simulation.substeps as usize;
         while trace.substeps.len() < least {
-            trace.substeps.push(now);
+            trace.substeps.push(environment.simulation().substep());
         }
         trace.substeps_until.push(trace.substeps.len() as u32);
         trace.world_from_camera.push(environment.world_from_camera());
