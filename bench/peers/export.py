@@ -44,6 +44,11 @@ class Episode:
         return self._array("start")
 
     @cached_property
+    def end(self) -> Floats:
+        """[thing, pose]: movable things at the end."""
+        return self._array("end")
+
+    @cached_property
     def robot(self) -> Floats:
         """[sub-step, part, pose]: the robot's body, then its links."""
         return self._array("robot")

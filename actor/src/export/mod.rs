@@ -7,6 +7,7 @@
 //! kitchen-07/triangles.npy      [triangle, corner, xyz]: finest meshes, each in its body's frame
 //! kitchen-07/random/            one episode under a policy:
 //!     start.npy                 [thing, pose]: where movable things stand at the start
+//!     end.npy                   [thing, pose]: and at the end
 //!     robot.npy                 [sub-step, part, pose]: the robot's way
 //!     held_index.npy            [sub-step]: the movable thing on the magnet, or −1
 //!     held.npy                  [sub-step, pose]: where that goes
@@ -128,6 +129,7 @@ fn write_trace(trace: &Trace, body_count: usize, folder: &Path) -> Result<()> {
         npy::write(&folder.join(name), &numbers, row)
     };
     write_poses("start.npy", &mut trace.world_from_movables.iter(), &[POSE])?;
+    write_poses("end.npy", &mut trace.world_from_movables_at_end.iter(), &[POSE])?;
     write_poses("robot.npy", &mut substeps.iter().flat_map(|substep| &substep.parts), &[PART_COUNT, POSE])?;
     let nowhere = Pose3::identity();
     let mut held = substeps.iter().map(|substep| substep.held.as_ref().map_or(&nowhere, |(_, pose)| pose));

@@ -16,6 +16,8 @@ use std::sync::Arc;
 pub struct Trace {
     /// Pose of every movable thing at the start.
     pub world_from_movables: Vec<Pose3>,
+    /// Pose of every movable thing at the end.
+    pub world_from_movables_at_end: Vec<Pose3>,
     /// The robot's way, action after action.
     pub substeps: Vec<Substep>,
     /// Sub-steps that had been taken when each action was over.
@@ -50,11 +52,7 @@ pub fn record(
     let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
     let mut environment = Environment::new(Arc::clone(kitchen), id, config)?;
     let mut policy = policy(kind, id);
-    let simulation = environment.simulation();
-    let mut trace = Trace {
-        world_from_movables: (0..simulation.movable_count()).map(|index| *simulation.movable_pose(index)).collect(),
-        ..Trace::default()
-    };
+    let mut trace = Trace { world_from_movables: movable_poses(&environment), ..Trace::default() };
     environment.take_substeps();
     let mut camera = DepthCamera::new(kitchen.bodies());
     let mut step = 0;
@@ -76,7 +74,13 @@ pub fn record(
         }
     }
     thin(&mut trace.frames, frame_limit);
+    trace.world_from_movables_at_end = movable_poses(&environment);
     Ok(trace)
+}
+
+fn movable_poses(environment: &Environment) -> Vec<Pose3> {
+    let simulation = environment.simulation();
+    (0..simulation.movable_count()).map(|index| *simulation.movable_pose(index)).collect()
 }
 
 fn frame(environment: &Environment, camera: &mut DepthCamera) -> Frame {
