@@ -1,9 +1,9 @@
 //! A kitchen as MJCF, the scene format of `MuJoCo`: the same bodies, masses and collision geometry.
 //!
 //! What differs, because the engines do:
-//! * **Friction** of two bodies is the mean of theirs in rapier and the larger one in `MuJoCo`. Fixed things therefore
-//!   get none here, and a thing the mean of its own and a fixed thing's: the same number between a thing and what it
-//!   stands on; between two things the larger of two such means.
+//! * **Friction** of two bodies is the mean of theirs in rapier and the larger one in `MuJoCo`. Fixed things and the
+//!   robot therefore get none here, and a thing the mean of its own and theirs: the same number between a thing and what
+//!   it stands on or is pushed by; between two things the larger of two such means.
 //! * **Angular damping** is a rate in rapier; as `MuJoCo`'s is a torque, whoever loads the file sets it from the
 //!   inertia that `MuJoCo` computes.
 //! * **The robot** consists of mocap bodies, which go where they are told, as kinematic bodies do in rapier. They touch
@@ -42,8 +42,8 @@ const STRINGS_TAKE_ALL: &str = "writing to a string does not fail";
 /// `head` has the depth camera's field of view; its pose is left to whoever renders.
 pub fn mjcf(kitchen: &Kitchen, timestep_s: f32) -> String {
     let mut scene = Scene::default();
-    let fixed = Matter { is_thing: false, mass_kg: 0.0, friction: 0.0 };
-    let robot = Matter { is_thing: false, mass_kg: 0.0, friction: FRICTION };
+    let fixed = Matter { kind: Kind::Fixed, mass_kg: 0.0, friction: 0.0 };
+    let robot = Matter { kind: Kind::Robot, mass_kg: 0.0, friction: 0.0 };
     let mut movables = kitchen.movables.iter();
     for (body, pose) in kitchen.bodies().iter().zip(kitchen.settled_poses()) {
         match body.role {
@@ -58,7 +58,7 @@ pub fn mjcf(kitchen: &Kitchen, timestep_s: f32) -> String {
                 let colliders = kitchen.world.colliders(handle);
                 let matter: Vec<Matter> = colliders
                     .map(|collider| Matter {
-                        is_thing: true,
+                        kind: Kind::Thing,
                         mass_kg: collider.mass(),
                         friction: f32::midpoint(collider.friction(), FRICTION),
                     })
@@ -97,11 +97,30 @@ pub fn mjcf(kitchen: &Kitchen, timestep_s: f32) -> String {
     )
 }
 
+/// Things touch everything; fixed things and the robot touch things alone.
+#[derive(Clone, Copy)]
+enum Kind {
+    Fixed,
+    Robot,
+    Thing,
+}
+
+impl Kind {
+    /// `MuJoCo`'s masks, `contype` and `conaffinity`: two geoms touch if the one's first meets the other's second. The
+    /// robot has a bit of its own, so that what it holds can be made to pass through it.
+    fn masks(self) -> (u32, u32) {
+        match self {
+            Self::Fixed => (1, 0),
+            Self::Robot => (2, 0),
+            Self::Thing => (1, 3),
+        }
+    }
+}
+
 /// What a geom adds to its body, and what it touches.
 #[derive(Clone, Copy)]
 struct Matter {
-    /// Things touch everything, everything else touches things.
-    is_thing: bool,
+    kind: Kind,
     mass_kg: f32,
     friction: f32,
 }
@@ -156,11 +175,11 @@ impl Scene {
                 format!("type=\"mesh\" mesh=\"hull-{}\" {}", self.hull(points_m), placement(pose))
             }
         };
-        let Matter { is_thing, mass_kg, friction } = matter;
-        let touched = u32::from(is_thing);
+        let Matter { kind, mass_kg, friction } = matter;
+        let (is, touches) = kind.masks();
         self.line(format_args!(
-            "      <geom name=\"{name}\" {solid} mass=\"{mass_kg}\" friction=\"{friction} 0 0\" contype=\"1\" \
-             conaffinity=\"{touched}\" group=\"{group}\"/>"
+            "      <geom name=\"{name}\" {solid} mass=\"{mass_kg}\" friction=\"{friction} 0 0\" contype=\"{is}\" \
+             conaffinity=\"{touches}\" group=\"{group}\"/>"
         ));
     }
 
