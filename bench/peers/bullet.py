@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from importlib.metadata import version
 
 import numpy as np
 import pybullet
@@ -54,7 +55,7 @@ def measure_kitchen(export: Export, kitchen: Kitchen, episode: Episode) -> Resul
     times, medians = [], []
     frames = np.linspace(0, len(episode.frame_camera) - 1, min(FRAMES, len(episode.frame_camera)), dtype=int)
     for frame in frames:
-        for body, pose in zip(bodies, episode.frame_bodies[frame]):
+        for body, pose in zip(bodies, episode.frame_bodies[frame], strict=True):
             pybullet.resetBasePositionAndOrientation(body, pose[:3].tolist(), pose[3:].tolist())
         origin, (_, up, ahead) = camera_axes(episode.frame_camera[frame])
         view = pybullet.computeViewMatrix(origin.tolist(), (origin + ahead).tolist(), up.tolist())
@@ -71,12 +72,11 @@ def measure(export: Export) -> Answer:
     pybullet.connect(pybullet.DIRECT)
     results = {
         policy: {
-            str(kitchen.number): measure_kitchen(export, kitchen, kitchen.episode(policy)) for kitchen in export.kitchens
+            str(kitchen.number): measure_kitchen(export, kitchen, kitchen.episode(policy))
+            for kitchen in export.kitchens
         }
         for policy in export.policies
     }
-    from importlib.metadata import version
-
     return {"peer": f"PyBullet {version('pybullet')}, TinyRenderer", "results": results, "notes": []}
 
 

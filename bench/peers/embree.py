@@ -84,7 +84,9 @@ def measure_kitchen(embree: Embree, kitchen: Kitchen, episode: Episode) -> Resul
     agreement = Agreement()
     times = []
     picture = embree.picture()
-    for bodies, camera, depth_mm in zip(episode.frame_bodies, episode.frame_camera, episode.frame_depth_mm):
+    for bodies, camera, depth_mm in zip(
+        episode.frame_bodies, episode.frame_camera, episode.frame_depth_mm, strict=True
+    ):
         triangles = kitchen.world_triangles(bodies)
         origin, axes = camera_axes(camera)
         scene = embree.scene(triangles, robust=False)
@@ -104,7 +106,10 @@ def measure(export: Export) -> Answer:
     """All kitchens under all policies."""
     embree = Embree(export)
     results = {
-        policy: {str(kitchen.number): measure_kitchen(embree, kitchen, kitchen.episode(policy)) for kitchen in export.kitchens}
+        policy: {
+            str(kitchen.number): measure_kitchen(embree, kitchen, kitchen.episode(policy))
+            for kitchen in export.kitchens
+        }
         for policy in export.policies
     }
     return {

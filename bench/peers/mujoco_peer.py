@@ -6,10 +6,10 @@ quickest are taken. `MUJOCO_GL` says how OpenGL is reached (`egl` or `osmesa`); 
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 
 import mujoco
 import numpy as np
@@ -142,7 +142,9 @@ def measure_pictures(export: Export, kitchen: Kitchen, scene: Scene, episode: Ep
     """Times frames by themselves and after each action; and compares them with ours."""
     picture = Picture(export, scene)
     times, medians = [], []
-    for bodies, camera, depth_mm in zip(episode.frame_bodies, episode.frame_camera, episode.frame_depth_mm):
+    for bodies, camera, depth_mm in zip(
+        episode.frame_bodies, episode.frame_camera, episode.frame_depth_mm, strict=True
+    ):
         scene.show(kitchen.bodies, bodies)
         scene.aim(camera)
         upright = picture.depth_m()[::-1, ::-1]
@@ -170,11 +172,11 @@ def opengl(side: int) -> Iterator[str | None]:
         context.make_current()
     except Exception as error:  # Each way to OpenGL has errors of its own.
         yield None
-        print(f"MuJoCo has no OpenGL: {error}", flush=True, file=__import__("sys").stderr)
+        print(f"MuJoCo has no OpenGL: {error}", flush=True, file=sys.stderr)
         return
-    from OpenGL import GL
-
     try:
+        from OpenGL import GL  # noqa: PLC0415  It asks for a display when it is loaded.
+
         yield GL.glGetString(GL.GL_RENDERER).decode()
     finally:
         context.free()

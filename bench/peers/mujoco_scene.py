@@ -29,7 +29,9 @@ class Settings:
 
     def __str__(self) -> str:
         sleep = f"sleep below {self.sleep_tolerance:g}" if self.sleep else "no sleep"
-        return f"{self.solver}, {self.cone.lower()} cone, {self.integrator.lower()}, {self.iterations} iterations, {sleep}"
+        return (
+            f"{self.solver}, {self.cone.lower()} cone, {self.integrator.lower()}, {self.iterations} iterations, {sleep}"
+        )
 
 
 class Scene:
@@ -73,7 +75,10 @@ class Scene:
 
     def mass_error(self) -> float:
         """Largest relative difference between a thing's mass here and in our engine."""
-        masses = [(self.model.body_mass[body], ours.mass_kg) for body, ours in zip(self.movables, self.kitchen.movables)]
+        masses = [
+            (self.model.body_mass[body], ours.mass_kg)
+            for body, ours in zip(self.movables, self.kitchen.movables, strict=True)
+        ]
         return max(abs(mass / ours - 1.0) for mass, ours in masses)
 
     def place(self, body: int, pose: Floats) -> None:
@@ -85,7 +90,7 @@ class Scene:
     def start(self, episode: Episode) -> None:
         """The episode's start: things where they stand, the robot at the beginning of its way."""
         mujoco.mj_resetData(self.model, self.data)
-        for body, pose in zip(self.movables, episode.start):
+        for body, pose in zip(self.movables, episode.start, strict=True):
             self.place(body, pose)
         self.data.mocap_pos[self.robot] = episode.robot[0, :, :3]
         self.data.mocap_quat[self.robot] = episode.robot[0][:, [6, 3, 4, 5]]
@@ -102,7 +107,7 @@ class Scene:
 
     def show(self, kitchen_bodies: list[Body], poses: Floats) -> None:
         """Poses everything for a picture."""
-        for ours, pose in zip(kitchen_bodies, poses):
+        for ours, pose in zip(kitchen_bodies, poses, strict=True):
             if ours.role == "movable":
                 self.place(self.model.body(ours.name).id, pose)
             elif ours.role == "robot":

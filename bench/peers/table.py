@@ -53,12 +53,12 @@ class Line:
     @property
     def ratio(self) -> float:
         """How much faster ours is, in the median kitchen."""
-        return median(theirs / ours for ours, theirs in zip(self.ours, self.theirs))
+        return median(theirs / ours for ours, theirs in zip(self.ours, self.theirs, strict=True))
 
     @property
     def least_ratio(self) -> float:
         """How much faster ours is, in the kitchen where that is least."""
-        return min(theirs / ours for ours, theirs in zip(self.ours, self.theirs))
+        return min(theirs / ours for ours, theirs in zip(self.ours, self.theirs, strict=True))
 
 
 def lines(ours: Ours, answers: list[Answer], policy: str, key: str, what: str) -> list[Line]:
@@ -102,7 +102,9 @@ def report(ours: Ours, answers: list[Answer], policies: list[str], skipped: list
     """The whole text, the summary last, and whether every check holds."""
     out, verdicts, sound = [], [], True
     kitchens = len(ours.seconds("depth_s", policies[0]))
-    out.append(f"{kitchens} kitchens, one core, processor time: median and slowest kitchen, and the ratio in the median")
+    out.append(
+        f"{kitchens} kitchens, one core, processor time: median and slowest kitchen, and the ratio in the median"
+    )
     out.append("and in the least favourable kitchen")
     out.append("")
     out.append(f"{'':<7} {'':<16} {'peer':<36} {'ours':>17}  {'peer':>17}  {'ratio':>13}")
@@ -111,14 +113,14 @@ def report(ours: Ours, answers: list[Answer], policies: list[str], skipped: list
             found = lines(ours, answers, policy, key, what)
             for line in found:
                 ratios = f"{line.ratio:>6.1f} {line.least_ratio:>6.1f}"
-                out.append(
-                    f"{policy:<7} {what:<16} {line.peer:<36} {rate(line.ours)}  {rate(line.theirs)}  {ratios}"
-                )
+                out.append(f"{policy:<7} {what:<16} {line.peer:<36} {rate(line.ours)}  {rate(line.theirs)}  {ratios}")
             own = 1 / median(ours.seconds(key, policy).values())
             if policy in rates:
                 verdicts.append(verdict(f"{policy}: {what}", own, rates[policy], "{:,.0f}"))
             if ratio_target and policy == "random" and found:
-                verdicts.append(verdict(f"{policy}: {what}, ratio to the best peer", found[0].ratio, ratio_target, "{:.1f}"))
+                verdicts.append(
+                    verdict(f"{policy}: {what}, ratio to the best peer", found[0].ratio, ratio_target, "{:.1f}")
+                )
     if ours.further_environment_mb:
         most = max(ours.further_environment_mb)
         met = "met" if most <= MEMORY_TARGET_MB else "MISSED"
