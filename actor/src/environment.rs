@@ -315,6 +315,11 @@ impl Environment {
         self.ended
     }
 
+    /// Actions after which an episode ends at the latest.
+    pub fn max_steps(&self) -> u32 {
+        self.settings.max_steps
+    }
+
     /// The robot's configuration.
     pub fn robot(&self) -> &Configuration {
         self.simulation.configuration()

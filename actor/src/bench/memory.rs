@@ -36,7 +36,7 @@ pub fn run(kitchen: KitchenId) -> Result<()> {
     let mut resident = Vec::new();
     for count in COUNTS {
         for number in players.len() as u32..count {
-            let mut player = Player::new(&built, EnvironmentId { kitchen, number }, &config, PolicyKind::Random)?;
+            let mut player = Player::new(&built, EnvironmentId { kitchen, number }, &config, PolicyKind::Random, 1)?;
             for _ in 0..STEPS {
                 player.step();
             }

@@ -28,6 +28,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 const ENVIRONMENT_COUNTS: [u32; 3] = [1, 8, 32];
+/// Episodes that are played over and over, of all environments together and of each at least.
+const EPISODES: u32 = 8;
 /// Views that frames without physics are drawn from, of all environments together.
 const VIEWS: u32 = 64;
 
@@ -112,10 +114,10 @@ fn measure(
     let mut views: Vec<View> = Vec::new();
     for number in 0..environments {
         let id = EnvironmentId { kitchen: kitchen.id(), number };
-        let mut player = Player::new(kitchen, id, config, policy)?;
+        let mut player = Player::new(kitchen, id, config, policy, EPISODES.div_ceil(environments))?;
         // One after the other through the episode; a lone one goes through it all, for its views.
-        let phase =
-            if environments == 1 { config.episode.max_steps } else { number * config.episode.max_steps / environments };
+        let length = player.episode_length();
+        let phase = if environments == 1 { length } else { number as usize * length / environments as usize };
         views.extend(player.travel(phase, VIEWS.div_ceil(environments) as usize));
         players.push(player);
     }

@@ -1,21 +1,23 @@
-//! An environment and who plays in it; and what it saw on the way.
+//! An environment that plays episodes whose actions were chosen beforehand; and what it saw on the way.
 
-use super::policy::{Policy, PolicyKind, policy};
+use super::policy::{PolicyKind, script};
 use crate::environment::{Environment, EnvironmentError};
 use crate::kitchen::Kitchen;
+use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::message::transition_flag;
 use rapier3d::math::Pose3;
 use std::sync::Arc;
 
-/// One environment under a policy, from one episode into the next.
+/// One environment, from one episode into the next, and after the last into the first again.
 pub struct Player {
     /// What is played.
     pub environment: Environment,
-    policy: Box<dyn Policy>,
-    episode: u32,
-    step: u32,
+    /// Actions of each episode.
+    script: Vec<Vec<Action>>,
+    episode: usize,
+    step: usize,
 }
 
 /// What a depth image is drawn from.
@@ -28,26 +30,42 @@ pub struct View {
 }
 
 impl Player {
-    /// An environment at the start of its episode 0.
+    /// An environment at the start of its episode 0, with actions for so many episodes.
     pub fn new(
         kitchen: &Arc<Kitchen>,
         id: EnvironmentId,
         config: &Config,
         kind: PolicyKind,
+        episodes: u32,
     ) -> Result<Self, EnvironmentError> {
-        let environment = Environment::new(Arc::clone(kitchen), id, config)?;
-        Ok(Self { environment, policy: policy(kind, id), episode: 0, step: 0 })
+        assert!(episodes > 0, "a player plays at least one episode");
+        let mut environment = Environment::new(Arc::clone(kitchen), id, config)?;
+        let mut written = Vec::new();
+        for episode in 0..episodes {
+            environment.start_episode(episode);
+            written.push(script(kind, &environment, id, episode));
+        }
+        environment.start_episode(0);
+        Ok(Self { environment, script: written, episode: 0, step: 0 })
     }
 
     /// Takes one action; after the last one of an episode the next begins.
     pub fn step(&mut self) {
-        let action = self.policy.next(&self.environment, self.episode, self.step);
+        let actions = &self.script[self.episode];
+        let transition = self.environment.step(actions[self.step]);
         self.step += 1;
-        if self.environment.step(action).flags & transition_flag::ENDED != 0 {
-            self.episode += 1;
+        let ended = transition.flags & transition_flag::ENDED != 0;
+        assert_eq!(ended, self.step == actions.len(), "an episode ends with its last action, and only then");
+        if ended {
+            self.episode = (self.episode + 1) % self.script.len();
             self.step = 0;
-            self.environment.start_episode(self.episode);
+            self.environment.start_episode(self.episode as u32);
         }
+    }
+
+    /// Actions of the episode at hand.
+    pub fn episode_length(&self) -> usize {
+        self.script[self.episode].len()
     }
 
     /// What the camera sees now.
@@ -58,7 +76,7 @@ impl Player {
     }
 
     /// Takes `steps` actions; keeps what was seen whenever the camera had moved, at most `limit` times.
-    pub fn travel(&mut self, steps: u32, limit: usize) -> Vec<View> {
+    pub fn travel(&mut self, steps: usize, limit: usize) -> Vec<View> {
         let mut views = vec![self.view()];
         for _ in 0..steps {
             let before = self.environment.world_from_camera();

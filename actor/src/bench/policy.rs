@@ -46,38 +46,28 @@ impl FromStr for PolicyKind {
     }
 }
 
-/// A source of actions for one environment.
-pub trait Policy {
-    /// The next action in this state; `episode` and `step` count from 0.
-    fn next(&mut self, environment: &Environment, episode: u32, step: u32) -> Action;
-}
-
-/// A source of actions of this kind for the environment with this identity.
-pub fn policy(kind: PolicyKind, id: EnvironmentId) -> Box<dyn Policy> {
+/// The actions of one episode, chosen beforehand, so that choosing them takes no time in a measurement.
+///
+/// `environment` stands at the start of the episode.
+pub fn script(kind: PolicyKind, environment: &Environment, id: EnvironmentId, episode: u32) -> Vec<Action> {
     match kind {
-        PolicyKind::Random => Box::new(Random { id }),
+        PolicyKind::Random => (0..environment.max_steps()).map(|step| random_action(id, episode, step)).collect(),
     }
 }
 
-/// Actions from counter-based noise: the same on every machine, whatever happens in the kitchen.
-struct Random {
-    id: EnvironmentId,
-}
-
-impl Policy for Random {
-    fn next(&mut self, _: &Environment, episode: u32, step: u32) -> Action {
-        let key = Key {
-            seed: SEED,
-            purpose: Purpose::RandomPolicy,
-            kitchen: self.id.kitchen.number(),
-            environment: self.id.number,
-            episode,
-            step,
-        };
-        let actions = ActionSpace::Large.actions();
-        let lasting = actions.iter().filter(|&&action| action != Action::DoneMidLevel).count();
-        let action = actions[key.stream().below(lasting as u32) as usize];
-        assert!(action != Action::DoneMidLevel, "Done is the last of all actions");
-        action
-    }
+/// An action from counter-based noise: the same on every machine, whatever happens in the kitchen.
+fn random_action(id: EnvironmentId, episode: u32, step: u32) -> Action {
+    let key = Key {
+        seed: SEED,
+        purpose: Purpose::RandomPolicy,
+        kitchen: id.kitchen.number(),
+        environment: id.number,
+        episode,
+        step,
+    };
+    let actions = ActionSpace::Large.actions();
+    let lasting = actions.iter().filter(|&&action| action != Action::DoneMidLevel).count();
+    let action = actions[key.stream().below(lasting as u32) as usize];
+    assert!(action != Action::DoneMidLevel, "Done is the last of all actions");
+    action
 }

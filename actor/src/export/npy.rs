@@ -1,4 +1,4 @@
-//! Arrays as NPY files (version 1.0, little endian, row-major): they carry their own shape and type, and NumPy maps
+//! Arrays as NPY files (version 1.0, little endian, row-major): they carry their own shape and type, and `NumPy` maps
 //! them into memory as they are.
 
 use std::fs::File;
@@ -7,7 +7,7 @@ use std::path::Path;
 
 /// An element of an array.
 pub trait Element: Copy {
-    /// NumPy's name of the type.
+    /// `NumPy`'s name of the type.
     const NAME: &'static str;
     /// Its bytes in little-endian order.
     fn write(self, out: &mut impl Write) -> io::Result<()>;
@@ -46,11 +46,8 @@ pub fn write<T: Element>(path: &Path, elements: &[T], row: &[usize]) -> io::Resu
 
 /// Magic, version, length and description, padded so that the data begins at a multiple of 64 bytes.
 fn header<T: Element>(rows: usize, row: &[usize]) -> Vec<u8> {
-    let mut shape = format!("{rows},");
-    for length in row {
-        shape.push_str(&format!(" {length},"));
-    }
-    let description = format!("{{'descr': '{}', 'fortran_order': False, 'shape': ({shape}), }}", T::NAME);
+    let lengths: String = row.iter().map(|length| format!(" {length},")).collect();
+    let description = format!("{{'descr': '{}', 'fortran_order': False, 'shape': ({rows},{lengths}), }}", T::NAME);
     // Ten bytes stand before the description, a line feed ends it.
     let padded = (10 + description.len() + 1).next_multiple_of(64) - 10;
     let mut header = b"\x93NUMPY\x01\x00".to_vec();

@@ -1,6 +1,6 @@
 //! One episode under a policy, as another engine needs it: where everything begins, and the robot's way.
 
-use crate::bench::policy::{PolicyKind, policy};
+use crate::bench::policy::{PolicyKind, script};
 use crate::depth::DepthCamera;
 use crate::environment::{Environment, EnvironmentError};
 use crate::kitchen::Kitchen;
@@ -51,16 +51,12 @@ pub fn record(
 ) -> Result<Trace, EnvironmentError> {
     let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
     let mut environment = Environment::new(Arc::clone(kitchen), id, config)?;
-    let mut policy = policy(kind, id);
     let mut trace = Trace { world_from_movables: movable_poses(&environment), ..Trace::default() };
     environment.take_substeps();
     let mut camera = DepthCamera::new(kitchen.bodies());
-    let mut step = 0;
-    while !environment.ended() {
+    for action in script(kind, &environment, id, 0) {
         let before = environment.world_from_camera();
-        let action = policy.next(&environment, 0, step);
         environment.step(action);
-        step += 1;
         let first = trace.substeps.len();
         trace.substeps.extend(environment.take_substeps());
         let least = first + config.simulation.substeps as usize;
