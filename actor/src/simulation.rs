@@ -188,7 +188,10 @@ impl Simulation {
 
     /// Where the robot is, and what it holds.
     pub fn substep(&self) -> Substep {
-        Substep { parts: self.poses, held: self.held.map(|held| (held.movable, self.poses[HAND] * held.hand_from_body)) }
+        Substep {
+            parts: self.poses,
+            held: self.held.map(|held| (held.movable, self.poses[HAND] * held.hand_from_body)),
+        }
     }
 
     /// Sub-steps in which the robot moved since the last call, none at the first: from then on they are noted. Those

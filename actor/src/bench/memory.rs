@@ -2,11 +2,14 @@
 
 use super::player::Player;
 use super::policy::PolicyKind;
+use crate::depth::DepthCamera;
 use crate::kitchen::Kitchen;
 use anyhow::{Context, Result, ensure};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
+use proto::message::FRAME_PIXELS;
+use std::mem::MaybeUninit;
 use std::process::Command;
 use std::sync::Arc;
 
@@ -32,6 +35,8 @@ pub fn further_environment_mb(kitchen: KitchenId) -> Result<f64> {
 pub fn run(kitchen: KitchenId) -> Result<()> {
     let config = Config::default();
     let built = Arc::new(Kitchen::build(kitchen, &config.simulation)?);
+    let mut camera = DepthCamera::new(built.bodies());
+    let (mut poses, mut frame) = (Vec::new(), vec![MaybeUninit::uninit(); FRAME_PIXELS]);
     let mut players: Vec<Player> = Vec::new();
     let mut resident = Vec::new();
     for count in COUNTS {
@@ -39,6 +44,7 @@ pub fn run(kitchen: KitchenId) -> Result<()> {
             let mut player = Player::new(&built, EnvironmentId { kitchen, number }, &config, PolicyKind::Random, 1)?;
             for _ in 0..STEPS {
                 player.step();
+                player.look(&mut camera, &mut poses, &mut frame);
             }
             players.push(player);
         }

@@ -24,6 +24,7 @@ use proto::message::{FRAME_PIXELS, FRAME_SIDE};
 use report::Memory;
 use std::hint::black_box;
 use std::io::Write;
+use std::mem::MaybeUninit;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -62,8 +63,6 @@ pub struct Measurement {
     whole_step_s: f64,
     /// Finest triangles of the bodies in the view volume, mean over frames.
     view_set_triangles: f64,
-    /// Triangles left after culling and choice of detail, mean over frames.
-    drawn_triangles: f64,
 }
 
 /// Measures and prints.
@@ -129,24 +128,21 @@ fn measure(
     };
     let physics_s = seconds_per_call(span, || players[next()].step());
 
-    let (mut frames, mut view_set, mut drawn) = (0usize, 0, 0);
+    let (mut frames, mut view_set) = (0usize, 0);
     let depth_s = seconds_per_call(span, || {
         let view = &views[frames % views.len()];
         camera.render(&view.world_from_bodies, view.world_from_camera, FRAME_SIDE, &mut frame);
         frames += 1;
         view_set += camera.view_set_triangles();
-        drawn += camera.triangles_in_view();
         black_box(&frame);
     });
 
     let mut poses = Vec::new();
+    let mut unwritten = vec![MaybeUninit::uninit(); FRAME_PIXELS];
     let whole_step_s = seconds_per_call(span, || {
         let player = &mut players[next()];
         player.step();
-        black_box(player.environment.current());
-        player.environment.world_from_bodies(&mut poses);
-        camera.render(&poses, player.environment.world_from_camera(), FRAME_SIDE, &mut frame);
-        black_box(&frame);
+        player.look(&mut camera, &mut poses, &mut unwritten);
     });
     Ok(Measurement {
         kitchen: kitchen.id(),
@@ -156,6 +152,5 @@ fn measure(
         depth_s,
         whole_step_s,
         view_set_triangles: view_set as f64 / frames as f64,
-        drawn_triangles: drawn as f64 / frames as f64,
     })
 }

@@ -80,7 +80,6 @@ pub fn json(rows: &[Measurement], memory: &Memory) -> Value {
                 "depth_s": row.depth_s,
                 "whole_step_s": row.whole_step_s,
                 "view_set_triangles": row.view_set_triangles,
-                "drawn_triangles": row.drawn_triangles,
             })
         })
         .collect();

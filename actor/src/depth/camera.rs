@@ -318,10 +318,8 @@ impl DepthCamera {
         match (&model.form, &model.edges) {
             (Form::Cuboid, _) => {
                 let Some([from, to]) = cuboids.get(first_bits) else { return };
-                let pick = |which: &[i32; LANES]| Corners {
-                    x_px: corners.x_px.pick(which),
-                    y_px: corners.y_px.pick(which),
-                };
+                let pick =
+                    |which: &[i32; LANES]| Corners { x_px: corners.x_px.pick(which), y_px: corners.y_px.pick(which) };
                 outline.add(pick(from), pick(to), side);
             }
             (_, Some(edges)) if groups < 6.0 * FACE_GROUPS + FACE_GROUPS * count as f32 || true => {

@@ -86,9 +86,8 @@ impl Outline {
         let ramp = Lanes::ramp();
         for row in (top..bottom).step_by(LANES) {
             let y_px = Lanes::splat(row as f32 + 0.5) + ramp;
-            let at = |line: &Line| {
-                Lanes::splat(line.x_px) + (y_px - Lanes::splat(line.y_px)) * Lanes::splat(line.slope)
-            };
+            let at =
+                |line: &Line| Lanes::splat(line.x_px) + (y_px - Lanes::splat(line.y_px)) * Lanes::splat(line.slope);
             let left = self.left.iter().fold(Lanes::splat(0.0), |left, line| left.max(at(line)));
             let right = self.right.iter().fold(Lanes::splat(limit), |right, line| right.min(at(line)));
             mark_rows(raster, row, [left, right]);

@@ -182,12 +182,11 @@ impl RoundBrush {
         let (mut farthest, mut nearest) = (Lanes::splat(f32::MAX), Lanes::splat(0.0));
         let (mut low, mut high) = ([Lanes::splat(f32::MAX); 2], [Lanes::splat(f32::MIN); 2]);
         for block in (0..ring.count).step_by(LANES) {
-            let table = |table: &[f32; RING_MOST]| Lanes::load(table[block..].first_chunk().expect("counts are multiples"));
+            let table =
+                |table: &[f32; RING_MOST]| Lanes::load(table[block..].first_chunk().expect("counts are multiples"));
             let (cos, sin) = (table(&ring.cos), table(&ring.sin));
             let out = [0, 1, 2].map(|i| across_u[i] * cos + across_v[i] * sin);
-            for (end, x_px, y_px) in
-                [(top, &mut top_x, &mut top_y), (bottom, &mut bottom_x, &mut bottom_y)]
-            {
+            for (end, x_px, y_px) in [(top, &mut top_x, &mut top_y), (bottom, &mut bottom_x, &mut bottom_y)] {
                 let (corners, inverse_m) = lens.project_lanes([0, 1, 2].map(|i| end[i] + out[i]));
                 farthest = farthest.min(inverse_m);
                 nearest = nearest.max(inverse_m);
@@ -245,9 +244,8 @@ impl RoundBrush {
                 let scale = 1.0 / outside_m2;
                 let tangent_m = outside_m2.sqrt();
                 let outside = lens.over_image(u.map(|v| v * (-away_m * scale)));
-                let root = [-tangent_m, tangent_m].map(|tangent_m| {
-                    lens.over_image([0, 1, 2].map(|i| (radius_m * u[i] + tangent_m * v[i]) * scale))
-                });
+                let root = [-tangent_m, tangent_m]
+                    .map(|tangent_m| lens.over_image([0, 1, 2].map(|i| (radius_m * u[i] + tangent_m * v[i]) * scale)));
                 raster.sweep(extent, &mut Mantle::new(outside, root, cap));
             }
         }
@@ -257,16 +255,8 @@ impl RoundBrush {
 /// The rows between a least and a greatest y, if there is at least one and one column between those of x.
 #[inline(always)]
 pub fn rows_of(low: [Lanes; 2], high: [Lanes; 2], side: f32) -> Option<(usize, usize)> {
-    let bounds = Lanes::load(&[
-        low[0].smallest(),
-        high[0].largest(),
-        low[1].smallest(),
-        high[1].largest(),
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    ]);
+    let bounds =
+        Lanes::load(&[low[0].smallest(), high[0].largest(), low[1].smallest(), high[1].largest(), 0.0, 0.0, 0.0, 0.0]);
     let [left, right, top, bottom, ..] = first_centres(bounds, side).to_array();
     (left < right && top < bottom).then_some((top as usize, bottom as usize))
 }

@@ -63,7 +63,10 @@ pub enum Form {
     Cylinder(Round),
     Sphere(Round),
     /// A cylinder and a sphere at each of its ends.
-    Capsule { mantle: Round, ends: Round },
+    Capsule {
+        mantle: Round,
+        ends: Round,
+    },
 }
 
 /// A convex part, placed in the world.

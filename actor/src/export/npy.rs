@@ -46,8 +46,9 @@ pub fn write<T: Element>(path: &Path, elements: &[T], row: &[usize]) -> io::Resu
 
 /// Magic, version, length and description, padded so that the data begins at a multiple of 64 bytes.
 fn header<T: Element>(rows: usize, row: &[usize]) -> Vec<u8> {
-    let lengths: String = row.iter().map(|length| format!(" {length},")).collect();
-    let description = format!("{{'descr': '{}', 'fortran_order': False, 'shape': ({rows},{lengths}), }}", T::NAME);
+    let lengths: Vec<String> = row.iter().map(|length| format!(" {length},")).collect();
+    let description =
+        format!("{{'descr': '{}', 'fortran_order': False, 'shape': ({rows},{}), }}", T::NAME, lengths.concat());
     // Ten bytes stand before the description, a line feed ends it.
     let padded = (10 + description.len() + 1).next_multiple_of(64) - 10;
     let mut header = b"\x93NUMPY\x01\x00".to_vec();
