@@ -62,8 +62,8 @@ def run(command: list[str | Path], settings: dict[str, str]) -> str:
     return subprocess.run(words, env=settings, stdout=subprocess.PIPE, text=True, timeout=LIMIT_S, check=True).stdout
 
 
-def measure_peer(module: str, folder: Path, settings: dict[str, str]) -> Answer:
-    """Runs a peer's program; its answer is the last line that it prints."""
+def measure_peer(module: str, folder: Path, settings: dict[str, str]) -> list[Answer]:
+    """Runs a peer's program; its answers are the last line that it prints."""
     printed = run([sys.executable, "-m", f"{__package__}.{module}", folder], settings)
     return json.loads(printed.splitlines()[-1])
 
@@ -86,7 +86,7 @@ def compare(options: argparse.Namespace, folder: Path) -> bool:
         if find_spec(package) is None:
             skipped.append(f"{package} is not installed: left out")
         elif module != "embree" or library:
-            answers.append(measure_peer(module, folder, settings))
+            answers.extend(measure_peer(module, folder, settings))
     if options.json:
         options.json.write_text(json.dumps({"ours": ours, "peers": answers}, indent=1))
     policies = json.loads((folder / "index.json").read_text())["policies"]

@@ -67,7 +67,7 @@ def measure_kitchen(export: Export, kitchen: Kitchen, episode: Episode) -> Resul
     return {"depth_s": float(np.mean(times)), "checks": {"depth_median_mm": float(np.median(medians))}}
 
 
-def measure(export: Export) -> Answer:
+def measure(export: Export) -> list[Answer]:
     """All kitchens under all policies."""
     pybullet.connect(pybullet.DIRECT)
     results = {
@@ -77,7 +77,7 @@ def measure(export: Export) -> Answer:
         }
         for policy in export.policies
     }
-    return {"peer": f"PyBullet {version('pybullet')}, TinyRenderer", "results": results, "notes": []}
+    return [{"peer": f"PyBullet {version('pybullet')}, TinyRenderer", "results": results, "notes": []}]
 
 
 if __name__ == "__main__":

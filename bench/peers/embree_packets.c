@@ -13,8 +13,8 @@ typedef void *RTCDevice;
 typedef void *RTCScene;
 typedef void *RTCGeometry;
 
-enum { GEOMETRY_TRIANGLE = 0, BUFFER_INDEX = 0, BUFFER_VERTEX = 1, FORMAT_UINT3 = 0x5003, FORMAT_FLOAT3 = 0x9003 };
-enum { SCENE_ROBUST = 1 << 2, BUILD_QUALITY_HIGH = 2, RAY_COHERENT = 1 << 16 };
+enum { GEOMETRY_TRIANGLE = 0, GEOMETRY_INSTANCE = 121, FORMAT_ROWS = 0x9134, BUFFER_INDEX = 0, BUFFER_VERTEX = 1, FORMAT_UINT3 = 0x5003, FORMAT_FLOAT3 = 0x9003 };
+enum { SCENE_DYNAMIC = 1 << 0, SCENE_ROBUST = 1 << 2, BUILD_QUALITY_LOW = 0, BUILD_QUALITY_HIGH = 2, RAY_COHERENT = 1 << 16 };
 #define FEATURES_ALL 0xffffffffu
 #define NO_GEOMETRY 0xffffffffu
 
@@ -26,6 +26,9 @@ extern void rtcSetSceneBuildQuality(RTCScene scene, int quality);
 extern RTCGeometry rtcNewGeometry(RTCDevice device, int type);
 extern void *rtcSetNewGeometryBuffer(RTCGeometry geometry, int type, unsigned slot, int format, size_t stride,
                                      size_t count);
+extern void rtcSetGeometryInstancedScene(RTCGeometry geometry, RTCScene scene);
+extern void rtcSetGeometryTransform(RTCGeometry geometry, unsigned time_step, int format, const void *transform);
+extern RTCGeometry rtcGetGeometry(RTCScene scene, unsigned number);
 extern void rtcCommitGeometry(RTCGeometry geometry);
 extern unsigned rtcAttachGeometry(RTCScene scene, RTCGeometry geometry);
 extern void rtcReleaseGeometry(RTCGeometry geometry);
@@ -54,11 +57,7 @@ extern void rtcIntersect16(const int *valid, RTCScene scene, struct RayHit16 *ra
 /* Embree's own words for "one thread, and not a second one in the pool". */
 RTCDevice peers_device(void) { return rtcNewDevice("threads=1,user_threads=1,set_affinity=0"); }
 
-/* A scene of `count` triangles, nine numbers each. NULL if Embree reports an error. */
-RTCScene peers_scene(RTCDevice device, const float *triangles, unsigned count, int robust) {
-    RTCScene scene = rtcNewScene(device);
-    rtcSetSceneFlags(scene, robust ? SCENE_ROBUST : 0);
-    rtcSetSceneBuildQuality(scene, BUILD_QUALITY_HIGH);
+static void attach_triangles(RTCDevice device, RTCScene scene, const float *triangles, unsigned count) {
     RTCGeometry geometry = rtcNewGeometry(device, GEOMETRY_TRIANGLE);
     float *vertices = rtcSetNewGeometryBuffer(geometry, BUFFER_VERTEX, 0, FORMAT_FLOAT3, 12, 3 * (size_t)count);
     unsigned *indices = rtcSetNewGeometryBuffer(geometry, BUFFER_INDEX, 0, FORMAT_UINT3, 12, count);
@@ -67,8 +66,46 @@ RTCScene peers_scene(RTCDevice device, const float *triangles, unsigned count, i
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(scene, geometry);
     rtcReleaseGeometry(geometry);
+}
+
+/* A scene of `count` triangles, nine numbers each. NULL if Embree reports an error. */
+RTCScene peers_scene(RTCDevice device, const float *triangles, unsigned count, int robust) {
+    RTCScene scene = rtcNewScene(device);
+    rtcSetSceneFlags(scene, robust ? SCENE_ROBUST : 0);
+    rtcSetSceneBuildQuality(scene, BUILD_QUALITY_HIGH);
+    attach_triangles(device, scene, triangles, count);
     rtcCommitScene(scene);
     return rtcGetDeviceError(device) == 0 ? scene : NULL;
+}
+
+/* A scene whose bodies move: `fixed_count` triangles that stay, and `instances` scenes of one body each. */
+RTCScene peers_moving_scene(RTCDevice device, const float *fixed, unsigned fixed_count, const RTCScene *instances,
+                            unsigned instance_count) {
+    RTCScene scene = rtcNewScene(device);
+    rtcSetSceneFlags(scene, SCENE_DYNAMIC);
+    rtcSetSceneBuildQuality(scene, BUILD_QUALITY_LOW);
+    /* What is fixed is an instance that never moves: the tree above is rebuilt for each frame, that below is not. */
+    for (unsigned i = 0; i <= instance_count; ++i) {
+        RTCScene below = i < instance_count ? instances[i] : peers_scene(device, fixed, fixed_count, 0);
+        RTCGeometry geometry = rtcNewGeometry(device, GEOMETRY_INSTANCE);
+        rtcSetGeometryInstancedScene(geometry, below);
+        rtcCommitGeometry(geometry);
+        rtcAttachGeometry(scene, geometry);
+        rtcReleaseGeometry(geometry);
+        if (i == instance_count) rtcReleaseScene(below);
+    }
+    rtcCommitScene(scene);
+    return rtcGetDeviceError(device) == 0 ? scene : NULL;
+}
+
+/* Moves the bodies of such a scene: three rows of four numbers each. */
+void peers_move(RTCScene scene, const float *world_from_bodies, unsigned instance_count) {
+    for (unsigned i = 0; i < instance_count; ++i) {
+        RTCGeometry geometry = rtcGetGeometry(scene, i);
+        rtcSetGeometryTransform(geometry, 0, FORMAT_ROWS, world_from_bodies + 12 * i);
+        rtcCommitGeometry(geometry);
+    }
+    rtcCommitScene(scene);
 }
 
 void peers_release(RTCScene scene) { rtcReleaseScene(scene); }

@@ -182,7 +182,7 @@ def opengl(side: int) -> Iterator[str | None]:
         context.free()
 
 
-def measure(export: Export) -> Answer:
+def measure(export: Export) -> list[Answer]:
     """All kitchens under all policies."""
     settings, notes = quickest_settings(export)
     results: dict[str, dict[str, Result]] = {policy: {} for policy in export.policies}
@@ -203,7 +203,7 @@ def measure(export: Export) -> Answer:
                     result["checks"] |= pictures["checks"]
                 results[policy][str(kitchen.number)] = result
     notes.append(f"MuJoCo, taken: {settings}; drawn by {renderer or 'nothing: there is no OpenGL'}")
-    return {"peer": f"MuJoCo {mujoco.__version__}", "results": results, "notes": notes}
+    return [{"peer": f"MuJoCo {mujoco.__version__}", "results": results, "notes": notes}]
 
 
 if __name__ == "__main__":
