@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build up test lint doc
+.PHONY: help setup build up test lint doc bench-peers
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -18,6 +18,9 @@ help:
 	@echo 'make test    set up, build and run all tests'
 	@echo 'make lint    formatting and clippy, warnings are errors'
 	@echo 'make doc     the API documentation, warnings are errors'
+	@echo 'make bench-peers'
+	@echo '             the simulator beside MuJoCo, Embree and PyBullet on one core; PYTHON=/path/to/python takes one that'
+	@echo '             has them, otherwise they go into .venv/ (once); ARGS="--kitchens 1,2" measures fewer kitchens'
 
 setup:
 	@LIBTORCH='$(LIBTORCH)' deploy/setup
@@ -44,3 +47,7 @@ lint: setup
 
 doc: setup
 	RUSTDOCFLAGS='-D warnings' cargo doc --no-deps --release --workspace --locked
+
+bench-peers:
+	cargo build --release --locked -p actor
+	@python=$$(PYTHON='$(PYTHON)' bench/peers/setup) && cd bench && "$$python" -m peers --actor ../target/release/actor $(ARGS)

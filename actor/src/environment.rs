@@ -5,7 +5,7 @@ use crate::episode::{Episode, at_goal};
 use crate::kitchen::Kitchen;
 use crate::robot::configuration::Configuration;
 use crate::robot::links::world_from_camera;
-use crate::simulation::Simulation;
+use crate::simulation::{Simulation, Substep};
 use proto::action::{Action, NO_ACTION};
 use proto::config::{Config, EpisodeConfig};
 use proto::episode::EnvironmentId;
@@ -320,6 +320,11 @@ impl Environment {
         self.ended
     }
 
+    /// Actions after which an episode ends at the latest.
+    pub fn max_steps(&self) -> u32 {
+        self.settings.max_steps
+    }
+
     /// The robot's configuration.
     pub fn robot(&self) -> &Configuration {
         self.simulation.configuration()
@@ -333,6 +338,11 @@ impl Environment {
     /// The physics beneath, to look at.
     pub fn simulation(&self) -> &Simulation {
         &self.simulation
+    }
+
+    /// The robot's way since the last call, see [`Simulation::take_substeps`].
+    pub fn take_substeps(&mut self) -> Vec<Substep> {
+        self.simulation.take_substeps()
     }
 
     fn target_position(&self) -> Vec3 {

@@ -5,6 +5,7 @@ pub mod depth;
 pub mod environment;
 pub mod episode;
 pub mod episodes;
+pub mod export;
 pub mod gltf;
 pub mod kitchen;
 pub mod oracle;

@@ -55,10 +55,21 @@ pub struct Simulation {
     held: Option<Held>,
     began_at_rest: bool,
     watch: Option<Box<Watch>>,
+    /// The robot's way since it was last asked for, if anyone asked.
+    log: Option<Vec<Substep>>,
     // Scratch, without meaning between calls: the way of the robot, pose by pose and body by body.
     path: Vec<PartPoses>,
     sweeps: Vec<Sweep>,
     candidates: Vec<u32>,
+}
+
+/// Where the robot went in one sub-step: what another physics engine needs to be driven the same way.
+#[derive(Debug, Clone, Copy)]
+pub struct Substep {
+    /// The robot's collision bodies.
+    pub parts: PartPoses,
+    /// The movable thing on the magnet and where it went, if there is one.
+    pub held: Option<(usize, Pose3)>,
 }
 
 /// The thing on the magnet.
@@ -97,6 +108,7 @@ impl Simulation {
             held: None,
             began_at_rest: false,
             watch: None,
+            log: None,
             path: Vec::new(),
             sweeps: Vec::new(),
             candidates: Vec::new(),
@@ -171,6 +183,20 @@ impl Simulation {
     pub fn movable_motion(&self, movable: usize) -> (Vec3, Vec3, bool) {
         let body = self.world.body(self.kitchen.movables[movable]);
         (body.linvel(), body.angvel(), body.is_sleeping())
+    }
+
+    /// Where the robot is, and what it holds.
+    pub fn substep(&self) -> Substep {
+        Substep {
+            parts: self.poses,
+            held: self.held.map(|held| (held.movable, self.poses[HAND] * held.hand_from_body)),
+        }
+    }
+
+    /// Sub-steps in which the robot moved since the last call, none at the first: from then on they are noted. Those
+    /// that were left out because nothing could have changed are among them; those in which only time passes are not.
+    pub fn take_substeps(&mut self) -> Vec<Substep> {
+        self.log.replace(Vec::new()).unwrap_or_default()
     }
 
     /// Keeps an eye on every sub-step from now on.
@@ -320,7 +346,9 @@ impl Simulation {
         }
         let success = arrived && !jammed;
         let mut used = at;
+        self.note(path[1..=at].iter());
         if !success {
+            self.note(path[..at].iter().rev());
             if self.awake || self.first_touch(0..at + 1).is_some() {
                 for poses in path[..at].iter().rev() {
                     self.advance_robot(poses);
@@ -333,6 +361,17 @@ impl Simulation {
         self.path = path;
         self.pass(self.substeps.saturating_sub(used as u32));
         success
+    }
+
+    /// Notes where the robot went, if anyone asked.
+    fn note<'a>(&mut self, way: impl Iterator<Item = &'a PartPoses>) {
+        let held = self.held;
+        if let Some(log) = &mut self.log {
+            log.extend(way.map(|poses| Substep {
+                parts: *poses,
+                held: held.map(|held| (held.movable, poses[HAND] * held.hand_from_body)),
+            }));
+        }
     }
 
     /// First pose in a range of the path at which the robot, or what it holds, touches a movable thing.

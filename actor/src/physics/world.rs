@@ -14,7 +14,7 @@ const MAX_SPEED_M_PER_S: f32 = 5.0;
 /// Spin dies out at this rate (1/s). It stands for rolling friction, which rapier lacks.
 const ANGULAR_DAMPING: f32 = 1.0;
 /// Coulomb friction coefficient of fixed things and of the robot.
-const FRICTION: f32 = 0.6;
+pub const FRICTION: f32 = 0.6;
 
 /// A rigid-body world.
 pub struct World {
@@ -147,6 +147,11 @@ impl World {
     /// A body.
     pub fn body(&self, handle: RigidBodyHandle) -> &RigidBody {
         &self.bodies[handle]
+    }
+
+    /// The colliders of a body.
+    pub fn colliders(&self, handle: RigidBodyHandle) -> impl Iterator<Item = &Collider> {
+        self.bodies[handle].colliders().iter().map(|&collider| &self.colliders[collider])
     }
 
     /// A body, to be changed.

@@ -1,0 +1,156 @@
+//! `actor bench`: what one core does, measured in place.
+//!
+//! For each kitchen, policy and number of environments three figures: physics without frames, frames without physics
+//! (drawn whole, from a new camera pose each), and whole steps as a rollout takes them, each on the next environment
+//! in turn. The environments stand in different phases of their episodes, as in a rollout. Time is the thread's own
+//! time on a processor, so that other programs of the machine do not count.
+
+mod clock;
+pub mod memory;
+pub mod player;
+pub mod policy;
+mod report;
+
+use crate::depth::DepthCamera;
+use crate::kitchen::Kitchen;
+use anyhow::{Result, ensure};
+use clock::seconds_per_call;
+use player::{Player, View};
+use policy::PolicyKind;
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::kitchen::KitchenId;
+use proto::message::{FRAME_PIXELS, FRAME_SIDE};
+use report::Memory;
+use std::hint::black_box;
+use std::io::Write;
+use std::mem::MaybeUninit;
+use std::sync::Arc;
+use std::time::Duration;
+
+const ENVIRONMENT_COUNTS: [u32; 3] = [1, 8, 32];
+/// Episodes that are played over and over, of all environments together and of each at least.
+const EPISODES: u32 = 8;
+/// Views that frames without physics are drawn from, of all environments together.
+const VIEWS: u32 = 64;
+
+/// What to measure.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Where.
+    pub kitchens: Vec<KitchenId>,
+    /// Under whom.
+    pub policies: Vec<PolicyKind>,
+    /// Processor time for each figure, seconds.
+    pub seconds: f64,
+    /// Measure the memory of a further environment as well.
+    pub memory: bool,
+    /// Print JSON in place of the table.
+    pub json: bool,
+}
+
+/// What was measured in one kitchen under one policy with so many environments.
+#[derive(Debug, Clone)]
+pub struct Measurement {
+    kitchen: KitchenId,
+    policy: PolicyKind,
+    environments: u32,
+    /// Processor time of a step without a frame, seconds.
+    physics_s: f64,
+    /// Processor time of a frame that is drawn whole, seconds.
+    depth_s: f64,
+    /// Processor time of a step and its frame as a rollout takes them, seconds.
+    whole_step_s: f64,
+    /// Finest triangles of the bodies in the view volume, mean over frames.
+    view_set_triangles: f64,
+}
+
+/// Measures and prints.
+pub fn run(options: &Options) -> Result<()> {
+    ensure!(options.seconds > 0.0 && options.seconds <= 3600.0, "measure for a time between 0 and 3600 seconds");
+    let config = Config::default();
+    let mut rows = Vec::new();
+    let mut memory = Memory { mb: Vec::new() };
+    for &kitchen in &options.kitchens {
+        let built = Arc::new(Kitchen::build(kitchen, &config.simulation)?);
+        for &policy in &options.policies {
+            for environments in ENVIRONMENT_COUNTS {
+                rows.push(measure(&built, policy, environments, &config, options.seconds)?);
+            }
+        }
+        if options.memory {
+            memory.mb.push(memory::further_environment_mb(kitchen)?);
+        }
+        tracing::info!("kitchen {kitchen} measured");
+    }
+    let mut out = std::io::stdout().lock();
+    if options.json {
+        writeln!(out, "{:#}", report::json(&rows, &memory))?;
+    } else {
+        writeln!(
+            out,
+            "median of {} kitchens; {} sub-steps of {:.4} s a step; {FRAME_SIDE}×{FRAME_SIDE} pixels; one thread",
+            options.kitchens.len(),
+            config.simulation.substeps,
+            config.simulation.timestep_s,
+        )?;
+        report::table(&mut out, &rows, &memory)?;
+    }
+    Ok(())
+}
+
+fn measure(
+    kitchen: &Arc<Kitchen>,
+    policy: PolicyKind,
+    environments: u32,
+    config: &Config,
+    seconds: f64,
+) -> Result<Measurement> {
+    let span = Duration::from_secs_f64(seconds);
+    let mut camera = DepthCamera::new(kitchen.bodies());
+    let mut frame = vec![0; FRAME_PIXELS];
+    let mut players = Vec::new();
+    let mut views: Vec<View> = Vec::new();
+    for number in 0..environments {
+        let id = EnvironmentId { kitchen: kitchen.id(), number };
+        let mut player = Player::new(kitchen, id, config, policy, EPISODES.div_ceil(environments))?;
+        // One after the other through the episode; a lone one goes through it all, for its views.
+        let length = player.episode_length();
+        let phase = if environments == 1 { length } else { number as usize * length / environments as usize };
+        views.extend(player.travel(phase, VIEWS.div_ceil(environments) as usize));
+        players.push(player);
+    }
+
+    let mut turn = 0;
+    let mut next = || {
+        turn = (turn + 1) % environments as usize;
+        turn
+    };
+    let physics_s = seconds_per_call(span, || players[next()].step());
+
+    let (mut frames, mut view_set) = (0usize, 0);
+    let depth_s = seconds_per_call(span, || {
+        let view = &views[frames % views.len()];
+        camera.render(&view.world_from_bodies, view.world_from_camera, FRAME_SIDE, &mut frame);
+        frames += 1;
+        view_set += camera.view_set_triangles();
+        black_box(&frame);
+    });
+
+    let mut poses = Vec::new();
+    let mut unwritten = vec![MaybeUninit::uninit(); FRAME_PIXELS];
+    let whole_step_s = seconds_per_call(span, || {
+        let player = &mut players[next()];
+        player.step();
+        player.look(&mut camera, &mut poses, &mut unwritten);
+    });
+    Ok(Measurement {
+        kitchen: kitchen.id(),
+        policy,
+        environments,
+        physics_s,
+        depth_s,
+        whole_step_s,
+        view_set_triangles: view_set as f64 / frames as f64,
+    })
+}

@@ -1,0 +1,73 @@
+//! Where the actions of a measurement come from.
+
+use crate::environment::Environment;
+use proto::action::{Action, ActionSpace};
+use proto::episode::EnvironmentId;
+use proto::random::{Key, Purpose};
+use std::fmt;
+use std::str::FromStr;
+
+/// Seed of the random policy.
+const SEED: u64 = 1;
+
+/// Who plays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PolicyKind {
+    /// Every action equally likely but Done, so that episodes last.
+    Random,
+}
+
+impl PolicyKind {
+    /// All of them, in the order of the table.
+    pub const ALL: [Self; 1] = [Self::Random];
+
+    /// Its name, on the command line and in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Random => "random",
+        }
+    }
+}
+
+impl fmt::Display for PolicyKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for PolicyKind {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Self::ALL.into_iter().find(|kind| kind.name() == text).ok_or_else(|| {
+            let names: Vec<&str> = Self::ALL.iter().map(|kind| kind.name()).collect();
+            format!("there is no policy `{text}`; there is {}", names.join(", "))
+        })
+    }
+}
+
+/// The actions of one episode, chosen beforehand, so that choosing them takes no time in a measurement.
+///
+/// `environment` stands at the start of the episode.
+pub fn script(kind: PolicyKind, environment: &Environment, id: EnvironmentId, episode: u32) -> Vec<Action> {
+    match kind {
+        PolicyKind::Random => (0..environment.max_steps()).map(|step| random_action(id, episode, step)).collect(),
+    }
+}
+
+/// An action from counter-based noise: the same on every machine, whatever happens in the kitchen.
+fn random_action(id: EnvironmentId, episode: u32, step: u32) -> Action {
+    let key = Key {
+        seed: SEED,
+        purpose: Purpose::RandomPolicy,
+        kitchen: id.kitchen.number(),
+        environment: id.number,
+        episode,
+        step,
+    };
+    let actions = ActionSpace::Large.actions();
+    let lasting = actions.iter().filter(|&&action| action != Action::DoneMidLevel).count();
+    let action = actions[key.stream().below(lasting as u32) as usize];
+    assert!(action != Action::DoneMidLevel, "Done is the last of all actions");
+    action
+}

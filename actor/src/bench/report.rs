@@ -1,0 +1,98 @@
+//! The measurements of many kitchens as a table for people, or as JSON.
+
+use super::Measurement;
+use serde_json::{Value, json};
+use std::io::{self, Write};
+
+/// The median and the worst of a figure over kitchens, where more is worse.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Spread {
+    median: f64,
+    worst: f64,
+}
+
+impl Spread {
+    fn of(values: impl Iterator<Item = f64>) -> Self {
+        let mut sorted: Vec<f64> = values.collect();
+        sorted.sort_by(f64::total_cmp);
+        assert!(!sorted.is_empty(), "a table has at least one kitchen");
+        let half = sorted.len() / 2;
+        let median = if sorted.len() % 2 == 1 { sorted[half] } else { f64::midpoint(sorted[half - 1], sorted[half]) };
+        Self { median, worst: sorted[sorted.len() - 1] }
+    }
+}
+
+/// Memory of a further environment in each kitchen.
+pub struct Memory {
+    /// Megabytes.
+    pub mb: Vec<f64>,
+}
+
+/// Writes the table: a line for each policy and number of environments.
+pub fn table(out: &mut impl Write, rows: &[Measurement], memory: &Memory) -> io::Result<()> {
+    writeln!(
+        out,
+        "{:>7} {:>4}  {:>26}  {:>28}  {:>26}  {:>15}",
+        "policy", "envs", "physics /s", "depth, full redraw /s", "whole step /s", "triangles"
+    )?;
+    let mut shown = Vec::new();
+    for row in rows {
+        let key = (row.policy, row.environments);
+        if shown.contains(&key) {
+            continue;
+        }
+        shown.push(key);
+        let alike = || rows.iter().filter(|other| (other.policy, other.environments) == key);
+        let cell = |figure: fn(&Measurement) -> f64| {
+            let spread = Spread::of(alike().map(figure));
+            format!("{:.0} (slowest {:.0})", 1.0 / spread.median, 1.0 / spread.worst)
+        };
+        // Fewest triangles are the worst case for a claim about many.
+        let triangles = Spread::of(alike().map(|row| -row.view_set_triangles));
+        writeln!(
+            out,
+            "{:>7} {:>4}  {:>26}  {:>28}  {:>26}  {:>15}",
+            row.policy.name(),
+            row.environments,
+            cell(|row| row.physics_s),
+            cell(|row| row.depth_s),
+            cell(|row| row.whole_step_s),
+            format!("{:.0} (≥ {:.0})", -triangles.median, -triangles.worst),
+        )?;
+    }
+    if !memory.mb.is_empty() {
+        let spread = Spread::of(memory.mb.iter().copied());
+        writeln!(out, "memory of a further environment: {:.2} MB (most {:.2} MB)", spread.median, spread.worst)?;
+    }
+    Ok(())
+}
+
+/// Everything that was measured, for machines.
+pub fn json(rows: &[Measurement], memory: &Memory) -> Value {
+    let rows: Vec<Value> = rows
+        .iter()
+        .map(|row| {
+            json!({
+                "kitchen": row.kitchen.number(),
+                "policy": row.policy.name(),
+                "environments": row.environments,
+                "physics_s": row.physics_s,
+                "depth_s": row.depth_s,
+                "whole_step_s": row.whole_step_s,
+                "view_set_triangles": row.view_set_triangles,
+            })
+        })
+        .collect();
+    json!({ "measurements": rows, "further_environment_mb": memory.mb })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn median_and_worst() {
+        assert_eq!(Spread::of([3.0, 1.0, 2.0].into_iter()), Spread { median: 2.0, worst: 3.0 });
+        assert_eq!(Spread::of([4.0, 1.0].into_iter()), Spread { median: 2.5, worst: 4.0 });
+    }
+}

@@ -1,0 +1,116 @@
+//! One episode under a policy, as another engine needs it: where everything begins, and the robot's way.
+
+use crate::bench::policy::{PolicyKind, script};
+use crate::depth::DepthCamera;
+use crate::environment::{Environment, EnvironmentError};
+use crate::kitchen::Kitchen;
+use crate::simulation::Substep;
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::message::{FRAME_PIXELS, FRAME_SIDE};
+use rapier3d::math::Pose3;
+use std::sync::Arc;
+
+/// An episode from its start to its end.
+#[derive(Debug, Default)]
+pub struct Trace {
+    /// Pose of every movable thing at the start.
+    pub world_from_movables: Vec<Pose3>,
+    /// Pose of every movable thing at the end.
+    pub world_from_movables_at_end: Vec<Pose3>,
+    /// The robot's way, action after action.
+    pub substeps: Vec<Substep>,
+    /// Sub-steps that had been taken when each action was over.
+    pub substeps_until: Vec<u32>,
+    /// Pose of the camera after each action.
+    pub world_from_camera: Vec<Pose3>,
+    /// What the camera saw, each from another pose.
+    pub frames: Vec<Frame>,
+}
+
+/// A depth image and what it shows.
+#[derive(Debug)]
+pub struct Frame {
+    /// Pose of every body of the kitchen.
+    pub world_from_bodies: Vec<Pose3>,
+    /// Pose of the camera.
+    pub world_from_camera: Pose3,
+    /// The image: millimetres, row-major from the top left.
+    pub depth_mm: Vec<u16>,
+}
+
+/// Plays the first episode of the kitchen's first environment.
+///
+/// An action takes `config.simulation.substeps` sub-steps at least: where the robot needed fewer, it stands still in
+/// the rest. Of all frames from a new camera pose `frame_limit` are kept, evenly spread over the episode.
+pub fn record(
+    kitchen: &Arc<Kitchen>,
+    config: &Config,
+    kind: PolicyKind,
+    frame_limit: usize,
+) -> Result<Trace, EnvironmentError> {
+    let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
+    let mut environment = Environment::new(Arc::clone(kitchen), id, config)?;
+    let mut trace = Trace { world_from_movables: movable_poses(&environment), ..Trace::default() };
+    environment.take_substeps();
+    let mut camera = DepthCamera::new(kitchen.bodies());
+    for action in script(kind, &environment, id, 0) {
+        let before = environment.world_from_camera();
+        environment.step(action);
+        let first = trace.substeps.len();
+        trace.substeps.extend(environment.take_substeps());
+        let least = first + config.simulation.substeps as usize;
+        while trace.substeps.len() < least {
+            trace.substeps.push(environment.simulation().substep());
+        }
+        trace.substeps_until.push(trace.substeps.len() as u32);
+        trace.world_from_camera.push(environment.world_from_camera());
+        if environment.world_from_camera() != before {
+            trace.frames.push(frame(&environment, &mut camera));
+        }
+    }
+    thin(&mut trace.frames, frame_limit);
+    trace.world_from_movables_at_end = movable_poses(&environment);
+    Ok(trace)
+}
+
+fn movable_poses(environment: &Environment) -> Vec<Pose3> {
+    let simulation = environment.simulation();
+    (0..simulation.movable_count()).map(|index| *simulation.movable_pose(index)).collect()
+}
+
+fn frame(environment: &Environment, camera: &mut DepthCamera) -> Frame {
+    let mut world_from_bodies = Vec::new();
+    environment.world_from_bodies(&mut world_from_bodies);
+    let world_from_camera = environment.world_from_camera();
+    let mut depth_mm = vec![0; FRAME_PIXELS];
+    camera.render(&world_from_bodies, world_from_camera, FRAME_SIDE, &mut depth_mm);
+    Frame { world_from_bodies, world_from_camera, depth_mm }
+}
+
+/// Keeps at most `limit` elements, evenly spread.
+fn thin<T>(elements: &mut Vec<T>, limit: usize) {
+    let count = elements.len();
+    if count > limit {
+        let mut index = 0;
+        elements.retain(|_| {
+            let kept = index * limit / count != (index + 1) * limit / count;
+            index += 1;
+            kept
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thinning_keeps_the_limit_evenly() {
+        let mut numbers: Vec<u32> = (0..10).collect();
+        thin(&mut numbers, 3);
+        assert_eq!(numbers, [3, 6, 9]);
+        thin(&mut numbers, 3);
+        assert_eq!(numbers.len(), 3);
+    }
+}

@@ -1,0 +1,1 @@
+"""Stillroom's simulator beside others: the same kitchens, triangles, bodies and motions, one core."""
