@@ -1,12 +1,12 @@
-//! The `actor` program: rolls out environments for a learner, re-simulates recordings, measures itself.
+//! The `actor` program: rolls out environments for a learner, re-simulates recordings, shows, proves and measures what
+//! it simulates.
 
-use actor::process::{self, lifeline, whereabouts};
-use actor::{bench, episodes, oracle, replay, soak};
-use anyhow::{Context, Result, ensure};
-use clap::{Parser, Subcommand};
-use proto::kitchen::KitchenId;
-use proto::wire::WireAddress;
-use std::path::PathBuf;
+mod command;
+
+use actor::process::whereabouts;
+use anyhow::Result;
+use clap::Parser;
+use command::{Command, RolloutArgs};
 use std::process::ExitCode;
 
 /// Simulates kitchens for Stillroom.
@@ -17,72 +17,8 @@ use std::process::ExitCode;
 struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
-    /// Number among the run's actors, from 0.
-    #[arg(long, required = true, value_name = "N")]
-    actor: Option<u32>,
-    /// Where the run's shared-memory services are.
-    #[arg(long, required = true, value_name = "PREFIX@FOLDER")]
-    wire: Option<WireAddress>,
-    /// The run's effective configuration.
-    #[arg(long, required = true, value_name = "RUN/config.toml")]
-    config: Option<PathBuf>,
-    /// How often this actor has been started in this incarnation of the run.
-    #[arg(long, default_value_t = 1, value_name = "N")]
-    incarnation: u32,
-    /// Exit when standard input closes, and leave Ctrl-C to whoever holds its other end.
-    #[arg(long)]
-    lifeline: bool,
-    /// Simulate this kitchen in place of the actor's own; not with --lifeline.
-    #[arg(long, value_parser = kitchen, value_name = "1..30")]
-    kitchen: Option<KitchenId>,
-}
-
-#[derive(Debug, Subcommand)]
-enum Command {
-    /// Re-simulate recorded episodes: reads them from standard input, writes verdicts to standard output.
-    Replay,
-    /// Measure physics, rendering and whole steps on one core.
-    Bench {
-        /// Kitchen to measure in.
-        #[arg(long, value_parser = kitchen, default_value = "1", value_name = "1..30")]
-        kitchen: KitchenId,
-        /// Seconds for each figure.
-        #[arg(long, default_value_t = 1.0, value_name = "S")]
-        seconds: f64,
-    },
-    /// Take random actions in many kitchens; fails if anything moves too fast, leaves the room or is not a number.
-    Soak {
-        /// Actions in all, spread evenly over the kitchens.
-        #[arg(long, default_value_t = 100_000, value_name = "N")]
-        steps: u64,
-        /// Kitchens.
-        #[arg(long, value_parser = kitchens, default_value = "all", value_name = "all|1,2,..")]
-        kitchens: Kitchens,
-        /// What the actions and episodes are drawn from.
-        #[arg(long, default_value_t = 1, value_name = "SEED")]
-        seed: u64,
-    },
-    /// The fixed episodes of the validation and test kitchens.
-    #[command(subcommand)]
-    Episodes(episodes::command::Command),
-    /// Let a planner with privileged knowledge play episodes, to see that they can be solved.
-    Oracle(oracle::table::Settings),
-}
-
-/// One or more kitchens, as given on the command line.
-#[derive(Debug, Clone)]
-struct Kitchens(Vec<KitchenId>);
-
-fn kitchens(text: &str) -> Result<Kitchens, String> {
-    if text == "all" {
-        return Ok(Kitchens(KitchenId::all().collect()));
-    }
-    text.split(',').map(kitchen).collect::<Result<_, _>>().map(Kitchens)
-}
-
-fn kitchen(text: &str) -> Result<KitchenId, String> {
-    let number: u8 = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
-    KitchenId::new(number).map_err(|error| error.to_string())
+    #[command(flatten)]
+    rollout: RolloutArgs,
 }
 
 fn main() -> ExitCode {
@@ -100,29 +36,8 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: Arguments) -> Result<()> {
-    match arguments.command {
-        Some(Command::Replay) => replay::run(std::io::stdin().lock(), std::io::stdout().lock()),
-        Some(Command::Bench { kitchen, seconds }) => bench::run(kitchen, seconds),
-        Some(Command::Soak { steps, kitchens, seed }) => soak::run(&kitchens.0, steps, seed),
-        Some(Command::Episodes(command)) => episodes::command::run(&command),
-        Some(Command::Oracle(settings)) => oracle::table::run(&settings),
-        None => {
-            ensure!(
-                !(arguments.lifeline && arguments.kitchen.is_some()),
-                "--kitchen cannot be used in a run (--lifeline): its recordings name environments by actor number, \
-                 from which the kitchen follows"
-            );
-            if arguments.lifeline {
-                lifeline::hold().context("cannot watch standard input")?;
-            }
-            let settings = process::Settings {
-                actor: arguments.actor.context("--actor is missing")?,
-                incarnation: arguments.incarnation,
-                wire: arguments.wire.context("--wire is missing")?,
-                config: arguments.config.context("--config is missing")?,
-                kitchen: arguments.kitchen,
-            };
-            match process::run(&settings)? {}
-        }
+    match &arguments.command {
+        Some(command) => command::run(command),
+        None => arguments.rollout.run(),
     }
 }

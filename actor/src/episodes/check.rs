@@ -53,7 +53,7 @@ pub fn check(kitchen: &Arc<Kitchen>, config: &Config, episode: &Episode) -> Resu
     if at_goal(episode.start, episode.goal) {
         return Err(Problem::AlreadyThere);
     }
-    let target = kitchen.targets[usize::from(episode.category.index())].movable;
+    let target = kitchen.target_movable(episode.category);
     let stand = episode.stand;
     let robot = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
     for place in [episode.start, episode.goal] {

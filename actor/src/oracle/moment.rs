@@ -68,5 +68,5 @@ impl<'a> Moment<'a> {
 
 /// Index among the movables of the things of a category.
 pub fn target_of(kitchen: &Kitchen, category: TargetCategory) -> usize {
-    kitchen.targets[usize::from(category.index())].movable
+    kitchen.target_movable(category)
 }

@@ -1,0 +1,61 @@
+//! The subcommands: each parses its arguments, calls one function of the library, and that prints.
+
+mod bench;
+mod check;
+mod export_peers;
+mod kitchens;
+mod rollout;
+mod soak;
+
+pub use rollout::RolloutArgs;
+
+use actor::{episodes, oracle, replay};
+use anyhow::Result;
+use proto::kitchen::KitchenId;
+
+/// What else the program can do.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Re-simulate recorded episodes: reads them from standard input, writes verdicts to standard output.
+    Replay,
+    /// Look at kitchens: pictures, scene files, figures beside iTHOR's.
+    #[command(subcommand)]
+    Kitchens(kitchens::KitchensCommand),
+    /// Prove all that a kitchen must satisfy: a line a kitchen, the totals last.
+    Check(check::CheckArgs),
+    /// The fixed episodes of the validation and test kitchens.
+    #[command(subcommand)]
+    Episodes(episodes::command::Command),
+    /// Let a planner with privileged knowledge play episodes, to see that they can be solved.
+    Oracle(oracle::table::Settings),
+    /// Take random actions in many kitchens; fails if anything moves too fast, leaves the room or is not a number.
+    Soak(soak::SoakArgs),
+    /// Measure physics, rendering and whole steps on one core.
+    Bench(bench::BenchArgs),
+    /// Write kitchens, episodes and frames for other programs to be measured on; `make bench-peers` calls this.
+    ExportPeers(export_peers::ExportPeersArgs),
+    /// Print the memory of a further environment; `bench` calls this in a process of its own.
+    #[command(hide = true)]
+    BenchMemory(bench::BenchMemoryArgs),
+}
+
+/// Runs a subcommand.
+pub fn run(command: &Command) -> Result<()> {
+    match command {
+        Command::Replay => replay::run(std::io::stdin().lock(), std::io::stdout().lock()),
+        Command::Kitchens(command) => kitchens::run(command),
+        Command::Check(args) => check::run(args),
+        Command::Episodes(command) => episodes::command::run(command),
+        Command::Oracle(settings) => oracle::table::run(settings),
+        Command::Soak(args) => soak::run(args),
+        Command::Bench(args) => bench::run(args),
+        Command::ExportPeers(args) => export_peers::run(args),
+        Command::BenchMemory(args) => bench::run_memory(args),
+    }
+}
+
+/// A kitchen's number, as given on the command line.
+fn kitchen(text: &str) -> Result<KitchenId, String> {
+    let number: u8 = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
+    KitchenId::new(number).map_err(|error| error.to_string())
+}

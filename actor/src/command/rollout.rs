@@ -1,0 +1,53 @@
+//! Without a subcommand: one rollout actor of a run.
+
+use super::kitchen;
+use actor::process::{self, lifeline};
+use anyhow::{Context, Result, ensure};
+use proto::kitchen::KitchenId;
+use proto::wire::WireAddress;
+use std::path::PathBuf;
+
+/// Which actor, of which run.
+#[derive(Debug, clap::Args)]
+pub struct RolloutArgs {
+    /// Number among the run's actors, from 0.
+    #[arg(long, required = true, value_name = "N")]
+    actor: Option<u32>,
+    /// Where the run's shared-memory services are.
+    #[arg(long, required = true, value_name = "PREFIX@FOLDER")]
+    wire: Option<WireAddress>,
+    /// The run's effective configuration.
+    #[arg(long, required = true, value_name = "RUN/config.toml")]
+    config: Option<PathBuf>,
+    /// How often this actor has been started in this incarnation of the run.
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    incarnation: u32,
+    /// Exit when standard input closes, and leave Ctrl-C to whoever holds its other end.
+    #[arg(long)]
+    lifeline: bool,
+    /// Simulate this kitchen in place of the actor's own; not with --lifeline.
+    #[arg(long, value_parser = kitchen, value_name = "1..30")]
+    kitchen: Option<KitchenId>,
+}
+
+impl RolloutArgs {
+    /// Rolls out until the run ends.
+    pub fn run(self) -> Result<()> {
+        ensure!(
+            !(self.lifeline && self.kitchen.is_some()),
+            "--kitchen cannot be used in a run (--lifeline): its recordings name environments by actor number, from \
+             which the kitchen follows"
+        );
+        if self.lifeline {
+            lifeline::hold().context("cannot watch standard input")?;
+        }
+        let settings = process::Settings {
+            actor: self.actor.context("--actor is missing")?,
+            incarnation: self.incarnation,
+            wire: self.wire.context("--wire is missing")?,
+            config: self.config.context("--config is missing")?,
+            kitchen: self.kitchen,
+        };
+        match process::run(&settings)? {}
+    }
+}
