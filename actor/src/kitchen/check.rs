@@ -3,8 +3,8 @@
 use super::catalogue::{CATEGORIES, Place};
 use super::{CONNECTED_LEAST, Kitchen, NOT_THINGS, SPOTS_LEAST, ithor};
 use crate::environment::Environment;
+use crate::physics::gap::gap_m;
 use crate::physics::geometry::Solid;
-use crate::physics::scene::penetration_m;
 use anyhow::{Result, ensure};
 use proto::action::Action;
 use proto::config::Config;
@@ -153,7 +153,7 @@ fn interpenetrations(kitchen: &Kitchen, found: &mut Vec<Problem>) {
             for (shape, body_from_part) in &solid.parts {
                 for (other_shape, other_from_part) in &other_solid.parts {
                     let (own, others) = (**pose * *body_from_part, **other_pose * *other_from_part);
-                    deepest = deepest.max(penetration_m(&own, shape, &others, other_shape));
+                    deepest = deepest.max(-gap_m(&own, shape, &others, other_shape));
                 }
             }
             if deepest > PENETRATION_MAX_M {
