@@ -216,7 +216,7 @@ impl Order {
         let one = |unit: Unit| Slot { unit, least_m: unit.width_m() };
         let none = Vec::new;
         match plan {
-            Plan::OneWall => Self {
+            Plan::OneWall | Plan::Island => Self {
                 main: vec![
                     one(Fridge),
                     cabinets(0.4),
@@ -253,20 +253,6 @@ impl Order {
                 left: none(),
                 right: none(),
                 opposite: vec![one(Fridge), cabinets(0.4), one(Stove), cabinets(0.4)],
-            },
-            Plan::Island => Self {
-                main: vec![
-                    one(Fridge),
-                    cabinets(0.4),
-                    one(Sink),
-                    one(Dishwasher),
-                    cabinets(0.5),
-                    one(Stove),
-                    cabinets(0.4),
-                ],
-                left: none(),
-                right: none(),
-                opposite: none(),
             },
             Plan::Peninsula => Self {
                 main: vec![
