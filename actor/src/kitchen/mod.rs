@@ -30,7 +30,7 @@ use proto::random::{Key, Purpose, Random};
 use rapier3d::dynamics::RigidBodyHandle;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
-use room::{Room, Thing};
+use room::{Room, Surface, Thing};
 use spots::{Stand, Stands};
 use std::ops::Range;
 
@@ -161,6 +161,7 @@ pub struct Kitchen {
     connected_share: f32,
     plan: Option<Plan>,
     kept_clear: Vec<Rectangle>,
+    surfaces: Vec<Surface>,
 }
 
 /// What a movable thing is made of.
@@ -313,6 +314,7 @@ impl Kitchen {
             connected_share,
             plan: None,
             kept_clear: Vec::new(),
+            surfaces,
         })
     }
 
@@ -374,6 +376,11 @@ impl Kitchen {
     /// `world_from_body` of every body in the settled state.
     pub fn settled_poses(&self) -> &[Pose3] {
         &self.settled_poses
+    }
+
+    /// Where targets can stand.
+    pub fn surfaces(&self) -> &[Surface] {
+        &self.surfaces
     }
 
     /// What a body is made of, by its index; none unless it is movable.

@@ -41,7 +41,7 @@
 mod file;
 mod problem;
 mod roles;
-mod tops;
+pub mod tops;
 
 pub use file::{Convex, Entry, Role, SceneFile};
 pub use problem::{Problem, SceneError};
