@@ -14,6 +14,7 @@ mod quota;
 pub mod report;
 pub mod room;
 pub mod scene_file;
+pub mod source;
 pub mod spots;
 
 use crate::physics::geometry::Solid;
@@ -81,6 +82,12 @@ pub struct Body {
 /// Why a kitchen could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum KitchenError {
+    /// The kitchen is a scene of a run.
+    #[error("kitchen {kitchen} is a scene of a run: no generator makes it")]
+    NotBuiltIn {
+        /// The kitchen.
+        kitchen: KitchenId,
+    },
     /// The generator found no room for something that every kitchen holds.
     #[error("kitchen {kitchen}: no good room in {ATTEMPTS} attempts; the last one failed at {reason}")]
     NoRoom {
@@ -185,6 +192,9 @@ pub(crate) struct Target {
 impl Kitchen {
     /// Generates the kitchen with this number and lets it settle.
     pub fn build(id: KitchenId, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
+        if id.scene_index().is_some() {
+            return Err(KitchenError::NotBuiltIn { kitchen: id });
+        }
         let mut reason = String::new();
         for attempt in 0..ATTEMPTS {
             let key = Key {
