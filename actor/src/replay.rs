@@ -7,7 +7,7 @@ mod picture;
 
 use crate::depth::DepthCamera;
 use crate::environment::Environment;
-use crate::kitchen::Kitchen;
+use crate::kitchen::{Kitchen, source};
 use crate::process::whereabouts;
 use anyhow::{Context, Result, ensure};
 use picture::Pictures;
@@ -20,6 +20,7 @@ use proto::replay::{RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict};
 use rapier3d::math::Pose3;
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Widest and highest image that is drawn, pixels.
@@ -35,7 +36,8 @@ pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
     if let Some(images) = &setup.images {
         ensure!((1..=SIDE_MAX).contains(&images.side), "images are 1 to {SIDE_MAX} pixels wide, not {}", images.side);
     }
-    let mut theatre = Theatre { config, images: setup.images, kitchens: BTreeMap::new(), stage: None };
+    let folder = PathBuf::from(setup.folder.unwrap_or_default());
+    let mut theatre = Theatre { config, folder, images: setup.images, kitchens: BTreeMap::new(), stage: None };
     for (number, line) in lines.enumerate() {
         let line = line.context("cannot read an episode")?;
         let episode: RecordedEpisode =
@@ -50,6 +52,8 @@ pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
 /// Kitchens as they are needed, and the environment that was used last: episodes of one environment come in a row.
 struct Theatre {
     config: Config,
+    /// The run folder: scenes are named relative to it.
+    folder: PathBuf,
     images: Option<ReplayImages>,
     kitchens: BTreeMap<KitchenId, (Arc<Kitchen>, DepthCamera)>,
     stage: Option<(EnvironmentId, Environment)>,
@@ -66,7 +70,7 @@ impl Theatre {
             recorded.hashes.len()
         );
         if !self.kitchens.contains_key(&id.kitchen) {
-            let kitchen = Kitchen::build(id.kitchen, &self.config.simulation)?;
+            let kitchen = source::of_run(id.kitchen, &self.config, &self.folder)?;
             let camera = DepthCamera::new(kitchen.bodies());
             self.kitchens.insert(id.kitchen, (Arc::new(kitchen), camera));
         }

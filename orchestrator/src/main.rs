@@ -11,6 +11,7 @@ mod progress;
 mod recorder;
 mod recording;
 mod remains;
+mod scenes;
 mod schema;
 mod session;
 mod summary;

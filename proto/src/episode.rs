@@ -13,12 +13,17 @@ pub struct EnvironmentId {
 }
 
 impl EnvironmentId {
-    /// The environment that actor `actor` holds at `index`.
-    ///
-    /// Actors beyond the training kitchens repeat them; their environments continue the numbering.
+    /// The environment that actor `actor` holds at `index` in a run without scenes of its own.
     pub fn of(actor: u32, index: u32, environments_per_actor: u32) -> Self {
-        let kitchens = KitchenId::of_split(crate::kitchen::Split::Train).len() as u32;
-        Self { kitchen: KitchenId::of_actor(actor), number: actor / kitchens * environments_per_actor + index }
+        Self::in_run(actor, index, environments_per_actor, 0)
+    }
+
+    /// The environment that actor `actor` holds at `index` in a run with this many scenes.
+    ///
+    /// Actors beyond the run's kitchens repeat them; their environments continue the numbering.
+    pub fn in_run(actor: u32, index: u32, environments_per_actor: u32, scenes: usize) -> Self {
+        let kitchens = KitchenId::of_run(scenes).len() as u32;
+        Self { kitchen: KitchenId::of_actor(actor, scenes), number: actor / kitchens * environments_per_actor + index }
     }
 }
 
@@ -32,5 +37,9 @@ mod tests {
         let all: HashSet<_> =
             (0..60).flat_map(|actor| (0..4).map(move |index| EnvironmentId::of(actor, index, 4))).collect();
         assert_eq!(all.len(), 240);
+        let all: HashSet<_> =
+            (0..7).flat_map(|actor| (0..4).map(move |index| EnvironmentId::in_run(actor, index, 4, 3))).collect();
+        assert_eq!(all.len(), 28);
+        assert!(all.contains(&EnvironmentId { kitchen: KitchenId::scene(0).unwrap(), number: 11 }));
     }
 }

@@ -4,14 +4,15 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// Number of one kitchen: 1..=30 without 28, as in iTHOR.
+/// Number of one kitchen: 1..=30 without 28, as in iTHOR, or [`KitchenId::FIRST_SCENE`] and up for the scenes that a
+/// run's configuration names, in their order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "u8", into = "u8")]
 pub struct KitchenId(u8);
 
 /// A number that names no kitchen.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
-#[error("there is no kitchen {0}: kitchens are numbered 1 to 30, without 28")]
+#[error("there is no kitchen {0}: kitchens are numbered 1 to 30, without 28 (scenes of a run: 128 to 255)")]
 pub struct NoSuchKitchen(pub u8);
 
 /// What a kitchen is used for.
@@ -27,9 +28,34 @@ pub enum Split {
 }
 
 impl KitchenId {
+    /// Number of a run's first scene.
+    pub const FIRST_SCENE: u8 = 128;
+    /// Scenes that one run can have.
+    pub const SCENES_MAX: usize = 128;
+
     /// The kitchen with this number.
     pub fn new(number: u8) -> Result<Self, NoSuchKitchen> {
-        if (1..=30).contains(&number) && number != 28 { Ok(Self(number)) } else { Err(NoSuchKitchen(number)) }
+        let built_in = (1..=30).contains(&number) && number != 28;
+        if built_in || number >= Self::FIRST_SCENE { Ok(Self(number)) } else { Err(NoSuchKitchen(number)) }
+    }
+
+    /// The built-in kitchen with this number.
+    pub fn built_in(number: u8) -> Result<Self, NoSuchKitchen> {
+        Self::new(number).and_then(|kitchen| match kitchen.scene_index() {
+            None => Ok(kitchen),
+            Some(_) => Err(NoSuchKitchen(number)),
+        })
+    }
+
+    /// The run's scene at this place of its list; none beyond [`KitchenId::SCENES_MAX`].
+    pub fn scene(index: usize) -> Option<Self> {
+        let number = u8::try_from(index).ok()?.checked_add(Self::FIRST_SCENE)?;
+        Some(Self(number))
+    }
+
+    /// Its place in the run's list of scenes; none if it is built in.
+    pub fn scene_index(self) -> Option<usize> {
+        self.0.checked_sub(Self::FIRST_SCENE).map(usize::from)
     }
 
     /// Its number.
@@ -37,7 +63,7 @@ impl KitchenId {
         self.0
     }
 
-    /// All 29 kitchens in ascending order.
+    /// All 29 built-in kitchens in ascending order.
     pub fn all() -> impl Iterator<Item = Self> {
         (1..=30).filter_map(|number| Self::new(number).ok())
     }
@@ -47,19 +73,25 @@ impl KitchenId {
         Self::all().filter(|kitchen| kitchen.split() == split).collect()
     }
 
-    /// The split this kitchen belongs to: i % 3 in {0, 1} train, i % 6 = 2 test, i % 6 = 5 validation.
+    /// The split this kitchen belongs to: i % 3 in {0, 1} train, i % 6 = 2 test, i % 6 = 5 validation; scenes train.
     pub fn split(self) -> Split {
         match self.0 % 6 {
-            2 => Split::Test,
-            5 => Split::Validation,
+            2 if self.scene_index().is_none() => Split::Test,
+            5 if self.scene_index().is_none() => Split::Validation,
             _ => Split::Train,
         }
     }
 
-    /// The kitchen that actor number `actor` simulates: training kitchens in order, repeating after the last.
-    pub fn of_actor(actor: u32) -> Self {
-        let train = Self::of_split(Split::Train);
-        train[actor as usize % train.len()]
+    /// The kitchens that a run with this many scenes trains in: the training kitchens, or the scenes in their place.
+    pub fn of_run(scenes: usize) -> Vec<Self> {
+        if scenes == 0 { Self::of_split(Split::Train) } else { (0..scenes).filter_map(Self::scene).collect() }
+    }
+
+    /// The kitchen that actor number `actor` simulates in a run with this many scenes: those of the run in order,
+    /// repeating after the last.
+    pub fn of_actor(actor: u32, scenes: usize) -> Self {
+        let kitchens = Self::of_run(scenes);
+        kitchens[actor as usize % kitchens.len()]
     }
 }
 
@@ -94,7 +126,7 @@ impl FromStr for KitchenChoice {
         }
         let one = |word: &str| {
             let number = word.trim().parse().map_err(|_| format!("`{word}` is not a kitchen number"))?;
-            KitchenId::new(number).map_err(|error| error.to_string())
+            KitchenId::built_in(number).map_err(|error| error.to_string())
         };
         text.split(',').map(one).collect::<Result<_, _>>().map(Self)
     }
@@ -198,8 +230,22 @@ mod tests {
         assert_eq!(KitchenId::of_split(Split::Test).len(), 5);
         assert_eq!(KitchenId::of_split(Split::Validation).len(), 5);
         assert_eq!(KitchenId::new(28), Err(NoSuchKitchen(28)));
-        assert_eq!(KitchenId::of_actor(0).number(), 1);
-        assert_eq!(KitchenId::of_actor(19), KitchenId::of_actor(0));
+        assert_eq!(KitchenId::of_actor(0, 0).number(), 1);
+        assert_eq!(KitchenId::of_actor(19, 0), KitchenId::of_actor(0, 0));
+    }
+
+    #[test]
+    fn scenes_take_the_place_of_the_training_kitchens() {
+        let kitchens: Vec<u8> = (0..3).map(|actor| KitchenId::of_actor(actor, 2).number()).collect();
+        assert_eq!(kitchens, [128, 129, 128]);
+        for index in 0..KitchenId::SCENES_MAX {
+            let scene = KitchenId::scene(index).unwrap();
+            assert_eq!((scene.scene_index(), scene.split()), (Some(index), Split::Train));
+            assert_eq!(KitchenId::new(scene.number()), Ok(scene));
+            assert!(KitchenId::built_in(scene.number()).is_err());
+        }
+        assert_eq!(KitchenId::scene(KitchenId::SCENES_MAX), None);
+        assert!(KitchenId::all().all(|kitchen| kitchen.scene_index().is_none()));
     }
 
     #[test]

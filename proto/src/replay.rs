@@ -9,6 +9,9 @@ use serde::{Deserialize, Serialize};
 pub struct ReplaySetup {
     /// The run's effective configuration, as TOML.
     pub config: String,
+    /// The run folder, which the configuration's scenes are named relative to; none where it is not known.
+    #[serde(default)]
+    pub folder: Option<String>,
     /// Folder for depth images; none = compare hashes only.
     pub images: Option<ReplayImages>,
 }

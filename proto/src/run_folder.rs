@@ -6,6 +6,7 @@
 //!   config.toml            effective configuration, written once
 //!   orchestrator.lock      held (flock) by the orchestrator that runs it
 //!   learner-0.lock         held by learner rank 0 while it lives
+//!   scenes/000/            copies of the scenes it trains in, if it has its own
 //!   checkpoints/           rollout-00000012.safetensors + rollout-00000012.json (manifest, written last)
 //!   recordings/            incarnation-001.000.mcap, ...
 //!   logs/                  orchestrator.log, learner-0.log, actor-00.log, ...
@@ -69,6 +70,23 @@ impl RunFolder {
         self.checkpoints().join(format!("rollout-{rollout:08}.json"))
     }
 
+    /// Copy of the run's scene number `index` with all its files.
+    pub fn scene(&self, index: usize) -> PathBuf {
+        self.root.join(self.relative_scene(index))
+    }
+
+    /// The same, relative to the folder: what the effective configuration names.
+    pub fn relative_scene(&self, index: usize) -> String {
+        format!("scenes/{index:03}")
+    }
+
+    /// The run folder that a recording lies in, if it lies where [`RunFolder::recording`] puts it.
+    pub fn of_recording(recording: &Path) -> Option<Self> {
+        let recordings = recording.parent()?;
+        let root = recordings.parent()?;
+        (recordings.file_name()? == "recordings").then(|| Self::new(root))
+    }
+
     /// Folder of recordings.
     pub fn recordings(&self) -> PathBuf {
         self.root.join("recordings")
@@ -128,6 +146,13 @@ pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_recording_knows_its_run() {
+        let run = RunFolder::new("runs/a");
+        assert_eq!(RunFolder::of_recording(&run.recording(1, 0)), Some(run));
+        assert_eq!(RunFolder::of_recording(Path::new("somewhere/b.mcap")), None);
+    }
 
     #[test]
     fn a_file_is_replaced_whole_and_leaves_no_temporary() {

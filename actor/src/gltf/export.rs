@@ -6,6 +6,7 @@
 
 use super::mirror;
 use crate::depth::triangles_of;
+use crate::kitchen::scene_file::{Entry, Role, SceneFile, tops};
 use crate::kitchen::{BodyRole, Kitchen};
 use crate::picture::palette;
 use crate::shape::{Part, Primitive, Shape};
@@ -45,8 +46,8 @@ pub fn glb(kitchen: &Kitchen) -> Vec<u8> {
         };
         let mut extras = serde_json::json!({ "role": role, "category": body.category });
         if let Some(matter) = kitchen.matter(index) {
-            extras["mass_kg"] = serde_json::json!(matter.mass_kg);
-            extras["friction"] = serde_json::json!(matter.friction);
+            extras["mass_kg"] = decimal(matter.mass_kg);
+            extras["friction"] = decimal(matter.friction);
         }
         let mesh = writer.mesh(&body.category, &body.shape);
         let pose = mirror::pose(*pose);
@@ -282,16 +283,53 @@ fn solid_extras(part: &Part) -> Option<Box<RawValue>> {
     raw(&extras)
 }
 
+/// A number as it is written in decimals, without the digits that single precision lacks.
+fn decimal(value: f32) -> serde_json::Value {
+    value.to_string().parse::<f64>().map_or(serde_json::Value::Null, Into::into)
+}
+
 fn raw(value: &serde_json::Value) -> Option<Box<RawValue>> {
     RawValue::from_string(value.to_string()).ok()
 }
 
-/// Builds a kitchen, writes it, and says so on standard output.
-pub fn write(id: KitchenId, out: &Path) -> Result<()> {
+/// The scene file with which the exported kitchen can be loaded again: what users begin with.
+pub fn scene_file(kitchen: &Kitchen, gltf: &str) -> SceneFile {
+    let mut nodes = Vec::new();
+    for (index, (body, pose)) in kitchen.bodies().iter().zip(kitchen.settled_poses()).enumerate() {
+        let carries =
+            || tops::of(&body.shape, pose).iter().any(|top| kitchen.surfaces().iter().any(|s| s.same_as(top)));
+        let role = match body.role {
+            BodyRole::Robot => continue,
+            BodyRole::Movable => Role::Movable,
+            BodyRole::Static if body.category == "Floor" => Role::Floor,
+            BodyRole::Static if carries() => Role::Surface,
+            BodyRole::Static => Role::Fixed,
+        };
+        let matter = kitchen.matter(index);
+        nodes.push(Entry {
+            name: body.name.clone(),
+            role,
+            mass_kg: matter.map(|matter| matter.mass_kg),
+            friction: matter.map(|matter| matter.friction),
+            category: None,
+            convex: None,
+        });
+    }
+    SceneFile { gltf: gltf.to_owned(), nodes }
+}
+
+/// Builds a kitchen, writes it, and its scene file if that is asked for, and says so on standard output.
+pub fn write(id: KitchenId, out: &Path, scene: Option<&Path>) -> Result<()> {
     let kitchen = Kitchen::build(id, &SimulationConfig::default())?;
     let bytes = glb(&kitchen);
     std::fs::write(out, &bytes).with_context(|| format!("cannot write {}", out.display()))?;
     let things = kitchen.bodies().iter().filter(|body| body.role != BodyRole::Robot).count();
     println!("{}: kitchen {id}, {things} bodies, {} kB", out.display(), bytes.len().div_ceil(1000));
+    if let Some(path) = scene {
+        let name = out.file_name().and_then(|name| name.to_str()).context("the file's name is not text")?;
+        let text = toml::to_string(&scene_file(&kitchen, name)).context("the scene file")?;
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        println!("{}: what each node is; load it with `actor check --scene {}`", path.display(), path.display());
+    }
     Ok(())
 }

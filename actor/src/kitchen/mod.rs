@@ -14,6 +14,7 @@ mod quota;
 pub mod report;
 pub mod room;
 pub mod scene_file;
+pub mod source;
 pub mod spots;
 
 use crate::physics::geometry::Solid;
@@ -30,7 +31,7 @@ use proto::random::{Key, Purpose, Random};
 use rapier3d::dynamics::RigidBodyHandle;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
-use room::{Room, Thing};
+use room::{Room, Surface, Thing};
 use spots::{Stand, Stands};
 use std::ops::Range;
 
@@ -81,6 +82,12 @@ pub struct Body {
 /// Why a kitchen could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum KitchenError {
+    /// The kitchen is a scene of a run.
+    #[error("kitchen {kitchen} is a scene of a run: no generator makes it")]
+    NotBuiltIn {
+        /// The kitchen.
+        kitchen: KitchenId,
+    },
     /// The generator found no room for something that every kitchen holds.
     #[error("kitchen {kitchen}: no good room in {ATTEMPTS} attempts; the last one failed at {reason}")]
     NoRoom {
@@ -161,6 +168,7 @@ pub struct Kitchen {
     connected_share: f32,
     plan: Option<Plan>,
     kept_clear: Vec<Rectangle>,
+    surfaces: Vec<Surface>,
 }
 
 /// What a movable thing is made of.
@@ -184,6 +192,9 @@ pub(crate) struct Target {
 impl Kitchen {
     /// Generates the kitchen with this number and lets it settle.
     pub fn build(id: KitchenId, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
+        if id.scene_index().is_some() {
+            return Err(KitchenError::NotBuiltIn { kitchen: id });
+        }
         let mut reason = String::new();
         for attempt in 0..ATTEMPTS {
             let key = Key {
@@ -313,6 +324,7 @@ impl Kitchen {
             connected_share,
             plan: None,
             kept_clear: Vec::new(),
+            surfaces,
         })
     }
 
@@ -374,6 +386,11 @@ impl Kitchen {
     /// `world_from_body` of every body in the settled state.
     pub fn settled_poses(&self) -> &[Pose3] {
         &self.settled_poses
+    }
+
+    /// Where targets can stand.
+    pub fn surfaces(&self) -> &[Surface] {
+        &self.surfaces
     }
 
     /// What a body is made of, by its index; none unless it is movable.

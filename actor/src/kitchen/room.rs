@@ -65,6 +65,14 @@ impl Surface {
         (self.high.x - self.low.x) * (self.high.z - self.low.z)
     }
 
+    /// Whether this is the same rectangle as another, to a millimetre; what hangs above does not matter.
+    pub fn same_as(&self, other: &Self) -> bool {
+        const SAME_M: f32 = 1e-3;
+        let flat = |v: Vec3| Vec3::new(v.x, 0.0, v.z);
+        (self.low - other.low).abs().max_element() < SAME_M
+            && (flat(self.high) - flat(other.high)).abs().max_element() < SAME_M
+    }
+
     /// Whether a thing with this bounding box stands wholly on it and below what hangs above.
     pub fn carries(&self, aabb: &Aabb) -> bool {
         const RIM_M: f32 = 0.01;

@@ -81,7 +81,10 @@ impl Environments {
         let count = config.actors.environments_per_actor;
         let running = (0..count)
             .map(|index| {
-                let id = EnvironmentId { kitchen: kitchen_id, ..EnvironmentId::of(actor, index, count) };
+                let id = EnvironmentId {
+                    kitchen: kitchen_id,
+                    ..EnvironmentId::in_run(actor, index, count, config.scenes.len())
+                };
                 let environment = Environment::new(Arc::clone(kitchen), id, config)
                     .with_context(|| format!("cannot set up environment {} of kitchen {kitchen_id}", id.number))?;
                 Ok(Running { id, environment, backdrop: Backdrop::new(), episode: 0, transition: NO_TRANSITION })

@@ -21,7 +21,7 @@ pub mod protocol;
 mod shm;
 pub mod whereabouts;
 
-use crate::kitchen::Kitchen;
+use crate::kitchen::source;
 use anyhow::{Context, Result};
 use environments::Environments;
 use link::Link;
@@ -30,7 +30,7 @@ use proto::fault;
 use proto::kitchen::KitchenId;
 use proto::wire::WireAddress;
 use protocol::{Protocol, Todo, Verdict};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -54,11 +54,12 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     let path = settings.config.display().to_string();
     let text = std::fs::read_to_string(&settings.config).with_context(|| format!("cannot read {path}"))?;
     let config = Config::from_toml(&text, &path)?;
-    let kitchen_id = settings.kitchen.unwrap_or_else(|| KitchenId::of_actor(settings.actor));
+    let kitchen_id = settings.kitchen.unwrap_or_else(|| KitchenId::of_actor(settings.actor, config.scenes.len()));
     let _span = tracing::info_span!("actor", number = settings.actor, kitchen = kitchen_id.number()).entered();
 
     let started = Instant::now();
-    let kitchen = Arc::new(Kitchen::build(kitchen_id, &config.simulation)?);
+    let folder = settings.config.parent().unwrap_or(Path::new(""));
+    let kitchen = Arc::new(source::of_run(kitchen_id, &config, folder)?);
     let bodies = kitchen.bodies().len();
     let kitchen_ms = started.elapsed().as_millis() as u64;
     let mut environments = Environments::new(&kitchen, kitchen_id, settings.actor, &config)?;

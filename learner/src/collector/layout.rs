@@ -10,6 +10,7 @@ pub struct Layout {
     first_actor: u32,
     actors: u32,
     environments_per_actor: u32,
+    scenes: usize,
 }
 
 impl Layout {
@@ -20,7 +21,13 @@ impl Layout {
     /// If there would be no environment.
     pub fn new(first_actor: u32, actors: u32, environments_per_actor: u32) -> Self {
         assert!(actors > 0 && environments_per_actor > 0, "a learner has environments");
-        Self { first_actor, actors, environments_per_actor }
+        Self { first_actor, actors, environments_per_actor, scenes: 0 }
+    }
+
+    /// The same in a run with this many scenes of its own in place of the training kitchens.
+    #[must_use]
+    pub fn with_scenes(self, scenes: usize) -> Self {
+        Self { scenes, ..self }
     }
 
     /// Actors of this learner.
@@ -71,7 +78,7 @@ impl Layout {
     /// The environment in a column, as randomness counts it.
     pub fn environment(self, column: usize) -> EnvironmentId {
         let (actor, index) = self.place(column);
-        EnvironmentId::of(self.first_actor + actor, index, self.environments_per_actor)
+        EnvironmentId::in_run(self.first_actor + actor, index, self.environments_per_actor, self.scenes)
     }
 }
 

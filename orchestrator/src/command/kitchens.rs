@@ -34,7 +34,7 @@ pub struct KitchensArgs {
 
 fn one(text: &str) -> Result<KitchenId, String> {
     let number = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
-    KitchenId::new(number).map_err(|error| error.to_string())
+    KitchenId::built_in(number).map_err(|error| error.to_string())
 }
 
 /// Runs the command: the actor says what it wrote.

@@ -10,6 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::replay::{ImageFormat, ReplayImages, ReplaySetup};
+use proto::run_folder::RunFolder;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -97,7 +98,9 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
             side: args.side,
         })
     });
-    let setup = ReplaySetup { config, images: images.transpose()? };
+    let run = files.first().and_then(|file| RunFolder::of_recording(file));
+    let folder = run.and_then(|run| Some(std::path::absolute(run.root()).ok()?.to_str()?.to_owned()));
+    let setup = ReplaySetup { config, folder, images: images.transpose()? };
     let totals = simulate(&setup, episodes)?;
 
     terminal::out(&format!("episodes: {}", totals.episodes));

@@ -3,6 +3,7 @@
 use super::overrides::{Overrides, default_preset};
 use crate::format;
 use crate::identity::{Held, Identity, RunLock, holder, unix_now};
+use crate::scenes;
 use crate::session::{Session, Tools, preflight};
 use crate::terminal;
 use anyhow::{Context, Result, bail};
@@ -42,7 +43,7 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     }
     let mut found = None;
     let default = || Ok(default_preset(&found.insert(Tools::find()?).torch));
-    let config = args.overrides.resolve(&args.overrides.preset(args.preset.as_deref(), default)?)?;
+    let mut config = args.overrides.resolve(&args.overrides.preset(args.preset.as_deref(), default)?)?;
     // The default was needed: nobody asked for a preset, on the command line or in a file.
     let asked = found.is_none();
     let tools = match found {
@@ -51,8 +52,9 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     };
     let folder = RunFolder::new(args.run.clone().unwrap_or_else(|| default_folder(&config)));
     preflight(&config, &folder, &tools)?;
+    scenes::check(&config)?;
     introduce(&config, asked);
-    let (identity, lock) = create(&folder, &config)?;
+    let (identity, lock) = create(&folder, &mut config)?;
     Session { folder, config, identity, lock, tools }.run()
 }
 
@@ -82,7 +84,7 @@ fn check_free(folder: &RunFolder) -> Result<()> {
 }
 
 /// Makes the folder and everything that is in it before the first process starts.
-fn create(folder: &RunFolder, config: &Config) -> Result<(Identity, RunLock)> {
+fn create(folder: &RunFolder, config: &mut Config) -> Result<(Identity, RunLock)> {
     check_free(folder)?;
     for path in [folder.root().to_path_buf(), folder.logs(), folder.checkpoints(), folder.recordings()] {
         std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
@@ -91,6 +93,7 @@ fn create(folder: &RunFolder, config: &Config) -> Result<(Identity, RunLock)> {
     if folder.identity().exists() {
         bail!("run folder {} is already in use: another orchestrator was faster", folder.root().display());
     }
+    scenes::keep(config, folder)?;
     write_atomically(&folder.config(), config.to_toml().as_bytes())
         .with_context(|| format!("cannot write {}", folder.config().display()))?;
     let identity = Identity::new()?;
@@ -119,10 +122,10 @@ mod tests {
     #[test]
     fn only_a_new_or_empty_folder_is_taken() {
         let temporary = tempfile::tempdir().unwrap();
-        let config = Config::resolve("demo", None).unwrap();
+        let mut config = Config::resolve("demo", None).unwrap();
         let new = RunFolder::new(temporary.path().join("a/b"));
         check_free(&new).unwrap();
-        let (identity, lock) = create(&new, &config).unwrap();
+        let (identity, lock) = create(&new, &mut config).unwrap();
         assert_eq!(Identity::read(&new).unwrap(), identity);
         let text = std::fs::read_to_string(new.config()).unwrap();
         assert_eq!(Config::from_toml(&text, "config.toml").unwrap(), config);

@@ -45,11 +45,11 @@ impl Display for Process {
 }
 
 impl Process {
-    /// Its name and, of an actor, its kitchen.
-    pub fn describe(self) -> String {
+    /// Its name and, of an actor, its kitchen in a run with this many scenes of its own.
+    pub fn describe(self, scenes: usize) -> String {
         match self {
             Self::Learner(_) => self.to_string(),
-            Self::Actor(actor) => format!("{self} (kitchen {})", KitchenId::of_actor(actor)),
+            Self::Actor(actor) => format!("{self} (kitchen {})", KitchenId::of_actor(actor, scenes)),
         }
     }
 }
@@ -207,6 +207,8 @@ pub struct Saved {
 /// Every bound the supervisor keeps.
 #[derive(Debug, Clone, Copy)]
 pub struct Policy {
+    /// Scenes that the run has in place of the training kitchens.
+    pub scenes: usize,
     /// Actor processes.
     pub actors: u32,
     /// On restarts.
@@ -235,6 +237,7 @@ impl Policy {
         let slowest_update_s = rollout_frames * f64::from(config.ppo.epochs) / 10.0;
         let actor_deadline = Duration::from_secs_f64(config.learner.actor_deadline_s.min(1e6));
         Self {
+            scenes: config.scenes.len(),
             actors: config.actors.count,
             restart: RestartPolicy::default(),
             learner_ready: Duration::from_mins(2),
@@ -404,7 +407,9 @@ impl Supervisor {
                 self.report(Level::Error, died);
                 self.leave(now, End::Failed(reason), None);
             }
-            Phase::Saving { .. } => self.report(Level::Warning, format!("{} died: {exit}", process.describe())),
+            Phase::Saving { .. } => {
+                self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.policy.scenes)))
+            }
             Phase::Leaving { .. } => self.finish_if_alone(),
             Phase::Over => {}
         }
@@ -412,7 +417,7 @@ impl Supervisor {
 
     /// A process died that should be running.
     fn died(&mut self, now: Duration, process: Process, exit: &Exit, last_words: &[String]) {
-        let who = process.describe();
+        let who = process.describe(self.policy.scenes);
         if process == LEARNER {
             // A learner that says no by itself at its first start has a reason that another try does not remove: a
             // checkpoint it cannot read, a device that is not there.
@@ -536,7 +541,7 @@ impl Supervisor {
         {
             self.report(
                 Level::Warning,
-                format!("{} has not answered for {waited_s:.0} s and is killed", process.describe()),
+                format!("{} has not answered for {waited_s:.0} s and is killed", process.describe(self.policy.scenes)),
             );
             self.kill(now, process);
         }
@@ -631,7 +636,10 @@ impl Supervisor {
         if self.phase == Phase::Running
             && let Some(process) = self.children.iter().find(|(_, child)| stuck(child)).map(|(process, _)| *process)
         {
-            self.fail(now, format!("SIGKILL does not end {}: the kernel holds on", process.describe()));
+            self.fail(
+                now,
+                format!("SIGKILL does not end {}: the kernel holds on", process.describe(self.policy.scenes)),
+            );
         }
     }
 

@@ -23,6 +23,10 @@ pub struct Config {
     pub preset: String,
     /// Seed of everything random.
     pub seed: u64,
+    /// Scene files (`scene.toml`) to train in instead of the training kitchens: actor i simulates scene i, repeating
+    /// after the last. Relative to the working directory; a run folder's configuration names its own copies, relative
+    /// to itself.
+    pub scenes: Vec<String>,
     /// Processes and environments.
     pub actors: ActorsConfig,
     /// Physics.
@@ -244,6 +248,7 @@ impl Default for Config {
         Self {
             preset: "paper".into(),
             seed: 1,
+            scenes: Vec::new(),
             actors: ActorsConfig::default(),
             simulation: SimulationConfig::default(),
             episode: EpisodeConfig::default(),

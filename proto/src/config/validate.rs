@@ -1,6 +1,7 @@
 //! Ranges of every setting: what cannot work is refused before a process is started.
 
 use super::{Config, ConfigError};
+use crate::kitchen::KitchenId;
 use crate::message::{MAX_ENVIRONMENTS_PER_ACTOR, MAX_EPISODE_STEPS};
 use std::fmt::Display;
 
@@ -89,6 +90,7 @@ impl Config {
             recording.segment_bytes >= 1 << 20,
             "must be at least 1048576",
         )?;
+        check("scenes", self.scenes.len(), self.scenes.len() <= KitchenId::SCENES_MAX, "a run has at most 128 scenes")?;
         check("stages", self.stages.len(), !self.stages.is_empty(), "there must be at least one stage")?;
         for stage in &self.stages {
             check("stages.frames", stage.frames, stage.frames > 0, "every stage needs at least one frame")?;

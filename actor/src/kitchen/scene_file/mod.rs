@@ -4,6 +4,7 @@
 //! file      what stands in `scene.toml`
 //! roles     which node is what: entries and nodes brought together
 //! tops      where things can stand on a surface
+//! inspect   the check of a whole scene
 //! problem   everything that can be wrong, in words that say what to do
 //! ```
 //!
@@ -39,9 +40,10 @@
 //! meshes is one convex part ([`crate::gltf::solid`]). Metres, y up; the axes are glTF's ([`crate::gltf`]).
 
 mod file;
+pub mod inspect;
 mod problem;
 mod roles;
-mod tops;
+pub mod tops;
 
 pub use file::{Convex, Entry, Role, SceneFile};
 pub use problem::{Problem, SceneError};
