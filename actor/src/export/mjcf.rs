@@ -207,3 +207,57 @@ fn placement(pose: &Pose3) -> String {
     let (t, r) = (pose.translation, pose.rotation);
     format!("pos=\"{} {} {}\" quat=\"{} {} {} {}\"", t.x, t.y, t.z, r.w, r.x, r.y, r.z)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::config::SimulationConfig;
+    use proto::kitchen::KitchenId;
+
+    /// The values of an attribute in a line of the file.
+    fn attribute(line: &str, name: &str) -> Option<String> {
+        let (_, rest) = line.split_once(&format!(" {name}=\""))?;
+        Some(rest.split_once('"')?.0.to_owned())
+    }
+
+    #[test]
+    fn the_file_holds_every_part_and_every_kilogram() {
+        let settings = SimulationConfig::default();
+        let kitchen = Kitchen::build(KitchenId::new(1).unwrap(), &settings).unwrap();
+        let text = mjcf(&kitchen, settings.timestep_s);
+        let geoms: Vec<&str> = text.lines().filter(|line| line.trim_start().starts_with("<geom ")).collect();
+        let parts: usize = kitchen.bodies().iter().map(|body| body.shape.parts.len()).sum();
+        assert_eq!(geoms.len(), parts + part_shapes()[0].parts.len());
+        let movables = kitchen.bodies().iter().filter(|body| body.role == BodyRole::Movable);
+        for (body, &handle) in movables.zip(&kitchen.movables) {
+            let own = format!("{}/", body.name);
+            let mut mass_kg = 0.0;
+            for geom in geoms.iter().filter(|geom| attribute(geom, "name").unwrap().starts_with(&own)) {
+                assert_eq!(
+                    (attribute(geom, "contype").unwrap(), attribute(geom, "conaffinity").unwrap()),
+                    ("1".into(), "3".into())
+                );
+                mass_kg += attribute(geom, "mass").unwrap().parse::<f32>().unwrap();
+            }
+            let expected_kg = kitchen.world.body(handle).mass();
+            assert!((mass_kg / expected_kg - 1.0).abs() < 1e-4, "{}: {mass_kg} for {expected_kg} kg", body.name);
+        }
+        let unseen = geoms.iter().filter(|geom| attribute(geom, "group").unwrap() == UNSEEN_GROUP.to_string());
+        assert!(unseen.count() > 0, "the camera does not see the robot's own body");
+    }
+
+    #[test]
+    fn names_are_unique() {
+        let settings = SimulationConfig::default();
+        let kitchen = Kitchen::build(KitchenId::new(2).unwrap(), &settings).unwrap();
+        let text = mjcf(&kitchen, settings.timestep_s);
+        for kind in ["<geom ", "<body ", "<mesh "] {
+            let lines = text.lines().filter(|line| line.trim_start().starts_with(kind));
+            let mut names: Vec<String> = lines.map(|line| attribute(line, "name").unwrap()).collect();
+            let count = names.len();
+            names.sort();
+            names.dedup();
+            assert!(count > 0 && names.len() == count, "{kind}: {count} names, {} of them different", names.len());
+        }
+    }
+}

@@ -104,6 +104,7 @@ fn thin<T>(elements: &mut Vec<T>, limit: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::kitchen::KitchenId;
 
     #[test]
     fn thinning_keeps_the_limit_evenly() {
@@ -112,5 +113,28 @@ mod tests {
         assert_eq!(numbers, [3, 6, 9]);
         thin(&mut numbers, 3);
         assert_eq!(numbers.len(), 3);
+    }
+
+    #[test]
+    fn the_robots_way_has_no_jumps_and_ends_where_the_robot_does() {
+        let config = Config::default();
+        let kitchen = Arc::new(Kitchen::build(KitchenId::new(1).unwrap(), &config.simulation).unwrap());
+        let trace = record(&kitchen, &config, PolicyKind::Random, 3).unwrap();
+        assert_eq!(trace.substeps_until.len(), config.episode.max_steps as usize);
+        assert_eq!(trace.substeps_until.last().copied(), Some(trace.substeps.len() as u32));
+        let least = config.simulation.substeps;
+        assert!(trace.substeps_until.windows(2).all(|pair| pair[1] - pair[0] >= least), "each action takes its time");
+        for pair in trace.substeps.windows(2) {
+            for (before, after) in pair[0].parts.iter().zip(&pair[1].parts) {
+                let moved_m = (after.translation - before.translation).length();
+                assert!(moved_m < 0.05, "a part of the robot moved {moved_m} m in one sub-step");
+            }
+        }
+        let travelled = trace.substeps.windows(2).filter(|pair| pair[0].parts != pair[1].parts).count();
+        assert!(travelled > trace.substeps.len() / 4, "the robot moved in {travelled} sub-steps only");
+        assert_eq!(trace.frames.len(), 3);
+        assert!(trace.frames.iter().all(|frame| frame.depth_mm.iter().filter(|&&depth| depth > 0).count() > 10_000));
+        let [.., last] = &trace.frames[..] else { panic!("there are frames") };
+        assert!(trace.world_from_camera.contains(&last.world_from_camera));
     }
 }
