@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build up test lint doc bench-peers
+.PHONY: help setup build up test lint doc bench-peers check-determinism
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -16,6 +16,7 @@ help:
 	@echo 'make build   set up and compile the programs'
 	@echo 'make up      build and start a run: 19 actors, a learner, the orchestrator; ARGS="..." adds options'
 	@echo 'make test    set up, build and run all tests'
+	@echo 'make check-determinism   the simulator, built for other processors and in debug, gives the same bits (minutes)'
 	@echo 'make lint    formatting and clippy, warnings are errors'
 	@echo 'make doc     the API documentation, warnings are errors'
 	@echo 'make bench-peers'
@@ -40,6 +41,15 @@ test: build
 		set -x; cargo test --release --locked --workspace --tests; \
 	fi
 	cargo test --doc --release --locked --workspace
+
+# The golden hashes, which every build must reproduce: debug, the plainest x86-64 there is, one with AVX2 and fused
+# multiply-add at hand, and the one that runs here. Each has a target folder of its own, not to rebuild everything.
+check-determinism:
+	cargo test --locked -p actor --target-dir target/determinism/debug --test determinism golden_hashes
+	@set -e; for cpu in x86-64 x86-64-v3 native; do \
+		set -x; RUSTFLAGS="-C target-cpu=$$cpu" cargo test --release --locked -p actor \
+			--target-dir target/determinism/$$cpu --test determinism golden_hashes; { set +x; } 2>/dev/null; \
+	done
 
 lint: setup
 	cargo fmt --all --check

@@ -285,14 +285,15 @@ mod tests {
     }
 
     #[test]
-    fn no_body_is_faster_than_the_limit() {
+    fn no_body_is_faster_than_the_limit_nor_comes_further_than_is_foreseen() {
+        const { assert!(MAX_SPEED_M_PER_S / 60.0 < FORESIGHT_M) };
         let mut world = World::new(1.0 / 60.0);
         let handle = world.add_movable(&cuboid(0.05, 0.05, 0.05), Pose3::translation(0.0, 50.0, 0.0), 1.0, 0.5);
         for _ in 0..120 {
             let before = world.body(handle).position().translation;
             world.step();
             let travel = (world.body(handle).position().translation - before).length();
-            assert!(travel <= MAX_SPEED_M_PER_S / 60.0 + 1e-4 && travel < FORESIGHT_M);
+            assert!(travel <= MAX_SPEED_M_PER_S / 60.0 + 1e-4);
         }
     }
 
