@@ -36,6 +36,10 @@ const TARGET_MOVED_M: f32 = 0.005;
 /// A trial that adds no more disturbance than this is good enough, metres.
 const UNDISTURBED_M: f32 = 0.001;
 
+/// What has been pushed once is still touched: the fast variant may enter things this deeply when it goes around them,
+/// metres.
+const BRUSH_M: f32 = 0.003;
+
 /// How the oracle goes about it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, clap::ValueEnum)]
 pub enum Variant {
@@ -56,7 +60,8 @@ impl Variant {
 
     /// Kinds of care, the preferred first.
     fn cares(self, failures: usize) -> &'static [Care] {
-        const TOUCH: Care = Care { driving_m: Some(0.0), reaching_m: None };
+        const TOUCH: Care = Care { driving_m: Some(-BRUSH_M), reaching_m: None };
+        const TOUCH_ALL: Care = Care { driving_m: Some(-BRUSH_M), reaching_m: Some(-BRUSH_M) };
         const CAREFUL: [Care; 5] = [
             Care { driving_m: Some(0.03), reaching_m: Some(0.015) },
             Care { driving_m: Some(0.015), reaching_m: Some(0.008) },
@@ -66,7 +71,7 @@ impl Variant {
         ];
         match self {
             Self::Fast if failures == 0 => &[Care::NONE],
-            Self::Fast => &[TOUCH, Care::NONE],
+            Self::Fast => &[TOUCH_ALL, TOUCH, Care::NONE],
             Self::Careful => &CAREFUL,
         }
     }

@@ -9,11 +9,11 @@ use crate::robot::configuration::Configuration;
 use proto::action::Action;
 
 /// Floor poses that a search expands.
-const EXPANSIONS: u32 = 12_000;
+const EXPANSIONS: u32 = 40_000;
 /// Floor poses in reach whose final configurations are looked for before the best of them is chosen.
 const STANDS_COMPARED: usize = 16;
 /// Floor poses in reach that are looked at in all.
-const STANDS_MOST: usize = 96;
+const STANDS_MOST: usize = 400;
 
 /// How the arm is held on the way: its height (none: as it is) and the wrist, in ticks.
 #[derive(Debug, Clone, Copy)]

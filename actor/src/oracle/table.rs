@@ -88,6 +88,9 @@ pub struct Settings {
     /// Kitchens to play in: train, valid or test.
     #[arg(long, value_parser = split, default_value = "test", value_name = "SPLIT")]
     pub split: Split,
+    /// Play in one kitchen only, whatever its split.
+    #[arg(long, value_parser = kitchen, conflicts_with = "split", value_name = "1..30")]
+    pub kitchen: Option<KitchenId>,
     /// How it goes about it.
     #[arg(long, value_enum, default_value = "fast")]
     pub variant: Variant,
@@ -100,6 +103,11 @@ pub struct Settings {
     /// List the episodes that failed.
     #[arg(long)]
     pub failures: bool,
+}
+
+fn kitchen(text: &str) -> Result<KitchenId, String> {
+    let number: u8 = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
+    KitchenId::new(number).map_err(|error| error.to_string())
 }
 
 fn split(text: &str) -> Result<Split, String> {
@@ -115,7 +123,7 @@ fn split(text: &str) -> Result<Split, String> {
 pub fn run(settings: &Settings) -> Result<()> {
     ensure!(settings.episodes > 0, "play at least one episode");
     let config = Config::default();
-    let kitchens = KitchenId::of_split(settings.split);
+    let kitchens = settings.kitchen.map_or_else(|| KitchenId::of_split(settings.split), |kitchen| vec![kitchen]);
     let mut out = std::io::stdout().lock();
     let variant = settings.variant.name();
     writeln!(
