@@ -12,7 +12,7 @@ pub mod policy;
 mod report;
 
 use crate::depth::DepthCamera;
-use crate::kitchen::Kitchen;
+use crate::kitchen::{Kitchen, scene_file};
 use anyhow::{Result, ensure};
 use clock::seconds_per_call;
 use player::{Player, View};
@@ -25,6 +25,7 @@ use report::Memory;
 use std::hint::black_box;
 use std::io::Write;
 use std::mem::MaybeUninit;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -39,6 +40,8 @@ const VIEWS: u32 = 64;
 pub struct Options {
     /// Where.
     pub kitchens: Vec<KitchenId>,
+    /// In this scene instead.
+    pub scene: Option<PathBuf>,
     /// Under whom.
     pub policies: Vec<PolicyKind>,
     /// Processor time for each figure, seconds.
@@ -71,14 +74,20 @@ pub fn run(options: &Options) -> Result<()> {
     let config = Config::default();
     let mut rows = Vec::new();
     let mut memory = Memory { mb: Vec::new() };
-    for &kitchen in &options.kitchens {
-        let built = Arc::new(Kitchen::build(kitchen, &config.simulation)?);
+    let scene = options.scene.as_ref().and_then(|_| KitchenId::scene(0));
+    let kitchens: Vec<KitchenId> = scene.map_or_else(|| options.kitchens.clone(), |scene| vec![scene]);
+    for &kitchen in &kitchens {
+        let built = match &options.scene {
+            Some(path) => scene_file::load(path, kitchen, &config.simulation)?,
+            None => Kitchen::build(kitchen, &config.simulation)?,
+        };
+        let built = Arc::new(built);
         for &policy in &options.policies {
             for environments in ENVIRONMENT_COUNTS {
                 rows.push(measure(&built, policy, environments, &config, options.seconds)?);
             }
         }
-        if options.memory {
+        if options.memory && options.scene.is_none() {
             memory.mb.push(memory::further_environment_mb(kitchen)?);
         }
         tracing::info!("kitchen {kitchen} measured");
@@ -90,7 +99,7 @@ pub fn run(options: &Options) -> Result<()> {
         writeln!(
             out,
             "median of {} kitchens; {} sub-steps of {:.4} s a step; {FRAME_SIDE}×{FRAME_SIDE} pixels; one thread",
-            options.kitchens.len(),
+            kitchens.len(),
             config.simulation.substeps,
             config.simulation.timestep_s,
         )?;

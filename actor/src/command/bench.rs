@@ -5,6 +5,7 @@ use actor::bench::policy::PolicyKind;
 use actor::bench::{self, memory};
 use anyhow::Result;
 use proto::kitchen::{KitchenChoice, KitchenId};
+use std::path::PathBuf;
 
 /// What to measure.
 #[derive(Debug, clap::Args)]
@@ -12,6 +13,9 @@ pub struct BenchArgs {
     /// Kitchens: `all`, or numbers with commas between.
     #[arg(long, default_value = "all", value_name = "all|1,2,...")]
     kitchens: KitchenChoice,
+    /// A scene of your own instead: its TOML file. Memory is not measured then.
+    #[arg(long, value_name = "FILE.toml", conflicts_with = "kitchens")]
+    scene: Option<PathBuf>,
     /// Who chooses the actions.
     #[arg(long, value_delimiter = ',', default_values_t = PolicyKind::ALL, value_name = "POLICY,...")]
     policies: Vec<PolicyKind>,
@@ -38,6 +42,7 @@ pub struct BenchMemoryArgs {
 pub fn run(args: &BenchArgs) -> Result<()> {
     bench::run(&bench::Options {
         kitchens: args.kitchens.0.clone(),
+        scene: args.scene.clone(),
         policies: args.policies.clone(),
         seconds: args.seconds,
         memory: !args.no_memory,

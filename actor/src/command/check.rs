@@ -1,18 +1,30 @@
 //! `actor check`.
 
 use actor::kitchen::check;
+use actor::kitchen::scene_file::inspect;
 use anyhow::Result;
 use proto::kitchen::KitchenChoice;
+use std::path::PathBuf;
 
 /// What to check.
 #[derive(Debug, clap::Args)]
 pub struct CheckArgs {
     /// Kitchens: `all`, or numbers with commas between.
-    #[arg(long, default_value = "all", value_name = "all|1,2,...")]
+    #[arg(long, default_value = "all", value_name = "all|1,2,...", conflicts_with = "scene")]
     kitchens: KitchenChoice,
+    /// A scene of your own instead: its TOML file.
+    #[arg(long, value_name = "FILE.toml")]
+    scene: Option<PathBuf>,
+    /// Copy the scene's files into this folder if all is well.
+    #[arg(long, value_name = "DIR", requires = "scene")]
+    copy: Option<PathBuf>,
 }
 
 /// Runs the command.
 pub fn run(args: &CheckArgs) -> Result<()> {
-    check::run(&args.kitchens.0, std::io::stdout().lock())
+    let out = std::io::stdout().lock();
+    match &args.scene {
+        Some(scene) => inspect::run(scene, args.copy.as_deref(), out),
+        None => check::run(&args.kitchens.0, out),
+    }
 }

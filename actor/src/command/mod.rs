@@ -21,7 +21,7 @@ pub enum Command {
     /// Look at kitchens: pictures, scene files, figures beside iTHOR's.
     #[command(subcommand)]
     Kitchens(kitchens::KitchensCommand),
-    /// Prove all that a kitchen must satisfy: a line a kitchen, the totals last.
+    /// Prove all that a kitchen, or a scene of your own, must satisfy: a line a kitchen, the totals last.
     Check(check::CheckArgs),
     /// The fixed episodes of the validation and test kitchens.
     #[command(subcommand)]
@@ -57,5 +57,5 @@ pub fn run(command: &Command) -> Result<()> {
 /// A kitchen's number, as given on the command line.
 fn kitchen(text: &str) -> Result<KitchenId, String> {
     let number: u8 = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
-    KitchenId::new(number).map_err(|error| error.to_string())
+    KitchenId::built_in(number).map_err(|error| error.to_string())
 }

@@ -100,6 +100,15 @@ pub fn problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
     found
 }
 
+/// What is wrong with a scene of the user's own, of what is wrong in any room.
+pub fn scene_problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
+    let mut found = Vec::new();
+    interpenetrations(kitchen, &mut found);
+    awake(kitchen, &mut found);
+    restless(kitchen, config, &mut found);
+    found
+}
+
 /// Prints a line a kitchen and the totals last; an error if any kitchen has a problem.
 pub fn run(kitchens: &[KitchenId], mut out: impl Write) -> Result<()> {
     let config = Config::default();

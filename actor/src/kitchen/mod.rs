@@ -248,7 +248,7 @@ impl Kitchen {
         // Asked one by one before the rest is put to sleep, for whoever has to mend it.
         world.run_until_asleep(&movables, (SETTLE_LIMIT_S / timestep_s) as u32);
         let awake: Vec<bool> = movables.iter().map(|&handle| !world.body(handle).is_sleeping()).collect();
-        world.settle(&movables, 0);
+        world.put_to_sleep(&movables);
         let mut flaws = Vec::new();
         for (index, (thing, &handle)) in things.iter().zip(&movables).enumerate() {
             let settled = *world.body(handle).position();

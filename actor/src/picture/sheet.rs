@@ -51,17 +51,17 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
     let end = canvas.text("Stillroom kitchens", 26.0, MARGIN as f32, 31.0, INK);
     let legend = format!(
         "each: floor plan cut at 1.4 m, and what the robot (orange) sees from where it stands; {} things in all",
-        pairs.iter().map(|(_, things)| *things).sum::<usize>()
+        pairs.iter().map(|(_, _, things)| *things).sum::<usize>()
     );
     canvas.text(&legend, 17.0, end + 18.0, 31.0, FAINT);
-    for (index, (id, (views, things))) in options.kitchens.iter().zip(&pairs).enumerate() {
+    for (index, (id, (views, plan, things))) in options.kitchens.iter().zip(&pairs).enumerate() {
         let x = MARGIN + index % columns * (cell + MARGIN);
         let y = HEAD + index / columns * (TITLE + side + MARGIN);
         let (word, colour) = split(*id);
         canvas.fill(x, y + 3, 4, TITLE - 8, colour);
         let end = canvas.text(&format!("{id}"), 21.0, x as f32 + 10.0, y as f32 + 18.0, INK);
         let end = canvas.text(word, 17.0, end + 9.0, y as f32 + 18.0, colour);
-        canvas.text(&format!("{things} things"), 17.0, end + 9.0, y as f32 + 18.0, FAINT);
+        canvas.text(&format!("{plan}{things} things"), 17.0, end + 9.0, y as f32 + 18.0, FAINT);
         canvas.place(&views.plan, x, y + TITLE);
         canvas.place(&views.robot, x + side, y + TITLE);
     }
@@ -76,19 +76,23 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
     Ok(())
 }
 
-/// Pictures and number of things of each kitchen, in order, on all cores.
-fn draw_all(kitchens: &[KitchenId], side: usize) -> Result<Vec<(Views, usize)>> {
+/// Pictures, plan and number of things of a kitchen.
+type Drawn = (Views, String, usize);
+
+/// Pictures, plan and number of things of each kitchen, in order, on all cores.
+fn draw_all(kitchens: &[KitchenId], side: usize) -> Result<Vec<Drawn>> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from).min(kitchens.len());
     let next = AtomicUsize::new(0);
     let simulation = SimulationConfig::default();
-    let work = || -> Result<Vec<(usize, (Views, usize))>> {
+    let work = || -> Result<Vec<(usize, Drawn)>> {
         let mut done = Vec::new();
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed);
             let Some(&id) = kitchens.get(index) else { return Ok(done) };
             let kitchen = Kitchen::build(id, &simulation)?;
             let views = Views::of(&kitchen, side, PAPER).with_context(|| format!("kitchen {id}"))?;
-            done.push((index, (views, kitchen.thing_count())));
+            let plan = kitchen.plan().map_or_else(String::new, |plan| format!("{}, ", plan.name()));
+            done.push((index, (views, plan, kitchen.thing_count())));
         }
     };
     let mut drawn = Vec::with_capacity(kitchens.len());
