@@ -8,9 +8,12 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypedDict
+from typing import Literal, TypedDict
 
 from .export import Export
+
+#: The figures that a peer can have.
+Figure = Literal["depth_s", "rays_s", "physics_s", "whole_step_s"]
 
 
 class Result(TypedDict, total=False):

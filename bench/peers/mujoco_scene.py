@@ -66,9 +66,9 @@ class Scene:
 
     def _damp_spin(self, body: int) -> None:
         """A torque against spin that slows it at the rate of our engine: damping is that rate times inertia."""
-        turn = np.zeros(9)
-        mujoco.mju_quat2Mat(turn, self.model.body_iquat[body])
-        turn = turn.reshape(3, 3)
+        matrix = np.zeros(9)
+        mujoco.mju_quat2Mat(matrix, self.model.body_iquat[body])
+        turn = matrix.reshape(3, 3)
         inertia = np.diag(turn @ np.diag(self.model.body_inertia[body]) @ turn.T)
         first = self.model.jnt_dofadr[self.model.body_jntadr[body]]
         self.model.dof_damping[first + 3 : first + 6] = ANGULAR_DAMPING * inertia

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from statistics import median
 
-from .measure import Answer
+from .measure import Answer, Figure
 
 #: Depth may differ from Embree's by this much off silhouettes, millimetres: rounding alone takes half of one.
 DEPTH_BOUND_MM = 1.0
@@ -16,14 +16,14 @@ MASS_BOUND = 1e-4
 ENVIRONMENTS = 32
 
 #: What is compared: key of the results, its name, and the figures to reach: rates of ours, ratio to the best peer.
-ROWS = [
+ROWS: list[tuple[Figure, str, dict[str, int], int | None]] = [
     ("depth_s", "depth frames/s", {"random": 12_000, "oracle": 12_000}, 20),
     ("rays_s", "  for comparison", {}, None),
     ("physics_s", "physics steps/s", {}, None),
     ("whole_step_s", "whole steps/s", {"random": 5_000, "oracle": 3_500}, 25),
 ]
 #: What of ours stands beside a figure that ours has none of.
-OWN = {"rays_s": "depth_s"}
+OWN: dict[Figure, Figure] = {"rays_s": "depth_s"}
 MEMORY_TARGET_MB = 2.0
 
 
@@ -34,7 +34,7 @@ class Ours:
     measurements: list[dict]
     further_environment_mb: list[float]
 
-    def seconds(self, key: str, policy: str) -> dict[str, float]:
+    def seconds(self, key: Figure, policy: str) -> dict[str, float]:
         """Processor time of one frame or step, for each kitchen."""
         return {
             str(row["kitchen"]): row[key]
@@ -64,7 +64,7 @@ class Line:
         return min(theirs / ours for ours, theirs in zip(self.ours, self.theirs, strict=True))
 
 
-def lines(ours: Ours, answers: list[Answer], policy: str, key: str, what: str) -> list[Line]:
+def lines(ours: Ours, answers: list[Answer], policy: str, key: Figure, what: str) -> list[Line]:
     """A line for each peer that was measured in this respect, best peer first."""
     found = []
     for answer in answers:

@@ -1,6 +1,7 @@
 //! Where the actions of a measurement come from.
 
 use crate::environment::Environment;
+use crate::oracle;
 use proto::action::{Action, ActionSpace};
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
@@ -15,16 +16,19 @@ const SEED: u64 = 1;
 pub enum PolicyKind {
     /// Every action equally likely but Done, so that episodes last.
     Random,
+    /// The planner with privileged state at full speed: what it does touches more than noise does.
+    Oracle,
 }
 
 impl PolicyKind {
     /// All of them, in the order of the table.
-    pub const ALL: [Self; 1] = [Self::Random];
+    pub const ALL: [Self; 2] = [Self::Random, Self::Oracle];
 
     /// Its name, on the command line and in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Random => "random",
+            Self::Oracle => "oracle",
         }
     }
 }
@@ -52,7 +56,20 @@ impl FromStr for PolicyKind {
 pub fn script(kind: PolicyKind, environment: &Environment, id: EnvironmentId, episode: u32) -> Vec<Action> {
     match kind {
         PolicyKind::Random => (0..environment.max_steps()).map(|step| random_action(id, episode, step)).collect(),
+        PolicyKind::Oracle => rehearse(environment.clone()),
     }
+}
+
+/// What the oracle does, found out by letting it.
+fn rehearse(mut environment: Environment) -> Vec<Action> {
+    let mut oracle = oracle::Policy::new(oracle::Variant::Fast);
+    let mut actions = Vec::new();
+    while !environment.ended() {
+        let action = oracle.next(&environment);
+        environment.step(action);
+        actions.push(action);
+    }
+    actions
 }
 
 /// An action from counter-based noise: the same on every machine, whatever happens in the kitchen.
