@@ -142,7 +142,8 @@ pub fn run(kitchens: &[KitchenId], mut out: impl Write) -> Result<()> {
     Ok(())
 }
 
-fn interpenetrations(kitchen: &Kitchen, found: &mut Vec<Problem>) {
+/// Movable things that stand in others, or in fixtures.
+pub(super) fn interpenetrations(kitchen: &Kitchen, found: &mut Vec<Problem>) {
     let solids: Vec<(Solid, &Pose3, Aabb)> = kitchen.bodies()[..kitchen.movable_bodies().end]
         .iter()
         .zip(kitchen.settled_poses())
@@ -243,7 +244,7 @@ pub(super) fn is_small(category: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{draw, quota};
+    use super::super::{DEMANDS, draw, quota};
     use super::*;
     use crate::kitchen::room::Fixture;
     use crate::shape::{Primitive, Shape};
@@ -267,7 +268,7 @@ mod tests {
             }
             let before_a_run = 0.5 * (kept_clear[0].low + kept_clear[0].high);
             change(&mut room.fixtures, before_a_run);
-            if let Ok(kitchen) = Kitchen::assemble(id, config.simulation.timestep_s, room) {
+            if let Ok(kitchen) = Kitchen::assemble(id, config.simulation.timestep_s, room, &DEMANDS) {
                 return Arc::new(Kitchen { plan: Some(plan), kept_clear, ..kitchen });
             }
         }
