@@ -10,7 +10,7 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Split, TargetCategory};
-use rapier3d::geometry::Aabb;
+use rapier3d::geometry::{Aabb, SharedShape};
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::bounding_volume::BoundingVolume;
 use std::io::Write;
@@ -142,27 +142,34 @@ pub fn run(kitchens: &[KitchenId], mut out: impl Write) -> Result<()> {
     Ok(())
 }
 
-fn interpenetrations(kitchen: &Kitchen, found: &mut Vec<Problem>) {
-    let solids: Vec<(Solid, &Pose3, Aabb)> = kitchen.bodies()[..kitchen.movable_bodies().end]
+/// Movable things that stand in others, or in fixtures.
+pub(super) fn interpenetrations(kitchen: &Kitchen, found: &mut Vec<Problem>) {
+    /// A convex part where it is in the world.
+    type Part = (SharedShape, Pose3, Aabb);
+    let bodies: Vec<(Aabb, Vec<Part>)> = kitchen.bodies()[..kitchen.movable_bodies().end]
         .iter()
         .zip(kitchen.settled_poses())
         .map(|(body, pose)| {
             let solid = Solid::of(&body.shape);
             let aabb = solid.aabb(pose);
-            (solid, pose, aabb)
+            let parts = solid.parts.into_iter().map(|(shape, body_from_part)| {
+                let pose = *pose * body_from_part;
+                let aabb = shape.compute_aabb(&pose);
+                (shape, pose, aabb)
+            });
+            (aabb, parts.collect())
         })
         .collect();
     for movable in kitchen.movable_bodies() {
-        let (solid, pose, aabb) = &solids[movable];
-        for (other, (other_solid, other_pose, other_aabb)) in solids[..movable].iter().enumerate() {
+        let (aabb, parts) = &bodies[movable];
+        for (other, (other_aabb, other_parts)) in bodies[..movable].iter().enumerate() {
             if !aabb.intersects(other_aabb) {
                 continue;
             }
             let mut deepest = 0.0_f32;
-            for (shape, body_from_part) in &solid.parts {
-                for (other_shape, other_from_part) in &other_solid.parts {
-                    let (own, others) = (**pose * *body_from_part, **other_pose * *other_from_part);
-                    deepest = deepest.max(-gap_m(&own, shape, &others, other_shape));
+            for (shape, pose, aabb) in parts {
+                for (other_shape, other_pose, _) in other_parts.iter().filter(|(.., other)| other.intersects(aabb)) {
+                    deepest = deepest.max(-gap_m(pose, shape, other_pose, other_shape));
                 }
             }
             if deepest > PENETRATION_MAX_M {
@@ -243,7 +250,7 @@ pub(super) fn is_small(category: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{draw, quota};
+    use super::super::{DEMANDS, draw, quota};
     use super::*;
     use crate::kitchen::room::Fixture;
     use crate::shape::{Primitive, Shape};
@@ -267,7 +274,7 @@ mod tests {
             }
             let before_a_run = 0.5 * (kept_clear[0].low + kept_clear[0].high);
             change(&mut room.fixtures, before_a_run);
-            if let Ok(kitchen) = Kitchen::assemble(id, config.simulation.timestep_s, room) {
+            if let Ok(kitchen) = Kitchen::assemble(id, config.simulation.timestep_s, room, &DEMANDS) {
                 return Arc::new(Kitchen { plan: Some(plan), kept_clear, ..kitchen });
             }
         }

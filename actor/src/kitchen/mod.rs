@@ -357,6 +357,11 @@ impl Kitchen {
         if self.connected_share < CONNECTED_LEAST {
             return Err(format!("free floor ({:.2} of it connected)", self.connected_share));
         }
+        let mut found = Vec::new();
+        check::interpenetrations(&self, &mut found);
+        if let Some(problem) = found.first() {
+            return Err(problem.to_string());
+        }
         let least = if self.id.split() == Split::Train { SPOTS_LEAST } else { SPOTS_LEAST / 2 };
         for category in TargetCategory::ALL {
             let spots = self.target_spots(category).len();

@@ -96,7 +96,7 @@ fn everything_comes_to_rest_upright() {
         for _ in 0..120 {
             world.step();
         }
-        let still = world.asleep(&[handle]) && *world.body(handle).position() == settled;
+        let still = world.body(handle).is_sleeping() && *world.body(handle).position() == settled;
         if !(rested && still && drift_m < 0.003 && tilt_degrees < 2.0) {
             restless.push(format!(
                 "{}: rested {rested}, still {still}, drift {drift_m} m, tilt {tilt_degrees} degrees",

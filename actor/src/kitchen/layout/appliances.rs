@@ -10,7 +10,7 @@ use crate::kitchen::room::Surface;
 const BASIN_DEPTH_M: f32 = 0.17;
 /// Depth of a fridge without its handles, metres.
 pub(super) const FRIDGE_DEPTH_M: f32 = 0.68;
-/// Radius of a burner and height of its grate above the counter's top, metres.
+/// Radius of a burner and height of its plate above the counter's top, metres.
 const BURNER_RADIUS_M: f32 = 0.095;
 pub(super) const GRATE_M: f32 = 0.022;
 /// Size of a microwave, metres.
@@ -90,13 +90,12 @@ impl Draft<'_> {
         for &[aside, out] in &corners[..self.burner_count as usize] {
             let radius = if out == 0.325 { 0.05 } else { BURNER_RADIUS_M };
             let [x, z] = [middle + aside, out];
-            let bars = 0.95 * radius;
-            let burner = Assembly::new(frame)
-                .drum([x, top, z], [x, top + 0.012, z], 0.6 * radius)
-                .slab([x - bars, x + bars], [top + 0.012, top + GRATE_M], [z - 0.006, z + 0.006])
-                .slab([x - 0.006, x + 0.006], [top + 0.012, top + GRATE_M], [z - bars, z + bars])
-                .slab([x - bars, x - bars + 0.012], [top, top + GRATE_M], [z - 0.006, z + 0.006])
-                .slab([x + bars - 0.012, x + bars], [top, top + GRATE_M], [z - 0.006, z + 0.006]);
+            // One thick plate: a pan's thin floor would sink in between bars.
+            let burner = Assembly::new(frame).drum([x, top, z], [x, top + 0.006, z], radius).drum(
+                [x, top, z],
+                [x, top + GRATE_M, z],
+                0.93 * radius,
+            );
             self.fix("StoveBurner", burner);
             if radius == BURNER_RADIUS_M {
                 self.burners.push(frame.at(x, top + GRATE_M, z));
