@@ -48,6 +48,22 @@ pub enum Problem {
     GoalOutOfReach,
 }
 
+impl Problem {
+    /// What kind of problem it is, in a word or two.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::AlreadyThere => "already there",
+            Self::Restless(_) => "restless",
+            Self::Drifts(..) => "drifts",
+            Self::Leans(_) => "leans",
+            Self::Pushes(..) => "pushes",
+            Self::StartPose => "start pose",
+            Self::TargetOutOfReach => "target out of reach",
+            Self::GoalOutOfReach => "goal out of reach",
+        }
+    }
+}
+
 /// Checks one episode.
 pub fn check(kitchen: &Arc<Kitchen>, config: &Config, episode: &Episode) -> Result<(), Problem> {
     if at_goal(episode.start, episode.goal) {

@@ -1,12 +1,14 @@
 //! `actor episodes`: draws the fixed episodes, or checks those that are part of the program.
 
-use super::check::check;
+use super::check::{Problem, check};
 use super::format::File;
 use super::{EPISODES_PER_KITCHEN, FILE_HASH, draw, fixed, kitchens};
+use crate::episode::Episode;
 use crate::kitchen::Kitchen;
 use crate::oracle::table::in_parallel;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -40,8 +42,16 @@ fn generate(path: &Path) -> Result<()> {
     let mut file = File::default();
     for id in kitchens() {
         let kitchen = Arc::new(Kitchen::build(id, &config.simulation)?);
-        let (section, draws) = draw::draw(&kitchen, &config)?;
-        writeln!(out, "kitchen {id:>2}: {EPISODES_PER_KITCHEN} episodes in {draws} draws")?;
+        let (section, rejected) = draw::draw(&kitchen, &config)?;
+        let mut kinds: BTreeMap<&str, usize> = BTreeMap::new();
+        rejected.iter().for_each(|problem| *kinds.entry(problem.kind()).or_default() += 1);
+        let kinds: Vec<String> = kinds.into_iter().map(|(kind, count)| format!("{count} {kind}")).collect();
+        writeln!(
+            out,
+            "kitchen {id:>2}: {EPISODES_PER_KITCHEN} episodes; {} draws rejected: {}",
+            rejected.len(),
+            kinds.join(", ")
+        )?;
         out.flush()?;
         file.sections.push(section);
     }
@@ -55,6 +65,11 @@ fn generate(path: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Checks episodes, on all processors.
+pub fn verdicts(kitchen: &Arc<Kitchen>, config: &Config, episodes: &[Episode]) -> Vec<Result<(), Problem>> {
+    in_parallel(episodes.len(), |index| check(kitchen, config, &episodes[index]))
+}
+
 /// Checks every fixed episode that is part of the program: a line per kitchen; an error if one is not valid.
 fn check_all() -> Result<()> {
     let config = Config::default();
@@ -62,8 +77,7 @@ fn check_all() -> Result<()> {
     let (mut valid, mut wrong) = (0, 0);
     for id in kitchens() {
         let kitchen = Arc::new(Kitchen::build(id, &config.simulation)?);
-        let episodes = fixed(&kitchen)?;
-        let verdicts = in_parallel(episodes.len(), |index| check(&kitchen, &config, &episodes[index]));
+        let verdicts = verdicts(&kitchen, &config, &fixed(&kitchen)?);
         for (index, verdict) in verdicts.iter().enumerate() {
             if let Err(problem) = verdict {
                 writeln!(out, "kitchen {id}, episode {index}: {problem}")?;

@@ -1,6 +1,6 @@
 //! Draws the fixed episodes: the same for the same kitchens, for ever.
 
-use super::check::check;
+use super::check::{Problem, check};
 use super::format::{Record, Section};
 use super::{EPISODES_PER_KITCHEN, category, fingerprint};
 use crate::kitchen::Kitchen;
@@ -30,22 +30,22 @@ pub enum DrawError {
     },
 }
 
-/// Draws all episodes of a kitchen; also returns how many draws it took.
-pub fn draw(kitchen: &Arc<Kitchen>, config: &Config) -> Result<(Section, u32), DrawError> {
+/// Draws all episodes of a kitchen; also returns what was wrong with the draws that were not valid.
+pub fn draw(kitchen: &Arc<Kitchen>, config: &Config) -> Result<(Section, Vec<Problem>), DrawError> {
     let drawn = in_parallel(EPISODES_PER_KITCHEN, |episode| one(kitchen, config, episode));
     let mut records = Vec::with_capacity(EPISODES_PER_KITCHEN);
-    let mut draws = 0;
+    let mut rejected = Vec::new();
     for record in drawn {
-        let (record, used) = record?;
+        let (record, problems) = record?;
         records.push(record);
-        draws += used;
+        rejected.extend(problems);
     }
-    Ok((Section { kitchen: kitchen.id(), fingerprint: fingerprint(kitchen), records }, draws))
+    Ok((Section { kitchen: kitchen.id(), fingerprint: fingerprint(kitchen), records }, rejected))
 }
 
-/// The first valid draw of an episode and its number, from 1.
-fn one(kitchen: &Arc<Kitchen>, config: &Config, episode: usize) -> Result<(Record, u32), DrawError> {
-    let mut last = "no draw".to_owned();
+/// The first valid draw of an episode, and what was wrong with those before.
+fn one(kitchen: &Arc<Kitchen>, config: &Config, episode: usize) -> Result<(Record, Vec<Problem>), DrawError> {
+    let mut rejected = Vec::new();
     for attempt in 0..DRAWS {
         let key = Key {
             seed: SEED,
@@ -62,9 +62,10 @@ fn one(kitchen: &Arc<Kitchen>, config: &Config, episode: usize) -> Result<(Recor
         let record = Record { start: below(spots), goal: below(spots), stand: below(kitchen.robot_stands().len()) };
         let drawn = record.episode(kitchen, episode).expect("the numbers were drawn below the counts");
         match check(kitchen, config, &drawn) {
-            Ok(()) => return Ok((record, attempt + 1)),
-            Err(problem) => last = problem.to_string(),
+            Ok(()) => return Ok((record, rejected)),
+            Err(problem) => rejected.push(problem),
         }
     }
+    let last = rejected.last().map_or_else(String::new, ToString::to_string);
     Err(DrawError::NoneValid { kitchen: kitchen.id(), episode, last })
 }

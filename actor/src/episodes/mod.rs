@@ -26,7 +26,7 @@ pub const FILE_HASH: u64 = 0;
 static FILE: &[u8] = include_bytes!("fixed.bin");
 
 /// Why there are no fixed episodes.
-#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+#[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 pub enum EpisodesError {
     /// The file in the program is not the one the code was written for.
     #[error("the file of fixed episodes has hash {found:#018x}, not {FILE_HASH:#018x}")]

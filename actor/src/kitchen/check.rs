@@ -3,6 +3,8 @@
 use super::catalogue::{CATEGORIES, Place};
 use super::{CONNECTED_LEAST, Kitchen, NOT_THINGS, SPOTS_LEAST, ithor};
 use crate::environment::Environment;
+use crate::episode::Episode;
+use crate::episodes::{self, EpisodesError};
 use crate::physics::gap::gap_m;
 use crate::physics::geometry::Solid;
 use anyhow::{Result, ensure};
@@ -20,6 +22,8 @@ use std::sync::Arc;
 const PENETRATION_MAX_M: f32 = 0.001;
 /// Steps of standing still.
 const STILL_STEPS: u32 = 200;
+/// Sampled episodes of a training kitchen that are checked.
+const SAMPLED_EPISODES: u32 = 60;
 /// A chair's bounding box is at most this far from its table, metres.
 const CHAIR_TO_TABLE_M: f32 = 0.15;
 /// Height up to which floor is kept clear, metres: a wall cabinet may hang over it.
@@ -68,6 +72,17 @@ pub enum Problem {
     /// A chair stands away from every table.
     #[error("{0} stands at no table")]
     ChairAlone(String),
+    /// An episode cannot be played as it should.
+    #[error("episode {episode}: {problem}")]
+    Episode {
+        /// The episode.
+        episode: usize,
+        /// What is wrong with it.
+        problem: episodes::check::Problem,
+    },
+    /// A kitchen has not the fixed episodes it should have.
+    #[error("{0}")]
+    Episodes(#[from] EpisodesError),
     /// The number of things is not one that iTHOR's kitchens have.
     #[error("{0} things; iTHOR's kitchens hold {least} to {most}", least = ithor::THINGS[0], most = ithor::THINGS[2])]
     ThingCount(usize),
@@ -100,6 +115,24 @@ pub fn problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
     found
 }
 
+/// What is wrong with a kitchen's episodes: all fixed ones of an evaluation kitchen, the first sampled ones of a
+/// training kitchen. Not among [`problems`]: it takes seconds a kitchen.
+pub fn episode_problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
+    let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
+    let episodes = if kitchen.id().split() == Split::Train {
+        (0..SAMPLED_EPISODES).map(|n| Episode::sample(kitchen, &config.episode, config.seed, id, n)).collect()
+    } else {
+        match episodes::fixed(kitchen) {
+            Ok(fixed) => fixed,
+            Err(error) => return vec![error.into()],
+        }
+    };
+    let verdicts = episodes::command::verdicts(kitchen, config, &episodes).into_iter().enumerate();
+    verdicts
+        .filter_map(|(episode, verdict)| verdict.err().map(|problem| Problem::Episode { episode, problem }))
+        .collect()
+}
+
 /// What is wrong with a scene of the user's own, of what is wrong in any room.
 pub fn scene_problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
     let mut found = Vec::new();
@@ -127,7 +160,9 @@ pub fn run(kitchens: &[KitchenId], mut out: impl Write) -> Result<()> {
                     kitchen.robot_stands().len(),
                     least.unwrap_or(0)
                 );
-                let found: Vec<String> = problems(&kitchen, &config).iter().map(ToString::to_string).collect();
+                let mut found = problems(&kitchen, &config);
+                found.extend(episode_problems(&kitchen, &config));
+                let found: Vec<String> = found.iter().map(ToString::to_string).collect();
                 (found, summary)
             }
             Err(error) => (vec![error.to_string()], String::new()),
