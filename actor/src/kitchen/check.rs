@@ -243,7 +243,7 @@ pub(super) fn is_small(category: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{draw, quota};
+    use super::super::{DEMANDS, draw, quota};
     use super::*;
     use crate::kitchen::room::Fixture;
     use crate::shape::{Primitive, Shape};
@@ -267,7 +267,7 @@ mod tests {
             }
             let before_a_run = 0.5 * (kept_clear[0].low + kept_clear[0].high);
             change(&mut room.fixtures, before_a_run);
-            if let Ok(kitchen) = Kitchen::assemble(id, config.simulation.timestep_s, room) {
+            if let Ok(kitchen) = Kitchen::assemble(id, config.simulation.timestep_s, room, &DEMANDS) {
                 return Arc::new(Kitchen { plan: Some(plan), kept_clear, ..kitchen });
             }
         }
