@@ -28,7 +28,7 @@ def turned(rings: list[tuple[float, float]], at: Point = (0.0, 0.0, 0.0), sides:
     """A profile of (radius, height), from below, turned about the upright axis through `at`."""
 
     def point(ring: tuple[float, float], side: int) -> Point:
-        angle = 2 * math.pi * side / sides
+        angle = 2 * math.pi * (side % sides) / sides
         return (at[0] + ring[0] * math.cos(angle), at[1] + ring[1], at[2] - ring[0] * math.sin(angle))
 
     triangles: Solid = []

@@ -77,10 +77,12 @@ pub fn part_of(piece: &Piece, accept_hull: bool) -> Result<Part, NoSolid> {
     Ok(Part { primitive: Primitive::Hull { points_m: hull }, body_from_part: Pose3::identity() })
 }
 
-/// Each place once, in order.
+/// Each place once, in order: programs write the seam of a round thing twice, a rounding apart.
 fn distinct(vertices: &[Vec3]) -> Vec<Vec3> {
+    const GRID_PER_M: f32 = 1e5;
     let mut seen = BTreeSet::new();
-    vertices.iter().copied().filter(|vertex| seen.insert((*vertex + Vec3::ZERO).to_array().map(f32::to_bits))).collect()
+    let cell = |vertex: &Vec3| vertex.to_array().map(|v| libm::roundf(v * GRID_PER_M) as i32);
+    vertices.iter().copied().filter(|vertex| seen.insert(cell(vertex))).collect()
 }
 
 fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
@@ -209,6 +211,15 @@ mod tests {
             let (own, given) = (own.aabb(&Pose3::identity()), given.aabb(&Pose3::identity()));
             assert!((own.mins - given.mins).length() < 1e-5 && (own.maxs - given.maxs).length() < 1e-5);
         }
+    }
+
+    #[test]
+    fn a_seam_that_is_written_twice_does_not_hide_a_cylinder() {
+        let mut foot = piece(&Shape::of(Primitive::Cylinder { radius_m: 0.02, half_height_m: 0.002 }));
+        let seam: Vec<Vec3> = foot.vertices.iter().filter(|v| v.x > 0.0199).map(|v| *v + Vec3::Z * 1e-9).collect();
+        assert!(!seam.is_empty());
+        foot.vertices.extend(seam);
+        assert!(matches!(part_of(&foot, false).unwrap().primitive, Primitive::Cylinder { .. }));
     }
 
     #[test]

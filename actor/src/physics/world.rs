@@ -180,7 +180,7 @@ impl World {
     }
 
     /// Whether all these bodies sleep.
-    fn asleep(&self, handles: &[RigidBodyHandle]) -> bool {
+    pub fn asleep(&self, handles: &[RigidBodyHandle]) -> bool {
         handles.iter().all(|&handle| self.bodies[handle].is_sleeping())
     }
 
