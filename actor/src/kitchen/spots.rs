@@ -2,11 +2,12 @@
 
 use super::placement::DROP_M;
 use super::room::Surface;
+use crate::physics::gap::gap_m;
 use crate::physics::geometry::Solid;
 use crate::physics::scene::Scene;
 use crate::robot::configuration::Configuration;
 use crate::robot::links::{BODY_HEIGHT_M, BODY_RADIUS_M, PART_COUNT, part_poses};
-use rapier3d::geometry::Aabb;
+use rapier3d::geometry::{Aabb, SharedShape};
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::bounding_volume::BoundingVolume;
 
@@ -158,27 +159,60 @@ pub fn target_spots(
     others: &[(&Solid, &Pose3)],
 ) -> Vec<Vec3> {
     let about_origin = solid.aabb(&Pose3::identity());
-    let other_aabbs: Vec<Aabb> = others.iter().map(|(other, pose)| other.aabb(pose)).collect();
+    let own = PlacedPart::of(solid, &Pose3::identity());
+    let others: Vec<PlacedPart> = others.iter().flat_map(|(other, pose)| PlacedPart::of(other, pose)).collect();
     let mut spots = Vec::new();
-    for (surface, point) in points {
-        let spot = *point + Vec3::new(0.0, DROP_M - about_origin.mins.y, 0.0);
-        let aabb = Aabb::new(about_origin.mins + spot, about_origin.maxs + spot);
-        if !surface.carries(&aabb) {
-            continue;
-        }
-        // Lifted, so that the surface itself does not count as in the way.
-        let lift = Vec3::new(0.0, SPOT_CLEARANCE_M, 0.0);
-        let wide = aabb.loosened(SPOT_CLEARANCE_M);
-        let above = Aabb::new(wide.mins + lift, wide.maxs + lift);
-        let crowded = || {
-            others.iter().zip(&other_aabbs).any(|((other, pose), other_aabb)| {
-                other_aabb.intersects(&wide)
-                    && solid.nearer_than(&Pose3::from_translation(spot), other, pose, SPOT_CLEARANCE_M)
-            })
-        };
-        if !scene.meets_aabb(&above) && !crowded() {
-            spots.push(spot);
+    for on_surface in points.chunk_by(|(a, _), (b, _)| std::ptr::eq(*a, *b)) {
+        // Of all that there is, what rises from this surface or hangs over it.
+        let surface = on_surface[0].0;
+        let reach = about_origin.extents() + Vec3::splat(2.0 * SPOT_CLEARANCE_M);
+        let volume = Aabb::new(surface.low - reach, Vec3::new(surface.high.x, surface.low.y, surface.high.z) + reach);
+        let fixed: Vec<Aabb> = scene.aabbs().iter().filter(|aabb| aabb.intersects(&volume)).copied().collect();
+        let others: Vec<&PlacedPart> = others.iter().filter(|part| part.aabb.intersects(&volume)).collect();
+        for (surface, point) in on_surface {
+            let spot = *point + Vec3::new(0.0, DROP_M - about_origin.mins.y, 0.0);
+            let aabb = Aabb::new(about_origin.mins + spot, about_origin.maxs + spot);
+            if !surface.carries(&aabb) {
+                continue;
+            }
+            // Lifted, so that the surface itself does not count as in the way.
+            let lift = Vec3::new(0.0, SPOT_CLEARANCE_M, 0.0);
+            let wide = aabb.loosened(SPOT_CLEARANCE_M);
+            let above = Aabb::new(wide.mins + lift, wide.maxs + lift);
+            let crowded = || {
+                others
+                    .iter()
+                    .filter(|other| other.aabb.intersects(&wide))
+                    .any(|other| own.iter().any(|part| part.nearer_than(spot, other, SPOT_CLEARANCE_M)))
+            };
+            if !fixed.iter().any(|other| other.intersects(&above)) && !crowded() {
+                spots.push(spot);
+            }
         }
     }
     spots
+}
+
+/// A convex part of a thing that stands somewhere.
+struct PlacedPart {
+    shape: SharedShape,
+    pose: Pose3,
+    aabb: Aabb,
+}
+
+impl PlacedPart {
+    fn of(solid: &Solid, world_from_body: &Pose3) -> Vec<Self> {
+        let placed = |(shape, body_from_part): &(SharedShape, Pose3)| {
+            let pose = *world_from_body * *body_from_part;
+            Self { shape: shape.clone(), pose, aabb: shape.compute_aabb(&pose) }
+        };
+        solid.parts.iter().map(placed).collect()
+    }
+
+    /// Whether this part, moved by `by`, comes nearer to the other one than this.
+    fn nearer_than(&self, by: Vec3, other: &Self, distance_m: f32) -> bool {
+        let wide = Aabb::new(self.aabb.mins + by, self.aabb.maxs + by).loosened(distance_m);
+        let moved = Pose3::from_parts(self.pose.translation + by, self.pose.rotation);
+        wide.intersects(&other.aabb) && gap_m(&moved, &self.shape, &other.pose, &other.shape) < distance_m
+    }
 }
