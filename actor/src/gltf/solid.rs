@@ -64,7 +64,7 @@ pub fn part_of(piece: &Piece, accept_hull: bool) -> Result<Part, NoSolid> {
         points.iter().all(on_surface) && filled >= FILLED * volume(&part.primitive)
     };
     let stated = piece.extras.as_deref().and_then(stated);
-    if let Some(part) = stated.into_iter().chain(cuboid(low, high)).chain(cylinders(&points, low, high)).find(is) {
+    if let Some(part) = stated.into_iter().chain([cuboid(low, high)]).chain(cylinders(&points, low, high)).find(is) {
         return Ok(part);
     }
     let dent_m = dent_m(piece);
@@ -125,9 +125,9 @@ fn stated(extras: &str) -> Option<Part> {
 }
 
 /// The box between two corners.
-fn cuboid(low: Vec3, high: Vec3) -> Option<Part> {
+fn cuboid(low: Vec3, high: Vec3) -> Part {
     let primitive = Primitive::Cuboid { half_extents_m: 0.5 * (high - low) };
-    Some(Part { primitive, body_from_part: Pose3::from_translation(0.5 * (low + high)) })
+    Part { primitive, body_from_part: Pose3::from_translation(0.5 * (low + high)) }
 }
 
 /// Cylinders about each axis that reach as far as the points do.
