@@ -408,7 +408,7 @@ impl Supervisor {
                 self.leave(now, End::Failed(reason), None);
             }
             Phase::Saving { .. } => {
-                self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.policy.scenes)))
+                self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.policy.scenes)));
             }
             Phase::Leaving { .. } => self.finish_if_alone(),
             Phase::Over => {}
