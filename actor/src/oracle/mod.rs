@@ -11,6 +11,7 @@
 
 mod floor;
 mod moment;
+mod obstacles;
 mod plan;
 mod reach;
 mod search;

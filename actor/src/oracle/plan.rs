@@ -60,14 +60,11 @@ pub fn leg(
     let aim = Aim::of(moment);
     let now = moment.robot;
     let space = Space::of(moment, care);
+    let (reaching, driving) = (space.for_reaching(), space.for_driving());
     let carried = carriage.of(&now);
-    let (mut actions, travelling) = if carried == now {
-        (Vec::new(), now)
-    } else {
-        reach::way(&space.for_reaching(&now), now, &[carried], forbidden)?
-    };
+    let (mut actions, travelling) =
+        if carried == now { (Vec::new(), now) } else { reach::way(&reaching, now, &[carried], forbidden)? };
 
-    let driving = space.for_driving();
     let floor = Floor { space: &driving, place: aim.place(), slack_m: aim.slack_m(), forbidden };
     let mut search = Search::new(&floor, travelling, EXPANSIONS);
     let (mut looked_at, mut exhausted) = (0, false);
@@ -88,7 +85,7 @@ pub fn leg(
                 continue;
             }
             looked_at += 1;
-            let finals = reach::finals(&space.for_reaching(&at), &at, &aim);
+            let finals = reach::finals(&reaching, &at, &aim);
             if let Some(nearest) = finals.first() {
                 stands.push((search.cost(index) + reach::distance(&at, nearest), index, finals));
             }
@@ -96,9 +93,9 @@ pub fn leg(
         stands.sort_by_key(|&(total, index, _)| (total, index));
         for (_, index, finals) in stands {
             let at = *search.state(index);
-            if let Some((reaching, _)) = reach::way(&space.for_reaching(&at), at, &finals, forbidden) {
+            if let Some((reach, _)) = reach::way(&reaching, at, &finals, forbidden) {
                 actions.extend(search.path(index));
-                actions.extend(reaching);
+                actions.extend(reach);
                 return Some(actions);
             }
         }

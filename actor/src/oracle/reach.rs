@@ -8,6 +8,7 @@ use crate::robot::configuration::{ARM_HEIGHT_MAX_M, ARM_HEIGHT_MIN_M, ARM_HEIGHT
 use crate::robot::dimensions::REACH_M;
 use crate::robot::links::{ARM_BASE_AHEAD_M, HAND, MAGNET_RADIUS_M, part_poses, world_from_robot};
 use proto::action::Action;
+use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
 
 /// The magnet reaches for the target with this much to spare, metres.
@@ -131,9 +132,13 @@ fn gather(at: &Configuration, elbow_ticks: i32, aim: &Aim, out: &mut Vec<Configu
         Aim::Grasp { pose, .. } => world_from_robot.inverse_transform_point(pose.translation),
         Aim::Place { goal, wrist_to_target } => world_from_robot.inverse_transform_point(*goal) - *wrist_to_target,
     };
+    let bounds = match aim {
+        Aim::Grasp { solid, pose } => solid.aabb(pose),
+        Aim::Place { goal, .. } => Aabb::new(*goal, *goal),
+    };
     let (horizontal_m, vertical_m) = match aim {
-        Aim::Grasp { solid, pose } => {
-            let half = 0.5 * solid.aabb(pose).extents();
+        Aim::Grasp { .. } => {
+            let half = 0.5 * bounds.extents();
             (half.with_y(0.0).length() + MAGNET_RADIUS_M, half.y + MAGNET_RADIUS_M)
         }
         Aim::Place { .. } => (PLACE_STEPS as f32 * WRIST_STEP_M, 0.15),
@@ -156,7 +161,9 @@ fn gather(at: &Configuration, elbow_ticks: i32, aim: &Aim, out: &mut Vec<Configu
                     if let Aim::Grasp { solid, pose } = aim {
                         let point =
                             world_from_robot.transform_point(wrist + Vec3::new(0.0, shoulder_m, ARM_BASE_AHEAD_M));
-                        if solid.distance_to_point_m(pose, point) > MAGNET_RADIUS_M - MAGNET_SPARE_M {
+                        let within_m = MAGNET_RADIUS_M - MAGNET_SPARE_M;
+                        let outside = (point - point.clamp(bounds.mins, bounds.maxs)).length() > within_m;
+                        if outside || solid.distance_to_point_m(pose, point) > within_m {
                             continue;
                         }
                     }

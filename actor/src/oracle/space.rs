@@ -1,15 +1,14 @@
 //! Where the robot can be: its parts, and what it holds, against everything that stands in the kitchen.
 
 use super::moment::Moment;
+use super::obstacles::Obstacles;
 use crate::kitchen::Kitchen;
 use crate::physics::geometry::Solid;
 use crate::robot::configuration::{Configuration, Posture};
 use crate::robot::links::{HAND, PartPoses, part_poses};
 use proto::action::Action;
-use rapier3d::geometry::{Aabb, SharedShape};
-use rapier3d::math::{Pose3, Vec3};
-use rapier3d::parry::bounding_volume::BoundingVolume;
-use rapier3d::parry::query;
+use rapier3d::math::Pose3;
+use std::rc::Rc;
 
 /// Room that a plan leaves between robot and fixed things, metres: more than the simulator's own tolerance, because
 /// a plan is checked at fewer points of the way.
@@ -20,8 +19,6 @@ const HELD_MARGIN_M: f32 = -0.003;
 const TARGET_MARGIN_M: f32 = 0.003;
 /// What ends below this height does not stop the body, metres: the floor, on which it stands.
 const FLOOR_M: f32 = 0.02;
-/// How far from the body's axis the arm and what it holds can get, metres.
-const ARM_REGION_M: f32 = 1.3;
 
 /// Room to leave between the robot, with what it holds, and movable things, metres; none ignores them.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,48 +34,6 @@ impl Care {
     pub const NONE: Self = Self { driving_m: None, reaching_m: None };
 }
 
-/// Convex solids that stand still, with their bounding boxes.
-#[derive(Clone, Default)]
-struct Obstacles {
-    aabbs: Vec<Aabb>,
-    parts: Vec<(SharedShape, Pose3)>,
-}
-
-impl Obstacles {
-    fn add(&mut self, solid: &Solid, world_from_body: &Pose3) {
-        for (shape, body_from_part) in &solid.parts {
-            let pose = *world_from_body * *body_from_part;
-            self.aabbs.push(shape.compute_aabb(&pose));
-            self.parts.push((shape.clone(), pose));
-        }
-    }
-
-    fn filtered(&self, keep: impl Fn(&Aabb) -> bool) -> Self {
-        let mut result = Self::default();
-        for (aabb, part) in self.aabbs.iter().zip(&self.parts) {
-            if keep(aabb) {
-                result.aabbs.push(*aabb);
-                result.parts.push(part.clone());
-            }
-        }
-        result
-    }
-
-    /// Whether a convex solid keeps `margin_m` to all of them; a negative margin is a depth it may enter.
-    fn clear_of(&self, shape: &SharedShape, pose: &Pose3, margin_m: f32) -> bool {
-        let reach = shape.compute_aabb(pose).loosened(margin_m.max(0.0));
-        self.aabbs.iter().zip(&self.parts).all(|(aabb, (other, other_pose))| {
-            !aabb.intersects(&reach)
-                || match query::contact(pose, &**shape, other_pose, &**other, margin_m.max(0.0)) {
-                    Ok(Some(contact)) => contact.dist >= margin_m,
-                    Ok(None) => true,
-                    // Parry has an algorithm for every pair of convex solids; were there none, it would count as hit.
-                    Err(_) => false,
-                }
-        })
-    }
-}
-
 /// What is on the magnet.
 #[derive(Clone)]
 struct Held<'a> {
@@ -90,13 +45,12 @@ struct Held<'a> {
 #[derive(Clone)]
 pub struct Space<'a> {
     kitchen: &'a Kitchen,
-    fixed: Obstacles,
-    movable: Obstacles,
-    target: Obstacles,
+    fixed: Rc<Obstacles>,
+    movable: Rc<Obstacles>,
+    target: Rc<Obstacles>,
     held: Option<Held<'a>>,
-    movable_margin_m: Option<f32>,
-    first_part: usize,
     care: Care,
+    driving: bool,
 }
 
 impl<'a> Space<'a> {
@@ -117,35 +71,20 @@ impl<'a> Space<'a> {
         }
         let solid = &kitchen.solids[moment.target];
         let held = moment.held.map(|hand_from_body| Held { solid, hand_from_body });
-        Self { kitchen, fixed, movable, target, held, movable_margin_m: None, first_part: 0, care }
+        let [fixed, movable, target] = [fixed, movable, target].map(Rc::new);
+        Self { kitchen, fixed, movable, target, held, care, driving: false }
     }
 
     /// As the driving robot meets it.
+    #[must_use]
     pub fn for_driving(&self) -> Self {
-        let mut space = self.clone();
-        space.fixed = self.fixed.filtered(|aabb| aabb.maxs.y > FLOOR_M);
-        space.movable_margin_m = self.care.driving_m;
-        if space.movable_margin_m.is_none() {
-            space.target = Obstacles::default();
-        }
-        space
+        Self { driving: true, ..self.clone() }
     }
 
-    /// As the arm of a robot standing there meets it.
-    pub fn for_reaching(&self, at: &Configuration) -> Self {
-        let middle = Vec3::new(at.x_m, 1.0, at.z_m);
-        let half = Vec3::new(ARM_REGION_M, 10.0, ARM_REGION_M);
-        let region = Aabb::new(middle - half, middle + half);
-        Self {
-            kitchen: self.kitchen,
-            fixed: self.fixed.filtered(|aabb| aabb.intersects(&region)),
-            movable: self.movable.filtered(|aabb| aabb.intersects(&region)),
-            target: self.target.clone(),
-            held: self.held.clone(),
-            movable_margin_m: self.care.reaching_m,
-            first_part: 1,
-            care: self.care,
-        }
+    /// As the arm of a standing robot meets it.
+    #[must_use]
+    pub fn for_reaching(&self) -> Self {
+        Self { driving: false, ..self.clone() }
     }
 
     /// Pose of what is held when the robot's parts are there.
@@ -156,24 +95,27 @@ impl<'a> Space<'a> {
     /// Whether the robot can be in this posture.
     pub fn free(&self, posture: &Posture) -> bool {
         let Ok(poses) = part_poses(posture) else { return false };
-        let robot = self.kitchen.robot_parts.iter().zip(&poses).skip(self.first_part);
-        for (part, pose) in robot {
-            for (shape, body_from_part) in &part.parts {
+        // The body goes nowhere while the arm moves, and the floor does not stop it.
+        let (first_part, above_m, movable_m) =
+            if self.driving { (0, FLOOR_M, self.care.driving_m) } else { (1, f32::NEG_INFINITY, self.care.reaching_m) };
+        // Whoever drives without care pushes the target as well.
+        let target_m = (!self.driving || movable_m.is_some()).then_some(TARGET_MARGIN_M);
+        let robot_is_free = self.kitchen.robot_parts.iter().zip(&poses).skip(first_part).all(|(part, pose)| {
+            part.parts.iter().all(|(shape, body_from_part)| {
                 let pose = *pose * *body_from_part;
-                if !self.fixed.clear_of(shape, &pose, FIXED_MARGIN_M)
-                    || !self.target.clear_of(shape, &pose, TARGET_MARGIN_M)
-                    || self.movable_margin_m.is_some_and(|margin_m| !self.movable.clear_of(shape, &pose, margin_m))
-                {
-                    return false;
-                }
-            }
-        }
-        let (Some(held), Some(pose)) = (&self.held, self.held_pose(&poses)) else { return true };
-        held.solid.parts.iter().all(|(shape, body_from_part)| {
-            let pose = pose * *body_from_part;
-            self.fixed.clear_of(shape, &pose, HELD_MARGIN_M)
-                && self.movable_margin_m.is_none_or(|margin_m| self.movable.clear_of(shape, &pose, margin_m))
-        })
+                self.fixed.clear_of(shape, &pose, FIXED_MARGIN_M, above_m)
+                    && target_m.is_none_or(|margin_m| self.target.clear_of(shape, &pose, margin_m, above_m))
+                    && movable_m.is_none_or(|margin_m| self.movable.clear_of(shape, &pose, margin_m, above_m))
+            })
+        });
+        robot_is_free
+            && self.held.as_ref().is_none_or(|held| {
+                held.solid.parts.iter().all(|(shape, body_from_part)| {
+                    let pose = poses[HAND] * held.hand_from_body * *body_from_part;
+                    self.fixed.clear_of(shape, &pose, HELD_MARGIN_M, above_m)
+                        && movable_m.is_none_or(|margin_m| self.movable.clear_of(shape, &pose, margin_m, above_m))
+                })
+            })
     }
 
     /// Whether the robot can take an action, looked at in a few points of the way.
