@@ -5,7 +5,7 @@
 #![allow(clippy::unwrap_used)]
 
 use actor::physics::geometry::Solid;
-use actor::physics::scene::penetration_m;
+use actor::physics::gap::gap_m;
 use actor::robot::arm::{self, Joints};
 use actor::robot::configuration::{Configuration, Posture};
 use actor::robot::dimensions::{FOREARM_LENGTH_M, SCALE, UPPER_ARM_LENGTH_M, WRIST_LENGTH_M};
@@ -93,7 +93,7 @@ proptest! {
         prop_assert!((aabb.center() - middle).length() < 1e-5);
         for (solid, pose) in solids.iter().zip(&poses).skip(2) {
             let (shape, body_from_part) = &solid.parts[0];
-            let depth_m = penetration_m(&(*pose * *body_from_part), shape, body, &solids[0].parts[0].0);
+            let depth_m = -gap_m(&(*pose * *body_from_part), shape, body, &solids[0].parts[0].0);
             prop_assert!(depth_m < 1e-4, "{depth_m} m in the body");
         }
     }
