@@ -166,6 +166,10 @@ pub enum AuxiliaryTask {
     None,
     /// Disturbance prediction with focal loss, the paper's.
     Disturb,
+    /// Which action led from one observation to the next.
+    InverseDynamics,
+    /// CPC|A: contrastive prediction of the next 16 observations.
+    Cpca16,
 }
 
 /// The auxiliary task.
@@ -176,8 +180,10 @@ pub struct AuxiliaryConfig {
     pub task: AuxiliaryTask,
     /// Its weight in the loss.
     pub weight: f64,
-    /// Focusing parameter of the focal loss.
+    /// Focusing parameter of the focal loss of `disturb`.
     pub focal_gamma: f64,
+    /// Share of the valid steps that `inverse_dynamics` and `cpca16` look at in an epoch.
+    pub subsample: f64,
 }
 
 /// Where the learner computes.
@@ -320,7 +326,7 @@ impl Default for RewardConfig {
 
 impl Default for AuxiliaryConfig {
     fn default() -> Self {
-        Self { task: AuxiliaryTask::Disturb, weight: 0.1, focal_gamma: 2.0 }
+        Self { task: AuxiliaryTask::Disturb, weight: 0.1, focal_gamma: 2.0, subsample: 0.2 }
     }
 }
 
