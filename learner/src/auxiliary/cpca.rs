@@ -84,9 +84,8 @@ impl Cpca {
     /// States of the second GRU, \[horizon, rows, hidden\]: k steps on from each row's belief with the actions taken.
     /// Past a segment's end they go on with any action; nothing is asked there.
     fn contexts(&self, parameters: &Parameters, pass: &Pass) -> Tensor {
-        let taken: Vec<i64> = (0..HORIZON as usize)
-            .flat_map(|k| pass.packing.later(k).into_iter().map(|row| row.unwrap_or(0)))
-            .collect();
+        let taken: Vec<i64> =
+            (0..HORIZON as usize).flat_map(|k| pass.packing.later(k).into_iter().map(|row| row.unwrap_or(0))).collect();
         let taken = Tensor::from_slice(&taken).to_device(pass.beliefs.device());
         let actions = pass.actions.index_select(0, &taken);
         let embedded = Tensor::embedding(&parameters[self.action_embedder], &actions, -1, false, false);

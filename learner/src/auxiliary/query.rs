@@ -83,9 +83,9 @@ impl Epoch {
 fn all(packing: &Packing, horizon: usize) -> Vec<Query> {
     (1..=horizon)
         .flat_map(|offset| {
-            (0i64..).zip(packing.later(offset)).filter_map(move |(row, later)| {
-                later.map(|later| Query { row, offset: offset as i64, later })
-            })
+            (0i64..)
+                .zip(packing.later(offset))
+                .filter_map(move |(row, later)| later.map(|later| Query { row, offset: offset as i64, later }))
         })
         .collect()
 }

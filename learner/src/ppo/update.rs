@@ -192,8 +192,7 @@ impl Update<'_> {
         let mut loss = &policy + &value * self.ppo.value_coefficient - &entropy * self.ppo.entropy_coefficient;
 
         let embeddings = embedded.narrow(1, 0, OBSERVATION);
-        let pass =
-            Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &experience.actions };
+        let pass = Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &experience.actions };
         let mut auxiliary = policy.zeros_like();
         let Asked { queries, count, epoch } = asked;
         if let Some(answer) = self.auxiliary.loss(&network.parameters, &pass, queries, count, epoch) {

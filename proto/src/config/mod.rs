@@ -4,11 +4,12 @@
 //! overlaid by the user's TOML file, overlaid by command-line flags. [`Config::resolve`] does the first three.
 
 mod error;
+mod experiment;
 mod preset;
 mod validate;
 
 pub use error::ConfigError;
-pub use preset::{PRESETS, Preset};
+pub use preset::{Preset, presets};
 
 use crate::action::ActionSpace;
 use crate::reward::RewardKind;
