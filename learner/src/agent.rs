@@ -227,6 +227,8 @@ impl Agent {
             auxiliary_config: &self.config.auxiliary,
             peers: self.peers,
             learning_rate: learning_rate(ppo.learning_rate, ppo.learning_rate_end, progress),
+            seed: self.config.seed,
+            rollout_number: rollout,
         };
         match update.run(&mut self.adam) {
             Ok(metrics) => {

@@ -18,7 +18,7 @@ pub enum Purpose {
     ActionNoise = 3,
     /// Initial weights; `environment` is the parameter's number, `episode` and `step` count blocks of draws.
     Weights = 4,
-    /// Which steps an auxiliary loss looks at.
+    /// Which steps an auxiliary loss looks at; `environment` is the column, `episode` the rollout, `kitchen` the epoch.
     AuxiliarySubsample = 5,
     /// Mini-batch order.
     MiniBatch = 6,
@@ -26,6 +26,8 @@ pub enum Purpose {
     Recording = 7,
     /// Actions of random policies in benchmarks and checks.
     RandomPolicy = 8,
+    /// What a contrastive auxiliary loss shows as not seen; keyed as [`Purpose::AuxiliarySubsample`].
+    AuxiliaryNegatives = 16,
 }
 
 /// The key of a stream of random numbers.

@@ -4,9 +4,8 @@
 //! Disturbances are rare, hence the focal loss (Lin et al. 2017) and a last bias that starts out saying no. As in the
 //! reference, rows without a successor in the rollout, and rows whose successor begins an episode, are left out.
 
-use super::{Answer, Pass, Tally};
+use super::{Answer, Pass, Query, Tally, column};
 use crate::network::{Initial, Layout, Linear, Parameters};
-use crate::rollout::Rollout;
 use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
 
@@ -35,35 +34,21 @@ impl Disturb {
         }
     }
 
-    /// Rows of a rollout that are not left out.
-    pub fn count(&self, rollout: &Rollout) -> u64 {
-        let rows = (0..rollout.columns()).flat_map(|n| (0..rollout.steps_of(n)).map(move |t| (t, n)));
-        rows.filter(|&row| is_asked(rollout, row)).count() as u64
-    }
-
     /// Logits of all actions, \[rows, hidden\] → \[rows, actions\].
     pub fn logits(&self, parameters: &Parameters, beliefs: &Tensor) -> Tensor {
         self.second.forward(parameters, &self.first.forward(parameters, beliefs).relu())
     }
 
-    /// This pass's share of the mean focal loss; `None` if every row is left out.
-    pub fn loss(&self, parameters: &Parameters, pass: &Pass, count: u64) -> Option<Answer> {
-        let device = pass.beliefs.device();
-        let asked: Vec<i64> = (0i64..)
-            .zip(&pass.packing.rows)
-            .filter_map(|(index, &row)| is_asked(pass.rollout, row).then_some(index))
-            .collect();
-        if asked.is_empty() {
-            return None;
-        }
-        let asked = Tensor::from_slice(&asked).to_device(device);
+    /// This pass's share of the mean focal loss over all `count` queries.
+    pub fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> Answer {
+        let asked = column(queries, |query| query.row, pass);
         let logits = self.logits(parameters, pass.beliefs).gather(1, &pass.actions.unsqueeze(1), false).squeeze_dim(1);
         let logits = logits.index_select(0, &asked);
         let labels = pass.rollout.gather(pass.packing, |step| f32::from(u8::from(step.disturbed)));
         let labels = labels.index_select(0, &asked);
 
         let loss = focal_loss(&logits, &labels, self.focal_gamma).sum(Kind::Float) / count as f64;
-        Some(Answer { tally: tally(&logits.detach(), &labels), loss })
+        Answer { tally: tally(&logits.detach(), &labels), loss }
     }
 
     /// Recall of either class, precision, accuracy, rates of label and prediction. A share of nothing is absent.
@@ -83,11 +68,6 @@ impl Disturb {
         .map(|(name, part, of)| (format!("auxiliary/{name}"), part / of))
         .collect()
     }
-}
-
-/// Whether a row's successor is in the rollout and in the same episode.
-fn is_asked(rollout: &Rollout, (t, column): (usize, usize)) -> bool {
-    rollout.is_valid(t + 1, column) && !rollout.step(t + 1, column).episode_start
 }
 
 /// (1 − p)^γ · −ln p of each row, p the probability given to the true label. Logits and labels (0 or 1) \[rows\].

@@ -1,12 +1,18 @@
 //! Auxiliary tasks: what the belief is asked besides policy and value (SPEC section 4). One at a time.
 //!
-//! A task declares its own parameters, is given the beliefs and packing of a training pass, and answers
-//! with a loss. Its normaliser is counted over the whole rollout beforehand, so that passes over parts of the columns
-//! add up to the whole batch's mean.
+//! A task declares its own parameters, is given embeddings, beliefs and packing of a training pass and the queries to
+//! answer, and answers with a loss. Queries are chosen, and counted, over the whole rollout beforehand, so that passes
+//! over parts of the columns add up to the whole batch's mean.
 
+mod cpca;
 mod disturb;
+mod inverse_dynamics;
+mod query;
 
+pub use cpca::Cpca;
 pub use disturb::{Disturb, focal_loss};
+pub use inverse_dynamics::InverseDynamics;
+pub use query::{Epoch, Query};
 
 use crate::network::{Layout, Packing, Parameters};
 use crate::rollout::Rollout;
@@ -21,6 +27,20 @@ pub enum Auxiliary {
     None,
     /// Disturbance prediction, the paper's.
     Disturb(Disturb),
+    /// Inverse dynamics.
+    InverseDynamics {
+        /// The task.
+        task: InverseDynamics,
+        /// Share of the valid steps that an epoch looks at.
+        share: f64,
+    },
+    /// Action-conditional contrastive prediction, 16 steps ahead.
+    Cpca {
+        /// The task.
+        task: Cpca,
+        /// Share of the valid pairs of step and offset that an epoch looks at.
+        share: f64,
+    },
 }
 
 /// What a training pass offers to a task; rows in the order of the packing.
@@ -30,6 +50,8 @@ pub struct Pass<'a> {
     pub rollout: &'a Rollout,
     /// Its rows of this pass.
     pub packing: &'a Packing,
+    /// What each observation says by itself, previous action left out: \[rows, 512 + 32\], with gradients.
+    pub embeddings: &'a Tensor,
     /// Beliefs \[rows, hidden\], with gradients.
     pub beliefs: &'a Tensor,
     /// Policy indices of the actions taken, i64 \[rows\].
@@ -68,28 +90,52 @@ impl Tally {
     }
 }
 
+/// One number a query, i64 \[queries\], on the pass's device.
+fn column(queries: &[Query], number: impl Fn(&Query) -> i64, pass: &Pass) -> Tensor {
+    Tensor::from_slice(&queries.iter().map(number).collect::<Vec<i64>>()).to_device(pass.beliefs.device())
+}
+
 impl Auxiliary {
     /// Declares the task's parameters.
     pub fn new(config: &AuxiliaryConfig, layout: &mut Layout, hidden: i64, actions: i64) -> Self {
+        let (sizes, share) = ([hidden, actions], config.subsample);
         match config.task {
             AuxiliaryTask::None => Self::None,
-            AuxiliaryTask::Disturb => Self::Disturb(Disturb::new(layout, [hidden, actions], config.focal_gamma)),
+            AuxiliaryTask::Disturb => Self::Disturb(Disturb::new(layout, sizes, config.focal_gamma)),
+            AuxiliaryTask::InverseDynamics => {
+                Self::InverseDynamics { task: InverseDynamics::new(layout, sizes), share }
+            }
+            AuxiliaryTask::Cpca16 => Self::Cpca { task: Cpca::new(layout, sizes), share },
         }
     }
 
-    /// Rows of a rollout that the task looks at.
-    pub fn count(&self, rollout: &Rollout) -> u64 {
+    /// What the task asks of each pass in an epoch.
+    pub fn queries(&self, packings: &[&Packing], epoch: Epoch) -> Vec<Vec<Query>> {
         match self {
-            Self::None => 0,
-            Self::Disturb(task) => task.count(rollout),
+            Self::None => packings.iter().map(|_| Vec::new()).collect(),
+            Self::Disturb(_) => epoch.queries(packings, 1, 1.0),
+            Self::InverseDynamics { share, .. } => epoch.queries(packings, 1, *share),
+            Self::Cpca { share, .. } => epoch.queries(packings, cpca::HORIZON as usize, *share),
         }
     }
 
-    /// The loss of a pass, of a rollout in which the task looks at `count` rows; `None` if it has nothing to say.
-    pub fn loss(&self, parameters: &Parameters, pass: &Pass, count: u64) -> Option<Answer> {
+    /// The loss of a pass, one of several in which `count` queries are answered; `None` if it has nothing to say.
+    pub fn loss(
+        &self,
+        parameters: &Parameters,
+        pass: &Pass,
+        queries: &[Query],
+        count: u64,
+        epoch: Epoch,
+    ) -> Option<Answer> {
+        if queries.is_empty() {
+            return None;
+        }
         match self {
             Self::None => None,
-            Self::Disturb(task) => task.loss(parameters, pass, count),
+            Self::Disturb(task) => Some(task.loss(parameters, pass, queries, count)),
+            Self::InverseDynamics { task, .. } => Some(task.loss(parameters, pass, queries, count)),
+            Self::Cpca { task, .. } => Some(task.loss(parameters, pass, queries, count, epoch)),
         }
     }
 
@@ -98,6 +144,8 @@ impl Auxiliary {
         match self {
             Self::None => BTreeMap::new(),
             Self::Disturb(task) => task.figures(tally),
+            Self::InverseDynamics { task, .. } => task.figures(tally),
+            Self::Cpca { task, .. } => task.figures(tally),
         }
     }
 }

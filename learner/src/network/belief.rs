@@ -10,49 +10,31 @@
 //! encoder and the losses run over rows, and nothing differentiable is ever permuted.
 
 use super::initialize::Initial;
-use super::parameters::{Layout, ParameterId, Parameters};
+use super::layers::Gru;
+use super::parameters::{Layout, Parameters};
 use std::ops::Range;
 use tch::{Device, Kind, Tensor};
 
-/// The GRU.
+/// The belief's GRU.
 #[derive(Debug)]
 pub struct Belief {
-    /// Gates r, z, n stacked: \[3·hidden, inputs\], \[3·hidden, hidden\], \[3·hidden\], \[3·hidden\].
-    weight_input: ParameterId,
-    weight_hidden: ParameterId,
-    bias_input: ParameterId,
-    bias_hidden: ParameterId,
-    hidden: i64,
+    gru: Gru,
 }
 
 impl Belief {
-    /// Declares the GRU: orthogonal weights, zero biases, in the order that cuDNN wants them in memory.
-    pub fn new(layout: &mut Layout, path: &str, [inputs, hidden]: [i64; 2]) -> Self {
-        let orthogonal = Initial::Orthogonal { gain: 1.0 };
-        let zero = Initial::Constant(0.0);
-        Self {
-            weight_input: layout.add(format!("{path}.weight_ih_l0"), &[3 * hidden, inputs], orthogonal),
-            weight_hidden: layout.add(format!("{path}.weight_hh_l0"), &[3 * hidden, hidden], orthogonal),
-            bias_input: layout.add(format!("{path}.bias_ih_l0"), &[3 * hidden], zero),
-            bias_hidden: layout.add(format!("{path}.bias_hh_l0"), &[3 * hidden], zero),
-            hidden,
-        }
+    /// Declares the GRU: orthogonal weights, zero biases.
+    pub fn new(layout: &mut Layout, path: &str, sizes: [i64; 2]) -> Self {
+        Self { gru: Gru::new(layout, path, sizes, Initial::Orthogonal { gain: 1.0 }, Initial::Constant(0.0)) }
     }
 
     /// Width of the belief.
     pub fn hidden(&self) -> i64 {
-        self.hidden
+        self.gru.hidden()
     }
 
     /// One step: observations \[rows, inputs\] and beliefs before them \[rows, hidden\] → beliefs after them.
     pub fn step(&self, parameters: &Parameters, x: &Tensor, before: &Tensor) -> Tensor {
-        x.gru_cell(
-            before,
-            &parameters[self.weight_input],
-            &parameters[self.weight_hidden],
-            Some(&parameters[self.bias_input]),
-            Some(&parameters[self.bias_hidden]),
-        )
+        self.gru.step(parameters, x, before)
     }
 
     /// All steps: observations \[rows, inputs\] in the order of `packing`, beliefs of all columns at the rollout's
@@ -62,16 +44,12 @@ impl Belief {
         let columns = Tensor::from_slice(&packing.columns).to_device(device);
         let carried = Tensor::from_slice(&packing.carried).to_device(device).unsqueeze(1);
         let before = at_start.index_select(0, &columns) * carried;
-        let weights = [self.weight_input, self.weight_hidden, self.bias_input, self.bias_hidden];
-        let weights = weights.map(|id| &parameters[id]);
-        let batch_sizes = Tensor::from_slice(&packing.batch_sizes);
-        let (beliefs, _) = Tensor::gru_data(x, &batch_sizes, &before.unsqueeze(0), &weights, true, 1, 0.0, true, false);
-        beliefs
+        self.gru.packed(parameters, x, &packing.batch_sizes, &before)
     }
 
     /// The belief before anything was seen, \[columns, hidden\].
     pub fn blank(&self, columns: i64, device: Device) -> Tensor {
-        Tensor::zeros([columns, self.hidden], (Kind::Float, device))
+        Tensor::zeros([columns, self.hidden()], (Kind::Float, device))
     }
 }
 
@@ -127,6 +105,39 @@ impl Packing {
             carried: segments.iter().map(|s| s.rows.start == 0 && !episode_start(0, s.column)).collect(),
         }
     }
+
+    /// Of each row, the row that comes `offset` steps after it in its segment: in the rollout and in the same episode.
+    pub fn later(&self, offset: usize) -> Vec<Option<i64>> {
+        // Row k of segment s is the s-th of its block, because segments that end drop out from the back.
+        let mut starts = Vec::with_capacity(self.batch_sizes.len());
+        let mut start = 0;
+        for &size in &self.batch_sizes {
+            starts.push(start);
+            start += size;
+        }
+        let mut later = Vec::with_capacity(self.rows.len());
+        for (k, &size) in self.batch_sizes.iter().enumerate() {
+            let (alive, start) = match self.batch_sizes.get(k + offset) {
+                Some(&alive) => (alive, starts[k + offset]),
+                None => (0, 0),
+            };
+            later.extend((0..size).map(|segment| (segment < alive).then_some(start + segment)));
+        }
+        later
+    }
+
+    /// Of each row, the last row of its segment.
+    pub fn last(&self) -> Vec<i64> {
+        let next = self.later(1);
+        let mut last: Vec<i64> = (0..self.rows.len() as i64).collect();
+        // A successor stands behind its row.
+        for row in (0..last.len()).rev() {
+            if let Some(next) = next[row] {
+                last[row] = last[next as usize];
+            }
+        }
+        last
+    }
 }
 
 #[cfg(test)]
@@ -144,6 +155,33 @@ mod tests {
         assert_eq!(packing.batch_sizes, [3, 1, 1]);
         assert_eq!(packing.columns, [0, 1, 1]);
         assert_eq!(packing.carried, [true, false, false]);
+        assert_eq!(packing.later(1), [Some(3), None, None, Some(4), None]);
+        assert_eq!(packing.later(2), [Some(4), None, None, None, None]);
+        assert_eq!(packing.last(), [4, 1, 2, 4, 4]);
+    }
+
+    proptest! {
+        /// `later` is what the steps and episode starts say, one row at a time.
+        #[test]
+        fn later_rows_are_in_the_same_episode(
+            steps in 1usize..12, columns in 1usize..6, offset in 0usize..14,
+            starts in proptest::collection::vec(proptest::bool::weighted(0.2), 72),
+        ) {
+            let is_start = |t: usize, n: usize| starts[t * 6 + n];
+            let packing = Packing::new(0..columns, |n| if n == 1 && steps > 1 { steps - 1 } else { steps }, is_start);
+            let row_of = |wanted| packing.rows.iter().position(|&row| row == wanted).map(|row| row as i64);
+            let later = packing.later(offset);
+            for (row, &(t, n)) in packing.rows.iter().enumerate() {
+                let same_episode = (t + 1..=t + offset).all(|t| t < steps && !is_start(t, n));
+                let expected = if same_episode { row_of((t + offset, n)) } else { None };
+                prop_assert_eq!(later[row], expected, "({}, {})", t, n);
+            }
+            for (row, last) in packing.last().into_iter().enumerate() {
+                let (from, to) = (packing.rows[row], packing.rows[last as usize]);
+                prop_assert!(to.1 == from.1 && packing.later(to.0 - from.0)[row] == Some(last));
+                prop_assert_eq!(packing.later(to.0 - from.0 + 1)[row], None);
+            }
+        }
     }
 
     proptest! {

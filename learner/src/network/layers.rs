@@ -1,4 +1,4 @@
-//! The three layers that have weights: linear, convolution, group normalisation.
+//! The layers that have weights: linear, convolution, group normalisation, gated recurrent unit.
 
 use super::initialize::Initial;
 use super::parameters::{Layout, ParameterId, Parameters};
@@ -88,5 +88,61 @@ impl GroupNorm {
     /// Shape is kept.
     pub fn forward(&self, parameters: &Parameters, x: &Tensor) -> Tensor {
         x.group_norm(self.groups, Some(&parameters[self.weight]), Some(&parameters[self.bias]), 1e-5, true)
+    }
+}
+
+/// A one-layer `torch.nn.GRU`.
+#[derive(Debug, Clone, Copy)]
+pub struct Gru {
+    /// Gates r, z, n stacked: \[3·hidden, inputs\], \[3·hidden, hidden\], \[3·hidden\], \[3·hidden\], in the order
+    /// that cuDNN wants them in memory.
+    weights: [ParameterId; 4],
+    hidden: i64,
+}
+
+impl Gru {
+    /// Declares `path.weight_ih_l0`, `path.weight_hh_l0`, `path.bias_ih_l0`, `path.bias_hh_l0`.
+    pub fn new(layout: &mut Layout, path: &str, [inputs, hidden]: [i64; 2], weight: Initial, bias: Initial) -> Self {
+        let weights = [
+            layout.add(format!("{path}.weight_ih_l0"), &[3 * hidden, inputs], weight),
+            layout.add(format!("{path}.weight_hh_l0"), &[3 * hidden, hidden], weight),
+            layout.add(format!("{path}.bias_ih_l0"), &[3 * hidden], bias),
+            layout.add(format!("{path}.bias_hh_l0"), &[3 * hidden], bias),
+        ];
+        Self { weights, hidden }
+    }
+
+    /// As PyTorch initialises it by default.
+    pub fn with_default(layout: &mut Layout, path: &str, [inputs, hidden]: [i64; 2]) -> Self {
+        let initial = Initial::linear_default(hidden);
+        Self::new(layout, path, [inputs, hidden], initial, initial)
+    }
+
+    /// Width of its state.
+    pub fn hidden(&self) -> i64 {
+        self.hidden
+    }
+
+    /// One step: \[rows, inputs\] and states before it \[rows, hidden\] → states after it.
+    pub fn step(&self, parameters: &Parameters, x: &Tensor, before: &Tensor) -> Tensor {
+        let [weight_input, weight_hidden, bias_input, bias_hidden] = self.weights.map(|id| &parameters[id]);
+        x.gru_cell(before, weight_input, weight_hidden, Some(bias_input), Some(bias_hidden))
+    }
+
+    /// Sequences of one length: \[steps, rows, inputs\] and states before them \[rows, hidden\] → states after each
+    /// step \[steps, rows, hidden\].
+    pub fn sequence(&self, parameters: &Parameters, x: &Tensor, before: &Tensor) -> Tensor {
+        let weights = self.weights.map(|id| &parameters[id]);
+        let (states, _) = x.gru(&before.unsqueeze(0), &weights, true, 1, 0.0, true, false, false);
+        states
+    }
+
+    /// Sequences of different lengths as a packed sequence: rows \[rows, inputs\], `batch_sizes[k]` of which are k-th
+    /// steps, and states before them \[sequences, hidden\] → states \[rows, hidden\].
+    pub fn packed(&self, parameters: &Parameters, x: &Tensor, batch_sizes: &[i64], before: &Tensor) -> Tensor {
+        let weights = self.weights.map(|id| &parameters[id]);
+        let batch_sizes = Tensor::from_slice(batch_sizes);
+        let (states, _) = Tensor::gru_data(x, &batch_sizes, &before.unsqueeze(0), &weights, true, 1, 0.0, true, false);
+        states
     }
 }

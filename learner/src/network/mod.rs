@@ -17,7 +17,7 @@ pub use belief::{Belief, Packing};
 pub use embedding::{goal_coordinates, table_row};
 pub use frame::{FramePreparation, RawFrame};
 pub use initialize::Initial;
-pub use layers::Linear;
+pub use layers::{Gru, Linear};
 pub use parameters::{Layout, ParameterId, Parameters, all_finite, to_vec};
 
 use cnn::Cnn;
@@ -28,6 +28,10 @@ use tch::{Device, Tensor};
 
 /// Width of the visual embedding.
 pub const VISUAL: i64 = 512;
+
+/// Width of what an observation says by itself: visual embedding and goal embedding. They come first in the rows of
+/// [`Network::embed`].
+pub const OBSERVATION: i64 = VISUAL + embedding::GOAL;
 
 /// Frames that go through the encoder at once on the CPU. What a few hundred leave behind stays near the cache and is
 /// recycled by the allocator; with thousands at once the small encoder took twice as long.
@@ -94,7 +98,7 @@ impl Network {
             Encoder::Cnn => VisualEncoder::Cnn(Cnn::new(&mut layout, "visual_encoder", preparation.side())),
         };
         let goal = GoalEmbedding::new(&mut layout, "goal_embedder");
-        let mut inputs = VISUAL + embedding::GOAL;
+        let mut inputs = OBSERVATION;
         let previous_action = config.network.previous_action.then(|| {
             inputs += embedding::PREVIOUS_ACTION;
             ActionEmbedding::new(&mut layout, "previous_action_embedder", actions)

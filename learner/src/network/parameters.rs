@@ -122,6 +122,11 @@ impl Parameters {
         self.entries.iter().zip(&self.leaves).map(|(entry, leaf)| (entry.name.as_str(), leaf.detach()))
     }
 
+    /// All parameters, in order of declaration.
+    pub fn ids(&self) -> impl Iterator<Item = ParameterId> + use<> {
+        (0..self.leaves.len()).map(ParameterId)
+    }
+
     /// SHA-256 over (name, 0, dimensions as little-endian u64, little-endian f32 values) in name order, as 64 hex
     /// digits.
     pub fn digest(&self) -> String {

@@ -6,8 +6,8 @@
 
 use super::gae::{Targets, estimate};
 use super::loss::{Experience, Terms, terms};
-use crate::auxiliary::{Auxiliary, Pass, Tally};
-use crate::network::{Network, Observations, Packing, all_finite, to_vec};
+use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, Tally};
+use crate::network::{Network, OBSERVATION, Observations, Packing, all_finite, to_vec};
 use crate::optimizer::{Adam, clip_norm};
 use crate::rollout::Rollout;
 use proto::config::{AuxiliaryConfig, PpoConfig};
@@ -53,6 +53,10 @@ pub struct Update<'a> {
     pub peers: Peers,
     /// Step size of this update.
     pub learning_rate: f64,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Number of the rollout in the run.
+    pub rollout_number: u64,
 }
 
 /// A part of the batch that goes through the network at once.
@@ -62,6 +66,15 @@ struct Share {
     /// What was seen, when one share is the whole batch: then it is made once, not in every epoch, and is little beside
     /// what the pass itself keeps. Of several shares each makes its own anew: they are there to save memory.
     observations: Option<Observations>,
+}
+
+/// What the auxiliary task asks of a pass.
+#[derive(Clone, Copy)]
+struct Asked<'a> {
+    queries: &'a [Query],
+    /// Queries of all passes of the epoch.
+    count: u64,
+    epoch: Epoch,
 }
 
 /// Names of the scalars of a pass, in the order in which they are read back from the device.
@@ -88,15 +101,18 @@ impl Update<'_> {
     fn epochs(&self, weights: &mut Tensor, adam: &mut Adam) -> Result<BTreeMap<String, f64>, NonFinite> {
         let targets = estimate(self.rollout, self.ppo);
         let shares = self.shares(&targets);
-        let asked = self.auxiliary.count(self.rollout);
+        let packings: Vec<&Packing> = shares.iter().map(|share| &share.packing).collect();
         let mut sums = [0.0; SCALARS.len()];
         let mut gradient_norms = 0.0;
         let mut tally = Tally::default();
 
-        for _ in 0..self.ppo.epochs {
+        for epoch in 0..self.ppo.epochs {
             let mut gradient = weights.zeros_like();
-            for share in &shares {
-                let (loss, scalars) = self.forward(share, asked, &mut tally);
+            let epoch = Epoch { seed: self.seed, rollout: self.rollout_number, epoch };
+            let queries = self.auxiliary.queries(&packings, epoch);
+            let count = queries.iter().map(|queries| queries.len() as u64).sum();
+            for (share, queries) in shares.iter().zip(&queries) {
+                let (loss, scalars) = self.forward(share, Asked { queries, count, epoch }, &mut tally);
                 for ((sum, scalar), name) in sums.iter_mut().zip(&scalars).zip(SCALARS) {
                     if !scalar.is_finite() {
                         return Err(NonFinite(name.to_owned()));
@@ -160,7 +176,7 @@ impl Update<'_> {
     }
 
     /// The loss of one pass, and its scalars in the order of [`SCALARS`].
-    fn forward(&self, share: &Share, asked: u64, tally: &mut Tally) -> (Tensor, Vec<f32>) {
+    fn forward(&self, share: &Share, asked: Asked, tally: &mut Tally) -> (Tensor, Vec<f32>) {
         let Share { packing, experience, observations } = share;
         let Self { network, rollout, .. } = self;
         let embedded = match observations {
@@ -175,9 +191,11 @@ impl Update<'_> {
             terms(&judgement, experience, self.ppo.clip, frames);
         let mut loss = &policy + &value * self.ppo.value_coefficient - &entropy * self.ppo.entropy_coefficient;
 
-        let pass = Pass { rollout, packing, beliefs: &beliefs, actions: &experience.actions };
+        let embeddings = embedded.narrow(1, 0, OBSERVATION);
+        let pass = Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &experience.actions };
         let mut auxiliary = policy.zeros_like();
-        if let Some(answer) = self.auxiliary.loss(&network.parameters, &pass, asked) {
+        let Asked { queries, count, epoch } = asked;
+        if let Some(answer) = self.auxiliary.loss(&network.parameters, &pass, queries, count, epoch) {
             loss += &answer.loss * self.auxiliary_config.weight;
             auxiliary = answer.loss;
             tally.merge(&answer.tally);

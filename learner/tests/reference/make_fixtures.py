@@ -451,10 +451,85 @@ def run_fixture() -> None:
     save_file(out, HERE / "run.safetensors")
 
 
+# The other auxiliary tasks -------------------------------------------------------------------------------------------
+
+
+class Cpca(nn.Module):
+    def __init__(self, hidden: int, actions: int):
+        super().__init__()
+        self.action_embedder = nn.Embedding(actions, 16)
+        self.context_model = nn.GRU(16, hidden)
+        self.classifier = nn.Sequential(nn.Linear(544 + hidden, 32), nn.ReLU(), nn.Linear(32, 1))
+
+
+class Tasks(nn.Module):
+    def __init__(self, hidden: int, actions: int):
+        super().__init__()
+        self.auxiliary = nn.ModuleDict(
+            {"inverse_dynamics": nn.Linear(2 * 544 + hidden, actions), "cpca16": Cpca(hidden, actions)}
+        )
+        set_weights(self)
+
+
+def auxiliary_fixture() -> None:
+    """20 steps of 4 columns with random episode starts, the last column one step shorter; one question at a time."""
+    steps, columns, hidden, actions, horizon = 20, 4, 24, 21, 16
+    tasks = Tasks(hidden, actions)
+    inverse, cpca = tasks.auxiliary["inverse_dynamics"], tasks.auxiliary["cpca16"]
+    embeddings = tensor("auxiliary.embeddings", steps, columns, 544).requires_grad_()
+    beliefs = tensor("auxiliary.beliefs", steps, columns, hidden).requires_grad_()
+    starts = noise("auxiliary.starts", steps * columns).reshape(steps, columns) > 0.8
+    action = torch.tensor([[(3 * t + 5 * n + t * n) % actions for n in range(columns)] for t in range(steps)])
+    length = [steps - (n == columns - 1) for n in range(columns)]
+
+    def same_episode(t: int, later: int, n: int) -> bool:
+        return later < length[n] and not starts[t + 1 : later + 1, n].any()
+
+    def chosen(offset: int) -> np.ndarray:
+        return noise(f"auxiliary.chosen.{offset}", steps * columns).reshape(steps, columns) > 0.4
+
+    valid = [(t, n) for t in range(steps) for n in range(columns) if t < length[n]]
+    order = np.argsort(noise("auxiliary.negatives", len(valid)), kind="stable")
+    elsewhere = {row: valid[other] for row, other in zip(valid, order)}
+
+    guesses = []
+    for t, n in valid:
+        if same_episode(t, t + 1, n) and chosen(1)[t, n]:
+            last = max(later for later in range(t, length[n]) if same_episode(t, later, n))
+            known = torch.cat([embeddings[t, n], embeddings[t + 1, n], beliefs[last, n]])
+            guesses.append(F.cross_entropy(inverse(known)[None], action[t, n][None]))
+    inverse_loss = torch.stack(guesses).mean()
+
+    verdicts = []
+    for offset in range(1, horizon + 1):
+        for t, n in valid:
+            if same_episode(t, t + offset, n) and chosen(offset)[t, n]:
+                taken = cpca.action_embedder(action[t : t + offset, n])
+                _, context = cpca.context_model(taken[:, None], beliefs[t, n][None, None])
+                for (seen_t, seen_n), label in [((t + offset, n), 1.0), (elsewhere[t + offset, n], 0.0)]:
+                    logit = cpca.classifier(torch.cat([embeddings[seen_t, seen_n], context[0, 0]]))
+                    verdicts.append(F.binary_cross_entropy_with_logits(logit, torch.tensor([label])))
+    # Two verdicts a question, summed.
+    cpca_loss = 2.0 * torch.stack(verdicts).mean()
+
+    out = {}
+    for name, loss, questions in [
+        ("inverse_dynamics", inverse_loss, len(guesses)),
+        ("cpca16", cpca_loss, len(verdicts) // 2),
+    ]:
+        named = [(f"auxiliary.{name}.{rest}", w) for rest, w in tasks.auxiliary[name].named_parameters()]
+        named += [("auxiliary.beliefs", beliefs), ("auxiliary.embeddings", embeddings)]
+        gradients = torch.autograd.grad(loss, [tensor for _, tensor in named])
+        out[f"{name}.loss"] = torch.tensor([loss.item(), float(questions)], dtype=torch.float64)
+        out[f"{name}.gradients"] = probes(sorted(zip([name for name, _ in named], gradients)))
+    save_file(out, HERE / "auxiliary.safetensors")
+
+
 if __name__ == "__main__":
     network_fixture("resnet", encoder="resnet", pool=2, polar=True, previous_action=True, hidden=512, actions=21)
     network_fixture("cnn", encoder="cnn", pool=1, polar=False, previous_action=False, hidden=64, actions=13)
     gae_fixture()
     loss_fixture()
     adam_fixture()
+    auxiliary_fixture()
     run_fixture()

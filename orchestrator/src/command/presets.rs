@@ -2,7 +2,7 @@
 
 use crate::terminal;
 use anyhow::Result;
-use proto::config::PRESETS;
+use proto::config::presets;
 
 /// List the presets
 #[derive(Debug, clap::Args)]
@@ -15,15 +15,15 @@ pub struct PresetsArgs {
 /// Runs the command.
 pub fn run(args: &PresetsArgs) -> Result<()> {
     if args.json {
-        let list: Vec<_> = PRESETS
+        let list: Vec<_> = presets()
             .iter()
             .map(|preset| serde_json::json!({ "name": preset.name, "summary": preset.summary }))
             .collect();
         terminal::out(&serde_json::to_string(&list)?);
         return Ok(());
     }
-    let width = PRESETS.iter().map(|preset| preset.name.len()).max().unwrap_or(0);
-    for preset in PRESETS {
+    let width = presets().iter().map(|preset| preset.name.len()).max().unwrap_or(0);
+    for preset in presets() {
         terminal::out(&format!("{:width$}  {}", preset.name, preset.summary));
     }
     Ok(())

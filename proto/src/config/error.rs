@@ -7,14 +7,12 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// No preset of this name.
-    #[error("there is no preset `{name}`{}; there are: {known}", suggestion(.nearest.as_deref()))]
+    #[error("there is no preset `{name}`{}; `orchestrator presets` lists them", suggestion(.nearest.as_deref()))]
     UnknownPreset {
         /// What was asked for.
         name: String,
         /// The closest existing name.
         nearest: Option<String>,
-        /// All names.
-        known: String,
     },
     /// The file cannot be read.
     #[error("cannot read configuration {path}: {cause}", path = .path.display())]

@@ -4,11 +4,12 @@
 //! overlaid by the user's TOML file, overlaid by command-line flags. [`Config::resolve`] does the first three.
 
 mod error;
+mod experiment;
 mod preset;
 mod validate;
 
 pub use error::ConfigError;
-pub use preset::{PRESETS, Preset};
+pub use preset::{Preset, presets};
 
 use crate::action::ActionSpace;
 use crate::reward::RewardKind;
@@ -170,6 +171,10 @@ pub enum AuxiliaryTask {
     None,
     /// Disturbance prediction with focal loss, the paper's.
     Disturb,
+    /// Which action led from one observation to the next.
+    InverseDynamics,
+    /// CPC|A: contrastive prediction of the next 16 observations.
+    Cpca16,
 }
 
 /// The auxiliary task.
@@ -180,8 +185,10 @@ pub struct AuxiliaryConfig {
     pub task: AuxiliaryTask,
     /// Its weight in the loss.
     pub weight: f64,
-    /// Focusing parameter of the focal loss.
+    /// Focusing parameter of the focal loss of `disturb`.
     pub focal_gamma: f64,
+    /// Share of the valid steps that `inverse_dynamics` and `cpca16` look at in an epoch.
+    pub subsample: f64,
 }
 
 /// Where the learner computes.
@@ -325,7 +332,7 @@ impl Default for RewardConfig {
 
 impl Default for AuxiliaryConfig {
     fn default() -> Self {
-        Self { task: AuxiliaryTask::Disturb, weight: 0.1, focal_gamma: 2.0 }
+        Self { task: AuxiliaryTask::Disturb, weight: 0.1, focal_gamma: 2.0, subsample: 0.2 }
     }
 }
 

@@ -1,44 +1,61 @@
-//! Presets: named overlays over the defaults, kept as TOML files beside the code.
+//! Presets: named overlays over the defaults. Those with reasons of their own are TOML files beside the code; the rows
+//! of the paper's tables are composed in [`experiment`](super::experiment).
 
 use super::error::{ConfigError, nearest, parse};
+use std::borrow::Cow;
+use std::sync::LazyLock;
 
 /// One preset.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Preset {
     /// Its name on the command line.
-    pub name: &'static str,
+    pub name: String,
     /// What it is, one line.
-    pub summary: &'static str,
-    text: &'static str,
+    pub summary: String,
+    /// What it lays over the defaults, or over the preset that it `extends`: TOML.
+    pub(super) text: Cow<'static, str>,
 }
 
-/// All presets.
-pub const PRESETS: [Preset; 3] = [
-    Preset {
-        name: "demo",
-        summary: "both stages in minutes on two CPU cores: small encoder, episodes that begin near the target",
-        text: include_str!("../../presets/demo.toml"),
-    },
-    Preset {
-        name: "paper",
-        summary: "the paper's exact shape: 19 environments, T = 200, resnet, 20M + 25M frames",
-        text: include_str!("../../presets/paper.toml"),
-    },
-    Preset {
-        name: "two-stage",
-        summary: "the paper's curriculum and constants with many environments, for one GPU",
-        text: include_str!("../../presets/two-stage.toml"),
-    },
+/// Presets with a file of their own.
+const FILES: [(&str, &str, &str); 3] = [
+    (
+        "demo",
+        "both stages in minutes on two CPU cores: small encoder, episodes that begin near the target",
+        include_str!("../../presets/demo.toml"),
+    ),
+    (
+        "paper",
+        "the paper's exact shape: 19 environments, T = 200, resnet, 20M + 25M frames",
+        include_str!("../../presets/paper.toml"),
+    ),
+    (
+        "two-stage",
+        "the paper's curriculum and constants with many environments, for one GPU",
+        include_str!("../../presets/two-stage.toml"),
+    ),
 ];
+
+/// All presets: those with a file, then every row of the paper's tables.
+pub fn presets() -> &'static [Preset] {
+    static PRESETS: LazyLock<Vec<Preset>> = LazyLock::new(|| {
+        let files = FILES.map(|(name, summary, text)| Preset {
+            name: name.to_owned(),
+            summary: summary.to_owned(),
+            text: text.into(),
+        });
+        files.into_iter().chain(super::experiment::all()).collect()
+    });
+    &PRESETS
+}
 
 /// The preset as a TOML table, what it extends included.
 pub(super) fn merged(name: &str) -> Result<toml::Table, ConfigError> {
-    let preset = PRESETS.iter().find(|preset| preset.name == name).ok_or_else(|| ConfigError::UnknownPreset {
-        name: name.to_owned(),
-        nearest: nearest(name, PRESETS.iter().map(|preset| preset.name)),
-        known: PRESETS.map(|preset| preset.name).join(", "),
-    })?;
-    let mut table: toml::Table = parse(preset.text, &format!("presets/{name}.toml"))?;
+    let names = || presets().iter().map(|preset| preset.name.as_str());
+    let preset = presets()
+        .iter()
+        .find(|preset| preset.name == name)
+        .ok_or_else(|| ConfigError::UnknownPreset { name: name.to_owned(), nearest: nearest(name, names()) })?;
+    let mut table: toml::Table = parse(&preset.text, &format!("preset {name}"))?;
     let Some(base) = table.remove("extends") else { return Ok(table) };
     let base = base.as_str().map(str::to_owned).unwrap_or_default();
     let mut result = merged(&base)?;
@@ -65,8 +82,8 @@ mod tests {
 
     #[test]
     fn every_preset_resolves_and_survives_a_round_trip() {
-        for preset in PRESETS {
-            let config = Config::resolve(preset.name, None).unwrap();
+        for preset in presets() {
+            let config = Config::resolve(&preset.name, None).unwrap();
             assert_eq!(config.preset, preset.name);
             assert_eq!(Config::from_toml(&config.to_toml(), "round trip").unwrap(), config);
         }

@@ -76,6 +76,12 @@ impl Config {
         ] {
             check(key, value, value.is_finite() && value >= 0.0, "must be 0 or greater")?;
         }
+        check(
+            "auxiliary.subsample",
+            auxiliary.subsample,
+            auxiliary.subsample > 0.0 && auxiliary.subsample <= 1.0,
+            "must be above 0 and at most 1",
+        )?;
         check("learner.threads", learner.threads, (1..=256).contains(&learner.threads), "must be 1 to 256")?;
         check("checkpoint.keep", checkpoint.keep, (1..=1000).contains(&checkpoint.keep), "must be 1 to 1000")?;
         check(

@@ -1,0 +1,104 @@
+//! CPC|A: contrastive prediction of what comes after the next actions (Guo et al., *Neural Predictive Belief
+//! Representations*, 2018), 16 steps ahead.
+//!
+//! From the belief `b_t` a second GRU runs on with the actions that were taken, without observations. After each of its
+//! steps a classifier sees its state beside an observation's embedding and says whether that is the one which was
+//! seen then. The other one it is shown is drawn from elsewhere in the batch.
+
+use super::{Answer, Epoch, Pass, Query, Tally, column};
+use crate::network::{Gru, Initial, Layout, Linear, OBSERVATION, ParameterId, Parameters};
+use std::collections::BTreeMap;
+use tch::{Kind, Reduction, Tensor};
+
+/// Steps looked ahead.
+pub const HORIZON: i64 = 16;
+/// Width of an action's embedding.
+const ACTION: i64 = 16;
+/// Width of the classifier's hidden layer.
+const WIDTH: i64 = 32;
+
+/// Action embedding → GRU from the belief; \[embedding, state\] → 32 → `ReLU` → one logit.
+#[derive(Debug)]
+pub struct Cpca {
+    action_embedder: ParameterId,
+    context: Gru,
+    first: Linear,
+    second: Linear,
+}
+
+impl Cpca {
+    /// Declares embedding, GRU and classifier.
+    pub fn new(layout: &mut Layout, [hidden, actions]: [i64; 2]) -> Self {
+        let path = "auxiliary.cpca16";
+        let normal = Initial::Normal { deviation: 1.0 };
+        Self {
+            action_embedder: layout.add(format!("{path}.action_embedder.weight"), &[actions, ACTION], normal),
+            context: Gru::with_default(layout, &format!("{path}.context_model"), [ACTION, hidden]),
+            first: Linear::with_default(layout, &format!("{path}.classifier.0"), [OBSERVATION + hidden, WIDTH]),
+            second: Linear::with_default(layout, &format!("{path}.classifier.2"), [WIDTH, 1]),
+        }
+    }
+
+    /// This pass's share of the mean, over all `count` queries, of both cross entropies; negatives by a random
+    /// permutation of the pass's rows.
+    pub fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64, epoch: Epoch) -> Answer {
+        self.loss_against(parameters, pass, queries, count, &epoch.permutation(pass.packing))
+    }
+
+    /// The same with a given permutation: where row `i` was seen, row `negatives[i]` is shown as well.
+    pub fn loss_against(
+        &self,
+        parameters: &Parameters,
+        pass: &Pass,
+        queries: &[Query],
+        count: u64,
+        negatives: &[i64],
+    ) -> Answer {
+        let device = pass.beliefs.device();
+        let later = column(queries, |query| query.later, pass);
+        let elsewhere = column(queries, |query| negatives[query.later as usize], pass);
+
+        let contexts = self.contexts(parameters, pass);
+        let rows = pass.packing.rows.len() as i64;
+        let at = column(queries, |query| (query.offset - 1) * rows + query.row, pass);
+        let contexts = contexts.view([-1, self.context.hidden()]).index_select(0, &at);
+
+        let classify = |seen: &Tensor| {
+            let input = Tensor::cat(&[pass.embeddings.index_select(0, seen), contexts.shallow_clone()], 1);
+            self.second.forward(parameters, &self.first.forward(parameters, &input).relu()).squeeze_dim(1)
+        };
+        let cross_entropy = |logits: &Tensor, label: f64| {
+            let labels = Tensor::full([logits.size()[0]], label, (Kind::Float, device));
+            logits.binary_cross_entropy_with_logits::<Tensor>(&labels, None, None, Reduction::Sum) / count as f64
+        };
+        let (positive, negative) = (classify(&later), classify(&elsewhere));
+
+        let mut tally = Tally::default();
+        let above = |logits: &Tensor| logits.detach().gt(0.0).sum(Kind::Int64).int64_value(&[]) as f64;
+        tally.add("asked", queries.len() as f64);
+        tally.add("positives_right", above(&positive));
+        tally.add("negatives_right", queries.len() as f64 - above(&negative));
+        Answer { loss: cross_entropy(&positive, 1.0) + cross_entropy(&negative, 0.0), tally }
+    }
+
+    /// States of the second GRU, \[horizon, rows, hidden\]: k steps on from each row's belief with the actions taken.
+    /// Past a segment's end they go on with any action; nothing is asked there.
+    fn contexts(&self, parameters: &Parameters, pass: &Pass) -> Tensor {
+        let taken: Vec<i64> =
+            (0..HORIZON as usize).flat_map(|k| pass.packing.later(k).into_iter().map(|row| row.unwrap_or(0))).collect();
+        let taken = Tensor::from_slice(&taken).to_device(pass.beliefs.device());
+        let actions = pass.actions.index_select(0, &taken);
+        let embedded = Tensor::embedding(&parameters[self.action_embedder], &actions, -1, false, false);
+        self.context.sequence(parameters, &embedded.view([HORIZON, -1, ACTION]), pass.beliefs)
+    }
+
+    /// Shares of right verdicts on what was seen and on what was not.
+    pub fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
+        let asked = tally.sum("asked");
+        ["positives_right", "negatives_right"]
+            .into_iter()
+            .filter(|_| asked > 0.0)
+            .map(|name| (format!("auxiliary/{name}"), tally.sum(name) / asked))
+            .collect()
+    }
+}

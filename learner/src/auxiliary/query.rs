@@ -1,0 +1,140 @@
+//! What a task asks in one epoch: of some rows, what is some steps ahead in the same episode.
+//!
+//! Rows near the end of their episode or of the rollout have nothing ahead of them and are not asked. Of the rest a
+//! task may look at a random share (subsampling); which ones is a function of (seed, rollout, epoch, step, column), so
+//! it depends neither on how columns are divided into passes nor on what was drawn before.
+
+use crate::network::Packing;
+use proto::random::{Key, Purpose};
+
+/// Valid queries below which none is left out (reference).
+const SUBSAMPLE_LEAST: usize = 10;
+
+/// One epoch of one update.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Epoch {
+    /// Seed of the run.
+    pub seed: u64,
+    /// Number of the rollout in the run.
+    pub rollout: u64,
+    /// Epoch within the update.
+    pub epoch: u32,
+}
+
+/// One question: from the belief of `row`, what is `offset` steps ahead, at row `later`?
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Query {
+    /// Row of the packing.
+    pub row: i64,
+    /// Steps ahead, from 1.
+    pub offset: i64,
+    /// Row of the packing that lies there.
+    pub later: i64,
+}
+
+impl Epoch {
+    /// What a task asks of each of these passes: up to `horizon` steps ahead, `share` of all valid questions (all of
+    /// them if that would be few).
+    pub fn queries(self, packings: &[&Packing], horizon: usize, share: f64) -> Vec<Vec<Query>> {
+        let valid: Vec<Vec<Query>> = packings.iter().map(|packing| all(packing, horizon)).collect();
+        if share >= 1.0 || valid.iter().map(Vec::len).sum::<usize>() < SUBSAMPLE_LEAST {
+            return valid;
+        }
+        packings
+            .iter()
+            .zip(valid)
+            .map(|(packing, queries)| {
+                let draws: Vec<Vec<f64>> =
+                    packing.rows.iter().map(|&row| self.draws(Purpose::AuxiliarySubsample, row, horizon)).collect();
+                queries
+                    .into_iter()
+                    .filter(|query| draws[query.row as usize][query.offset as usize - 1] < share)
+                    .collect()
+            })
+            .collect()
+    }
+
+    /// A random permutation of a pass's rows.
+    pub fn permutation(self, packing: &Packing) -> Vec<i64> {
+        let keys: Vec<f64> =
+            packing.rows.iter().map(|&row| self.draws(Purpose::AuxiliaryNegatives, row, 1)[0]).collect();
+        let mut order: Vec<i64> = (0..keys.len() as i64).collect();
+        order.sort_by(|&a, &b| keys[a as usize].total_cmp(&keys[b as usize]));
+        order
+    }
+
+    /// Numbers in (0, 1) that belong to one step of one column.
+    fn draws(self, purpose: Purpose, (step, column): (usize, usize), count: usize) -> Vec<f64> {
+        let key = Key {
+            seed: self.seed,
+            purpose,
+            // No kitchen is meant: the epoch takes its place.
+            kitchen: self.epoch as u8,
+            environment: column as u32,
+            episode: self.rollout as u32,
+            step: step as u32,
+        };
+        let mut random = key.stream();
+        (0..count).map(|_| random.uniform_open()).collect()
+    }
+}
+
+/// Every question whose answer lies in the same episode, by offset and then by row.
+fn all(packing: &Packing, horizon: usize) -> Vec<Query> {
+    (1..=horizon)
+        .flat_map(|offset| {
+            (0i64..)
+                .zip(packing.later(offset))
+                .filter_map(move |(row, later)| later.map(|later| Query { row, offset: offset as i64, later }))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    const EPOCH: Epoch = Epoch { seed: 5, rollout: 3, epoch: 1 };
+
+    fn packing(columns: std::ops::Range<usize>) -> Packing {
+        Packing::new(columns, |_| 60, |t, n| (t + 7 * n) % 23 == 0)
+    }
+
+    #[test]
+    fn a_share_of_the_valid_queries_is_asked_whatever_the_passes() {
+        let whole = packing(0..20);
+        let valid = EPOCH.queries(&[&whole], 16, 1.0).remove(0);
+        let asked = EPOCH.queries(&[&whole], 16, 0.2).remove(0);
+        assert!(asked.iter().all(|query| valid.contains(query)));
+        let share = asked.len() as f64 / valid.len() as f64;
+        assert!((share - 0.2).abs() < 0.02, "{share}");
+
+        let name = |packing: &Packing, query: &Query| (packing.rows[query.row as usize], query.offset);
+        let of_whole: BTreeSet<_> = asked.iter().map(|query| name(&whole, query)).collect();
+        let parts = [packing(0..7), packing(7..20)];
+        let of_parts = EPOCH.queries(&[&parts[0], &parts[1]], 16, 0.2);
+        let of_parts: BTreeSet<_> = parts
+            .iter()
+            .zip(&of_parts)
+            .flat_map(|(part, queries)| queries.iter().map(|query| name(part, query)))
+            .collect();
+        assert_eq!(of_whole, of_parts);
+
+        for other in [Epoch { epoch: 0, ..EPOCH }, Epoch { rollout: 4, ..EPOCH }, Epoch { seed: 6, ..EPOCH }] {
+            assert_ne!(other.queries(&[&whole], 16, 0.2).remove(0), asked);
+            assert_ne!(other.permutation(&whole), EPOCH.permutation(&whole));
+        }
+        let mut permutation = EPOCH.permutation(&whole);
+        permutation.sort_unstable();
+        assert!(permutation.into_iter().eq(0..1200));
+    }
+
+    #[test]
+    fn few_queries_are_all_asked() {
+        let few = Packing::new(0..3, |_| 4, |_, _| false);
+        assert_eq!(EPOCH.queries(&[&few], 1, 0.2)[0].len(), 9);
+        let more = Packing::new(0..30, |_| 4, |_, _| false);
+        assert!(EPOCH.queries(&[&more], 1, 0.2)[0].len() < 40);
+    }
+}

@@ -1,0 +1,187 @@
+//! The paper's experiments as presets: every row of its tables by name (SPEC section 6), composed from what the rows
+//! have in common instead of being written out.
+//!
+//! ```text
+//! {original, none, cpca16, inverse-dynamics, disturb} - {stage1-20m, stage1-45m, scratch-45m, two-stage}
+//! ablation - {cnn, resnet} - {normalized, plain} - {no-action, action} - {cartesian, polar}    the twelve of the table
+//! small - {original, none, disturb, disturb-two-stage}                                        A_small; the others are A_large
+//! lambda - {1, 5, 10, 15, 20, 25}                                                             λ_disturb of stage II
+//! ```
+
+use super::preset::Preset;
+
+/// What is trained along, and how the paper calls it.
+const TASKS: [(&str, &str, &str); 5] = [
+    ("original", "none", "the original baseline (small encoder, cartesian goal, normalised advantages)"),
+    ("none", "none", "no auxiliary task"),
+    ("cpca16", "cpca16", "CPC|A, 16 steps"),
+    ("inverse-dynamics", "inverse_dynamics", "inverse dynamics"),
+    ("disturb", "disturb", "disturbance prediction"),
+];
+
+/// Rewards and frames.
+const PLANS: [(&str, &[Stage], &str); 4] = [
+    ("stage1-20m", &[("I", "r", 20_000_000)], "reward r, 20M frames"),
+    ("stage1-45m", &[("I", "r", 45_000_000)], "reward r, 45M frames"),
+    ("scratch-45m", &[("I", "r_prime", 45_000_000)], "reward r′ from scratch, 45M frames"),
+    ("two-stage", &TWO_STAGES, "reward r for 20M frames, then r′ for 25M"),
+];
+
+/// Name, reward, frames.
+type Stage = (&'static str, &'static str, u64);
+
+const STAGE_ONE: [Stage; 1] = [("I", "r", 20_000_000)];
+const TWO_STAGES: [Stage; 2] = [("I", "r", 20_000_000), ("II", "r_prime", 25_000_000)];
+
+/// Rows of the ablation table: encoder, normalised advantages, previous action, polar goal. All with `A_small`.
+const ABLATIONS: [(&str, bool, bool, bool); 12] = [
+    ("cnn", true, false, false),
+    ("cnn", false, false, false),
+    ("cnn", false, true, false),
+    ("cnn", true, true, true),
+    ("cnn", false, false, true),
+    ("cnn", false, true, true),
+    ("resnet", true, false, false),
+    ("resnet", false, false, false),
+    ("resnet", false, true, false),
+    ("resnet", true, true, true),
+    ("resnet", false, false, true),
+    ("resnet", false, true, true),
+];
+
+const LAMBDAS: [u32; 6] = [1, 5, 10, 15, 20, 25];
+
+/// The network and advantages of one row.
+fn method(encoder: &str, normalized: bool, previous_action: bool, polar: bool) -> String {
+    // The paper pools frames before its own encoder only.
+    let (pool, goal) = (if encoder == "resnet" { 2 } else { 1 }, if polar { "polar" } else { "cartesian" });
+    format!(
+        "network.encoder = \"{encoder}\"\nnetwork.input_pool = {pool}\nnetwork.goal = \"{goal}\"\n\
+         network.previous_action = {previous_action}\nppo.normalize_advantages = {normalized}\n"
+    )
+}
+
+fn task_of(task: &str) -> String {
+    format!("auxiliary.task = \"{task}\"\n")
+}
+
+fn stages(stages: &[Stage]) -> String {
+    stages
+        .iter()
+        .map(|(name, reward, frames)| {
+            format!("[[stages]]\nname = \"{name}\"\nreward = \"{reward}\"\nframes = {frames}\n")
+        })
+        .collect()
+}
+
+fn preset(name: String, summary: String, settings: &[String]) -> Preset {
+    Preset { name, summary, text: settings.concat().into() }
+}
+
+/// All of them, in the order above.
+pub(super) fn all() -> Vec<Preset> {
+    let original = method("cnn", true, false, false);
+    let small = "episode.action_space = \"small\"\n".to_owned();
+    let network_of = |name: &str| if name == "original" { original.clone() } else { String::new() };
+    let mut presets = Vec::new();
+    for (name, task, what) in TASKS {
+        for (plan, plan_stages, how) in PLANS {
+            presets.push(preset(
+                format!("{name}-{plan}"),
+                format!("{what}; {how}"),
+                &[network_of(name), task_of(task), stages(plan_stages)],
+            ));
+        }
+    }
+    for (encoder, normalized, previous_action, polar) in ABLATIONS {
+        let advantages = if normalized { "normalized" } else { "plain" };
+        let action = if previous_action { "action" } else { "no-action" };
+        let goal = if polar { "polar" } else { "cartesian" };
+        presets.push(preset(
+            format!("ablation-{encoder}-{advantages}-{action}-{goal}"),
+            format!("ablation: {encoder}, {advantages} advantages, {action} input, {goal} goal; reward r, 20M frames"),
+            &[small.clone(), method(encoder, normalized, previous_action, polar), task_of("none"), stages(&STAGE_ONE)],
+        ));
+    }
+    for (name, task, plan_stages) in [
+        ("original", "none", &STAGE_ONE[..]),
+        ("none", "none", &STAGE_ONE),
+        ("disturb", "disturb", &STAGE_ONE),
+        ("disturb-two-stage", "disturb", &TWO_STAGES),
+    ] {
+        presets.push(preset(
+            format!("small-{name}"),
+            format!("the 13 actions of A_small; {name}"),
+            &[small.clone(), network_of(name), task_of(task), stages(plan_stages)],
+        ));
+    }
+    for lambda in LAMBDAS {
+        presets.push(preset(
+            format!("lambda-{lambda}"),
+            format!("two stages with disturbance prediction, λ_disturb = {lambda}"),
+            &[task_of("disturb"), format!("reward.lambda_disturb = {lambda}.0\n"), stages(&TWO_STAGES)],
+        ));
+    }
+    presets
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{AuxiliaryTask, Config, Encoder, GoalCoordinates, preset::presets};
+    use super::*;
+    use crate::action::ActionSpace;
+    use crate::reward::RewardKind;
+    use std::collections::BTreeSet;
+
+    fn config(name: &str) -> Config {
+        Config::resolve(name, None).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    #[test]
+    fn every_row_of_the_papers_tables_is_a_preset_of_its_own() {
+        let all = all();
+        assert_eq!(all.len(), 5 * 4 + 12 + 4 + 6);
+        let names: BTreeSet<&str> = presets().iter().map(|preset| preset.name.as_str()).collect();
+        assert_eq!(names.len(), presets().len(), "names are unique");
+        let mut contents = BTreeSet::new();
+        for preset in &all {
+            let mut config = config(&preset.name);
+            assert_eq!(config.environments(), 19);
+            config.preset.clear();
+            if !contents.insert(config.to_toml()) {
+                // The paper's tables share these rows.
+                assert!(
+                    ["lambda-15", "small-original", "small-none", "ablation-resnet-plain-action-polar"]
+                        .contains(&preset.name.as_str()),
+                    "{} repeats another",
+                    preset.name
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn rows_are_what_their_names_say() {
+        let two = config("disturb-two-stage");
+        assert_eq!(Config { preset: "paper".into(), ..two }, Config::default());
+
+        let original = config("original-stage1-20m");
+        assert_eq!((original.network.encoder, original.network.input_pool), (Encoder::Cnn, 1));
+        assert_eq!(original.network.goal, GoalCoordinates::Cartesian);
+        assert!(original.ppo.normalize_advantages && !original.network.previous_action);
+        assert_eq!(original.auxiliary.task, AuxiliaryTask::None);
+        assert_eq!(original.stages.len(), 1);
+
+        let scratch = config("cpca16-scratch-45m");
+        assert_eq!(scratch.auxiliary.task, AuxiliaryTask::Cpca16);
+        assert_eq!((scratch.stages[0].reward, scratch.stages[0].frames), (RewardKind::DisturbanceFree, 45_000_000));
+
+        let ablation = config("ablation-cnn-plain-action-polar");
+        assert_eq!(ablation.episode.action_space, ActionSpace::Small);
+        assert!(ablation.network.previous_action && !ablation.ppo.normalize_advantages);
+        assert_eq!(ablation.network.goal, GoalCoordinates::Polar);
+
+        assert_eq!(config("lambda-25").reward.lambda_disturb, 25.0);
+        assert_eq!(config("small-disturb-two-stage").stages.len(), 2);
+    }
+}
