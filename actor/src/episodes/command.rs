@@ -44,7 +44,9 @@ fn generate(path: &Path) -> Result<()> {
         let kitchen = Arc::new(Kitchen::build(id, &config.simulation)?);
         let (section, rejected) = draw::draw(&kitchen, &config)?;
         let mut kinds: BTreeMap<&str, usize> = BTreeMap::new();
-        rejected.iter().for_each(|problem| *kinds.entry(problem.kind()).or_default() += 1);
+        for problem in &rejected {
+            *kinds.entry(problem.kind()).or_default() += 1;
+        }
         let kinds: Vec<String> = kinds.into_iter().map(|(kind, count)| format!("{count} {kind}")).collect();
         writeln!(
             out,

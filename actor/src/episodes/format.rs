@@ -146,7 +146,7 @@ impl File {
 
 impl Record {
     /// The episode that this record with this number means in a kitchen; none if a place is not there.
-    pub fn episode(&self, kitchen: &Kitchen, number: usize) -> Option<Episode> {
+    pub fn episode(self, kitchen: &Kitchen, number: usize) -> Option<Episode> {
         let category = category(number);
         let spots = kitchen.target_spots(category);
         Some(Episode {

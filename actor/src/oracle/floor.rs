@@ -4,7 +4,6 @@
 //! same, and the first that the search comes by stands for its cell.
 
 use super::search::Graph;
-use super::space::Space;
 use crate::robot::configuration::{Configuration, MOVE_AHEAD_M};
 use crate::robot::dimensions::ARM_BASE_AHEAD_M;
 use crate::robot::dimensions::REACH_M;
@@ -18,8 +17,8 @@ const ORIGIN_M: f32 = -50.0;
 
 /// The floor as a graph of poses.
 pub struct Floor<'a> {
-    /// What is in the way.
-    pub space: &'a Space<'a>,
+    /// Whether nothing is in an action's way.
+    pub passable: &'a dyn Fn(&Configuration, Action, &Configuration) -> bool,
     /// Where the arm is to reach.
     pub place: Vec3,
     /// How near to the place the wrist must come, metres on the floor plane.
@@ -59,12 +58,92 @@ impl Graph for Floor<'_> {
     }
 
     fn passable(&self, from: &Configuration, action: Action, to: &Configuration) -> bool {
-        !self.forbidden.contains(&(*from, action)) && self.space.passable(from, action, to)
+        !self.forbidden.contains(&(*from, action)) && (self.passable)(from, action, to)
     }
 
     fn bound(&self, state: &Configuration) -> u32 {
         let left_m = self.distance_m(state) - (ARM_BASE_AHEAD_M + REACH_M + self.slack_m);
         // A hair less than whole, for rounding in positions that add up.
         libm::ceilf((left_m / MOVE_AHEAD_M).max(0.0) - 1e-3) as u32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::oracle::search::Search;
+    use proptest::prelude::*;
+    use std::collections::BTreeSet;
+
+    /// Fewest actions to a pose that faces the place, by trying everything: poses are told apart to the millimetre.
+    fn fewest(floor: &Floor, start: Configuration, most: u32) -> Option<u32> {
+        let millimetres =
+            |at: &Configuration| ((at.x_m * 1e3).round() as i32, (at.z_m * 1e3).round() as i32, at.yaw_ticks);
+        let mut seen = BTreeSet::from([millimetres(&start)]);
+        let mut ring = vec![start];
+        for cost in 0..=most {
+            if ring.iter().any(|at| floor.faces_place(at)) {
+                return Some(cost);
+            }
+            let mut next = Vec::new();
+            for at in &ring {
+                let mut successors = Vec::new();
+                floor.successors(at, &mut successors);
+                next.extend(successors.into_iter().map(|(_, to)| to).filter(|to| seen.insert(millimetres(to))));
+            }
+            ring = next;
+        }
+        None
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+        #[test]
+        fn on_an_empty_floor_the_way_is_the_shortest_and_its_actions_lead_along_it(
+            x in -1.9f32..1.9, z in -1.9f32..1.9, yaw_ticks in 0..8, slack_m in 0.02f32..0.2,
+        ) {
+            let start = Configuration::start(0.1, -0.2, yaw_ticks);
+            let floor = Floor {
+                passable: &|_, _, _| true,
+                place: Vec3::new(start.x_m + x, 0.9, start.z_m + z),
+                slack_m,
+                forbidden: &[],
+            };
+            let mut search = Search::new(&floor, start, 100_000);
+            let index = loop {
+                let index = search.next(&floor).unwrap();
+                if floor.faces_place(search.state(index)) {
+                    break index;
+                }
+            };
+            let (cost, path) = (search.cost(index), search.path(index));
+            prop_assert_eq!(path.len() as u32, cost);
+            let mut at = start;
+            for action in path {
+                prop_assert!(floor.bound(&at) <= 1 + floor.bound(&at.after(action).unwrap()), "the bound is consistent");
+                at = at.after(action).unwrap();
+            }
+            prop_assert_eq!(at, *search.state(index));
+            // Positions of one cell stand for each other, which can cost one action.
+            let least = fewest(&floor, start, cost).unwrap();
+            prop_assert!(least <= cost && cost <= least + 1, "{} actions where {} do", cost, least);
+        }
+
+        #[test]
+        fn what_is_forbidden_is_not_done(yaw_ticks in 0..8) {
+            let start = Configuration::start(0.0, 0.0, yaw_ticks);
+            let ahead = Action::MoveAheadContinuous;
+            let floor = Floor {
+                passable: &|from, action, _| action != ahead || *from != start,
+                place: Vec3::new(1.0, 0.9, 1.0),
+                slack_m: 0.1,
+                forbidden: &[(start, Action::RotateLeftContinuous)],
+            };
+            let mut search = Search::new(&floor, start, 500);
+            while let Some(index) = search.next(&floor) {
+                let path = search.path(index);
+                prop_assert!(path.first().is_none_or(|first| *first == Action::RotateRightContinuous));
+            }
+        }
     }
 }

@@ -65,7 +65,8 @@ pub fn leg(
     let (mut actions, travelling) =
         if carried == now { (Vec::new(), now) } else { reach::way(&reaching, now, &[carried], forbidden)? };
 
-    let floor = Floor { space: &driving, place: aim.place(), slack_m: aim.slack_m(), forbidden };
+    let passable = |from: &Configuration, action, to: &Configuration| driving.passable(from, action, to);
+    let floor = Floor { passable: &passable, place: aim.place(), slack_m: aim.slack_m(), forbidden };
     let mut search = Search::new(&floor, travelling, EXPANSIONS);
     let (mut looked_at, mut exhausted) = (0, false);
     while looked_at < STANDS_MOST && !exhausted {

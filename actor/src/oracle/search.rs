@@ -27,6 +27,7 @@ pub trait Graph {
     fn bound(&self, state: &Self::State) -> u32;
 }
 
+#[derive(Clone, Copy)]
 struct Node<S> {
     state: S,
     parent: Option<(usize, Action)>,
@@ -115,14 +116,6 @@ impl<S: Copy> Search<S> {
         actions
     }
 }
-
-impl<S: Copy> Clone for Node<S> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<S: Copy> Copy for Node<S> {}
 
 #[cfg(test)]
 mod tests {
