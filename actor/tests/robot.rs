@@ -4,8 +4,8 @@
 // Helpers of tests are tests too, which clippy's own exception does not see.
 #![allow(clippy::unwrap_used)]
 
-use actor::physics::geometry::Solid;
 use actor::physics::gap::gap_m;
+use actor::physics::geometry::Solid;
 use actor::robot::arm::{self, Joints};
 use actor::robot::configuration::{Configuration, Posture};
 use actor::robot::dimensions::{FOREARM_LENGTH_M, SCALE, UPPER_ARM_LENGTH_M, WRIST_LENGTH_M};
