@@ -66,12 +66,10 @@ fn task_of(task: &str) -> String {
 }
 
 fn stages(stages: &[Stage]) -> String {
-    stages
-        .iter()
-        .map(|(name, reward, frames)| {
-            format!("[[stages]]\nname = \"{name}\"\nreward = \"{reward}\"\nframes = {frames}\n")
-        })
-        .collect()
+    let table = |(name, reward, frames): &Stage| {
+        format!("[[stages]]\nname = \"{name}\"\nreward = \"{reward}\"\nframes = {frames}\n")
+    };
+    stages.iter().map(table).collect::<Vec<_>>().concat()
 }
 
 fn preset(name: String, summary: String, settings: &[String]) -> Preset {
