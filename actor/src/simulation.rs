@@ -34,6 +34,9 @@ const HELD_TOLERANCE_M: f32 = 0.006;
 /// A thing that the robot has entered this deeply, or that has been pushed this deep into another or into the room, is
 /// jammed and stops the motion, metres.
 const JAM_DEPTH_M: f32 = 0.015;
+/// A motion that is stopped by a jam has made it deeper by this much, metres: less than a part that pushes travels in a
+/// sub-step, more than a contact wavers by itself.
+const JAM_GROWTH_M: f32 = 0.001;
 /// A movable thing this near to the robot, or to what it holds, calls for physics, metres.
 const TOUCH_M: f32 = 0.005;
 /// After an episode's target is set down, it has this many sub-steps to come to rest.
@@ -327,8 +330,8 @@ impl Simulation {
         let path = std::mem::take(&mut self.path);
         let last = path.len() - 1;
         let mut at = 0;
-        // Whatever eases is no jam: out of one the robot must be able to leave.
-        let (mut jammed, mut depth_m) = (false, self.deepest_contact_m());
+        // Whatever does not deepen a jam is not stopped by it: out of one the robot must be able to leave.
+        let (mut jammed, mut least_m) = (false, self.deepest_contact_m());
         while at < last && !jammed {
             if !self.awake {
                 // As far as nothing is touched, nor left that was touched.
@@ -341,8 +344,9 @@ impl Simulation {
             }
             at += 1;
             self.advance_robot(&path[at]);
-            let depth_before_m = std::mem::replace(&mut depth_m, self.deepest_contact_m());
-            jammed = depth_m > JAM_DEPTH_M && depth_m >= depth_before_m;
+            let depth_m = self.deepest_contact_m();
+            jammed = depth_m > JAM_DEPTH_M.max(least_m + JAM_GROWTH_M);
+            least_m = least_m.min(depth_m);
         }
         let success = arrived && !jammed;
         let mut used = at;

@@ -315,3 +315,33 @@ fn speed() {
     println!("reset {:.0} µs", reset_s / f64::from(resets) * 1e6);
     println!("step {:.0} µs", step_s / f64::from(steps) * 1e6);
 }
+
+#[test]
+fn out_of_a_jam_the_robot_can_leave() {
+    // Once every motion failed, even the arm's, while a chair was wedged against the body.
+    let mut jams = 0;
+    for number in [4, 8, 13, 24] {
+        let kitchen = kitchen(number);
+        let mut config = config();
+        config.episode.max_steps = 10_000;
+        let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
+        for stand in kitchen.robot_stands().iter().step_by(7) {
+            let mut episode = Episode::sample(&kitchen, &config.episode, config.seed, id, 0);
+            episode.stand = *stand;
+            let mut environment = Environment::with_episode(Arc::clone(&kitchen), id, &config, 0, episode);
+            let failed = |transition: &Transition| transition.flags & transition_flag::ACTION_FAILED != 0;
+            let last = (0..30).map(|_| environment.step(Action::MoveAheadContinuous)).find(failed);
+            let Some(last) = last else { continue };
+            if last.disturbed_objects == 0 {
+                continue;
+            }
+            jams += 1;
+            let ways_out = Action::ALL[..19].iter().filter(|&&action| {
+                let looks = matches!(action, Action::LookUp | Action::LookDown);
+                !looks && !failed(&environment.clone().step(action))
+            });
+            assert!(ways_out.count() > 3, "kitchen {number}: at {stand:?} the robot drove itself stuck");
+        }
+    }
+    assert!(jams > 10, "only {jams} drives ended at something that had been pushed");
+}
