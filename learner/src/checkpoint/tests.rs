@@ -142,9 +142,12 @@ fn another_version_is_told_apart_from_a_broken_file() {
     store.save(&snapshot(1)).unwrap();
     let path = folder.path().join("checkpoints/rollout-00000001.json");
     let text = std::fs::read_to_string(&path).unwrap();
-    std::fs::write(&path, text.replace("\"schema_version\": 1", "\"schema_version\": 99")).unwrap();
+    let ours = proto::SCHEMA_VERSION;
+    let foreign = text.replace(&format!("\"schema_version\": {ours}"), "\"schema_version\": 99");
+    assert_ne!(text, foreign);
+    std::fs::write(&path, foreign).unwrap();
     let error = store.load().unwrap_err().to_string();
-    assert!(error.contains("has schema version 99; this program reads 1"), "{error}");
+    assert!(error.contains(&format!("has schema version 99; this program reads {ours}")), "{error}");
 }
 
 fn files(folder: &tempfile::TempDir) -> [PathBuf; 2] {
