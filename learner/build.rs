@@ -1,9 +1,20 @@
 //! Puts the folder of the libtorch that tch was built against into the run path of the learner and its tests, so
-//! that they start without environment variables.
+//! that they start without environment variables, and compiles what of libtorch tch has no words for.
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-env-changed=DEP_TCH_LIBTORCH_LIB");
     let folder = std::env::var("DEP_TCH_LIBTORCH_LIB").expect("torch-sys is a direct dependency and names its folder");
     println!("cargo:rustc-link-arg=-Wl,-rpath,{folder}");
+
+    println!("cargo:rerun-if-changed=src/ffi/convolution.cpp");
+    cc::Build::new()
+        .cpp(true)
+        .std("c++17")
+        // libtorch's own headers are not free of warnings.
+        .warnings(false)
+        .pic(true)
+        .include(std::path::Path::new(&folder).with_file_name("include"))
+        .file("src/ffi/convolution.cpp")
+        .compile("stillroom_ffi");
 }

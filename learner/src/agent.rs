@@ -8,11 +8,11 @@
 //! observations. So the same calls give the same weights, bit for bit, on the CPU with the same number of threads.
 
 use crate::auxiliary::Auxiliary;
-use crate::network::{FramePreparation, Network, Observations, goal_coordinates, table_row, to_vec};
+use crate::network::{FramePreparation, Network, Observations, Staging, goal_coordinates, table_row, to_vec};
 use crate::optimizer::{Adam, learning_rate};
 use crate::ppo::update::{NonFinite, Peers, Update};
 use crate::rollout::{Rollout, Step};
-use proto::config::Config;
+use proto::config::{Config, Encoder, EncoderPrecision};
 use proto::message::FRAME_PIXELS;
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
@@ -77,6 +77,9 @@ pub enum AgentError {
         /// The wire value.
         action: u8,
     },
+    /// The encoder cannot compute in bfloat16 here.
+    #[error("learner.encoder_precision is \"bfloat16\": {0}")]
+    Precision(String),
     /// A saved state does not fit this agent.
     #[error("the saved state does not fit: {0}")]
     State(String),
@@ -106,6 +109,7 @@ pub struct Agent {
     rollout: Option<Rollout>,
     /// Room for a rollout's frames while no rollout holds it.
     frames: Option<Tensor>,
+    staging: Staging,
 }
 
 /// What the network says of some columns' observations.
@@ -123,8 +127,9 @@ impl Agent {
     /// A fresh agent: weights are a function of the network's configuration and `config.seed`.
     pub fn new(config: &Config, device: Device) -> Result<Self, AgentError> {
         let actions = config.episode.action_space.actions().len() as i64;
-        let (network, auxiliary) =
+        let (mut network, auxiliary) =
             Network::new(config, device, |layout, hidden| Auxiliary::new(&config.auxiliary, layout, hidden, actions));
+        choose_precision(&mut network, config, device)?;
         let adam = Adam::new(&network.parameters.flat());
         let beliefs = network.belief.blank(config.environments() as i64, device);
         let agent = Self {
@@ -137,6 +142,7 @@ impl Agent {
             beliefs,
             rollout: None,
             frames: None,
+            staging: Staging::default(),
         };
         agent.check_weights()?;
         Ok(agent)
@@ -316,7 +322,7 @@ impl Agent {
         self.network.parameters.count() as u64
     }
 
-    fn infer(&self, input: &StepInput) -> Result<Inference, AgentError> {
+    fn infer(&mut self, input: &StepInput) -> Result<Inference, AgentError> {
         let StepInput { columns, frames, goal_m, previous_action, episode_start, .. } = *input;
         let rows = columns.len();
         assert!(
@@ -348,7 +354,7 @@ impl Agent {
 
         let _no_grad = tch::no_grad_guard();
         let observations = Observations {
-            frames: preparation.keep(frames),
+            frames: preparation.keep(frames, &mut self.staging),
             goals: upload(Tensor::from_slice(&goals).view([-1, 3])),
             previous_actions: upload(Tensor::from_slice(&previous_actions)),
         };
@@ -382,6 +388,30 @@ impl Agent {
         match parameters.first_non_finite(&parameters.flat()) {
             Some(name) => Err(AgentError::NonFinite { what: format!("weight {name}") }),
             None => Ok(()),
+        }
+    }
+}
+
+/// Has the encoder compute in bfloat16 where that is asked for, or can be had and nothing else is asked for.
+fn choose_precision(network: &mut Network, config: &Config, device: Device) -> Result<(), AgentError> {
+    let possible = if config.network.encoder != Encoder::Resnet {
+        Err("only network.encoder \"resnet\" has kernels for it".to_owned())
+    } else if device.is_cuda() {
+        Ok(())
+    } else {
+        Err("it needs a CUDA device".to_owned())
+    };
+    let fused = |network: &mut Network| network.fuse().map_err(|error| error.to_string());
+    match (config.learner.encoder_precision, possible) {
+        (EncoderPrecision::Float32, _) | (EncoderPrecision::Auto, Err(_)) => Ok(()),
+        (EncoderPrecision::Auto, Ok(())) => {
+            if let Err(reason) = fused(network) {
+                tracing::warn!("the encoder computes in float32, which takes longer: {reason}");
+            }
+            Ok(())
+        }
+        (EncoderPrecision::Bfloat16, possible) => {
+            possible.and_then(|()| fused(network)).map_err(AgentError::Precision)
         }
     }
 }

@@ -6,7 +6,7 @@
 use learner::agent::{Agent, AgentError, AgentState, Outcome, StepInput, StepOutput};
 use learner::auxiliary::{Answer, Cpca, Disturb, InverseDynamics, Pass, Query, focal_loss};
 use learner::network::{
-    Judgement, Layout, Network, Observations, Packing, Parameters, RawFrame, goal_coordinates, to_vec,
+    Judgement, Layout, Network, Observations, Packing, Parameters, RawFrame, Staging, goal_coordinates, to_vec,
 };
 use learner::optimizer::{Adam, clip_norm, learning_rate};
 use learner::ppo::gae;
@@ -134,7 +134,7 @@ fn network_matches(name: &str, config: &Config) {
             rows.iter().flat_map(|&(t, n)| goal_coordinates(config.network.goal, goal_m(t, n))).collect();
         let previous: Vec<i64> = rows.iter().map(|&(t, n)| (5 * t + 3 * n) as i64 % (actions + 1)).collect();
         Observations {
-            frames: network.preparation.keep(&frames),
+            frames: network.preparation.keep(&frames, &mut Staging::default()),
             goals: Tensor::from_slice(&goals).view([-1, 3]),
             previous_actions: Tensor::from_slice(&previous),
         }

@@ -4,6 +4,7 @@
 //! the raw frame and saves pooling again in every epoch. Without pooling the raw 16-bit frame is kept. The mean of
 //! 16-bit numbers over 1, 4 or 16 pixels is exact in f32, so the CPU's and the GPU's way give the same bits.
 
+use crate::ffi;
 use proto::message::{FRAME_PIXELS, FRAME_SIDE};
 use tch::{Device, Kind, Tensor};
 
@@ -11,6 +12,10 @@ use tch::{Device, Kind, Tensor};
 const MEAN_M: f64 = 0.5;
 /// Divides a depth in metres.
 const DEVIATION_M: f64 = 0.25;
+
+/// Millimetres · scale + offset = the network's input.
+const SCALE: f64 = 1.0 / (1000.0 * DEVIATION_M);
+const OFFSET: f64 = -MEAN_M / DEVIATION_M;
 
 /// A raw frame: millimetres, row-major.
 pub type RawFrame = [u16; FRAME_PIXELS];
@@ -24,6 +29,9 @@ pub struct FramePreparation {
 }
 
 impl FramePreparation {
+    /// A kept frame's numbers times the first plus the second are what [`FramePreparation::input`] makes of them.
+    pub const SCALE_OFFSET: [f32; 2] = [SCALE as f32, OFFSET as f32];
+
     /// Pooling over `pool` × `pool` pixels, computing on `device`.
     ///
     /// # Panics
@@ -46,7 +54,10 @@ impl FramePreparation {
     }
 
     /// Raw frames → kept frames \[rows, side, side\], millimetres, on the device.
-    pub fn keep(self, frames: &[&RawFrame]) -> Tensor {
+    ///
+    /// On a GPU the work may go on after the call: `staging` must not be given to another call before something has
+    /// been read back from the device.
+    pub fn keep(self, frames: &[&RawFrame], staging: &mut Staging) -> Tensor {
         let shape = |side: i64| [frames.len() as i64, side, side];
         if self.pool > 1 && self.device == Device::Cpu {
             let mut pooled = vec![0.0; frames.len() * (self.side() * self.side()) as usize];
@@ -55,12 +66,7 @@ impl FramePreparation {
             }
             return Tensor::from_slice(&pooled).view(shape(self.side()));
         }
-        // libtorch has no 16-bit unsigned arithmetic; depths end below 32.767 m, where both kinds agree.
-        let mut raw = Vec::with_capacity(frames.len() * FRAME_PIXELS);
-        for frame in frames {
-            raw.extend(frame.iter().map(|&depth_mm| depth_mm as i16));
-        }
-        let raw = Tensor::from_slice(&raw).view(shape(FRAME_SIDE as i64)).to_device(self.device);
+        let raw = staging.upload(frames, self.device);
         if self.pool == 1 {
             return raw;
         }
@@ -70,8 +76,37 @@ impl FramePreparation {
 
     /// Kept frames \[rows, side, side\] → the network's input \[rows, 1, side, side\].
     pub fn input(self, kept: &Tensor) -> Tensor {
-        let scale = 1.0 / (1000.0 * DEVIATION_M);
-        (kept.to_kind(Kind::Float) * scale - MEAN_M / DEVIATION_M).unsqueeze(1)
+        (kept.to_kind(Kind::Float) * SCALE + OFFSET).unsqueeze(1)
+    }
+}
+
+/// Where frames are gathered on their way to a device: memory that stays where it is, which a GPU reads by itself and
+/// several times as fast as other memory.
+#[derive(Debug, Default)]
+pub struct Staging(Option<Tensor>);
+
+impl Staging {
+    /// Frames → i16 \[rows, 224, 224\] on the device. libtorch has no 16-bit unsigned arithmetic; depths end below
+    /// 32.767 m, where both kinds agree.
+    fn upload(&mut self, frames: &[&RawFrame], device: Device) -> Tensor {
+        let rows = frames.len() as i64;
+        let side = FRAME_SIDE as i64;
+        let mut room = match self.0.take() {
+            Some(room) if room.size()[0] >= rows && device.is_cuda() => room,
+            _ => {
+                let room = Tensor::empty([rows, side, side], (Kind::Int16, Device::Cpu));
+                if device.is_cuda() { room.pin_memory(device) } else { room }
+            }
+        };
+        for (to, from) in ffi::frames_mut(&mut room).iter_mut().zip(frames) {
+            to.copy_from_slice(*from);
+        }
+        if !device.is_cuda() {
+            return room;
+        }
+        let raw = room.narrow(0, 0, rows).to_device_(device, Kind::Int16, true, false);
+        self.0 = Some(room);
+        raw
     }
 }
 
@@ -112,9 +147,9 @@ mod tests {
     fn own_pooling_equals_torchs_bit_for_bit() {
         let frames = [frame(1), frame(2)];
         let views: Vec<&RawFrame> = frames.iter().map(|frame| &**frame).collect();
-        let raw = FramePreparation::new(1, Device::Cpu).keep(&views);
+        let raw = FramePreparation::new(1, Device::Cpu).keep(&views, &mut Staging::default());
         for pool in [2u32, 4] {
-            let kept = FramePreparation::new(pool, Device::Cpu).keep(&views);
+            let kept = FramePreparation::new(pool, Device::Cpu).keep(&views, &mut Staging::default());
             let window = [i64::from(pool); 2];
             let expected = raw.to_kind(Kind::Float).unsqueeze(1).avg_pool2d(window, window, [0, 0], false, true, None);
             assert_eq!(to_vec(&kept), to_vec(&expected));
@@ -127,7 +162,7 @@ mod tests {
         raw[0] = 750;
         raw[1] = 0;
         let preparation = FramePreparation::new(1, Device::Cpu);
-        let input = to_vec(&preparation.input(&preparation.keep(&[&raw])));
+        let input = to_vec(&preparation.input(&preparation.keep(&[&raw], &mut Staging::default())));
         assert!((input[0] - 1.0).abs() < 1e-6 && (input[1] + 2.0).abs() < 1e-6);
     }
 }

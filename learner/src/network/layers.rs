@@ -7,8 +7,8 @@ use tch::Tensor;
 /// `torch.nn.Linear`.
 #[derive(Debug, Clone, Copy)]
 pub struct Linear {
-    weight: ParameterId,
-    bias: ParameterId,
+    pub(super) weight: ParameterId,
+    pub(super) bias: ParameterId,
 }
 
 impl Linear {
@@ -35,10 +35,10 @@ impl Linear {
 /// A square `torch.nn.Conv2d`.
 #[derive(Debug, Clone, Copy)]
 pub struct Convolution {
-    weight: ParameterId,
+    pub(super) weight: ParameterId,
     bias: Option<ParameterId>,
-    stride: i64,
-    padding: i64,
+    pub(super) stride: i64,
+    pub(super) padding: i64,
 }
 
 impl Convolution {
@@ -70,9 +70,9 @@ impl Convolution {
 /// `torch.nn.GroupNorm`, ε = 1e-5.
 #[derive(Debug, Clone, Copy)]
 pub struct GroupNorm {
-    weight: ParameterId,
-    bias: ParameterId,
-    groups: i64,
+    pub(super) weight: ParameterId,
+    pub(super) bias: ParameterId,
+    pub(super) groups: i64,
 }
 
 impl GroupNorm {

@@ -15,15 +15,16 @@ mod resnet;
 
 pub use belief::{Belief, Packing};
 pub use embedding::{goal_coordinates, table_row};
-pub use frame::{FramePreparation, RawFrame};
+pub use frame::{FramePreparation, RawFrame, Staging};
 pub use initialize::Initial;
 pub use layers::{Gru, Linear};
 pub use parameters::{Layout, ParameterId, Parameters, all_finite, to_vec};
 
+use crate::ffi::cuda::CudaError;
 use cnn::Cnn;
 use embedding::{ActionEmbedding, GoalEmbedding};
 use proto::config::{Config, Encoder};
-use resnet::Resnet;
+use resnet::{Fused, Resnet, Tape};
 use tch::{Device, Tensor};
 
 /// Width of the visual embedding.
@@ -82,6 +83,17 @@ pub struct Network {
     previous_action: Option<ActionEmbedding>,
     actor: Linear,
     critic: Linear,
+    /// How the encoder runs if not through autograd.
+    fused: Option<Fused>,
+}
+
+/// What observations say, and how it came about.
+#[derive(Debug)]
+pub struct Embedded {
+    /// One row an observation, see [`Network::embed`].
+    pub rows: Tensor,
+    /// The visual embedding, where autograd ends, and the encoder's way back from there.
+    seen: Option<(Tensor, Tape)>,
 }
 
 impl Network {
@@ -113,28 +125,61 @@ impl Network {
         let declared = declare(&mut layout, hidden);
 
         let parameters = Parameters::new(layout, config.seed, device);
-        (Self { parameters, preparation, belief, encoder, goal, previous_action, actor, critic }, declared)
+        (Self { parameters, preparation, belief, encoder, goal, previous_action, actor, critic, fused: None }, declared)
+    }
+
+    /// From now on runs the encoder in bfloat16 with kernels of our own. Only for the resnet on a CUDA device.
+    pub fn fuse(&mut self) -> Result<(), CudaError> {
+        self.fused = Some(Fused::new()?);
+        Ok(())
     }
 
     /// What the observations say, each for itself: \[rows, 512 + 32\], and 16 more with the previous action.
     pub fn embed(&self, observations: &Observations) -> Tensor {
-        let visual = if observations.frames.device() == Device::Cpu && observations.frames.size()[0] > CPU_FRAMES {
-            let parts = observations.frames.split(CPU_FRAMES, 0);
-            Tensor::cat(&parts.iter().map(|part| self.see(part)).collect::<Vec<_>>(), 0)
-        } else {
-            self.see(&observations.frames)
+        self.embed_to_train(observations).rows
+    }
+
+    /// The same, for [`Network::gradient_of`] a loss that is made of it.
+    pub fn embed_to_train(&self, observations: &Observations) -> Embedded {
+        let frames = &observations.frames;
+        let (visual, seen) = match (&self.fused, &self.encoder) {
+            (Some(fused), VisualEncoder::Resnet(encoder)) => {
+                let (visual, tape) = fused.forward(encoder, &self.parameters, frames, FramePreparation::SCALE_OFFSET);
+                let visual = visual.set_requires_grad(true);
+                (visual.shallow_clone(), Some((visual, tape)))
+            }
+            _ if frames.device() == Device::Cpu && frames.size()[0] > CPU_FRAMES => {
+                let parts = frames.split(CPU_FRAMES, 0);
+                (Tensor::cat(&parts.iter().map(|part| self.see(part)).collect::<Vec<_>>(), 0), None)
+            }
+            _ => (self.see(frames), None),
         };
         let goal = self.goal.forward(&self.parameters, &observations.goals);
-        match &self.previous_action {
+        let rows = match &self.previous_action {
             Some(embedding) => {
                 let action = embedding.forward(&self.parameters, &observations.previous_actions);
                 Tensor::cat(&[visual, goal, action], 1)
             }
             None => Tensor::cat(&[visual, goal], 1),
+        };
+        Embedded { rows, seen }
+    }
+
+    /// Gradient of a loss, flat, in the order of [`Parameters::flat`]. `embedded` is what the loss was made of.
+    pub fn gradient_of(&self, loss: &Tensor, embedded: Embedded) -> Tensor {
+        match (embedded.seen, &self.fused, &self.encoder) {
+            (Some((visual, tape)), Some(fused), VisualEncoder::Resnet(encoder)) => {
+                // The graph holds what it needs of them.
+                drop(embedded.rows);
+                self.parameters.gradient_through(loss, &visual, |gradient| {
+                    fused.backward(encoder, &self.parameters, tape, gradient)
+                })
+            }
+            _ => self.parameters.gradient_of(loss),
         }
     }
 
-    /// Kept frames → \[rows, 512\].
+    /// Kept frames → \[rows, 512\], through autograd.
     fn see(&self, kept: &Tensor) -> Tensor {
         let frames = self.preparation.input(kept);
         match &self.encoder {
@@ -156,6 +201,7 @@ impl Network {
 mod tests {
     use super::*;
     use std::collections::BTreeSet;
+    use tch::Kind;
 
     fn network(change: impl FnOnce(&mut Config)) -> Network {
         let mut config = Config::default();
@@ -196,5 +242,41 @@ mod tests {
             let numbers: BTreeSet<u32> = names.iter().map(|name| initialize::number_of(name)).collect();
             assert_eq!(names.len(), numbers.len());
         }
+    }
+
+    /// The encoder's two ways agree as far as bfloat16 goes. `cargo nextest run --release --workspace --run-ignored only`.
+    #[test]
+    #[ignore = "needs a CUDA device"]
+    fn kernels_make_the_network_that_autograd_makes() {
+        crate::device::load_cuda();
+        let device = Device::Cuda(0);
+        let build = || Network::new(&Config::default(), device, |_, _| ()).0;
+        let (plain, mut fused) = (build(), build());
+        fused.fuse().unwrap();
+        tch::manual_seed(2);
+        let float = (Kind::Float, device);
+        // Walls and edges, not noise.
+        let depth_mm = (Tensor::rand([64, 1, 8, 8], float) * 4000.0 + 300.0).upsample_nearest2d([112, 112], None, None);
+        let observations = Observations {
+            frames: depth_mm.squeeze_dim(1).round(),
+            goals: Tensor::randn([64, 3], float),
+            previous_actions: Tensor::zeros([64], (Kind::Int64, device)),
+        };
+        let towards = Tensor::randn([64, OBSERVATION + embedding::PREVIOUS_ACTION], float);
+        let pass = |network: &Network| {
+            let embedded = network.embed_to_train(&observations);
+            let rows = embedded.rows.detach();
+            let loss = (&embedded.rows * &towards).sum(Kind::Float);
+            (rows, network.gradient_of(&loss, embedded))
+        };
+        let ((rows, gradient), (expected_rows, expected)) = (pass(&fused), pass(&plain));
+        let error = (&rows - &expected_rows).norm().double_value(&[]) / expected_rows.norm().double_value(&[]);
+        assert!(error < 0.03, "embeddings differ by {error}");
+        let cosine = gradient.dot(&expected).double_value(&[])
+            / (gradient.norm().double_value(&[]) * expected.norm().double_value(&[]));
+        assert!(cosine > 0.98, "gradients agree only to a cosine of {cosine}");
+        // Acting sees what training sees.
+        let acting = tch::no_grad(|| fused.embed(&observations));
+        assert!(acting.allclose(&rows, 1e-6, 1e-6, false));
     }
 }

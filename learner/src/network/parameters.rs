@@ -94,17 +94,39 @@ impl Parameters {
         self.flat.shallow_clone()
     }
 
+    /// A number that changes whenever the weights do.
+    pub fn version(&self) -> i64 {
+        self.flat.internal_version()
+    }
+
     /// Gradient of a loss, flat, in the order of [`Parameters::flat`]. Nothing is accumulated anywhere.
     pub fn gradient_of(&self, loss: &Tensor) -> Tensor {
-        let gradients = Tensor::run_backward(&[loss], &self.leaves, false, false);
+        self.flatten(Tensor::run_backward(&[loss], &self.leaves, false, false))
+    }
+
+    /// The same, and the gradient of one tensor more that the loss depends on. `elsewhere` is what it makes of that:
+    /// gradients of parameters that the loss reaches only through that tensor.
+    pub fn gradient_through(
+        &self,
+        loss: &Tensor,
+        tensor: &Tensor,
+        elsewhere: impl FnOnce(&Tensor) -> Vec<(ParameterId, Tensor)>,
+    ) -> Tensor {
+        let inputs: Vec<&Tensor> = self.leaves.iter().chain([tensor]).collect();
+        let mut gradients = Tensor::run_backward(&[loss], &inputs, false, false);
+        let through = gradients.pop().expect("one gradient for each input");
+        for (id, gradient) in elsewhere(&through) {
+            gradients[id.0] = gradient;
+        }
+        self.flatten(gradients)
+    }
+
+    /// One gradient a parameter, undefined where the loss does not depend on it → flat.
+    fn flatten(&self, gradients: Vec<Tensor>) -> Tensor {
         let flattened: Vec<Tensor> = gradients
-            .iter()
+            .into_iter()
             .zip(&self.leaves)
-            .map(
-                |(gradient, leaf)| {
-                    if gradient.defined() { gradient.reshape(-1) } else { leaf.zeros_like().reshape(-1) }
-                },
-            )
+            .map(|(gradient, leaf)| if gradient.defined() { gradient } else { leaf.zeros_like() }.reshape(-1))
             .collect();
         Tensor::cat(&flattened, 0)
     }

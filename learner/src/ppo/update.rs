@@ -7,7 +7,7 @@
 use super::gae::{Targets, estimate};
 use super::loss::{Experience, Terms, terms};
 use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, Tally};
-use crate::network::{Network, OBSERVATION, Observations, Packing, all_finite, to_vec};
+use crate::network::{Embedded, Network, OBSERVATION, Observations, Packing, all_finite, to_vec};
 use crate::optimizer::{Adam, clip_norm};
 use crate::rollout::Rollout;
 use proto::config::{AuxiliaryConfig, PpoConfig};
@@ -112,14 +112,14 @@ impl Update<'_> {
             let queries = self.auxiliary.queries(&packings, epoch);
             let count = queries.iter().map(|queries| queries.len() as u64).sum();
             for (share, queries) in shares.iter().zip(&queries) {
-                let (loss, scalars) = self.forward(share, Asked { queries, count, epoch }, &mut tally);
+                let (loss, embedded, scalars) = self.forward(share, Asked { queries, count, epoch }, &mut tally);
                 for ((sum, scalar), name) in sums.iter_mut().zip(&scalars).zip(SCALARS) {
                     if !scalar.is_finite() {
                         return Err(NonFinite(name.to_owned()));
                     }
                     *sum += f64::from(*scalar);
                 }
-                let _ = gradient.g_add_(&self.network.parameters.gradient_of(&loss));
+                let _ = gradient.g_add_(&self.network.gradient_of(&loss, embedded));
             }
             self.peers.average_gradients(&mut gradient);
             if !all_finite(&gradient) {
@@ -175,15 +175,15 @@ impl Update<'_> {
             .collect()
     }
 
-    /// The loss of one pass, and its scalars in the order of [`SCALARS`].
-    fn forward(&self, share: &Share, asked: Asked, tally: &mut Tally) -> (Tensor, Vec<f32>) {
+    /// The loss of one pass, what it was made of, and its scalars in the order of [`SCALARS`].
+    fn forward(&self, share: &Share, asked: Asked, tally: &mut Tally) -> (Tensor, Embedded, Vec<f32>) {
         let Share { packing, experience, observations } = share;
         let Self { network, rollout, .. } = self;
         let embedded = match observations {
-            Some(observations) => network.embed(observations),
-            None => network.embed(&rollout.observations(packing)),
+            Some(observations) => network.embed_to_train(observations),
+            None => network.embed_to_train(&rollout.observations(packing)),
         };
-        let beliefs = network.belief.unroll(&network.parameters, &embedded, packing, rollout.beliefs_at_start());
+        let beliefs = network.belief.unroll(&network.parameters, &embedded.rows, packing, rollout.beliefs_at_start());
         let judgement = network.judge(&beliefs);
 
         let frames = rollout.shape().frames;
@@ -191,7 +191,7 @@ impl Update<'_> {
             terms(&judgement, experience, self.ppo.clip, frames);
         let mut loss = &policy + &value * self.ppo.value_coefficient - &entropy * self.ppo.entropy_coefficient;
 
-        let embeddings = embedded.narrow(1, 0, OBSERVATION);
+        let embeddings = embedded.rows.narrow(1, 0, OBSERVATION);
         let pass = Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &experience.actions };
         let mut auxiliary = policy.zeros_like();
         let Asked { queries, count, epoch } = asked;
@@ -201,6 +201,6 @@ impl Update<'_> {
             tally.merge(&answer.tally);
         }
         let scalars = [policy, value, entropy, auxiliary, clip_fraction, approximate_kl];
-        (loss, to_vec(&Tensor::stack(&scalars, 0)))
+        (loss, embedded, to_vec(&Tensor::stack(&scalars, 0)))
     }
 }

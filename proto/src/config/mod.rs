@@ -203,12 +203,27 @@ pub enum DeviceChoice {
     Cuda,
 }
 
+/// The numbers that the visual encoder computes in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EncoderPrecision {
+    /// `Bfloat16` where it can be had, else `Float32`.
+    Auto,
+    /// 32 bits throughout, as libtorch computes them.
+    Float32,
+    /// 16-bit bfloat numbers with 32-bit sums, by kernels of our own: resnet on a CUDA device. Weights, gradients and
+    /// everything after the encoder keep 32 bits.
+    Bfloat16,
+}
+
 /// The learner process.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LearnerConfig {
     /// Where it computes.
     pub device: DeviceChoice,
+    /// What the visual encoder computes in.
+    pub encoder_precision: EncoderPrecision,
     /// Threads of libtorch on the CPU. Part of what makes a run reproducible: results differ in the last bits
     /// between thread counts.
     pub threads: u32,
@@ -338,7 +353,12 @@ impl Default for AuxiliaryConfig {
 
 impl Default for LearnerConfig {
     fn default() -> Self {
-        Self { device: DeviceChoice::Auto, threads: 1, actor_deadline_s: 120.0 }
+        Self {
+            device: DeviceChoice::Auto,
+            encoder_precision: EncoderPrecision::Auto,
+            threads: 1,
+            actor_deadline_s: 120.0,
+        }
     }
 }
 

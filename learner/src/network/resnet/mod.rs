@@ -3,6 +3,11 @@
 //! Sizes for the paper's 112 × 112 input: 56 after the first convolution, 28 after the pooling, then 28, 14, 7 and 4
 //! after the four stages; compression keeps 4 × 4 × 128 = 2048 numbers.
 
+mod fused;
+mod kernels;
+
+pub use fused::{Fused, Tape};
+
 use super::layers::{Convolution, GroupNorm, Linear};
 use super::parameters::{Layout, Parameters};
 use super::{VISUAL, visual_linear};

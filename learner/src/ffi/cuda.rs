@@ -1,0 +1,284 @@
+//! Kernels of our own: CUDA C++ compiled at run time by NVRTC and launched through the driver, both loaded when they are
+//! first wanted. What is compiled here needs no CUDA toolkit, neither to build nor to run: libtorch brings NVRTC.
+//!
+//! Everything happens in the context and on the stream that libtorch uses: the device's primary context, and its default
+//! stream. So launches are in order with libtorch's, and tensors that are dropped while a kernel uses them are safe: the
+//! allocator gives their memory only to what comes later on the same stream.
+
+use std::ffi::{CStr, CString, c_char, c_int, c_uint, c_void};
+use std::ptr::{null, null_mut};
+
+type Handle = *mut c_void;
+
+/// Why there are no kernels.
+#[derive(Debug, thiserror::Error)]
+pub enum CudaError {
+    /// A library could not be loaded.
+    #[error("{library} cannot be loaded: {reason}")]
+    Library {
+        /// Its file name.
+        library: &'static str,
+        /// What the loader says.
+        reason: String,
+    },
+    /// A library lacks a function.
+    #[error("{function} is missing from its library")]
+    Function {
+        /// Its name.
+        function: &'static str,
+    },
+    /// NVRTC refuses the source.
+    #[error("NVRTC: {0}")]
+    Compilation(String),
+    /// The driver refuses a call.
+    #[error("{call}: CUDA error {code}")]
+    Driver {
+        /// The function.
+        call: &'static str,
+        /// The driver's number, see `CUresult`.
+        code: c_int,
+    },
+}
+
+/// What a kernel is given.
+#[derive(Debug, Clone, Copy)]
+pub enum Argument {
+    /// An address on the device; 0 = none.
+    Address(u64),
+    /// An `int`.
+    Int(i32),
+    /// A `float`.
+    Float(f32),
+}
+
+/// Compiled source, in the device's memory for as long as the process lives.
+#[derive(Debug)]
+pub struct Module {
+    driver: Driver,
+    module: Handle,
+}
+
+/// One of a module's functions.
+#[derive(Debug, Clone, Copy)]
+pub struct Kernel {
+    launch: LaunchKernel,
+    function: Handle,
+}
+
+type LaunchKernel = unsafe extern "C" fn(
+    Handle,
+    c_uint,
+    c_uint,
+    c_uint,
+    c_uint,
+    c_uint,
+    c_uint,
+    c_uint,
+    Handle,
+    *mut *mut c_void,
+    *mut *mut c_void,
+) -> c_int;
+
+#[derive(Debug, Clone, Copy)]
+struct Driver {
+    attribute: unsafe extern "C" fn(*mut c_int, c_int, c_int) -> c_int,
+    load: unsafe extern "C" fn(*mut Handle, *const c_void) -> c_int,
+    function: unsafe extern "C" fn(*mut Handle, Handle, *const c_char) -> c_int,
+    launch: LaunchKernel,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Nvrtc {
+    create: unsafe extern "C" fn(
+        *mut Handle,
+        *const c_char,
+        *const c_char,
+        c_int,
+        *const *const c_char,
+        *const *const c_char,
+    ) -> c_int,
+    compile: unsafe extern "C" fn(Handle, c_int, *const *const c_char) -> c_int,
+    log_size: unsafe extern "C" fn(Handle, *mut usize) -> c_int,
+    log: unsafe extern "C" fn(Handle, *mut c_char) -> c_int,
+    cubin_size: unsafe extern "C" fn(Handle, *mut usize) -> c_int,
+    cubin: unsafe extern "C" fn(Handle, *mut c_char) -> c_int,
+    destroy: unsafe extern "C" fn(*mut Handle) -> c_int,
+}
+
+/// Loads one of several names of a library, for the rest of the process.
+fn open(names: &[&'static CStr]) -> Result<Handle, CudaError> {
+    let mut reason = String::new();
+    for name in names {
+        // SAFETY: a C string; the library's initialisers run, as the caller wants.
+        let library = unsafe { libc::dlopen(name.as_ptr(), libc::RTLD_NOW | libc::RTLD_GLOBAL) };
+        if !library.is_null() {
+            return Ok(library);
+        }
+        // SAFETY: after a failed dlopen, dlerror gives a C string that lives until the next call of this thread.
+        reason = unsafe { CStr::from_ptr(libc::dlerror()) }.to_string_lossy().into_owned();
+    }
+    Err(CudaError::Library { library: names[0].to_str().unwrap_or("a library"), reason })
+}
+
+/// Looks a function up. The type that the caller gives it must be its C declaration's.
+macro_rules! function {
+    ($library:expr, $name:literal) => {{
+        // SAFETY: an open library and a C string.
+        let address = unsafe { libc::dlsym($library, $name.as_ptr()) };
+        if address.is_null() {
+            return Err(CudaError::Function { function: $name.to_str().unwrap_or("a function") });
+        }
+        // SAFETY: the field's type is the function's declaration in cuda.h or nvrtc.h.
+        unsafe { std::mem::transmute(address) }
+    }};
+}
+
+impl Driver {
+    fn open() -> Result<Self, CudaError> {
+        let library = open(&[c"libcuda.so.1"])?;
+        Ok(Self {
+            attribute: function!(library, c"cuDeviceGetAttribute"),
+            load: function!(library, c"cuModuleLoadData"),
+            function: function!(library, c"cuModuleGetFunction"),
+            launch: function!(library, c"cuLaunchKernel"),
+        })
+    }
+
+    /// Compute capability of the first device, as NVRTC names it: `sm_90`.
+    fn architecture(self) -> Result<CString, CudaError> {
+        const MAJOR: c_int = 75;
+        const MINOR: c_int = 76;
+        let [major, minor] = [MAJOR, MINOR].map(|attribute| {
+            let mut value = 0;
+            // SAFETY: the driver is initialised, because libtorch has made a tensor there; the out-pointer is ours.
+            let code = unsafe { (self.attribute)(&raw mut value, attribute, 0) };
+            succeed("cuDeviceGetAttribute", code).map(|()| value)
+        });
+        let name = format!("--gpu-architecture=sm_{}{}", major?, minor?);
+        Ok(CString::new(name).expect("digits have no zero byte"))
+    }
+}
+
+impl Nvrtc {
+    fn open() -> Result<Self, CudaError> {
+        // The first lies beside libtorch and knows where to find NVRTC; its symbols are reached through it.
+        let library = open(&[c"libcaffe2_nvrtc.so", c"libnvrtc.so.13", c"libnvrtc.so.12"])?;
+        Ok(Self {
+            create: function!(library, c"nvrtcCreateProgram"),
+            compile: function!(library, c"nvrtcCompileProgram"),
+            log_size: function!(library, c"nvrtcGetProgramLogSize"),
+            log: function!(library, c"nvrtcGetProgramLog"),
+            cubin_size: function!(library, c"nvrtcGetCUBINSize"),
+            cubin: function!(library, c"nvrtcGetCUBIN"),
+            destroy: function!(library, c"nvrtcDestroyProgram"),
+        })
+    }
+
+    /// Source → machine code.
+    fn compile(self, source: &str, name: &str, architecture: &CStr) -> Result<Vec<u8>, CudaError> {
+        let text = |text: &str| {
+            CString::new(text).map_err(|_| CudaError::Compilation("the source holds a zero byte".to_owned()))
+        };
+        let (source, name) = (text(source)?, text(name)?);
+        let mut program = null_mut();
+        // SAFETY: C strings that outlive the call; no headers.
+        let code =
+            unsafe { (self.create)(&raw mut program, source.as_ptr(), name.as_ptr(), 0, null(), null()) };
+        if code != 0 {
+            return Err(CudaError::Compilation(format!("nvrtcCreateProgram: error {code}")));
+        }
+        let options = [architecture.as_ptr(), c"--std=c++17".as_ptr()];
+        // SAFETY: the program is alive until the end; options are C strings.
+        let code = unsafe { (self.compile)(program, options.len() as c_int, options.as_ptr()) };
+        let result = if code == 0 {
+            self.bytes(program, self.cubin_size, self.cubin)
+        } else {
+            let log = self.bytes(program, self.log_size, self.log).unwrap_or_default();
+            Err(CudaError::Compilation(format!("error {code}: {}", String::from_utf8_lossy(&log).trim_end_matches('\0'))))
+        };
+        // SAFETY: created above and not used afterwards.
+        unsafe { (self.destroy)(&raw mut program) };
+        result
+    }
+
+    fn bytes(
+        self,
+        program: Handle,
+        size: unsafe extern "C" fn(Handle, *mut usize) -> c_int,
+        read: unsafe extern "C" fn(Handle, *mut c_char) -> c_int,
+    ) -> Result<Vec<u8>, CudaError> {
+        let mut count = 0;
+        // SAFETY: a live program; the out-pointer is ours.
+        let code = unsafe { size(program, &raw mut count) };
+        let mut bytes = vec![0u8; count];
+        // SAFETY: there is room for as many bytes as it said.
+        let code = if code == 0 { unsafe { read(program, bytes.as_mut_ptr().cast()) } } else { code };
+        if code == 0 { Ok(bytes) } else { Err(CudaError::Compilation(format!("no result: error {code}"))) }
+    }
+}
+
+fn succeed(call: &'static str, code: c_int) -> Result<(), CudaError> {
+    if code == 0 { Ok(()) } else { Err(CudaError::Driver { call, code }) }
+}
+
+impl Module {
+    /// Compiles CUDA C++ for the first device and loads it into the current context. libtorch must have made a tensor
+    /// there before. `name` is what error messages call the source.
+    pub fn compile(source: &str, name: &str) -> Result<Self, CudaError> {
+        let driver = Driver::open()?;
+        let code = Nvrtc::open()?.compile(source, name, &driver.architecture()?)?;
+        let mut module = null_mut();
+        // SAFETY: machine code that NVRTC made for this device; the driver copies it.
+        succeed("cuModuleLoadData", unsafe { (driver.load)(&raw mut module, code.as_ptr().cast()) })?;
+        Ok(Self { driver, module })
+    }
+
+    /// One of its `extern "C" __global__` functions.
+    pub fn kernel(&self, name: &CStr) -> Result<Kernel, CudaError> {
+        let mut function = null_mut();
+        // SAFETY: a loaded module and a C string.
+        let code = unsafe { (self.driver.function)(&raw mut function, self.module, name.as_ptr()) };
+        succeed("cuModuleGetFunction", code)?;
+        Ok(Kernel { launch: self.driver.launch, function })
+    }
+}
+
+impl Kernel {
+    /// Launches `blocks` blocks of `threads` threads each.
+    ///
+    /// # Safety
+    /// The arguments must be the kernel's parameters, in number, order and kind, and every address must point to as
+    /// much device memory as the kernel reads or writes there.
+    pub unsafe fn launch(self, blocks: usize, threads: u32, arguments: &[Argument]) -> Result<(), CudaError> {
+        let Ok(blocks) = c_uint::try_from(blocks) else {
+            return Err(CudaError::Driver { call: "cuLaunchKernel (too many blocks)", code: 1 });
+        };
+        // A parameter is read from the first bytes of its slot: x86-64 is little-endian.
+        let mut slots: Vec<u64> = arguments
+            .iter()
+            .map(|argument| match *argument {
+                Argument::Address(address) => address,
+                Argument::Int(value) => u64::from(value.cast_unsigned()),
+                Argument::Float(value) => u64::from(value.to_bits()),
+            })
+            .collect();
+        let mut pointers: Vec<*mut c_void> = slots.iter_mut().map(|slot| std::ptr::from_mut(slot).cast()).collect();
+        // SAFETY: the slots outlive the call, which copies them; the rest is the caller's promise.
+        let code = unsafe {
+            (self.launch)(
+                self.function,
+                blocks,
+                1,
+                1,
+                threads,
+                1,
+                1,
+                0,
+                null_mut(),
+                pointers.as_mut_ptr(),
+                null_mut(),
+            )
+        };
+        succeed("cuLaunchKernel", code)
+    }
+}
