@@ -17,6 +17,10 @@ const DEVIATION_M: f64 = 0.25;
 const SCALE: f64 = 1.0 / (1000.0 * DEVIATION_M);
 const OFFSET: f64 = -MEAN_M / DEVIATION_M;
 
+/// Threads that copy frames, and the fewest frames (2.4 MB) that are worth one.
+const COPY_THREADS: usize = 4;
+const COPY_SHARE: usize = 24;
+
 /// A raw frame: millimetres, row-major.
 pub type RawFrame = [u16; FRAME_PIXELS];
 
@@ -98,9 +102,7 @@ impl Staging {
                 if device.is_cuda() { room.pin_memory(device) } else { room }
             }
         };
-        for (to, from) in ffi::frames_mut(&mut room).iter_mut().zip(frames) {
-            to.copy_from_slice(*from);
-        }
+        copy_frames(&mut ffi::frames_mut(&mut room)[..frames.len()], frames);
         if !device.is_cuda() {
             return room;
         }
@@ -108,6 +110,25 @@ impl Staging {
         self.0 = Some(room);
         raw
     }
+}
+
+/// Copies frames, many of them by several threads: one core moves a fraction of what memory gives, and while it does, the
+/// GPU and the actors wait.
+fn copy_frames(to: &mut [RawFrame], from: &[&RawFrame]) {
+    let share = from.len().div_ceil(COPY_THREADS).max(COPY_SHARE);
+    let copy = |(to, from): (&mut [RawFrame], &[&RawFrame])| {
+        for (to, from) in to.iter_mut().zip(from) {
+            to.copy_from_slice(*from);
+        }
+    };
+    std::thread::scope(|scope| {
+        let mut shares = to.chunks_mut(share).zip(from.chunks(share));
+        let own = shares.next();
+        for share in shares {
+            scope.spawn(move || copy(share));
+        }
+        own.map(copy);
+    });
 }
 
 /// Averages `pool` × `pool` windows.
