@@ -13,6 +13,7 @@ pub mod action;
 pub mod config;
 pub mod control;
 pub mod episode;
+pub mod evaluation;
 pub mod fault;
 pub mod kitchen;
 pub mod logging;

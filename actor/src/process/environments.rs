@@ -83,7 +83,7 @@ impl Environments {
             .map(|index| {
                 let id = EnvironmentId {
                     kitchen: kitchen_id,
-                    ..EnvironmentId::in_run(actor, index, count, config.scenes.len())
+                    ..EnvironmentId::among(config.kitchens(), actor, index, count)
                 };
                 let environment = Environment::new(Arc::clone(kitchen), id, config)
                     .with_context(|| format!("cannot set up environment {} of kitchen {kitchen_id}", id.number))?;

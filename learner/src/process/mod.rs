@@ -107,7 +107,7 @@ impl ActorsOf {
     fn rank(rank: u32, config: &Config) -> Self {
         let (actors, environments_per_actor) = (config.actors.count, config.actors.environments_per_actor);
         Self {
-            layout: Layout::new(rank * actors, actors, environments_per_actor).with_scenes(config.scenes.len()),
+            layout: Layout::new(rank * actors, actors, environments_per_actor).in_kitchens(config.kitchens()),
             shape: WireShape { actors, environments_per_actor },
         }
     }

@@ -17,7 +17,7 @@ use super::restart::{RestartHistory, RestartPolicy, Verdict};
 use super::stage::{StageMachine, StageSwitch};
 use proto::config::{Config, StageConfig};
 use proto::control::{EXIT_NON_FINITE, LearnerEvent};
-use proto::kitchen::KitchenId;
+use proto::kitchen::Kitchens;
 use proto::message::StageAnnouncement;
 use std::collections::BTreeMap;
 use std::fmt::{Display, Formatter};
@@ -45,11 +45,11 @@ impl Display for Process {
 }
 
 impl Process {
-    /// Its name and, of an actor, its kitchen in a run with this many scenes of its own.
-    pub fn describe(self, scenes: usize) -> String {
+    /// Its name and, of an actor, its kitchen in a run in these kitchens.
+    pub fn describe(self, kitchens: Kitchens) -> String {
         match self {
             Self::Learner(_) => self.to_string(),
-            Self::Actor(actor) => format!("{self} (kitchen {})", KitchenId::of_actor(actor, scenes)),
+            Self::Actor(actor) => format!("{self} (kitchen {})", kitchens.of_actor(actor)),
         }
     }
 }
@@ -207,8 +207,8 @@ pub struct Saved {
 /// Every bound the supervisor keeps.
 #[derive(Debug, Clone, Copy)]
 pub struct Policy {
-    /// Scenes that the run has in place of the training kitchens.
-    pub scenes: usize,
+    /// Kitchens that the actors simulate.
+    pub kitchens: Kitchens,
     /// Actor processes.
     pub actors: u32,
     /// On restarts.
@@ -237,7 +237,7 @@ impl Policy {
         let slowest_update_s = rollout_frames * f64::from(config.ppo.epochs) / 10.0;
         let actor_deadline = Duration::from_secs_f64(config.learner.actor_deadline_s.min(1e6));
         Self {
-            scenes: config.scenes.len(),
+            kitchens: config.kitchens(),
             actors: config.actors.count,
             restart: RestartPolicy::default(),
             learner_ready: Duration::from_mins(2),
@@ -408,7 +408,7 @@ impl Supervisor {
                 self.leave(now, End::Failed(reason), None);
             }
             Phase::Saving { .. } => {
-                self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.policy.scenes)));
+                self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.policy.kitchens)));
             }
             Phase::Leaving { .. } => self.finish_if_alone(),
             Phase::Over => {}
@@ -417,7 +417,7 @@ impl Supervisor {
 
     /// A process died that should be running.
     fn died(&mut self, now: Duration, process: Process, exit: &Exit, last_words: &[String]) {
-        let who = process.describe(self.policy.scenes);
+        let who = process.describe(self.policy.kitchens);
         if process == LEARNER {
             // A learner that says no by itself at its first start has a reason that another try does not remove: a
             // checkpoint it cannot read, a device that is not there.
@@ -541,7 +541,10 @@ impl Supervisor {
         {
             self.report(
                 Level::Warning,
-                format!("{} has not answered for {waited_s:.0} s and is killed", process.describe(self.policy.scenes)),
+                format!(
+                    "{} has not answered for {waited_s:.0} s and is killed",
+                    process.describe(self.policy.kitchens)
+                ),
             );
             self.kill(now, process);
         }
@@ -638,7 +641,7 @@ impl Supervisor {
         {
             self.fail(
                 now,
-                format!("SIGKILL does not end {}: the kernel holds on", process.describe(self.policy.scenes)),
+                format!("SIGKILL does not end {}: the kernel holds on", process.describe(self.policy.kitchens)),
             );
         }
     }
