@@ -6,6 +6,7 @@
 mod announcements;
 mod check;
 mod control;
+mod evaluation;
 mod lifeline;
 mod lock;
 mod machine;
@@ -14,6 +15,7 @@ mod training;
 mod wire;
 
 pub use check::check;
+pub use evaluation::{EvaluationArguments, evaluate};
 pub use training::NonFinite;
 
 use crate::agent::Agent;

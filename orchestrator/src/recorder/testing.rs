@@ -48,6 +48,10 @@ pub fn transition(episode: u32, step: u32) -> Transition {
         wrist_object_m: 0.5,
         object_goal_m: 1.0,
         disturbed_objects: 1,
+        ever_disturbed_objects: 1,
+        farthest_m: 0.05,
+        peak_farthest_m: 0.05,
+        reserved: 0,
         target: episode % 6,
     }
 }

@@ -287,6 +287,8 @@ struct LearnerWord {
     ready: Option<Duration>,
     connected: bool,
     advanced: Duration,
+    /// Episodes of an evaluation played.
+    episodes: u64,
 }
 
 /// The supervisor of one run on one machine.
@@ -299,12 +301,13 @@ pub struct Supervisor {
     learner: LearnerWord,
     outcome: Option<Outcome>,
     frames_reached: u64,
+    episodes_reached: u64,
     non_finite_deaths: u32,
     actions: Vec<Action>,
 }
 
 impl Supervisor {
-    /// A supervisor that has not started anything.
+    /// A supervisor that has not started anything. An evaluation has no stages, and a budget of no frames to train on.
     pub fn new(policy: Policy, stages: Vec<StageConfig>) -> Self {
         let child = || Child {
             incarnation: 0,
@@ -320,6 +323,7 @@ impl Supervisor {
             learner: LearnerWord::default(),
             outcome: None,
             frames_reached: 0,
+            episodes_reached: 0,
             non_finite_deaths: 0,
             actions: Vec::new(),
         }
@@ -445,7 +449,11 @@ impl Supervisor {
             Verdict::RestartAt(at) => {
                 child.state = ChildState::Down { restart_at: Some(at) };
                 let next = child.incarnation + 1;
-                let rewinds = if process == LEARNER { "; it goes on from the last checkpoint" } else { "" };
+                let rewinds = match process {
+                    Process::Learner(_) if self.stages.budget() == 0 => "; it begins again",
+                    Process::Learner(_) => "; it goes on from the last checkpoint",
+                    Process::Actor(_) => "",
+                };
                 self.report(Level::Warning, format!("{who} died: {exit}; start number {next} follows{rewinds}"));
                 self.start_due(now);
             }
@@ -502,6 +510,17 @@ impl Supervisor {
                 if frames > self.frames_reached {
                     self.frames_reached = frames;
                     self.non_finite_deaths = 0;
+                    for child in self.children.values_mut() {
+                        child.history.progress();
+                    }
+                }
+            }
+            LearnerEvent::EpisodePlayed { .. } => {
+                self.learner.advanced = now;
+                self.learner.episodes += 1;
+                // One that was started again plays the first ones again: that is no progress.
+                if self.learner.episodes > self.episodes_reached {
+                    self.episodes_reached = self.learner.episodes;
                     for child in self.children.values_mut() {
                         child.history.progress();
                     }

@@ -183,7 +183,9 @@ impl Figures {
 impl PredictionFigures {
     fn of(predictions: &[&Confusion]) -> Self {
         let mut counts = Confusion::default();
-        predictions.iter().for_each(|prediction| counts.merge(prediction));
+        for prediction in predictions {
+            counts.merge(prediction);
+        }
         Self {
             counts,
             precision: counts.precision(),
