@@ -472,9 +472,7 @@ fn choose_precision(network: &mut Network, config: &Config, device: Device) -> R
             }
             Ok(())
         }
-        (EncoderPrecision::Bfloat16, possible) => {
-            possible.and_then(|()| fused(network)).map_err(AgentError::Precision)
-        }
+        (EncoderPrecision::Bfloat16, possible) => possible.and_then(|()| fused(network)).map_err(AgentError::Precision),
     }
 }
 

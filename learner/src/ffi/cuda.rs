@@ -182,8 +182,7 @@ impl Nvrtc {
         let (source, name) = (text(source)?, text(name)?);
         let mut program = null_mut();
         // SAFETY: C strings that outlive the call; no headers.
-        let code =
-            unsafe { (self.create)(&raw mut program, source.as_ptr(), name.as_ptr(), 0, null(), null()) };
+        let code = unsafe { (self.create)(&raw mut program, source.as_ptr(), name.as_ptr(), 0, null(), null()) };
         if code != 0 {
             return Err(CudaError::Compilation(format!("nvrtcCreateProgram: error {code}")));
         }
@@ -194,7 +193,10 @@ impl Nvrtc {
             self.bytes(program, self.cubin_size, self.cubin)
         } else {
             let log = self.bytes(program, self.log_size, self.log).unwrap_or_default();
-            Err(CudaError::Compilation(format!("error {code}: {}", String::from_utf8_lossy(&log).trim_end_matches('\0'))))
+            Err(CudaError::Compilation(format!(
+                "error {code}: {}",
+                String::from_utf8_lossy(&log).trim_end_matches('\0')
+            )))
         };
         // SAFETY: created above and not used afterwards.
         unsafe { (self.destroy)(&raw mut program) };
@@ -265,19 +267,7 @@ impl Kernel {
         let mut pointers: Vec<*mut c_void> = slots.iter_mut().map(|slot| std::ptr::from_mut(slot).cast()).collect();
         // SAFETY: the slots outlive the call, which copies them; the rest is the caller's promise.
         let code = unsafe {
-            (self.launch)(
-                self.function,
-                blocks,
-                1,
-                1,
-                threads,
-                1,
-                1,
-                0,
-                null_mut(),
-                pointers.as_mut_ptr(),
-                null_mut(),
-            )
+            (self.launch)(self.function, blocks, 1, 1, threads, 1, 1, 0, null_mut(), pointers.as_mut_ptr(), null_mut())
         };
         succeed("cuLaunchKernel", code)
     }

@@ -83,7 +83,7 @@ pub fn described(exchange: u64, flags: u32) -> (Transition, Current) {
 pub fn observation(environment: u32, exchange: u64, flags: u32) -> Observation {
     let (transition, current) = described(exchange, flags);
     let depth_mm = std::array::from_fn(|index| (index % FRAME_SIDE) as u16 + exchange as u16);
-    Observation { transition, current, environment, reserved: [0; 9], depth_mm }
+    Observation { transition, current, environment, reserved: [0; 5], depth_mm }
 }
 
 fn position(exchange: u64) -> (u32, u32) {

@@ -328,8 +328,7 @@ mod tests {
                 let gradients = Tensor::run_backward(&[loss], &leaves, false, false);
                 let users = [Some(&dy[0]), Some(&dy[1])];
                 let output = relu.then_some(&y);
-                let (ours, d_around) =
-                    kernels.norm_backward(users, output, &x, &statistics, norm, around.is_some());
+                let (ours, d_around) = kernels.norm_backward(users, output, &x, &statistics, norm, around.is_some());
                 // The sum of two users' gradients is rounded for libtorch and not for us.
                 assert_close(&ours.input, &gradients[0], 2.0 * ROUNDING);
                 assert_close(&ours.affine.get(1), &gradients[2], ROUNDING);
