@@ -53,11 +53,24 @@ pub struct Environment {
     ended: bool,
     // Distances after the last step; none before the first, whose progress is 0 by definition.
     distances: Option<Distances>,
-    disturbance_m: f64,
-    disturbed_objects: u32,
+    displacement: Displacement,
+    // Which movable things have been disturbed at some step of this episode.
+    ever_disturbed: Vec<bool>,
     peak_disturbance_m: f64,
+    peak_farthest_m: f32,
     // The revision of the things' poses that the disturbance was counted in.
     counted_revision: u32,
+}
+
+/// How far everything movable but the target is from where it stood at step 0.
+#[derive(Debug, Clone, Copy, Default)]
+struct Displacement {
+    /// d: the sum, metres.
+    total_m: f64,
+    /// Things further than [`DISTURBED_AXIS_M`] away on some axis.
+    disturbed: u32,
+    /// The farthest, metres.
+    farthest_m: f32,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -69,11 +82,23 @@ struct Distances {
 impl Environment {
     /// An environment at the start of its episode 0.
     pub fn new(kitchen: Arc<Kitchen>, id: EnvironmentId, config: &Config) -> Result<Self, EnvironmentError> {
-        if kitchen.id() != id.kitchen {
-            return Err(EnvironmentError::WrongKitchen { wanted: id.kitchen, given: kitchen.id() });
-        }
         let episode = Episode::sample(&kitchen, &config.episode, config.seed, id, 0);
-        Ok(Self::with_episode(kitchen, id, config, 0, episode))
+        Self::checked(kitchen, id, config, 0, episode)
+    }
+
+    /// An environment at the start of a given episode, if this is its kitchen.
+    pub fn checked(
+        kitchen: Arc<Kitchen>,
+        id: EnvironmentId,
+        config: &Config,
+        episode_number: u32,
+        episode: Episode,
+    ) -> Result<Self, EnvironmentError> {
+        if kitchen.id() == id.kitchen {
+            Ok(Self::with_episode(kitchen, id, config, episode_number, episode))
+        } else {
+            Err(EnvironmentError::WrongKitchen { wanted: id.kitchen, given: kitchen.id() })
+        }
     }
 
     /// An environment at the start of a given episode: evaluation and tests choose their own.
@@ -103,9 +128,10 @@ impl Environment {
             previous_action: NO_ACTION,
             ended: false,
             distances: None,
-            disturbance_m: 0.0,
-            disturbed_objects: 0,
+            displacement: Displacement::default(),
+            ever_disturbed: Vec::new(),
             peak_disturbance_m: 0.0,
+            peak_farthest_m: 0.0,
             counted_revision: 0,
         };
         environment.begin_counting();
@@ -114,8 +140,13 @@ impl Environment {
 
     /// Resets to the settled kitchen and samples the episode with this number.
     pub fn start_episode(&mut self, episode: u32) {
-        self.episode = Episode::sample(&self.kitchen, &self.settings, self.seed, self.id, episode);
-        self.episode_number = episode;
+        self.begin_episode(episode, Episode::sample(&self.kitchen, &self.settings, self.seed, self.id, episode));
+    }
+
+    /// Resets to the settled kitchen and begins a given episode under this number.
+    pub fn begin_episode(&mut self, number: u32, episode: Episode) {
+        self.episode = episode;
+        self.episode_number = number;
         self.target = self.kitchen.target_movable(self.episode.category);
         self.simulation = begin(&self.kitchen, self.substeps, &self.episode);
         self.begin_counting();
@@ -132,9 +163,11 @@ impl Environment {
         self.previous_action = NO_ACTION;
         self.ended = false;
         self.distances = None;
-        self.disturbance_m = 0.0;
-        self.disturbed_objects = 0;
+        self.displacement = Displacement::default();
+        self.ever_disturbed.clear();
+        self.ever_disturbed.resize(self.origins.len(), false);
         self.peak_disturbance_m = 0.0;
+        self.peak_farthest_m = 0.0;
     }
 
     /// Takes one action. Never resets by itself: the flags say when the episode has ended.
@@ -190,13 +223,14 @@ impl Environment {
             object_goal_m: (self.target_position() - self.episode.goal).length(),
         };
         let before = self.distances.replace(now).unwrap_or(now);
-        let disturbance_before_m = self.disturbance_m;
+        let disturbance_before_m = self.displacement.total_m;
         let revision = self.simulation.things().revision();
         if std::mem::replace(&mut self.counted_revision, revision) != revision {
-            (self.disturbance_m, self.disturbed_objects) = self.disturbance();
+            self.displacement = self.measure_displacement();
         }
-        let disturbance_m = self.disturbance_m;
+        let Displacement { total_m: disturbance_m, disturbed, farthest_m } = self.displacement;
         self.peak_disturbance_m = self.peak_disturbance_m.max(disturbance_m);
+        self.peak_farthest_m = self.peak_farthest_m.max(farthest_m);
         let one_if = |condition: bool| f32::from(u8::from(condition));
         Transition {
             state_hash: self.state_hash(),
@@ -216,8 +250,12 @@ impl Environment {
             peak_disturbance_m: self.peak_disturbance_m as f32,
             wrist_object_m: now.wrist_object_m,
             object_goal_m: now.object_goal_m,
-            disturbed_objects: self.disturbed_objects,
+            disturbed_objects: disturbed,
+            ever_disturbed_objects: self.ever_disturbed.iter().filter(|&&ever| ever).count() as u32,
+            farthest_m,
+            peak_farthest_m: self.peak_farthest_m,
             target: u32::from(self.episode.category.index()),
+            reserved: 0,
         }
     }
 
@@ -312,7 +350,7 @@ impl Environment {
 
     /// Total displacement after the last step of everything movable but the target, metres.
     pub fn disturbance_m(&self) -> f32 {
-        self.disturbance_m as f32
+        self.displacement.total_m as f32
     }
 
     /// Whether the episode has ended.
@@ -354,20 +392,24 @@ impl Environment {
         false
     }
 
-    /// Total displacement of all movable things but the target, metres, and how many are disturbed.
-    fn disturbance(&self) -> (f64, u32) {
-        let mut total_m = 0.0_f64;
-        let mut disturbed = 0;
+    /// Looks at all movable things but the target, and notes which are disturbed.
+    fn measure_displacement(&mut self) -> Displacement {
+        let mut displacement = Displacement::default();
         for (movable, (origin, pose)) in self.origins.iter().zip(self.simulation.things().poses()).enumerate() {
             if movable == self.target {
                 continue;
             }
             let moved = pose.translation - *origin;
             assert!(moved.is_finite(), "a body's pose is not a number");
-            total_m += f64::from(moved.length().min(OBJECT_DISPLACEMENT_CAP_M));
-            disturbed += u32::from(moved.abs().max_element() > DISTURBED_AXIS_M);
+            let moved_m = moved.length().min(OBJECT_DISPLACEMENT_CAP_M);
+            displacement.total_m += f64::from(moved_m);
+            displacement.farthest_m = displacement.farthest_m.max(moved_m);
+            if moved.abs().max_element() > DISTURBED_AXIS_M {
+                displacement.disturbed += 1;
+                self.ever_disturbed[movable] = true;
+            }
         }
-        (total_m, disturbed)
+        displacement
     }
 }
 

@@ -7,6 +7,7 @@ mod picture;
 
 use crate::depth::DepthCamera;
 use crate::environment::Environment;
+use crate::episodes::Programme;
 use crate::kitchen::{Kitchen, source};
 use crate::process::whereabouts;
 use anyhow::{Context, Result, ensure};
@@ -55,7 +56,7 @@ struct Theatre {
     /// The run folder: scenes are named relative to it.
     folder: PathBuf,
     images: Option<ReplayImages>,
-    kitchens: BTreeMap<KitchenId, (Arc<Kitchen>, DepthCamera)>,
+    kitchens: BTreeMap<KitchenId, (Arc<Kitchen>, Programme, DepthCamera)>,
     stage: Option<(EnvironmentId, Environment)>,
 }
 
@@ -72,14 +73,16 @@ impl Theatre {
         if !self.kitchens.contains_key(&id.kitchen) {
             let kitchen = source::of_run(id.kitchen, &self.config, &self.folder)?;
             let camera = DepthCamera::new(kitchen.bodies());
-            self.kitchens.insert(id.kitchen, (Arc::new(kitchen), camera));
+            let programme = Programme::of(&self.config, &kitchen)?;
+            self.kitchens.insert(id.kitchen, (Arc::new(kitchen), programme, camera));
         }
-        let (kitchen, camera) = self.kitchens.get_mut(&id.kitchen).context("the kitchen was just put there")?;
+        let (kitchen, programme, camera) =
+            self.kitchens.get_mut(&id.kitchen).context("the kitchen was just put there")?;
         if self.stage.as_ref().is_none_or(|(on_stage, _)| *on_stage != id) {
-            self.stage = Some((id, Environment::new(Arc::clone(kitchen), id, &self.config)?));
+            self.stage = Some((id, programme.environment(kitchen, id, &self.config)?));
         }
         let (_, environment) = self.stage.as_mut().context("the environment was just put there")?;
-        environment.start_episode(recorded.episode);
+        programme.start(environment, id, recorded.episode);
 
         let mut verdict = ReplayVerdict {
             environment: id,

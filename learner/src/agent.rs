@@ -47,6 +47,15 @@ pub struct StepOutput {
     pub values: Vec<f32>,
 }
 
+/// What the policy chose outside of a rollout, one entry a column of the input.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Choice {
+    /// `A_large` indices.
+    pub actions: Vec<u8>,
+    /// Whether the action is foretold to disturb something; none without the auxiliary task `disturb`.
+    pub disturbs: Option<Vec<bool>>,
+}
+
 /// What an action led to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
@@ -196,6 +205,28 @@ impl Agent {
         Ok(output)
     }
 
+    /// Chooses actions for some columns and advances their beliefs, outside of any rollout: nothing is stored.
+    ///
+    /// # Panics
+    /// When the input's slices differ in length.
+    pub fn act(&mut self, input: &StepInput) -> Result<Choice, AgentError> {
+        let space = self.config.episode.action_space.actions();
+        assert_eq!(input.gumbel.len(), input.columns.len() * space.len(), "noise for every action of every column");
+        let Inference { beliefs, log_probs, .. } = self.infer(input)?;
+        let rows = log_probs.chunks_exact(space.len()).zip(input.gumbel.chunks_exact(space.len()));
+        let chosen: Vec<usize> = rows.map(|(log_probs, gumbel)| sample(log_probs, gumbel)).collect();
+        let _no_grad = tch::no_grad_guard();
+        let _ = self.beliefs.index_copy_(0, &column_indices(input.columns, self.device), &beliefs);
+        let disturbs = if let Auxiliary::Disturb(task) = &self.auxiliary {
+            let logits = task.logits(&self.network.parameters, &beliefs);
+            let logits = logits.gather(1, &column_indices(&chosen, self.device).unsqueeze(1), false);
+            Some(to_vec(&logits).into_iter().map(|logit| logit > 0.0).collect())
+        } else {
+            None
+        };
+        Ok(Choice { actions: chosen.into_iter().map(|action| space[action].index()).collect(), disturbs })
+    }
+
     /// Records what action `t` of a column led to. Not called for a column that held.
     pub fn record(&mut self, t: usize, column: usize, outcome: Outcome) {
         let rollout = self.rollout.as_mut().expect("record is called between begin_rollout and update");
@@ -308,6 +339,37 @@ impl Agent {
             self.beliefs.copy_(&state.tensors["beliefs"]);
         });
         self.adam.steps = state.adam_steps;
+        self.check_weights()
+    }
+
+    /// Takes the weights, named as in [`AgentState::tensors`], of another run and nothing else. What else there is in
+    /// `tensors` is left alone; after an error nothing has changed.
+    pub fn load_weights(&mut self, tensors: &BTreeMap<String, Tensor>) -> Result<(), AgentError> {
+        let mut found = BTreeMap::new();
+        for (name, weight) in self.network.parameters.named() {
+            let saved = tensors
+                .get(&format!("model.{name}"))
+                .ok_or_else(|| AgentError::State(format!("its network has no {name}")))?;
+            if saved.size() != weight.size() || saved.kind() != Kind::Float {
+                return Err(AgentError::State(format!(
+                    "its {name} is {:?} {:?}, not Float {:?}",
+                    saved.kind(),
+                    saved.size(),
+                    weight.size()
+                )));
+            }
+            found.insert(name.to_owned(), saved);
+        }
+        if let Some(name) =
+            tensors.keys().filter_map(|name| name.strip_prefix("model.")).find(|name| !found.contains_key(*name))
+        {
+            return Err(AgentError::State(format!("there is no place for its {name}")));
+        }
+        tch::no_grad(|| {
+            for (name, mut weight) in self.network.parameters.named() {
+                weight.copy_(found[name]);
+            }
+        });
         self.check_weights()
     }
 

@@ -8,6 +8,7 @@ pub mod auxiliary;
 pub mod checkpoint;
 pub mod collector;
 pub mod device;
+pub mod evaluation;
 mod ffi;
 mod hex;
 pub mod network;

@@ -1,7 +1,7 @@
 //! The `learner` binary.
 
 use clap::{Parser, Subcommand};
-use learner::process::{self, Arguments, NonFinite};
+use learner::process::{self, Arguments, EvaluationArguments, NonFinite};
 use proto::control::EXIT_NON_FINITE;
 use proto::wire::WireAddress;
 use std::path::PathBuf;
@@ -34,6 +34,24 @@ struct CommandLine {
 enum Command {
     /// Prints the version of libtorch and the devices it finds, as one line of JSON
     Check,
+    /// Plays the fixed episodes of an evaluation. Started by `orchestrator eval`
+    Evaluate(EvaluateArgs),
+}
+
+#[derive(Debug, clap::Args)]
+struct EvaluateArgs {
+    /// Folder of the evaluation; its config.toml is the configuration
+    #[arg(long)]
+    run: PathBuf,
+    /// Where its shared memory lives: PREFIX@FOLDER
+    #[arg(long)]
+    wire: WireAddress,
+    /// How often this learner has been started under this wire address
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    incarnation: u32,
+    /// Standard input is a pipe from the orchestrator: leave when it closes, ignore Ctrl-C
+    #[arg(long)]
+    lifeline: bool,
 }
 
 fn main() -> ExitCode {
@@ -43,6 +61,10 @@ fn main() -> ExitCode {
     let line = CommandLine::parse();
     let result = match line {
         CommandLine { command: Some(Command::Check), .. } => process::check(std::io::stdout()),
+        CommandLine { command: Some(Command::Evaluate(args)), .. } => {
+            let EvaluateArgs { run: folder, wire, incarnation, lifeline } = args;
+            process::evaluate(EvaluationArguments { folder, wire, incarnation, lifeline })
+        }
         CommandLine { run: Some(run), wire: Some(wire), incarnation, rank, lifeline, .. } => {
             process::run(Arguments { run, wire, incarnation, rank, lifeline })
         }

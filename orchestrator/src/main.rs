@@ -2,6 +2,7 @@
 //! recorded. Each command is a file in [`command`].
 
 mod command;
+mod evaluation;
 mod figures;
 mod format;
 mod identity;
@@ -14,9 +15,11 @@ mod remains;
 mod scenes;
 mod schema;
 mod session;
+mod sitting;
 mod summary;
 mod supervisor;
 mod terminal;
+mod training;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -43,6 +46,7 @@ enum Command {
     Resume(command::resume::ResumeArgs),
     Stop(command::stop::StopArgs),
     Status(command::status::StatusArgs),
+    Eval(command::eval::EvalArgs),
     Config(command::config::ConfigArgs),
     Presets(command::presets::PresetsArgs),
     Kitchens(command::kitchens::KitchensArgs),
@@ -61,6 +65,7 @@ fn main() -> ExitCode {
         Command::Resume(args) => command::resume::run(args),
         Command::Stop(args) => command::stop::run(args).map(done),
         Command::Status(args) => command::status::run(args).map(done),
+        Command::Eval(args) => command::eval::run(args),
         Command::Config(args) => command::config::run(args).map(done),
         Command::Presets(args) => command::presets::run(args).map(done),
         Command::Kitchens(args) => command::kitchens::run(args).map(done),

@@ -49,7 +49,9 @@ impl Progress {
                 Doing::WaitingFor { actor, seconds: waited_s as u64 }
             }
             LearnerEvent::Finished { .. } => Doing::Leaving,
-            LearnerEvent::ActorsConnected { .. } | LearnerEvent::CheckpointWritten { .. } => return,
+            LearnerEvent::ActorsConnected { .. }
+            | LearnerEvent::CheckpointWritten { .. }
+            | LearnerEvent::EpisodePlayed { .. } => return,
         };
         self.doing = doing;
         self.since = now;

@@ -1,46 +1,21 @@
-//! One sitting of a run, from the claim on its names in shared memory to its last line: what `up` and `resume` share.
+//! One sitting of a run that trains, from the note that it began to its last line: what `up` and `resume` share.
 
-use crate::format;
 use crate::identity::{Ended, Identity, RunLock, unix_now};
-use crate::metrics::{History, Journal};
-use crate::preflight::{disk, libtorch, memory, processor, programs, shared_memory};
-use crate::recorder::{Recorder, RecorderSetup};
+use crate::metrics::History;
+use crate::preflight::{disk, memory, processor, shared_memory};
+pub use crate::sitting::Tools;
+use crate::sitting::{EXIT_INTERRUPTED, Sitting};
 use crate::summary::Summary;
 use crate::supervisor::machine::{End, Outcome};
-use crate::supervisor::process::{Launch, Programs};
-use crate::supervisor::shell::{Shell, Signals};
-use crate::{remains, terminal};
+use crate::terminal;
+use crate::training::Training;
 use anyhow::{Context, Result};
 use proto::config::{Config, DeviceChoice};
 use proto::fault;
 use proto::run_folder::RunFolder;
-use proto::wire::{WireAddress, WireHost, WireShape};
-use std::fs::OpenOptions;
+use proto::wire::WireAddress;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
-
-/// Status after a second Ctrl-C: what a shell reports for a program that SIGINT ended.
-const EXIT_INTERRUPTED: u8 = 130;
-
-/// The programs, found and proven to start.
-#[derive(Debug, Clone)]
-pub struct Tools {
-    /// Where they are.
-    pub programs: Programs,
-    /// What the learner computes with.
-    pub torch: libtorch::Torch,
-}
-
-impl Tools {
-    /// Finds both programs and has the learner load its libtorch.
-    pub fn find() -> Result<Self> {
-        let learner = programs::find("learner")?;
-        let actor = programs::find("actor")?;
-        let learner_environment = libtorch::environment()?;
-        let torch = libtorch::check(&learner, &learner_environment)?;
-        Ok(Self { programs: Programs { learner, actor, learner_environment }, torch })
-    }
-}
 
 /// Looks at everything that could keep this configuration from running here.
 pub fn preflight(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<()> {
@@ -92,91 +67,21 @@ impl Session {
 
     /// Everything between the note that it began and the note how it ended.
     fn sitting(&mut self, incarnation: u32, address: &WireAddress) -> Result<(Outcome, Result<()>, History)> {
-        let log_path = self.folder.log("orchestrator");
-        let log = OpenOptions::new().create(true).append(true).open(&log_path);
-        terminal::log_to_file(log.with_context(|| format!("cannot open {}", log_path.display()))?);
+        let Self { folder, config, identity, lock, tools } = self;
+        let sitting = Sitting { folder, config, incarnation, address, tools };
+        sitting.begin_log()?;
         tracing::info!(
             "run {} in {}, start {incarnation}; {} actors of {} environments, seed {}",
-            self.identity.id,
-            self.folder.root().display(),
-            self.config.actors.count,
-            self.config.actors.environments_per_actor,
-            self.config.seed
+            identity.id,
+            folder.root().display(),
+            config.actors.count,
+            config.actors.environments_per_actor,
+            config.seed
         );
         fault::reach("orchestrator.after_lock");
-
-        let mut history = History::read(&self.folder)?;
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
-        let result = runtime.block_on(self.sit(incarnation, address, &mut history));
-        // Whatever happened: no process and nothing in shared memory stays of this incarnation.
-        drop(runtime);
-        if let Err(error) = remains::sweep(address, Duration::from_secs(2)) {
-            tracing::warn!("{error:#}");
-        }
-        result.map(|(outcome, recording)| (outcome, recording, history))
-    }
-
-    /// From the claim to the last process's end.
-    async fn sit(
-        &mut self,
-        incarnation: u32,
-        address: &WireAddress,
-        history: &mut History,
-    ) -> Result<(Outcome, Result<()>)> {
-        let signals = Signals::install()?;
-        // `stop` signals whoever has signed: not before a signal is a request rather than the end.
-        self.lock.sign(incarnation)?;
-        let run = std::path::absolute(self.folder.root()).context("run folder")?;
-        let _claim = remains::claim(address, &run)?;
-        let shape = WireShape {
-            actors: self.config.actors.count,
-            environments_per_actor: self.config.actors.environments_per_actor,
-        };
-        let host = WireHost::create(address, shape)?;
-        fault::reach("orchestrator.after_wire");
-        let setup = || RecorderSetup {
-            address: address.clone(),
-            shape,
-            folder: self.folder.clone(),
-            incarnation,
-            config: self.config.clone(),
-        };
-        // Before the actors: none of their samples is missed.
-        let recorder = self.config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
-        let launch = Launch {
-            programs: self.tools.programs.clone(),
-            threads: self.config.learner.threads,
-            folder: self.folder.clone(),
-            address: address.clone(),
-        };
-        let journal = Journal::open(&self.folder)?;
-        let shell = Shell {
-            config: &self.config,
-            incarnation,
-            host: &host,
-            recorder: recorder.as_ref(),
-            history,
-            journal,
-            signals,
-        };
-        let outcome = shell.supervise(launch).await;
-        fault::reach("orchestrator.before_recorder_finish");
-        let recording = match recorder.map(Recorder::finish) {
-            None => Ok(()),
-            Some(Ok(recorded)) => {
-                tracing::info!(
-                    "recorded {} steps, {} episodes and {} depth frames in {} files, {}",
-                    format::count(recorded.steps),
-                    format::count(recorded.episodes),
-                    format::count(recorded.depth_frames),
-                    recorded.files.len(),
-                    format::bytes(recorded.bytes)
-                );
-                Ok(())
-            }
-            Some(Err(error)) => Err(anyhow::Error::new(error)),
-        };
-        Ok((outcome?, recording))
+        let mut training = Training::open(folder, config, incarnation)?;
+        let (outcome, recording) = sitting.run(lock, &mut training)?;
+        Ok((outcome, recording, training.history))
     }
 
     fn report(

@@ -3,6 +3,7 @@
 //! Logs go to standard error. The other direction is the stage service in shared memory; the learner's standard
 //! input is only a lifeline: when it closes, the orchestrator is gone, and the learner saves and exits.
 
+use crate::evaluation::EpisodeRecord;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -68,6 +69,13 @@ pub enum LearnerEvent {
         /// Folder-relative path of its manifest.
         path: String,
     },
+    /// An episode of an evaluation has ended.
+    EpisodePlayed {
+        /// What came of it.
+        record: EpisodeRecord,
+        /// The actions taken, `A_large` indices.
+        actions: Vec<u8>,
+    },
     /// The learner waits for an actor that does not answer.
     WaitingForActor {
         /// Rank in the process group.
@@ -77,11 +85,12 @@ pub enum LearnerEvent {
         /// How long it has waited, seconds.
         waited_s: f64,
     },
-    /// The budget is reached or a stop was asked for; the last checkpoint is written and the process exits with 0.
+    /// The budget is reached or a stop was asked for; the last checkpoint is written and the process exits with 0. Of
+    /// an evaluation: all episodes are played.
     Finished {
         /// Rank in the process group.
         rank: u32,
-        /// Frames trained on.
+        /// Frames trained on; 0 of an evaluation, which trains on none.
         frames: u64,
         /// SHA-256 over all weights, 64 hex digits (see the learner's `weights_digest`).
         weights: String,

@@ -1,6 +1,6 @@
 //! Which environment is which: the mapping from process-local indices to the coordinates that randomness counts by.
 
-use crate::kitchen::KitchenId;
+use crate::kitchen::{KitchenId, Kitchens};
 use serde::{Deserialize, Serialize};
 
 /// One environment of the run, named independently of how actors are spread over machines.
@@ -13,17 +13,17 @@ pub struct EnvironmentId {
 }
 
 impl EnvironmentId {
-    /// The environment that actor `actor` holds at `index` in a run without scenes of its own.
+    /// The environment that actor `actor` holds at `index` in a run in the training kitchens.
     pub fn of(actor: u32, index: u32, environments_per_actor: u32) -> Self {
-        Self::in_run(actor, index, environments_per_actor, 0)
+        Self::among(Kitchens::TRAINING, actor, index, environments_per_actor)
     }
 
-    /// The environment that actor `actor` holds at `index` in a run with this many scenes.
+    /// The environment that actor `actor` holds at `index` in a run in these kitchens.
     ///
-    /// Actors beyond the run's kitchens repeat them; their environments continue the numbering.
-    pub fn in_run(actor: u32, index: u32, environments_per_actor: u32, scenes: usize) -> Self {
-        let kitchens = KitchenId::of_run(scenes).len() as u32;
-        Self { kitchen: KitchenId::of_actor(actor, scenes), number: actor / kitchens * environments_per_actor + index }
+    /// Actors beyond the kitchens repeat them; their environments continue the numbering.
+    pub fn among(kitchens: Kitchens, actor: u32, index: u32, environments_per_actor: u32) -> Self {
+        let count = kitchens.ids().len() as u32;
+        Self { kitchen: kitchens.of_actor(actor), number: actor / count * environments_per_actor + index }
     }
 }
 
@@ -37,8 +37,9 @@ mod tests {
         let all: HashSet<_> =
             (0..60).flat_map(|actor| (0..4).map(move |index| EnvironmentId::of(actor, index, 4))).collect();
         assert_eq!(all.len(), 240);
-        let all: HashSet<_> =
-            (0..7).flat_map(|actor| (0..4).map(move |index| EnvironmentId::in_run(actor, index, 4, 3))).collect();
+        let all: HashSet<_> = (0..7)
+            .flat_map(|actor| (0..4).map(move |index| EnvironmentId::among(Kitchens::Scenes(3), actor, index, 4)))
+            .collect();
         assert_eq!(all.len(), 28);
         assert!(all.contains(&EnvironmentId { kitchen: KitchenId::scene(0).unwrap(), number: 11 }));
     }

@@ -81,16 +81,32 @@ impl KitchenId {
             _ => Split::Train,
         }
     }
+}
 
-    /// The kitchens that a run with this many scenes trains in: the training kitchens, or the scenes in their place.
-    pub fn of_run(scenes: usize) -> Vec<Self> {
-        if scenes == 0 { Self::of_split(Split::Train) } else { (0..scenes).filter_map(Self::scene).collect() }
+/// The kitchens that a run's actors simulate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kitchens {
+    /// Those of a split.
+    Split(Split),
+    /// This many scenes of the run's own.
+    Scenes(usize),
+}
+
+impl Kitchens {
+    /// The training kitchens.
+    pub const TRAINING: Self = Self::Split(Split::Train);
+
+    /// All of them, in order.
+    pub fn ids(self) -> Vec<KitchenId> {
+        match self {
+            Self::Split(split) => KitchenId::of_split(split),
+            Self::Scenes(scenes) => (0..scenes).filter_map(KitchenId::scene).collect(),
+        }
     }
 
-    /// The kitchen that actor number `actor` simulates in a run with this many scenes: those of the run in order,
-    /// repeating after the last.
-    pub fn of_actor(actor: u32, scenes: usize) -> Self {
-        let kitchens = Self::of_run(scenes);
+    /// The kitchen that actor number `actor` simulates: they take turns, and begin again after the last.
+    pub fn of_actor(self, actor: u32) -> KitchenId {
+        let kitchens = self.ids();
         kitchens[actor as usize % kitchens.len()]
     }
 }
@@ -230,13 +246,13 @@ mod tests {
         assert_eq!(KitchenId::of_split(Split::Test).len(), 5);
         assert_eq!(KitchenId::of_split(Split::Validation).len(), 5);
         assert_eq!(KitchenId::new(28), Err(NoSuchKitchen(28)));
-        assert_eq!(KitchenId::of_actor(0, 0).number(), 1);
-        assert_eq!(KitchenId::of_actor(19, 0), KitchenId::of_actor(0, 0));
+        assert_eq!(Kitchens::TRAINING.of_actor(0).number(), 1);
+        assert_eq!(Kitchens::TRAINING.of_actor(19), Kitchens::TRAINING.of_actor(0));
     }
 
     #[test]
     fn scenes_take_the_place_of_the_training_kitchens() {
-        let kitchens: Vec<u8> = (0..3).map(|actor| KitchenId::of_actor(actor, 2).number()).collect();
+        let kitchens: Vec<u8> = (0..3).map(|actor| Kitchens::Scenes(2).of_actor(actor).number()).collect();
         assert_eq!(kitchens, [128, 129, 128]);
         for index in 0..KitchenId::SCENES_MAX {
             let scene = KitchenId::scene(index).unwrap();

@@ -13,6 +13,7 @@ pub mod action;
 pub mod config;
 pub mod control;
 pub mod episode;
+pub mod evaluation;
 pub mod fault;
 pub mod kitchen;
 pub mod logging;
@@ -25,4 +26,4 @@ pub mod stage;
 pub mod wire;
 
 /// Version of everything that crosses a process boundary or is written to a file. Raised on any incompatible change.
-pub const SCHEMA_VERSION: u32 = 2;
+pub const SCHEMA_VERSION: u32 = 3;

@@ -45,7 +45,7 @@ pub mod current_flag {
 
 /// What the last action did. Speaks of the episode in which the action was taken, also when that has just ended.
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("stillroom/Transition/1")]
+#[type_name("stillroom/Transition/2")]
 #[repr(C)]
 pub struct Transition {
     /// Hash of the simulator's state after the action, before any reset.
@@ -70,8 +70,16 @@ pub struct Transition {
     pub object_goal_m: f32,
     /// Objects other than the target that lie more than 0.01 m from their place on some axis.
     pub disturbed_objects: u32,
+    /// Objects other than the target that lay so after some step of this episode so far.
+    pub ever_disturbed_objects: u32,
+    /// Displacement of the object other than the target that is farthest from its place, metres.
+    pub farthest_m: f32,
+    /// Largest displacement of any one object after any step of this episode so far, metres.
+    pub peak_farthest_m: f32,
     /// Target category, wire value of [`crate::kitchen::TargetCategory`].
     pub target: u32,
+    /// Padding, always 0.
+    pub reserved: u32,
 }
 
 /// What the agent sees now, without the frame.
@@ -113,7 +121,7 @@ pub struct Current {
 
 /// One environment's answer to one action: what the action did, what is seen now, and the depth frame.
 #[derive(Debug, Clone, Copy, ZeroCopySend)]
-#[type_name("stillroom/Observation/1")]
+#[type_name("stillroom/Observation/2")]
 #[repr(C)]
 #[repr(align(64))]
 pub struct Observation {
@@ -124,7 +132,7 @@ pub struct Observation {
     /// Environment index within the actor.
     pub environment: u32,
     /// Padding up to the frame, always 0.
-    pub reserved: [u32; 9],
+    pub reserved: [u32; 5],
     /// Depth along the camera's axis, millimetres, row-major from the top left; 0 where nothing was hit.
     pub depth_mm: [u16; FRAME_PIXELS],
 }
@@ -133,7 +141,7 @@ pub struct Observation {
 pub const DEPTH_OFFSET: usize = core::mem::offset_of!(Observation, depth_mm);
 
 const _: () = assert!(size_of::<RewardParts>() == 24);
-const _: () = assert!(size_of::<Transition>() == 72);
+const _: () = assert!(size_of::<Transition>() == 88);
 const _: () = assert!(size_of::<Current>() == 112);
 const _: () = assert!(DEPTH_OFFSET == 224);
 const _: () = assert!(size_of::<Observation>() == 100_608);

@@ -26,6 +26,8 @@ pub enum Purpose {
     Recording = 7,
     /// Actions of random policies in benchmarks and checks.
     RandomPolicy = 8,
+    /// Gumbel noise of an evaluation: `environment` is 0, `episode` the fixed episode's number in its kitchen.
+    Evaluation = 9,
     /// What a contrastive auxiliary loss shows as not seen; keyed as [`Purpose::AuxiliarySubsample`].
     AuxiliaryNegatives = 16,
 }

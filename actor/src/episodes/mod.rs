@@ -8,6 +8,9 @@ pub mod check;
 pub mod command;
 mod draw;
 mod format;
+mod programme;
+
+pub use programme::Programme;
 
 use crate::episode::Episode;
 use crate::kitchen::Kitchen;

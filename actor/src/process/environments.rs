@@ -3,6 +3,7 @@
 use super::{shm, whereabouts};
 use crate::depth::{Backdrop, DepthCamera};
 use crate::environment::Environment;
+use crate::episodes::Programme;
 use crate::kitchen::Kitchen;
 use anyhow::{Context, Result, bail, ensure};
 use proto::action::{Action, HOLD};
@@ -36,12 +37,17 @@ const NO_TRANSITION: Transition = Transition {
     wrist_object_m: 0.0,
     object_goal_m: 0.0,
     disturbed_objects: 0,
+    ever_disturbed_objects: 0,
+    farthest_m: 0.0,
+    peak_farthest_m: 0.0,
+    reserved: 0,
     target: 0,
 };
 
 /// All environments of an actor and the camera they share.
 pub struct Environments {
     running: Vec<Running>,
+    programme: Programme,
     camera: DepthCamera,
     world_from_bodies: Vec<Pose3>,
 }
@@ -58,19 +64,19 @@ struct Running {
 }
 
 impl Running {
-    fn start(&mut self, episode: u32) {
+    fn start(&mut self, programme: &Programme, episode: u32) {
         whereabouts::enter(self.id, episode);
-        self.environment.start_episode(episode);
+        programme.start(&mut self.environment, self.id, episode);
         self.episode = episode;
     }
 
     /// Takes an action; after the last one of an episode the environment stands at the start of the next.
-    fn act(&mut self, action: Action) {
+    fn act(&mut self, programme: &Programme, action: Action) {
         whereabouts::enter(self.id, self.episode);
         self.transition = self.environment.step(action);
         if self.transition.flags & transition_flag::ENDED != 0 {
             let next = self.episode.checked_add(1).expect("four billion episodes outlast any run");
-            self.start(next);
+            self.start(programme, next);
         }
     }
 }
@@ -79,18 +85,20 @@ impl Environments {
     /// The environments of actor `actor` in `kitchen`, each in its episode 0.
     pub fn new(kitchen: &Arc<Kitchen>, kitchen_id: KitchenId, actor: u32, config: &Config) -> Result<Self> {
         let count = config.actors.environments_per_actor;
+        let programme = Programme::of(config, kitchen)?;
         let running = (0..count)
             .map(|index| {
                 let id = EnvironmentId {
                     kitchen: kitchen_id,
-                    ..EnvironmentId::in_run(actor, index, count, config.scenes.len())
+                    ..EnvironmentId::among(config.kitchens(), actor, index, count)
                 };
-                let environment = Environment::new(Arc::clone(kitchen), id, config)
+                let environment = programme
+                    .environment(kitchen, id, config)
                     .with_context(|| format!("cannot set up environment {} of kitchen {kitchen_id}", id.number))?;
                 Ok(Running { id, environment, backdrop: Backdrop::new(), episode: 0, transition: NO_TRANSITION })
             })
             .collect::<Result<_>>()?;
-        Ok(Self { running, camera: DepthCamera::new(kitchen.bodies()), world_from_bodies: Vec::new() })
+        Ok(Self { running, programme, camera: DepthCamera::new(kitchen.bodies()), world_from_bodies: Vec::new() })
     }
 
     /// Triangles that the camera has to choose from.
@@ -104,7 +112,7 @@ impl Environments {
         assert_eq!(states.len(), self.running.len(), "a restore holds one state an environment");
         for (running, state) in self.running.iter_mut().zip(states) {
             running.transition = NO_TRANSITION;
-            running.start(state.episode);
+            running.start(&self.programme, state.episode);
             let actions = state
                 .actions
                 .get(..state.action_count as usize)
@@ -113,7 +121,7 @@ impl Environments {
                 let action = Action::from_index(index).with_context(|| {
                     format!("a restore names action {index} at step {step} of {}: there is none", place(running))
                 })?;
-                running.act(action);
+                running.act(&self.programme, action);
                 let ended = running.transition.flags & transition_flag::ENDED != 0;
                 ensure!(
                     !ended || step + 1 == actions.len(),
@@ -135,7 +143,7 @@ impl Environments {
         assert_eq!(range.len(), actions.len(), "one action an environment");
         for (running, &index) in self.running[range].iter_mut().zip(actions) {
             match Action::from_index(index) {
-                Some(action) => running.act(action),
+                Some(action) => running.act(&self.programme, action),
                 None if index == HOLD => running.transition = NO_TRANSITION,
                 None => bail!("the learner sent action {index} to {}: there is none", place(running)),
             }

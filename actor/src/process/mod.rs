@@ -54,7 +54,7 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     let path = settings.config.display().to_string();
     let text = std::fs::read_to_string(&settings.config).with_context(|| format!("cannot read {path}"))?;
     let config = Config::from_toml(&text, &path)?;
-    let kitchen_id = settings.kitchen.unwrap_or_else(|| KitchenId::of_actor(settings.actor, config.scenes.len()));
+    let kitchen_id = settings.kitchen.unwrap_or_else(|| config.kitchens().of_actor(settings.actor));
     let _span = tracing::info_span!("actor", number = settings.actor, kitchen = kitchen_id.number()).entered();
 
     let started = Instant::now();

@@ -31,7 +31,7 @@ pub fn write_observation(
         // comes after it.
         to.cast::<u8>().add(CURRENT_END).write_bytes(0, size_of::<Current>() - CURRENT_END);
         addr_of_mut!((*observation).environment).write(environment);
-        addr_of_mut!((*observation).reserved).write([0; 9]);
+        addr_of_mut!((*observation).reserved).write([0; 5]);
     }
     // SAFETY: the frame lies inside the slot, and MaybeUninit pixels need no initial value.
     let frame = unsafe {

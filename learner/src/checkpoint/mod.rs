@@ -12,7 +12,7 @@ mod tensors;
 mod tests;
 
 pub use manifest::{Machine, Manifest, ManifestError, sha256};
-pub use store::{CheckpointError, Loaded, Rejected, Store};
+pub use store::{CheckpointError, Loaded, Rejected, Store, read};
 pub use tensors::{TensorsError, encode_tensors};
 
 use crate::agent::AgentState;

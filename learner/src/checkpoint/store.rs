@@ -174,32 +174,11 @@ impl Store {
         if manifest.rollout != rollout || manifest.tensors != file_name(&tensors_path) {
             return Err(at(&manifest_path, format!("is the manifest of rollout {}", manifest.rollout)));
         }
-        let bytes =
-            std::fs::read(&tensors_path).map_err(|cause| at(&tensors_path, format!("cannot be read: {cause}")))?;
-        if bytes.len() as u64 != manifest.tensors_bytes {
-            return Err(at(
-                &tensors_path,
-                format!("is torn: it has {} bytes of {}", bytes.len(), manifest.tensors_bytes),
-            ));
-        }
-        let digest = sha256(&bytes);
-        if digest != manifest.tensors_sha256 {
-            return Err(at(
-                &tensors_path,
-                format!("is corrupt: its SHA-256 is {digest}, its manifest says {}", manifest.tensors_sha256),
-            ));
-        }
-        let (agent, boundary) = tensors::decode(&bytes, manifest.adam_steps, manifest.exchange)
-            .map_err(|cause| at(&tensors_path, format!("cannot be used: {cause}")))?;
-        let snapshot =
-            Snapshot { rollout, frames: manifest.frames, agent, boundary, weights: manifest.weights.clone() };
-        Ok((snapshot, manifest))
+        Ok((tensors_of(&manifest, &tensors_path)?, manifest))
     }
 
     fn manifest(&self, rollout: u64) -> Result<Manifest, String> {
-        let bytes =
-            std::fs::read(self.run.checkpoint_manifest(rollout)).map_err(|cause| format!("cannot be read: {cause}"))?;
-        Manifest::open(&bytes).map_err(|cause: ManifestError| cause.to_string())
+        read_manifest(&self.run.checkpoint_manifest(rollout))
     }
 
     /// Rollouts that have a manifest, ascending.
@@ -258,6 +237,36 @@ impl Store {
             }
         }
     }
+}
+
+/// Reads the checkpoint with this manifest, wherever it lies, and verifies it.
+pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
+    let manifest =
+        read_manifest(manifest_path).map_err(|reason| Rejected { path: manifest_path.to_path_buf(), reason })?;
+    let tensors_path = manifest_path.with_file_name(&manifest.tensors);
+    Ok((tensors_of(&manifest, &tensors_path)?, manifest))
+}
+
+fn read_manifest(path: &Path) -> Result<Manifest, String> {
+    let bytes = std::fs::read(path).map_err(|cause| format!("cannot be read: {cause}"))?;
+    Manifest::open(&bytes).map_err(|cause: ManifestError| cause.to_string())
+}
+
+/// The state in the tensor file that a manifest speaks of.
+fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
+    let at = |reason: String| Rejected { path: path.to_path_buf(), reason };
+    let bytes = std::fs::read(path).map_err(|cause| at(format!("cannot be read: {cause}")))?;
+    if bytes.len() as u64 != manifest.tensors_bytes {
+        return Err(at(format!("is torn: it has {} bytes of {}", bytes.len(), manifest.tensors_bytes)));
+    }
+    let digest = sha256(&bytes);
+    if digest != manifest.tensors_sha256 {
+        return Err(at(format!("is corrupt: its SHA-256 is {digest}, its manifest says {}", manifest.tensors_sha256)));
+    }
+    let (agent, boundary) = tensors::decode(&bytes, manifest.adam_steps, manifest.exchange)
+        .map_err(|cause| at(format!("cannot be used: {cause}")))?;
+    let Manifest { rollout, frames, .. } = *manifest;
+    Ok(Snapshot { rollout, frames, agent, boundary, weights: manifest.weights.clone() })
 }
 
 fn write(path: &Path, content: &[u8]) -> Result<(), CheckpointError> {

@@ -1,6 +1,7 @@
 //! Which column of the batch is which environment.
 
 use proto::episode::EnvironmentId;
+use proto::kitchen::Kitchens;
 use proto::message::Halves;
 use std::ops::Range;
 
@@ -10,7 +11,7 @@ pub struct Layout {
     first_actor: u32,
     actors: u32,
     environments_per_actor: u32,
-    scenes: usize,
+    kitchens: Kitchens,
 }
 
 impl Layout {
@@ -21,13 +22,13 @@ impl Layout {
     /// If there would be no environment.
     pub fn new(first_actor: u32, actors: u32, environments_per_actor: u32) -> Self {
         assert!(actors > 0 && environments_per_actor > 0, "a learner has environments");
-        Self { first_actor, actors, environments_per_actor, scenes: 0 }
+        Self { first_actor, actors, environments_per_actor, kitchens: Kitchens::TRAINING }
     }
 
-    /// The same in a run with this many scenes of its own in place of the training kitchens.
+    /// The same in other kitchens than those of training.
     #[must_use]
-    pub fn with_scenes(self, scenes: usize) -> Self {
-        Self { scenes, ..self }
+    pub fn in_kitchens(self, kitchens: Kitchens) -> Self {
+        Self { kitchens, ..self }
     }
 
     /// Actors of this learner.
@@ -78,7 +79,7 @@ impl Layout {
     /// The environment in a column, as randomness counts it.
     pub fn environment(self, column: usize) -> EnvironmentId {
         let (actor, index) = self.place(column);
-        EnvironmentId::in_run(self.first_actor + actor, index, self.environments_per_actor, self.scenes)
+        EnvironmentId::among(self.kitchens, self.first_actor + actor, index, self.environments_per_actor)
     }
 }
 

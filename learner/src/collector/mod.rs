@@ -19,12 +19,13 @@ mod tests;
 
 pub use environments::{Environments, Mismatch, Reward};
 pub use layout::Layout;
-pub use noise::gumbel;
+pub use noise::{gumbel, gumbel_of};
 pub use statistics::{RolloutStatistics, RunningEpisode};
 
 use crate::agent::{Outcome, StepInput};
 use exchange::{Arrival, Half};
 use proto::action::HOLD;
+use proto::episode::EnvironmentId;
 use proto::message::{
     ActionHeader, Current, EnvironmentState, FRAME_PIXELS, ObservationHeader, RestoreHeader, Transition, current_flag,
     observation_kind,
@@ -210,6 +211,19 @@ impl Batch<'_> {
     }
 }
 
+/// Whose action is about to be chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    /// Column.
+    pub column: usize,
+    /// Its environment.
+    pub environment: EnvironmentId,
+    /// Episode number within the environment.
+    pub episode: u32,
+    /// Actions taken in it so far.
+    pub step: u32,
+}
+
 /// Where a rollout stands.
 #[derive(Debug)]
 struct Cursor {
@@ -381,12 +395,35 @@ impl<S: HalfSample> Collector<S> {
         settled
     }
 
+    /// What this half's last exchange did, by column, as its actors told it: nothing for a column that held.
+    ///
+    /// # Panics
+    /// If the half's observations are not complete.
+    pub fn transitions(&self, half: u32) -> impl Iterator<Item = (usize, &Transition)> {
+        let samples = self.halves[half as usize].complete().expect("outcomes are told of a complete half");
+        let layout = self.settings.layout;
+        samples.into_iter().enumerate().flat_map(move |(actor, sample)| {
+            layout.columns_of(actor as u32, half).enumerate().map(|(i, column)| (column, sample.transition(i)))
+        })
+    }
+
     /// This half's observations as a batch, with the noise that will choose the actions.
     ///
     /// # Panics
     /// If they are not complete.
     pub fn batch(&self, half: u32) -> Batch<'_> {
-        let Settings { layout, seed, policy_actions, .. } = self.settings;
+        let Settings { seed, policy_actions, .. } = self.settings;
+        self.batch_with(half, |place, noise| {
+            gumbel(seed, place.environment, place.episode, place.step, policy_actions, noise);
+        })
+    }
+
+    /// The same with noise of the caller's: it is told whose, and appends one number for each action of the policy.
+    ///
+    /// # Panics
+    /// If the half's observations are not complete.
+    pub fn batch_with(&self, half: u32, mut noise: impl FnMut(Place, &mut Vec<f32>)) -> Batch<'_> {
+        let Settings { layout, policy_actions, .. } = self.settings;
         let samples = self.halves[half as usize].complete().expect("a batch is made of a complete half");
         let count = layout.half(half).len() * samples.len();
         let mut batch = Batch {
@@ -406,7 +443,8 @@ impl<S: HalfSample> Collector<S> {
                 batch.previous_action.push(current.previous_action as u8);
                 batch.episode_start.push(current.flags & current_flag::EPISODE_START != 0);
                 let environment = layout.environment(column);
-                gumbel(seed, environment, current.episode, current.step, policy_actions, &mut batch.gumbel);
+                let Current { episode, step, .. } = *current;
+                noise(Place { column, environment, episode, step }, &mut batch.gumbel);
             }
         }
         batch

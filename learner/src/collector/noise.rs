@@ -9,15 +9,14 @@ use proto::random::{Key, Purpose};
 /// is a function of (seed, environment, episode, step): the action sampled there does not depend on batch order, on
 /// timing, or on whether the process was restarted in between.
 pub fn gumbel(seed: u64, environment: EnvironmentId, episode: u32, step: u32, count: usize, noise: &mut Vec<f32>) {
-    let mut random = Key {
-        seed,
-        purpose: Purpose::ActionNoise,
-        kitchen: environment.kitchen.number(),
-        environment: environment.number,
-        episode,
-        step,
-    }
-    .stream();
+    let kitchen = environment.kitchen.number();
+    let key = Key { seed, purpose: Purpose::ActionNoise, kitchen, environment: environment.number, episode, step };
+    gumbel_of(key, count, noise);
+}
+
+/// Appends `count` draws of standard Gumbel noise from the stream of `key` to `noise`.
+pub fn gumbel_of(key: Key, count: usize, noise: &mut Vec<f32>) {
+    let mut random = key.stream();
     // libm, so that every machine samples the same actions.
     noise.extend((0..count).map(|_| -libm::log(-libm::log(random.uniform_open())) as f32));
 }

@@ -6,6 +6,7 @@
 mod announcements;
 mod check;
 mod control;
+mod evaluation;
 mod lifeline;
 mod lock;
 mod machine;
@@ -14,6 +15,7 @@ mod training;
 mod wire;
 
 pub use check::check;
+pub use evaluation::{EvaluationArguments, evaluate};
 pub use training::NonFinite;
 
 use crate::agent::Agent;
@@ -107,7 +109,7 @@ impl ActorsOf {
     fn rank(rank: u32, config: &Config) -> Self {
         let (actors, environments_per_actor) = (config.actors.count, config.actors.environments_per_actor);
         Self {
-            layout: Layout::new(rank * actors, actors, environments_per_actor).with_scenes(config.scenes.len()),
+            layout: Layout::new(rank * actors, actors, environments_per_actor).in_kitchens(config.kitchens()),
             shape: WireShape { actors, environments_per_actor },
         }
     }

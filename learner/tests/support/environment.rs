@@ -43,6 +43,10 @@ fn no_transition() -> Transition {
         wrist_object_m: 0.0,
         object_goal_m: 0.0,
         disturbed_objects: 0,
+        ever_disturbed_objects: 0,
+        farthest_m: 0.0,
+        peak_farthest_m: 0.0,
+        reserved: 0,
         target: 0,
     }
 }

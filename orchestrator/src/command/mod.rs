@@ -3,6 +3,7 @@
 pub mod clean;
 pub mod config;
 pub mod doctor;
+pub mod eval;
 pub mod kitchens;
 pub mod overrides;
 pub mod presets;

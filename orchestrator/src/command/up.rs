@@ -63,7 +63,7 @@ fn default_folder(config: &Config) -> PathBuf {
 }
 
 /// Refuses a folder that holds anything.
-fn check_free(folder: &RunFolder) -> Result<()> {
+pub fn check_free(folder: &RunFolder) -> Result<()> {
     let root = folder.root().display();
     match std::fs::read_dir(folder.root()) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
@@ -85,9 +85,14 @@ fn check_free(folder: &RunFolder) -> Result<()> {
 
 /// Makes the folder and everything that is in it before the first process starts.
 fn create(folder: &RunFolder, config: &mut Config) -> Result<(Identity, RunLock)> {
+    create_with(folder, config, &[folder.checkpoints(), folder.recordings()])
+}
+
+/// The same for a folder that has these folders besides its logs.
+pub fn create_with(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> Result<(Identity, RunLock)> {
     check_free(folder)?;
-    for path in [folder.root().to_path_buf(), folder.logs(), folder.checkpoints(), folder.recordings()] {
-        std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
+    for path in [folder.root().to_path_buf(), folder.logs()].iter().chain(folders) {
+        std::fs::create_dir_all(path).with_context(|| format!("cannot create {}", path.display()))?;
     }
     let lock = RunLock::acquire(folder)?;
     if folder.identity().exists() {

@@ -41,7 +41,8 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
     let environments_per_actor = config.actors.environments_per_actor;
     let actor = ACTOR_BASE + u64::from(environments_per_actor) * ACTOR_ENVIRONMENT;
     let environments = u64::from(actors) * u64::from(environments_per_actor);
-    let steps = u64::from(config.ppo.rollout_steps);
+    // An evaluation keeps no frames and no gradients: one step's worth is what it looks at.
+    let steps = if config.evaluation.is_some() { 1 } else { u64::from(config.ppo.rollout_steps) };
     let rollout = environments * (steps + 1) * FRAME_PIXELS as u64 * 2;
     let learner = if cuda {
         // Rollout and activations lie on the GPU; the host has staging buffers.

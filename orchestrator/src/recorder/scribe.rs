@@ -109,9 +109,9 @@ impl Scribe {
             log: segments.topic("/log".into(), "foxglove.Log"),
         };
         let per_actor = shape.environments_per_actor;
-        let scenes = config.scenes.len();
+        let kitchens = config.kitchens();
         let environments = (0..shape.actors)
-            .flat_map(|actor| (0..per_actor).map(move |index| EnvironmentId::in_run(actor, index, per_actor, scenes)))
+            .flat_map(|actor| (0..per_actor).map(move |index| EnvironmentId::among(kitchens, actor, index, per_actor)))
             .map(|id| {
                 let prefix = format!("kitchen-{:02}/{}", id.kitchen.number(), id.number);
                 // Foxglove pairs an image with the calibration that shares its name up to the last slash.

@@ -48,6 +48,10 @@ pub fn transition(episode: u32, step: u32) -> Transition {
         wrist_object_m: 0.5,
         object_goal_m: 1.0,
         disturbed_objects: 1,
+        ever_disturbed_objects: 1,
+        farthest_m: 0.05,
+        peak_farthest_m: 0.05,
+        reserved: 0,
         target: episode % 6,
     }
 }
@@ -79,7 +83,7 @@ pub fn described(exchange: u64, flags: u32) -> (Transition, Current) {
 pub fn observation(environment: u32, exchange: u64, flags: u32) -> Observation {
     let (transition, current) = described(exchange, flags);
     let depth_mm = std::array::from_fn(|index| (index % FRAME_SIDE) as u16 + exchange as u16);
-    Observation { transition, current, environment, reserved: [0; 9], depth_mm }
+    Observation { transition, current, environment, reserved: [0; 5], depth_mm }
 }
 
 fn position(exchange: u64) -> (u32, u32) {

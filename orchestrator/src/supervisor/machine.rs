@@ -17,7 +17,7 @@ use super::restart::{RestartHistory, RestartPolicy, Verdict};
 use super::stage::{StageMachine, StageSwitch};
 use proto::config::{Config, StageConfig};
 use proto::control::{EXIT_NON_FINITE, LearnerEvent};
-use proto::kitchen::KitchenId;
+use proto::kitchen::Kitchens;
 use proto::message::StageAnnouncement;
 use std::collections::BTreeMap;
 use std::fmt::{Display, Formatter};
@@ -45,11 +45,11 @@ impl Display for Process {
 }
 
 impl Process {
-    /// Its name and, of an actor, its kitchen in a run with this many scenes of its own.
-    pub fn describe(self, scenes: usize) -> String {
+    /// Its name and, of an actor, its kitchen in a run in these kitchens.
+    pub fn describe(self, kitchens: Kitchens) -> String {
         match self {
             Self::Learner(_) => self.to_string(),
-            Self::Actor(actor) => format!("{self} (kitchen {})", KitchenId::of_actor(actor, scenes)),
+            Self::Actor(actor) => format!("{self} (kitchen {})", kitchens.of_actor(actor)),
         }
     }
 }
@@ -207,8 +207,8 @@ pub struct Saved {
 /// Every bound the supervisor keeps.
 #[derive(Debug, Clone, Copy)]
 pub struct Policy {
-    /// Scenes that the run has in place of the training kitchens.
-    pub scenes: usize,
+    /// Kitchens that the actors simulate.
+    pub kitchens: Kitchens,
     /// Actor processes.
     pub actors: u32,
     /// On restarts.
@@ -237,7 +237,7 @@ impl Policy {
         let slowest_update_s = rollout_frames * f64::from(config.ppo.epochs) / 10.0;
         let actor_deadline = Duration::from_secs_f64(config.learner.actor_deadline_s.min(1e6));
         Self {
-            scenes: config.scenes.len(),
+            kitchens: config.kitchens(),
             actors: config.actors.count,
             restart: RestartPolicy::default(),
             learner_ready: Duration::from_mins(2),
@@ -287,6 +287,8 @@ struct LearnerWord {
     ready: Option<Duration>,
     connected: bool,
     advanced: Duration,
+    /// Episodes of an evaluation played.
+    episodes: u64,
 }
 
 /// The supervisor of one run on one machine.
@@ -299,12 +301,13 @@ pub struct Supervisor {
     learner: LearnerWord,
     outcome: Option<Outcome>,
     frames_reached: u64,
+    episodes_reached: u64,
     non_finite_deaths: u32,
     actions: Vec<Action>,
 }
 
 impl Supervisor {
-    /// A supervisor that has not started anything.
+    /// A supervisor that has not started anything. An evaluation has no stages, and a budget of no frames to train on.
     pub fn new(policy: Policy, stages: Vec<StageConfig>) -> Self {
         let child = || Child {
             incarnation: 0,
@@ -320,6 +323,7 @@ impl Supervisor {
             learner: LearnerWord::default(),
             outcome: None,
             frames_reached: 0,
+            episodes_reached: 0,
             non_finite_deaths: 0,
             actions: Vec::new(),
         }
@@ -408,7 +412,7 @@ impl Supervisor {
                 self.leave(now, End::Failed(reason), None);
             }
             Phase::Saving { .. } => {
-                self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.policy.scenes)));
+                self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.policy.kitchens)));
             }
             Phase::Leaving { .. } => self.finish_if_alone(),
             Phase::Over => {}
@@ -417,7 +421,7 @@ impl Supervisor {
 
     /// A process died that should be running.
     fn died(&mut self, now: Duration, process: Process, exit: &Exit, last_words: &[String]) {
-        let who = process.describe(self.policy.scenes);
+        let who = process.describe(self.policy.kitchens);
         if process == LEARNER {
             // A learner that says no by itself at its first start has a reason that another try does not remove: a
             // checkpoint it cannot read, a device that is not there.
@@ -445,7 +449,11 @@ impl Supervisor {
             Verdict::RestartAt(at) => {
                 child.state = ChildState::Down { restart_at: Some(at) };
                 let next = child.incarnation + 1;
-                let rewinds = if process == LEARNER { "; it goes on from the last checkpoint" } else { "" };
+                let rewinds = match process {
+                    Process::Learner(_) if self.stages.budget() == 0 => "; it begins again",
+                    Process::Learner(_) => "; it goes on from the last checkpoint",
+                    Process::Actor(_) => "",
+                };
                 self.report(Level::Warning, format!("{who} died: {exit}; start number {next} follows{rewinds}"));
                 self.start_due(now);
             }
@@ -507,6 +515,17 @@ impl Supervisor {
                     }
                 }
             }
+            LearnerEvent::EpisodePlayed { .. } => {
+                self.learner.advanced = now;
+                self.learner.episodes += 1;
+                // One that was started again plays the first ones again: that is no progress.
+                if self.learner.episodes > self.episodes_reached {
+                    self.episodes_reached = self.learner.episodes;
+                    for child in self.children.values_mut() {
+                        child.history.progress();
+                    }
+                }
+            }
             LearnerEvent::CheckpointWritten { .. } => {}
             LearnerEvent::WaitingForActor { actor, waited_s, .. } => self.waits_for(now, actor, waited_s),
             LearnerEvent::Finished { frames, weights, complete, .. } => {
@@ -541,7 +560,10 @@ impl Supervisor {
         {
             self.report(
                 Level::Warning,
-                format!("{} has not answered for {waited_s:.0} s and is killed", process.describe(self.policy.scenes)),
+                format!(
+                    "{} has not answered for {waited_s:.0} s and is killed",
+                    process.describe(self.policy.kitchens)
+                ),
             );
             self.kill(now, process);
         }
@@ -638,7 +660,7 @@ impl Supervisor {
         {
             self.fail(
                 now,
-                format!("SIGKILL does not end {}: the kernel holds on", process.describe(self.policy.scenes)),
+                format!("SIGKILL does not end {}: the kernel holds on", process.describe(self.policy.kitchens)),
             );
         }
     }

@@ -46,6 +46,8 @@ pub struct Launch {
     pub programs: Programs,
     /// Threads of libtorch.
     pub threads: u32,
+    /// The learner plays an evaluation's episodes instead of training.
+    pub evaluates: bool,
     /// The run.
     pub folder: RunFolder,
     /// Its services.
@@ -57,7 +59,11 @@ impl Launch {
         let mut command = match process {
             Process::Learner(rank) => {
                 let mut command = Command::new(&self.programs.learner);
-                command.arg("--run").arg(self.folder.root()).arg("--rank").arg(rank.to_string());
+                if self.evaluates {
+                    command.arg("evaluate").arg("--run").arg(self.folder.root());
+                } else {
+                    command.arg("--run").arg(self.folder.root()).arg("--rank").arg(rank.to_string());
+                }
                 let threads = self.threads.to_string();
                 command.envs(self.programs.learner_environment.iter().map(|(name, value)| (name, value)));
                 command.env("OMP_NUM_THREADS", &threads).env("MKL_NUM_THREADS", &threads);

@@ -7,9 +7,6 @@
 use super::machine::{Action, Event, Exit, Level, Outcome, Policy, Process, Supervisor};
 use super::process::{Launch, Processes};
 use super::stage::StageSwitch;
-use crate::identity::unix_now;
-use crate::metrics::{History, Journal, Trained};
-use crate::progress::Progress;
 use crate::recorder::Recorder;
 use anyhow::{Context, Result};
 use proto::config::Config;
@@ -71,32 +68,38 @@ fn signal_is_ignored(number: i32) -> bool {
     u64::from_str_radix(mask.trim(), 16).is_ok_and(|mask| mask >> (number - 1) & 1 == 1)
 }
 
+/// Who is told what the learner says: keeps it, and shows how the work gets on.
+pub trait Audience {
+    /// The learner spoke. An error is the end: what happens cannot be written down any more.
+    fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()>;
+    /// The learner died.
+    fn learner_died(&mut self, now: Duration);
+    /// Some time has passed.
+    fn tick(&mut self, now: Duration);
+    /// It is over: nothing more is shown.
+    fn over(&mut self);
+}
+
 /// What the loop works with.
 pub struct Shell<'a> {
     /// Configuration of the run.
     pub config: &'a Config,
-    /// Incarnation of this orchestrator.
-    pub incarnation: u32,
     /// The services.
     pub host: &'a WireHost,
     /// The recording, if there is one.
     pub recorder: Option<&'a Recorder>,
-    /// Rollouts trained so far.
-    pub history: &'a mut History,
-    /// Where further ones are written down.
-    pub journal: Journal,
     /// Requests to stop.
     pub signals: Signals,
 }
 
 impl Shell<'_> {
     /// Runs everything to its end.
-    pub async fn supervise(mut self, launch: Launch) -> Result<Outcome> {
+    pub async fn supervise(mut self, launch: Launch, audience: &mut impl Audience) -> Result<Outcome> {
         let publisher = self.host.wire().stage_publisher()?;
         let (sender, mut inbox) = mpsc::channel(QUEUE);
         let mut processes = Processes::new(launch, sender);
-        let mut machine = Supervisor::new(Policy::of(self.config), self.config.stages.clone());
-        let mut progress = Progress::new(self.config.stages.clone());
+        let stages = if self.config.evaluation.is_some() { Vec::new() } else { self.config.stages.clone() };
+        let mut machine = Supervisor::new(Policy::of(self.config), stages);
         let mut learner_incarnation = 0;
         let mut sweeps = 0;
         let mut own_events: VecDeque<Event> = VecDeque::new();
@@ -132,7 +135,7 @@ impl Shell<'_> {
                     Action::Report(Level::Warning, text) => tracing::warn!("{text}"),
                     Action::Report(Level::Error, text) => tracing::error!("{text}"),
                     Action::Finish(outcome) => {
-                        progress.clear();
+                        audience.over();
                         return Ok(outcome);
                     }
                 }
@@ -151,15 +154,17 @@ impl Shell<'_> {
                 Event::Exited { process, .. } => {
                     processes.forget(*process);
                     if matches!(process, Process::Learner(_)) {
-                        progress.learner_died(now);
+                        audience.learner_died(now);
                     }
                     // Before its place is taken, and before anyone blocks on what it held.
                     self.host.sweep_dead();
                     sweeps = SWEEPS_AFTER_DEATH;
                 }
                 Event::Learner { incarnation, event } if *incarnation == learner_incarnation => {
-                    progress.learner(now, event);
-                    if let Err(error) = self.note(event) {
+                    if let Some(recorder) = self.recorder {
+                        recorder.learner(event);
+                    }
+                    if let Err(error) = audience.learner(now, event) {
                         own_events.push_back(Event::CannotWrite(format!("{error:#}")));
                     }
                 }
@@ -175,7 +180,7 @@ impl Shell<'_> {
                         recording_failed = true;
                         own_events.push_back(Event::CannotWrite(failure));
                     }
-                    progress.show(now, self.history);
+                    audience.tick(now);
                 }
                 _ => {}
             }
@@ -196,34 +201,6 @@ impl Shell<'_> {
             recorder.stage_switch(switch.from, switch.to, switch.frames, switch.rollout);
         }
         fault::reach("orchestrator.stage_switch");
-    }
-
-    /// Writes down what a learner says.
-    fn note(&mut self, event: &LearnerEvent) -> Result<()> {
-        if let Some(recorder) = self.recorder {
-            recorder.learner(event);
-        }
-        match event {
-            LearnerEvent::Ready { rollout, .. } => self.history.rewind_to(*rollout),
-            LearnerEvent::RolloutTrained { rollout, frames, stage, timing, metrics, .. } => {
-                let trained = Trained {
-                    rollout: *rollout,
-                    frames: *frames,
-                    stage: *stage,
-                    at_unix_s: unix_now(),
-                    incarnation: self.incarnation,
-                    timing: *timing,
-                    metrics: metrics.clone(),
-                };
-                self.journal.append(&trained)?;
-                self.history.insert(trained);
-            }
-            LearnerEvent::CheckpointWritten { path, frames, .. } => {
-                tracing::debug!("checkpoint {path} at {frames} frames");
-            }
-            _ => {}
-        }
-        Ok(())
     }
 }
 

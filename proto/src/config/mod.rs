@@ -12,6 +12,8 @@ pub use error::ConfigError;
 pub use preset::{Preset, presets};
 
 use crate::action::ActionSpace;
+use crate::evaluation::{EvaluationConfig, Plan};
+use crate::kitchen::Kitchens;
 use crate::reward::RewardKind;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -48,6 +50,9 @@ pub struct Config {
     pub checkpoint: CheckpointConfig,
     /// MCAP recording.
     pub recording: RecordingConfig,
+    /// Set in the configuration of an evaluation, which `orchestrator eval` writes; a run has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub evaluation: Option<EvaluationConfig>,
     /// The curriculum, in order.
     pub stages: Vec<StageConfig>,
 }
@@ -281,6 +286,7 @@ impl Default for Config {
             learner: LearnerConfig::default(),
             checkpoint: CheckpointConfig::default(),
             recording: RecordingConfig::default(),
+            evaluation: None,
             stages: vec![
                 StageConfig { name: "I".into(), reward: RewardKind::Task, frames: 20_000_000 },
                 StageConfig { name: "II".into(), reward: RewardKind::DisturbanceFree, frames: 25_000_000 },
@@ -406,6 +412,21 @@ impl Config {
     /// The whole configuration as TOML, every default included.
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("plain numbers, strings and tables always serialise")
+    }
+
+    /// Kitchens that the actors simulate.
+    pub fn kitchens(&self) -> Kitchens {
+        match (&self.evaluation, self.scenes.len()) {
+            (Some(evaluation), _) => Kitchens::Split(evaluation.split),
+            (None, 0) => Kitchens::TRAINING,
+            (None, scenes) => Kitchens::Scenes(scenes),
+        }
+    }
+
+    /// How an evaluation's episodes are dealt out; none of a run.
+    pub fn evaluation_plan(&self) -> Option<Plan> {
+        let ActorsConfig { count, environments_per_actor } = self.actors;
+        self.evaluation.as_ref().map(|evaluation| Plan::new(evaluation, count, environments_per_actor))
     }
 
     /// Environments of the whole run.

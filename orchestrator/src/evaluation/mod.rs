@@ -1,0 +1,165 @@
+//! Evaluations: whose weights ([`subject`]), what is heard while episodes are played ([`examiner`]), and the whole of it
+//! from folder to result files.
+
+mod examiner;
+pub mod subject;
+
+use crate::format;
+use crate::identity::{Ended, Identity, RunLock, unix_now};
+use crate::session::Tools;
+use crate::sitting::{EXIT_INTERRUPTED, Sitting};
+use crate::supervisor::machine::{End, Outcome, Saved};
+use crate::terminal;
+use anyhow::{Context, Result};
+use examiner::Examiner;
+use proto::config::Config;
+use proto::evaluation::{
+    Conditions, Cost, Evaluation, EvaluationConfig, Figures, RESULT_FILE, Subject, TABLE_FILE, write_table,
+};
+use proto::run_folder::{RunFolder, write_atomically};
+use std::process::ExitCode;
+
+/// An evaluation whose folder has been made.
+pub struct Examination {
+    /// The folder, with config.toml in it.
+    pub folder: RunFolder,
+    /// What config.toml says.
+    pub config: Config,
+    /// What it is asked.
+    pub asked: EvaluationConfig,
+    /// Whose weights, as far as that is known before they are loaded.
+    pub subject: subject::Origin,
+    /// What run.toml says.
+    pub identity: Identity,
+    /// The right to run it.
+    pub lock: RunLock,
+    /// Programs.
+    pub tools: Tools,
+}
+
+impl Examination {
+    /// Plays all episodes and writes the result; the exit status of the program.
+    pub fn run(mut self) -> Result<ExitCode> {
+        let (incarnation, address) = self.identity.begin_incarnation();
+        self.identity.write(&self.folder)?;
+        let plan = self.config.evaluation_plan().context("an evaluation has a plan")?;
+        let mut examiner = Examiner::new(plan);
+        let sitting =
+            Sitting { folder: &self.folder, config: &self.config, incarnation, address: &address, tools: &self.tools };
+        let result = sitting.begin_log().and_then(|()| {
+            tracing::info!(
+                "evaluation {} in {}: {} episodes, {} actors of {} environments, seed {}",
+                self.identity.id,
+                self.folder.root().display(),
+                format::count(examiner.asked() as u64),
+                self.config.actors.count,
+                self.config.actors.environments_per_actor,
+                self.config.seed
+            );
+            sitting.run(&mut self.lock, &mut examiner)
+        });
+        let reported = result.and_then(|(outcome, recording)| {
+            let status = self.report(&outcome, &examiner)?;
+            recording.context("the recording is incomplete")?;
+            Ok((outcome, status))
+        });
+        let (how, reason) = match &reported {
+            Ok((outcome, _)) => match &outcome.end {
+                End::Failed(reason) => (outcome.end.word(), Some(reason.clone())),
+                end => (end.word(), None),
+            },
+            Err(error) => (crate::supervisor::machine::FAILED, Some(format!("{error:#}"))),
+        };
+        let ended = Ended { how: how.to_owned(), at_unix_s: unix_now(), frames: None, weights: None, reason };
+        self.identity.end_incarnation(ended);
+        self.identity.write(&self.folder)?;
+        reported.map(|(_, status)| status)
+    }
+
+    fn report(&self, outcome: &Outcome, examiner: &Examiner) -> Result<ExitCode> {
+        match (&outcome.end, &outcome.saved) {
+            (End::Complete, Some(saved)) => {
+                let evaluation = self.write(examiner, saved)?;
+                for line in lines(&evaluation) {
+                    terminal::out(&line);
+                }
+                terminal::out(&format!("result: {}", self.folder.root().join(RESULT_FILE).display()));
+                Ok(ExitCode::SUCCESS)
+            }
+            (end, _) => {
+                let (played, asked) = (examiner.played(), examiner.asked());
+                terminal::note(&format!("{} after {played} of {asked} episodes: there is no result", end.word()));
+                Ok(if *end == End::Interrupted { ExitCode::from(EXIT_INTERRUPTED) } else { ExitCode::FAILURE })
+            }
+        }
+    }
+
+    /// Writes the table, then the result file: where that is, all is.
+    fn write(&self, examiner: &Examiner, saved: &Saved) -> Result<Evaluation> {
+        let records = examiner.records()?;
+        let subject = Subject {
+            preset: self.subject.preset.clone(),
+            seed: self.subject.seed,
+            run: self.subject.run.clone(),
+            checkpoint: self.asked.checkpoint.clone(),
+            frames: examiner.frames(),
+            weights: saved.weights.clone(),
+            parameters: examiner.parameters(),
+        };
+        let conditions = Conditions {
+            split: self.asked.split,
+            objects: self.asked.objects,
+            episodes: self.asked.episodes,
+            deterministic: self.asked.deterministic,
+            seed: self.config.seed,
+            max_steps: self.config.episode.max_steps,
+            action_space: self.config.episode.action_space,
+            actors: self.config.actors.count,
+            environments_per_actor: self.config.actors.environments_per_actor,
+            device: examiner.device().to_owned(),
+        };
+        let steps = records.iter().map(|(record, _)| u64::from(record.length)).sum();
+        let cost = Cost { at_unix_s: unix_now(), wall_s: examiner.wall().as_secs_f64(), steps };
+        let evaluation = Evaluation::of(subject, conditions, cost, &records);
+        let table: Vec<_> = records.into_iter().map(|(record, _)| record).collect();
+        let mut json = serde_json::to_string_pretty(&evaluation).context(RESULT_FILE)?;
+        json.push('\n');
+        for (name, text) in [(TABLE_FILE, write_table(&table)), (RESULT_FILE, json)] {
+            let path = self.folder.root().join(name);
+            write_atomically(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(evaluation)
+    }
+}
+
+/// The result as a table on the terminal.
+fn lines(evaluation: &Evaluation) -> Vec<String> {
+    let Cost { wall_s, steps, .. } = evaluation.cost;
+    let mut lines = vec![format!(
+        "{:<12}{:>10}{:>8}{:>8}{:>11}{:>9}{:>10}{:>11}",
+        "", "episodes", "SR", "SRwoD", "picked up", "length", "d_T (m)", "disturbed"
+    )];
+    lines.extend(evaluation.kitchens.iter().map(|part| line(&format!("kitchen {}", part.kitchen), &part.figures)));
+    lines.extend(evaluation.categories.iter().map(|part| line(part.category.name(), &part.figures)));
+    lines.extend(evaluation.object_sets.iter().map(|part| line(part.objects.name(), &part.figures)));
+    lines.push(line("all", &evaluation.overall));
+    let rate = if wall_s > 0.0 { format::rate(steps as f64 / wall_s) } else { "-".to_owned() };
+    lines.push(format!("{} steps in {wall_s:.1} s: {rate} steps/s", format::count(steps)));
+    lines
+}
+
+fn line(name: &str, figures: &Figures) -> String {
+    let percent = |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |share| format!("{:.1}%", 100.0 * share));
+    let number =
+        |mean: Option<f64>, digits: usize| mean.map_or_else(|| "-".to_owned(), |mean| format!("{mean:.digits$}"));
+    format!(
+        "{name:<12}{:>10}{:>8}{:>8}{:>11}{:>9}{:>10}{:>11}",
+        figures.episodes,
+        percent(figures.success),
+        percent(figures.success_without_disturbance),
+        percent(figures.picked_up),
+        number(figures.length, 1),
+        number(figures.disturbance_m, 3),
+        number(figures.disturbed_objects, 2),
+    )
+}

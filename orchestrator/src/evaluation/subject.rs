@@ -1,0 +1,108 @@
+//! Whose weights: what a user's path means.
+//!
+//! A run folder means its newest checkpoint; a manifest (or the tensors beside it) that checkpoint; `RUN/best` the best
+//! one. The configuration is the one beside the checkpoint, or that of the run folder it lies in.
+
+use anyhow::{Context, Result, bail, ensure};
+use proto::config::Config;
+use std::path::{Path, PathBuf};
+
+/// Where weights come from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Origin {
+    /// Preset of the run.
+    pub preset: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Absolute path of the run folder; none for weights that no run has trained.
+    pub run: Option<String>,
+}
+
+/// A checkpoint and the run it belongs to.
+#[derive(Debug, Clone)]
+pub struct Found {
+    /// Absolute path of its manifest.
+    pub manifest: PathBuf,
+    /// Absolute path of the folder that the configuration was found in.
+    pub run: PathBuf,
+    /// The run's configuration.
+    pub config: Config,
+}
+
+/// Finds the checkpoint that `path` means.
+pub fn find(path: &Path) -> Result<Found> {
+    let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
+    ensure!(path.exists(), "{} does not exist", path.display());
+    let manifest = if path.is_dir() {
+        let checkpoints = path.join("checkpoints");
+        let folder = if checkpoints.is_dir() { &checkpoints } else { &path };
+        newest(folder)?.with_context(|| format!("there is no checkpoint in {}", folder.display()))?
+    } else {
+        path.with_extension("json")
+    };
+    ensure!(
+        rollout_of(&manifest).is_some() && manifest.is_file(),
+        "{} is no checkpoint (those are called rollout-00000012.json)",
+        manifest.display()
+    );
+    let mut folders = manifest.ancestors().skip(1).take(2);
+    let Some(run) = folders.find(|folder| folder.join("config.toml").is_file()) else {
+        bail!("the configuration of {} is missing: there is no config.toml beside it or above", manifest.display());
+    };
+    let config_path = run.join("config.toml");
+    let text = std::fs::read_to_string(&config_path).with_context(|| config_path.display().to_string())?;
+    let config = Config::from_toml(&text, &config_path.display().to_string())?;
+    Ok(Found { run: run.to_path_buf(), manifest, config })
+}
+
+/// The manifest with the highest rollout in a folder.
+fn newest(folder: &Path) -> Result<Option<PathBuf>> {
+    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+    let mut newest: Option<(u64, PathBuf)> = None;
+    for entry in entries {
+        let path = entry.with_context(|| folder.display().to_string())?.path();
+        if let Some(rollout) = rollout_of(&path)
+            && newest.as_ref().is_none_or(|(highest, _)| *highest < rollout)
+        {
+            newest = Some((rollout, path));
+        }
+    }
+    Ok(newest.map(|(_, path)| path))
+}
+
+/// The rollout of a manifest, by its name.
+fn rollout_of(path: &Path) -> Option<u64> {
+    if path.extension()? != "json" {
+        return None;
+    }
+    path.file_stem()?.to_str()?.strip_prefix("rollout-")?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_means_a_checkpoint() {
+        let temporary = tempfile::tempdir().unwrap();
+        let run = temporary.path().join("run");
+        let checkpoints = run.join("checkpoints");
+        std::fs::create_dir_all(&checkpoints).unwrap();
+        assert!(find(&run).unwrap_err().to_string().contains("no checkpoint in"));
+        for rollout in [3, 12] {
+            std::fs::write(checkpoints.join(format!("rollout-{rollout:08}.json")), "{}").unwrap();
+            std::fs::write(checkpoints.join(format!("rollout-{rollout:08}.safetensors")), "").unwrap();
+        }
+        assert!(find(&run).unwrap_err().to_string().contains("config.toml"));
+        let config = Config::resolve("demo", None).unwrap();
+        std::fs::write(run.join("config.toml"), config.to_toml()).unwrap();
+        let found = find(&run).unwrap();
+        assert_eq!(found.manifest, checkpoints.join("rollout-00000012.json"));
+        assert_eq!((found.run.as_path(), found.config), (run.as_path(), config));
+        for name in ["rollout-00000003.json", "rollout-00000003.safetensors"] {
+            assert_eq!(find(&checkpoints.join(name)).unwrap().manifest, checkpoints.join("rollout-00000003.json"));
+        }
+        assert!(find(&run.join("config.toml")).unwrap_err().to_string().contains("is no checkpoint"));
+        assert!(find(&run.join("nothing")).unwrap_err().to_string().contains("does not exist"));
+    }
+}

@@ -1,0 +1,126 @@
+//! One sitting: from the claim on names in shared memory to the last process's end. A run's and an evaluation's alike.
+
+use crate::format;
+use crate::identity::RunLock;
+use crate::preflight::libtorch;
+use crate::preflight::programs;
+use crate::recorder::{Recorder, RecorderSetup};
+use crate::supervisor::machine::Outcome;
+use crate::supervisor::process::{Launch, Programs};
+use crate::supervisor::shell::{Audience, Shell, Signals};
+use crate::{remains, terminal};
+use anyhow::{Context, Result};
+use proto::config::Config;
+use proto::fault;
+use proto::run_folder::RunFolder;
+use proto::wire::{WireAddress, WireHost, WireShape};
+use std::fs::OpenOptions;
+use std::time::Duration;
+
+/// Status after a second Ctrl-C: what a shell reports for a program that SIGINT ended.
+pub const EXIT_INTERRUPTED: u8 = 130;
+
+/// The programs, found and proven to start.
+#[derive(Debug, Clone)]
+pub struct Tools {
+    /// Where they are.
+    pub programs: Programs,
+    /// What the learner computes with.
+    pub torch: libtorch::Torch,
+}
+
+impl Tools {
+    /// Finds both programs and has the learner load its libtorch.
+    pub fn find() -> Result<Self> {
+        let learner = programs::find("learner")?;
+        let actor = programs::find("actor")?;
+        let learner_environment = libtorch::environment()?;
+        let torch = libtorch::check(&learner, &learner_environment)?;
+        Ok(Self { programs: Programs { learner, actor, learner_environment }, torch })
+    }
+}
+
+/// What a sitting needs.
+#[derive(Debug)]
+pub struct Sitting<'a> {
+    /// The folder, with config.toml in it.
+    pub folder: &'a RunFolder,
+    /// What config.toml says.
+    pub config: &'a Config,
+    /// Number of this start.
+    pub incarnation: u32,
+    /// Address of its services.
+    pub address: &'a WireAddress,
+    /// Programs.
+    pub tools: &'a Tools,
+}
+
+impl Sitting<'_> {
+    /// Has the log go to the folder, too.
+    pub fn begin_log(&self) -> Result<()> {
+        let path = self.folder.log("orchestrator");
+        let log = OpenOptions::new().create(true).append(true).open(&path);
+        terminal::log_to_file(log.with_context(|| format!("cannot open {}", path.display()))?);
+        Ok(())
+    }
+
+    /// Runs everything to its end; the second result is the recording's.
+    pub fn run(&self, lock: &mut RunLock, audience: &mut impl Audience) -> Result<(Outcome, Result<()>)> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
+        let result = runtime.block_on(self.sit(lock, audience));
+        // Whatever happened: no process and nothing in shared memory stays of this incarnation.
+        drop(runtime);
+        if let Err(error) = remains::sweep(self.address, Duration::from_secs(2)) {
+            tracing::warn!("{error:#}");
+        }
+        result
+    }
+
+    async fn sit(&self, lock: &mut RunLock, audience: &mut impl Audience) -> Result<(Outcome, Result<()>)> {
+        let Self { folder, config, incarnation, address, tools } = *self;
+        let signals = Signals::install()?;
+        // `stop` signals whoever has signed: not before a signal is a request rather than the end.
+        lock.sign(incarnation)?;
+        let run = std::path::absolute(folder.root()).context("run folder")?;
+        let _claim = remains::claim(address, &run)?;
+        let shape =
+            WireShape { actors: config.actors.count, environments_per_actor: config.actors.environments_per_actor };
+        let host = WireHost::create(address, shape)?;
+        fault::reach("orchestrator.after_wire");
+        let setup = || RecorderSetup {
+            address: address.clone(),
+            shape,
+            folder: folder.clone(),
+            incarnation,
+            config: config.clone(),
+        };
+        // Before the actors: none of their samples is missed.
+        let recorder = config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
+        let launch = Launch {
+            programs: tools.programs.clone(),
+            threads: config.learner.threads,
+            evaluates: config.evaluation.is_some(),
+            folder: folder.clone(),
+            address: address.clone(),
+        };
+        let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals };
+        let outcome = shell.supervise(launch, audience).await;
+        fault::reach("orchestrator.before_recorder_finish");
+        let recording = match recorder.map(Recorder::finish) {
+            None => Ok(()),
+            Some(Ok(recorded)) => {
+                tracing::info!(
+                    "recorded {} steps, {} episodes and {} depth frames in {} files, {}",
+                    format::count(recorded.steps),
+                    format::count(recorded.episodes),
+                    format::count(recorded.depth_frames),
+                    recorded.files.len(),
+                    format::bytes(recorded.bytes)
+                );
+                Ok(())
+            }
+            Some(Err(error)) => Err(anyhow::Error::new(error)),
+        };
+        Ok((outcome?, recording))
+    }
+}

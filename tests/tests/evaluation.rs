@@ -1,0 +1,130 @@
+//! Evaluations of real weights by real processes: the same table whatever happens on the way.
+
+use std::path::PathBuf;
+use std::process::Command;
+use system_tests::{Printed, Workshop, complete};
+
+/// Episodes of each kitchen and object set: each category once.
+const EPISODES: &str = "6";
+
+/// `orchestrator eval` of the tiny configuration's fresh weights into the folder `out`.
+fn eval_fresh(workshop: &Workshop, out: &str, further: &[&str]) -> Command {
+    let mut command = workshop.orchestrator(&["eval", "--preset", "demo", "--config", "tiny.toml", "--seed", "5"]);
+    command.args(["--split", "test", "--objects", "all", "--episodes", EPISODES, "--environments", "3", "--out", out]);
+    command.args(further);
+    command
+}
+
+fn good(printed: &Printed) {
+    assert!(printed.success, "{printed:#?}");
+}
+
+fn table(workshop: &Workshop, out: &str) -> String {
+    let path: PathBuf = workshop.path(out).join("episodes.csv");
+    std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+fn result(workshop: &Workshop, out: &str) -> serde_json::Value {
+    let text = std::fs::read_to_string(workshop.path(out).join("evaluation.json")).expect("a result file");
+    serde_json::from_str(&text).expect("JSON")
+}
+
+#[test]
+fn the_same_table_twice_and_with_processes_killed() {
+    let workshop = Workshop::new();
+    good(&complete(eval_fresh(&workshop, "first", &[])));
+    let undisturbed = table(&workshop, "first");
+    assert_eq!(undisturbed.lines().count(), 1 + 5 * 12, "{undisturbed}");
+    let records = proto::evaluation::read_table(&undisturbed).unwrap();
+    assert!(records.iter().all(|record| (1..=24).contains(&record.length)));
+
+    good(&complete(eval_fresh(&workshop, "again", &[])));
+    assert_eq!(table(&workshop, "again"), undisturbed);
+
+    // Every actor dies once.
+    let mut command = eval_fresh(&workshop, "actors", &[]);
+    command.env("STILLROOM_FAULT", "actor.before_send:31");
+    let printed = complete(command);
+    good(&printed);
+    assert!(printed.stderr.contains("actor-00 (kitchen 2) died"), "{printed:#?}");
+    assert_eq!(table(&workshop, "actors"), undisturbed);
+
+    // The learner dies once, in the middle, and begins again.
+    let mut command = eval_fresh(&workshop, "learner", &[]);
+    command.env("STILLROOM_FAULT", "learner.mid_evaluation:40");
+    let printed = complete(command);
+    good(&printed);
+    assert!(printed.stderr.contains("it begins again"), "{printed:#?}");
+    assert_eq!(table(&workshop, "learner"), undisturbed);
+    for out in ["first", "actors", "learner"] {
+        workshop.run(out).assert_nothing_left();
+    }
+
+    // Another seed is another table; the most probable action does not depend on the seed's noise.
+    good(&complete(eval_fresh(&workshop, "argmax", &["--deterministic"])));
+    assert_ne!(table(&workshop, "argmax"), undisturbed);
+}
+
+#[test]
+fn figures_are_those_of_the_table() {
+    let workshop = Workshop::new();
+    let printed = complete(eval_fresh(&workshop, "out", &["--record", "all"]));
+    good(&printed);
+    let records = proto::evaluation::read_table(&table(&workshop, "out")).unwrap();
+    let result = result(&workshop, "out");
+    let steps: u64 = records.iter().map(|record| u64::from(record.length)).sum();
+    assert_eq!(result["cost"]["steps"].as_u64(), Some(steps));
+    assert_eq!(result["overall"]["episodes"].as_u64(), Some(60));
+    assert_eq!(result["kitchens"].as_array().map(Vec::len), Some(5));
+    assert_eq!(result["categories"].as_array().map(Vec::len), Some(12));
+    assert_eq!(result["subject"]["checkpoint"], serde_json::Value::Null);
+    let by_step = result["action_counts"]["by_step"].as_array().unwrap();
+    let taken: u64 = by_step.iter().flat_map(|row| row.as_array().unwrap()).map(|count| count.as_u64().unwrap()).sum();
+    assert_eq!((by_step.len(), taken), (24, steps));
+    let disturbed = records.iter().map(|record| f64::from(record.disturbed_objects)).sum::<f64>() / 60.0;
+    assert!((result["overall"]["disturbed_objects"].as_f64().unwrap() - disturbed).abs() < 1e-12);
+    // The demo's policy has the disturbance head: every step but each episode's last is judged.
+    let prediction = &result["overall"]["disturb_prediction"];
+    let judged: u64 =
+        ["hits", "misses", "false_alarms", "quiet"].iter().map(|name| prediction[*name].as_u64().unwrap()).sum();
+    assert_eq!(judged, steps - 60);
+    assert!(printed.stdout.contains("SRwoD"), "{printed:#?}");
+
+    // What was recorded is what was played: simulated again, every state is the same.
+    let recorded = workshop.run("out").recorded();
+    assert_eq!((recorded["/step"], recorded["/episode/end"]), (steps, 60));
+    let replay = complete(workshop.orchestrator(&["replay", "out"]));
+    good(&replay);
+    assert!(replay.stdout.contains("differences: 0"), "{replay:#?}");
+}
+
+#[test]
+fn a_runs_newest_checkpoint_is_evaluated() {
+    let workshop = Workshop::new();
+    let (weights, frames) = complete(workshop.up("run", 1, 2, 300)).result();
+    let printed = complete(workshop.orchestrator(&["eval", "run", "--split", "valid", "--episodes", "1"]));
+    good(&printed);
+    let folder = printed.stdout.lines().last().and_then(|line| line.strip_prefix("result: ")).expect("the last line");
+    let text = std::fs::read_to_string(folder).expect("a result file");
+    let result: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(result["subject"]["weights"].as_str(), Some(weights.as_str()));
+    assert_eq!(result["subject"]["frames"].as_u64(), Some(frames));
+    assert_eq!(result["conditions"]["split"], "validation");
+    assert_eq!(result["overall"]["episodes"].as_u64(), Some(5));
+}
+
+#[test]
+fn what_cannot_be_evaluated_is_said() {
+    let workshop = Workshop::new();
+    let refused = |arguments: &[&str], expected: &str| {
+        let printed = complete(workshop.orchestrator(arguments));
+        assert!(!printed.success && printed.stderr.contains(expected), "expected `{expected}` in {printed:#?}");
+        assert!(!printed.stderr.contains("panicked"), "{printed:#?}");
+    };
+    refused(&["eval", "nowhere"], "nowhere does not exist");
+    refused(&["eval"], "RUN|CHECKPOINT");
+    refused(&["eval", "--preset", "demo", "--split", "train"], "train");
+    refused(&["eval", "--preset", "demo", "--actors", "4"], "actors");
+    std::fs::create_dir_all(workshop.path("run/checkpoints")).unwrap();
+    refused(&["eval", "run"], "there is no checkpoint in");
+}
