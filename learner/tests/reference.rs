@@ -3,8 +3,16 @@
 //!
 //! All in one binary because loading libtorch takes longer than most of these tests.
 
+#[path = "support/environment.rs"]
+#[allow(dead_code, reason = "only its empty transition is needed here")]
+mod environment;
+
+use environment::no_transition;
+
 use learner::agent::{Agent, AgentError, AgentState, Outcome, StepInput, StepOutput};
 use learner::auxiliary::{Answer, Cpca, Disturb, InverseDynamics, Pass, Query, focal_loss};
+use learner::collector::{RolloutStatistics, RunningEpisode};
+
 use learner::network::{
     Judgement, Layout, Network, Observations, Packing, Parameters, RawFrame, goal_coordinates, to_vec,
 };
@@ -13,9 +21,10 @@ use learner::ppo::gae;
 use learner::ppo::loss::{Experience, terms};
 use learner::rollout::{Rollout, Step};
 use proto::action::{ActionSpace, NO_ACTION};
-use proto::config::{Config, Encoder, GoalCoordinates};
+use proto::config::{Config, Encoder, GoalCoordinates, LagrangianConfig};
 use proto::control::metric;
-use proto::message::{FRAME_PIXELS, FRAME_SIDE};
+use proto::message::{FRAME_PIXELS, FRAME_SIDE, Transition};
+use proto::reward::{RewardKind, RewardParts};
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -302,6 +311,47 @@ fn adam_with_clipping_and_schedule_is_pytorchs() {
         adam.step(&mut weights, &gradient, learning_rate(3e-4, 1.0 / 3.0, f64::from(step) / 10.0));
         assert_close("weights", &weights, &expected["weights"].get(i64::from(step)), 1e-6);
     }
+}
+
+#[test]
+fn the_multiplier_follows_the_mean_discounted_disturbance_of_ended_episodes() {
+    let (rollouts, steps, columns) = (12, 8, 3);
+    let cells = rollouts * steps * columns;
+    let progress: Vec<f32> =
+        noise("lagrangian.progress", cells).into_iter().map(|value| (value * 0.02) as f32).collect();
+    let ended = noise("lagrangian.ended", cells);
+    let mut config = small_config();
+    config.reward.lagrangian = LagrangianConfig { initial: 0.01, learning_rate: 2.0 };
+    let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let mut running = [(0, RunningEpisode::default()); 3];
+    let mut trace = vec![];
+    for rollout in 0..rollouts {
+        let mut statistics = RolloutStatistics::default();
+        for t in 0..steps {
+            for (n, (step, episode)) in running.iter_mut().enumerate() {
+                let cell = (rollout * steps + t) * columns + n;
+                let reward = RewardParts { disturbance_progress_m: progress[cell], ..RewardParts::default() };
+                let transition = Transition { step: *step, reward, ..no_transition() };
+                episode.add(&transition, 0.0, 0.99);
+                *step += 1;
+                if ended[cell] > 0.75 && rollout != 3 {
+                    statistics.add_episode(&transition, episode);
+                    (*step, *episode) = (0, RunningEpisode::default());
+                }
+            }
+        }
+        agent.constrain(statistics.mean_discounted_disturbance_m());
+        trace.push(agent.multiplier());
+    }
+    assert_close("multiplier", &Tensor::from_slice(&trace), &fixture("lagrangian")["trace"], 1e-12);
+    // What the policy is rewarded with follows it.
+    assert_eq!(agent.disturbance_weight(RewardKind::Lagrangian), agent.multiplier() as f32);
+    assert_eq!(agent.disturbance_weight(RewardKind::DisturbanceFree), 15.0);
+    let saved = agent.state();
+    agent.start_stage();
+    assert_eq!(agent.multiplier(), 0.01, "a stage begins anew");
+    agent.load_state(&saved).expect("the state fits");
+    assert_eq!(agent.multiplier(), trace[rollouts - 1]);
 }
 
 /// Inverse dynamics and CPC|A as tensor operations against the script's loops, one question at a time.

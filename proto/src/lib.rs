@@ -25,4 +25,4 @@ pub mod stage;
 pub mod wire;
 
 /// Version of everything that crosses a process boundary or is written to a file. Raised on any incompatible change.
-pub const SCHEMA_VERSION: u32 = 2;
+pub const SCHEMA_VERSION: u32 = 3;

@@ -339,6 +339,31 @@ def adam_fixture() -> None:
     save_file({"weights": torch.stack(path), "norms": torch.tensor(norms)}, HERE / "adam.safetensors")
 
 
+def lagrangian_fixture() -> None:
+    """The multiplier over 12 rollouts of 8 steps and 3 columns; episodes go on over rollouts, and in one none ends."""
+    rollouts, steps, columns, gamma, rate = 12, 8, 3, 0.99, 2.0
+    shape = (rollouts, steps, columns)
+    progress = (noise("lagrangian.progress", math.prod(shape)) * 0.02).astype(np.float32).astype(np.float64)
+    progress = progress.reshape(shape)
+    ended = noise("lagrangian.ended", math.prod(shape)).reshape(shape) > 0.75
+    ended[3] = False
+    multiplier, trace = 0.01, []
+    increments = [[] for _ in range(columns)]
+    for rollout in range(rollouts):
+        costs = []
+        for t in range(steps):
+            for n in range(columns):
+                increments[n].append(-progress[rollout, t, n])
+                if ended[rollout, t, n]:
+                    costs.append(np.array(increments[n]) @ gamma ** np.arange(len(increments[n])))
+                    increments[n] = []
+        if costs:
+            multiplier = max(0.0, multiplier + rate * np.mean(costs))
+        trace.append(multiplier)
+    assert 0.0 in trace and trace[2] == trace[3] and len(set(trace)) > 8
+    save_file({"trace": torch.tensor(trace, dtype=torch.float64)}, HERE / "lagrangian.safetensors")
+
+
 def run_fixture() -> None:
     """The whole algorithm: two rollouts of four columns, acting, then two epochs on each, compared as a whole."""
     columns, steps, actions, epochs, clip = 4, 6, 13, 2, 0.1
@@ -531,5 +556,6 @@ if __name__ == "__main__":
     gae_fixture()
     loss_fixture()
     adam_fixture()
+    lagrangian_fixture()
     auxiliary_fixture()
     run_fixture()
