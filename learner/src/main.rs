@@ -1,6 +1,7 @@
 //! The `learner` binary.
 
 use clap::{Parser, Subcommand};
+use learner::probe;
 use learner::process::{self, Arguments, NonFinite};
 use proto::control::EXIT_NON_FINITE;
 use proto::wire::WireAddress;
@@ -34,6 +35,8 @@ struct CommandLine {
 enum Command {
     /// Prints the version of libtorch and the devices it finds, as one line of JSON
     Check,
+    /// Runs network, losses and gradients on a batch from a file, to compare with another implementation
+    Probe(probe::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -43,6 +46,9 @@ fn main() -> ExitCode {
     let line = CommandLine::parse();
     let result = match line {
         CommandLine { command: Some(Command::Check), .. } => process::check(std::io::stdout()),
+        CommandLine { command: Some(Command::Probe(arguments)), .. } => {
+            probe::run(&arguments, std::io::stdout()).map_err(anyhow::Error::from)
+        }
         CommandLine { run: Some(run), wire: Some(wire), incarnation, rank, lifeline, .. } => {
             process::run(Arguments { run, wire, incarnation, rank, lifeline })
         }

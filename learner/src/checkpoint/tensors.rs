@@ -60,6 +60,21 @@ pub fn encode_tensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>, Ten
     serialize(&entries(tensors)?)
 }
 
+/// The tensors of a safetensors file by name; of a checkpoint, those that are the agent's.
+pub fn decode_tensors(bytes: &[u8]) -> Result<BTreeMap<String, Tensor>, TensorsError> {
+    agents_tensors(&SafeTensors::deserialize(bytes)?)
+}
+
+fn agents_tensors(file: &SafeTensors) -> Result<BTreeMap<String, Tensor>, TensorsError> {
+    let mut tensors = BTreeMap::new();
+    for (name, view) in file.iter().filter(|(name, _)| !OWN.contains(name)) {
+        let kind = kind_of(view.dtype()).ok_or_else(|| wrong(name, format!("has type {:?}", view.dtype())))?;
+        let size: Vec<i64> = view.shape().iter().map(|&side| side as i64).collect();
+        tensors.insert(name.to_owned(), Tensor::f_from_data_size(view.data(), &size, kind)?);
+    }
+    Ok(tensors)
+}
+
 /// The whole state as the bytes of a safetensors file. Numbers are little-endian.
 pub fn encode(agent: &AgentState, boundary: &Boundary) -> Result<Vec<u8>, TensorsError> {
     let mut entries = entries(&agent.tensors)?;
@@ -130,12 +145,7 @@ pub fn decode(bytes: &[u8], manifest: &Manifest) -> Result<(AgentState, Boundary
             picked_up: picked_up[column] != 0,
         });
     }
-    let mut tensors = BTreeMap::new();
-    for (name, view) in file.iter().filter(|(name, _)| !OWN.contains(name)) {
-        let kind = kind_of(view.dtype()).ok_or_else(|| wrong(name, format!("has type {:?}", view.dtype())))?;
-        let size: Vec<i64> = view.shape().iter().map(|&side| side as i64).collect();
-        tensors.insert(name.to_owned(), Tensor::f_from_data_size(view.data(), &size, kind)?);
-    }
+    let tensors = agents_tensors(&file)?;
     Ok((AgentState { tensors, adam_steps, multiplier }, boundary))
 }
 
