@@ -10,10 +10,12 @@
 use crate::auxiliary::Auxiliary;
 use crate::network::{FramePreparation, Network, Observations, Staging, goal_coordinates, table_row, to_vec};
 use crate::optimizer::{Adam, learning_rate};
+use crate::ppo::lagrangian::ascend;
 use crate::ppo::update::{NonFinite, Peers, Update};
 use crate::rollout::{Rollout, Step};
 use proto::config::{Config, Encoder, EncoderPrecision};
 use proto::message::FRAME_PIXELS;
+use proto::reward::RewardKind;
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
 use tch::{Device, Kind, Tensor};
@@ -102,6 +104,8 @@ pub struct AgentState {
     pub tensors: BTreeMap<String, Tensor>,
     /// Optimiser steps taken in this stage.
     pub adam_steps: u64,
+    /// PPO-Lagrangian's multiplier.
+    pub multiplier: f64,
 }
 
 /// The agent.
@@ -112,6 +116,8 @@ pub struct Agent {
     network: Network,
     auxiliary: Auxiliary,
     adam: Adam,
+    /// PPO-Lagrangian's λ: moves only in its stages.
+    multiplier: f64,
     peers: Peers,
     /// Beliefs before the next observation, \[columns, hidden\].
     beliefs: Tensor,
@@ -147,6 +153,7 @@ impl Agent {
             network,
             auxiliary,
             adam,
+            multiplier: config.reward.lagrangian.initial,
             peers: Peers::Alone,
             beliefs,
             rollout: None,
@@ -287,9 +294,32 @@ impl Agent {
         }
     }
 
-    /// A new stage: a fresh optimiser. Weights and beliefs go on.
+    /// PPO-Lagrangian's multiplier.
+    pub fn multiplier(&self) -> f64 {
+        self.multiplier
+    }
+
+    /// What a metre of displacement costs now in a reward of this kind.
+    pub fn disturbance_weight(&self, kind: RewardKind) -> f32 {
+        match kind {
+            RewardKind::Task => 0.0,
+            RewardKind::DisturbanceFree => self.config.reward.lambda_disturb,
+            RewardKind::Lagrangian => self.multiplier as f32,
+        }
+    }
+
+    /// PPO-Lagrangian's step of the multiplier after an update, by the mean discounted disturbance of the episodes that
+    /// ended, metres. When none ended there is nothing to step by.
+    pub fn constrain(&mut self, mean_discounted_disturbance_m: Option<f64>) {
+        if let Some(constraint_m) = mean_discounted_disturbance_m {
+            self.multiplier = ascend(self.multiplier, self.config.reward.lagrangian.learning_rate, constraint_m);
+        }
+    }
+
+    /// A new stage: a fresh optimiser, of the multiplier too. Weights and beliefs go on.
     pub fn start_stage(&mut self) {
         self.adam = Adam::new(&self.network.parameters.flat());
+        self.multiplier = self.config.reward.lagrangian.initial;
     }
 
     /// Everything a checkpoint keeps, as of the last rollout boundary: in the middle of a rollout, the beliefs are those
@@ -302,7 +332,7 @@ impl Agent {
         tensors.insert("adam.first".into(), host(&self.adam.first));
         tensors.insert("adam.second".into(), host(&self.adam.second));
         tensors.insert("beliefs".into(), host(beliefs));
-        AgentState { tensors, adam_steps: self.adam.steps }
+        AgentState { tensors, adam_steps: self.adam.steps, multiplier: self.multiplier }
     }
 
     /// The rollout in progress for a look at what went wrong, as tensors on the CPU named `rollout.…`; empty outside
@@ -339,6 +369,7 @@ impl Agent {
             self.beliefs.copy_(&state.tensors["beliefs"]);
         });
         self.adam.steps = state.adam_steps;
+        self.multiplier = state.multiplier;
         self.check_weights()
     }
 

@@ -14,5 +14,6 @@ mod hex;
 pub mod network;
 pub mod optimizer;
 pub mod ppo;
+pub mod probe;
 pub mod process;
 pub mod rollout;

@@ -1,6 +1,7 @@
 //! The `learner` binary.
 
 use clap::{Parser, Subcommand};
+use learner::probe;
 use learner::process::{self, Arguments, EvaluationArguments, NonFinite};
 use proto::control::EXIT_NON_FINITE;
 use proto::wire::WireAddress;
@@ -36,6 +37,8 @@ enum Command {
     Check,
     /// Plays the fixed episodes of an evaluation. Started by `orchestrator eval`
     Evaluate(EvaluateArgs),
+    /// Runs network, losses and gradients on a batch from a file, to compare with another implementation
+    Probe(probe::Arguments),
 }
 
 #[derive(Debug, clap::Args)]
@@ -64,6 +67,9 @@ fn main() -> ExitCode {
         CommandLine { command: Some(Command::Evaluate(args)), .. } => {
             let EvaluateArgs { run: folder, wire, incarnation, lifeline } = args;
             process::evaluate(EvaluationArguments { folder, wire, incarnation, lifeline })
+        }
+        CommandLine { command: Some(Command::Probe(arguments)), .. } => {
+            probe::run(&arguments, std::io::stdout()).map_err(anyhow::Error::from)
         }
         CommandLine { run: Some(run), wire: Some(wire), incarnation, rank, lifeline, .. } => {
             process::run(Arguments { run, wire, incarnation, rank, lifeline })

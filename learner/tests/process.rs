@@ -3,8 +3,11 @@
 
 mod support;
 
-use proto::control::{EXIT_NON_FINITE, LearnerEvent};
+use proto::config::LagrangianConfig;
+use proto::control::{EXIT_NON_FINITE, LearnerEvent, metric};
+use proto::reward::RewardKind;
 use proto::wire::WireAddress;
+use std::collections::BTreeSet;
 use std::sync::OnceLock;
 use support::{Ended, Plan, Scene, tiny};
 
@@ -73,6 +76,47 @@ fn a_learner_killed_anywhere_goes_on_to_the_same_weights() {
         assert!(!killed.status.success(), "{point} was not reached: {killed:?}");
         let ended = scene.learner(&Plan::Undisturbed);
         assert_eq!(complete(&scene, &ended), undisturbed(), "{point}: {}", ended.stderr);
+    }
+}
+
+#[test]
+fn a_constrained_run_goes_on_with_its_multiplier_wherever_it_is_killed() {
+    let mut config = tiny();
+    for stage in &mut config.stages {
+        stage.reward = RewardKind::Lagrangian;
+    }
+    // Stand-ins disturb by millimetres: a rate that makes their multiplier felt.
+    config.reward.lagrangian = LagrangianConfig { initial: 1.0, learning_rate: 3e3 };
+    let multipliers = |ended: &Ended| -> Vec<(u64, f64)> {
+        let multiplier = |event: &LearnerEvent| match event {
+            LearnerEvent::RolloutTrained { rollout, metrics, .. } => Some((*rollout, metrics[metric::MULTIPLIER])),
+            _ => None,
+        };
+        ended.events.iter().filter_map(multiplier).collect()
+    };
+    let mut scene = Scene::new("bound", config.clone());
+    let straight = scene.learner(&Plan::Undisturbed);
+    let weights = complete(&scene, &straight);
+    let trace = multipliers(&straight);
+    assert_eq!(trace.len(), 5);
+    let values: BTreeSet<u64> = trace.iter().map(|(_, multiplier)| multiplier.to_bits()).collect();
+    // It stays where no episode ended, and begins anew with the second stage.
+    assert!(values.len() >= 3, "it moves: {trace:?}");
+
+    let mut fixed = config.clone();
+    fixed.reward.lagrangian.learning_rate = 0.0;
+    let mut scene = Scene::new("fixed", fixed);
+    let other = scene.learner(&Plan::Undisturbed);
+    assert_ne!(complete(&scene, &other), weights, "the multiplier reaches the policy");
+
+    for (i, point) in ["learner.after_update:2", "learner.mid_rollout:9", "learner.after_manifest:3"].iter().enumerate()
+    {
+        let mut scene = Scene::new(&format!("bound{i}"), config.clone());
+        let killed = scene.learner(&Plan::Fault(point));
+        assert!(!killed.status.success(), "{point} was not reached: {killed:?}");
+        let ended = scene.learner(&Plan::Undisturbed);
+        assert_eq!(complete(&scene, &ended), weights, "{point}: {}", ended.stderr);
+        assert!(trace.ends_with(&multipliers(&ended)), "{point}");
     }
 }
 

@@ -3,8 +3,16 @@
 //!
 //! All in one binary because loading libtorch takes longer than most of these tests.
 
+#[path = "support/environment.rs"]
+#[allow(dead_code, reason = "only its empty transition is needed here")]
+mod environment;
+
+use environment::no_transition;
+
 use learner::agent::{Agent, AgentError, AgentState, Outcome, StepInput, StepOutput};
-use learner::auxiliary::{Answer, Cpca, Disturb, InverseDynamics, Pass, Query, focal_loss};
+use learner::auxiliary::{Answer, Auxiliary, Cpca, Disturb, InverseDynamics, Pass, Query, focal_loss};
+use learner::collector::{RolloutStatistics, RunningEpisode};
+
 use learner::network::{
     Judgement, Layout, Network, Observations, Packing, Parameters, RawFrame, Staging, goal_coordinates, to_vec,
 };
@@ -13,12 +21,14 @@ use learner::ppo::gae;
 use learner::ppo::loss::{Experience, terms};
 use learner::rollout::{Rollout, Step};
 use proto::action::{ActionSpace, NO_ACTION};
-use proto::config::{Config, Encoder, GoalCoordinates};
+use proto::config::{AuxiliaryTask, Config, Encoder, GoalCoordinates, LagrangianConfig};
 use proto::control::metric;
-use proto::message::{FRAME_PIXELS, FRAME_SIDE};
+use proto::message::{FRAME_PIXELS, FRAME_SIDE, Transition};
+use proto::reward::{RewardKind, RewardParts};
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::process::Command;
 use tch::{Device, Kind, Tensor};
 
 // What both sides share ---------------------------------------------------------------------------------------------
@@ -304,6 +314,47 @@ fn adam_with_clipping_and_schedule_is_pytorchs() {
     }
 }
 
+#[test]
+fn the_multiplier_follows_the_mean_discounted_disturbance_of_ended_episodes() {
+    let (rollouts, steps, columns) = (12, 8, 3);
+    let cells = rollouts * steps * columns;
+    let progress: Vec<f32> =
+        noise("lagrangian.progress", cells).into_iter().map(|value| (value * 0.02) as f32).collect();
+    let ended = noise("lagrangian.ended", cells);
+    let mut config = small_config();
+    config.reward.lagrangian = LagrangianConfig { initial: 0.01, learning_rate: 2.0 };
+    let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let mut running = [(0, RunningEpisode::default()); 3];
+    let mut trace = vec![];
+    for rollout in 0..rollouts {
+        let mut statistics = RolloutStatistics::default();
+        for t in 0..steps {
+            for (n, (step, episode)) in running.iter_mut().enumerate() {
+                let cell = (rollout * steps + t) * columns + n;
+                let reward = RewardParts { disturbance_progress_m: progress[cell], ..RewardParts::default() };
+                let transition = Transition { step: *step, reward, ..no_transition() };
+                episode.add(&transition, 0.0, 0.99);
+                *step += 1;
+                if ended[cell] > 0.75 && rollout != 3 {
+                    statistics.add_episode(&transition, episode);
+                    (*step, *episode) = (0, RunningEpisode::default());
+                }
+            }
+        }
+        agent.constrain(statistics.mean_discounted_disturbance_m());
+        trace.push(agent.multiplier());
+    }
+    assert_close("multiplier", &Tensor::from_slice(&trace), &fixture("lagrangian")["trace"], 1e-12);
+    // What the policy is rewarded with follows it.
+    assert_eq!(agent.disturbance_weight(RewardKind::Lagrangian), agent.multiplier() as f32);
+    assert_eq!(agent.disturbance_weight(RewardKind::DisturbanceFree), 15.0);
+    let saved = agent.state();
+    agent.start_stage();
+    assert_eq!(agent.multiplier(), 0.01, "a stage begins anew");
+    agent.load_state(&saved).expect("the state fits");
+    assert_eq!(agent.multiplier(), trace[rollouts - 1]);
+}
+
 /// Inverse dynamics and CPC|A as tensor operations against the script's loops, one question at a time.
 #[test]
 fn auxiliary_tasks_are_their_definitions() {
@@ -326,7 +377,9 @@ fn auxiliary_tasks_are_their_definitions() {
                 let later = (0i64..).zip(packing.later(offset)).zip(&cells_of_rows);
                 later
                     .filter(|&(_, &cell)| chosen[cell as usize] > 0.4)
-                    .filter_map(|((row, later), _)| Some(Query { row, offset: offset as i64, later: later? }))
+                    .filter_map(|((row, later), _)| {
+                        Some(Query { row, offset: offset as i64, later: later?, elsewhere: 0 })
+                    })
                     .collect::<Vec<_>>()
             })
             .collect()
@@ -398,8 +451,11 @@ fn auxiliary_tasks_are_their_definitions() {
     let mut layout = Layout::default();
     let cpca = Cpca::new(&mut layout, [hidden, actions]);
     let parameters = weights(layout);
-    let asked = queries(16);
-    let answer = cpca.loss_against(&parameters, &pass, &asked, asked.len() as u64, &negatives);
+    let mut asked = queries(16);
+    for query in &mut asked {
+        query.elsewhere = negatives[query.later as usize];
+    }
+    let answer = cpca.loss(&parameters, &pass, &asked, asked.len() as u64);
     check("cpca16", &parameters, asked.len(), answer);
 }
 
@@ -558,6 +614,170 @@ fn two_updates_are_those_of_the_reference() {
         }
         assert_probes(&weights_of(&agent), expected("weights"), 1e-4);
     }
+}
+
+// A batch from a file -----------------------------------------------------------------------------------------------
+
+/// What `probe_batch` of the script makes: 7 steps of 4 columns, the last two of which have 6.
+fn probe_batch(task: &str, actions: i64, hidden: i64) -> Vec<(&'static str, Tensor)> {
+    let (steps, columns) = (7usize, 4usize);
+    let size = [steps as i64, columns as i64];
+    let cells: Vec<(usize, usize)> = (0..steps).flat_map(|t| (0..columns).map(move |n| (t, n))).collect();
+    let table = |name: &str| noise_tensor(&format!("probe.{name}"), &size);
+    let integers = |of: &dyn Fn(usize, usize) -> i64| {
+        Tensor::from_slice(&cells.iter().map(|&(t, n)| of(t, n)).collect::<Vec<i64>>()).view(size)
+    };
+    let ended = table("ended").gt(0.6);
+    let first = Tensor::from_slice(&[false, true, false, false]).view([1, 4]);
+    let start = Tensor::cat(&[first, ended.narrow(0, 0, size[0] - 1)], 0);
+    let previous = integers(&|t, n| 1 + (7 * t + n) as i64 % actions) * start.logical_not().to_kind(Kind::Int64);
+    let frames: Vec<i16> = cells.iter().flat_map(|&(t, n)| depth_mm(t, n).map(|depth_mm| depth_mm as i16)).collect();
+    let goals: Vec<f32> = cells.iter().flat_map(|&(t, n)| goal_m(t, n)).collect();
+    let recorded = integers(&|t, n| i64::from(t + 1 < steps || n < 2));
+    let mut batch = vec![
+        ("frames", Tensor::from_slice(&frames).view([size[0], size[1], 224, 224])),
+        ("goal_m", Tensor::from_slice(&goals).view([size[0], size[1], 3])),
+        ("previous_action", previous),
+        ("episode_start", start),
+        ("action", integers(&|t, n| (3 * t + 5 * n + t * n) as i64 % actions)),
+        ("log_prob", table("log_prob") * 0.5 - (actions as f64).ln()),
+        ("value", table("value")),
+        ("reward", table("reward") * 3.0),
+        ("time_limit", ended.logical_and(&table("limit").gt(0.0))),
+        ("ended", ended),
+        ("disturbed", table("disturbed").gt(0.3)),
+        ("bootstrap", noise_tensor("probe.bootstrap", &[size[1]])),
+        ("beliefs", noise_tensor("probe.beliefs", &[size[1], hidden])),
+        ("recorded", recorded.to_kind(Kind::Bool)),
+    ];
+    if task == "cpca16" {
+        let valid = (cells.len() - 2) as i64;
+        batch.push(("negatives", integers(&|t, n| (11 * (t * columns + n) as i64 + 5) % valid)));
+    }
+    batch
+}
+
+/// `learner probe`: every encoder and every auxiliary task, from files to a file, against the script's losses and
+/// gradients.
+#[test]
+fn a_probe_finds_what_the_reference_finds() {
+    let expected = fixture("probe");
+    let folder = tempfile::tempdir().expect("a folder for the files");
+    let path = |name: &str| folder.path().join(name);
+    for (task, auxiliary, encoder, space, hidden, settings) in [
+        ("disturb", AuxiliaryTask::Disturb, Encoder::Cnn, ActionSpace::Small, 32, "ppo.normalize_advantages = true\n"),
+        ("cpca16", AuxiliaryTask::Cpca16, Encoder::Cnn, ActionSpace::Large, 24, "network.goal = \"cartesian\"\n"),
+        ("inverse_dynamics", AuxiliaryTask::InverseDynamics, Encoder::Resnet, ActionSpace::Large, 48, ""),
+    ] {
+        let mut config = Config::default();
+        config.network.encoder = encoder;
+        config.network.input_pool = if encoder == Encoder::Cnn { 4 } else { 2 };
+        config.network.previous_action = task != "cpca16";
+        config.network.hidden = hidden;
+        config.episode.action_space = space;
+        config.auxiliary.task = auxiliary;
+        let actions = space.actions().len() as i64;
+        let (network, _) = Network::new(&config, Device::Cpu, |layout, hidden| {
+            Auxiliary::new(&config.auxiliary, layout, hidden, actions)
+        });
+        let weights: Vec<(String, Tensor)> =
+            network.parameters.named().map(|(name, w)| (name.to_owned(), weight_values(name, &w.size()))).collect();
+        Tensor::write_safetensors(&weights, path("weights")).expect("weights are written");
+        let batch = probe_batch(task, actions, i64::from(hidden));
+        Tensor::write_safetensors(&batch, path("batch")).expect("a batch is written");
+        std::fs::write(path("config"), format!("auxiliary.subsample = 1.0\n{settings}")).expect("settings");
+        let run = Command::new(env!("CARGO_BIN_EXE_learner"))
+            .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out", "--config", "config"])
+            .current_dir(folder.path())
+            .output()
+            .expect("the learner starts");
+        assert!(run.status.success(), "{task}: {run:?}");
+        let found: BTreeMap<String, Tensor> =
+            Tensor::read_safetensors(path("out")).expect("it is written").into_iter().collect();
+
+        let expected = |name: &str| &expected[&format!("{task}.{name}")];
+        for name in ["log_probs", "values", "advantages", "returns"] {
+            assert_close(&format!("{task}: {name}"), &found[name], expected(name), 1e-5);
+        }
+        let figures = [
+            metric::POLICY_LOSS,
+            metric::VALUE_LOSS,
+            metric::ENTROPY,
+            metric::AUXILIARY_LOSS,
+            metric::CLIP_FRACTION,
+            metric::APPROXIMATE_KL,
+            "loss/total",
+            metric::GRADIENT_NORM,
+        ];
+        let printed = String::from_utf8(run.stdout).expect("text");
+        for (name, theirs) in figures.iter().zip(doubles(expected("figures"))) {
+            let ours = found[*name].double_value(&[]);
+            assert!((ours - theirs).abs() < 1e-5 * theirs.abs().max(0.1), "{task}: {name}: {ours} is not {theirs}");
+            assert!(printed.lines().any(|line| line == format!("{name} {ours}")), "{printed}");
+        }
+        let gradients: BTreeMap<String, Tensor> = found
+            .iter()
+            .filter_map(|(name, tensor)| Some((name.strip_prefix("gradient.")?.to_owned(), tensor.shallow_clone())))
+            .collect();
+        assert_probes(&gradients, expected("gradients"), 1e-5);
+        if let Some((_, negatives)) = batch.iter().find(|(name, _)| *name == "negatives") {
+            let shown = &found["auxiliary.negatives"];
+            let asked = shown.ge(0);
+            assert!(shown.masked_select(&asked).equal(&negatives.masked_select(&asked)));
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_probed_is_named() {
+    let config = small_config();
+    let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let folder = tempfile::tempdir().expect("a folder for the files");
+    let path = |name: &str| folder.path().join(name);
+    let weights: Vec<(String, Tensor)> = agent.state().tensors.into_iter().collect();
+    let batch = || probe_batch("disturb", 13, 32);
+    let said = |weights: &[(String, Tensor)], batch: &[(&str, Tensor)]| {
+        Tensor::write_safetensors(weights, path("weights")).expect("weights are written");
+        Tensor::write_safetensors(batch, path("batch")).expect("a batch is written");
+        let run = Command::new(env!("CARGO_BIN_EXE_learner"))
+            .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out"])
+            .current_dir(folder.path())
+            .output()
+            .expect("the learner starts");
+        (run.status.success(), String::from_utf8(run.stderr).expect("text"))
+    };
+    // An agent's state, as in a checkpoint: only what is its model counts.
+    let (good, text) = said(&weights, &batch());
+    assert!(good, "{text}");
+    let (good, text) = said(&weights[1..], &batch());
+    assert!(good, "moments are no weights: {text}");
+
+    let change = |name: &str, tensor: Tensor| {
+        let mut batch = batch();
+        batch.retain(|(other, _)| *other != name);
+        batch.push((Box::leak(name.to_owned().into_boxed_str()), tensor));
+        batch
+    };
+    let cells = (Kind::Int64, Device::Cpu);
+    for (batch, problem) in [
+        (batch().into_iter().skip(1).collect(), "tensor `frames` is missing"),
+        (change("action", Tensor::full([7, 4], 13, cells)), "`action` holds 13, outside 0..13"),
+        (change("reward", Tensor::zeros([7, 3], (Kind::Float, Device::Cpu))), "`reward` has shape [7, 3], not [7, 4]"),
+        (change("value", Tensor::zeros([7, 4], (Kind::Double, Device::Cpu))), "`value` is Double, not f32"),
+        (change("recorded", Tensor::zeros([7, 4], (Kind::Bool, Device::Cpu))), "`recorded` may be false only for"),
+        (change("frames", Tensor::zeros([7, 4, 100, 100], cells)), "`frames` has sides of 100 pixels"),
+        (change("frames", Tensor::full([7, 4, 224, 224], -1, cells)), "whole millimetres from 0"),
+        (change("goal", Tensor::zeros([7, 4, 3], (Kind::Float, Device::Cpu))), "only one can be meant"),
+    ] {
+        let (good, text) = said(&weights, &batch);
+        assert!(!good && text.contains(problem) && text.contains("batch: "), "{problem}: {text}");
+    }
+    let mut fewer = weights.iter().map(|(name, weight)| (name.clone(), weight.shallow_clone())).collect::<Vec<_>>();
+    fewer.retain(|(name, _)| name != "model.critic.bias");
+    assert!(said(&fewer, &batch()).1.contains("weights: tensor `critic.bias` is missing"));
+    fewer.push(("model.critic.bias".to_owned(), Tensor::zeros([1], (Kind::Float, Device::Cpu))));
+    fewer.push(("model.other".to_owned(), Tensor::zeros([1], (Kind::Float, Device::Cpu))));
+    assert!(said(&fewer, &batch()).1.contains("`other` has no place in this network"));
 }
 
 // The same again ----------------------------------------------------------------------------------------------------

@@ -57,6 +57,9 @@ pub struct StageFigures {
     pub frames: u64,
     /// Frames it is to have.
     pub budget: u64,
+    /// PPO-Lagrangian's multiplier after its newest update; none in other stages.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub multiplier: Option<f64>,
     /// Over the whole stage.
     pub whole: EpisodeFigures,
     /// Over the first tenth of its budget.
@@ -81,7 +84,7 @@ pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageFigures> 
             before = trained.frames.max(start);
         }
         start += stage.frames;
-        let Some(&(_, reached, _)) = rollouts.last() else { continue };
+        let Some(&(_, reached, newest)) = rollouts.last() else { continue };
         let part = |from: f64, to: f64| -> Vec<&Trained> {
             let budget = stage.frames as f64;
             let middle = |first: u64, end: u64| f64::midpoint(first as f64, end as f64);
@@ -104,6 +107,7 @@ pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageFigures> 
             reward: stage.reward,
             frames: reached,
             budget: stage.frames,
+            multiplier: newest.metrics.get(metric::MULTIPLIER).copied(),
             whole: EpisodeFigures::over(&rollouts.iter().map(|&(_, _, trained)| trained)),
             first_tenth: EpisodeFigures::over(&first.iter().copied()),
             last_tenth: EpisodeFigures::over(&last.iter().copied()),

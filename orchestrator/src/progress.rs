@@ -145,6 +145,7 @@ pub fn reward_symbol(reward: RewardKind) -> &'static str {
     match reward {
         RewardKind::Task => "r",
         RewardKind::DisturbanceFree => "r′",
+        RewardKind::Lagrangian => "r-λd",
     }
 }
 

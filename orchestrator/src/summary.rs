@@ -105,6 +105,9 @@ impl Summary {
             format::count(self.budget)
         )];
         lines.extend(table(&self.stages));
+        lines.extend(self.stages.iter().filter_map(|stage| {
+            stage.multiplier.map(|multiplier| format!("stage {}: multiplier λ {multiplier:.4}", stage.name))
+        }));
         let training = Duration::try_from_secs_f64(self.training_s).unwrap_or_default();
         let wall = wall.map_or_else(String::new, |wall| format!(", wall time {}", format::duration(wall)));
         let starts = if self.incarnations > 1 { format!(" over {} starts", self.incarnations) } else { String::new() };

@@ -129,6 +129,8 @@ pub mod metric {
     pub const PICKED_UP: &str = "episode/picked_up";
     /// Total displacement at the end, metres.
     pub const DISTURBANCE: &str = "episode/disturbance_m";
+    /// Σ `γ^t` (`d_t` - d_{t-1}) of an episode, metres: what PPO-Lagrangian constrains.
+    pub const DISCOUNTED_DISTURBANCE: &str = "episode/discounted_disturbance_m";
     /// Mean reward a step over the rollout.
     pub const REWARD: &str = "rollout/reward";
     /// Clipped policy loss.
@@ -145,6 +147,8 @@ pub mod metric {
     pub const GRADIENT_NORM: &str = "optimizer/gradient_norm";
     /// Learning rate of the update.
     pub const LEARNING_RATE: &str = "optimizer/learning_rate";
+    /// PPO-Lagrangian's multiplier after the update; only in its stages.
+    pub const MULTIPLIER: &str = "lagrangian/multiplier";
     /// Auxiliary loss (before its weight); `auxiliary/…` holds the task's other figures.
     pub const AUXILIARY_LOSS: &str = "loss/auxiliary";
 }

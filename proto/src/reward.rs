@@ -31,6 +31,9 @@ pub enum RewardKind {
     /// r′ = r + `λ_disturb` (d_{t-1} - `d_t`) (paper equation 2).
     #[serde(rename = "r_prime")]
     DisturbanceFree,
+    /// r + λ (d_{t-1} - `d_t`), λ the multiplier that PPO-Lagrangian raises while there is disturbance.
+    #[serde(rename = "lagrangian")]
+    Lagrangian,
 }
 
 /// What one step contributed, before any weighting.
@@ -53,8 +56,9 @@ pub struct RewardParts {
 }
 
 impl RewardParts {
-    /// The reward of this step under `kind`.
-    pub fn compose(&self, kind: RewardKind, lambda_disturb: f32) -> f32 {
+    /// The reward of this step under `kind`. `disturbance_weight` is what a metre of displacement costs: `λ_disturb` in
+    /// r′, the multiplier in PPO-Lagrangian's reward; r does without.
+    pub fn compose(&self, kind: RewardKind, disturbance_weight: f32) -> f32 {
         let task = STEP
             + FAILED_ACTION * self.failed_action
             + PICK_UP * self.picked_up
@@ -63,7 +67,9 @@ impl RewardParts {
             + self.object_goal_progress_m;
         match kind {
             RewardKind::Task => task,
-            RewardKind::DisturbanceFree => task + lambda_disturb * self.disturbance_progress_m,
+            RewardKind::DisturbanceFree | RewardKind::Lagrangian => {
+                task + disturbance_weight * self.disturbance_progress_m
+            }
         }
     }
 }
@@ -73,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn r_prime_adds_only_the_disturbance_term() {
+    fn r_prime_and_the_lagrangian_add_only_the_disturbance_term() {
         let parts = RewardParts {
             wrist_object_progress_m: 0.2,
             object_goal_progress_m: -0.1,
@@ -84,5 +90,6 @@ mod tests {
         };
         assert!((parts.compose(RewardKind::Task, 15.0) - 0.06).abs() < 1e-6);
         assert!((parts.compose(RewardKind::DisturbanceFree, 15.0) + 0.24).abs() < 1e-6);
+        assert!((parts.compose(RewardKind::Lagrangian, 3.0)).abs() < 1e-6);
     }
 }

@@ -5,7 +5,7 @@
 //! steps a classifier sees its state beside an observation's embedding and says whether that is the one which was
 //! seen then. The other one it is shown is drawn from elsewhere in the batch.
 
-use super::{Answer, Epoch, Pass, Query, Tally, column};
+use super::{Answer, Pass, Query, Tally, column};
 use crate::network::{Gru, Initial, Layout, Linear, OBSERVATION, ParameterId, Parameters};
 use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
@@ -39,24 +39,11 @@ impl Cpca {
         }
     }
 
-    /// This pass's share of the mean, over all `count` queries, of both cross entropies; negatives by a random
-    /// permutation of the pass's rows.
-    pub fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64, epoch: Epoch) -> Answer {
-        self.loss_against(parameters, pass, queries, count, &epoch.permutation(pass.packing))
-    }
-
-    /// The same with a given permutation: where row `i` was seen, row `negatives[i]` is shown as well.
-    pub fn loss_against(
-        &self,
-        parameters: &Parameters,
-        pass: &Pass,
-        queries: &[Query],
-        count: u64,
-        negatives: &[i64],
-    ) -> Answer {
+    /// This pass's share of the mean, over all `count` queries, of both cross entropies.
+    pub fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> Answer {
         let device = pass.beliefs.device();
         let later = column(queries, |query| query.later, pass);
-        let elsewhere = column(queries, |query| negatives[query.later as usize], pass);
+        let elsewhere = column(queries, |query| query.elsewhere, pass);
 
         let contexts = self.contexts(parameters, pass);
         let rows = pass.packing.rows.len() as i64;

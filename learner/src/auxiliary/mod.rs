@@ -115,19 +115,21 @@ impl Auxiliary {
             Self::None => packings.iter().map(|_| Vec::new()).collect(),
             Self::Disturb(_) => epoch.queries(packings, 1, 1.0),
             Self::InverseDynamics { share, .. } => epoch.queries(packings, 1, *share),
-            Self::Cpca { share, .. } => epoch.queries(packings, cpca::HORIZON as usize, *share),
+            Self::Cpca { share, .. } => {
+                let mut queries = epoch.queries(packings, cpca::HORIZON as usize, *share);
+                for (queries, packing) in queries.iter_mut().zip(packings) {
+                    let elsewhere = epoch.permutation(packing);
+                    for query in queries {
+                        query.elsewhere = elsewhere[query.later as usize];
+                    }
+                }
+                queries
+            }
         }
     }
 
     /// The loss of a pass, one of several in which `count` queries are answered; `None` if it has nothing to say.
-    pub fn loss(
-        &self,
-        parameters: &Parameters,
-        pass: &Pass,
-        queries: &[Query],
-        count: u64,
-        epoch: Epoch,
-    ) -> Option<Answer> {
+    pub fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> Option<Answer> {
         if queries.is_empty() {
             return None;
         }
@@ -135,7 +137,7 @@ impl Auxiliary {
             Self::None => None,
             Self::Disturb(task) => Some(task.loss(parameters, pass, queries, count)),
             Self::InverseDynamics { task, .. } => Some(task.loss(parameters, pass, queries, count)),
-            Self::Cpca { task, .. } => Some(task.loss(parameters, pass, queries, count, epoch)),
+            Self::Cpca { task, .. } => Some(task.loss(parameters, pass, queries, count)),
         }
     }
 

@@ -30,6 +30,8 @@ pub struct Query {
     pub offset: i64,
     /// Row of the packing that lies there.
     pub later: i64,
+    /// Row that a contrastive task shows as what does not lie there; `later` itself where none is shown.
+    pub elsewhere: i64,
 }
 
 impl Epoch {
@@ -83,9 +85,9 @@ impl Epoch {
 fn all(packing: &Packing, horizon: usize) -> Vec<Query> {
     (1..=horizon)
         .flat_map(|offset| {
-            (0i64..)
-                .zip(packing.later(offset))
-                .filter_map(move |(row, later)| later.map(|later| Query { row, offset: offset as i64, later }))
+            (0i64..).zip(packing.later(offset)).filter_map(move |(row, later)| {
+                later.map(|later| Query { row, offset: offset as i64, later, elsewhere: later })
+            })
         })
         .collect()
 }

@@ -40,7 +40,7 @@ impl Machine {
 }
 
 /// The manifest. Written after the tensors: a checkpoint without one does not exist.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
     /// [`proto::SCHEMA_VERSION`] of the writer.
@@ -57,6 +57,9 @@ pub struct Manifest {
     pub stage_end: bool,
     /// Optimiser steps since the stage began.
     pub adam_steps: u64,
+    /// PPO-Lagrangian's multiplier.
+    #[serde(with = "exact")]
+    pub multiplier: f64,
     /// File name of the tensors, in the same folder.
     pub tensors: String,
     /// Its size, bytes.
@@ -71,6 +74,24 @@ pub struct Manifest {
     pub machine: Machine,
     /// SHA-256 of this manifest with this field empty.
     pub manifest_sha256: String,
+}
+
+/// A number as decimal text: JSON numbers are read with a last bit that may differ, and a resumed run must not. One
+/// number has one text, so that no flipped bit goes unnoticed.
+mod exact {
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's derive calls it so")]
+    pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(value)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        let value: f64 = text.parse().map_err(|_| D::Error::custom(format!("`{text}` is not a number")))?;
+        if value.to_string() == text { Ok(value) } else { Err(D::Error::custom(format!("`{text}` is not {value}"))) }
+    }
 }
 
 /// Why a file is not a manifest.

@@ -13,7 +13,7 @@ mod tests;
 
 pub use manifest::{Machine, Manifest, ManifestError, sha256};
 pub use store::{CheckpointError, Loaded, Rejected, Store, read};
-pub use tensors::{TensorsError, encode_tensors};
+pub use tensors::{TensorsError, decode_tensors, encode_tensors};
 
 use crate::agent::AgentState;
 use crate::collector::Boundary;

@@ -129,6 +129,7 @@ impl Store {
             stage: position.map_or(self.stages.len(), |position| position.stage) as u32,
             stage_end: snapshot.frames > 0 && position.is_none_or(|position| position.frames_in_stage == 0),
             adam_steps: snapshot.agent.adam_steps,
+            multiplier: snapshot.agent.multiplier,
             tensors: file_name(&tensors_path),
             tensors_bytes: bytes.len() as u64,
             tensors_sha256: sha256(&bytes),
@@ -263,8 +264,8 @@ fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
     if digest != manifest.tensors_sha256 {
         return Err(at(format!("is corrupt: its SHA-256 is {digest}, its manifest says {}", manifest.tensors_sha256)));
     }
-    let (agent, boundary) = tensors::decode(&bytes, manifest.adam_steps, manifest.exchange)
-        .map_err(|cause| at(format!("cannot be used: {cause}")))?;
+    let (agent, boundary) =
+        tensors::decode(&bytes, manifest).map_err(|cause| at(format!("cannot be used: {cause}")))?;
     let Manifest { rollout, frames, .. } = *manifest;
     Ok(Snapshot { rollout, frames, agent, boundary, weights: manifest.weights.clone() })
 }

@@ -7,8 +7,10 @@
 //! | `environment.action_count` | u32 (N): actions taken in it |
 //! | `environment.actions` | u8 (N, 512): those actions, then zeros |
 //! | `running.return` | f64 (N): return of the episode in progress |
+//! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` (`d_t` - d_{t-1}) of the episode in progress |
 //! | `running.picked_up` | u8 (N): 1 if its target was picked up |
 
+use super::manifest::Manifest;
 use crate::agent::AgentState;
 use crate::collector::{Boundary, RunningEpisode};
 use proto::message::{EnvironmentState, MAX_EPISODE_STEPS};
@@ -21,7 +23,8 @@ const ACTION_COUNT: &str = "environment.action_count";
 const ACTIONS: &str = "environment.actions";
 const RETURN: &str = "running.return";
 const PICKED_UP: &str = "running.picked_up";
-const OWN: [&str; 5] = [EPISODE, ACTION_COUNT, ACTIONS, RETURN, PICKED_UP];
+const DISCOUNTED_DISTURBANCE: &str = "running.discounted_disturbance_m";
+const OWN: [&str; 6] = [EPISODE, ACTION_COUNT, ACTIONS, RETURN, DISCOUNTED_DISTURBANCE, PICKED_UP];
 
 /// Why tensors do not make a state.
 #[derive(Debug, thiserror::Error)]
@@ -57,6 +60,21 @@ pub fn encode_tensors(tensors: &BTreeMap<String, Tensor>) -> Result<Vec<u8>, Ten
     serialize(&entries(tensors)?)
 }
 
+/// The tensors of a safetensors file by name; of a checkpoint, those that are the agent's.
+pub fn decode_tensors(bytes: &[u8]) -> Result<BTreeMap<String, Tensor>, TensorsError> {
+    agents_tensors(&SafeTensors::deserialize(bytes)?)
+}
+
+fn agents_tensors(file: &SafeTensors) -> Result<BTreeMap<String, Tensor>, TensorsError> {
+    let mut tensors = BTreeMap::new();
+    for (name, view) in file.iter().filter(|(name, _)| !OWN.contains(name)) {
+        let kind = kind_of(view.dtype()).ok_or_else(|| wrong(name, format!("has type {:?}", view.dtype())))?;
+        let size: Vec<i64> = view.shape().iter().map(|&side| side as i64).collect();
+        tensors.insert(name.to_owned(), Tensor::f_from_data_size(view.data(), &size, kind)?);
+    }
+    Ok(tensors)
+}
+
 /// The whole state as the bytes of a safetensors file. Numbers are little-endian.
 pub fn encode(agent: &AgentState, boundary: &Boundary) -> Result<Vec<u8>, TensorsError> {
     let mut entries = entries(&agent.tensors)?;
@@ -76,29 +94,31 @@ pub fn encode(agent: &AgentState, boundary: &Boundary) -> Result<Vec<u8>, Tensor
         states.iter().flat_map(|state| state.action_count.to_le_bytes()).collect(),
     )?;
     own(ACTIONS, Dtype::U8, vec![columns, MAX_EPISODE_STEPS], states.iter().flat_map(|state| state.actions).collect())?;
-    own(
-        RETURN,
-        Dtype::F64,
-        vec![columns],
-        running.iter().flat_map(|episode| episode.episode_return.to_le_bytes()).collect(),
-    )?;
+    let mut column_of = |name: &str, figure: fn(&RunningEpisode) -> f64| {
+        own(name, Dtype::F64, vec![columns], running.iter().flat_map(|episode| figure(episode).to_le_bytes()).collect())
+    };
+    column_of(RETURN, |episode| episode.episode_return)?;
+    column_of(DISCOUNTED_DISTURBANCE, |episode| episode.discounted_disturbance_m)?;
     own(PICKED_UP, Dtype::U8, vec![columns], running.iter().map(|episode| u8::from(episode.picked_up)).collect())?;
     serialize(&entries)
 }
 
-/// What [`encode`] wrote. `exchange` and `adam_steps` come from the manifest.
-pub fn decode(bytes: &[u8], adam_steps: u64, exchange: u64) -> Result<(AgentState, Boundary), TensorsError> {
+/// What [`encode`] wrote; the numbers that are no tensors come from the manifest.
+pub fn decode(bytes: &[u8], manifest: &Manifest) -> Result<(AgentState, Boundary), TensorsError> {
+    let Manifest { adam_steps, exchange, multiplier, .. } = *manifest;
     let file = SafeTensors::deserialize(bytes)?;
     let episodes = u32s(own_bytes(&file, EPISODE, Dtype::U32)?);
     let columns = episodes.len();
     let counts = u32s(own_bytes(&file, ACTION_COUNT, Dtype::U32)?);
     let actions = own_bytes(&file, ACTIONS, Dtype::U8)?;
     let returns = own_bytes(&file, RETURN, Dtype::F64)?;
+    let disturbances = own_bytes(&file, DISCOUNTED_DISTURBANCE, Dtype::F64)?;
     let picked_up = own_bytes(&file, PICKED_UP, Dtype::U8)?;
     for (name, found, expected) in [
         (ACTION_COUNT, counts.len(), columns),
         (ACTIONS, actions.len(), columns * MAX_EPISODE_STEPS),
         (RETURN, returns.len(), columns * 8),
+        (DISCOUNTED_DISTURBANCE, disturbances.len(), columns * 8),
         (PICKED_UP, picked_up.len(), columns),
     ] {
         if found != expected {
@@ -114,18 +134,19 @@ pub fn decode(bytes: &[u8], adam_steps: u64, exchange: u64) -> Result<(AgentStat
             return Err(wrong(ACTION_COUNT, format!("has {} actions in one episode", state.action_count)));
         }
         boundary.environments.push(state);
-        let mut value = [0; 8];
-        value.copy_from_slice(&returns[column * 8..][..8]);
-        let episode_return = f64::from_le_bytes(value);
-        boundary.running.push(RunningEpisode { episode_return, picked_up: picked_up[column] != 0 });
+        let figure = |bytes: &[u8]| {
+            let mut value = [0; 8];
+            value.copy_from_slice(&bytes[column * 8..][..8]);
+            f64::from_le_bytes(value)
+        };
+        boundary.running.push(RunningEpisode {
+            episode_return: figure(returns),
+            discounted_disturbance_m: figure(disturbances),
+            picked_up: picked_up[column] != 0,
+        });
     }
-    let mut tensors = BTreeMap::new();
-    for (name, view) in file.iter().filter(|(name, _)| !OWN.contains(name)) {
-        let kind = kind_of(view.dtype()).ok_or_else(|| wrong(name, format!("has type {:?}", view.dtype())))?;
-        let size: Vec<i64> = view.shape().iter().map(|&side| side as i64).collect();
-        tensors.insert(name.to_owned(), Tensor::f_from_data_size(view.data(), &size, kind)?);
-    }
-    Ok((AgentState { tensors, adam_steps }, boundary))
+    let tensors = agents_tensors(&file)?;
+    Ok((AgentState { tensors, adam_steps, multiplier }, boundary))
 }
 
 fn entries(tensors: &BTreeMap<String, Tensor>) -> Result<BTreeMap<String, Entry>, TensorsError> {

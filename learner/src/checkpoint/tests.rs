@@ -35,13 +35,14 @@ fn snapshot(rollout: u64) -> Snapshot {
     Snapshot {
         rollout,
         frames: rollout * 20,
-        agent: AgentState { tensors, adam_steps: 7 },
+        // A multiplier of many digits: 0.1 + 0.2 and then some.
+        agent: AgentState { tensors, adam_steps: 7, multiplier: 0.1 + 0.2 + 1e-9 * rollout as f64 },
         boundary: Boundary {
             exchange: rollout * 4,
             environments: vec![state, EnvironmentState::start_of(2)],
             running: vec![
-                RunningEpisode { episode_return: -0.1, picked_up: true },
-                RunningEpisode { episode_return: 3e-310, picked_up: false },
+                RunningEpisode { episode_return: -0.1, discounted_disturbance_m: 1.0 / 3.0, picked_up: true },
+                RunningEpisode { episode_return: 3e-310, discounted_disturbance_m: -0.0, picked_up: false },
             ],
         },
         weights: "ab".into(),
@@ -51,6 +52,7 @@ fn snapshot(rollout: u64) -> Snapshot {
 fn same(a: &Snapshot, b: &Snapshot) -> bool {
     let tensors = |snapshot: &Snapshot| encode_tensors(&snapshot.agent.tensors).unwrap();
     (a.rollout, a.frames, a.agent.adam_steps, &a.weights) == (b.rollout, b.frames, b.agent.adam_steps, &b.weights)
+        && a.agent.multiplier.to_bits() == b.agent.multiplier.to_bits()
         && a.boundary == b.boundary
         && tensors(a) == tensors(b)
 }

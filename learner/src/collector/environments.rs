@@ -10,10 +10,10 @@ use proto::reward::{DISTURBANCE_LABEL_THRESHOLD_M, RewardKind};
 /// The reward in force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reward {
-    /// r or r′.
+    /// r, r′ or PPO-Lagrangian's.
     pub kind: RewardKind,
-    /// `λ_disturb` of r′.
-    pub lambda_disturb: f32,
+    /// What a metre of displacement costs in it: `λ_disturb` or the multiplier.
+    pub disturbance_weight: f32,
 }
 
 /// An actor's report that contradicts what the learner knows of that environment: one of the two has a fault, and
@@ -40,6 +40,7 @@ pub struct Mismatch {
 pub struct Environments {
     layout: Layout,
     max_episode_steps: u32,
+    gamma: f64,
     states: Vec<EnvironmentState>,
     running: Vec<RunningEpisode>,
     /// The action on its way, whose outcome has not been taken in.
@@ -47,13 +48,15 @@ pub struct Environments {
 }
 
 impl Environments {
-    /// Environments at the given states; episodes last at most `max_episode_steps`.
+    /// Environments at the given states; episodes last at most `max_episode_steps`, and their disturbance is discounted
+    /// by `gamma` a step.
     ///
     /// # Panics
     /// If the lists do not have one entry a column.
     pub fn new(
         layout: Layout,
         max_episode_steps: u32,
+        gamma: f64,
         states: Vec<EnvironmentState>,
         running: Vec<RunningEpisode>,
     ) -> Self {
@@ -61,7 +64,7 @@ impl Environments {
             states.len() == layout.columns() && running.len() == layout.columns(),
             "there is one state and one running episode for each environment"
         );
-        Self { layout, max_episode_steps, states, running, in_flight: vec![None; layout.columns()] }
+        Self { layout, max_episode_steps, gamma, states, running, in_flight: vec![None; layout.columns()] }
     }
 
     /// State of one column, actions in flight included.
@@ -163,10 +166,10 @@ impl Environments {
         statistics: &mut RolloutStatistics,
     ) -> Option<Outcome> {
         self.in_flight[column].take()?;
-        let value = transition.reward.compose(reward.kind, reward.lambda_disturb);
+        let value = transition.reward.compose(reward.kind, reward.disturbance_weight);
         let has = |flag| transition.flags & flag != 0;
         let running = &mut self.running[column];
-        running.add(transition, value);
+        running.add(transition, value, self.gamma);
         statistics.add_step(value);
         if has(transition_flag::ENDED) {
             statistics.add_episode(transition, running);

@@ -83,6 +83,8 @@ pub struct Settings {
     pub policy_actions: usize,
     /// Step limit of an episode.
     pub max_episode_steps: u32,
+    /// Discount a step, of the disturbance that PPO-Lagrangian constrains.
+    pub gamma: f64,
     /// Incarnation of this learner.
     pub learner_incarnation: u32,
 }
@@ -258,7 +260,7 @@ impl<S: HalfSample> Collector<S> {
         Self {
             settings,
             halves: (0..layout.halves()).map(|_| Half::new(layout.actors(), exchange)).collect(),
-            environments: Environments::new(layout, settings.max_episode_steps, environments, running),
+            environments: Environments::new(layout, settings.max_episode_steps, settings.gamma, environments, running),
             actor_incarnations: vec![0; layout.actors() as usize],
             stage_version: 0,
             cursor: None,

@@ -11,14 +11,19 @@ use std::collections::BTreeMap;
 pub struct RunningEpisode {
     /// Undiscounted return so far.
     pub episode_return: f64,
+    /// Σ `γ^t` (`d_t` - d_{t-1}) so far, metres.
+    pub discounted_disturbance_m: f64,
     /// The target was picked up at some step.
     pub picked_up: bool,
 }
 
 impl RunningEpisode {
-    /// Takes one step in.
-    pub fn add(&mut self, transition: &Transition, reward: f32) {
+    /// Takes one step in; `gamma` is the discount of the constraint.
+    pub fn add(&mut self, transition: &Transition, reward: f32, gamma: f64) {
         self.episode_return += f64::from(reward);
+        let discount = libm::pow(gamma, f64::from(transition.step));
+        // d rose by what the progress fell.
+        self.discounted_disturbance_m -= discount * f64::from(transition.reward.disturbance_progress_m);
         self.picked_up |= transition.flags & transition_flag::PICKED_UP != 0;
     }
 }
@@ -35,6 +40,7 @@ pub struct RolloutStatistics {
     success_undisturbed: f64,
     picked_up: f64,
     disturbance_m: f64,
+    discounted_disturbance_m: f64,
 }
 
 impl RolloutStatistics {
@@ -55,6 +61,12 @@ impl RolloutStatistics {
         self.success_undisturbed += share(success && last.disturbance_m < UNDISTURBED_THRESHOLD_M);
         self.picked_up += share(running.picked_up);
         self.disturbance_m += f64::from(last.disturbance_m);
+        self.discounted_disturbance_m += running.discounted_disturbance_m;
+    }
+
+    /// `J_C`: mean of Σ `γ^t` (`d_t` - d_{t-1}) over the episodes that ended, metres; none when none did.
+    pub fn mean_discounted_disturbance_m(&self) -> Option<f64> {
+        (self.episodes > 0).then(|| self.discounted_disturbance_m / self.episodes as f64)
     }
 
     /// Frames taken in.
@@ -76,6 +88,7 @@ impl RolloutStatistics {
                 (metric::SUCCESS_UNDISTURBED, self.success_undisturbed),
                 (metric::PICKED_UP, self.picked_up),
                 (metric::DISTURBANCE, self.disturbance_m),
+                (metric::DISCOUNTED_DISTURBANCE, self.discounted_disturbance_m),
             ] {
                 metrics.insert(name.to_owned(), sum / self.episodes as f64);
             }

@@ -247,7 +247,7 @@ impl World {
             }
             let shape = RolloutShape::next(self.run.budget - self.frames, self.run.rollout_steps, layout.columns());
             self.before = self.brain.clone();
-            let reward = Reward { kind: RewardKind::DisturbanceFree, lambda_disturb: 15.0 };
+            let reward = Reward { kind: RewardKind::DisturbanceFree, disturbance_weight: 15.0 };
             self.collector.begin(shape, reward, 1 + self.record.rollouts.len() as u64);
             self.in_progress =
                 Some(RolloutRecord { shape, actions: vec![], outcomes: vec![], metrics: vec![], bootstrap: vec![] });
@@ -339,7 +339,14 @@ impl World {
 }
 
 fn settings(layout: Layout, learner_incarnation: u32) -> Settings {
-    Settings { layout, seed: SEED, policy_actions: POLICY_ACTIONS, max_episode_steps: MAX_STEPS, learner_incarnation }
+    Settings {
+        layout,
+        seed: SEED,
+        policy_actions: POLICY_ACTIONS,
+        max_episode_steps: MAX_STEPS,
+        gamma: 0.99,
+        learner_incarnation,
+    }
 }
 
 /// Everything the batch says about row `i` as one number, and the belief after it.
@@ -488,7 +495,7 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     actor.restore = Some(collector.restore(0, 0));
     let (header, sample) = actor.turn(layout).unwrap().remove(0);
     collector.receive(&header, sample).unwrap();
-    let reward = Reward { kind: RewardKind::Task, lambda_disturb: 15.0 };
+    let reward = Reward { kind: RewardKind::Task, disturbance_weight: 15.0 };
     collector.begin(RolloutShape { steps: 2, environments_in_last_step: 1, frames: 2 }, reward, 1);
     assert!(collector.settle(0).is_empty(), "the first observation belongs to no action of this rollout");
     let batch = collector.answer(0, &[4]).remove(0);

@@ -37,7 +37,7 @@ impl Peers {
 }
 
 /// Everything an update works on.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 pub struct Update<'a> {
     /// The network; its weights change.
     pub network: &'a Network,
@@ -74,11 +74,34 @@ struct Asked<'a> {
     queries: &'a [Query],
     /// Queries of all passes of the epoch.
     count: u64,
-    epoch: Epoch,
+}
+
+/// What the whole batch says of the weights as they are.
+#[derive(Debug)]
+pub struct BatchGradient {
+    /// Of the loss, flat, in the order of the weights; before averaging over learners and before clipping.
+    pub gradient: Tensor,
+    /// Means over the batch, named by [`SCALARS`].
+    pub scalars: [f64; SCALARS.len()],
+    /// Sums that the auxiliary task's figures are made of.
+    pub tally: Tally,
+}
+
+/// A look at a batch: see [`Update::look`].
+#[derive(Debug)]
+pub struct Look {
+    /// Which (step, column) each row is.
+    pub packing: Packing,
+    /// Advantages and returns.
+    pub targets: Targets,
+    /// What the auxiliary task was asked.
+    pub queries: Vec<Query>,
+    /// Losses and gradient.
+    pub batch: BatchGradient,
 }
 
 /// Names of the scalars of a pass, in the order in which they are read back from the device.
-const SCALARS: [&str; 6] = [
+pub const SCALARS: [&str; 6] = [
     metric::POLICY_LOSS,
     metric::VALUE_LOSS,
     metric::ENTROPY,
@@ -107,20 +130,16 @@ impl Update<'_> {
         let mut tally = Tally::default();
 
         for epoch in 0..self.ppo.epochs {
-            let mut gradient = weights.zeros_like();
-            let epoch = Epoch { seed: self.seed, rollout: self.rollout_number, epoch };
-            let queries = self.auxiliary.queries(&packings, epoch);
-            let count = queries.iter().map(|queries| queries.len() as u64).sum();
-            for (share, queries) in shares.iter().zip(&queries) {
-                let (loss, embedded, scalars) = self.forward(share, Asked { queries, count, epoch }, &mut tally);
-                for ((sum, scalar), name) in sums.iter_mut().zip(&scalars).zip(SCALARS) {
-                    if !scalar.is_finite() {
-                        return Err(NonFinite(name.to_owned()));
-                    }
-                    *sum += f64::from(*scalar);
+            let queries = self.auxiliary.queries(&packings, self.epoch(epoch));
+            let batch = self.gradient(&shares, &queries);
+            for ((sum, scalar), name) in sums.iter_mut().zip(batch.scalars).zip(SCALARS) {
+                if !scalar.is_finite() {
+                    return Err(NonFinite(name.to_owned()));
                 }
-                let _ = gradient.g_add_(&self.network.gradient_of(&loss, embedded));
+                *sum += scalar;
             }
+            tally.merge(&batch.tally);
+            let mut gradient = batch.gradient;
             self.peers.average_gradients(&mut gradient);
             if !all_finite(&gradient) {
                 let name = self.network.parameters.first_non_finite(&gradient).unwrap_or("the sum");
@@ -142,6 +161,42 @@ impl Update<'_> {
         metrics.insert(metric::GRADIENT_NORM.to_owned(), gradient_norms / epochs);
         metrics.insert(metric::LEARNING_RATE.to_owned(), self.learning_rate);
         Ok(metrics)
+    }
+
+    fn epoch(&self, epoch: u32) -> Epoch {
+        Epoch { seed: self.seed, rollout: self.rollout_number, epoch }
+    }
+
+    /// Losses and gradient of the first epoch, weights left alone: what an update would begin with. All columns go
+    /// through the network at once, whatever the configuration says. `revise` may change what the auxiliary task asks.
+    pub fn look(&self, revise: impl FnOnce(&Packing, &mut Vec<Query>)) -> Look {
+        let ppo = PpoConfig { environments_per_pass: 0, ..*self.ppo };
+        let whole = Update { ppo: &ppo, ..*self };
+        let targets = estimate(self.rollout, &ppo);
+        let shares = whole.shares(&targets);
+        let packing = self.rollout.packing(0..self.rollout.columns());
+        let mut queries = self.auxiliary.queries(&[&packing], self.epoch(0)).pop().unwrap_or_default();
+        revise(&packing, &mut queries);
+        let batch = whole.gradient(&shares, std::slice::from_ref(&queries));
+        Look { packing, targets, queries, batch }
+    }
+
+    /// Forward and backward of the whole batch.
+    fn gradient(&self, shares: &[Share], queries: &[Vec<Query>]) -> BatchGradient {
+        let mut batch = BatchGradient {
+            gradient: self.network.parameters.flat().zeros_like(),
+            scalars: [0.0; SCALARS.len()],
+            tally: Tally::default(),
+        };
+        let count = queries.iter().map(|queries| queries.len() as u64).sum();
+        for (share, queries) in shares.iter().zip(queries) {
+            let (loss, embedded, scalars) = self.forward(share, Asked { queries, count }, &mut batch.tally);
+            for (sum, scalar) in batch.scalars.iter_mut().zip(scalars) {
+                *sum += f64::from(scalar);
+            }
+            let _ = batch.gradient.g_add_(&self.network.gradient_of(&loss, embedded));
+        }
+        batch
     }
 
     /// The columns, divided as the configuration says.
@@ -194,8 +249,8 @@ impl Update<'_> {
         let embeddings = embedded.rows.narrow(1, 0, OBSERVATION);
         let pass = Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &experience.actions };
         let mut auxiliary = policy.zeros_like();
-        let Asked { queries, count, epoch } = asked;
-        if let Some(answer) = self.auxiliary.loss(&network.parameters, &pass, queries, count, epoch) {
+        let Asked { queries, count } = asked;
+        if let Some(answer) = self.auxiliary.loss(&network.parameters, &pass, queries, count) {
             loss += &answer.loss * self.auxiliary_config.weight;
             auxiliary = answer.loss;
             tally.merge(&answer.tally);

@@ -76,6 +76,7 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
         seed: config.seed,
         policy_actions,
         max_episode_steps: config.episode.max_steps,
+        gamma: config.ppo.gamma,
         learner_incarnation: incarnation,
     };
     let seed = (!asked.deterministic).then_some(config.seed);
@@ -123,7 +124,7 @@ impl<W: Write> Room<W> {
         let columns = self.config.environments();
         // To the collector an evaluation is one rollout without an end. No reward of it is used.
         let endless = RolloutShape { steps: usize::MAX, environments_in_last_step: columns, frames: u64::MAX };
-        let reward = Reward { kind: RewardKind::Task, lambda_disturb: self.config.reward.lambda_disturb };
+        let reward = Reward { kind: RewardKind::Task, disturbance_weight: self.config.reward.lambda_disturb };
         self.collector.begin(endless, reward, 0);
         for actor in 0..self.config.actors.count {
             self.restore(actor, 0)?;

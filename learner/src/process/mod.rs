@@ -82,6 +82,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         seed: config.seed,
         policy_actions: config.episode.action_space.actions().len(),
         max_episode_steps: config.episode.max_steps,
+        gamma: config.ppo.gamma,
         learner_incarnation: incarnation,
     };
     let collector = Collector::new(settings, boundary);

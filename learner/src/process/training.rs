@@ -9,8 +9,9 @@ use crate::checkpoint::{Snapshot, Store, encode_tensors};
 use crate::collector::{Collector, Received, Reward, Task};
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
-use proto::control::{LearnerEvent, Timing};
+use proto::control::{LearnerEvent, Timing, metric};
 use proto::fault;
+use proto::reward::RewardKind;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::stage::{RolloutShape, position_at};
 use std::io::Write;
@@ -105,7 +106,7 @@ impl<W: Write> Training<W> {
             let progress = position.frames_in_stage as f64 / stage.frames as f64;
             let environments = self.config.environments();
             let shape = RolloutShape::next(position.frames_left, self.config.ppo.rollout_steps as usize, environments);
-            let reward = Reward { kind: stage.reward, lambda_disturb: self.config.reward.lambda_disturb };
+            let reward = Reward { kind: stage.reward, disturbance_weight: self.agent.disturbance_weight(stage.reward) };
             self.agent.begin_rollout(shape);
             self.collector.begin(shape, reward, version);
             match self.collect(&mut state) {
@@ -133,6 +134,10 @@ impl<W: Write> Training<W> {
             fault::reach("learner.after_update");
             state.timing.update_s = update_began.elapsed().as_secs_f64();
             metrics.extend(statistics.metrics());
+            if reward.kind == RewardKind::Lagrangian {
+                self.agent.constrain(statistics.mean_discounted_disturbance_m());
+                metrics.insert(metric::MULTIPLIER.to_owned(), self.agent.multiplier());
+            }
             let rollout = self.rollout;
             self.rollout += 1;
             self.frames = frames;

@@ -2,6 +2,7 @@
 
     pip install torch==2.11.0 numpy==2.4.6 safetensors==0.8.0
     python3 make_fixtures.py            # writes *.safetensors beside this file
+    python3 make_fixtures.py DIR        # and into DIR what `learner probe` takes, and must find (docs/probe.md)
 
 Nothing here is shared with the Rust code but the formula `noise`, from which both sides make weights and inputs, so
 that the files hold results only. Beliefs are stepped one at a time, advantages are explicit sums, the optimiser and
@@ -10,6 +11,7 @@ the gradient clipping are PyTorch's own.
 
 import math
 import pathlib
+import sys
 
 import numpy as np
 import torch
@@ -124,8 +126,31 @@ class Cnn(nn.Module):
         return self.cnn(x)
 
 
+class Cpca(nn.Module):
+    def __init__(self, hidden: int, actions: int):
+        super().__init__()
+        self.action_embedder = nn.Embedding(actions, 16)
+        self.context_model = nn.GRU(16, hidden)
+        self.classifier = nn.Sequential(nn.Linear(544 + hidden, 32), nn.ReLU(), nn.Linear(32, 1))
+
+
+def auxiliary_head(task: str, hidden: int, actions: int) -> nn.Module:
+    if task == "disturb":
+        return nn.Sequential(nn.Linear(hidden, 128), nn.ReLU(), nn.Linear(128, actions))
+    return {"inverse_dynamics": nn.Linear(2 * 544 + hidden, actions), "cpca16": Cpca(hidden, actions)}[task]
+
+
 class Network(nn.Module):
-    def __init__(self, encoder: str, pool: int, polar: bool, previous_action: bool, hidden: int, actions: int):
+    def __init__(
+        self,
+        encoder: str,
+        pool: int,
+        polar: bool,
+        previous_action: bool,
+        hidden: int,
+        actions: int,
+        auxiliary: str = "disturb",
+    ):
         super().__init__()
         self.pool, self.polar = pool, polar
         self.visual_encoder = {"resnet": Resnet, "cnn": Cnn}[encoder](224 // pool)
@@ -137,14 +162,13 @@ class Network(nn.Module):
         self.belief = nn.GRU(inputs, hidden)
         self.actor = nn.Linear(hidden, actions)
         self.critic = nn.Linear(hidden, 1)
-        self.auxiliary = nn.ModuleDict(
-            {"disturb": nn.Sequential(nn.Linear(hidden, 128), nn.ReLU(), nn.Linear(128, actions))}
-        )
+        self.auxiliary = nn.ModuleDict({auxiliary: auxiliary_head(auxiliary, hidden, actions)})
         set_weights(self)
 
-    def step(self, depth_mm, goal_m, previous_action, start, belief):
-        """Millimetres [B, 224, 224], metres [B, 3], rows of the action table [B] (0 = none), bool [B], [B, hidden]."""
-        depth = F.avg_pool2d(depth_mm.float()[:, None] / 1000.0, self.pool)
+    def embed(self, depth_mm, goal_m, previous_action):
+        """Millimetres [B, 224, 224], metres [B, 3], rows of the action table [B] (0 = none): [B, 544 or 560]."""
+        dtype = self.actor.weight.dtype
+        depth = F.avg_pool2d(depth_mm.to(dtype)[:, None] / 1000.0, self.pool)
         parts = [self.visual_encoder((depth - 0.5) / 0.25)]
         x, y, z = goal_m.double().unbind(1)
         if self.polar:
@@ -154,11 +178,20 @@ class Network(nn.Module):
             )
         else:
             goal = torch.stack([x, y, z], 1).abs()
-        parts.append(self.goal_embedder(goal.float()))
+        # Rounded as on the way into a network of any precision.
+        parts.append(self.goal_embedder(goal.float().to(dtype)))
         if hasattr(self, "previous_action_embedder"):
             parts.append(self.previous_action_embedder(previous_action))
+        return torch.cat(parts, 1)
+
+    def step(self, depth_mm, goal_m, previous_action, start, belief):
+        """[`embed`]'s inputs, bool [B], [B, hidden]."""
+        return self.judge(self.embed(depth_mm, goal_m, previous_action), start, belief)
+
+    def judge(self, embedded, start, belief):
+        """Log-probabilities, values, beliefs after it."""
         belief = torch.where(start[:, None], torch.zeros_like(belief), belief)
-        _, belief = self.belief(torch.cat(parts, 1)[None], belief[None])
+        _, belief = self.belief(embedded[None], belief[None])
         belief = belief[0]
         return F.log_softmax(self.actor(belief), -1), self.critic(belief)[:, 0], belief
 
@@ -339,6 +372,31 @@ def adam_fixture() -> None:
     save_file({"weights": torch.stack(path), "norms": torch.tensor(norms)}, HERE / "adam.safetensors")
 
 
+def lagrangian_fixture() -> None:
+    """The multiplier over 12 rollouts of 8 steps and 3 columns; episodes go on over rollouts, and in one none ends."""
+    rollouts, steps, columns, gamma, rate = 12, 8, 3, 0.99, 2.0
+    shape = (rollouts, steps, columns)
+    progress = (noise("lagrangian.progress", math.prod(shape)) * 0.02).astype(np.float32).astype(np.float64)
+    progress = progress.reshape(shape)
+    ended = noise("lagrangian.ended", math.prod(shape)).reshape(shape) > 0.75
+    ended[3] = False
+    multiplier, trace = 0.01, []
+    increments = [[] for _ in range(columns)]
+    for rollout in range(rollouts):
+        costs = []
+        for t in range(steps):
+            for n in range(columns):
+                increments[n].append(-progress[rollout, t, n])
+                if ended[rollout, t, n]:
+                    costs.append(np.array(increments[n]) @ gamma ** np.arange(len(increments[n])))
+                    increments[n] = []
+        if costs:
+            multiplier = max(0.0, multiplier + rate * np.mean(costs))
+        trace.append(multiplier)
+    assert 0.0 in trace and trace[2] == trace[3] and len(set(trace)) > 8
+    save_file({"trace": torch.tensor(trace, dtype=torch.float64)}, HERE / "lagrangian.safetensors")
+
+
 def run_fixture() -> None:
     """The whole algorithm: two rollouts of four columns, acting, then two epochs on each, compared as a whole."""
     columns, steps, actions, epochs, clip = 4, 6, 13, 2, 0.1
@@ -454,21 +512,34 @@ def run_fixture() -> None:
 # The other auxiliary tasks -------------------------------------------------------------------------------------------
 
 
-class Cpca(nn.Module):
-    def __init__(self, hidden: int, actions: int):
-        super().__init__()
-        self.action_embedder = nn.Embedding(actions, 16)
-        self.context_model = nn.GRU(16, hidden)
-        self.classifier = nn.Sequential(nn.Linear(544 + hidden, 32), nn.ReLU(), nn.Linear(32, 1))
-
-
 class Tasks(nn.Module):
     def __init__(self, hidden: int, actions: int):
         super().__init__()
-        self.auxiliary = nn.ModuleDict(
-            {"inverse_dynamics": nn.Linear(2 * 544 + hidden, actions), "cpca16": Cpca(hidden, actions)}
-        )
+        names = ["inverse_dynamics", "cpca16"]
+        self.auxiliary = nn.ModuleDict({name: auxiliary_head(name, hidden, actions) for name in names})
         set_weights(self)
+
+
+def contrast(cpca, embeddings, beliefs, action, questions, elsewhere) -> torch.Tensor:
+    """CPC|A's loss over questions (t, n, offset): tensors [T, N, ...]; `elsewhere` maps a cell to the one shown for it."""
+    verdicts = []
+    for t, n, offset in questions:
+        taken = cpca.action_embedder(action[t : t + offset, n])
+        _, context = cpca.context_model(taken[:, None], beliefs[t, n][None, None])
+        for (seen_t, seen_n), label in [((t + offset, n), 1.0), (elsewhere[t + offset, n], 0.0)]:
+            logit = cpca.classifier(torch.cat([embeddings[seen_t, seen_n], context[0, 0]]))
+            verdicts.append(F.binary_cross_entropy_with_logits(logit, torch.full_like(logit, label)))
+    # Two verdicts a question, summed.
+    return 2.0 * torch.stack(verdicts).mean()
+
+
+def guess(decoder, embeddings, beliefs, action, questions, last) -> torch.Tensor:
+    """Inverse dynamics' loss over questions (t, n, 1); `last` maps a cell to the last step of its episode's part."""
+    guesses = []
+    for t, n, _ in questions:
+        known = torch.cat([embeddings[t, n], embeddings[t + 1, n], beliefs[last[t, n], n]])
+        guesses.append(F.cross_entropy(decoder(known)[None], action[t, n][None]))
+    return torch.stack(guesses).mean()
 
 
 def auxiliary_fixture() -> None:
@@ -492,30 +563,22 @@ def auxiliary_fixture() -> None:
     order = np.argsort(noise("auxiliary.negatives", len(valid)), kind="stable")
     elsewhere = {row: valid[other] for row, other in zip(valid, order)}
 
-    guesses = []
-    for t, n in valid:
-        if same_episode(t, t + 1, n) and chosen(1)[t, n]:
-            last = max(later for later in range(t, length[n]) if same_episode(t, later, n))
-            known = torch.cat([embeddings[t, n], embeddings[t + 1, n], beliefs[last, n]])
-            guesses.append(F.cross_entropy(inverse(known)[None], action[t, n][None]))
-    inverse_loss = torch.stack(guesses).mean()
+    def questions(horizon: int) -> list[tuple[int, int, int]]:
+        offsets = [(offset, chosen(offset)) for offset in range(1, horizon + 1)]
+        return [
+            (t, n, offset) for offset, of in offsets for t, n in valid if same_episode(t, t + offset, n) and of[t, n]
+        ]
 
-    verdicts = []
-    for offset in range(1, horizon + 1):
-        for t, n in valid:
-            if same_episode(t, t + offset, n) and chosen(offset)[t, n]:
-                taken = cpca.action_embedder(action[t : t + offset, n])
-                _, context = cpca.context_model(taken[:, None], beliefs[t, n][None, None])
-                for (seen_t, seen_n), label in [((t + offset, n), 1.0), (elsewhere[t + offset, n], 0.0)]:
-                    logit = cpca.classifier(torch.cat([embeddings[seen_t, seen_n], context[0, 0]]))
-                    verdicts.append(F.binary_cross_entropy_with_logits(logit, torch.tensor([label])))
-    # Two verdicts a question, summed.
-    cpca_loss = 2.0 * torch.stack(verdicts).mean()
+    last = {
+        (t, n): max(later for later in range(t, length[n]) if later == t or same_episode(t, later, n)) for t, n in valid
+    }
+    inverse_loss = guess(inverse, embeddings, beliefs, action, questions(1), last)
+    cpca_loss = contrast(cpca, embeddings, beliefs, action, questions(horizon), elsewhere)
 
     out = {}
     for name, loss, questions in [
-        ("inverse_dynamics", inverse_loss, len(guesses)),
-        ("cpca16", cpca_loss, len(verdicts) // 2),
+        ("inverse_dynamics", inverse_loss, len(questions(1))),
+        ("cpca16", cpca_loss, len(questions(horizon))),
     ]:
         named = [(f"auxiliary.{name}.{rest}", w) for rest, w in tasks.auxiliary[name].named_parameters()]
         named += [("auxiliary.beliefs", beliefs), ("auxiliary.embeddings", embeddings)]
@@ -525,11 +588,149 @@ def auxiliary_fixture() -> None:
     save_file(out, HERE / "auxiliary.safetensors")
 
 
+# A batch from a file ---------------------------------------------------------------------------------------------------
+
+PROBES = {
+    "disturb": dict(encoder="cnn", pool=4, polar=True, previous_action=True, hidden=32, actions=13),
+    "cpca16": dict(encoder="cnn", pool=4, polar=False, previous_action=False, hidden=24, actions=21),
+    "inverse_dynamics": dict(encoder="resnet", pool=2, polar=True, previous_action=True, hidden=48, actions=21),
+}
+
+
+def probe_batch(task: str, actions: int, hidden: int) -> dict[str, torch.Tensor]:
+    """`learner probe`'s input: 7 steps of 4 columns, the last two of which have 6."""
+    steps, columns = 7, 4
+    cells = [(t, n) for t in range(steps) for n in range(columns)]
+    table = lambda name, scale=1.0: tensor(f"probe.{name}", steps, columns) * scale
+    ended = table("ended") > 0.6
+    # An episode starts after an end, and in one column at the very first step.
+    start = torch.cat([torch.tensor([[False, True, False, False]]), ended[:-1]])
+    action = torch.tensor([(3 * t + 5 * n + t * n) % actions for t, n in cells]).reshape(steps, columns)
+    previous = torch.where(start, 0, torch.tensor([1 + (7 * t + n) % actions for t, n in cells]).reshape(steps, columns))
+    recorded = torch.ones(steps, columns, dtype=torch.bool)
+    recorded[-1, 2:] = False
+    batch = {
+        "frames": torch.stack([depth_mm(t, n) for t, n in cells]).to(torch.int16).reshape(steps, columns, 224, 224),
+        "goal_m": torch.stack([goal_m(t, n) for t, n in cells]).reshape(steps, columns, 3),
+        "previous_action": previous,
+        "episode_start": start,
+        "action": action,
+        "log_prob": -math.log(actions) + table("log_prob", 0.5),
+        "value": table("value"),
+        "reward": table("reward", 3.0),
+        "ended": ended,
+        "time_limit": ended & (table("limit") > 0.0),
+        "disturbed": table("disturbed") > 0.3,
+        "bootstrap": tensor("probe.bootstrap", columns),
+        "beliefs": tensor("probe.beliefs", columns, hidden),
+        "recorded": recorded,
+    }
+    if task == "cpca16":
+        valid = int(recorded.sum())
+        batch["negatives"] = torch.tensor([(11 * cell + 5) % valid for cell in range(len(cells))]).reshape(steps, columns)
+    return batch
+
+
+def probe_expected(task: str, network: Network, batch: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """Losses and gradients, in double precision; advantages normalised for `disturb` only."""
+    network = network.double()
+    batch = {name: value.double() if value.is_floating_point() else value for name, value in batch.items()}
+    steps, columns = batch["action"].shape
+    keep, start, action = batch["recorded"], batch["episode_start"], batch["action"]
+    belief, embeddings, beliefs, log_probs, values = batch["beliefs"], [], [], [], []
+    for t in range(steps):
+        embedded = network.embed(batch["frames"][t], batch["goal_m"][t], batch["previous_action"][t])
+        log_prob, value, belief = network.judge(embedded, start[t], belief)
+        for into, what in [(embeddings, embedded[:, :544]), (beliefs, belief), (log_probs, log_prob), (values, value)]:
+            into.append(what)
+    embeddings, beliefs, log_probs, values = map(torch.stack, [embeddings, beliefs, log_probs, values])
+
+    length = [int(keep[:, n].sum()) for n in range(columns)]
+    advantage = torch.zeros(steps, columns, dtype=torch.float64)
+    for n in range(columns):
+        after = batch["bootstrap"][n] if length[n] == steps else batch["value"][steps - 1, n]
+        column = lambda name: batch[name][: length[n], n].tolist()
+        column = advantages(
+            column("reward"), column("value"), float(after), column("ended"), [False] * length[n], 0.99, 0.95
+        )
+        advantage[: length[n], n] = torch.tensor(column, dtype=torch.float64)
+    returns = torch.where(keep, advantage + batch["value"], 0.0)
+    if task == "disturb":
+        normal = advantage[keep]
+        advantage[keep] = (normal - normal.mean()) / (normal.std() + 1e-5)
+    terms = ppo_terms(
+        log_probs[keep],
+        values[keep],
+        action[keep],
+        batch["log_prob"][keep],
+        batch["value"][keep],
+        advantage[keep],
+        returns[keep],
+        0.1,
+    )
+    policy, value, entropy, fraction, kl = terms
+    assert 0.2 < fraction < 1.0
+
+    def same_episode(t: int, later: int, n: int) -> bool:
+        return later < length[n] and not bool(start[t + 1 : later + 1, n].any())
+
+    valid = [(t, n) for t in range(steps) for n in range(columns) if keep[t, n]]
+    questions = lambda horizon: [
+        (t, n, offset) for offset in range(1, horizon + 1) for t, n in valid if same_episode(t, t + offset, n)
+    ]
+    head = network.auxiliary[task]
+    if task == "disturb":
+        asked = [(t, n) for t, n, _ in questions(1)]
+        logits = torch.stack([head(beliefs[t, n])[action[t, n]] for t, n in asked])
+        p = torch.sigmoid(logits)
+        p_true = torch.where(torch.stack([batch["disturbed"][t, n] for t, n in asked]), p, 1 - p)
+        auxiliary = (-((1 - p_true) ** 2) * p_true.log()).mean()
+    elif task == "inverse_dynamics":
+        last = {(t, n): max(l for l in range(t, length[n]) if l == t or same_episode(t, l, n)) for t, n in valid}
+        auxiliary = guess(head, embeddings, beliefs, action, questions(1), last)
+    else:
+        elsewhere = {(t, n): divmod(int(batch["negatives"][t, n]), columns) for t, n in valid}
+        auxiliary = contrast(head, embeddings, beliefs, action, questions(16), elsewhere)
+    total = policy + 0.5 * value - 0.01 * entropy + 0.1 * auxiliary
+    names, weights = zip(*sorted(network.named_parameters()))
+    gradients = torch.autograd.grad(total, weights)
+    norm = torch.stack([gradient.norm() for gradient in gradients]).norm()
+    figures = [policy, value, entropy, auxiliary, fraction, kl, total, norm]
+    seen = lambda rows: torch.where(keep.reshape(steps, columns, *[1] * (rows.dim() - 2)), rows, 0.0).detach()
+    return {
+        "figures": torch.stack(figures).detach().double(),
+        "log_probs": seen(log_probs),
+        "values": seen(values),
+        "advantages": advantage,
+        "returns": returns,
+        "gradients": probes(list(zip(names, gradients))),
+    }
+
+
+def probe_fixture(folder: str | None = None) -> None:
+    """What `learner probe` must find. With a folder, its input files too: TASK.weights, TASK.batch, TASK.expected."""
+    out = {}
+    for task, settings in PROBES.items():
+        network = Network(auxiliary=task, **settings)
+        weights = {name: weight.detach().clone() for name, weight in network.named_parameters()}
+        batch = probe_batch(task, settings["actions"], settings["hidden"])
+        expected = probe_expected(task, network, batch)
+        out |= {f"{task}.{name}": value for name, value in expected.items()}
+        if folder is not None:
+            files = {"weights": weights, "batch": batch, "expected": expected}
+            for kind, tensors in files.items():
+                path = pathlib.Path(folder) / f"{task}.{kind}.safetensors"
+                save_file({name: value.contiguous() for name, value in tensors.items()}, path)
+    save_file(out, HERE / "probe.safetensors")
+
+
 if __name__ == "__main__":
     network_fixture("resnet", encoder="resnet", pool=2, polar=True, previous_action=True, hidden=512, actions=21)
     network_fixture("cnn", encoder="cnn", pool=1, polar=False, previous_action=False, hidden=64, actions=13)
     gae_fixture()
     loss_fixture()
     adam_fixture()
+    lagrangian_fixture()
     auxiliary_fixture()
     run_fixture()
+    probe_fixture(sys.argv[1] if len(sys.argv) > 1 else None)

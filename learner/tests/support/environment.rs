@@ -30,7 +30,8 @@ pub struct FakeEnvironment {
     transition: Transition,
 }
 
-fn no_transition() -> Transition {
+/// A transition in which nothing happened.
+pub fn no_transition() -> Transition {
     Transition {
         state_hash: 0,
         episode: 0,

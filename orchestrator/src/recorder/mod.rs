@@ -190,6 +190,7 @@ impl Recorder {
             let reward = match reward {
                 RewardKind::Task => "r",
                 RewardKind::DisturbanceFree => "r_prime",
+                RewardKind::Lagrangian => "lagrangian",
             };
             (name.clone(), reward)
         });

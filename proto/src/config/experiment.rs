@@ -6,6 +6,7 @@
 //! ablation - {cnn, resnet} - {normalized, plain} - {no-action, action} - {cartesian, polar}    the twelve of the table
 //! small - {original, none, disturb, disturb-two-stage}                                        A_small; the others are A_large
 //! lambda - {1, 5, 10, 15, 20, 25}                                                             λ_disturb of stage II
+//! lagrangian - {1, 15}                                                                        λ_0 of PPO-Lagrangian
 //! ```
 
 use super::preset::Preset;
@@ -50,6 +51,9 @@ const ABLATIONS: [(&str, bool, bool, bool); 12] = [
 ];
 
 const LAMBDAS: [u32; 6] = [1, 5, 10, 15, 20, 25];
+
+const MULTIPLIERS: [u32; 2] = [1, 15];
+const LAGRANGIAN: [Stage; 1] = [("I", "lagrangian", 45_000_000)];
 
 /// The network and advantages of one row.
 fn method(encoder: &str, normalized: bool, previous_action: bool, polar: bool) -> String {
@@ -120,6 +124,13 @@ pub(super) fn all() -> Vec<Preset> {
             &[task_of("disturb"), format!("reward.lambda_disturb = {lambda}.0\n"), stages(&TWO_STAGES)],
         ));
     }
+    for initial in MULTIPLIERS {
+        presets.push(preset(
+            format!("lagrangian-{initial}"),
+            format!("PPO-Lagrangian, λ₀ = {initial}; no auxiliary task, 45M frames"),
+            &[task_of("none"), format!("reward.lagrangian.initial = {initial}.0\n"), stages(&LAGRANGIAN)],
+        ));
+    }
     presets
 }
 
@@ -138,7 +149,7 @@ mod tests {
     #[test]
     fn every_row_of_the_papers_tables_is_a_preset_of_its_own() {
         let all = all();
-        assert_eq!(all.len(), 5 * 4 + 12 + 4 + 6);
+        assert_eq!(all.len(), 5 * 4 + 12 + 4 + 6 + 2);
         let names: BTreeSet<&str> = presets().iter().map(|preset| preset.name.as_str()).collect();
         assert_eq!(names.len(), presets().len(), "names are unique");
         let mut contents = BTreeSet::new();
@@ -180,6 +191,10 @@ mod tests {
         assert_eq!(ablation.network.goal, GoalCoordinates::Polar);
 
         assert_eq!(config("lambda-25").reward.lambda_disturb, 25.0);
+        let lagrangian = config("lagrangian-15");
+        assert_eq!(lagrangian.reward.lagrangian.initial, 15.0);
+        assert_eq!((lagrangian.stages[0].reward, lagrangian.stages[0].frames), (RewardKind::Lagrangian, 45_000_000));
+        assert_eq!((lagrangian.stages.len(), lagrangian.auxiliary.task), (1, AuxiliaryTask::None));
         assert_eq!(config("small-disturb-two-stage").stages.len(), 2);
     }
 }

@@ -166,6 +166,19 @@ pub struct PpoConfig {
 pub struct RewardConfig {
     /// `λ_disturb` of r′.
     pub lambda_disturb: f32,
+    /// The multiplier of stages with `reward = "lagrangian"`.
+    pub lagrangian: LagrangianConfig,
+}
+
+/// PPO-Lagrangian's multiplier: a stage begins with `initial`, and every update adds `learning_rate` times the mean
+/// discounted disturbance of the episodes that ended.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LagrangianConfig {
+    /// `λ_0`.
+    pub initial: f64,
+    /// `η_λ`, a metre and an update. The paper does not tell its own.
+    pub learning_rate: f64,
 }
 
 /// Which auxiliary task.
@@ -347,7 +360,13 @@ impl Default for PpoConfig {
 
 impl Default for RewardConfig {
     fn default() -> Self {
-        Self { lambda_disturb: 15.0 }
+        Self { lambda_disturb: 15.0, lagrangian: LagrangianConfig::default() }
+    }
+}
+
+impl Default for LagrangianConfig {
+    fn default() -> Self {
+        Self { initial: 1.0, learning_rate: 0.01 }
     }
 }
 

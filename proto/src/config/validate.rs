@@ -73,6 +73,8 @@ impl Config {
             ("auxiliary.focal_gamma", auxiliary.focal_gamma),
             ("checkpoint.interval_s", checkpoint.interval_s),
             ("reward.lambda_disturb", f64::from(reward.lambda_disturb)),
+            ("reward.lagrangian.initial", reward.lagrangian.initial),
+            ("reward.lagrangian.learning_rate", reward.lagrangian.learning_rate),
         ] {
             check(key, value, value.is_finite() && value >= 0.0, "must be 0 or greater")?;
         }

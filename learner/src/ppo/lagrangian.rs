@@ -1,0 +1,27 @@
+//! PPO-Lagrangian (Ray et al., *Benchmarking Safe Exploration in Deep Reinforcement Learning*, 2019), the paper's
+//! constrained baseline:
+//!
+//! ```text
+//! max over π, min over λ ≥ 0 of  J(π) − λ·J_C(π),   J_C = E Σ γ^t (d_t − d_{t−1})
+//! ```
+//! The policy is trained as ever, on r − λ·(`d_t` − d_{t−1}); after each of its updates λ takes one step of gradient
+//! ascent on the constraint. No disturbance is allowed at all, so λ falls only when episodes leave less disturbed than
+//! they found: it rises as long as anything is pushed.
+
+/// λ after an update in which episodes ended with a mean discounted disturbance `J_C` of `constraint_m` metres.
+pub fn ascend(multiplier: f64, learning_rate: f64, constraint_m: f64) -> f64 {
+    (multiplier + learning_rate * constraint_m).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_multiplier_follows_the_constraint_and_never_becomes_a_reward() {
+        assert_eq!(ascend(1.0, 0.5, 0.25), 1.125);
+        assert_eq!(ascend(1.0, 0.5, -0.25), 0.875);
+        assert_eq!(ascend(0.1, 0.5, -0.25), 0.0);
+        assert_eq!(ascend(15.0, 0.01, 0.0), 15.0);
+    }
+}

@@ -1,0 +1,203 @@
+//! A batch from a file: a rollout that somebody else collected.
+
+use crate::agent::Outcome;
+use crate::checkpoint::TensorsError;
+use crate::network::{Network, RawFrame, Staging, goal_coordinates, to_vec};
+use crate::rollout::{Rollout, Step};
+use proto::config::Config;
+use proto::message::FRAME_SIDE;
+use proto::stage::RolloutShape;
+use std::collections::BTreeMap;
+use tch::{Device, Kind, Tensor};
+
+/// A batch.
+#[derive(Debug)]
+pub struct Batch {
+    /// What was seen, chosen and got.
+    pub rollout: Rollout,
+    /// Cell that a contrastive task shows where cell t·N + n was seen; none: drawn.
+    pub negatives: Option<Vec<usize>>,
+}
+
+/// The tensors of a file, asked for by name and shape.
+struct Tensors<'a>(&'a BTreeMap<String, Tensor>);
+
+fn wrong(name: &str, problem: String) -> TensorsError {
+    TensorsError::Tensor { name: name.to_owned(), problem }
+}
+
+impl Tensors<'_> {
+    fn find(&self, name: &str) -> Option<&Tensor> {
+        self.0.get(name).or_else(|| self.0.get(&format!("rollout.{name}")))
+    }
+
+    fn any(&self, name: &str) -> Result<&Tensor, TensorsError> {
+        self.find(name).ok_or_else(|| wrong(name, "is missing".to_owned()))
+    }
+
+    fn of_size(&self, name: &str, size: &[i64]) -> Result<&Tensor, TensorsError> {
+        let tensor = self.any(name)?;
+        if tensor.size() == size {
+            Ok(tensor)
+        } else {
+            Err(wrong(name, format!("has shape {:?}, not {size:?}", tensor.size())))
+        }
+    }
+
+    fn floats(&self, name: &str, size: &[i64]) -> Result<Vec<f32>, TensorsError> {
+        let tensor = self.of_size(name, size)?;
+        match tensor.kind() {
+            Kind::Float => Ok(to_vec(tensor)),
+            kind => Err(wrong(name, format!("is {kind:?}, not f32"))),
+        }
+    }
+
+    /// Whole numbers, each in `range`.
+    fn integers(&self, name: &str, size: &[i64], range: std::ops::Range<i64>) -> Result<Vec<i64>, TensorsError> {
+        let tensor = self.of_size(name, size)?;
+        if !matches!(tensor.kind(), Kind::Int64 | Kind::Int | Kind::Int16 | Kind::Int8 | Kind::Uint8 | Kind::Bool) {
+            return Err(wrong(name, format!("is {:?}, not an integer type", tensor.kind())));
+        }
+        let host = tensor.to_kind(Kind::Int64).contiguous();
+        let mut values = vec![0; host.numel()];
+        let count = values.len();
+        host.copy_data(&mut values, count);
+        match values.iter().find(|value| !range.contains(value)) {
+            None => Ok(values),
+            Some(value) => Err(wrong(name, format!("holds {value}, outside {range:?}"))),
+        }
+    }
+
+    fn flags(&self, name: &str, size: &[i64]) -> Result<Vec<bool>, TensorsError> {
+        Ok(self.integers(name, size, 0..2)?.into_iter().map(|value| value == 1).collect())
+    }
+}
+
+impl Batch {
+    /// Takes a file's tensors as a batch for this network.
+    pub fn read(file: &BTreeMap<String, Tensor>, config: &Config, network: &Network) -> Result<Self, TensorsError> {
+        let file = Tensors(file);
+        let actions = config.episode.action_space.actions().len() as i64;
+        let hidden = network.belief.hidden();
+        let (steps, columns) = match file.any("action")?.size()[..] {
+            [steps, columns] if steps > 0 && columns > 0 => (steps, columns),
+            ref size => return Err(wrong("action", format!("has shape {size:?}, not [T, N]"))),
+        };
+        let cells = [steps, columns];
+
+        let recorded = match file.find("recorded") {
+            Some(_) => file.flags("recorded", &cells)?,
+            None => vec![true; (steps * columns) as usize],
+        };
+        let frames = recorded.iter().filter(|&&acted| acted).count();
+        let last = frames as i64 - (steps - 1) * columns;
+        // Frames come first, holes last: then the count says where they are.
+        if last < 1 || recorded.iter().take(frames).any(|&acted| !acted) {
+            let problem = "may be false only for the last environments in the last step".to_owned();
+            return Err(wrong("recorded", problem));
+        }
+        let shape =
+            RolloutShape { steps: steps as usize, environments_in_last_step: last as usize, frames: frames as u64 };
+
+        let beliefs = match file.find("beliefs") {
+            Some(_) => Tensor::from_slice(&file.floats("beliefs", &[columns, hidden])?).view([columns, hidden]),
+            None => Tensor::zeros([columns, hidden], (Kind::Float, Device::Cpu)),
+        };
+        let device = network.parameters.flat().device();
+        let kept = kept_frames(&file, cells, network)?;
+        let store = network.preparation.store(steps * columns);
+        let mut rollout = Rollout::new(shape, columns as usize, store, beliefs.to_device(device));
+
+        let goals = goals(&file, cells, config)?;
+        let previous = file.integers("previous_action", &cells, 0..actions + 1)?;
+        let start = file.flags("episode_start", &cells)?;
+        let action = file.integers("action", &cells, 0..actions)?;
+        let [log_prob, value, reward] =
+            [file.floats("log_prob", &cells)?, file.floats("value", &cells)?, file.floats("reward", &cells)?];
+        let [ended, time_limit, disturbed] =
+            [file.flags("ended", &cells)?, file.flags("time_limit", &cells)?, file.flags("disturbed", &cells)?];
+        let every_column: Vec<usize> = (0..columns as usize).collect();
+        for t in 0..shape.steps {
+            let cell = |n: usize| t * columns as usize + n;
+            let rows: Vec<Step> = every_column
+                .iter()
+                .map(|&n| Step {
+                    goal: goals[cell(n)],
+                    previous_action: previous[cell(n)],
+                    episode_start: start[cell(n)],
+                    action: action[cell(n)],
+                    log_prob: log_prob[cell(n)],
+                    value: value[cell(n)],
+                    ..Step::default()
+                })
+                .collect();
+            rollout.store(t, &every_column, &kept.narrow(0, t as i64 * columns, columns), &rows);
+            for n in every_column.iter().copied().filter(|&n| recorded[cell(n)]) {
+                rollout.record(
+                    t,
+                    n,
+                    Outcome {
+                        reward: reward[cell(n)],
+                        ended: ended[cell(n)],
+                        time_limit: time_limit[cell(n)],
+                        disturbed: disturbed[cell(n)],
+                    },
+                );
+            }
+        }
+        // A column that held in the last step has seen there what its last action led to.
+        for (n, value) in file.floats("bootstrap", &[columns])?.into_iter().enumerate().take(last as usize) {
+            rollout.set_bootstrap(n, value);
+        }
+
+        let negatives =
+            file.find("negatives").map(|_| file.integers("negatives", &cells, 0..frames as i64)).transpose()?;
+        let negatives = negatives.map(|shown| shown.into_iter().map(|cell| cell as usize).collect());
+        Ok(Self { rollout, negatives })
+    }
+}
+
+/// Frames as the rollout keeps them, \[T · N, side, side\].
+fn kept_frames(file: &Tensors, [steps, columns]: [i64; 2], network: &Network) -> Result<Tensor, TensorsError> {
+    let name = "frames";
+    let (raw, pooled) = (FRAME_SIDE as i64, network.preparation.side());
+    let frames = file.any(name)?;
+    let side = frames.size().last().copied().unwrap_or_default();
+    if side != raw && side != pooled {
+        return Err(wrong(name, format!("has sides of {side} pixels; this network takes {raw}, or {pooled} pooled")));
+    }
+    let frames = file.of_size(name, &[steps, columns, side, side])?;
+    let device = network.parameters.flat().device();
+    if side == pooled && pooled < raw {
+        return Ok(frames.to_kind(Kind::Float).view([-1, side, side]).to_device(device));
+    }
+    let whole = frames.to_kind(Kind::Int);
+    let exact = whole.to_kind(frames.kind()).equal(frames);
+    let bounds = [whole.min().int64_value(&[]), whole.max().int64_value(&[])];
+    if !exact || bounds[0] < 0 || bounds[1] > i64::from(i16::MAX) {
+        return Err(wrong(name, format!("must be whole millimetres from 0 to {}", i16::MAX)));
+    }
+    let whole = whole.to_kind(Kind::Int16).contiguous();
+    let mut pixels = vec![0i16; whole.numel()];
+    let count = pixels.len();
+    whole.copy_data(&mut pixels, count);
+    let depths_mm: Vec<u16> = pixels.into_iter().map(i16::cast_unsigned).collect();
+    let (frames, _) = depths_mm.as_chunks::<{ FRAME_SIDE * FRAME_SIDE }>();
+    let frames: Vec<&RawFrame> = frames.iter().collect();
+    Ok(network.preparation.keep(&frames, &mut Staging::default()))
+}
+
+/// What the network is given for each cell's goal.
+fn goals(file: &Tensors, [steps, columns]: [i64; 2], config: &Config) -> Result<Vec<[f32; 3]>, TensorsError> {
+    let size = [steps, columns, 3];
+    let given = match (file.find("goal"), file.find("goal_m")) {
+        (Some(_), Some(_)) => return Err(wrong("goal", "and goal_m are both there: only one can be meant".to_owned())),
+        (Some(_), None) => file.floats("goal", &size)?,
+        (None, _) => file.floats("goal_m", &size)?,
+    };
+    let (vectors, _) = given.as_chunks::<3>();
+    if file.find("goal").is_some() {
+        return Ok(vectors.to_vec());
+    }
+    Ok(vectors.iter().map(|&goal_m| goal_coordinates(config.network.goal, goal_m)).collect())
+}

@@ -1,0 +1,266 @@
+//! `learner probe`: network, losses and gradients on a batch from a file, so that anyone can compare them with an
+//! implementation of their own. The formats are in `docs/probe.md`.
+//!
+//! What runs is what training runs: the first epoch of an update ([`Update::look`]), without its optimiser step.
+
+mod batch;
+mod shape;
+
+pub use shape::fit;
+
+use crate::auxiliary::Auxiliary;
+use crate::checkpoint::{TensorsError, decode_tensors, encode_tensors};
+use crate::device::{self, DeviceError};
+use crate::network::{Judgement, Network};
+use crate::optimizer::clip_norm;
+use crate::ppo::update::{Look, Peers, SCALARS, Update};
+use batch::Batch;
+use proto::config::{Config, ConfigError, DeviceChoice};
+use proto::control::metric;
+use proto::run_folder::write_atomically;
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use tch::{Device, Kind, Tensor};
+
+/// What `learner probe` is asked.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "\
+A batch is a rollout of T steps and N environments (bool may be u8, i64 may be any integer type):
+  frames           i16, i32 or f32 (T, N, S, S)  depth, millimetres; S = 224, or 224 / input_pool for pooled ones
+  goal_m           f32 (T, N, 3)   goal vector in the robot's frame (x right, y up, z ahead), metres; or instead of it
+  goal             f32 (T, N, 3)   what the network is given for it
+  previous_action  i64 (T, N)      0 = none yet, else 1 + action
+  episode_start    bool (T, N)     the belief is zeroed before this observation
+  action           i64 (T, N)      action taken
+  log_prob, value  f32 (T, N)      its log-probability, and the observation's value, when it was taken
+  reward           f32 (T, N)
+  ended            bool (T, N)     the action ended the episode
+  time_limit       bool (T, N)     it ended by the step limit
+  disturbed        bool (T, N)     label of the auxiliary task `disturb`
+  bootstrap        f32 (N)         value of the observation after the last action
+  beliefs          f32 (N, hidden) before the first step [default: 0]
+  recorded         bool (T, N)     false for the last environments in the last step, if they did not act [default: true]
+  negatives        i64 (T, N)      cell t·N + n that `cpca16` shows where (t, n) was seen [default: drawn]
+Names may begin with `rollout.`: the dump of a non-finite update can be probed (--weights and --batch the same file).
+
+Written are log_probs, values, embeddings, beliefs, advantages, returns, each loss and figure by its name in the metrics
+(loss/policy, ...), loss/total, gradient.NAME of every weight (unclipped) and what the auxiliary task was asked. All names,
+shapes and formulas: docs/probe.md.")]
+pub struct Arguments {
+    /// Weights by PyTorch's module paths, or a checkpoint of a run: which network they are of is read from them
+    #[arg(long, value_name = "W.safetensors")]
+    weights: PathBuf,
+    /// The batch
+    #[arg(long, value_name = "B.safetensors")]
+    batch: PathBuf,
+    /// What is found is written here
+    #[arg(long, value_name = "O.safetensors")]
+    out: PathBuf,
+    /// Named configuration for what weights do not tell: constants of PPO, goal coordinates
+    #[arg(long, value_name = "P", default_value = "paper")]
+    preset: String,
+    /// TOML file whose keys replace the preset's
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Where to compute: cpu, cuda or auto
+    #[arg(long, value_name = "D", default_value = "cpu", value_parser = device_choice)]
+    device: DeviceChoice,
+}
+
+fn device_choice(text: &str) -> Result<DeviceChoice, String> {
+    match text {
+        "cpu" => Ok(DeviceChoice::Cpu),
+        "cuda" => Ok(DeviceChoice::Cuda),
+        "auto" => Ok(DeviceChoice::Auto),
+        _ => Err("must be cpu, cuda or auto".to_owned()),
+    }
+}
+
+/// Why a probe came to nothing.
+#[derive(Debug, thiserror::Error)]
+pub enum ProbeError {
+    /// The configuration cannot be used.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The device is not there.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+    /// A file cannot be read or written.
+    #[error("cannot {verb} {path}: {cause}", path = .path.display())]
+    File {
+        /// `read` or `write`.
+        verb: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// A file's tensors cannot be used.
+    #[error("{path}: {cause}", path = .path.display())]
+    Tensors {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        cause: TensorsError,
+    },
+    /// The result cannot be printed.
+    #[error("cannot print: {0}")]
+    Print(std::io::Error),
+}
+
+/// Runs the command: writes the file and prints every figure, a line each.
+pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeError> {
+    let mut config = Config::resolve(&arguments.preset, arguments.config.as_deref())?;
+    let device = device::choose(arguments.device, config.learner.threads)?;
+    let weights = model(read(&arguments.weights)?);
+    let in_weights = |cause| ProbeError::Tensors { path: arguments.weights.clone(), cause };
+    fit(&mut config, &weights).map_err(in_weights)?;
+
+    let actions = config.episode.action_space.actions().len() as i64;
+    let (network, auxiliary) =
+        Network::new(&config, device, |layout, hidden| Auxiliary::new(&config.auxiliary, layout, hidden, actions));
+    load(&network, &weights).map_err(in_weights)?;
+    let batch = Batch::read(&read(&arguments.batch)?, &config, &network)
+        .map_err(|cause| ProbeError::Tensors { path: arguments.batch.clone(), cause })?;
+
+    let Probed { tensors, figures } = probe(&config, &network, &auxiliary, &batch);
+    let bytes = encode_tensors(&tensors).map_err(|cause| ProbeError::Tensors { path: arguments.out.clone(), cause })?;
+    write_atomically(&arguments.out, &bytes).map_err(|cause| ProbeError::File {
+        verb: "write",
+        path: arguments.out.clone(),
+        cause,
+    })?;
+    for (name, value) in figures {
+        writeln!(output, "{name} {value}").map_err(ProbeError::Print)?;
+    }
+    Ok(())
+}
+
+fn read(path: &Path) -> Result<BTreeMap<String, Tensor>, ProbeError> {
+    let bytes = std::fs::read(path).map_err(|cause| ProbeError::File { verb: "read", path: path.into(), cause })?;
+    decode_tensors(&bytes).map_err(|cause| ProbeError::Tensors { path: path.into(), cause })
+}
+
+/// The weights among a file's tensors: those named `model.…` if there are any, as in a checkpoint, else all.
+fn model(tensors: BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
+    if tensors.keys().any(|name| name.starts_with("model.")) {
+        let named = |(name, tensor): (String, Tensor)| Some((name.strip_prefix("model.")?.to_owned(), tensor));
+        tensors.into_iter().filter_map(named).collect()
+    } else {
+        tensors
+    }
+}
+
+/// Copies weights into the network: all of its own and no others.
+fn load(network: &Network, weights: &BTreeMap<String, Tensor>) -> Result<(), TensorsError> {
+    let wrong = |name: &str, problem: String| TensorsError::Tensor { name: name.to_owned(), problem };
+    let mut known = 0;
+    for (name, mut weight) in network.parameters.named() {
+        let given = weights.get(name).ok_or_else(|| wrong(name, "is missing".to_owned()))?;
+        if given.size() != weight.size() || given.kind() != Kind::Float {
+            let (found, expected) = (given.size(), weight.size());
+            return Err(wrong(name, format!("is {:?} {found:?}, not Float {expected:?}", given.kind())));
+        }
+        tch::no_grad(|| weight.copy_(given));
+        known += 1;
+    }
+    if known < weights.len() {
+        let place = |name: &&String| network.parameters.named().all(|(own, _)| own != name.as_str());
+        let name = weights.keys().find(place).expect("there are more weights than places");
+        return Err(wrong(name, "has no place in this network".to_owned()));
+    }
+    Ok(())
+}
+
+/// What a probe finds.
+struct Probed {
+    tensors: BTreeMap<String, Tensor>,
+    figures: BTreeMap<String, f64>,
+}
+
+fn probe(config: &Config, network: &Network, auxiliary: &Auxiliary, batch: &Batch) -> Probed {
+    let Batch { rollout, negatives } = batch;
+    let update = Update {
+        network,
+        auxiliary,
+        rollout,
+        ppo: &config.ppo,
+        auxiliary_config: &config.auxiliary,
+        peers: Peers::Alone,
+        learning_rate: config.ppo.learning_rate,
+        seed: config.seed,
+        rollout_number: 0,
+    };
+    let columns = rollout.columns();
+    let cell = |(t, n): (usize, usize)| t * columns + n;
+    let Look { packing, targets, queries, batch } = update.look(|packing, queries| {
+        let Some(negatives) = negatives else { return };
+        let rows: BTreeMap<usize, i64> = packing.rows.iter().map(|&row| cell(row)).zip(0..).collect();
+        for query in queries {
+            // Checked when it was read: the cell is a frame of the batch.
+            query.elsewhere = rows[&negatives[cell(packing.rows[query.later as usize])]];
+        }
+    });
+
+    // The same forward pass once more, for what the losses do not tell.
+    let cells: Vec<i64> = packing.rows.iter().map(|&row| cell(row) as i64).collect();
+    let table = |rows: &Tensor| {
+        let rows = rows.detach().to_device(Device::Cpu);
+        let width = &rows.size()[1..];
+        let steps = rollout.shape().steps;
+        let size = [&[(steps * columns) as i64], width].concat();
+        let mut table = Tensor::zeros(&size, (rows.kind(), Device::Cpu));
+        let _ = table.index_copy_(0, &Tensor::from_slice(&cells), &rows);
+        table.view([&[steps as i64, columns as i64], width].concat().as_slice())
+    };
+    let embeddings = tch::no_grad(|| network.embed(&rollout.observations(&packing)));
+    let beliefs =
+        tch::no_grad(|| network.belief.unroll(&network.parameters, &embeddings, &packing, rollout.beliefs_at_start()));
+    let Judgement { log_probs, values } = tch::no_grad(|| network.judge(&beliefs));
+    let target = |of: &dyn Fn((usize, usize)) -> f32| {
+        table(&Tensor::from_slice(&packing.rows.iter().map(|&row| of(row)).collect::<Vec<f32>>()))
+    };
+    let mut tensors = BTreeMap::from([
+        ("log_probs".to_owned(), table(&log_probs)),
+        ("values".to_owned(), table(&values)),
+        ("embeddings".to_owned(), table(&embeddings)),
+        ("beliefs".to_owned(), table(&beliefs)),
+        ("advantages".to_owned(), target(&|row| targets.advantage(row))),
+        ("returns".to_owned(), target(&|row| targets.value_target(row))),
+    ]);
+    if !queries.is_empty() {
+        let asked: Vec<i64> = queries
+            .iter()
+            .flat_map(|query| {
+                let (t, n) = packing.rows[query.row as usize];
+                [t as i64, n as i64, query.offset]
+            })
+            .collect();
+        tensors.insert("auxiliary.asked".to_owned(), Tensor::from_slice(&asked).view([-1, 3]));
+        let mut shown = vec![-1; rollout.shape().steps * columns];
+        for query in &queries {
+            shown[cell(packing.rows[query.later as usize])] = cells[query.elsewhere as usize];
+        }
+        tensors.insert("auxiliary.negatives".to_owned(), Tensor::from_slice(&shown).view([-1, columns as i64]));
+    }
+
+    let mut figures = auxiliary.figures(&batch.tally);
+    figures.extend(SCALARS.iter().zip(batch.scalars).map(|(name, value)| ((*name).to_owned(), value)));
+    let [policy, value, entropy, task, ..] = batch.scalars;
+    let ppo = &config.ppo;
+    let total =
+        policy + ppo.value_coefficient * value - ppo.entropy_coefficient * entropy + config.auxiliary.weight * task;
+    figures.insert("loss/total".to_owned(), total);
+    let mut offset = 0;
+    for (name, weight) in network.parameters.named() {
+        let count = weight.numel() as i64;
+        let gradient = batch.gradient.narrow(0, offset, count).view(weight.size().as_slice());
+        tensors.insert(format!("gradient.{name}"), gradient.to_device(Device::Cpu).copy());
+        offset += count;
+    }
+    let norm = clip_norm(&mut batch.gradient.copy(), ppo.max_gradient_norm);
+    figures.insert(metric::GRADIENT_NORM.to_owned(), norm);
+    tensors.extend(figures.iter().map(|(name, &value)| (name.clone(), Tensor::from(value))));
+    Probed { tensors, figures }
+}
