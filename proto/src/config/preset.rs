@@ -17,7 +17,7 @@ pub struct Preset {
 }
 
 /// Presets with a file of their own.
-const FILES: [(&str, &str, &str); 3] = [
+const FILES: [(&str, &str, &str); 6] = [
     (
         "demo",
         "both stages in minutes on two CPU cores: small encoder, episodes that begin near the target",
@@ -32,6 +32,21 @@ const FILES: [(&str, &str, &str); 3] = [
         "two-stage",
         "the paper's curriculum and constants with many environments, for one GPU",
         include_str!("../../presets/two-stage.toml"),
+    ),
+    (
+        "short-two-stage",
+        "the curriculum in 5M + 5M frames, tuned for few frames: minutes on one GPU (RESULTS.md)",
+        include_str!("../../presets/short-two-stage.toml"),
+    ),
+    (
+        "short-r-only",
+        "beside short-two-stage: reward r alone, 10M frames",
+        include_str!("../../presets/short-r-only.toml"),
+    ),
+    (
+        "short-scratch",
+        "beside short-two-stage: reward r′ from the first frame, 10M frames",
+        include_str!("../../presets/short-scratch.toml"),
     ),
 ];
 
