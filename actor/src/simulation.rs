@@ -18,7 +18,6 @@ use crate::physics::watch::{Extremes, Watch};
 use crate::physics::world::World;
 use crate::robot::configuration::{Configuration, Posture};
 use crate::robot::links::{HAND, MAGNET_RADIUS_M, Motion, PART_COUNT, PartPoses, part_poses};
-use rapier3d::dynamics::RigidBodyType;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::bounding_volume::BoundingVolume;
@@ -97,7 +96,7 @@ impl Simulation {
         let poses = part_poses(&configuration.posture()).expect("the start configuration is within the arm's reach");
         let mut world = kitchen.world.clone();
         let mut things = kitchen.things.clone();
-        world.body_mut(kitchen.movables[target]).set_position(Pose3::from_translation(target_position), true);
+        world.put(kitchen.movables[target], Pose3::from_translation(target_position));
         things.disturb(target);
         let mut simulation = Self {
             kitchen,
@@ -238,10 +237,7 @@ impl Simulation {
             return self.holding();
         }
         // It goes with the hand from now on.
-        let body = self.world.body_mut(self.kitchen.movables[movable]);
-        body.set_linvel(Vec3::ZERO, false);
-        body.set_angvel(Vec3::ZERO, false);
-        body.set_body_type(RigidBodyType::KinematicPositionBased, true);
+        self.world.take_hold(self.kitchen.movables[movable]);
         self.held = Some(Held { movable, hand_from_body: self.poses[HAND].inverse() * pose });
         self.things.carry(movable, &pose, &self.kitchen.solids[movable]);
         // What leans on it wakes up in this sub-step.
@@ -444,11 +440,10 @@ impl Simulation {
             return;
         }
         for (&handle, pose) in self.kitchen.robot.iter().zip(&self.poses) {
-            self.world.body_mut(handle).set_position(*pose, false);
+            self.world.put(handle, *pose);
         }
         if let Some(held) = self.held {
-            let body = self.world.body_mut(self.kitchen.movables[held.movable]);
-            body.set_position(self.poses[HAND] * held.hand_from_body, false);
+            self.world.put(self.kitchen.movables[held.movable], self.poses[HAND] * held.hand_from_body);
         }
     }
 

@@ -5,6 +5,7 @@
 
 use actor::environment::Environment;
 use actor::episode::{Episode, GOAL_TOLERANCE_M};
+use actor::episodes::check::OTHERS_DRIFT_M;
 use actor::kitchen::spots::Stand;
 use actor::kitchen::{BodyRole, Kitchen};
 use actor::simulation::CONTACT_TOLERANCE_M;
@@ -70,9 +71,22 @@ fn all_kitchens_are_furnished_like_ithor_and_stay_at_rest() {
             let aim = Vec3::from_array(before.target_position_m) - environment.episode().start;
             assert!(aim.length() < 0.01, "kitchen {id}: the target settled {aim} away from its spot");
         }
+        let settled = &kitchen.settled_poses()[kitchen.static_bodies().end..];
         for episode in 6..26 {
             environment.start_episode(episode);
-            assert!(environment.simulation().began_at_rest(), "kitchen {id} episode {episode}: stopped, not at rest");
+            let simulation = environment.simulation();
+            assert!(simulation.began_at_rest(), "kitchen {id} episode {episode}: stopped, not at rest");
+            // What the target was taken from, or set down beside, stays where it stood.
+            let name = environment.episode().category.name();
+            for (movable, body) in kitchen.movable_bodies().enumerate() {
+                let moved_m = (simulation.movable_pose(movable).translation - settled[movable].translation).length();
+                let body = &kitchen.bodies()[body];
+                assert!(
+                    body.category == name || moved_m < OTHERS_DRIFT_M,
+                    "kitchen {id} episode {episode}: {} moved by {moved_m} m before the first step",
+                    body.name
+                );
+            }
         }
     }
 }

@@ -16,9 +16,8 @@ use std::sync::Arc;
 const REST_DRIFT_M: f32 = 0.01;
 /// Least cosine of the angle by which it leans then: 3 degrees.
 const UPRIGHT_COSINE: f32 = 0.998_6;
-/// Setting the target down moves nothing else further than this, metres. Neighbours that it wakes settle anew, by
-/// fractions of a millimetre, before step 0, from which displacement counts; what it stands in is pushed further.
-const OTHERS_DRIFT_M: f32 = 1e-3;
+/// Setting the target down moves nothing else further than this, metres: what it wakes comes to rest where it stood.
+pub const OTHERS_DRIFT_M: f32 = 1e-4;
 
 /// What is wrong with an episode.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]

@@ -2,7 +2,7 @@
 //!
 //! [`catalogue`] says what things there are, [`ithor`] how many a kitchen holds, [`layout`] draws the room and its
 //! fixtures, [`placement`] sets the things down as densely as [`density`] asks, this file lets them settle under physics,
-//! and [`spots`] finds where episodes can begin and end.
+//! and [`spots`] finds where episodes can begin and end, as far as [`reach`] lets the arm come.
 
 pub mod catalogue;
 pub mod check;
@@ -11,6 +11,7 @@ pub mod ithor;
 pub mod layout;
 pub mod placement;
 mod quota;
+pub mod reach;
 pub mod report;
 pub mod room;
 pub mod scene_file;
@@ -31,6 +32,7 @@ use proto::random::{Key, Purpose, Random};
 use rapier3d::dynamics::RigidBodyHandle;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
+use reach::Reach;
 use room::{Room, Surface, Thing};
 use spots::{Stand, Stands};
 use std::ops::Range;
@@ -279,7 +281,7 @@ impl Kitchen {
         if stands.len() < demands.stands {
             return Err(vec![Flaw::Stands { stands: stands.len() }]);
         }
-        let points = spots::reachable_points(&surfaces, &free_floor);
+        let points = spots::reachable_points(&surfaces, &Reach::new(&free_floor, &scene, &robot_parts));
         let mut targets = Vec::new();
         for category in TargetCategory::ALL {
             let Some(movable) = bodies[static_count..].iter().position(|body| body.category == category.name()) else {

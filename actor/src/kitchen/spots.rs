@@ -1,6 +1,7 @@
 //! Where an episode can begin and end: free floor for the robot, free places for the target.
 
 use super::placement::DROP_M;
+use super::reach::Reach;
 use super::room::Surface;
 use crate::physics::gap::gap_m;
 use crate::physics::geometry::Solid;
@@ -21,8 +22,8 @@ const FLOOR_CLEARANCE_M: f32 = 0.03;
 const SPOT_GRID_M: f32 = 0.025;
 /// Room that a target position leaves to everything else, metres.
 const SPOT_CLEARANCE_M: f32 = 0.015;
-/// A spot counts only if the robot can stand this near to it on the floor plane, metres.
-const SPOT_REACH_M: f32 = 0.75;
+/// Side of a square of points that are judged together: 0.1 m.
+const POINTS_JUDGED: usize = 4;
 
 /// A robot pose at which an episode can begin.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -124,26 +125,27 @@ fn largest_component(free: &[bool], columns: usize) -> Vec<usize> {
     best
 }
 
-/// Points of a grid over the surfaces within the robot's reach from somewhere: surface and position on it.
-pub fn reachable_points<'a>(surfaces: &'a [Surface], floor: &[(f32, f32)]) -> Vec<(&'a Surface, Vec3)> {
+/// Points of a grid over the surfaces that the robot's arm comes to: surface and position on it. Points of one square
+/// are judged by its middle.
+pub fn reachable_points<'a>(surfaces: &'a [Surface], reach: &Reach) -> Vec<(&'a Surface, Vec3)> {
     let mut points = Vec::new();
     for surface in surfaces {
-        let about = |low: f32, high: f32| low - SPOT_REACH_M..=high + SPOT_REACH_M;
-        let (about_x, about_z) = (about(surface.low.x, surface.high.x), about(surface.low.z, surface.high.z));
-        let places: Vec<(f32, f32)> =
-            floor.iter().filter(|(x, z)| about_x.contains(x) && about_z.contains(z)).copied().collect();
-        let columns = ((surface.high.x - surface.low.x) / SPOT_GRID_M) as u32;
-        let rows = ((surface.high.z - surface.low.z) / SPOT_GRID_M) as u32;
-        for cell in 0..rows * columns {
-            let (row, column) = (cell / columns, cell % columns);
-            let x = surface.low.x + (column as f32 + 0.5) * SPOT_GRID_M;
-            let z = surface.low.z + (row as f32 + 0.5) * SPOT_GRID_M;
-            let near = |&(place_x, place_z): &(f32, f32)| {
-                let (along_x, along_z) = (place_x - x, place_z - z);
-                along_x * along_x + along_z * along_z <= SPOT_REACH_M * SPOT_REACH_M
-            };
-            if places.iter().any(near) {
-                points.push((surface, Vec3::new(x, surface.low.y, z)));
+        let columns = ((surface.high.x - surface.low.x) / SPOT_GRID_M) as usize;
+        let rows = ((surface.high.z - surface.low.z) / SPOT_GRID_M) as usize;
+        let at = |column: f32, row: f32| surface.low + Vec3::new(column, 0.0, row) * SPOT_GRID_M;
+        let middle = |first: usize, count: usize| 0.5 * (first + (first + POINTS_JUDGED).min(count)) as f32;
+        let squares: Vec<Vec<bool>> = (0..rows)
+            .step_by(POINTS_JUDGED)
+            .map(|row| {
+                let comes_to = |column| reach.comes_to(at(middle(column, columns), middle(row, rows)));
+                (0..columns).step_by(POINTS_JUDGED).map(comes_to).collect()
+            })
+            .collect();
+        for row in 0..rows {
+            for column in 0..columns {
+                if squares[row / POINTS_JUDGED][column / POINTS_JUDGED] {
+                    points.push((surface, at(column as f32 + 0.5, row as f32 + 0.5)));
+                }
             }
         }
     }

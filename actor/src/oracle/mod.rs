@@ -187,17 +187,24 @@ pub enum Leg {
     ToGoal,
 }
 
-/// The first leg of an episode for which there is no way among what is fixed; none if both have one.
+/// The first leg of an episode for which there is no way among what is fixed; none if both have one. A grasp from which
+/// the goal cannot be reached is not the end of it: others are tried.
 pub fn first_obstructed_leg(kitchen: &Kitchen, episode: &Episode) -> Option<Leg> {
-    let way = |moment: &Moment| {
-        let carriages = Variant::Fast.carriages(moment.held.is_some());
-        carriages.iter().find_map(|&carriage| plan::leg(moment, Care::NONE, carriage, &[]))
-    };
+    let ways = |holding| Variant::Fast.carriages(holding).iter().copied();
     let beginning = Moment::beginning(kitchen, episode);
-    let Some(holding) = way(&beginning).and_then(|actions| beginning.picked_up_after(&actions)) else {
-        return Some(Leg::ToTarget);
-    };
-    way(&holding).is_none().then_some(Leg::ToGoal)
+    let mut obstructed = Leg::ToTarget;
+    // The last actions of earlier grasps: the next one comes to the target otherwise.
+    let mut tried = Vec::new();
+    for carriage in ways(false) {
+        let Some(actions) = plan::leg(&beginning, Care::NONE, carriage, &tried) else { continue };
+        let Some(holding) = beginning.clone().picked_up_after(&actions) else { continue };
+        if ways(true).any(|carriage| plan::leg(&holding, Care::NONE, carriage, &[]).is_some()) {
+            return None;
+        }
+        obstructed = Leg::ToGoal;
+        tried.extend(beginning.last_of(&actions));
+    }
+    Some(obstructed)
 }
 
 /// Whether the robot touches nothing, fixed or movable, as an episode begins.

@@ -20,7 +20,7 @@ pub const FURNITURE: &[Category] = &[
     thing("HighChair", 6.5, Wood, CREAM, Floor, high_chair),
     thing("PedalBin", 2.6, Metal, STEEL, Floor, pedal_bin),
     thing("RecyclingBox", 1.4, Plastic, [64, 120, 78], Floor, || open_box(0.40, 0.28, 0.30, 0.008)),
-    thing("LaundryBasket", 1.6, Wood, WICKER, Floor, laundry_basket),
+    thing("LaundryBasket", 1.7, Wood, WICKER, Floor, laundry_basket),
     thing("BottleCrate", 6.0, Plastic, RED, Floor, bottle_crate),
     thing("VegetableCrate", 1.8, Wood, WOOD, Floor, || open_box(0.42, 0.20, 0.30, 0.012)),
     thing("Bucket", 0.7, Plastic, [70, 112, 172], Floor, || basin(0.105, 0.145, 0.27, 0.006, 8)),
@@ -80,7 +80,7 @@ fn folding_chair() -> Shape {
 }
 
 fn bench() -> Shape {
-    legs(0.05, 0.41, 0.44, 0.13).with(cuboid(1.0, 0.035, 0.34), 0.0, 0.427, 0.0).with(
+    legs(0.05, 0.41, 0.44, 0.13).with(cuboid(0.98, 0.035, 0.34), 0.0, 0.427, 0.0).with(
         cuboid(0.84, 0.06, 0.025),
         0.0,
         0.36,
