@@ -20,6 +20,7 @@ mod summary;
 mod supervisor;
 mod terminal;
 mod training;
+mod validation;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;

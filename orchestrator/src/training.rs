@@ -1,9 +1,11 @@
-//! What is kept and shown of a run that trains: `metrics.jsonl`, and the live progress.
+//! What is kept and shown of a run that trains: `metrics.jsonl`, validation, and the live progress.
 
 use crate::identity::unix_now;
 use crate::metrics::{History, Journal, Trained};
 use crate::progress::Progress;
+use crate::recorder::Recorder;
 use crate::supervisor::shell::Audience;
+use crate::validation::Validation;
 use anyhow::Result;
 use proto::config::Config;
 use proto::control::LearnerEvent;
@@ -18,6 +20,7 @@ pub struct Training {
     journal: Journal,
     incarnation: u32,
     progress: Progress,
+    validation: Option<Validation>,
 }
 
 impl Training {
@@ -28,6 +31,7 @@ impl Training {
             journal: Journal::open(folder)?,
             incarnation,
             progress: Progress::new(config.stages.clone()),
+            validation: Validation::open(folder, config)?,
         })
     }
 }
@@ -50,8 +54,11 @@ impl Audience for Training {
                 self.journal.append(&trained)?;
                 self.history.insert(trained);
             }
-            LearnerEvent::CheckpointWritten { path, frames, .. } => {
+            LearnerEvent::CheckpointWritten { path, rollout, frames, .. } => {
                 tracing::debug!("checkpoint {path} at {frames} frames");
+                if let Some(validation) = &mut self.validation {
+                    validation.checkpoint(*rollout, *frames);
+                }
             }
             _ => {}
         }
@@ -62,11 +69,21 @@ impl Audience for Training {
         self.progress.learner_died(now);
     }
 
-    fn tick(&mut self, now: Duration) {
+    fn tick(&mut self, now: Duration, recorder: Option<&Recorder>) {
+        if let Some(validation) = &mut self.validation {
+            validation.look(recorder);
+        }
         self.progress.show(now, &self.history);
+    }
+
+    fn is_busy(&self) -> bool {
+        self.validation.as_ref().is_some_and(Validation::is_busy)
     }
 
     fn over(&mut self) {
         self.progress.clear();
+        if let Some(validation) = &mut self.validation {
+            validation.stop();
+        }
     }
 }

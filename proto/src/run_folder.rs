@@ -11,6 +11,10 @@
 //!   recordings/            incarnation-001.000.mcap, ...
 //!   logs/                  orchestrator.log, learner-0.log, actor-00.log, ...
 //!   metrics.jsonl          one line a trained rollout
+//!   validation.jsonl       one line an evaluation made while it trained
+//!   validation/rollout-00000012/   its result; the checkpoint, too, until it is known not to be the best
+//!   best -> validation/rollout-00000012   the best checkpoint so far
+//!   evaluations/           what `orchestrator eval RUN` made
 //!   nonfinite-rollout-12.safetensors   the batch of an update that met a number that is not finite
 //!   summary.json           written when the budget is reached
 //! ```
@@ -110,6 +114,31 @@ impl RunFolder {
     /// One line a trained rollout.
     pub fn metrics(&self) -> PathBuf {
         self.root.join("metrics.jsonl")
+    }
+
+    /// One line an evaluation made while it trained.
+    pub fn validation_log(&self) -> PathBuf {
+        self.root.join("validation.jsonl")
+    }
+
+    /// Folder of the evaluations made while it trained.
+    pub fn validations(&self) -> PathBuf {
+        self.root.join("validation")
+    }
+
+    /// The one of the checkpoint whose first missing rollout is `rollout`.
+    pub fn validation(&self, rollout: u64) -> PathBuf {
+        self.root.join(Self::relative_validation(rollout))
+    }
+
+    /// The same, relative to the folder: what [`RunFolder::best`] points to.
+    pub fn relative_validation(rollout: u64) -> String {
+        format!("validation/rollout-{rollout:08}")
+    }
+
+    /// The best checkpoint so far by validation: a symbolic link to its folder.
+    pub fn best(&self) -> PathBuf {
+        self.root.join("best")
     }
 
     /// The batch of rollout `rollout`, whose update met a number that is not finite.

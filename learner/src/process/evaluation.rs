@@ -5,11 +5,11 @@
 
 use super::announcements::Announcements;
 use super::control::Control;
-use super::lifeline;
+
 use super::stop::{OrchestratorGone, Stop};
 use super::wire::{Ports, Sample};
+use super::{lifeline, weights};
 use crate::agent::Agent;
-use crate::checkpoint;
 use crate::collector::{Boundary, Collector, Layout, Received, Reward, Settings, Task};
 use crate::evaluation::Examination;
 use crate::{device, ffi};
@@ -66,7 +66,10 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     let mut agent = Agent::new(&config, device)?;
     let (rollout, frames) = match &asked.checkpoint {
         None => (0, 0),
-        Some(checkpoint) => load(&mut agent, Path::new(checkpoint))?,
+        Some(checkpoint) => {
+            let manifest = weights::load(&mut agent, Path::new(checkpoint))?;
+            (manifest.rollout, manifest.frames)
+        }
     };
     let (actors, environments_per_actor) = (config.actors.count, config.actors.environments_per_actor);
     let layout = Layout::new(0, actors, environments_per_actor).in_kitchens(config.kitchens());
@@ -93,18 +96,6 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     });
     let collector = Collector::new(settings, Boundary::start(layout.columns()));
     Room { config, agent, examination, collector, ports, control, gone, announcements: Announcements::default() }.run()
-}
-
-/// Weights of a checkpoint; its rollout and frames.
-fn load(agent: &mut Agent, manifest: &Path) -> Result<(u64, u64)> {
-    let (snapshot, manifest) =
-        checkpoint::read(manifest).map_err(|rejected| anyhow::anyhow!("checkpoint {rejected}"))?;
-    agent.load_weights(&snapshot.agent.tensors).context("the checkpoint does not fit the configuration")?;
-    let weights = agent.weights_digest();
-    if weights != manifest.weights {
-        bail!("the weights loaded have digest {weights}, saved were {}", manifest.weights);
-    }
-    Ok((manifest.rollout, manifest.frames))
 }
 
 /// Where episodes are played.

@@ -12,6 +12,7 @@ mod lock;
 mod machine;
 mod stop;
 mod training;
+mod weights;
 mod wire;
 
 pub use check::check;
@@ -25,11 +26,11 @@ use crate::{device, ffi};
 use anyhow::{Context, Result, bail};
 use control::Control;
 use lock::Lock;
-use proto::config::Config;
+use proto::config::{Config, FromConfig};
 use proto::control::LearnerEvent;
 use proto::run_folder::RunFolder;
 use proto::wire::{WireAddress, WireShape};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use stop::OrchestratorGone;
 use training::Training;
 use wire::Ports;
@@ -75,7 +76,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let store = Store::new(run.clone(), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);
 
     let ActorsOf { layout, shape } = ActorsOf::rank(rank, &config);
-    let resumed = resume(&store, &mut agent, layout)?;
+    let resumed = resume(&store, &mut agent, layout, config.from.as_ref())?;
     let Resumed { rollout, frames, boundary, checkpoint } = resumed;
     let settings = Settings {
         layout,
@@ -124,9 +125,13 @@ struct Resumed {
     checkpoint: Option<String>,
 }
 
-/// Loads the newest good checkpoint into the agent; without any, the run starts.
-fn resume(store: &Store, agent: &mut Agent, layout: Layout) -> Result<Resumed> {
+/// Loads the newest good checkpoint into the agent; without any, the run starts, with the weights of another run if it
+/// says so.
+fn resume(store: &Store, agent: &mut Agent, layout: Layout, from: Option<&FromConfig>) -> Result<Resumed> {
     let Some(loaded) = store.load()? else {
+        if let Some(from) = from {
+            begin_from(agent, from)?;
+        }
         return Ok(Resumed { rollout: 0, frames: 0, boundary: Boundary::start(layout.columns()), checkpoint: None });
     };
     for rejected in &loaded.rejected {
@@ -161,4 +166,15 @@ fn resume(store: &Store, agent: &mut Agent, layout: Layout) -> Result<Resumed> {
         boundary: snapshot.boundary,
         checkpoint: Some(path),
     })
+}
+
+/// Takes the weights of another run's checkpoint.
+fn begin_from(agent: &mut Agent, from: &FromConfig) -> Result<()> {
+    let manifest = weights::load(agent, Path::new(&from.checkpoint))
+        .with_context(|| format!("cannot begin from {}", from.checkpoint))?;
+    if manifest.weights != from.weights {
+        bail!("{} holds weights {} now; the run was to begin from {}", from.checkpoint, manifest.weights, from.weights);
+    }
+    tracing::info!("begins with the weights of {} ({} frames)", from.checkpoint, from.frames);
+    Ok(())
 }

@@ -153,7 +153,9 @@ impl<W: Write> Training<W> {
             });
             let stage_ended = shape.frames == position.frames_left;
             let due = state.last_save.elapsed().as_secs_f64() >= self.config.checkpoint.interval_s;
-            if stage_ended || due {
+            // The orchestrator evaluates that checkpoint.
+            let validated = self.config.validation.is_due(frames - shape.frames, frames);
+            if stage_ended || due || validated {
                 let began = Instant::now();
                 self.save(&mut state)?;
                 // It falls into the next rollout's account.

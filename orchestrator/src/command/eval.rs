@@ -7,7 +7,7 @@ use crate::format;
 use crate::identity::unix_now;
 use crate::session::{Tools, preflight};
 use anyhow::{Result, ensure};
-use proto::config::{Config, DeviceChoice};
+use proto::config::{Config, DeviceChoice, ValidationConfig};
 use proto::evaluation::{EvaluationConfig, ObjectSet, Plan};
 use proto::kitchen::{KitchenId, Split};
 use proto::run_folder::RunFolder;
@@ -68,6 +68,9 @@ pub struct EvalArgs {
     /// Seed of the action noise [default: the run's]
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
+    /// Beside a training run: stop when the process that started this one ends, and leave the processor to it
+    #[arg(long, hide = true)]
+    beside: bool,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -98,12 +101,17 @@ enum DeviceArg {
 
 /// Runs the command.
 pub fn run(args: &EvalArgs) -> Result<ExitCode> {
+    if args.beside {
+        stand_beside()?;
+    }
     if let Some(out) = &args.out {
         check_free(&RunFolder::new(out))?;
     }
     let (mut config, origin, checkpoint) = subject(args)?;
     let asked = asked(args, checkpoint);
     config.scenes.clear();
+    config.from = None;
+    config.validation = ValidationConfig::default();
     config.evaluation = Some(asked.clone());
     config.recording.enabled = args.record != RecordChoice::None;
     config.recording.depth_share = 0.0;
@@ -130,6 +138,19 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     let folders = if config.recording.enabled { vec![folder.recordings()] } else { vec![] };
     let (identity, lock) = create_with(&folder, &mut config, &folders)?;
     Examination { folder, config, asked, subject: origin, identity, lock, tools }.run()
+}
+
+/// From now on SIGTERM comes when the parent ends, and the run comes first on the processor.
+fn stand_beside() -> Result<()> {
+    let parent = rustix::process::getppid();
+    rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))?;
+    // It may have ended just before: then its child is someone else's now.
+    ensure!(
+        rustix::process::getppid() == parent && parent.is_some(),
+        "the run that this evaluation belongs to is gone"
+    );
+    rustix::process::nice(10)?;
+    Ok(())
 }
 
 /// The run's configuration, whose weights they are, and the manifest of the checkpoint if there is one.

@@ -1,13 +1,14 @@
 //! `orchestrator up`: a new run.
 
 use super::overrides::{Overrides, default_preset};
+use crate::evaluation::subject::{Found, Provenance, find};
 use crate::format;
 use crate::identity::{Held, Identity, RunLock, holder, unix_now};
 use crate::scenes;
 use crate::session::{Session, Tools, preflight};
 use crate::terminal;
 use anyhow::{Context, Result, bail};
-use proto::config::Config;
+use proto::config::{Config, FromConfig};
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::stage::total_frames;
 use std::path::{Path, PathBuf};
@@ -23,13 +24,18 @@ use std::process::ExitCode;
   orchestrator up                                  the demonstration on a CPU, the two-stage curriculum on a GPU
   orchestrator up --preset paper --seed 2          the paper's exact shape
   orchestrator up --preset demo --actors 4 --envs-per-actor 2 --frames 20000 --run runs/small
-  orchestrator up --config mine.toml               some settings of your own over the default preset")]
+  orchestrator up --config mine.toml               some settings of your own over the default preset
+  orchestrator up --preset disturb-scratch-45m --from runs/stage-1/best     stage II as a run of its own")]
 pub struct UpArgs {
     /// Named configuration (`orchestrator presets`) [default: demo without a CUDA device, two-stage with one]
     #[arg(long, value_name = "P")]
     preset: Option<String>,
     #[command(flatten)]
     overrides: Overrides,
+    /// Begin with the weights of another run: its folder (the newest checkpoint), RUN/best, or a checkpoint's manifest.
+    /// Optimiser, environments and frame count begin anew; the networks must be the same
+    #[arg(long, value_name = "RUN|CHECKPOINT")]
+    from: Option<PathBuf>,
     /// Run folder, new or empty [default: runs/TIME-PRESET-SEED]
     #[arg(long, value_name = "DIR")]
     run: Option<PathBuf>,
@@ -44,6 +50,9 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     let mut found = None;
     let default = || Ok(default_preset(&found.insert(Tools::find()?).torch));
     let mut config = args.overrides.resolve(&args.overrides.preset(args.preset.as_deref(), default)?)?;
+    if let Some(from) = &args.from {
+        config.from = Some(begin_from(&find(from)?, &config)?);
+    }
     // The default was needed: nobody asked for a preset, on the command line or in a file.
     let asked = found.is_none();
     let tools = match found {
@@ -56,6 +65,36 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     introduce(&config, asked);
     let (identity, lock) = create(&folder, &mut config)?;
     Session { folder, config, identity, lock, tools }.run()
+}
+
+/// Whose weights the run begins with; refused where the networks differ.
+fn begin_from(found: &Found, config: &Config) -> Result<FromConfig> {
+    let (theirs, ours) = (&found.config, config);
+    let network = |config: &Config| toml::Table::try_from(config.network).context("the table [network] is plain data");
+    let (their_network, our_network) = (network(theirs)?, network(ours)?);
+    let mut differences: Vec<String> = our_network
+        .iter()
+        .filter_map(|(key, ours)| {
+            let theirs = their_network.get(key)?;
+            (theirs != ours).then(|| format!("network.{key} is {ours}, there {theirs}"))
+        })
+        .collect();
+    if theirs.episode.action_space != ours.episode.action_space {
+        differences.push(format!(
+            "episode.action_space has {} actions, there {}",
+            ours.episode.action_space.actions().len(),
+            theirs.episode.action_space.actions().len()
+        ));
+    }
+    if theirs.auxiliary.task != ours.auxiliary.task {
+        differences.push(format!("auxiliary.task is {:?}, there {:?}", ours.auxiliary.task, theirs.auxiliary.task));
+    }
+    if !differences.is_empty() {
+        bail!("{} holds another network: {}", found.manifest.display(), differences.join("; "));
+    }
+    let Provenance { frames, weights } = found.provenance()?;
+    let checkpoint = found.manifest.to_str().context("the checkpoint has a name that is not text")?.to_owned();
+    Ok(FromConfig { checkpoint, frames, weights })
 }
 
 fn default_folder(config: &Config) -> PathBuf {

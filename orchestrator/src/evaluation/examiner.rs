@@ -1,6 +1,7 @@
 //! What is heard while episodes are played: keeps their records, and shows how it gets on.
 
 use crate::format;
+use crate::recorder::Recorder;
 use crate::supervisor::shell::Audience;
 use crate::terminal;
 use anyhow::{Result, ensure};
@@ -145,7 +146,7 @@ impl Audience for Examiner {
 
     fn learner_died(&mut self, _now: Duration) {}
 
-    fn tick(&mut self, now: Duration) {
+    fn tick(&mut self, now: Duration, _recorder: Option<&Recorder>) {
         if self.interactive {
             terminal::progress(vec![self.line(now)]);
         } else if self.last_line.is_none_or(|last| now.saturating_sub(last) >= LINE_EVERY) {

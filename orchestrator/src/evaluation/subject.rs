@@ -5,6 +5,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
+use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
 /// Where weights come from.
@@ -27,6 +28,30 @@ pub struct Found {
     pub run: PathBuf,
     /// The run's configuration.
     pub config: Config,
+}
+
+/// What a manifest says of its weights.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct Provenance {
+    /// Frames trained on.
+    pub frames: u64,
+    /// SHA-256 of the weights, 64 hex digits.
+    pub weights: String,
+}
+
+impl Found {
+    /// What its manifest says. Whether the tensors are whole is for the learner to find.
+    pub fn provenance(&self) -> Result<Provenance> {
+        Provenance::read(&self.manifest)
+    }
+}
+
+impl Provenance {
+    /// Reads a manifest.
+    pub fn read(manifest: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(manifest).with_context(|| manifest.display().to_string())?;
+        serde_json::from_str(&text).with_context(|| format!("{} is not a manifest", manifest.display()))
+    }
 }
 
 /// Finds the checkpoint that `path` means.

@@ -19,7 +19,7 @@ pub mod testing;
 mod tests;
 
 use crate::schema::foxglove::log::Level;
-use crate::schema::stillroom::StageSwitch;
+use crate::schema::stillroom::{StageSwitch, Validation};
 use proto::config::Config;
 use proto::control::LearnerEvent;
 use proto::reward::RewardKind;
@@ -95,6 +95,7 @@ pub enum RecorderError {
 enum Note {
     Trained(Trained),
     Stage(StageSwitch),
+    Validation(Validation),
     Log { level: Level, process: String, line: String },
     Finish,
 }
@@ -204,6 +205,11 @@ impl Recorder {
             rollout,
         }));
         self.note(Note::Log { level: Level::Info, process: "orchestrator".to_owned(), line });
+    }
+
+    /// Records the figures of an evaluation on the validation kitchens.
+    pub fn validation(&self, figures: Validation) {
+        self.note(Note::Validation(figures));
     }
 
     /// Why nothing is written any more, if that is so. The supervisor then saves and ends the run; until it has, the

@@ -3,7 +3,7 @@
 use crate::recorder::camera::{self, FrameNames};
 use crate::recorder::segment::{SegmentError, Segments, Topic};
 use crate::schema::foxglove::{FrameTransforms, Log, RawImage, log};
-use crate::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, StageSwitch, Step};
+use crate::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, StageSwitch, Step, Validation};
 use prost::Message;
 use prost_types::Timestamp;
 use proto::config::Config;
@@ -70,6 +70,7 @@ struct Topics {
     transforms: Topic,
     metrics: Topic,
     stage: Topic,
+    evaluation: Topic,
     log: Topic,
 }
 
@@ -106,6 +107,7 @@ impl Scribe {
             transforms: segments.topic("/tf".into(), "foxglove.FrameTransforms"),
             metrics: segments.topic("/learner/metrics".into(), "stillroom.LearnerMetrics"),
             stage: segments.topic("/stage".into(), "stillroom.StageSwitch"),
+            evaluation: segments.topic("/evaluation".into(), "stillroom.Validation"),
             log: segments.topic("/log".into(), "foxglove.Log"),
         };
         let per_actor = shape.environments_per_actor;
@@ -225,6 +227,11 @@ impl Scribe {
     /// A stage begins.
     pub fn stage(&mut self, time_ns: u64, message: &StageSwitch) -> Result<(), SegmentError> {
         self.write(self.topics.stage, time_ns, message)
+    }
+
+    /// Figures on the validation kitchens.
+    pub fn validation(&mut self, time_ns: u64, message: &Validation) -> Result<(), SegmentError> {
+        self.write(self.topics.evaluation, time_ns, message)
     }
 
     /// A line of the log.

@@ -144,6 +144,7 @@ impl<'a> Desk<'a> {
         self.attempt(|scribe| match note {
             Note::Trained(trained) => scribe.metrics(time_ns, &trained),
             Note::Stage(stage) => scribe.stage(time_ns, &stage),
+            Note::Validation(figures) => scribe.validation(time_ns, &figures),
             Note::Log { level, process, line } => scribe.log(time_ns, level, &process, line),
             Note::Finish => Ok(()),
         });

@@ -4,7 +4,7 @@
 //! listened to by small tasks on the same thread, which send events. A turn of the loop takes milliseconds, the
 //! longest part being the sweep after a death.
 
-use super::machine::{Action, Event, Exit, Level, Outcome, Policy, Process, Supervisor};
+use super::machine::{Action, End, Event, Exit, Level, Outcome, Policy, Process, Supervisor};
 use super::process::{Launch, Processes};
 use super::stage::StageSwitch;
 use crate::recorder::Recorder;
@@ -75,8 +75,12 @@ pub trait Audience {
     /// The learner died.
     fn learner_died(&mut self, now: Duration);
     /// Some time has passed.
-    fn tick(&mut self, now: Duration);
-    /// It is over: nothing more is shown.
+    fn tick(&mut self, now: Duration, recorder: Option<&Recorder>);
+    /// Whether there is something of its own to wait for when all work is complete. It is told of ticks meanwhile.
+    fn is_busy(&self) -> bool {
+        false
+    }
+    /// It is over: nothing more is shown, and nothing of its own goes on.
     fn over(&mut self);
 }
 
@@ -135,6 +139,12 @@ impl Shell<'_> {
                     Action::Report(Level::Warning, text) => tracing::warn!("{text}"),
                     Action::Report(Level::Error, text) => tracing::error!("{text}"),
                     Action::Finish(outcome) => {
+                        while outcome.end == End::Complete && audience.is_busy() {
+                            tokio::select! {
+                                _ = self.signals.next() => break,
+                                _ = tick.tick() => audience.tick(begin.elapsed(), self.recorder),
+                            }
+                        }
                         audience.over();
                         return Ok(outcome);
                     }
@@ -180,7 +190,7 @@ impl Shell<'_> {
                         recording_failed = true;
                         own_events.push_back(Event::CannotWrite(failure));
                     }
-                    audience.tick(now);
+                    audience.tick(now, self.recorder);
                 }
                 _ => {}
             }

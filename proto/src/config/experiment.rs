@@ -55,6 +55,9 @@ const LAMBDAS: [u32; 6] = [1, 5, 10, 15, 20, 25];
 const MULTIPLIERS: [u32; 2] = [1, 15];
 const LAGRANGIAN: [Stage; 1] = [("I", "lagrangian", 45_000_000)];
 
+/// Model selection: 45 evaluations in 45M frames.
+const VALIDATION: &str = "validation.every_frames = 1_000_000\n";
+
 /// The network and advantages of one row.
 fn method(encoder: &str, normalized: bool, previous_action: bool, polar: bool) -> String {
     // The paper pools frames before its own encoder only.
@@ -77,7 +80,8 @@ fn stages(stages: &[Stage]) -> String {
 }
 
 fn preset(name: String, summary: String, settings: &[String]) -> Preset {
-    Preset { name, summary, text: settings.concat().into() }
+    // Dotted keys first: what follows a table's header belongs to the table.
+    Preset { name, summary, text: format!("{VALIDATION}{}", settings.concat()).into() }
 }
 
 /// All of them, in the order above.
@@ -172,7 +176,9 @@ mod tests {
     #[test]
     fn rows_are_what_their_names_say() {
         let two = config("disturb-two-stage");
-        assert_eq!(Config { preset: "paper".into(), ..two }, Config::default());
+        assert_eq!(two.validation.every_frames, 1_000_000);
+        let validation = Config::default().validation;
+        assert_eq!(Config { preset: "paper".into(), validation, ..two }, Config::default());
 
         let original = config("original-stage1-20m");
         assert_eq!((original.network.encoder, original.network.input_pool), (Encoder::Cnn, 1));

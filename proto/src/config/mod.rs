@@ -12,7 +12,7 @@ pub use error::ConfigError;
 pub use preset::{Preset, presets};
 
 use crate::action::ActionSpace;
-use crate::evaluation::{EvaluationConfig, Plan};
+use crate::evaluation::{EvaluationConfig, ObjectSet, Plan};
 use crate::kitchen::Kitchens;
 use crate::reward::RewardKind;
 use serde::{Deserialize, Serialize};
@@ -50,6 +50,11 @@ pub struct Config {
     pub checkpoint: CheckpointConfig,
     /// MCAP recording.
     pub recording: RecordingConfig,
+    /// Evaluations on the validation kitchens while the run trains.
+    pub validation: ValidationConfig,
+    /// Set in the configuration of a run that `orchestrator up --from` starts from another's weights.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub from: Option<FromConfig>,
     /// Set in the configuration of an evaluation, which `orchestrator eval` writes; a run has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub evaluation: Option<EvaluationConfig>,
@@ -271,6 +276,32 @@ pub struct RecordingConfig {
     pub segment_bytes: u64,
 }
 
+/// Evaluations on the validation kitchens while the run trains.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ValidationConfig {
+    /// At the first rollout boundary after each multiple of this many frames; 0 = never.
+    pub every_frames: u64,
+    /// The first this many episodes of each kitchen and object set; 0 = all.
+    pub episodes: u32,
+    /// Targets.
+    pub objects: ObjectSet,
+    /// Actor processes, a multiple of the five kitchens.
+    pub actors: u32,
+}
+
+/// Whose weights a run begins with. Optimiser, environments and frame count begin anew.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FromConfig {
+    /// Absolute path of the checkpoint's manifest.
+    pub checkpoint: String,
+    /// Frames that the weights were trained on.
+    pub frames: u64,
+    /// SHA-256 of the weights, 64 hex digits.
+    pub weights: String,
+}
+
 /// One stage of the curriculum.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -299,6 +330,8 @@ impl Default for Config {
             learner: LearnerConfig::default(),
             checkpoint: CheckpointConfig::default(),
             recording: RecordingConfig::default(),
+            validation: ValidationConfig::default(),
+            from: None,
             evaluation: None,
             stages: vec![
                 StageConfig { name: "I".into(), reward: RewardKind::Task, frames: 20_000_000 },
@@ -399,6 +432,19 @@ impl Default for RecordingConfig {
     }
 }
 
+impl Default for ValidationConfig {
+    fn default() -> Self {
+        Self { every_frames: 0, episodes: 60, objects: ObjectSet::Novel, actors: 5 }
+    }
+}
+
+impl ValidationConfig {
+    /// Whether an evaluation is due when the frame count goes from `before` to `after`.
+    pub fn is_due(&self, before: u64, after: u64) -> bool {
+        self.every_frames > 0 && before / self.every_frames < after / self.every_frames
+    }
+}
+
 impl Config {
     /// Defaults, overlaid by a preset, overlaid by a TOML file if one is given; validated.
     pub fn resolve(preset: &str, file: Option<&Path>) -> Result<Self, ConfigError> {
@@ -417,6 +463,15 @@ impl Config {
             problem: cause.message().to_owned(),
         })?;
         preset.clone_into(&mut config.preset);
+        for (key, present) in [("from", config.from.is_some()), ("evaluation", config.evaluation.is_some())] {
+            if present {
+                return Err(ConfigError::OutOfRange {
+                    key,
+                    value: "{ ... }".to_owned(),
+                    problem: "is written by `orchestrator up --from` or `orchestrator eval`, not by hand",
+                });
+            }
+        }
         config.validate()?;
         Ok(config)
     }

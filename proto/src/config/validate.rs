@@ -1,6 +1,6 @@
 //! Ranges of every setting: what cannot work is refused before a process is started.
 
-use super::{Config, ConfigError};
+use super::{Config, ConfigError, ValidationConfig};
 use crate::kitchen::KitchenId;
 use crate::message::{MAX_ENVIRONMENTS_PER_ACTOR, MAX_EPISODE_STEPS};
 use std::fmt::Display;
@@ -97,6 +97,14 @@ impl Config {
             recording.segment_bytes,
             recording.segment_bytes >= 1 << 20,
             "must be at least 1048576",
+        )?;
+        let ValidationConfig { episodes, actors, .. } = self.validation;
+        check("validation.episodes", episodes, episodes <= 360, "a kitchen has 360 episodes of each object set")?;
+        check(
+            "validation.actors",
+            actors,
+            (5..=512).contains(&actors) && actors.is_multiple_of(5),
+            "must be a multiple of the five validation kitchens, at most 512",
         )?;
         check("scenes", self.scenes.len(), self.scenes.len() <= KitchenId::SCENES_MAX, "a run has at most 128 scenes")?;
         check("stages", self.stages.len(), !self.stages.is_empty(), "there must be at least one stage")?;
