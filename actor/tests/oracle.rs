@@ -5,13 +5,14 @@
 
 use actor::environment::Environment;
 use actor::episode::at_goal;
-use actor::episodes::{self, EPISODES_PER_CATEGORY, EpisodesError, check};
+use actor::episodes::{self, EPISODES_PER_CATEGORY, EpisodesError, Programme, check};
 use actor::kitchen::Kitchen;
 use actor::oracle::Variant;
 use actor::oracle::table::{Outcome, UNDISTURBED_M, in_parallel, play};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
+use proto::evaluation::{EvaluationConfig, ObjectSet};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
 use proto::message::transition_flag;
 use std::sync::{Arc, OnceLock};
@@ -79,6 +80,62 @@ fn the_task_can_be_solved_and_care_avoids_disturbance() {
     assert_eq!(last.state_hash, expected.state_hash);
     assert_eq!(last.flags & transition_flag::SUCCESS != 0, expected.success);
     assert_eq!(expected.actions.last(), Some(&Action::DoneMidLevel));
+}
+
+#[test]
+fn displacements_agree_with_one_another_and_what_was_disturbed_stays_noted() {
+    let config = Config::default();
+    let kitchen = &kitchens()[0];
+    let mut disturbed = 0;
+    for (number, episode) in episodes::fixed(kitchen).unwrap().into_iter().take(EPISODES).enumerate() {
+        let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
+        let mut environment = Environment::with_episode(Arc::clone(kitchen), id, &config, number as u32, episode);
+        let actions = play(kitchen, &config, number as u32, episode, Variant::Fast).actions;
+        let (mut ever, mut farthest_m) = (0, 0.0_f32);
+        for action in actions {
+            let transition = environment.step(action);
+            assert!(transition.farthest_m <= transition.disturbance_m && transition.peak_farthest_m >= farthest_m);
+            assert!(transition.farthest_m * 120.0 >= transition.disturbance_m, "no kitchen has that many things");
+            assert!(transition.ever_disturbed_objects >= ever.max(transition.disturbed_objects));
+            // Nothing further than 1 cm on any axis: at most √3 cm in all.
+            assert!(transition.disturbed_objects > 0 || transition.farthest_m < 0.01733);
+            ever = transition.ever_disturbed_objects;
+            farthest_m = transition.peak_farthest_m.max(transition.farthest_m);
+            assert_eq!(farthest_m, transition.peak_farthest_m);
+            disturbed += u32::from(transition.disturbed_objects > 0);
+        }
+        environment.begin_episode(7, episode);
+        assert_eq!(environment.step(Action::LookUp).ever_disturbed_objects, 0, "a new episode knows nothing of it");
+    }
+    assert!(disturbed > 0, "the fast oracle disturbs something");
+}
+
+#[test]
+fn an_evaluations_environments_play_what_its_plan_says() {
+    let kitchen = &kitchens()[1];
+    let mut config = Config::default();
+    config.actors.count = 10;
+    config.actors.environments_per_actor = 2;
+    config.evaluation = Some(EvaluationConfig {
+        split: Split::Test,
+        objects: ObjectSet::Seen,
+        episodes: 6,
+        deterministic: false,
+        checkpoint: None,
+    });
+    let fixed = episodes::fixed(kitchen).unwrap();
+    let programme = Programme::of(&config, kitchen).unwrap();
+    let id = EnvironmentId { kitchen: kitchen.id(), number: 1 };
+    let mut environment = programme.environment(kitchen, id, &config).unwrap();
+    // Seen targets are the first six of each twelve; environment 1 of 4 has the second and the sixth.
+    assert_eq!(*environment.episode(), fixed[1]);
+    programme.start(&mut environment, id, 1);
+    assert_eq!((*environment.episode(), environment.current().episode), (fixed[5], 1));
+    // It has run out: something to look at while it holds.
+    programme.start(&mut environment, id, 2);
+    assert_eq!((*environment.episode(), environment.current().episode), (fixed[0], 2));
+    let elsewhere = EnvironmentId { kitchen: KitchenId::new(2).unwrap(), number: 0 };
+    assert!(programme.environment(kitchen, elsewhere, &config).is_err());
 }
 
 #[test]

@@ -133,3 +133,124 @@ impl Examination {
         Some((record, ended.actions))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::evaluation::{EvaluationConfig, ObjectSet};
+    use proto::kitchen::{Kitchens, Split};
+    use proto::reward::RewardParts;
+    use std::collections::BTreeSet;
+
+    fn plan(actors: u32, environments: u32) -> (Plan, Layout) {
+        let config = EvaluationConfig {
+            split: Split::Test,
+            objects: ObjectSet::Novel,
+            episodes: 7,
+            deterministic: false,
+            checkpoint: None,
+        };
+        let layout = Layout::new(0, actors, environments).in_kitchens(Kitchens::Split(Split::Test));
+        (Plan::new(&config, actors, environments), layout)
+    }
+
+    fn transition(flags: u32, disturbance_progress_m: f32) -> Transition {
+        let reward = RewardParts { disturbance_progress_m, ..RewardParts::default() };
+        Transition {
+            state_hash: 9,
+            episode: 0,
+            step: 0,
+            flags: flags | transition_flag::VALID,
+            action: 0,
+            reward,
+            disturbance_m: 0.5,
+            peak_disturbance_m: 0.6,
+            wrist_object_m: 1.0,
+            object_goal_m: 2.0,
+            disturbed_objects: 1,
+            ever_disturbed_objects: 2,
+            farthest_m: 0.3,
+            peak_farthest_m: 0.4,
+            target: 0,
+            reserved: 0,
+        }
+    }
+
+    #[test]
+    fn every_episode_is_recorded_once_and_who_has_run_out_holds() {
+        let (plan, layout) = plan(7, 3);
+        let mut examination = Examination::new(plan.clone(), layout, 15.0, Some(1), 21);
+        let mut seen = BTreeSet::new();
+        let mut rounds = 0;
+        while examination.remaining() > 0 {
+            rounds += 1;
+            assert!(rounds < 10);
+            for column in 0..layout.columns() {
+                if examination.choose(column, 20, None) == HOLD {
+                    assert!(examination.settle(column, &transition(0, 0.0)).is_none());
+                    continue;
+                }
+                let ended = transition_flag::ENDED | transition_flag::DONE | transition_flag::SUCCESS;
+                let (record, actions) = examination.settle(column, &transition(ended, 0.0)).unwrap();
+                assert_eq!((record.length, actions.as_slice()), (1, &[20][..]));
+                assert_eq!(record.kitchen, layout.environment(column).kitchen);
+                assert!(record.success && record.end == EpisodeEnd::Done && record.disturb_prediction.is_none());
+                assert!(seen.insert((record.kitchen, record.episode)));
+            }
+        }
+        assert_eq!(seen.into_iter().collect::<Vec<_>>(), plan.episodes().collect::<Vec<_>>());
+        assert!((0..layout.columns()).all(|column| examination.choose(column, 3, None) == HOLD));
+    }
+
+    #[test]
+    fn an_episodes_steps_add_up() {
+        let (plan, layout) = plan(5, 1);
+        let mut examination = Examination::new(plan, layout, 15.0, None, 21);
+        // Foretold and came; missed; false alarm; quiet; and a last step, which is not asked about.
+        let steps = [(true, -0.001), (false, -0.002), (true, 0.0), (false, -0.0009), (true, -0.5)];
+        let mut played = None;
+        for (step, (foretold, progress_m)) in steps.into_iter().enumerate() {
+            assert!(played.is_none());
+            assert_eq!(examination.choose(2, step as u8, Some(foretold)), step as u8);
+            let failed = if step == 1 { transition_flag::ACTION_FAILED } else { 0 };
+            let last = if step == 4 { transition_flag::ENDED | transition_flag::TIME_LIMIT } else { 0 };
+            played = examination.settle(2, &transition(failed | last | transition_flag::HOLDING, progress_m));
+        }
+        let (record, actions) = played.unwrap();
+        assert_eq!(actions, [0, 1, 2, 3, 4]);
+        assert_eq!((record.end, record.success, record.picked_up), (EpisodeEnd::TimeLimit, false, true));
+        assert_eq!((record.length, record.failed_actions), (5, 1));
+        let counts = Confusion { hits: 1, misses: 1, false_alarms: 1, quiet: 1 };
+        assert_eq!(record.disturb_prediction, Some(counts));
+        assert!((record.return_r + 5.0 * 0.01).abs() < 1e-6);
+        assert!((record.return_r_prime - record.return_r + 15.0 * 0.5039).abs() < 1e-5);
+        assert_eq!((record.ever_disturbed_objects, record.peak_farthest_m, record.state_hash), (2, 0.4, 9));
+    }
+
+    /// However the episodes are dealt out, the noise of an episode's step is the same.
+    #[test]
+    fn noise_belongs_to_the_episode() {
+        let draw = |actors, environments, column, number, step, seed| {
+            let (plan, layout) = plan(actors, environments);
+            let mut examination = Examination::new(plan, layout, 15.0, seed, 4);
+            for _ in 0..number {
+                examination.choose(column, 20, None);
+                examination.settle(column, &transition(transition_flag::ENDED, 0.0)).unwrap();
+            }
+            let environment = layout.environment(column);
+            let mut noise = vec![];
+            examination.noise(Place { column, environment, episode: number, step }, &mut noise);
+            assert_eq!(noise.len(), 4);
+            noise
+        };
+        // Kitchen 8 is the second; entry 2 of its list.
+        let reference = draw(5, 1, 1, 2, 6, Some(3));
+        assert_eq!(reference, draw(5, 3, 5, 0, 6, Some(3)));
+        assert_eq!(reference, draw(10, 1, 1, 1, 6, Some(3)));
+        for other in [draw(5, 1, 1, 2, 7, Some(3)), draw(5, 1, 1, 1, 6, Some(3)), draw(5, 1, 2, 2, 6, Some(3))] {
+            assert_ne!(reference, other);
+        }
+        assert_ne!(reference, draw(5, 1, 1, 2, 6, Some(4)));
+        assert_eq!(draw(5, 1, 1, 2, 6, None), [0.0; 4]);
+    }
+}

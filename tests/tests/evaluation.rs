@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 use std::process::Command;
-use system_tests::{Printed, Workshop, complete};
+use std::time::{Duration, Instant};
+use system_tests::{DEADLINE, Printed, Workshop, complete, finish, kill, start};
 
 /// Episodes of each kitchen and object set: each category once.
 const EPISODES: &str = "6";
@@ -111,6 +112,98 @@ fn a_runs_newest_checkpoint_is_evaluated() {
     assert_eq!(result["subject"]["frames"].as_u64(), Some(frames));
     assert_eq!(result["conditions"]["split"], "validation");
     assert_eq!(result["overall"]["episodes"].as_u64(), Some(5));
+}
+
+/// The tiny configuration with validation after each 300 frames, an episode in each kitchen.
+fn write_validating(workshop: &Workshop) {
+    let text = format!("{}\n[validation]\nevery_frames = 300\nepisodes = 1\n", system_tests::TINY);
+    std::fs::write(workshop.path("tiny.toml"), text).unwrap();
+}
+
+/// The lines of a run's validation.jsonl.
+fn validated(workshop: &Workshop, run: &str) -> Vec<serde_json::Value> {
+    let text = std::fs::read_to_string(workshop.path(run).join("validation.jsonl")).unwrap_or_default();
+    text.lines().map(|line| serde_json::from_str(line).expect("whole lines")).collect()
+}
+
+/// The best of these lines, and that `RUN/best` is a checkpoint of those weights.
+fn assert_best(workshop: &Workshop, run: &str, lines: &[serde_json::Value]) {
+    let key = |line: &serde_json::Value| {
+        (line["success_without_disturbance"].as_f64(), line["success"].as_f64(), line["frames"].as_u64())
+    };
+    let best = lines.iter().max_by(|a, b| key(a).partial_cmp(&key(b)).unwrap()).expect("at least one line");
+    let rollout = best["rollout"].as_u64().unwrap();
+    let manifest = workshop.path(run).join(format!("best/rollout-{rollout:08}.json"));
+    let manifest: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(manifest).unwrap()).unwrap();
+    assert_eq!(manifest["weights"], best["weights"]);
+}
+
+#[test]
+fn validation_keeps_the_best_and_changes_nothing() {
+    let workshop = Workshop::new();
+    let plain = complete(workshop.up("plain", 2, 3, 1500)).result();
+    assert!(!workshop.path("plain/validation").exists());
+    write_validating(&workshop);
+    let printed = complete(workshop.up("run", 2, 3, 1500));
+    assert_eq!(printed.result(), plain);
+    let lines = validated(&workshop, "run");
+    assert_eq!(lines.last().expect("the last checkpoint is always evaluated")["frames"].as_u64(), Some(1500));
+    assert_best(&workshop, "run", &lines);
+    let run = workshop.run("run");
+    assert_eq!(run.recorded()["/evaluation"], lines.len() as u64);
+    run.assert_nothing_left();
+    good(&complete(workshop.orchestrator(&["eval", "run/best", "--episodes", "1", "--out", "of-best"])));
+    assert_eq!(result(&workshop, "of-best")["subject"]["frames"], lines.last().unwrap()["frames"]);
+}
+
+#[test]
+fn validation_survives_a_killed_orchestrator() {
+    let workshop = Workshop::new();
+    write_validating(&workshop);
+    let mut child = start(workshop.up("run", 2, 3, 3000));
+    let run = workshop.run("run");
+    let begun = Instant::now();
+    while run.processes("--beside").is_empty() {
+        assert!(begun.elapsed() < DEADLINE && child.try_wait().unwrap().is_none(), "a validation begins");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    kill(child.id());
+    finish(child);
+    let begun = Instant::now();
+    while !run.processes("--beside").is_empty() {
+        assert!(begun.elapsed() < Duration::from_secs(30), "a validation ends with its run");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let (_, frames) = complete(workshop.resume("run")).result();
+    let lines = validated(&workshop, "run");
+    assert_eq!(lines.last().unwrap()["frames"].as_u64(), Some(frames));
+    assert_best(&workshop, "run", &lines);
+    run.assert_nothing_left();
+}
+
+#[test]
+fn a_run_begins_with_anothers_weights() {
+    let workshop = Workshop::new();
+    let (weights, _) = complete(workshop.up("one", 1, 2, 300)).result();
+    let mut second = workshop.up("two", 1, 2, 20);
+    second.args(["--from", "one"]);
+    complete(second).result();
+    let two = workshop.path("two");
+    // Before its first rollout it has the other's weights, no optimiser's moments and no frames.
+    let text = std::fs::read_to_string(two.join("checkpoints/rollout-00000000.json")).unwrap();
+    let manifest: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(manifest["weights"].as_str(), Some(weights.as_str()));
+    assert_eq!((manifest["frames"].as_u64(), manifest["adam_steps"].as_u64()), (Some(0), Some(0)));
+    let config: toml::Table = std::fs::read_to_string(two.join("config.toml")).unwrap().parse().unwrap();
+    assert_eq!(config["from"]["weights"].as_str(), Some(weights.as_str()));
+    assert_eq!(config["from"]["frames"].as_integer(), Some(300));
+
+    let mut other = workshop.up("three", 1, 2, 20);
+    std::fs::write(workshop.path("tiny.toml"), system_tests::TINY.replace("hidden = 32", "hidden = 48")).unwrap();
+    other.args(["--from", "one"]);
+    let printed = complete(other);
+    assert!(!printed.success && printed.stderr.contains("network.hidden is 48, there 32"), "{printed:#?}");
+    assert!(!workshop.path("three").exists(), "nothing is left of a run that never began");
 }
 
 #[test]

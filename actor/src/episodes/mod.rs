@@ -20,7 +20,7 @@ use std::sync::OnceLock;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 /// Episodes of one category in one kitchen.
-pub const EPISODES_PER_CATEGORY: usize = 60;
+pub const EPISODES_PER_CATEGORY: usize = proto::evaluation::EPISODES_PER_CATEGORY as usize;
 /// Episodes in one kitchen.
 pub const EPISODES_PER_KITCHEN: usize = EPISODES_PER_CATEGORY * TargetCategory::ALL.len();
 /// XXH3 (64 bits) of the file: a file of other episodes is noticed before a figure is compared with an older one.
@@ -84,7 +84,7 @@ pub fn fixed(kitchen: &Kitchen) -> Result<Vec<Episode>, EpisodesError> {
 
 /// Category of the fixed episode with this number.
 pub fn category(episode: usize) -> TargetCategory {
-    TargetCategory::ALL[episode % TargetCategory::ALL.len()]
+    proto::evaluation::category_of(episode as u32)
 }
 
 /// Hash of what episodes refer to: where everything stands, where targets can stand, where the robot can start.

@@ -68,9 +68,9 @@ pub struct EvalArgs {
     /// Seed of the action noise [default: the run's]
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
-    /// Beside a training run: stop when the process that started this one ends, and leave the processor to it
-    #[arg(long, hide = true)]
-    beside: bool,
+    /// Beside the training run of this process, the parent: stop when it ends, and leave the processor to it
+    #[arg(long, hide = true, value_name = "PID")]
+    beside: Option<u32>,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -89,6 +89,7 @@ enum ObjectsChoice {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum RecordChoice {
     None,
+    Failures,
     All,
 }
 
@@ -101,8 +102,8 @@ enum DeviceArg {
 
 /// Runs the command.
 pub fn run(args: &EvalArgs) -> Result<ExitCode> {
-    if args.beside {
-        stand_beside()?;
+    if let Some(parent) = args.beside {
+        stand_beside(parent)?;
     }
     if let Some(out) = &args.out {
         check_free(&RunFolder::new(out))?;
@@ -115,6 +116,7 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     config.evaluation = Some(asked.clone());
     config.recording.enabled = args.record != RecordChoice::None;
     config.recording.depth_share = 0.0;
+    config.recording.failures_only = args.record == RecordChoice::Failures;
     if let Some(seed) = args.seed {
         config.seed = seed;
     }
@@ -141,14 +143,11 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
 }
 
 /// From now on SIGTERM comes when the parent ends, and the run comes first on the processor.
-fn stand_beside() -> Result<()> {
-    let parent = rustix::process::getppid();
+fn stand_beside(parent: u32) -> Result<()> {
     rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))?;
     // It may have ended just before: then its child is someone else's now.
-    ensure!(
-        rustix::process::getppid() == parent && parent.is_some(),
-        "the run that this evaluation belongs to is gone"
-    );
+    let now = rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get().cast_unsigned());
+    ensure!(now == Some(parent), "the run that this evaluation belongs to is gone");
     rustix::process::nice(10)?;
     Ok(())
 }

@@ -70,7 +70,7 @@ pub fn find(path: &Path) -> Result<Found> {
         "{} is no checkpoint (those are called rollout-00000012.json)",
         manifest.display()
     );
-    let mut folders = manifest.ancestors().skip(1).take(2);
+    let mut folders = manifest.ancestors().skip(1).take(3);
     let Some(run) = folders.find(|folder| folder.join("config.toml").is_file()) else {
         bail!("the configuration of {} is missing: there is no config.toml beside it or above", manifest.display());
     };

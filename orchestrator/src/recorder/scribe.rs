@@ -55,6 +55,7 @@ pub struct Scribe {
     shape: WireShape,
     incarnation: u32,
     lambda_disturb: f32,
+    failures_only: bool,
     counts: Counts,
     frames_before: Option<u64>,
     /// Reused for every message.
@@ -86,6 +87,15 @@ struct Environment {
     /// HOLD knows nothing of the HOLD and sends the action before it again, as the next exchange.
     taken: Option<(u32, u32, u32)>,
     returns: Option<Returns>,
+    /// What is held back of the episode in progress, where only failures are wanted.
+    held: Vec<Held>,
+}
+
+/// A message that waits for its episode's end.
+struct Held {
+    topic: Topic,
+    time_ns: u64,
+    data: Vec<u8>,
 }
 
 /// Returns of an episode so far; only for one seen from its first step without a gap.
@@ -120,7 +130,16 @@ impl Scribe {
                 let depth = segments.topic(format!("/depth/{prefix}/image"), "foxglove.RawImage");
                 let calibration = segments.topic(format!("/depth/{prefix}/calibration"), "foxglove.CameraCalibration");
                 let frames = FrameNames::under(&prefix);
-                Environment { id, frames, depth, calibration, described: None, taken: None, returns: None }
+                Environment {
+                    id,
+                    frames,
+                    depth,
+                    calibration,
+                    described: None,
+                    taken: None,
+                    returns: None,
+                    held: Vec::new(),
+                }
             })
             .collect();
         let image = RawImage {
@@ -137,6 +156,7 @@ impl Scribe {
             shape,
             incarnation,
             lambda_disturb: config.reward.lambda_disturb,
+            failures_only: config.recording.failures_only,
             counts: Counts::default(),
             frames_before: None,
             buffer: Vec::new(),
@@ -307,9 +327,7 @@ impl Scribe {
             wrist_object_m: transition.wrist_object_m,
             object_goal_m: transition.object_goal_m,
         };
-        self.write(self.topics.step, time_ns, &message)?;
-        self.counts.steps += 1;
-        Ok(())
+        self.write_of(environment, self.topics.step, time_ns, &message)
     }
 
     fn episode_start(
@@ -332,7 +350,9 @@ impl Scribe {
             wrist_object_m: length_m(current.wrist_to_object_m),
             object_goal_m: length_m(current.object_to_goal_m),
         };
-        self.write(self.topics.episode_start, time_ns, &message)
+        // What is still held is of an episode that will never end: a learner or an actor has come back.
+        self.environments[environment].held.clear();
+        self.write_of(environment, self.topics.episode_start, time_ns, &message)
     }
 
     fn episode_end(
@@ -366,9 +386,8 @@ impl Scribe {
             return_r: returns.as_ref().map(|returns| returns.r),
             return_r_prime: returns.as_ref().map(|returns| returns.r_prime),
         };
-        self.write(self.topics.episode_end, time_ns, &message)?;
-        self.counts.episodes += 1;
-        Ok(())
+        self.write_of(environment, self.topics.episode_end, time_ns, &message)?;
+        self.release(environment, message.success)
     }
 
     fn depth(&mut self, time_ns: u64, environment: usize, observation: &Observation) -> Result<(), SegmentError> {
@@ -388,6 +407,40 @@ impl Scribe {
         self.segments.write(depth, time_ns, &self.buffer)?;
         self.counts.depth_frames += 1;
         Ok(())
+    }
+
+    /// Writes a message about an environment, or holds it back.
+    fn write_of(
+        &mut self,
+        environment: usize,
+        topic: Topic,
+        time_ns: u64,
+        message: &impl Message,
+    ) -> Result<(), SegmentError> {
+        if self.failures_only {
+            self.environments[environment].held.push(Held { topic, time_ns, data: message.encode_to_vec() });
+            return Ok(());
+        }
+        self.count(topic);
+        self.write(topic, time_ns, message)
+    }
+
+    /// The end of an episode is known: what was held back of it is written, or forgotten after a success.
+    fn release(&mut self, environment: usize, success: bool) -> Result<(), SegmentError> {
+        let held = std::mem::take(&mut self.environments[environment].held);
+        if success {
+            return Ok(());
+        }
+        for Held { topic, time_ns, data } in held {
+            self.count(topic);
+            self.segments.write(topic, time_ns, &data)?;
+        }
+        Ok(())
+    }
+
+    fn count(&mut self, topic: Topic) {
+        self.counts.steps += u64::from(topic == self.topics.step);
+        self.counts.episodes += u64::from(topic == self.topics.episode_end);
     }
 
     fn write(&mut self, topic: Topic, time_ns: u64, message: &impl Message) -> Result<(), SegmentError> {

@@ -160,6 +160,28 @@ fn a_hold_is_not_recorded() {
 }
 
 #[test]
+fn only_failures_are_kept_where_that_is_asked() {
+    let mut bench = Bench::new("failures");
+    bench.config.recording.failures_only = true;
+    bench.config.recording.depth_share = 0.0;
+    let recorder = bench.start();
+    let [actor, _] = bench.actors();
+    // Environment 2 alone is in half 1. Its episodes 0 and 2 succeed, 1 fails, 3 does not end.
+    for step in 0..=3 * u64::from(EPISODE_STEPS) + 2 {
+        actor.send(1, 1, step, |observation| {
+            if observation.transition.episode == 1 {
+                observation.transition.flags &= !transition_flag::SUCCESS;
+            }
+        });
+    }
+    let summary = recorder.finish().unwrap();
+    assert_eq!((summary.steps, summary.episodes), (u64::from(EPISODE_STEPS), 1));
+    let recorded = gather(&summary.files, Wanted::default()).unwrap();
+    let kept: Vec<_> = recorded.episodes.iter().map(|episode| (episode.episode, episode.actions.len())).collect();
+    assert_eq!((kept, recorded.headless, recorded.broken), (vec![(1, 5)], 0, 0));
+}
+
+#[test]
 fn an_actor_restarted_during_a_hold_repeats_no_step() {
     let bench = Bench::new("hold2");
     let recorder = bench.start();

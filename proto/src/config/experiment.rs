@@ -54,6 +54,7 @@ const LAMBDAS: [u32; 6] = [1, 5, 10, 15, 20, 25];
 
 const MULTIPLIERS: [u32; 2] = [1, 15];
 const LAGRANGIAN: [Stage; 1] = [("I", "lagrangian", 45_000_000)];
+
 /// Model selection: 45 evaluations in 45M frames.
 const VALIDATION: &str = "validation.every_frames = 1_000_000\n";
 

@@ -272,6 +272,8 @@ pub struct RecordingConfig {
     pub enabled: bool,
     /// Share of episodes whose depth frames are kept, 0..=1.
     pub depth_share: f64,
+    /// Only episodes that end without success: each is held back until its end is known. Without depth frames.
+    pub failures_only: bool,
     /// A new segment is begun after this many bytes.
     pub segment_bytes: u64,
 }
@@ -428,7 +430,7 @@ impl Default for CheckpointConfig {
 
 impl Default for RecordingConfig {
     fn default() -> Self {
-        Self { enabled: true, depth_share: 0.001, segment_bytes: 256 << 20 }
+        Self { enabled: true, depth_share: 0.001, failures_only: false, segment_bytes: 256 << 20 }
     }
 }
 

@@ -11,9 +11,7 @@ pub const MAX_ACTORS: u32 = 512;
 impl Config {
     /// Checks every setting against its range.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        let Self {
-            actors, simulation, episode, network, ppo, reward, auxiliary, learner, checkpoint, recording, ..
-        } = self;
+        let Self { actors, simulation, episode, network, ppo, reward, auxiliary, learner, checkpoint, .. } = self;
         check("actors.count", actors.count, (1..=MAX_ACTORS).contains(&actors.count), "must be 1 to 512")?;
         check(
             "actors.environments_per_actor",
@@ -86,11 +84,29 @@ impl Config {
         )?;
         check("learner.threads", learner.threads, (1..=256).contains(&learner.threads), "must be 1 to 256")?;
         check("checkpoint.keep", checkpoint.keep, (1..=1000).contains(&checkpoint.keep), "must be 1 to 1000")?;
+        self.validate_beside()?;
+        check("scenes", self.scenes.len(), self.scenes.len() <= KitchenId::SCENES_MAX, "a run has at most 128 scenes")?;
+        check("stages", self.stages.len(), !self.stages.is_empty(), "there must be at least one stage")?;
+        for stage in &self.stages {
+            check("stages.frames", stage.frames, stage.frames > 0, "every stage needs at least one frame")?;
+        }
+        Ok(())
+    }
+
+    /// What goes on beside training: recording and validation.
+    fn validate_beside(&self) -> Result<(), ConfigError> {
+        let recording = &self.recording;
         check(
             "recording.depth_share",
             recording.depth_share,
             (0.0..=1.0).contains(&recording.depth_share),
             "must be 0 to 1",
+        )?;
+        check(
+            "recording.failures_only",
+            recording.failures_only,
+            !recording.failures_only || recording.depth_share == 0.0,
+            "needs recording.depth_share = 0: frames are not held back (`orchestrator replay` draws them)",
         )?;
         check(
             "recording.segment_bytes",
@@ -106,11 +122,6 @@ impl Config {
             (5..=512).contains(&actors) && actors.is_multiple_of(5),
             "must be a multiple of the five validation kitchens, at most 512",
         )?;
-        check("scenes", self.scenes.len(), self.scenes.len() <= KitchenId::SCENES_MAX, "a run has at most 128 scenes")?;
-        check("stages", self.stages.len(), !self.stages.is_empty(), "there must be at least one stage")?;
-        for stage in &self.stages {
-            check("stages.frames", stage.frames, stage.frames > 0, "every stage needs at least one frame")?;
-        }
         Ok(())
     }
 }

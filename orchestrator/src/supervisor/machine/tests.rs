@@ -3,6 +3,7 @@
 use super::*;
 use proptest::prelude::*;
 use proto::control::Timing;
+use proto::kitchen::KitchenId;
 use proto::message::directive;
 use proto::reward::RewardKind;
 use proto::stage::{RolloutShape, position_at};
@@ -415,4 +416,82 @@ fn a_learner_that_never_gets_ready_ends_the_run() {
     }
     let Some(Outcome { end: End::Failed(reason), .. }) = world.outcome else { panic!("{:?}", world.outcome) };
     assert!(reason.contains("not ready after 120 s"), "{reason}");
+}
+
+/// What an evaluation's learner says of an episode that ended.
+fn played(episode: u32) -> LearnerEvent {
+    use proto::evaluation::{EpisodeEnd, EpisodeRecord, category_of};
+    let record = EpisodeRecord {
+        kitchen: KitchenId::new(2).unwrap(),
+        episode,
+        category: category_of(episode),
+        end: EpisodeEnd::Done,
+        success: false,
+        picked_up: false,
+        length: 1,
+        failed_actions: 0,
+        return_r: 0.0,
+        return_r_prime: 0.0,
+        disturbance_m: 0.0,
+        peak_disturbance_m: 0.0,
+        disturbed_objects: 0,
+        ever_disturbed_objects: 0,
+        farthest_m: 0.0,
+        peak_farthest_m: 0.0,
+        wrist_object_m: 0.0,
+        object_goal_m: 0.0,
+        disturb_prediction: None,
+        state_hash: 0,
+    };
+    LearnerEvent::EpisodePlayed { record, actions: vec![20] }
+}
+
+#[test]
+fn an_evaluation_is_complete_without_a_frame_and_playing_again_is_no_progress() {
+    let ready = || LearnerEvent::Ready {
+        rank: 0,
+        rollout: 7,
+        frames: 700,
+        device: "cpu".into(),
+        parameters: 1,
+        checkpoint: None,
+    };
+    let mut supervisor = Supervisor::new(policy(), Vec::new());
+    let mut now = Duration::ZERO;
+    supervisor.start(now);
+    let mut incarnation = 1;
+    // Each learner plays one episode and dies: the same one, so it is given up.
+    let failed = loop {
+        let speaks = |event| Event::Learner { incarnation, event };
+        let actions = supervisor.on_event(now, speaks(ready()));
+        assert!(!actions.iter().any(|action| matches!(action, Action::Announce(_))), "there is nothing to train on");
+        supervisor.on_event(now, speaks(played(0)));
+        let exit = Exit::Signal(11);
+        let actions =
+            supervisor.on_event(now, Event::Exited { process: LEARNER, incarnation, exit, last_words: vec![] });
+        if actions.iter().any(|action| matches!(action, Action::Report(Level::Error, _))) {
+            break actions;
+        }
+        now += Duration::from_secs(10);
+        let actions = supervisor.on_event(now, Event::Tick);
+        incarnation += 1;
+        let spawned = Action::Spawn { process: LEARNER, incarnation };
+        assert!(actions.contains(&spawned) || supervisor.learner.ready.is_none(), "{actions:?}");
+        assert!(incarnation < 100, "a learner that gets no further is given up");
+    };
+    assert!(failed.iter().any(|action| matches!(action, Action::CloseLifeline(_))));
+
+    let mut supervisor = Supervisor::new(policy(), Vec::new());
+    supervisor.start(now);
+    let finished = LearnerEvent::Finished { rank: 0, frames: 0, weights: "w".into(), complete: true };
+    for event in [ready(), played(0), played(1), finished] {
+        supervisor.on_event(now, Event::Learner { incarnation: 1, event });
+    }
+    let mut last = vec![];
+    for process in std::iter::once(LEARNER).chain((0..ACTORS).map(Process::Actor)) {
+        let exit = Exit::Code(0);
+        last = supervisor.on_event(now, Event::Exited { process, incarnation: 1, exit, last_words: vec![] });
+    }
+    let saved = Some(Saved { frames: 0, weights: "w".into() });
+    assert_eq!(last, [Action::Finish(Outcome { end: End::Complete, saved })]);
 }
