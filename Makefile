@@ -42,13 +42,16 @@ test: build
 	fi
 	cargo test --doc --release --locked --workspace
 
-# The golden hashes, which every build must reproduce: debug, the plainest x86-64 there is, one with AVX2 and fused
-# multiply-add at hand, and the one that runs here. Each has a target folder of its own, not to rebuild everything.
+# The golden hashes, which every build must reproduce: debug, release (AVX2 and fused multiply-add at hand, see
+# .cargo/config.toml), the plainest x86-64 there is, and the processor that runs here. The first two are the workspace's
+# own builds and reuse what is compiled; the others have target folders of their own, not to spoil those.
+golden_hashes := --locked --workspace --test determinism golden_hashes
 check-determinism:
-	cargo test --locked -p actor --target-dir target/determinism/debug --test determinism golden_hashes
-	@set -e; for cpu in x86-64 x86-64-v3 native; do \
-		set -x; RUSTFLAGS="-C target-cpu=$$cpu" cargo test --release --locked -p actor \
-			--target-dir target/determinism/$$cpu --test determinism golden_hashes; { set +x; } 2>/dev/null; \
+	cargo test $(golden_hashes)
+	cargo test --release $(golden_hashes)
+	@set -e; for cpu in x86-64 native; do \
+		set -x; RUSTFLAGS="-C target-cpu=$$cpu" cargo test --release $(golden_hashes) \
+			--target-dir target/determinism/$$cpu; { set +x; } 2>/dev/null; \
 	done
 
 lint: setup
@@ -58,6 +61,7 @@ lint: setup
 doc: setup
 	RUSTDOCFLAGS='-D warnings' cargo doc --no-deps --release --workspace --locked
 
+# Of the workspace, not of the package alone: so its dependencies have the same features, and are not compiled again.
 bench-peers:
-	cargo build --release --locked -p actor
+	cargo build --release --locked --workspace --bin actor
 	@python=$$(PYTHON='$(PYTHON)' bench/peers/setup) && cd bench && "$$python" -m peers --actor ../target/release/actor $(ARGS)

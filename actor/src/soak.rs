@@ -19,6 +19,8 @@ pub const SPEED_LIMIT_M_PER_S: f32 = 10.0;
 /// Nothing may stand this deep in a fixed thing, metres. Pressed by the robot, which nothing can hold back, things do
 /// enter what is behind them until the motion is stopped for it.
 pub const DEPTH_LIMIT_M: f32 = 0.05;
+/// An action is taken up to this many times on end: steps of which each undoes the last lead nowhere and touch little.
+const REPEATS_MOST: u32 = 8;
 
 /// What a soak of one kitchen saw.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -61,7 +63,8 @@ impl Report {
     }
 }
 
-/// Takes `steps` random actions in a kitchen: all actions but Done, which would only cut episodes short.
+/// Takes `steps` random actions in a kitchen, each once or several times on end: all actions but Done, which would only
+/// cut episodes short.
 pub fn soak(kitchen: &Arc<Kitchen>, steps: u64, seed: u64, config: &Config) -> Result<Report> {
     let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
     let config = Config { seed, ..config.clone() };
@@ -71,10 +74,17 @@ pub fn soak(kitchen: &Arc<Kitchen>, steps: u64, seed: u64, config: &Config) -> R
     let lasting: Vec<Action> = actions.iter().copied().filter(|&action| action != Action::DoneMidLevel).collect();
     let mut report = Report { steps, episodes: 1, ..Report::default() };
     let (mut episode, mut step) = (0, 0);
+    let (mut action, mut repeats) = (Action::LookDown, 0);
     for _ in 0..steps {
-        let key =
-            Key { seed, purpose: Purpose::RandomPolicy, kitchen: id.kitchen.number(), environment: 0, episode, step };
-        let transition = environment.step(lasting[key.stream().below(lasting.len() as u32) as usize]);
+        if repeats == 0 {
+            let kitchen = id.kitchen.number();
+            let key = Key { seed, purpose: Purpose::RandomPolicy, kitchen, environment: 0, episode, step };
+            let mut random = key.stream();
+            action = lasting[random.below(lasting.len() as u32) as usize];
+            repeats = 1 + random.below(REPEATS_MOST);
+        }
+        repeats -= 1;
+        let transition = environment.step(action);
         report.disturbing_steps += u64::from(transition.reward.disturbance_progress_m != 0.0);
         step += 1;
         if transition.flags & transition_flag::ENDED != 0 {
