@@ -54,7 +54,11 @@ impl Config {
         check("network.hidden", network.hidden, (8..=4096).contains(&network.hidden), "must be 8 to 4096")?;
         check("ppo.rollout_steps", ppo.rollout_steps, (1..=4096).contains(&ppo.rollout_steps), "must be 1 to 4096")?;
         check("ppo.epochs", ppo.epochs, (1..=64).contains(&ppo.epochs), "must be 1 to 64")?;
-        for (key, value) in [("ppo.gamma", ppo.gamma), ("ppo.gae_lambda", ppo.gae_lambda)] {
+        for (key, value) in [
+            ("ppo.gamma", ppo.gamma),
+            ("ppo.gae_lambda", ppo.gae_lambda),
+            ("ppo.preemption_share", ppo.preemption_share),
+        ] {
             check(key, value, (0.0..=1.0).contains(&value), "must be 0 to 1")?;
         }
         for (key, value) in [
