@@ -68,7 +68,9 @@ fn take_weights(from: &Path, folder: &RunFolder, tools: &Tools) -> Result<()> {
         .output()
         .with_context(|| format!("cannot start {}", learner.display()))?;
     if !output.status.success() {
-        bail!("{}", String::from_utf8_lossy(&output.stderr).trim_end());
+        let complaint = String::from_utf8_lossy(&output.stderr);
+        // A log line of the learner: its time and level say nothing here.
+        bail!("{}", complaint.split_once(" ERROR ").map_or(&*complaint, |(_, text)| text).trim_end());
     }
     for line in String::from_utf8_lossy(&output.stdout).lines() {
         terminal::out(line);
