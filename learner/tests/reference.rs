@@ -873,7 +873,7 @@ fn an_imported_network_says_what_allenacts_says() {
             let goals: Vec<f32> =
                 (0..2).flat_map(|n| goal_coordinates(config.network.goal, goal_m(t as usize, n))).collect();
             let observations = Observations {
-                frames: network.preparation.keep(&[&frames[0], &frames[1]]),
+                frames: network.preparation.keep(&[&frames[0], &frames[1]], &mut Staging::default()),
                 goals: Tensor::from_slice(&goals).view([2, 3]),
                 // In the second column an episode begins: nothing came before.
                 previous_actions: Tensor::from_slice(&[1 + 3 + t, 0]),

@@ -43,9 +43,9 @@ fn a_run_ends_on_its_budget_and_its_recording_holds_every_step() {
     assert_eq!(again.result(), printed.result(), "a complete run only prints its summary again");
 }
 
-/// The curriculum as two jobs: the second run begins with the first one's weights and a fresh optimiser.
+/// A file of weights (here another run's checkpoint: our own names) makes a run that trains on from them.
 #[test]
-fn stage_two_is_a_run_of_its_own() {
+fn a_run_trains_on_from_imported_weights() {
     let workshop = Workshop::new();
     for (name, reward) in [("one", "r"), ("two", "r_prime")] {
         let stage = format!("{TINY}\n[[stages]]\nname = \"{name}\"\nreward = \"{reward}\"\nframes = 60\n");

@@ -1,4 +1,4 @@
-//! `orchestrator import`: a run that begins with weights of elsewhere.
+//! `orchestrator import`: a run that begins with weights of elsewhere. (Those of a run of ours: `up --from`.)
 
 use super::overrides::Overrides;
 use super::up::{check_free, prepare};
@@ -11,18 +11,19 @@ use proto::run_folder::RunFolder;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Make a run that begins with given weights: an AllenAct state dict, or another run's checkpoint
+/// Make a run that begins with the weights in a file: an AllenAct state dict, or weights by our own names
 ///
-/// The run folder is made as by `up`, at 0 frames; `orchestrator resume RUN` trains on from there. AllenAct's names are
-/// translated (ARCHITECTURE.md has the table); weights of an auxiliary task that the configuration does not train are left
+/// The run folder is made as by `up`, at 0 frames: `orchestrator resume RUN` trains on from there, `eval RUN` evaluates it.
+/// AllenAct's names are translated (ARCHITECTURE.md has the table); weights of an auxiliary task that the configuration does not train are left
 /// out, and those of one that the file lacks start from the seed.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   python3 -c \"import torch, safetensors.torch as s; s.save_file(torch.load('exp.pt', map_location='cpu')\\
       ['model_state_dict'], 'exp.safetensors')\"
   orchestrator import exp.safetensors --preset disturb-stage2-25m --run runs/theirs
-  orchestrator import runs/one/checkpoints/rollout-00005264.safetensors --preset disturb-stage2-25m --run runs/stage2
-  orchestrator resume runs/stage2")]
+  orchestrator resume runs/theirs
+
+Weights of another run of ours need no import: `orchestrator up --from RUN`.")]
 pub struct ImportArgs {
     /// The weights (.safetensors)
     #[arg(value_name = "FILE")]

@@ -26,11 +26,7 @@ const PLANS: [(&str, &[Stage], &str); 5] = [
     ("stage1-45m", &[("I", "r", 45_000_000)], "reward r, 45M frames"),
     ("scratch-45m", &[("I", "r_prime", 45_000_000)], "reward r′ from scratch, 45M frames"),
     ("two-stage", &TWO_STAGES, "reward r for 20M frames, then r′ for 25M"),
-    (
-        "stage2-25m",
-        &[("II", "r_prime", 25_000_000)],
-        "reward r′, 25M frames, on weights given by `orchestrator import`",
-    ),
+    ("stage2-25m", &[("II", "r_prime", 25_000_000)], "reward r′, 25M frames, on the weights of a stage I (--from)"),
 ];
 
 /// Name, reward, frames.
