@@ -11,6 +11,7 @@ use crate::auxiliary::Auxiliary;
 use crate::network::{FramePreparation, Network, Observations, Staging, goal_coordinates, table_row, to_vec};
 use crate::optimizer::{Adam, learning_rate};
 use crate::ppo::lagrangian::ascend;
+use crate::ppo::preemption::ends_early;
 use crate::ppo::update::{NonFinite, Peers, Update};
 use crate::rollout::{Rollout, Step};
 use proto::config::{Config, Encoder, EncoderPrecision};
@@ -238,6 +239,19 @@ impl Agent {
     pub fn record(&mut self, t: usize, column: usize, outcome: Outcome) {
         let rollout = self.rollout.as_mut().expect("record is called between begin_rollout and update");
         rollout.record(t, column, outcome);
+    }
+
+    /// Whether this learner, `steps` of `planned` steps into its rollout, should let the other learners wait no longer.
+    pub fn is_preempted(&self, steps: usize, planned: usize) -> bool {
+        ends_early(self.config.ppo.preemption_share, [steps, planned], self.peers.finished())
+    }
+
+    /// Ends the rollout after its first `steps` steps: what is seen next is for [`Agent::bootstrap`].
+    ///
+    /// # Panics
+    /// Outside a rollout, or if it is not longer than that.
+    pub fn cut_rollout(&mut self, steps: usize) {
+        self.rollout.as_mut().expect("a rollout in progress is cut").cut(steps);
     }
 
     /// Judges the observations after the last action. Beliefs stay where they are. Columns that held may be left out.

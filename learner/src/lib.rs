@@ -11,6 +11,7 @@ pub mod device;
 pub mod evaluation;
 mod ffi;
 mod hex;
+pub mod import;
 pub mod network;
 pub mod optimizer;
 pub mod ppo;

@@ -37,6 +37,8 @@ enum Command {
     Check,
     /// Plays the fixed episodes of an evaluation. Started by `orchestrator eval`
     Evaluate(EvaluateArgs),
+    /// Writes a new run's first checkpoint from weights of elsewhere. Started by `orchestrator import`
+    Import(process::ImportArguments),
     /// Runs network, losses and gradients on a batch from a file, to compare with another implementation
     Probe(probe::Arguments),
 }
@@ -68,6 +70,7 @@ fn main() -> ExitCode {
             let EvaluateArgs { run: folder, wire, incarnation, lifeline } = args;
             process::evaluate(EvaluationArguments { folder, wire, incarnation, lifeline })
         }
+        CommandLine { command: Some(Command::Import(arguments)), .. } => process::import(&arguments, std::io::stdout()),
         CommandLine { command: Some(Command::Probe(arguments)), .. } => {
             probe::run(&arguments, std::io::stdout()).map_err(anyhow::Error::from)
         }

@@ -201,6 +201,18 @@ impl Rollout {
         ])
     }
 
+    /// Ends it after its first `steps` steps, which all columns have taken.
+    ///
+    /// # Panics
+    /// If it is not longer than that.
+    pub fn cut(&mut self, steps: usize) {
+        assert!((1..self.shape.steps).contains(&steps), "a rollout is cut short");
+        let rows = steps * self.columns;
+        self.shape = RolloutShape { steps, environments_in_last_step: self.columns, frames: rows as u64 };
+        self.steps.truncate(rows);
+        self.recorded.truncate(rows);
+    }
+
     /// The store of frames, for the next rollout.
     pub fn into_frames(self) -> Tensor {
         self.frames

@@ -8,6 +8,8 @@ use proto::control::{EXIT_NON_FINITE, LearnerEvent, metric};
 use proto::reward::RewardKind;
 use proto::wire::WireAddress;
 use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::OnceLock;
 use support::{Ended, Plan, Scene, tiny};
 
@@ -121,6 +123,39 @@ fn a_constrained_run_goes_on_with_its_multiplier_wherever_it_is_killed() {
 }
 
 #[test]
+fn a_run_goes_on_from_the_weights_it_was_given() {
+    let mut donor = Scene::new("donor", tiny());
+    let ended = donor.learner(&Plan::Undisturbed);
+    let weights = complete(&donor, &ended);
+    let import = |scene: &Scene, from: PathBuf| {
+        let run = Command::new(env!("CARGO_BIN_EXE_learner"))
+            .arg("import")
+            .args([Path::new("--from"), &from, Path::new("--run"), scene.run_folder().root()])
+            .output()
+            .unwrap();
+        (run.status.success(), String::from_utf8(run.stdout).unwrap(), String::from_utf8(run.stderr).unwrap())
+    };
+    let from = donor.run_folder().checkpoint_tensors(5);
+    let mut scene = Scene::new("given", tiny());
+    let (good, said, complaint) = import(&scene, from.clone());
+    assert!(good && said.ends_with(&format!("weights: {weights}\n")), "{said}{complaint}");
+    let ended = scene.learner(&Plan::Undisturbed);
+    assert!(matches!(&ended.events[0], LearnerEvent::Ready { rollout: 0, frames: 0, checkpoint: Some(_), .. }));
+    assert_eq!(trained(&ended).len(), 5, "the whole budget is before it");
+    assert!(![undisturbed(), &weights].contains(&complete(&scene, &ended).as_str()));
+    // A run that has begun keeps its own.
+    let (good, _, complaint) = import(&scene, from.clone());
+    assert!(!good && complaint.contains("has begun"), "{complaint}");
+
+    let mut wider = tiny();
+    wider.network.hidden = 24;
+    let scene = Scene::new("wider", wider);
+    let (good, _, complaint) = import(&scene, from);
+    assert!(!good && complaint.contains("`actor.weight` is [21, 16]"), "{complaint}");
+    assert!(!scene.run_folder().checkpoint_manifest(0).exists());
+}
+
+#[test]
 fn a_stopped_run_resumes_to_the_same_weights() {
     let mut scene = Scene::new("stop", tiny());
     let stopped = scene.learner(&Plan::StopAfter(1));
@@ -229,7 +264,7 @@ fn a_number_that_is_not_finite_has_a_status_of_its_own_and_leaves_a_dump() {
 
 #[test]
 fn another_rank_than_0_is_refused() {
-    let output = std::process::Command::new(env!("CARGO_BIN_EXE_learner"))
+    let output = Command::new(env!("CARGO_BIN_EXE_learner"))
         .args(["--run", "nowhere", "--wire", &WireAddress::new("rank", 1).to_string(), "--rank", "1"])
         .output()
         .unwrap();
@@ -267,7 +302,7 @@ fn a_torn_checkpoint_is_named_and_skipped_and_only_torn_ones_are_refused() {
 
 #[test]
 fn check_tells_what_it_computes_with() {
-    let output = std::process::Command::new(env!("CARGO_BIN_EXE_learner")).arg("check").output().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_learner")).arg("check").output().unwrap();
     assert!(output.status.success(), "{output:?}");
     let line: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(line["torch"], "2.11.0");

@@ -13,6 +13,7 @@ use learner::agent::{Agent, AgentError, AgentState, Outcome, StepInput, StepOutp
 use learner::auxiliary::{Answer, Auxiliary, Cpca, Disturb, InverseDynamics, Pass, Query, focal_loss};
 use learner::collector::{RolloutStatistics, RunningEpisode};
 
+use learner::import::import;
 use learner::network::{
     Judgement, Layout, Network, Observations, Packing, Parameters, RawFrame, Staging, goal_coordinates, to_vec,
 };
@@ -299,18 +300,48 @@ fn the_losses_and_their_gradients_are_the_formulas() {
     assert_close("gradient of focal loss", &gradient[0], &expected["gradient.focal"], 1e-5);
 }
 
+/// A hundred updates of a smooth problem: what differs in the last bits does not grow.
 #[test]
 fn adam_with_clipping_and_schedule_is_pytorchs() {
     let expected = fixture("adam");
-    let mut weights = noise_tensor("adam.weights", &[257]);
+    let (points, waves, updates) = (200, 64, 100i64);
+    let inputs = noise_tensor("adam.inputs", &[points, waves]);
+    let target = noise_tensor("adam.target", &[points]) * 3.0;
+    let mut weights = noise_tensor("adam.weights", &[waves]);
     let mut adam = Adam::new(&weights);
-    for step in 0..10 {
-        let mut gradient = noise_tensor(&format!("adam.gradient.{step}"), &[257]) * 0.5f64.powi(step);
+    for update in 0..updates {
+        let leaf = weights.copy().set_requires_grad(true);
+        let loss = (inputs.mv(&leaf).sin() - &target).square().mean(Kind::Float);
+        let theirs = expected["losses"].double_value(&[update]);
+        let ours = loss.double_value(&[]);
+        assert!((ours - theirs).abs() < 1e-6 * theirs, "update {update}: loss {ours} is not {theirs}");
+        let mut gradient = Tensor::run_backward(&[loss], &[leaf], false, false).remove(0);
         let norm = clip_norm(&mut gradient, 0.5);
-        let theirs = expected["norms"].double_value(&[i64::from(step)]);
-        assert!((norm - theirs).abs() < 1e-5 * theirs, "{norm} {theirs}");
-        adam.step(&mut weights, &gradient, learning_rate(3e-4, 1.0 / 3.0, f64::from(step) / 10.0));
-        assert_close("weights", &weights, &expected["weights"].get(i64::from(step)), 1e-6);
+        let theirs = expected["norms"].double_value(&[update]);
+        assert!((norm - theirs).abs() < 1e-5 * theirs, "update {update}: norm {norm} is not {theirs}");
+        adam.step(&mut weights, &gradient, learning_rate(3e-2, 1.0 / 3.0, update as f64 / updates as f64));
+        if update % 10 == 9 {
+            assert_close("weights", &weights, &expected["weights"].get(update / 10), 1e-6);
+        }
+    }
+    assert_eq!(adam.steps, 100);
+}
+
+#[test]
+fn goal_sensors_agree_in_every_octant_and_on_every_axis() {
+    let expected = fixture("goal");
+    let goals: Vec<f64> = doubles(&expected["goals"]);
+    assert_eq!(goals.len(), 4 * 27 * 3);
+    for (kind, name, tolerance) in
+        [(GoalCoordinates::Polar, "polar", 1e-6), (GoalCoordinates::Cartesian, "cartesian", 0.0)]
+    {
+        for (goal, theirs) in goals.chunks(3).zip(doubles(&expected[name]).chunks(3)) {
+            let goal = [0, 1, 2].map(|axis| goal[axis] as f32);
+            for (ours, theirs) in goal_coordinates(kind, goal).into_iter().zip(theirs) {
+                let difference = (f64::from(ours) - theirs).abs();
+                assert!(difference <= tolerance * theirs.abs().max(1.0), "{name} of {goal:?}: {ours} is not {theirs}");
+            }
+        }
     }
 }
 
@@ -465,6 +496,8 @@ fn auxiliary_tasks_are_their_definitions() {
 struct World {
     columns: usize,
     steps: usize,
+    /// Steps that a rollout is planned with; it is cut after `steps`.
+    planned: usize,
     previous: Vec<u8>,
 }
 
@@ -486,15 +519,16 @@ fn small_config() -> Config {
 impl World {
     fn new(config: &Config) -> Self {
         let columns = config.environments();
-        Self { columns, steps: config.ppo.rollout_steps as usize, previous: vec![NO_ACTION; columns] }
+        let steps = config.ppo.rollout_steps as usize;
+        Self { columns, steps, planned: steps, previous: vec![NO_ACTION; columns] }
     }
 
     /// Acts through a rollout, in two halves a step; the last step has `last` columns.
     fn collect(&mut self, agent: &mut Agent, rollout: usize, last: usize) -> Result<Vec<StepOutput>, AgentError> {
         let Self { columns, steps, .. } = *self;
         let actions = 13;
-        let frames = ((steps - 1) * columns + last) as u64;
-        agent.begin_rollout(RolloutShape { steps, environments_in_last_step: last, frames });
+        let frames = ((self.planned - 1) * columns + last) as u64;
+        agent.begin_rollout(RolloutShape { steps: self.planned, environments_in_last_step: last, frames });
         let mut outputs = vec![];
         for t in 0..steps {
             let now = rollout * steps + t;
@@ -533,6 +567,9 @@ impl World {
                 whole.values.extend(output.values);
             }
             outputs.push(whole);
+        }
+        if self.planned > steps {
+            agent.cut_rollout(steps);
         }
         let acting: Vec<usize> = (0..last).collect();
         self.see(agent, (rollout + 1) * steps, &acting, Agent::bootstrap)?;
@@ -780,6 +817,132 @@ fn what_cannot_be_probed_is_named() {
     assert!(said(&fewer, &batch()).1.contains("`other` has no place in this network"));
 }
 
+// Weights from elsewhere --------------------------------------------------------------------------------------------
+
+/// A state dict of the script's `AllenAct`: names and shapes from its file, values from `set_weights`.
+fn allenact(name: &str) -> BTreeMap<String, Tensor> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/reference/import_{name}.json"));
+    let text = std::fs::read_to_string(path).expect("the list of names is committed");
+    let shapes: BTreeMap<String, Vec<i64>> = serde_json::from_str(&text).expect("names and shapes");
+    shapes.into_iter().map(|(name, shape)| (name.clone(), weight_values(&name, &shape))).collect()
+}
+
+fn configuration_of(name: &str) -> Config {
+    let mut config = Config::default();
+    config.actors.count = 1;
+    config.network.hidden = 40;
+    if name == "original" {
+        config.network.hidden = 24;
+        config.network.encoder = Encoder::Cnn;
+        config.network.input_pool = 1;
+        config.network.goal = GoalCoordinates::Cartesian;
+        config.network.previous_action = false;
+        config.episode.action_space = ActionSpace::Small;
+        config.auxiliary.task = AuxiliaryTask::None;
+    }
+    config
+}
+
+/// A module under AllenAct's names, written in PyTorch, says the same as ours with its weights imported.
+#[test]
+fn an_imported_network_says_what_allenacts_says() {
+    let expected = fixture("import");
+    for name in ["disturb_free", "original"] {
+        let config = configuration_of(name);
+        let space = config.episode.action_space;
+        let hidden = i64::from(config.network.hidden);
+        let mut state = Agent::new(&config, Device::Cpu).expect("a fresh agent").state();
+        let imported = import(&allenact(name), space, &mut state).expect("it is a state dict of this network");
+        assert_eq!(imported.fresh, Vec::<String>::new());
+        let tasks = |prefix: &str| imported.left_out.iter().filter(|name| name.starts_with(prefix)).count();
+        let left_out = (tasks("auxiliary.inverse_dynamics."), tasks("auxiliary.cpca16."), imported.left_out.len());
+        assert_eq!(left_out, if name == "original" { (0, 0, 0) } else { (2, 9, 11) });
+
+        let (network, head) = Network::new(&config, Device::Cpu, |layout, hidden| {
+            let actions = space.actions().len() as i64;
+            (name != "original").then(|| Disturb::new(layout, [hidden, actions], 2.0))
+        });
+        tch::no_grad(|| {
+            for (name, mut weight) in network.parameters.named() {
+                weight.copy_(&state.tensors[&format!("model.{name}")]);
+            }
+        });
+        let mut belief = noise_tensor("import.belief", &[2, hidden]);
+        for t in 0..2i64 {
+            let frames = [depth_mm(t as usize, 0), depth_mm(t as usize, 1)];
+            let goals: Vec<f32> =
+                (0..2).flat_map(|n| goal_coordinates(config.network.goal, goal_m(t as usize, n))).collect();
+            let observations = Observations {
+                frames: network.preparation.keep(&[&frames[0], &frames[1]], &mut Staging::default()),
+                goals: Tensor::from_slice(&goals).view([2, 3]),
+                // In the second column an episode begins: nothing came before.
+                previous_actions: Tensor::from_slice(&[1 + 3 + t, 0]),
+            };
+            let before = belief * Tensor::from_slice(&[1f32, 0.0]).unsqueeze(1);
+            belief = network.belief.step(&network.parameters, &network.embed(&observations), &before);
+            let Judgement { log_probs, values } = network.judge(&belief);
+            assert_close(name, &log_probs, &expected[&format!("{name}.log_probs")].get(t), 1e-5);
+            assert_close(name, &values, &expected[&format!("{name}.values")].get(t), 1e-5);
+        }
+        if let Some(head) = head {
+            assert_close("risk", &head.logits(&network.parameters, &belief), &expected["disturb_free.risk"], 1e-5);
+        }
+    }
+}
+
+#[test]
+fn what_is_imported_and_what_is_refused() {
+    let mut config = configuration_of("disturb_free");
+    let space = config.episode.action_space;
+    let state_dict = || allenact("disturb_free");
+
+    // Another task's head.
+    config.auxiliary.task = AuxiliaryTask::Cpca16;
+    let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let mut state = agent.state();
+    import(&state_dict(), space, &mut state).expect("its head is there, too");
+    let theirs = &state_dict()["aux_models.CPCA_16.action_embedder.fc.weight"];
+    let ours = &state.tensors["model.auxiliary.cpca16.action_embedder.weight"];
+    assert!(ours.equal(&theirs.narrow(0, 0, 21)) && theirs.size() == [22, 16]);
+    let table = &state.tensors["model.previous_action_embedder.weight"];
+    assert!(table.get(0).equal(&table.get(21)), "nothing before is as after Done");
+
+    // A head that the file lacks starts as it would without it; a run of ours is taken as it is.
+    let mut without = state_dict();
+    without.retain(|name, _| !name.starts_with("aux_models."));
+    let mut fresh = agent.state();
+    let imported = import(&without, space, &mut fresh).expect("a head may be missing");
+    assert_eq!(imported.fresh.len(), 9);
+    let head = "model.auxiliary.cpca16.classifier.0.weight";
+    assert!(fresh.tensors[head].equal(&agent.state().tensors[head]));
+    let mut copy = agent.state();
+    let imported = import(&state.tensors, space, &mut copy).expect("our own names");
+    assert_eq!((imported.fresh.len(), imported.left_out.len()), (0, 0));
+    assert!(state.tensors.iter().filter(|(name, _)| name.starts_with("model.")).all(|(n, w)| copy.tensors[n].equal(w)));
+
+    let refused = |change: &dyn Fn(&mut BTreeMap<String, Tensor>)| {
+        let mut state_dict = state_dict();
+        change(&mut state_dict);
+        import(&state_dict, space, &mut agent.state()).expect_err("it does not fit").to_string()
+    };
+    let zeros = |size: &[i64]| Tensor::zeros(size, (Kind::Float, Device::Cpu));
+    let text = refused(&|dict| drop(dict.remove("critic.fc.bias")));
+    assert!(text.contains("nothing is there for `critic.bias`"), "{text}");
+    let text = refused(&|dict| drop(dict.remove("prev_action_embedder.fc.weight")));
+    assert!(text.contains("network.previous_action = false"), "{text}");
+    let text = refused(&|dict| drop(dict.insert("rgb_encoder.weight".into(), zeros(&[1]))));
+    assert!(text.contains("`rgb_encoder.weight` is no weight of a network of ours"), "{text}");
+    let text = refused(&|dict| drop(dict.insert("state_encoder.rnn.bias_hh_l0".into(), zeros(&[120]))));
+    assert!(text.contains("twice"), "{text}");
+    let text = refused(&|dict| drop(dict.insert("goal_embedder.0.0.weight".into(), zeros(&[100, 7]))));
+    assert!(text.contains("`goal_embedder.0.weight` is [100, 7]; the configuration's network has [100, 3]"), "{text}");
+    let text = refused(&|dict| drop(dict.insert("visual_encoder.depth_cnn.fc.bias".into(), zeros(&[512]))));
+    assert!(text.contains("no place for `visual_encoder.cnn.6.bias`"), "{text}");
+    let counts = Tensor::zeros([1], (Kind::Int64, Device::Cpu));
+    let text = refused(&|dict| drop(dict.insert("critic.fc.bias".into(), counts.shallow_clone())));
+    assert!(text.contains("floating-point"), "{text}");
+}
+
 // The same again ----------------------------------------------------------------------------------------------------
 
 fn train(agent: &mut Agent, world: &mut World, rollouts: std::ops::Range<usize>) {
@@ -827,6 +990,23 @@ fn the_same_calls_give_the_same_bits_also_through_a_saved_state() {
     train(&mut second, &mut world, 2..3);
     assert_eq!(second.weights_digest(), digest);
     assert_eq!(second.state().adam_steps, 6);
+}
+
+#[test]
+fn a_rollout_cut_short_trains_as_a_short_one() {
+    let mut config = small_config();
+    config.ppo.preemption_share = 0.6;
+    let digest = |planned: usize| {
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        assert!(!agent.is_preempted(4, 6), "alone, nobody waits");
+        let mut world = World { steps: 4, planned, ..World::new(&config) };
+        for rollout in 0..2 {
+            world.collect(&mut agent, rollout, 4).expect("finite");
+            agent.update(0.1, rollout as u64).expect("finite");
+        }
+        agent.weights_digest()
+    };
+    assert_eq!(digest(6), digest(4));
 }
 
 #[test]

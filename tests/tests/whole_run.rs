@@ -1,6 +1,6 @@
 //! A run from start to end: budget, summary, recording, replay, and nothing left behind.
 
-use system_tests::{Workshop, complete};
+use system_tests::{TINY, Workshop, complete};
 
 #[test]
 fn a_run_ends_on_its_budget_and_its_recording_holds_every_step() {
@@ -41,6 +41,35 @@ fn a_run_ends_on_its_budget_and_its_recording_holds_every_step() {
 
     let again = complete(workshop.resume("run"));
     assert_eq!(again.result(), printed.result(), "a complete run only prints its summary again");
+}
+
+/// A file of weights (here another run's checkpoint: our own names) makes a run that trains on from them.
+#[test]
+fn a_run_trains_on_from_imported_weights() {
+    let workshop = Workshop::new();
+    for (name, reward) in [("one", "r"), ("two", "r_prime")] {
+        let stage = format!("{TINY}\n[[stages]]\nname = \"{name}\"\nreward = \"{reward}\"\nframes = 60\n");
+        std::fs::write(workshop.path(&format!("{name}.toml")), stage).unwrap();
+    }
+    let options = |name: &'static str, config: &'static str| {
+        ["--preset", "demo", "--config", config, "--run", name, "--seed", "5", "--actors", "1", "--envs-per-actor", "2"]
+    };
+    let first = complete(workshop.orchestrator(&[&["up"][..], &options("one", "one.toml")].concat())).result();
+    let checkpoints = walk(&workshop.path("one/checkpoints"));
+    let newest = checkpoints.iter().filter(|path| path.extension().is_some_and(|end| end == "safetensors")).max();
+    let newest = newest.expect("a complete run has a checkpoint").to_str().unwrap();
+
+    let imported = complete(workshop.orchestrator(&[&["import", newest][..], &options("two", "two.toml")].concat()));
+    assert!(imported.success && imported.stdout.ends_with(&format!("weights: {}\n", first.0)), "{imported:#?}");
+    let second = complete(workshop.resume("two")).result();
+    assert_eq!(second.1, 60);
+    assert_ne!(second.0, first.0);
+    workshop.run("two").assert_nothing_left();
+
+    let options = [&["import", "one.toml"][..], &options("three", "two.toml")].concat();
+    let refused = complete(workshop.orchestrator(&options));
+    assert!(!refused.success && refused.stderr.contains("one.toml"), "{refused:#?}");
+    assert!(!workshop.path("three").exists(), "nothing is left of a run that never began");
 }
 
 fn walk(folder: &std::path::Path) -> Vec<std::path::PathBuf> {

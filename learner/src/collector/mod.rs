@@ -488,6 +488,25 @@ impl<S: HalfSample> Collector<S> {
         batches
     }
 
+    /// Steps that every column has taken, when none is in the middle of one and there are more to come; of all planned.
+    pub fn between_steps(&self) -> Option<[usize; 2]> {
+        let Cursor { shape, turn, .. } = self.rollout();
+        let halves = self.halves.len();
+        (turn % halves == 0 && turn / halves < shape.steps).then_some([turn / halves, shape.steps])
+    }
+
+    /// Ends the rollout after the steps taken so far: the observations that come next are for the bootstrap.
+    ///
+    /// # Panics
+    /// If the columns have not all taken the same number of steps, or none.
+    pub fn cut(&mut self) {
+        let [steps, _] = self.between_steps().expect("a rollout is cut between steps");
+        assert!(steps > 0, "a rollout has frames");
+        let columns = self.settings.layout.columns();
+        let cursor = self.cursor.as_mut().expect("there are steps in a rollout");
+        cursor.shape = RolloutShape { steps, environments_in_last_step: columns, frames: (steps * columns) as u64 };
+    }
+
     /// The agent has valued this half's last observations.
     ///
     /// # Panics

@@ -145,6 +145,8 @@ struct Checkpoint {
 struct Run {
     layout: Layout,
     rollout_steps: usize,
+    /// Rollouts are cut after this many steps.
+    cut: Option<usize>,
     budget: u64,
 }
 
@@ -251,6 +253,14 @@ impl World {
             self.collector.begin(shape, reward, 1 + self.record.rollouts.len() as u64);
             self.in_progress =
                 Some(RolloutRecord { shape, actions: vec![], outcomes: vec![], metrics: vec![], bootstrap: vec![] });
+        }
+        if let Some([steps, planned]) = self.collector.between_steps() {
+            let record = self.in_progress.as_mut().unwrap();
+            assert_eq!(planned, record.shape.steps);
+            if self.run.cut == Some(steps) {
+                self.collector.cut();
+                record.shape = RolloutShape::next(u64::MAX, steps, layout.columns());
+            }
         }
         match self.collector.task() {
             Task::Await { .. } => return heard,
@@ -379,6 +389,7 @@ fn any_run() -> impl Strategy<Value = Run> {
     (1u32..4, 1u32..5, 1usize..9, 1u64..120).prop_map(|(actors, environments, rollout_steps, budget)| Run {
         layout: Layout::new(0, actors, environments),
         rollout_steps,
+        cut: None,
         budget,
     })
 }
@@ -404,6 +415,16 @@ proptest! {
             prop_assert_eq!(rollout.bootstrap.len(), run.layout.columns());
         }
         prop_assert_eq!(World::new(run).run(random_order(order), &faults), undisturbed);
+    }
+
+    /// A rollout that is ended early is, in all that is recorded, one that was to be that short.
+    #[test]
+    fn a_rollout_cut_short_is_a_short_one(
+        run in any_run(), cut in 1usize..9, order in any::<u64>(), faults in prop::collection::vec(any_fault(), 0..3),
+    ) {
+        let short = Run { rollout_steps: cut.min(run.rollout_steps), ..run };
+        let cut = Run { cut: Some(cut), ..run };
+        prop_assert_eq!(World::new(cut).run(random_order(order), &faults), World::new(short).run(round_robin(), &[]));
     }
 
     /// A stop at any point loses nothing: the boundary of the rollout in progress is the one it began at.
@@ -436,7 +457,7 @@ proptest! {
 /// Every single point of a run, one crash each: shorter than chance, but complete.
 #[test]
 fn a_crash_at_each_turn() {
-    let run = Run { layout: Layout::new(0, 2, 3), rollout_steps: 3, budget: 40 };
+    let run = Run { layout: Layout::new(0, 2, 3), rollout_steps: 3, cut: None, budget: 40 };
     let undisturbed = World::new(run).run(round_robin(), &[]);
     assert!(undisturbed.rollouts.iter().flat_map(|rollout| &rollout.outcomes).any(|outcome| outcome.3), "some end");
     for turn in 0..150 {

@@ -6,6 +6,7 @@
 
 use super::gae::{Targets, estimate};
 use super::loss::{Experience, Terms, terms};
+use super::preemption::Finished;
 use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, Tally};
 use crate::network::{Embedded, Network, OBSERVATION, Observations, Packing, all_finite, to_vec};
 use crate::optimizer::{Adam, clip_norm};
@@ -32,6 +33,13 @@ impl Peers {
         match self {
             // The mean over one.
             Self::Alone => {}
+        }
+    }
+
+    /// How far all learners are with the rollout in progress, while this one still collects.
+    pub fn finished(self) -> Finished {
+        match self {
+            Self::Alone => Finished { finished: 0, learners: 1 },
         }
     }
 }

@@ -7,6 +7,7 @@ mod announcements;
 mod check;
 mod control;
 mod evaluation;
+mod import;
 mod lifeline;
 mod lock;
 mod machine;
@@ -17,6 +18,7 @@ mod wire;
 
 pub use check::check;
 pub use evaluation::{EvaluationArguments, evaluate};
+pub use import::{ImportArguments, import};
 pub use training::NonFinite;
 
 use crate::agent::Agent;

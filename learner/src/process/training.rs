@@ -124,7 +124,9 @@ impl<W: Write> Training<W> {
                 Err(error) => return Err(error),
             }
             let statistics = self.collector.finish();
-            let frames = self.frames + shape.frames;
+            // Fewer than planned when the other learners did not wait.
+            let collected = statistics.frames();
+            let frames = self.frames + collected;
             self.tell(&LearnerEvent::RolloutCollected { rank: self.rank, rollout: self.rollout, frames });
 
             fault::reach("learner.before_update");
@@ -151,7 +153,7 @@ impl<W: Write> Training<W> {
                 timing,
                 metrics,
             });
-            let stage_ended = shape.frames == position.frames_left;
+            let stage_ended = collected == position.frames_left;
             let due = state.last_save.elapsed().as_secs_f64() >= self.config.checkpoint.interval_s;
             // The orchestrator evaluates that checkpoint.
             let validated = self.config.validation.is_due(frames - shape.frames, frames);
@@ -236,6 +238,13 @@ impl<W: Write> Training<W> {
     /// Collects the rollout in progress; or says why it must be abandoned.
     fn collect(&mut self, state: &mut Loop) -> Result<Option<Stop>> {
         loop {
+            if let Some([steps, planned]) = self.collector.between_steps()
+                && self.agent.is_preempted(steps, planned)
+            {
+                tracing::info!("rollout {} ends after {steps} of {planned} steps: the others wait", self.rollout);
+                self.collector.cut();
+                self.agent.cut_rollout(steps);
+            }
             match self.collector.task() {
                 Task::Await { half: _ } => {
                     let began = Instant::now();

@@ -129,6 +129,14 @@ fn create(folder: &RunFolder, config: &mut Config) -> Result<(Identity, RunLock)
 
 /// The same for a folder that has these folders besides its logs.
 pub fn create_with(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> Result<(Identity, RunLock)> {
+    let lock = prepare(folder, config, folders)?;
+    let identity = Identity::new()?;
+    identity.write(folder)?;
+    Ok((identity, lock))
+}
+
+/// Makes the folder, these folders in it, and everything else but the identity, which makes it a run.
+pub fn prepare(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> Result<RunLock> {
     check_free(folder)?;
     for path in [folder.root().to_path_buf(), folder.logs()].iter().chain(folders) {
         std::fs::create_dir_all(path).with_context(|| format!("cannot create {}", path.display()))?;
@@ -140,9 +148,7 @@ pub fn create_with(folder: &RunFolder, config: &mut Config, folders: &[PathBuf])
     scenes::keep(config, folder)?;
     write_atomically(&folder.config(), config.to_toml().as_bytes())
         .with_context(|| format!("cannot write {}", folder.config().display()))?;
-    let identity = Identity::new()?;
-    identity.write(folder)?;
-    Ok((identity, lock))
+    Ok(lock)
 }
 
 fn introduce(config: &Config, asked: bool) {

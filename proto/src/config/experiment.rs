@@ -2,7 +2,7 @@
 //! have in common instead of being written out.
 //!
 //! ```text
-//! {original, none, cpca16, inverse-dynamics, disturb} - {stage1-20m, stage1-45m, scratch-45m, two-stage}
+//! {original, none, cpca16, inverse-dynamics, disturb} - {stage1-20m, stage1-45m, scratch-45m, two-stage, stage2-25m}
 //! ablation - {cnn, resnet} - {normalized, plain} - {no-action, action} - {cartesian, polar}    the twelve of the table
 //! small - {original, none, disturb, disturb-two-stage}                                        A_small; the others are A_large
 //! lambda - {1, 5, 10, 15, 20, 25}                                                             λ_disturb of stage II
@@ -21,11 +21,12 @@ const TASKS: [(&str, &str, &str); 5] = [
 ];
 
 /// Rewards and frames.
-const PLANS: [(&str, &[Stage], &str); 4] = [
+const PLANS: [(&str, &[Stage], &str); 5] = [
     ("stage1-20m", &[("I", "r", 20_000_000)], "reward r, 20M frames"),
     ("stage1-45m", &[("I", "r", 45_000_000)], "reward r, 45M frames"),
     ("scratch-45m", &[("I", "r_prime", 45_000_000)], "reward r′ from scratch, 45M frames"),
     ("two-stage", &TWO_STAGES, "reward r for 20M frames, then r′ for 25M"),
+    ("stage2-25m", &[("II", "r_prime", 25_000_000)], "reward r′, 25M frames, on the weights of a stage I (--from)"),
 ];
 
 /// Name, reward, frames.
@@ -153,7 +154,7 @@ mod tests {
     #[test]
     fn every_row_of_the_papers_tables_is_a_preset_of_its_own() {
         let all = all();
-        assert_eq!(all.len(), 5 * 4 + 12 + 4 + 6 + 2);
+        assert_eq!(all.len(), 5 * 5 + 12 + 4 + 6 + 2);
         let names: BTreeSet<&str> = presets().iter().map(|preset| preset.name.as_str()).collect();
         assert_eq!(names.len(), presets().len(), "names are unique");
         let mut contents = BTreeSet::new();

@@ -163,6 +163,9 @@ pub struct PpoConfig {
     /// Environments that go through forward and backward at once; gradients add up to those of the whole batch.
     /// 0 = all. A smaller number bounds memory.
     pub environments_per_pass: u32,
+    /// With several learners: share of them that must have finished a rollout for the others to end theirs early (0.6 in
+    /// DD-PPO). Results then depend on timing. 0 = everybody finishes. One learner alone never ends early.
+    pub preemption_share: f64,
 }
 
 /// Weights inside the reward.
@@ -389,6 +392,7 @@ impl Default for PpoConfig {
             normalize_advantages: false,
             bootstrap_time_limits: false,
             environments_per_pass: 0,
+            preemption_share: 0.0,
         }
     }
 }

@@ -11,7 +11,14 @@ pub const MAX_ACTORS: u32 = 512;
 impl Config {
     /// Checks every setting against its range.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        let Self { actors, simulation, episode, network, ppo, reward, auxiliary, learner, checkpoint, .. } = self;
+        self.validate_environments()?;
+        self.validate_learning()?;
+        self.validate_processes()
+    }
+
+    /// What is simulated.
+    fn validate_environments(&self) -> Result<(), ConfigError> {
+        let Self { actors, simulation, episode, .. } = self;
         check("actors.count", actors.count, (1..=MAX_ACTORS).contains(&actors.count), "must be 1 to 512")?;
         check(
             "actors.environments_per_actor",
@@ -48,18 +55,27 @@ impl Config {
                 "must be 0 (anywhere) or 0.6 to 100 metres",
             )?;
         }
+        check("scenes", self.scenes.len(), self.scenes.len() <= KitchenId::SCENES_MAX, "a run has at most 128 scenes")
+    }
+
+    /// Network, algorithm, curriculum.
+    fn validate_learning(&self) -> Result<(), ConfigError> {
+        let Self { network, ppo, reward, auxiliary, .. } = self;
         check("network.input_pool", network.input_pool, matches!(network.input_pool, 1 | 2 | 4), "must be 1, 2 or 4")?;
         check("network.hidden", network.hidden, (8..=4096).contains(&network.hidden), "must be 8 to 4096")?;
         check("ppo.rollout_steps", ppo.rollout_steps, (1..=4096).contains(&ppo.rollout_steps), "must be 1 to 4096")?;
         check("ppo.epochs", ppo.epochs, (1..=64).contains(&ppo.epochs), "must be 1 to 64")?;
-        for (key, value) in [("ppo.gamma", ppo.gamma), ("ppo.gae_lambda", ppo.gae_lambda)] {
+        for (key, value) in [
+            ("ppo.gamma", ppo.gamma),
+            ("ppo.gae_lambda", ppo.gae_lambda),
+            ("ppo.preemption_share", ppo.preemption_share),
+        ] {
             check(key, value, (0.0..=1.0).contains(&value), "must be 0 to 1")?;
         }
         for (key, value) in [
             ("ppo.clip", ppo.clip),
             ("ppo.learning_rate", ppo.learning_rate),
             ("ppo.max_gradient_norm", ppo.max_gradient_norm),
-            ("learner.actor_deadline_s", learner.actor_deadline_s),
         ] {
             check(key, value, value.is_finite() && value > 0.0, "must be greater than 0")?;
         }
@@ -69,7 +85,6 @@ impl Config {
             ("ppo.learning_rate_end", ppo.learning_rate_end),
             ("auxiliary.weight", auxiliary.weight),
             ("auxiliary.focal_gamma", auxiliary.focal_gamma),
-            ("checkpoint.interval_s", checkpoint.interval_s),
             ("reward.lambda_disturb", f64::from(reward.lambda_disturb)),
             ("reward.lagrangian.initial", reward.lagrangian.initial),
             ("reward.lagrangian.learning_rate", reward.lagrangian.learning_rate),
@@ -82,10 +97,6 @@ impl Config {
             auxiliary.subsample > 0.0 && auxiliary.subsample <= 1.0,
             "must be above 0 and at most 1",
         )?;
-        check("learner.threads", learner.threads, (1..=256).contains(&learner.threads), "must be 1 to 256")?;
-        check("checkpoint.keep", checkpoint.keep, (1..=1000).contains(&checkpoint.keep), "must be 1 to 1000")?;
-        self.validate_beside()?;
-        check("scenes", self.scenes.len(), self.scenes.len() <= KitchenId::SCENES_MAX, "a run has at most 128 scenes")?;
         check("stages", self.stages.len(), !self.stages.is_empty(), "there must be at least one stage")?;
         for stage in &self.stages {
             check("stages.frames", stage.frames, stage.frames > 0, "every stage needs at least one frame")?;
@@ -93,9 +104,16 @@ impl Config {
         Ok(())
     }
 
-    /// What goes on beside training: recording and validation.
-    fn validate_beside(&self) -> Result<(), ConfigError> {
-        let recording = &self.recording;
+    /// What the processes do besides.
+    fn validate_processes(&self) -> Result<(), ConfigError> {
+        let Self { learner, checkpoint, recording, .. } = self;
+        let (deadline_s, interval_s) = (learner.actor_deadline_s, checkpoint.interval_s);
+        let valid = deadline_s.is_finite() && deadline_s > 0.0;
+        check("learner.actor_deadline_s", deadline_s, valid, "must be greater than 0")?;
+        let valid = interval_s.is_finite() && interval_s >= 0.0;
+        check("checkpoint.interval_s", interval_s, valid, "must be 0 or greater")?;
+        check("learner.threads", learner.threads, (1..=256).contains(&learner.threads), "must be 1 to 256")?;
+        check("checkpoint.keep", checkpoint.keep, (1..=1000).contains(&checkpoint.keep), "must be 1 to 1000")?;
         check(
             "recording.depth_share",
             recording.depth_share,
@@ -121,8 +139,7 @@ impl Config {
             actors,
             (5..=512).contains(&actors) && actors.is_multiple_of(5),
             "must be a multiple of the five validation kitchens, at most 512",
-        )?;
-        Ok(())
+        )
     }
 }
 

@@ -1,0 +1,80 @@
+//! `orchestrator import`: a run that begins with weights of elsewhere. (Those of a run of ours: `up --from`.)
+
+use super::overrides::Overrides;
+use super::up::{check_free, prepare};
+use crate::identity::Identity;
+use crate::scenes;
+use crate::session::Tools;
+use crate::terminal;
+use anyhow::{Context, Result, bail};
+use proto::run_folder::RunFolder;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Make a run that begins with the weights in a file: an AllenAct state dict, or weights by our own names
+///
+/// The run folder is made as by `up`, at 0 frames: `orchestrator resume RUN` trains on from there, `eval RUN` evaluates it.
+/// AllenAct's names are translated (ARCHITECTURE.md has the table); weights of an auxiliary task that the configuration does not train are left
+/// out, and those of one that the file lacks start from the seed.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  python3 -c \"import torch, safetensors.torch as s; s.save_file(torch.load('exp.pt', map_location='cpu')\\
+      ['model_state_dict'], 'exp.safetensors')\"
+  orchestrator import exp.safetensors --preset disturb-stage2-25m --run runs/theirs
+  orchestrator resume runs/theirs
+
+Weights of another run of ours need no import: `orchestrator up --from RUN`.")]
+pub struct ImportArgs {
+    /// The weights (.safetensors)
+    #[arg(value_name = "FILE")]
+    from: PathBuf,
+    /// Named configuration (`orchestrator presets`): its network must be the weights'
+    #[arg(long, value_name = "P")]
+    preset: Option<String>,
+    #[command(flatten)]
+    overrides: Overrides,
+    /// Run folder, new or empty
+    #[arg(long, value_name = "DIR")]
+    run: PathBuf,
+}
+
+/// Runs the command.
+pub fn run(args: &ImportArgs) -> Result<()> {
+    let folder = RunFolder::new(&args.run);
+    check_free(&folder)?;
+    let mut config = args.overrides.resolve(&args.overrides.preset(args.preset.as_deref(), || Ok("paper"))?)?;
+    let tools = Tools::find()?;
+    scenes::check(&config)?;
+    let lock = prepare(&folder, &mut config, &[folder.checkpoints(), folder.recordings()])?;
+    // run.toml comes last: a folder without it is no run, whatever happens here.
+    let imported = take_weights(&args.from, &folder, &tools).and_then(|()| Identity::new()?.write(&folder));
+    drop(lock);
+    if imported.is_err() {
+        // It was empty before, so all that is in it is ours.
+        let root = folder.root();
+        std::fs::remove_dir_all(root).with_context(|| format!("cannot remove {}", root.display()))?;
+    }
+    imported?;
+    terminal::note(&format!("`orchestrator resume {}` trains on from these weights", folder.root().display()));
+    Ok(())
+}
+
+/// Has the learner write the run's first checkpoint, and shows what it says.
+fn take_weights(from: &Path, folder: &RunFolder, tools: &Tools) -> Result<()> {
+    let learner = &tools.programs.learner;
+    let output = Command::new(learner)
+        .envs(tools.programs.learner_environment.iter().map(|(name, value)| (name, value)))
+        .arg("import")
+        .args([Path::new("--from"), from, Path::new("--run"), folder.root()])
+        .output()
+        .with_context(|| format!("cannot start {}", learner.display()))?;
+    if !output.status.success() {
+        let complaint = String::from_utf8_lossy(&output.stderr);
+        // A log line of the learner: its time and level say nothing here.
+        bail!("{}", complaint.split_once(" ERROR ").map_or(&*complaint, |(_, text)| text).trim_end());
+    }
+    for line in String::from_utf8_lossy(&output.stdout).lines() {
+        terminal::out(line);
+    }
+    Ok(())
+}
