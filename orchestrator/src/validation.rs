@@ -169,7 +169,9 @@ impl Validation {
             let ended = match running.child.try_wait() {
                 Ok(None) => return,
                 Ok(Some(status)) if status.success() => self.conclude(rollout, recorder),
-                Ok(Some(status)) => Err(anyhow::anyhow!("it ended with {status}: {}", self.log().display())),
+                Ok(Some(status)) => {
+                    Err(anyhow::anyhow!("`orchestrator eval` ended with {status}; {} says why", self.log().display()))
+                }
                 Err(error) => Err(error.into()),
             };
             self.running = None;

@@ -185,6 +185,9 @@ fn validation_survives_a_killed_orchestrator() {
 fn a_run_begins_with_anothers_weights() {
     let workshop = Workshop::new();
     let (weights, _) = complete(workshop.up("one", 1, 2, 300)).result();
+    // The first checkpoint is not pruned.
+    let keeping = system_tests::TINY.replace("[checkpoint]", "[checkpoint]\nkeep = 100");
+    std::fs::write(workshop.path("tiny.toml"), keeping).unwrap();
     let mut second = workshop.up("two", 1, 2, 20);
     second.args(["--from", "one"]);
     complete(second).result();

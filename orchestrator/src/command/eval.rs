@@ -54,7 +54,7 @@ pub struct EvalArgs {
     #[arg(long, value_name = "A", value_parser = clap::value_parser!(u32).range(5..=512))]
     actors: Option<u32>,
     /// Environments in each actor [default: at most 32, so that all have as many episodes]
-    #[arg(long, value_name = "E", value_parser = clap::value_parser!(u32).range(1..=256))]
+    #[arg(long, visible_alias = "envs-per-actor", value_name = "E", value_parser = clap::value_parser!(u32).range(1..=256))]
     environments: Option<u32>,
     /// Folder of the result, new or empty [default: RUN/evaluations/TIME-SPLIT-OBJECTS]
     #[arg(long, value_name = "DIR")]

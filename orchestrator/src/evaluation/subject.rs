@@ -1,7 +1,8 @@
 //! Whose weights: what a user's path means.
 //!
 //! A run folder means its newest checkpoint; a manifest (or the tensors beside it) that checkpoint; `RUN/best` the best
-//! one. The configuration is the one beside the checkpoint, or that of the run folder it lies in.
+//! one. The configuration is the one beside the checkpoint, or that of the run folder it lies in (`RUN/checkpoints/`,
+//! `RUN/validation/rollout-K/`, `RUN/best/`).
 
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
@@ -72,7 +73,10 @@ pub fn find(path: &Path) -> Result<Found> {
     );
     let mut folders = manifest.ancestors().skip(1).take(3);
     let Some(run) = folders.find(|folder| folder.join("config.toml").is_file()) else {
-        bail!("the configuration of {} is missing: there is no config.toml beside it or above", manifest.display());
+        bail!(
+            "the configuration of {} is missing: there is no config.toml beside it or in the two folders above",
+            manifest.display()
+        );
     };
     let config_path = run.join("config.toml");
     let text = std::fs::read_to_string(&config_path).with_context(|| config_path.display().to_string())?;
