@@ -15,6 +15,7 @@ pub use interval_plot::{IntervalPlot, IntervalRow};
 pub use line_plot::{LinePlot, Mark, Series};
 pub use raster::RasterError;
 pub use scale::{Axis, Unit};
+pub use svg::escape;
 
 use palette::Style;
 use svg::{Anchor, Canvas};

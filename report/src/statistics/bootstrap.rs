@@ -6,8 +6,10 @@ use super::Scores;
 use proto::random::{Key, Purpose};
 use serde::Serialize;
 
-/// Resamples behind each interval; rliable's default.
+/// Resamples behind each interval of a table; rliable's default.
 pub const RESAMPLES: u32 = 50_000;
+/// Resamples behind each point of a curve; rliable's default for profiles.
+pub const CURVE_RESAMPLES: u32 = 2_000;
 
 /// The share that lies below an interval, and above it.
 const TAIL: f64 = 0.025;
@@ -21,11 +23,11 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// Intervals of the mean and of the interquartile mean. The draws are a function of the matrix's shape, so the same
-/// scores always have the same interval.
-pub fn intervals(scores: &Scores) -> [Interval; 2] {
+/// Intervals of the mean and of the interquartile mean over this many resamples. The draws are a function of the
+/// matrix's shape, so the same scores always have the same interval.
+pub fn intervals(scores: &Scores, resamples: u32) -> [Interval; 2] {
     let (entries, seeds) = (scores.values.len(), scores.seeds() as u32);
-    let draws = (0..RESAMPLES).map(|resample| {
+    let draws = (0..resamples).map(|resample| {
         let key =
             Key { seed: 0, purpose: Purpose::Bootstrap, kitchen: 0, environment: seeds, episode: resample, step: 0 };
         let mut random = key.stream();
@@ -80,7 +82,7 @@ mod tests {
     #[test]
     fn equal_seeds_have_an_interval_of_no_width() {
         let scores = Scores::new(&[vec![0.5, 0.25], vec![0.5, 0.25], vec![0.5, 0.25]]).unwrap();
-        for interval in intervals(&scores) {
+        for interval in intervals(&scores, RESAMPLES) {
             assert!((interval.low - 0.375).abs() < 1e-12 && (interval.high - 0.375).abs() < 1e-12);
         }
     }
@@ -90,10 +92,10 @@ mod tests {
     #[test]
     fn draws_cover_all_seeds() {
         let scores = Scores::new(&[vec![0.0], vec![1.0]]).unwrap();
-        assert_eq!(intervals(&scores)[0], Interval { low: 0.0, high: 1.0 });
+        assert_eq!(intervals(&scores, RESAMPLES)[0], Interval { low: 0.0, high: 1.0 });
         // The mean of many kitchens drawn independently is narrow: the strata are resampled one by one.
         let scores = Scores::new(&[vec![0.0; 200], vec![1.0; 200]]).unwrap();
-        let [mean, _] = intervals(&scores);
+        let [mean, _] = intervals(&scores, RESAMPLES);
         assert!(mean.low > 0.42 && mean.high < 0.58, "{mean:?}");
     }
 }

@@ -4,7 +4,7 @@
 mod bootstrap;
 mod wilson;
 
-pub use bootstrap::{Interval, RESAMPLES, intervals, intervals_over};
+pub use bootstrap::{CURVE_RESAMPLES, Interval, RESAMPLES, intervals, intervals_over};
 pub use wilson::wilson;
 
 use serde::Serialize;
@@ -53,9 +53,9 @@ impl Scores {
         self.values.len() / self.kitchens
     }
 
-    /// Columns.
-    pub fn kitchens(&self) -> usize {
-        self.kitchens
+    /// The scores of one seed.
+    pub fn row(&self, seed: usize) -> &[f64] {
+        &self.values[seed * self.kitchens..][..self.kitchens]
     }
 
     /// The mean over the kitchens of each one's mean over seeds.
@@ -112,9 +112,9 @@ pub struct Aggregate {
 }
 
 impl Aggregate {
-    /// Of these scores, with draws of our own.
-    pub fn of(scores: &Scores) -> Self {
-        let found = (scores.seeds() > 1).then(|| intervals(scores));
+    /// Of these scores, with intervals over this many resamples.
+    pub fn of(scores: &Scores, resamples: u32) -> Self {
+        let found = (scores.seeds() > 1).then(|| intervals(scores, resamples));
         let per_seed: Vec<f64> =
             scores.values.chunks_exact(scores.kitchens).map(|row| row.iter().sum::<f64>() / row.len() as f64).collect();
         Self {
@@ -143,12 +143,12 @@ mod tests {
     fn of_five_seeds_the_middle_three_count() {
         assert_eq!(interquartile_mean(&[9.0, 1.0, 2.0, 3.0, -5.0]), 2.0);
         let rows: Vec<Vec<f64>> = [9.0, 1.0, 2.0, 3.0, -5.0].map(|score| vec![score - 1.0, score + 1.0]).to_vec();
-        assert_eq!(Aggregate::of(&Scores::new(&rows).unwrap()).iqm_of_seeds, 2.0);
+        assert_eq!(Aggregate::of(&Scores::new(&rows).unwrap(), 10).iqm_of_seeds, 2.0);
     }
 
     #[test]
     fn one_seed_has_no_interval() {
-        let aggregate = Aggregate::of(&Scores::new(&[vec![0.25, 0.75]]).unwrap());
+        let aggregate = Aggregate::of(&Scores::new(&[vec![0.25, 0.75]]).unwrap(), 10);
         assert_eq!(aggregate.mean, Estimate { point: 0.5, interval: None });
         assert_eq!(aggregate.iqm.interval, None);
     }

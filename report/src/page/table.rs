@@ -1,0 +1,88 @@
+//! A table as HTML.
+
+use crate::chart::escape;
+
+/// One cell.
+#[derive(Debug, Clone)]
+pub struct Cell {
+    text: String,
+    class: &'static str,
+}
+
+impl Cell {
+    /// Words.
+    pub fn text(text: impl Into<String>) -> Self {
+        Self { text: text.into(), class: "" }
+    }
+
+    /// Words that may take several lines.
+    pub fn wide(text: impl Into<String>) -> Self {
+        Self { text: text.into(), class: "wide" }
+    }
+
+    /// A figure, to the right.
+    pub fn number(text: impl Into<String>) -> Self {
+        Self { text: text.into(), class: "number" }
+    }
+}
+
+/// A head over several columns: how many, and its text.
+pub type Span = (usize, &'static str);
+
+/// A table under construction.
+#[derive(Debug, Default)]
+pub struct Table {
+    spans: Vec<Span>,
+    head: Vec<Cell>,
+    rows: Vec<(&'static str, Vec<Cell>)>,
+}
+
+impl Table {
+    /// With these heads.
+    pub fn new(head: Vec<Cell>) -> Self {
+        Self { spans: Vec::new(), head, rows: Vec::new() }
+    }
+
+    /// And heads over groups of columns above them.
+    pub fn spans(mut self, spans: Vec<Span>) -> Self {
+        self.spans = spans;
+        self
+    }
+
+    /// Adds a row of a class of the style sheet.
+    pub fn row(&mut self, class: &'static str, cells: Vec<Cell>) {
+        assert_eq!(cells.len(), self.head.len(), "a row has a cell a column");
+        self.rows.push((class, cells));
+    }
+
+    /// As HTML.
+    pub fn html(&self) -> String {
+        let mut html = String::from("<div class=\"scroll\"><table>\n<thead>");
+        if !self.spans.is_empty() {
+            html.push_str("<tr>");
+            for (columns, text) in &self.spans {
+                html.push_str(&format!("<th colspan=\"{columns}\">{}</th>", escape(text)));
+            }
+            html.push_str("</tr>\n");
+        }
+        html.push_str("<tr>");
+        for cell in &self.head {
+            html.push_str(&tag("th", cell));
+        }
+        html.push_str("</tr></thead>\n<tbody>\n");
+        for (class, cells) in &self.rows {
+            html.push_str(&if class.is_empty() { "<tr>".to_owned() } else { format!("<tr class=\"{class}\">") });
+            for cell in cells {
+                html.push_str(&tag("td", cell));
+            }
+            html.push_str("</tr>\n");
+        }
+        html.push_str("</tbody></table></div>\n");
+        html
+    }
+}
+
+fn tag(name: &str, cell: &Cell) -> String {
+    let class = if cell.class.is_empty() { String::new() } else { format!(" class=\"{}\"", cell.class) };
+    format!("<{name}{class}>{}</{name}>", escape(&cell.text))
+}
