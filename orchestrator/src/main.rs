@@ -5,6 +5,7 @@ mod command;
 mod evaluation;
 mod figures;
 mod format;
+mod gather;
 mod identity;
 mod metrics;
 mod preflight;
@@ -12,6 +13,7 @@ mod progress;
 mod recorder;
 mod recording;
 mod remains;
+mod report_files;
 mod scenes;
 mod schema;
 mod session;
@@ -48,6 +50,7 @@ enum Command {
     Stop(command::stop::StopArgs),
     Status(command::status::StatusArgs),
     Eval(command::eval::EvalArgs),
+    Report(command::report::ReportArgs),
     Config(command::config::ConfigArgs),
     Presets(command::presets::PresetsArgs),
     Kitchens(command::kitchens::KitchensArgs),
@@ -67,6 +70,7 @@ fn main() -> ExitCode {
         Command::Stop(args) => command::stop::run(args).map(done),
         Command::Status(args) => command::status::run(args).map(done),
         Command::Eval(args) => command::eval::run(args),
+        Command::Report(args) => command::report::run(args).map(done),
         Command::Config(args) => command::config::run(args).map(done),
         Command::Presets(args) => command::presets::run(args).map(done),
         Command::Kitchens(args) => command::kitchens::run(args).map(done),

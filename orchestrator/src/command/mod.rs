@@ -9,6 +9,7 @@ pub mod overrides;
 pub mod presets;
 pub mod recover;
 pub mod replay;
+pub mod report;
 pub mod resume;
 pub mod status;
 pub mod stop;
