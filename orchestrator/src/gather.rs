@@ -84,7 +84,8 @@ fn run(path: &Path) -> Result<Run> {
     let identity = Identity::read(&folder)?;
     let complete = Summary::read(&folder)?.is_some();
     let history = History::read(&folder)?;
-    let rollout = |trained: &crate::metrics::Trained| Rollout { frames: trained.frames, metrics: trained.metrics.clone() };
+    let rollout =
+        |trained: &crate::metrics::Trained| Rollout { frames: trained.frames, metrics: trained.metrics.clone() };
     Ok(Run {
         name: path.display().to_string(),
         state: state(&identity, &holder(&folder)?, complete),
@@ -130,8 +131,7 @@ fn evaluation(folder: &Path) -> Result<Evaluated> {
         );
     }
     let result: Evaluation = serde_json::from_value(value).with_context(damaged)?;
-    let episodes =
-        read_table(&read(TABLE_FILE)?).with_context(|| format!("{}", folder.join(TABLE_FILE).display()))?;
+    let episodes = read_table(&read(TABLE_FILE)?).with_context(|| format!("{}", folder.join(TABLE_FILE).display()))?;
     if result.overall.episodes != episodes.len() as u64 {
         bail!(
             "{}: the table has {} episodes, the result file {}",

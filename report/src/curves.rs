@@ -38,8 +38,7 @@ impl Curve {
     pub fn of_training(group: &Group<'_>, name: &str) -> Option<Self> {
         let budget = group.runs.iter().map(|run| total_frames(&run.config.stages)).max()?;
         let width = (budget as f64 / BINS as f64).max(1.0);
-        let seeds: Vec<Vec<(u64, f64, f64)>> =
-            group.runs.iter().map(|run| bins(&run.rollouts, name, width)).collect();
+        let seeds: Vec<Vec<(u64, f64, f64)>> = group.runs.iter().map(|run| bins(&run.rollouts, name, width)).collect();
         Self::over(name, &seeds)
     }
 
@@ -82,8 +81,7 @@ fn bins(rollouts: &[Rollout], name: &str, width: f64) -> Vec<(u64, f64, f64)> {
     let mut bins: Vec<(u64, f64, f64, f64)> = Vec::new();
     for rollout in rollouts {
         let Some(&value) = rollout.metrics.get(name).filter(|value| value.is_finite()) else { continue };
-        let weight =
-            if per_episode { rollout.metrics.get(metric::EPISODES).copied().unwrap_or(0.0) } else { 1.0 };
+        let weight = if per_episode { rollout.metrics.get(metric::EPISODES).copied().unwrap_or(0.0) } else { 1.0 };
         if weight <= 0.0 {
             continue;
         }

@@ -1,6 +1,6 @@
 //! Figures as people read them. Pure functions.
 
-use crate::statistics::{Estimate, Interval};
+use crate::statistics::Interval;
 
 /// A count with its thousands apart: `1 234 567`.
 pub fn count(value: u64) -> String {
@@ -18,14 +18,6 @@ pub fn count(value: u64) -> String {
 /// A share as a percentage with one decimal, without its sign, as the paper's tables have it.
 pub fn percent(share: f64) -> String {
     format!("{:.1}", 100.0 * share)
-}
-
-/// `78.3 [75.0, 81.2]`, percentages.
-pub fn estimate(estimate: &Estimate) -> String {
-    match &estimate.interval {
-        Some(found) => format!("{} {}", percent(estimate.point), interval(found)),
-        None => percent(estimate.point),
-    }
 }
 
 /// `[75.0, 81.2]`, percentages.

@@ -134,8 +134,11 @@ impl Made {
     pub fn of(runs: &[Run], options: &Options) -> Result<Self, StudyError> {
         let groups = groups(runs)?;
         let mut notes = Vec::new();
-        let subjects: Vec<Subject<'_>> =
-            groups.iter().map(|group| Subject { group, results: results(group, options, &mut notes) }).collect();
+        let subjects: Vec<Subject<'_>> = groups
+            .iter()
+            .enumerate()
+            .map(|(style, group)| Subject { style, group, results: results(group, options, &mut notes) })
+            .collect();
         let sweeps = figures::sweeps(&subjects);
         let figures = FigureSet {
             intervals: Field::ALL.iter().filter_map(|&field| figures::intervals(&subjects, field)).collect(),
@@ -168,7 +171,8 @@ fn results(group: &Group<'_>, options: &Options, notes: &mut Vec<String>) -> Vec
             Ok((result, without)) => {
                 if !without.is_empty() {
                     let (label, field, without) = (&group.label, field.name(), without.join(", "));
-                    notes.push(format!("{label}: not evaluated on {field}, and therefore not in its means: {without}."));
+                    notes
+                        .push(format!("{label}: not evaluated on {field}, and therefore not in its means: {without}."));
                 }
                 note_conditions(group, field, &result, notes);
                 results.push((field, result));
@@ -186,7 +190,9 @@ fn results(group: &Group<'_>, options: &Options, notes: &mut Vec<String>) -> Vec
 fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes: &mut Vec<String>) {
     let (label, field) = (&group.label, field.name());
     if result.seeds.iter().any(|seed| seed.deterministic) {
-        notes.push(format!("{label}: on {field}, seeds were evaluated with the most probable action, not sampled ones."));
+        notes.push(format!(
+            "{label}: on {field}, seeds were evaluated with the most probable action, not sampled ones."
+        ));
     }
     let frames: BTreeSet<u64> = result.seeds.iter().map(|seed| seed.frames).collect();
     if frames.len() > 1 {

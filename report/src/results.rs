@@ -193,10 +193,7 @@ impl ActionShares {
 }
 
 /// The kitchens of all evaluations, which must be the same with equally many episodes.
-fn same_kitchens(
-    evaluated: &[(&Run, &Evaluated)],
-    by_seed: &[Vec<&EpisodeRecord>],
-) -> Result<Vec<KitchenId>, Missing> {
+fn same_kitchens(evaluated: &[(&Run, &Evaluated)], by_seed: &[Vec<&EpisodeRecord>]) -> Result<Vec<KitchenId>, Missing> {
     let chosen = |episodes: &[&EpisodeRecord]| -> BTreeSet<(KitchenId, u32)> {
         episodes.iter().map(|record| (record.kitchen, record.episode)).collect()
     };

@@ -221,9 +221,7 @@ pub const UNTRAINED: &str = "untrained";
 fn label(groups: &mut [Group<'_>]) {
     let names: Vec<String> = groups
         .iter()
-        .map(|group| {
-            if group.untrained() { format!("{}, untrained", group.preset) } else { group.preset.clone() }
-        })
+        .map(|group| if group.untrained() { format!("{}, untrained", group.preset) } else { group.preset.clone() })
         .collect();
     for (index, group) in groups.iter_mut().enumerate() {
         let before = names[..index].iter().filter(|name| **name == names[index]).count();

@@ -1,7 +1,7 @@
 //! Our figures beside the paper's, row by row as its tables have them.
 
 use crate::figures::Subject;
-use crate::paper::{ActionSpaceRow, AblationRow, ResultRow, paper};
+use crate::paper::{AblationRow, ActionSpaceRow, ResultRow, paper};
 use crate::results::FieldResult;
 use crate::statistics::Aggregate;
 use crate::study::{Field, Group, settings_of_preset};
@@ -161,12 +161,8 @@ pub fn comparisons(subjects: &[Subject<'_>]) -> Vec<Comparison> {
                 .iter()
                 .map(|row| {
                     let advantages = if row.normalized_advantage { "normalised" } else { "plain" };
-                    let what = vec![
-                        row.encoder.clone(),
-                        advantages.to_owned(),
-                        yes(row.previous_action),
-                        row.goal.clone(),
-                    ];
+                    let what =
+                        vec![row.encoder.clone(), advantages.to_owned(), yes(row.previous_action), row.goal.clone()];
                     row_of(what, row.preset(), row.published(), subjects, VALIDATION_NOVEL)
                 })
                 .collect(),

@@ -98,7 +98,7 @@ fn rollouts(config: &Config, ceiling: f64) -> Vec<Rollout> {
             let frames = budget * index / 300;
             let part = index as f64 / 300.0;
             let mut draw = random(config.seed, 0, index as u32);
-            let success = ceiling * (1.0 - (-4.0 * part).exp()) + 0.04 * (draw.uniform_open() - 0.5);
+            let success = ceiling * (1.0 - (-4.0 * part).exp()) * (0.9 + 0.2 * draw.uniform_open());
             let metrics = [
                 (metric::EPISODES, 19.0),
                 (metric::RETURN, 14.0 * success - 1.0),
@@ -183,7 +183,8 @@ fn a_full_study_has_every_section_and_needs_no_network() {
         assert!(!page.contains(outside), "the page reaches out by {outside}");
     }
     assert!(!page.contains("NaN") && !page.contains("class=\"missing\">None of these"), "nothing is missing");
-    for name in ["results-test-novel", "learning", "validation", "prediction", "srwod-by-threshold", "srwod-by-objects"] {
+    for name in ["results-test-novel", "learning", "validation", "prediction", "srwod-by-threshold", "srwod-by-objects"]
+    {
         assert!(page.contains(&format!("<figure id=\"{name}")), "{name}");
     }
     assert_eq!(page.matches("<figure id=\"actions-").count(), 9);
@@ -199,10 +200,8 @@ fn the_numbers_are_those_of_the_tables() {
     let ours = &row.ours[0];
     assert_eq!((ours.success.seeds, ours.episodes), (5, 1800));
     // The mean by hand, over the seeds' own result files.
-    let rates: Vec<f64> = runs[..5]
-        .iter()
-        .map(|run| run.evaluations[0].result.overall.success.expect("episodes"))
-        .collect();
+    let rates: Vec<f64> =
+        runs[..5].iter().map(|run| run.evaluations[0].result.overall.success.expect("episodes")).collect();
     let mean = rates.iter().sum::<f64>() / 5.0;
     assert!((ours.success.mean.point - mean).abs() < 1e-12);
     let interval = ours.success.mean.interval.expect("five seeds");

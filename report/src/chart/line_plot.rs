@@ -14,9 +14,22 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
     /// (x, low, high), x ascending; empty = no band.
     pub band: Vec<(f64, f64, f64)>,
-    /// A marker at every point.
-    pub markers: bool,
+    /// Where its markers are.
+    pub markers: Markers,
 }
+
+/// Where a curve has markers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Markers {
+    /// At every point: each is a measurement.
+    #[default]
+    All,
+    /// At a few, so that curves can be told apart without colour.
+    Some,
+}
+
+/// Markers on a curve that has [`Markers::Some`].
+const FEW: usize = 6;
 
 /// A vertical line with a name.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,11 +79,14 @@ impl LinePlot {
             if line.len() > 1 {
                 canvas.line(&line, style.stroke());
             }
-            // A single point would be no line at all.
-            if series.markers || line.len() == 1 {
-                for &point in &line {
-                    canvas.shape(&style.marker(), point, style.colour(), style.colour());
-                }
+            let every = match series.markers {
+                Markers::All => 1,
+                Markers::Some => line.len().div_ceil(FEW).max(1),
+            };
+            // Each curve's begin somewhere else, so that they do not hide one another.
+            let first = series.style % every.min(line.len().max(1));
+            for &point in line.iter().skip(first).step_by(every) {
+                canvas.shape(&style.marker(), point, style.colour(), style.colour());
             }
         }
         if self.series.iter().all(|series| series.points.is_empty()) {

@@ -12,7 +12,7 @@ mod text;
 
 pub use heat::HeatMap;
 pub use interval_plot::{IntervalPlot, IntervalRow};
-pub use line_plot::{LinePlot, Mark, Series};
+pub use line_plot::{LinePlot, Mark, Markers, Series};
 pub use raster::RasterError;
 pub use scale::{Axis, Unit};
 pub use svg::escape;
@@ -77,8 +77,8 @@ pub struct Figure {
     pub name: String,
     /// What one sees, for the page.
     pub caption: String,
-    /// Names of what is drawn in the styles 0, 1, 2, ...; empty when the panels say it themselves.
-    pub legend: Vec<String>,
+    /// Numbers of styles, and what is drawn in them; empty when the panels say it themselves.
+    pub legend: Vec<(usize, String)>,
     /// Panels in a row.
     pub columns: usize,
     /// Height of a panel with its axis labels, pixels.
@@ -94,14 +94,14 @@ impl Figure {
         let legend_height = if legend.is_empty() { 0.0 } else { legend.len() as f64 * LEGEND_ROW + 8.0 };
         let columns = self.columns.max(1);
         let rows = self.panels.len().div_ceil(columns).max(1);
-        let height =
-            2.0 * MARGIN + legend_height + rows as f64 * self.panel_height + (rows - 1) as f64 * GAP;
+        let height = 2.0 * MARGIN + legend_height + rows as f64 * self.panel_height + (rows - 1) as f64 * GAP;
         let mut canvas = Canvas::new(WIDTH, height, &self.caption);
         for (row, entries) in legend.iter().enumerate() {
             let middle = MARGIN + (row as f64 + 0.5) * LEGEND_ROW;
             for &(left, index) in entries {
-                Style::of(index).key(&mut canvas, left, middle);
-                canvas.text(left + 34.0, middle + 4.0, LABEL, Anchor::Start, &self.legend[index]);
+                let (style, name) = &self.legend[index];
+                Style::of(*style).key(&mut canvas, left, middle);
+                canvas.text(left + 34.0, middle + 4.0, LABEL, Anchor::Start, name);
             }
         }
         let width = (WIDTH - 2.0 * MARGIN - (columns - 1) as f64 * GAP) / columns as f64;
@@ -134,7 +134,7 @@ impl Figure {
     fn legend_rows(&self) -> Vec<Vec<(f64, usize)>> {
         let mut rows: Vec<Vec<(f64, usize)>> = Vec::new();
         let mut left = WIDTH;
-        for (index, name) in self.legend.iter().enumerate() {
+        for (index, (_, name)) in self.legend.iter().enumerate() {
             let width = 34.0 + text::width(name, LABEL) + 22.0;
             if rows.is_empty() || left + width > WIDTH - MARGIN {
                 rows.push(Vec::new());
@@ -159,14 +159,14 @@ mod tests {
                 style: 0,
                 points: vec![(0.0, 0.1), (1e6, 0.4)],
                 band: vec![(0.0, 0.0, 0.2), (1e6, 0.3, 0.5)],
-                markers: true,
+                markers: Markers::All,
             }],
             marks: vec![Mark { x: 5e5, label: "stage II".into() }],
         };
         Figure {
             name: "test".into(),
             caption: "a <test> & more".into(),
-            legend: vec!["ours".into(), "λ = 15, r′".into()],
+            legend: vec![(0, "ours".into()), (3, "λ = 15, r′".into())],
             columns: 2,
             panel_height: 200.0,
             panels: vec![Panel { title: "success".into(), content: Content::Lines(plot) }],
@@ -186,11 +186,11 @@ mod tests {
     #[test]
     fn a_long_legend_takes_several_rows_and_none_is_cut() {
         let mut figure = figure();
-        figure.legend = (0..9).map(|i| format!("a rather long name of a group, number {i}")).collect();
+        figure.legend = (0..9).map(|i| (i, format!("a rather long name of a group, number {i}"))).collect();
         let rows = figure.legend_rows();
         assert!(rows.len() > 2);
         for (left, index) in rows.concat() {
-            assert!(left + 34.0 + text::width(&figure.legend[index], LABEL) <= WIDTH - MARGIN);
+            assert!(left + 34.0 + text::width(&figure.legend[index].1, LABEL) <= WIDTH - MARGIN);
         }
     }
 }

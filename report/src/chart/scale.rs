@@ -43,10 +43,9 @@ impl Axis {
     /// The scale that holds all `values`. `tight`: ends at the last value instead of at the next tick.
     pub fn scale(&self, values: impl Iterator<Item = f64>, tight: bool) -> Scale {
         let positive = |value: &f64| value.is_finite() && (!self.logarithmic || *value > 0.0);
-        let (mut low, mut high) =
-            values.filter(positive).fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-                (low.min(value), high.max(value))
-            });
+        let (mut low, mut high) = values
+            .filter(positive)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
         if low > high {
             (low, high) = if self.logarithmic { (1.0, 10.0) } else { (0.0, 1.0) };
         }
@@ -166,7 +165,8 @@ mod tests {
     #[test]
     fn nothing_at_all_and_nothing_that_varies_have_a_scale() {
         for values in [vec![], vec![0.0], vec![3.0, 3.0], vec![f64::NAN]] {
-            for axis in [Axis::new("a", Unit::Number), Axis::free("a", Unit::Number), Axis::logarithmic("a", Unit::Number)]
+            for axis in
+                [Axis::new("a", Unit::Number), Axis::free("a", Unit::Number), Axis::logarithmic("a", Unit::Number)]
             {
                 let scale = axis.scale(values.iter().copied(), false);
                 assert!(scale.place(3.0).is_finite() && scale.ticks().len() > 1, "{axis:?} {values:?} {scale:?}");

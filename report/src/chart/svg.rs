@@ -70,11 +70,8 @@ impl Canvas {
             Anchor::End => "end",
         };
         let (x, y) = (number(x), number(y));
-        let turn = if degrees == 0.0 {
-            String::new()
-        } else {
-            format!(" transform=\"rotate({} {x} {y})\"", number(degrees))
-        };
+        let turn =
+            if degrees == 0.0 { String::new() } else { format!(" transform=\"rotate({} {x} {y})\"", number(degrees)) };
         let _ = writeln!(
             self.body,
             "<text x=\"{x}\" y=\"{y}\" font-size=\"{}\" text-anchor=\"{anchor}\" fill=\"{INK}\"{turn}>{}</text>",

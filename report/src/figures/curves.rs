@@ -1,7 +1,7 @@
 //! Validation during training, and how well disturbances are foretold.
 
-use super::{Subject, in_parts, series, stage_marks};
-use crate::chart::{Axis, Content, Figure, LinePlot, Panel, Unit};
+use super::{Subject, in_parts, legend, series, stage_marks};
+use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Unit};
 use crate::curves::Curve;
 
 /// SR and `SRwoD` on validation episodes over training.
@@ -10,14 +10,14 @@ pub fn validation(subjects: &[Subject<'_>]) -> Vec<Figure> {
         subjects.iter().filter(|subject| subject.group.runs.iter().any(|run| !run.validation.is_empty())).collect();
     in_parts(&with, "validation", |name, part| {
         let panel = |title: &str, label: &str, without_disturbance: bool| {
-            let curves = part.iter().enumerate().filter_map(|(style, subject)| {
+            let curves = part.iter().filter_map(|subject| {
                 let curve = Curve::of_validation(subject.group, label, |run| {
                     let figure = |point: &crate::study::Validated| {
                         if without_disturbance { point.success_without_disturbance } else { point.success }
                     };
                     run.validation.iter().map(|point| (point.frames, figure(point))).collect()
                 })?;
-                Some(series(style, &curve, true))
+                Some(series(subject, &curve, Markers::All))
             });
             let plot = LinePlot {
                 x: Axis::new("frames", Unit::Count),
@@ -32,13 +32,10 @@ pub fn validation(subjects: &[Subject<'_>]) -> Vec<Figure> {
             caption: "Fixed episodes of the validation kitchens during training: mean over seeds; shaded, the range \
                       from the lowest seed to the highest."
                 .into(),
-            legend: part.iter().map(|subject| subject.group.label.clone()).collect(),
+            legend: legend(part),
             columns: 2,
             panel_height: 250.0,
-            panels: vec![
-                panel("success", "success rate", false),
-                panel("success without disturbance", "SRwoD", true),
-            ],
+            panels: vec![panel("success", "success rate", false), panel("success without disturbance", "SRwoD", true)],
         }
     })
 }
@@ -57,8 +54,8 @@ pub fn prediction(subjects: &[Subject<'_>]) -> Vec<Figure> {
         subjects.iter().filter(|subject| Curve::of_training(subject.group, PREDICTION[1].1).is_some()).collect();
     in_parts(&with, "prediction", |name, part| {
         let panels = PREDICTION.map(|(title, metric)| {
-            let curves = part.iter().enumerate().filter_map(|(style, subject)| {
-                Some(series(style, &Curve::of_training(subject.group, metric)?, false))
+            let curves = part.iter().filter_map(|subject| {
+                Some(series(subject, &Curve::of_training(subject.group, metric)?, Markers::Some))
             });
             let plot = LinePlot {
                 x: Axis::new("frames", Unit::Count),
@@ -74,7 +71,7 @@ pub fn prediction(subjects: &[Subject<'_>]) -> Vec<Figure> {
                       that did (precision); of the steps that did, those foretold (recall); the same recall for quiet \
                       steps; and how rare disturbing steps are. Precision is missing where nothing was foretold."
                 .into(),
-            legend: part.iter().map(|subject| subject.group.label.clone()).collect(),
+            legend: legend(part),
             columns: 2,
             panel_height: 230.0,
             panels: panels.into(),

@@ -1,7 +1,7 @@
 //! How success falls when less disturbance is forgiven.
 
-use super::{Subject, in_parts};
-use crate::chart::{Axis, Content, Figure, LinePlot, Mark, Panel, Series, Unit};
+use super::{Subject, in_parts, legend};
+use crate::chart::{Axis, Content, Figure, LinePlot, Mark, Markers, Panel, Series, Unit};
 use crate::results::{CurvePoint, FieldResult};
 use crate::study::Field;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
@@ -45,17 +45,17 @@ fn figures(
         let fields =
             Field::ALL.into_iter().filter(|&field| part.iter().any(|subject| subject.in_field(field).is_some()));
         let panels = fields.map(|field| {
-            let series = part.iter().enumerate().filter_map(|(style, subject)| {
+            let series = part.iter().filter_map(|subject| {
                 let points = curve(subject.in_field(field)?);
                 let band = points.iter().filter_map(|point| {
                     let interval = point.interval?;
                     Some((point.at, interval.low, interval.high))
                 });
                 Some(Series {
-                    style,
+                    style: subject.style,
                     points: points.iter().map(|point| (point.at, point.mean)).collect(),
                     band: band.collect(),
-                    markers: true,
+                    markers: Markers::All,
                 })
             });
             let plot = LinePlot {
@@ -69,7 +69,7 @@ fn figures(
         Figure {
             name,
             caption: caption.to_owned(),
-            legend: part.iter().map(|subject| subject.group.label.clone()).collect(),
+            legend: legend(part),
             columns: 2,
             panel_height: 270.0,
             panels: panels.collect(),

@@ -13,7 +13,7 @@ pub use sweep::{Sweep, sweep_figure, sweeps};
 pub use training::learning;
 
 use crate::chart::palette::STYLES;
-use crate::chart::{Content, Figure, IntervalPlot, IntervalRow, Mark, Panel, Series};
+use crate::chart::{Content, Figure, IntervalPlot, IntervalRow, Mark, Markers, Panel, Series};
 use crate::curves::Curve;
 use crate::results::FieldResult;
 use crate::study::{Field, Group};
@@ -22,6 +22,8 @@ use crate::tables::published;
 /// A group with its number and what was found of it.
 #[derive(Debug, Clone)]
 pub struct Subject<'a> {
+    /// Number of its style in every figure.
+    pub style: usize,
     /// The group.
     pub group: &'a Group<'a>,
     /// In each field in which it was evaluated.
@@ -35,11 +37,11 @@ impl Subject<'_> {
     }
 }
 
-/// As many figures as are needed so that each has no more curves than styles.
-fn in_parts<'a, T>(
-    all: &'a [T],
+/// As many figures as are needed so that none has more curves than there are colours.
+fn in_parts<'a>(
+    all: &'a [&'a Subject<'a>],
     name: &str,
-    mut figure: impl FnMut(String, &'a [T]) -> Figure,
+    mut figure: impl FnMut(String, &'a [&'a Subject<'a>]) -> Figure,
 ) -> Vec<Figure> {
     let parts = all.len().div_ceil(STYLES);
     all.chunks(STYLES)
@@ -48,11 +50,16 @@ fn in_parts<'a, T>(
         .collect()
 }
 
-/// A group's curve in a style; the band is the range over seeds.
-fn series(style: usize, curve: &Curve, markers: bool) -> Series {
+/// Names of these groups beside their styles.
+fn legend(subjects: &[&Subject<'_>]) -> Vec<(usize, String)> {
+    subjects.iter().map(|subject| (subject.style, subject.group.label.clone())).collect()
+}
+
+/// A group's curve; the band is the range over seeds.
+fn series(subject: &Subject<'_>, curve: &Curve, markers: Markers) -> Series {
     let band = curve.points.iter().filter(|point| point.seeds > 1).map(|point| (point.frames, point.low, point.high));
     Series {
-        style,
+        style: subject.style,
         points: curve.points.iter().map(|point| (point.frames, point.mean)).collect(),
         band: band.collect(),
         markers,
@@ -88,7 +95,7 @@ pub fn intervals(subjects: &[Subject<'_>], field: Field) -> Option<Figure> {
         return None;
     }
     let panel = |title: &str, without_disturbance: bool| {
-        let rows = found.iter().enumerate().map(|(style, (subject, result))| {
+        let rows = found.iter().map(|(subject, result)| {
             let published = published(subject.group, field);
             let (aggregate, published) = if without_disturbance {
                 (result.success_without_disturbance, published.map(|paper| paper.success_without_disturbance))
@@ -97,13 +104,13 @@ pub fn intervals(subjects: &[Subject<'_>], field: Field) -> Option<Figure> {
             };
             IntervalRow {
                 name: subject.group.label.clone(),
-                style,
+                style: subject.style,
                 point: Some(aggregate.iqm.point),
                 interval: aggregate.iqm.interval.map(|interval| (interval.low, interval.high)),
                 published,
             }
         });
-        let label = format!("{title}, interquartile mean");
+        let label = "interquartile mean".to_owned();
         Panel { title: title.to_owned(), content: Content::Intervals(IntervalPlot { label, rows: rows.collect() }) }
     };
     Some(Figure {

@@ -1,7 +1,7 @@
 //! SR and `SRwoD` over `λ_disturb`.
 
 use super::Subject;
-use crate::chart::{Axis, Content, Figure, LinePlot, Panel, Series, Unit};
+use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Series, Unit};
 use crate::results::FieldResult;
 use crate::statistics::Estimate;
 use crate::study::Field;
@@ -48,10 +48,8 @@ pub fn sweeps(subjects: &[Subject<'_>]) -> Vec<Sweep> {
     let mut sweeps = Vec::new();
     for (_, members) in families {
         for field in Field::ALL {
-            let mut points: Vec<SweepPoint> = members
-                .iter()
-                .filter_map(|subject| Some(SweepPoint::of(subject, subject.in_field(field)?)))
-                .collect();
+            let mut points: Vec<SweepPoint> =
+                members.iter().filter_map(|subject| Some(SweepPoint::of(subject, subject.in_field(field)?))).collect();
             points.sort_by(|a, b| a.lambda_disturb.total_cmp(&b.lambda_disturb));
             if points.array_windows().any(|[a, b]| a.lambda_disturb != b.lambda_disturb) {
                 sweeps.push(Sweep { field: field.key(), title: field.name(), points });
@@ -87,7 +85,7 @@ pub fn sweep_figure(sweeps: &[Sweep]) -> Option<Figure> {
                 style,
                 points: sweep.points.iter().map(|point| (point.lambda_disturb, figure(point).point)).collect(),
                 band: band.collect(),
-                markers: true,
+                markers: Markers::All,
             }
         };
         let plot = LinePlot {
@@ -100,10 +98,11 @@ pub fn sweep_figure(sweeps: &[Sweep]) -> Option<Figure> {
     });
     Some(Figure {
         name: "lambda-sweep".into(),
-        caption: "Runs that differ in λ_disturb only: mean over seeds and kitchens, shaded the 95% stratified-bootstrap \
+        caption:
+            "Runs that differ in λ_disturb only: mean over seeds and kitchens, shaded the 95% stratified-bootstrap \
                   interval."
-            .into(),
-        legend: vec!["success rate".into(), "success without disturbance".into()],
+                .into(),
+        legend: vec![(0, "success rate".into()), (1, "success without disturbance".into())],
         columns: 2,
         panel_height: 260.0,
         panels: panels.collect(),

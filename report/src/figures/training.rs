@@ -1,7 +1,7 @@
 //! Learning curves.
 
-use super::{Subject, in_parts, series, stage_marks};
-use crate::chart::{Axis, Content, Figure, LinePlot, Panel, Unit};
+use super::{Subject, in_parts, legend, series, stage_marks};
+use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Unit};
 use crate::curves::Curve;
 use proto::control::metric;
 
@@ -22,15 +22,11 @@ pub fn learning(subjects: &[Subject<'_>]) -> Vec<Figure> {
     in_parts(&trained, "learning", |name, part| {
         let marks = stage_marks(part.iter().map(|subject| subject.group));
         let panels = measures().map(|(title, metric, y)| {
-            let curves = part.iter().enumerate().filter_map(|(style, subject)| {
-                Some(series(style, &Curve::of_training(subject.group, metric)?, false))
+            let curves = part.iter().filter_map(|subject| {
+                Some(series(subject, &Curve::of_training(subject.group, metric)?, Markers::Some))
             });
-            let plot = LinePlot {
-                x: Axis::new("frames", Unit::Count),
-                y,
-                series: curves.collect(),
-                marks: marks.clone(),
-            };
+            let plot =
+                LinePlot { x: Axis::new("frames", Unit::Count), y, series: curves.collect(), marks: marks.clone() };
             Panel { title: title.to_owned(), content: Content::Lines(plot) }
         });
         Figure {
@@ -39,7 +35,7 @@ pub fn learning(subjects: &[Subject<'_>]) -> Vec<Figure> {
                       the lowest seed to the highest. The return is under the reward of the stage, so it jumps where \
                       the reward changes."
                 .into(),
-            legend: part.iter().map(|subject| subject.group.label.clone()).collect(),
+            legend: legend(part),
             columns: 2,
             panel_height: 250.0,
             panels: panels.into(),

@@ -3,9 +3,10 @@
 mod table;
 
 use crate::chart::{Figure, escape};
-use crate::format::{count, estimate, interval, number, percent};
+use crate::format::{count, interval, number, percent};
 use crate::report::{FigureSet, GroupReport, Made, Report};
 use crate::results::FieldResult;
+use crate::statistics::Estimate;
 use crate::study::Field;
 use crate::tables::{Comparison, Ours, Published, Row};
 use table::{Cell, Table};
@@ -69,10 +70,12 @@ fn section(anchor: &str, report: &Report, figures: &FigureSet) -> String {
             "No two of these groups differ in λ_disturb alone and are evaluated on the same episodes. The presets \
              lambda-1, lambda-5, ..., lambda-25 are the paper's sweep.",
         ),
-        "prediction" => drawn(
-            &figures.prediction,
-            "None of these runs trained the auxiliary task disturb, whose focal loss these curves are about.",
-        ) + &prediction_table(report),
+        "prediction" => {
+            drawn(
+                &figures.prediction,
+                "None of these runs trained the auxiliary task disturb, whose focal loss these curves are about.",
+            ) + &prediction_table(report)
+        }
         "actions" => drawn(&figures.actions, NOT_EVALUATED),
         _ => runs(report),
     }
@@ -107,7 +110,7 @@ fn beside_the_paper(report: &Report, figures: &FigureSet) -> String {
          of successful episodes; SRwoD: successful with a total displacement of all other objects below 0.01 m; \
          percentages. In brackets, 95% intervals by a percentile bootstrap of {} resamples, stratified by kitchen, over \
          the matrix of seeds × kitchens, as rliable defines them; one seed alone has none. The paper's IQM is the mean \
-         of the middle three of five seeds: ours by that definition stands in the column “of seeds”, while “IQM” is the \
+         of the middle three of five seeds: ours by that definition stands in the column “IQM of seeds”, while “IQM” is the \
          interquartile mean over all seeds × kitchens.</p>\n",
         escape(&report.paper),
         count(u64::from(report.statistics.resamples))
@@ -126,7 +129,7 @@ fn comparison_table(comparison: &Comparison) -> Table {
     let mut head: Vec<Cell> = comparison.columns.iter().map(|name| Cell::text(*name)).collect();
     head.push(Cell::number("seeds"));
     for _ in 0..2 {
-        head.extend(["mean", "IQM", "of seeds"].map(Cell::number));
+        head.extend(["mean", "IQM", "IQM of seeds"].map(Cell::number));
     }
     let spans = vec![(comparison.columns.len() + 1, ""), (3, "SR"), (3, "SRwoD")];
     let mut table = Table::new(head).spans(spans);
@@ -151,21 +154,27 @@ fn published_row(table: &mut Table, row: &Row) {
 
 fn our_row(table: &mut Table, columns: usize, ours: &Ours) {
     let frames = match ours.frames {
-        (low, high) if low == high => format!("{} frames", count(low)),
-        (low, high) => format!("{} to {} frames", count(low), count(high)),
+        (low, high) if low == high => count(low),
+        (low, high) => format!("{} to {}", count(low), count(high)),
     };
-    let mut cells = vec![Cell::text(""); columns];
-    cells[0] = Cell::text(format!("ours: {}", ours.group));
-    if let Some(cell) = cells.get_mut(columns - 2) {
-        *cell = Cell::text(frames);
-    }
+    let what = Cell::text(format!("ours: {}, after {frames} frames", ours.group));
+    let mut cells = vec![what.over(ours.differences.join("; ")).across(columns)];
     cells.push(Cell::number(ours.success.seeds.to_string()));
     for aggregate in [ours.success, ours.success_without_disturbance] {
-        cells.push(Cell::number(estimate(&aggregate.mean)));
-        cells.push(Cell::number(estimate(&aggregate.iqm)));
+        cells.push(estimated(&aggregate.mean));
+        cells.push(estimated(&aggregate.iqm));
         cells.push(Cell::number(percent(aggregate.iqm_of_seeds)));
     }
     table.row("ours", cells);
+}
+
+/// A figure with its interval beneath.
+fn estimated(estimate: &Estimate) -> Cell {
+    let cell = Cell::number(percent(estimate.point));
+    match &estimate.interval {
+        Some(found) => cell.over(interval(found)),
+        None => cell,
+    }
 }
 
 /// Every group in every field, with the figures that the paper's tables do not have.
@@ -216,8 +225,6 @@ fn field_table(found: &[(&GroupReport, &FieldResult)]) -> Table {
         let pooled = &result.pooled;
         let share = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), percent);
         let cells = [
-            estimate(&result.success.mean),
-            estimate(&result.success_without_disturbance.mean),
             share(pooled.picked_up),
             number(pooled.length, 1),
             number(pooled.disturbance_m, 3),
@@ -231,6 +238,8 @@ fn field_table(found: &[(&GroupReport, &FieldResult)]) -> Table {
             Cell::text(&group.label),
             Cell::number(result.seeds.len().to_string()),
             Cell::number(count(pooled.episodes)),
+            estimated(&result.success.mean),
+            estimated(&result.success_without_disturbance.mean),
         ];
         row.extend(cells.map(Cell::number));
         table.row("", row);
@@ -312,9 +321,7 @@ fn runs(report: &Report) -> String {
     for (group, result) in counting {
         for seed in &result.seeds {
             any = true;
-            let rate = |rate: &crate::results::Rate| {
-                Cell::number(format!("{} {}", percent(rate.share), interval(&rate.interval)))
-            };
+            let rate = |rate: &crate::results::Rate| Cell::number(percent(rate.share)).over(interval(&rate.interval));
             seeds.row(
                 "",
                 vec![

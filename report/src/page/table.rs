@@ -6,23 +6,40 @@ use crate::chart::escape;
 #[derive(Debug, Clone)]
 pub struct Cell {
     text: String,
+    /// Beneath the text, smaller.
+    below: String,
     class: &'static str,
+    columns: usize,
 }
 
 impl Cell {
     /// Words.
     pub fn text(text: impl Into<String>) -> Self {
-        Self { text: text.into(), class: "" }
+        Self::new(text, "")
     }
 
     /// Words that may take several lines.
     pub fn wide(text: impl Into<String>) -> Self {
-        Self { text: text.into(), class: "wide" }
+        Self::new(text, "wide")
     }
 
     /// A figure, to the right.
     pub fn number(text: impl Into<String>) -> Self {
-        Self { text: text.into(), class: "number" }
+        Self::new(text, "number")
+    }
+
+    fn new(text: impl Into<String>, class: &'static str) -> Self {
+        Self { text: text.into(), below: String::new(), class, columns: 1 }
+    }
+
+    /// With something smaller beneath.
+    pub fn over(self, below: impl Into<String>) -> Self {
+        Self { below: below.into(), ..self }
+    }
+
+    /// As wide as several columns.
+    pub fn across(self, columns: usize) -> Self {
+        Self { columns, ..self }
     }
 }
 
@@ -51,7 +68,8 @@ impl Table {
 
     /// Adds a row of a class of the style sheet.
     pub fn row(&mut self, class: &'static str, cells: Vec<Cell>) {
-        assert_eq!(cells.len(), self.head.len(), "a row has a cell a column");
+        let columns: usize = cells.iter().map(|cell| cell.columns).sum();
+        assert_eq!(columns, self.head.len(), "a row fills all columns");
         self.rows.push((class, cells));
     }
 
@@ -84,5 +102,8 @@ impl Table {
 
 fn tag(name: &str, cell: &Cell) -> String {
     let class = if cell.class.is_empty() { String::new() } else { format!(" class=\"{}\"", cell.class) };
-    format!("<{name}{class}>{}</{name}>", escape(&cell.text))
+    let columns = if cell.columns == 1 { String::new() } else { format!(" colspan=\"{}\"", cell.columns) };
+    let below =
+        if cell.below.is_empty() { String::new() } else { format!("<br><small>{}</small>", escape(&cell.below)) };
+    format!("<{name}{class}{columns}>{}{below}</{name}>", escape(&cell.text))
 }
