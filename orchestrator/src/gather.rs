@@ -41,7 +41,7 @@ pub fn gather(paths: &[PathBuf]) -> Result<Vec<Run>> {
         let of = evaluated.result.subject.run.as_ref().and_then(|run| std::fs::canonicalize(run).ok());
         match runs.iter_mut().find(|(known, _)| Some(known) == of.as_ref()) {
             // Its own evaluations are known already.
-            Some((known, _)) if place.starts_with(known) => {}
+            Some((known, _)) if place.starts_with(&*known) => {}
             Some((_, run)) => run.evaluations.push(evaluated),
             None => runs.push((place, alone(&folder, evaluated)?)),
         }

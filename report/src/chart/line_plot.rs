@@ -66,7 +66,6 @@ impl LinePlot {
             let (across, _) = at((mark.x, 0.0));
             let stroke = Stroke { colour: AXIS, width: 1.0, dashes: "3 3" };
             canvas.line(&[(across, plot.top), (across, plot.bottom())], stroke);
-            canvas.text(across + 4.0, plot.top + 11.0, LABEL - 1.0, Anchor::Start, &mark.label);
         }
         for series in &self.series {
             let style = Style::of(series.style);
@@ -88,6 +87,10 @@ impl LinePlot {
             for &point in line.iter().skip(first).step_by(every) {
                 canvas.shape(&style.marker(), point, style.colour(), style.colour());
             }
+        }
+        for mark in &self.marks {
+            let (across, _) = at((mark.x, 0.0));
+            canvas.text(across + 4.0, plot.top + 11.0, LABEL - 1.0, Anchor::Start, &mark.label);
         }
         if self.series.iter().all(|series| series.points.is_empty()) {
             let middle = (plot.left + plot.width / 2.0, plot.top + plot.height / 2.0);
