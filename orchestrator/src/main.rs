@@ -7,6 +7,7 @@ mod figures;
 mod format;
 mod gather;
 mod identity;
+mod lifeline;
 mod metrics;
 mod preflight;
 mod progress;
@@ -18,6 +19,7 @@ mod scenes;
 mod schema;
 mod session;
 mod sitting;
+mod suite;
 mod summary;
 mod supervisor;
 mod terminal;
@@ -41,6 +43,9 @@ struct CommandLine {
     /// Show the children's ordinary log lines, too (the variable `STILLROOM_LOG` filters more finely)
     #[arg(short, long, global = true)]
     verbose: bool,
+    /// The process that started this one: it is interrupted when that one dies
+    #[arg(long, value_name = "PID", hide = true)]
+    parent: Option<u32>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -51,6 +56,7 @@ enum Command {
     Status(command::status::StatusArgs),
     Eval(command::eval::EvalArgs),
     Report(command::report::ReportArgs),
+    Suite(command::suite::SuiteArgs),
     Config(command::config::ConfigArgs),
     Presets(command::presets::PresetsArgs),
     Kitchens(command::kitchens::KitchensArgs),
@@ -64,13 +70,15 @@ fn main() -> ExitCode {
     let line = CommandLine::parse();
     terminal::init(line.verbose);
     let done = |()| ExitCode::SUCCESS;
-    let result = match &line.command {
+    let followed = line.parent.map_or(Ok(()), lifeline::follow);
+    let result = followed.and_then(|()| match &line.command {
         Command::Up(args) => command::up::run(args),
         Command::Resume(args) => command::resume::run(args),
         Command::Stop(args) => command::stop::run(args).map(done),
         Command::Status(args) => command::status::run(args).map(done),
         Command::Eval(args) => command::eval::run(args),
         Command::Report(args) => command::report::run(args).map(done),
+        Command::Suite(args) => command::suite::run(args),
         Command::Config(args) => command::config::run(args).map(done),
         Command::Presets(args) => command::presets::run(args).map(done),
         Command::Kitchens(args) => command::kitchens::run(args).map(done),
@@ -78,7 +86,7 @@ fn main() -> ExitCode {
         Command::Recover(args) => command::recover::run(args).map(done),
         Command::Clean(args) => command::clean::run(args).map(done),
         Command::Doctor(args) => command::doctor::run(args),
-    };
+    });
     result.unwrap_or_else(|error| {
         terminal::note(&format!("error: {error:#}"));
         ExitCode::FAILURE

@@ -251,11 +251,16 @@ fn table_of(config: &Config) -> Table {
 
 /// Settings of a run that its preset does not have, as `key = value`.
 fn differences(run: &Run) -> Vec<String> {
-    let Ok(preset) = Config::resolve(&run.config.preset, None) else {
-        return vec!["the preset is unknown to this version".into()];
-    };
+    match Config::resolve(&run.config.preset, None) {
+        Ok(preset) => differences_between(&preset, &run.config),
+        Err(_) => vec!["the preset is unknown to this version".into()],
+    }
+}
+
+/// What the second configuration has learn otherwise than the first, as `key = value` of the second.
+pub fn differences_between(first: &Config, second: &Config) -> Vec<String> {
     let mut found = Vec::new();
-    compare("", &settings_of(&preset), &settings_of(&run.config), &mut found);
+    compare("", &settings_of(first), &settings_of(second), &mut found);
     found
 }
 

@@ -13,4 +13,5 @@ pub mod report;
 pub mod resume;
 pub mod status;
 pub mod stop;
+pub mod suite;
 pub mod up;
