@@ -1,14 +1,16 @@
 //! What run folders and evaluation folders tell, for a report.
 
 use crate::identity::{Identity, holder, state};
-use crate::metrics::History;
+use crate::metrics::{History, Trained};
 use crate::summary::Summary;
+use crate::validation::{Validated as Scored, read_log};
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::evaluation::{Evaluation, RESULT_FILE, TABLE_FILE, read_table};
 use proto::run_folder::RunFolder;
-use report::study::{Evaluated, Rollout, Run, UNTRAINED};
+use report::study::{Evaluated, Rollout, Run, UNTRAINED, Validated};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// How deep below a given folder runs are looked for.
@@ -84,16 +86,26 @@ fn run(path: &Path) -> Result<Run> {
     let identity = Identity::read(&folder)?;
     let complete = Summary::read(&folder)?.is_some();
     let history = History::read(&folder)?;
-    let rollout =
-        |trained: &crate::metrics::Trained| Rollout { frames: trained.frames, metrics: trained.metrics.clone() };
+    let rollout = |trained: &Trained| Rollout { frames: trained.frames, metrics: trained.metrics.clone() };
     Ok(Run {
         name: path.display().to_string(),
         state: state(&identity, &holder(&folder)?, complete),
         config: config(path)?,
         rollouts: history.iter().map(rollout).collect(),
         evaluations: evaluations_of(&folder)?,
-        validation: Vec::new(),
+        validation: validation_of(&folder)?,
     })
+}
+
+/// Evaluations during training, in order of frames. A checkpoint that was evaluated twice, because a crash came between
+/// the result and its line, counts once.
+fn validation_of(folder: &RunFolder) -> Result<Vec<Validated>> {
+    let mut by_frames = BTreeMap::new();
+    for line in read_log(&folder.validation_log())? {
+        let Scored { frames, success, success_without_disturbance, .. } = line;
+        by_frames.insert(frames, Validated { frames, success, success_without_disturbance });
+    }
+    Ok(by_frames.into_values().collect())
 }
 
 /// The evaluations in a run's own folder, oldest first.

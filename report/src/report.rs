@@ -94,7 +94,7 @@ pub struct Made {
 pub struct FigureSet {
     /// Interquartile means with intervals.
     pub intervals: Vec<Figure>,
-    /// Learning curves.
+    /// Learning curves, and PPO-Lagrangian's multiplier.
     pub learning: Vec<Figure>,
     /// Validation during training.
     pub validation: Vec<Figure>,
@@ -142,7 +142,7 @@ impl Made {
         let sweeps = figures::sweeps(&subjects);
         let figures = FigureSet {
             intervals: Field::ALL.iter().filter_map(|&field| figures::intervals(&subjects, field)).collect(),
-            learning: figures::learning(&subjects),
+            learning: [figures::learning(&subjects), figures::multiplier(&subjects)].concat(),
             validation: figures::validation(&subjects),
             prediction: figures::prediction(&subjects),
             disturbance: [figures::by_threshold(&subjects), figures::by_objects(&subjects)].concat(),

@@ -191,6 +191,11 @@ pub fn groups(runs: &[Run]) -> Result<Vec<Group<'_>>, StudyError> {
 }
 
 impl Group<'_> {
+    /// Its runs began with another run's weights.
+    pub fn continued(&self) -> bool {
+        self.runs.iter().any(|run| run.config.from.is_some())
+    }
+
     /// Its weights are fresh: no run has trained them.
     pub fn untrained(&self) -> bool {
         self.runs.iter().all(|run| run.state == UNTRAINED)
@@ -242,6 +247,10 @@ fn settings_of(config: &Config) -> Table {
     for key in INCIDENTAL {
         table.remove(key);
     }
+    // Each seed begins with weights of its own; how long those were trained is what seeds have in common.
+    if let Some(from) = table.get_mut("from").and_then(Value::as_table_mut) {
+        from.retain(|key, _| key == "frames");
+    }
     table
 }
 
@@ -270,6 +279,10 @@ fn compare(path: &str, preset: &Table, run: &Table, found: &mut Vec<String>) {
         match (preset.get(key), value) {
             (Some(before), value) if before == value => {}
             (Some(Value::Table(before)), Value::Table(value)) => compare(&key_path, before, value, found),
+            (_, value) if key_path == "from" => {
+                let frames = value.get("frames").and_then(Value::as_integer).unwrap_or(0).unsigned_abs();
+                found.push(format!("begun with weights after {} frames", crate::format::count(frames)));
+            }
             (_, Value::Array(stages)) if key_path == "stages" => found.push(stages_text(stages)),
             (_, value) => found.push(format!("{key_path} = {value}")),
         }
@@ -292,6 +305,7 @@ fn stages_text(stages: &[Value]) -> String {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use proto::config::FromConfig;
 
     pub fn run(name: &str, preset: &str, seed: u64) -> Run {
         let config = Config { seed, ..Config::resolve(preset, None).unwrap() };
@@ -329,6 +343,19 @@ pub(crate) mod tests {
         let problem = groups(&runs).unwrap_err().to_string();
         assert!(problem.starts_with("a and c are the same experiment with the same seed 1 (demo)"), "{problem}");
         assert_eq!(groups(&[]).unwrap_err(), StudyError::Nothing);
+    }
+
+    #[test]
+    fn runs_from_other_weights_are_a_group_of_their_own() {
+        let mut runs = [run("a", "demo", 1), run("b", "demo", 2), run("c", "demo", 3)];
+        for (run, weights) in runs[1..].iter_mut().zip(["aa", "bb"]) {
+            let checkpoint = format!("/runs/{weights}/checkpoints/rollout-00000009.json");
+            run.config.from = Some(FromConfig { checkpoint, frames: 9000, weights: weights.into() });
+        }
+        let groups = groups(&runs).unwrap();
+        assert_eq!(groups.iter().map(|group| group.runs.len()).collect::<Vec<_>>(), [1, 2]);
+        assert_eq!(groups[1].differences, ["begun with weights after 9 000 frames"]);
+        assert!(groups[1].continued() && !groups[0].continued());
     }
 
     #[test]

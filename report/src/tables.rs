@@ -71,12 +71,19 @@ const TEST_NOVEL: Field = Field { split: Split::Test, objects: ObjectSet::Novel 
 const TEST_SEEN: Field = Field { split: Split::Test, objects: ObjectSet::Seen };
 const VALIDATION_NOVEL: Field = Field { split: Split::Validation, objects: ObjectSet::Novel };
 
-/// Presets that are a row of the paper in another batch shape.
-const SAME_METHOD: [(&str, &str); 2] = [("two-stage", "disturb-two-stage"), ("paper", "disturb-two-stage")];
+/// Presets that are a row of the paper in another batch shape, or with fewer frames.
+const SAME_METHOD: [(&str, &str); 5] = [
+    ("two-stage", "disturb-two-stage"),
+    ("paper", "disturb-two-stage"),
+    ("short-two-stage", "disturb-two-stage"),
+    ("short-r-only", "disturb-stage1-45m"),
+    ("short-scratch", "disturb-scratch-45m"),
+];
 
-/// True when the group's runs are this preset, under its own name or another.
+/// True when the group's runs are this preset, under its own name or another. Runs that began with other weights are no
+/// row of the paper, whatever their preset is called.
 fn is_preset(group: &Group<'_>, preset: &str) -> bool {
-    if group.untrained() {
+    if group.untrained() || group.continued() {
         return false;
     }
     if group.preset == preset || SAME_METHOD.contains(&(group.preset.as_str(), preset)) {
@@ -232,6 +239,10 @@ mod tests {
         assert!(is_preset(&groups[2], "disturb-two-stage"));
         assert_eq!(published(&groups[0], TEST_NOVEL).unwrap().success, 81.3 / 100.0);
         assert_eq!(published(&groups[3], TEST_NOVEL), None);
+        for (preset, row) in SAME_METHOD {
+            // The aliases are presets, and so are the rows that they stand beside.
+            assert!(settings_of_preset(preset).is_some() && settings_of_preset(row).is_some(), "{preset}");
+        }
     }
 
     #[test]

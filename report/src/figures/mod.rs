@@ -10,7 +10,7 @@ pub use actions::action_maps;
 pub use curves::{prediction, validation};
 pub use disturbance::{by_objects, by_threshold};
 pub use sweep::{Sweep, sweep_figure, sweeps};
-pub use training::learning;
+pub use training::{learning, multiplier};
 
 use crate::chart::palette::STYLES;
 use crate::chart::{Content, Figure, IntervalPlot, IntervalRow, Mark, Markers, Panel, Series};
@@ -117,7 +117,7 @@ pub fn intervals(subjects: &[Subject<'_>], field: Field) -> Option<Figure> {
         name: format!("results-{}", field.key()),
         caption: format!(
             "Interquartile mean over seeds and kitchens with its 95% stratified-bootstrap interval ({}); a group of one \
-             seed has no interval. Open diamond: the paper's mean for the same preset.",
+             seed has no interval. Open diamond: the mean of the paper's row, after the paper's number of frames.",
             field.name()
         ),
         legend: Vec::new(),

@@ -42,3 +42,31 @@ pub fn learning(subjects: &[Subject<'_>]) -> Vec<Figure> {
         }
     })
 }
+
+/// PPO-Lagrangian's multiplier over training.
+pub fn multiplier(subjects: &[Subject<'_>]) -> Vec<Figure> {
+    let with: Vec<&Subject<'_>> =
+        subjects.iter().filter(|subject| Curve::of_training(subject.group, metric::MULTIPLIER).is_some()).collect();
+    in_parts(&with, "multiplier", |name, part| {
+        let curves = part.iter().filter_map(|subject| {
+            Some(series(subject, &Curve::of_training(subject.group, metric::MULTIPLIER)?, Markers::Some))
+        });
+        let plot = LinePlot {
+            x: Axis::new("frames", Unit::Count),
+            y: Axis::new("λ", Unit::Number),
+            series: curves.collect(),
+            marks: Vec::new(),
+        };
+        Figure {
+            name,
+            caption:
+                "The multiplier of PPO-Lagrangian: mean over seeds; shaded, the range from the lowest seed to the \
+                      highest."
+                    .into(),
+            legend: legend(part),
+            columns: 2,
+            panel_height: 230.0,
+            panels: vec![Panel { title: "PPO-Lagrangian's multiplier".into(), content: Content::Lines(plot) }],
+        }
+    })
+}
