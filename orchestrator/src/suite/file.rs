@@ -218,6 +218,7 @@ fn distinct(entries: &[Entry]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use report::paper::{AblationRow, ActionSpaceRow, ResultRow};
 
     fn problem(text: &str) -> String {
         format!("{:#}", Suite::parse(text).unwrap_err())
@@ -263,6 +264,23 @@ mod tests {
         // What the child is given comes to the same.
         let again = Config::resolve_with("demo", Some((&wide.overrides, "file"))).unwrap();
         assert_eq!(Config { stages: wide.config.stages.clone(), seed: 7, ..again }, wide.config);
+    }
+
+    /// The suites in the repository are sound, and together they are every row of the paper's tables.
+    #[test]
+    fn our_own_suites_cover_the_paper() {
+        let main = Suite::parse(include_str!("../../../suites/paper.toml")).unwrap();
+        assert_eq!(main.entries.len(), 19 * 5);
+        let smaller = Suite::parse(include_str!("../../../suites/ablations.toml")).unwrap();
+        let settings = |config: &Config| Config { preset: String::new(), seed: 0, ..config.clone() };
+        let run: Vec<Config> = main.entries.iter().chain(&smaller.entries).map(|entry| settings(&entry.config)).collect();
+        let paper = report::paper::paper();
+        let main_rows = paper.test_novel.iter().chain(&paper.test_seen).map(ResultRow::preset);
+        let ablations = paper.ablation_valid_novel_20m.iter().map(AblationRow::preset);
+        let rows = main_rows.chain(ablations).chain(paper.action_space_valid.iter().map(ActionSpaceRow::preset));
+        for preset in rows {
+            assert!(run.contains(&settings(&Config::resolve(&preset, None).unwrap())), "{preset}");
+        }
     }
 
     #[test]
