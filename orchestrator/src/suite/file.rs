@@ -273,7 +273,8 @@ mod tests {
         assert_eq!(main.entries.len(), 19 * 5);
         let smaller = Suite::parse(include_str!("../../../suites/ablations.toml")).unwrap();
         let settings = |config: &Config| Config { preset: String::new(), seed: 0, ..config.clone() };
-        let run: Vec<Config> = main.entries.iter().chain(&smaller.entries).map(|entry| settings(&entry.config)).collect();
+        let run: Vec<Config> =
+            main.entries.iter().chain(&smaller.entries).map(|entry| settings(&entry.config)).collect();
         let paper = report::paper::paper();
         let main_rows = paper.test_novel.iter().chain(&paper.test_seen).map(ResultRow::preset);
         let ablations = paper.ablation_valid_novel_20m.iter().map(AblationRow::preset);

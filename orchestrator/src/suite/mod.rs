@@ -157,8 +157,7 @@ impl Sitting<'_> {
         let entry = &self.suite.entries[worker.entry];
         let next = self.folder.next(entry, &self.suite.evaluations)?;
         let went_on = match (&worker.step, &next) {
-            (_, Next::Done) => true,
-            (Step::Begin | Step::Resume, Next::Step(Step::Evaluate(_))) => true,
+            (_, Next::Done) | (Step::Begin | Step::Resume, Next::Step(Step::Evaluate(_))) => true,
             (Step::Evaluate(before), Next::Step(Step::Evaluate(after))) => after > before,
             _ => false,
         };
@@ -305,7 +304,9 @@ impl Sitting<'_> {
         if terminal::interactive() {
             terminal::progress(lines);
         } else {
-            lines.iter().for_each(|line| terminal::note(line));
+            for line in &lines {
+                terminal::note(line);
+            }
         }
     }
 

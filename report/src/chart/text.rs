@@ -1,4 +1,4 @@
-//! The face of all figures: DejaVu Sans, which is in the program, so that a PNG looks the same on every machine.
+//! The face of all figures: `DejaVu Sans`, which is in the program, so that a PNG looks the same on every machine.
 
 use ab_glyph::{Font, FontRef, ScaleFont};
 use std::sync::LazyLock;
@@ -48,7 +48,7 @@ mod tests {
         }
     }
 
-    /// Advance widths of DejaVu Sans 2.37, units of 2048 to the em: zero 1303, m 1995.
+    /// Advance widths of `DejaVu Sans` 2.37, units of 2048 to the em: zero 1303, m 1995.
     #[test]
     fn widths_are_in_pixels_of_the_em() {
         assert!((width("0", 2048.0) - 1303.0).abs() < 0.5);

@@ -14,7 +14,7 @@ pub fn by_threshold(subjects: &[Subject<'_>]) -> Vec<Figure> {
         "Share of episodes that are successful with a total displacement of all other objects below the threshold, mean \
          over seeds and kitchens with 95% stratified-bootstrap intervals. SRwoD is the value at 0.01 m.",
         &Axis::logarithmic("threshold on the total displacement (m)", Unit::Number),
-        vec![Mark { x: f64::from(UNDISTURBED_THRESHOLD_M), label: "SRwoD".into() }],
+        &[Mark { x: f64::from(UNDISTURBED_THRESHOLD_M), label: "SRwoD".into() }],
         |result| &result.by_threshold,
     )
 }
@@ -27,7 +27,7 @@ pub fn by_objects(subjects: &[Subject<'_>]) -> Vec<Figure> {
         "Share of episodes that are successful with at most so many objects more than 0.01 m from their place on some \
          axis, mean over seeds and kitchens with 95% stratified-bootstrap intervals.",
         &Axis::new("disturbed objects at most", Unit::Count),
-        Vec::new(),
+        &[],
         |result| &result.by_disturbed_objects,
     )
 }
@@ -37,7 +37,7 @@ fn figures(
     name: &str,
     caption: &str,
     x: &Axis,
-    marks: Vec<Mark>,
+    marks: &[Mark],
     curve: impl Fn(&FieldResult) -> &[CurvePoint],
 ) -> Vec<Figure> {
     let evaluated: Vec<&Subject<'_>> = subjects.iter().filter(|subject| !subject.results.is_empty()).collect();
@@ -62,7 +62,7 @@ fn figures(
                 x: x.clone(),
                 y: Axis::new("success", Unit::Percent),
                 series: series.collect(),
-                marks: marks.clone(),
+                marks: marks.to_vec(),
             };
             Panel { title: field.name(), content: Content::Lines(plot) }
         });

@@ -9,6 +9,7 @@ use crate::results::FieldResult;
 use crate::statistics::Estimate;
 use crate::study::Field;
 use crate::tables::{Comparison, Ours, Published, Row};
+use std::fmt::Write;
 use table::{Cell, Table};
 
 const STYLE: &str = include_str!("style.css");
@@ -42,12 +43,12 @@ impl Made {
         if !report.notes.is_empty() {
             html.push_str("<h3>Before you trust these figures</h3>\n<ul>\n");
             for note in &report.notes {
-                html.push_str(&format!("<li>{}</li>\n", escape(note)));
+                let _ = write!(html, "<li>{}</li>\n", escape(note));
             }
             html.push_str("</ul>\n");
         }
         for (anchor, heading) in SECTIONS {
-            html.push_str(&format!("<h2 id=\"{anchor}\">{}</h2>\n", escape(heading)));
+            let _ = write!(html, "<h2 id=\"{anchor}\">{}</h2>\n", escape(heading));
             html.push_str(&section(anchor, report, figures));
         }
         html.push_str("</body>\n</html>\n");
@@ -116,7 +117,7 @@ fn beside_the_paper(report: &Report, figures: &FigureSet) -> String {
         count(u64::from(report.statistics.resamples))
     );
     for comparison in &report.comparisons {
-        html.push_str(&format!("<h3 id=\"table-{}\">{}</h3>\n", comparison.name, escape(&comparison.title)));
+        let _ = write!(html, "<h3 id=\"table-{}\">{}</h3>\n", comparison.name, escape(&comparison.title));
         if comparison.rows.iter().all(|row| row.ours.is_empty()) {
             html.push_str(&missing("No group here is a row of this table and evaluated on its episodes."));
         }
@@ -198,21 +199,18 @@ fn groups(report: &Report) -> String {
             continue;
         }
         any = true;
-        html.push_str(&format!("<h3>{}</h3>\n", escape(&field.name())));
+        let _ = write!(html, "<h3>{}</h3>\n", escape(&field.name()));
         html.push_str(&field_table(&found).html());
     }
-    if !any {
-        html.push_str(&missing(NOT_EVALUATED));
-    } else {
-        html.push_str(
-            "<p>Means over all episodes of all seeds together: pick-ups; steps of an episode; d, the total displacement \
-             of all other objects at the end; how many objects are more than 0.01 m from their place at the end, and how \
-             many were at some time; “back again”, the share of the successful episodes in which something was away from \
-             its place and is back at the end; actions that failed; the distance from target to goal at the end.</p>\n",
-        );
-    }
+    html.push_str(&if any { FIGURES.to_owned() } else { missing(NOT_EVALUATED) });
     html
 }
+
+/// What the columns of [`field_table`] are.
+const FIGURES: &str = "<p>Means over all episodes of all seeds together: pick-ups; steps of an episode; d, the total \
+    displacement of all other objects at the end; how many objects are more than 0.01 m from their place at the end, and \
+    how many were at some time; “back again”, the share of the successful episodes in which something was away from its \
+    place and is back at the end; actions that failed; the distance from target to goal at the end.</p>\n";
 
 fn field_table(found: &[(&GroupReport, &FieldResult)]) -> Table {
     let mut head = vec![Cell::text("group"), Cell::number("seeds"), Cell::number("episodes")];

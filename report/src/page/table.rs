@@ -1,6 +1,7 @@
 //! A table as HTML.
 
 use crate::chart::escape;
+use std::fmt::Write;
 
 /// One cell.
 #[derive(Debug, Clone)]
@@ -79,7 +80,7 @@ impl Table {
         if !self.spans.is_empty() {
             html.push_str("<tr>");
             for (columns, text) in &self.spans {
-                html.push_str(&format!("<th colspan=\"{columns}\">{}</th>", escape(text)));
+                let _ = write!(html, "<th colspan=\"{columns}\">{}</th>", escape(text));
             }
             html.push_str("</tr>\n");
         }
@@ -89,7 +90,11 @@ impl Table {
         }
         html.push_str("</tr></thead>\n<tbody>\n");
         for (class, cells) in &self.rows {
-            html.push_str(&if class.is_empty() { "<tr>".to_owned() } else { format!("<tr class=\"{class}\">") });
+            if class.is_empty() {
+                html.push_str("<tr>");
+            } else {
+                let _ = write!(html, "<tr class=\"{class}\">");
+            }
             for cell in cells {
                 html.push_str(&tag("td", cell));
             }

@@ -23,7 +23,7 @@ pub fn wilson(successes: u64, trials: u64) -> Option<Interval> {
 mod tests {
     use super::*;
 
-    /// Reference values: statsmodels.stats.proportion.proportion_confint(k, n, method="wilson").
+    /// Reference values: `statsmodels.stats.proportion.proportion_confint(k, n, method="wilson")`, statsmodels 0.15.0.
     #[test]
     fn agrees_with_statsmodels() {
         for (successes, trials, low, high) in [
