@@ -53,6 +53,12 @@ fn wait_until(what: &str, test: impl Fn() -> bool) {
 fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let workshop = Workshop::new();
     suite(&workshop, 900, "");
+    // Killed just before it starts its first process, and just after.
+    for point in ["suite.before_process", "suite.after_process"] {
+        let mut command = call(&workshop);
+        command.env("STILLROOM_FAULT", point);
+        assert!(!complete(command).success);
+    }
     // Killed while the first run trains: its processes save and leave by themselves.
     let child = start(call(&workshop));
     let first = run(&workshop, "tiny-5");
