@@ -324,7 +324,10 @@ fn last_words(log: &Path, exit: ExitStatus) -> String {
         file.read_to_end(&mut end)
     });
     let text = String::from_utf8_lossy(&end);
+    // What the program reports at its end, else the last that it logged as an error.
     let error = text.lines().rev().find_map(|line| line.strip_prefix("error: "));
+    let error =
+        error.or_else(|| text.lines().rev().find_map(|line| line.split_once(" ERROR ")).map(|(_, error)| error));
     match (read, error) {
         (Ok(_), Some(error)) => error.to_owned(),
         _ => exit.to_string(),
