@@ -114,7 +114,8 @@ impl Run {
 /// Runs of one configuration with different seeds.
 #[derive(Debug, Clone)]
 pub struct Group<'a> {
-    /// Its name in tables and figures: the preset's, with a letter where several groups have the same preset.
+    /// Its name in tables and figures: the preset's, with a star where it has other settings than the preset, and a letter
+    /// where that is not enough to tell groups apart.
     pub label: String,
     /// Preset.
     pub preset: String,
@@ -226,7 +227,11 @@ pub const UNTRAINED: &str = "untrained";
 fn label(groups: &mut [Group<'_>]) {
     let names: Vec<String> = groups
         .iter()
-        .map(|group| if group.untrained() { format!("{}, untrained", group.preset) } else { group.preset.clone() })
+        .map(|group| {
+            let star = if group.differences.is_empty() { "" } else { "*" };
+            let untrained = if group.untrained() { ", untrained" } else { "" };
+            format!("{}{star}{untrained}", group.preset)
+        })
         .collect();
     for (index, group) in groups.iter_mut().enumerate() {
         let before = names[..index].iter().filter(|name| **name == names[index]).count();
@@ -325,12 +330,14 @@ pub(crate) mod tests {
         threads.config.learner.threads = 1;
         let mut short = run("d", "demo", 1);
         short.config.stages[0].frames = 5000;
+        let mut shorter = short.clone();
+        shorter.config.stages[0].frames = 4000;
         let mut untrained = run("e", "demo", 1);
         untrained.state = UNTRAINED.into();
-        let runs = [run("a", "demo", 2), run("b", "demo", 1), threads, short, untrained, run("f", "paper", 1)];
+        let runs = [run("a", "demo", 2), run("b", "demo", 1), threads, short, shorter, untrained, run("f", "paper", 1)];
         let groups = groups(&runs).unwrap();
         let labels: Vec<&str> = groups.iter().map(|group| group.label.as_str()).collect();
-        assert_eq!(labels, ["demo (a)", "demo (b)", "demo, untrained", "paper"]);
+        assert_eq!(labels, ["demo", "demo* (a)", "demo* (b)", "demo, untrained", "paper"]);
         let names: Vec<&str> = groups[0].runs.iter().map(|run| run.name.as_str()).collect();
         assert_eq!(names, ["b", "a", "c"], "by seed");
         assert!(groups[0].differences.is_empty(), "{:?}", groups[0].differences);

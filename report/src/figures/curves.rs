@@ -50,8 +50,9 @@ const PREDICTION: [(&str, &str); 4] = [
 
 /// Precision and recall of disturbance prediction over training.
 pub fn prediction(subjects: &[Subject<'_>]) -> Vec<Figure> {
+    // The rate of the label is told with every rollout; shares of nothing are not.
     let with: Vec<&Subject<'_>> =
-        subjects.iter().filter(|subject| Curve::of_training(subject.group, PREDICTION[1].1).is_some()).collect();
+        subjects.iter().filter(|subject| Curve::of_training(subject.group, PREDICTION[3].1).is_some()).collect();
     in_parts(&with, "prediction", |name, part| {
         let panels = PREDICTION.map(|(title, metric)| {
             let curves = part.iter().filter_map(|subject| {

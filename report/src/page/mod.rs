@@ -188,6 +188,9 @@ fn groups(report: &Report) -> String {
         list.row("", vec![Cell::text(&group.label), Cell::text(seeds.join(", ")), Cell::wide(differences)]);
     }
     html.push_str(&list.html());
+    if report.groups.iter().any(|group| !group.differences.is_empty()) {
+        html.push_str("<p>A star: the group has other settings than its preset.</p>\n");
+    }
     let mut any = false;
     for field in Field::ALL {
         let found: Vec<(&GroupReport, &FieldResult)> = report
