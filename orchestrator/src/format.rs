@@ -1,19 +1,8 @@
 //! Figures as people read them: counts, bytes, durations, dates. Pure functions.
 
-use std::time::Duration;
+pub use report::format::count;
 
-/// A count with its thousands apart: `1 234 567` (thin figures, no locale).
-pub fn count(value: u64) -> String {
-    let digits = value.to_string();
-    let mut out = String::with_capacity(digits.len() + digits.len() / 3);
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            out.push(' ');
-        }
-        out.push(digit);
-    }
-    out
-}
+use std::time::Duration;
 
 /// Bytes in binary units with three significant figures: `512 B`, `1.50 GiB`.
 pub fn bytes(value: u64) -> String {

@@ -219,6 +219,16 @@ pub fn holder(folder: &RunFolder) -> Result<Held> {
     }
 }
 
+/// How a run stands: `running`, `complete`, `stopped`, `interrupted`, `failed` or `cut off`.
+pub fn state(identity: &Identity, held: &Held, complete: bool) -> String {
+    match (held, identity.incarnations.last().and_then(|last| last.ended.as_ref())) {
+        (Held::By(_) | Held::Unsigned, _) => "running".to_owned(),
+        (Held::Free, _) if complete => "complete".to_owned(),
+        (Held::Free, Some(ended)) => ended.how.clone(),
+        (Held::Free, None) => "cut off".to_owned(),
+    }
+}
+
 fn holder_in(path: &Path) -> Option<Holder> {
     toml::from_str(&std::fs::read_to_string(path).ok()?).ok()
 }

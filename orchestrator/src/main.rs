@@ -5,17 +5,21 @@ mod command;
 mod evaluation;
 mod figures;
 mod format;
+mod gather;
 mod identity;
+mod lifeline;
 mod metrics;
 mod preflight;
 mod progress;
 mod recorder;
 mod recording;
 mod remains;
+mod report_files;
 mod scenes;
 mod schema;
 mod session;
 mod sitting;
+mod suite;
 mod summary;
 mod supervisor;
 mod terminal;
@@ -39,6 +43,9 @@ struct CommandLine {
     /// Show the children's ordinary log lines, too (the variable `STILLROOM_LOG` filters more finely)
     #[arg(short, long, global = true)]
     verbose: bool,
+    /// The process that started this one: it is interrupted when that one dies
+    #[arg(long, value_name = "PID", hide = true)]
+    parent: Option<u32>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -48,6 +55,8 @@ enum Command {
     Stop(command::stop::StopArgs),
     Status(command::status::StatusArgs),
     Eval(command::eval::EvalArgs),
+    Report(command::report::ReportArgs),
+    Suite(command::suite::SuiteArgs),
     Config(command::config::ConfigArgs),
     Presets(command::presets::PresetsArgs),
     Import(command::import::ImportArgs),
@@ -62,12 +71,15 @@ fn main() -> ExitCode {
     let line = CommandLine::parse();
     terminal::init(line.verbose);
     let done = |()| ExitCode::SUCCESS;
-    let result = match &line.command {
+    let followed = line.parent.map_or(Ok(()), lifeline::follow);
+    let result = followed.and_then(|()| match &line.command {
         Command::Up(args) => command::up::run(args),
         Command::Resume(args) => command::resume::run(args),
         Command::Stop(args) => command::stop::run(args).map(done),
         Command::Status(args) => command::status::run(args).map(done),
         Command::Eval(args) => command::eval::run(args),
+        Command::Report(args) => command::report::run(args).map(done),
+        Command::Suite(args) => command::suite::run(args),
         Command::Config(args) => command::config::run(args).map(done),
         Command::Presets(args) => command::presets::run(args).map(done),
         Command::Import(args) => command::import::run(args).map(done),
@@ -76,7 +88,7 @@ fn main() -> ExitCode {
         Command::Recover(args) => command::recover::run(args).map(done),
         Command::Clean(args) => command::clean::run(args).map(done),
         Command::Doctor(args) => command::doctor::run(args),
-    };
+    });
     result.unwrap_or_else(|error| {
         terminal::note(&format!("error: {error:#}"));
         ExitCode::FAILURE

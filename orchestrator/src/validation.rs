@@ -380,7 +380,8 @@ fn clear(result: &Path) -> Result<()> {
 }
 
 /// The lines of the log; a line that a crash cut short is passed over.
-fn read_log(path: &Path) -> Result<Vec<Validated>> {
+/// The lines of a run's log; none when it was never validated. One that a crash cut short is skipped.
+pub fn read_log(path: &Path) -> Result<Vec<Validated>> {
     let text = match std::fs::read_to_string(path) {
         Ok(text) => text,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(vec![]),

@@ -30,6 +30,8 @@ pub enum Purpose {
     Evaluation = 9,
     /// What a contrastive auxiliary loss shows as not seen; keyed as [`Purpose::AuxiliarySubsample`].
     AuxiliaryNegatives = 16,
+    /// Resamples behind the intervals of a report; `environment` is the number of seeds, `episode` the resample.
+    Bootstrap = 24,
 }
 
 /// The key of a stream of random numbers.

@@ -2,7 +2,7 @@
 
 use crate::figures::{Recent, StageFigures, by_stage, recent};
 use crate::format;
-use crate::identity::{Held, Identity, Incarnation, holder};
+use crate::identity::{Held, Identity, Incarnation, holder, state};
 use crate::metrics::History;
 use crate::progress::{figures_line, frames_line};
 use crate::summary::{Summary, table};
@@ -30,7 +30,7 @@ pub struct StatusArgs {
 #[derive(Debug, Serialize)]
 struct Status {
     id: String,
-    /// `running`, `complete`, `stopped`, `interrupted`, `failed` or `cut off`.
+    /// See [`state`].
     state: String,
     preset: String,
     seed: u64,
@@ -51,12 +51,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     let history = History::read(&folder)?;
     let summary = Summary::read(&folder)?;
     let last = identity.incarnations.last();
-    let state = match (&held, last.and_then(|last| last.ended.as_ref())) {
-        (Held::By(_) | Held::Unsigned, _) => "running".to_owned(),
-        (Held::Free, _) if summary.is_some() => "complete".to_owned(),
-        (Held::Free, Some(ended)) => ended.how.clone(),
-        (Held::Free, None) => "cut off".to_owned(),
-    };
+    let state = state(&identity, &held, summary.is_some());
     let status = Status {
         id: identity.id.clone(),
         state,

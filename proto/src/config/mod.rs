@@ -9,7 +9,7 @@ mod preset;
 mod validate;
 
 pub use error::ConfigError;
-pub use preset::{Preset, presets};
+pub use preset::{Preset, overlay, presets};
 
 use crate::action::ActionSpace;
 use crate::evaluation::{EvaluationConfig, ObjectSet, Plan};
@@ -454,14 +454,19 @@ impl ValidationConfig {
 impl Config {
     /// Defaults, overlaid by a preset, overlaid by a TOML file if one is given; validated.
     pub fn resolve(preset: &str, file: Option<&Path>) -> Result<Self, ConfigError> {
+        let Some(path) = file else { return Self::resolve_with(preset, None) };
+        let text = std::fs::read_to_string(path)
+            .map_err(|cause| ConfigError::Unreadable { path: path.to_path_buf(), cause })?;
+        Self::resolve_with(preset, Some((&text, &path.display().to_string())))
+    }
+
+    /// The same with the overlay as TOML text, and what errors call it.
+    pub fn resolve_with(preset: &str, overlay: Option<(&str, &str)>) -> Result<Self, ConfigError> {
         let mut value = preset::merged(preset)?;
-        if let Some(path) = file {
-            let text = std::fs::read_to_string(path)
-                .map_err(|cause| ConfigError::Unreadable { path: path.to_path_buf(), cause })?;
-            let origin = path.display().to_string();
+        if let Some((text, origin)) = overlay {
             // Parsed on its own first: this is what finds an unknown key with its line.
-            error::parse::<Self>(&text, &origin)?;
-            preset::overlay(&mut value, error::parse(&text, &origin)?);
+            error::parse::<Self>(text, origin)?;
+            preset::overlay(&mut value, error::parse(text, origin)?);
         }
         let mut config: Self = value.try_into().map_err(|cause: toml::de::Error| ConfigError::Invalid {
             origin: format!("preset {preset}"),

@@ -79,7 +79,7 @@ pub(super) fn merged(name: &str) -> Result<toml::Table, ConfigError> {
 }
 
 /// Lays `top` over `bottom`: tables merge, everything else (arrays too) replaces.
-pub(super) fn overlay(bottom: &mut toml::Table, top: toml::Table) {
+pub fn overlay(bottom: &mut toml::Table, top: toml::Table) {
     for (key, value) in top {
         match (bottom.get_mut(&key), value) {
             (Some(toml::Value::Table(below)), toml::Value::Table(above)) => overlay(below, above),

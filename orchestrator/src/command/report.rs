@@ -1,0 +1,81 @@
+//! `orchestrator report`: what runs came to, beside the paper.
+
+use crate::gather::gather;
+use crate::report_files::{NUMBERS, PAGE, check_free, write};
+use crate::terminal;
+use anyhow::{Result, ensure};
+use report::Options;
+use std::path::{Path, PathBuf};
+
+/// Put runs and their evaluations on one page, beside the paper's figures
+///
+/// Writes report.html, which needs no network, report.json with every number, and each figure as SVG and PNG. Runs that
+/// differ in the seed only are one group; means have 95% stratified-bootstrap intervals over its seeds. What is missing,
+/// such as runs that were not evaluated, the page says.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  orchestrator report runs/a runs/b runs/c                 three seeds or three methods: it sees which
+  orchestrator report runs evaluations --out report        everything below two folders
+  orchestrator report runs/a --threshold 0.01 --threshold 0.05 --threshold 0.1")]
+pub struct ReportArgs {
+    /// Run folders, evaluation folders, or folders that hold such
+    #[arg(value_name = "RUN", required = true)]
+    runs: Vec<PathBuf>,
+    /// Folder of the report, new, empty, or with an older report [default: RUN/report of one folder, else report]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Threshold of the curve of success over the allowed displacement, metres; repeat it for each point [default: 16
+    /// from 0.001 to 10]
+    #[arg(long = "threshold", value_name = "M")]
+    thresholds_m: Vec<f32>,
+}
+
+/// Runs the command.
+pub fn run(args: &ReportArgs) -> Result<()> {
+    let out = args.out.clone().unwrap_or_else(|| match args.runs.as_slice() {
+        [one] => one.join("report"),
+        _ => Path::new("report").to_path_buf(),
+    });
+    check_free(&out)?;
+    let runs = gather(&args.runs)?;
+    let made = write(&runs, &options(&args.thresholds_m)?, &out)?;
+    for note in &made.report.notes {
+        terminal::note(note);
+    }
+    let groups = made.report.groups.len();
+    let evaluated = made.report.groups.iter().filter(|group| !group.results.is_empty()).count();
+    terminal::out(&format!("{} runs in {groups} groups, {evaluated} of them evaluated", runs.len()));
+    terminal::out(&format!("numbers: {}", out.join(NUMBERS).display()));
+    terminal::out(&format!("page: {}", out.join(PAGE).display()));
+    Ok(())
+}
+
+fn options(thresholds_m: &[f32]) -> Result<Options> {
+    if thresholds_m.is_empty() {
+        return Ok(Options::default());
+    }
+    for threshold_m in thresholds_m {
+        ensure!(
+            threshold_m.is_finite() && *threshold_m > 0.0,
+            "--threshold {threshold_m}: a threshold is a positive number of metres"
+        );
+    }
+    let mut sorted = thresholds_m.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    sorted.dedup();
+    Ok(Options { thresholds_m: sorted })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thresholds_are_positive_and_in_order() {
+        assert_eq!(options(&[0.1, 0.01, 0.1]).unwrap().thresholds_m, [0.01, 0.1]);
+        assert_eq!(options(&[]).unwrap(), Options::default());
+        for wrong in [0.0, -1.0, f32::NAN] {
+            assert!(options(&[wrong]).unwrap_err().to_string().contains("--threshold"));
+        }
+    }
+}

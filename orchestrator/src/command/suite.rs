@@ -1,0 +1,123 @@
+//! `orchestrator suite`: presets times seeds, and the report on them.
+
+use crate::gather::gather;
+use crate::report_files;
+use crate::suite::{Outcome, Suite, SuiteFolder, lines, run as work};
+use crate::terminal;
+use anyhow::{Context, Result, ensure};
+use report::Options;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Train and evaluate a list of presets with several seeds each, and report on them
+///
+/// Runs go one after another, or one on each of the GPUs given. The suite can be stopped and killed at any time: the same
+/// command goes on where it was. A run that fails does not keep the others from going on, and is tried again by the next
+/// call. Exit status 0 when every run is trained and evaluated.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "The file, TOML:
+  seeds = [1, 2, 3]                 # of runs that name none
+  frames = 1_000_000                # optional: all stages of every run scaled to this sum
+  config.learner.threads = 2        # optional: keys laid over every preset
+
+  [[evaluations]]                   # of every run when it is trained: what `orchestrator eval` takes
+  split = \"test\"                    # or \"valid\"
+  objects = \"novel\"                 # or \"seen\", \"all\"
+  episodes = 60                     # optional, deterministic = true, too
+
+  [[runs]]
+  preset = \"disturb-two-stage\"
+
+  [[runs]]
+  preset = \"none-two-stage\"
+  name = \"small-steps\"              # optional: what its folders are called
+  seeds = [1]                       # optional, frames, too
+  config.ppo.learning_rate = 1e-4   # optional: keys laid over the preset and the suite's own
+
+Examples:
+  orchestrator suite table-1.toml                  into runs/table-1
+  orchestrator suite table-1.toml --gpus 0,1,2,3
+  orchestrator suite table-1.toml --check          says what it would do")]
+pub struct SuiteArgs {
+    /// What to run
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Folder of the suite [default: runs/FILE without its ending]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// GPUs, separated by commas: one run at a time on each [default: one run at a time]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    gpus: Vec<String>,
+    /// Only judge the file and print its runs
+    #[arg(long)]
+    check: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
+    let (suite, text) = Suite::read(&args.file)?;
+    check_gpus(&args.gpus)?;
+    let root = match &args.out {
+        Some(out) => out.clone(),
+        None => Path::new("runs").join(args.file.file_stem().context("the suite's file has no name")?),
+    };
+    let folder = SuiteFolder::new(&root);
+    folder.check(&suite)?;
+    if args.check {
+        for entry in &suite.entries {
+            terminal::out(&entry.name);
+        }
+        terminal::out(&format!("{} runs, {} evaluations each", suite.entries.len(), suite.evaluations.len()));
+        return Ok(ExitCode::SUCCESS);
+    }
+    let _lock = folder.open(&suite, &text)?;
+    let outcome = work(&suite, &folder, &args.gpus)?;
+    for line in lines(&suite, &folder)? {
+        terminal::out(&line);
+    }
+    if outcome == Outcome::Interrupted {
+        terminal::note(&format!("go on with: orchestrator suite {}", args.file.display()));
+        return Ok(ExitCode::SUCCESS);
+    }
+    let begun = suite.entries.iter().map(|entry| folder.run(entry)).filter(|run| run.identity().exists());
+    let begun: Vec<PathBuf> = begun.map(|run| run.root().to_path_buf()).collect();
+    if begun.is_empty() {
+        terminal::note("no run could be begun: there is nothing to report on");
+    } else {
+        let made = report_files::write(&gather(&begun)?, &Options::default(), &folder.report())?;
+        for note in &made.report.notes {
+            terminal::note(note);
+        }
+        terminal::out(&format!("page: {}", folder.page().display()));
+    }
+    if outcome == Outcome::Done {
+        return Ok(ExitCode::SUCCESS);
+    }
+    terminal::note(&format!(
+        "some runs are not done; the same command tries them again (state: {})",
+        folder.state().display()
+    ));
+    Ok(ExitCode::FAILURE)
+}
+
+fn check_gpus(gpus: &[String]) -> Result<()> {
+    for (index, gpu) in gpus.iter().enumerate() {
+        ensure!(!gpu.trim().is_empty(), "--gpus: an empty name in the list");
+        ensure!(!gpus[..index].contains(gpu), "--gpus: {gpu} stands twice");
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gpu_is_a_place_once() {
+        let list = |text: &str| text.split(',').map(str::to_owned).collect::<Vec<_>>();
+        check_gpus(&list("0,1,GPU-8f2c")).unwrap();
+        check_gpus(&[]).unwrap();
+        assert!(check_gpus(&list("0,1,0")).unwrap_err().to_string().contains("twice"));
+        assert!(check_gpus(&list("0,")).unwrap_err().to_string().contains("empty"));
+    }
+}

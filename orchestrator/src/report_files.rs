@@ -1,0 +1,65 @@
+//! Writing a report down: `report.html`, `report.json`, `figures/*.svg` and `figures/*.png`.
+
+use crate::format;
+use crate::identity::unix_now;
+use anyhow::{Context, Result, bail};
+use proto::run_folder::write_atomically;
+use report::{Made, Options, study::Run};
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Name of the page.
+pub const PAGE: &str = "report.html";
+/// Name of the numbers.
+pub const NUMBERS: &str = "report.json";
+/// Folder of the figures.
+const FIGURES: &str = "figures";
+
+/// Refuses a folder that holds something else than a report.
+pub fn check_free(out: &Path) -> Result<()> {
+    let foreign = match std::fs::read_dir(out) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(error) => return Err(error).with_context(|| format!("report folder {}", out.display())),
+        Ok(mut entries) => entries.next().is_some() && !out.join(PAGE).exists(),
+    };
+    if foreign {
+        bail!("{} is not empty, and what it holds is no report: choose another folder with --out", out.display());
+    }
+    Ok(())
+}
+
+/// Makes the report on `runs` and writes it to `out`, the page last. An older report there is replaced.
+pub fn write(runs: &[Run], options: &Options, out: &Path) -> Result<Made> {
+    check_free(out)?;
+    let made = Made::of(runs, options)?;
+    let figures = out.join(FIGURES);
+    std::fs::create_dir_all(&figures).with_context(|| format!("cannot create {}", figures.display()))?;
+    let mut written = BTreeSet::new();
+    let mut put = |path: &Path, content: &[u8]| {
+        written.insert(path.to_path_buf());
+        write_atomically(path, content).with_context(|| format!("cannot write {}", path.display()))
+    };
+    for figure in made.figures.all() {
+        put(&figures.join(format!("{}.svg", figure.name)), figure.svg().as_bytes())?;
+        put(&figures.join(format!("{}.png", figure.name)), &figure.png()?)?;
+    }
+    let mut numbers = serde_json::to_string_pretty(&made.report).context(NUMBERS)?;
+    numbers.push('\n');
+    put(&out.join(NUMBERS), numbers.as_bytes())?;
+    let by = format!(
+        "Made {} by stillroom {} from {} runs.",
+        format::date(unix_now()),
+        env!("CARGO_PKG_VERSION"),
+        runs.len()
+    );
+    put(&out.join(PAGE), made.page(&by).as_bytes())?;
+    // Figures of the report before, which this one does not have.
+    for entry in std::fs::read_dir(&figures).with_context(|| figures.display().to_string())? {
+        let path = entry?.path();
+        let drawn = path.extension().is_some_and(|extension| extension == "svg" || extension == "png");
+        if drawn && !written.contains(&path) {
+            std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
+        }
+    }
+    Ok(made)
+}

@@ -1,0 +1,307 @@
+//! The file of a suite: which presets with which seeds, and how they are evaluated. Judged whole before anything starts.
+
+use anyhow::{Context, Result, bail, ensure};
+use proto::config::{Config, overlay};
+use proto::stage::scale_to;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+use toml::Table;
+
+/// Runs of one suite at most.
+const RUNS_MAX: usize = 1000;
+
+/// The file as it is written.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    /// Seeds of the runs that name none.
+    #[serde(default)]
+    seeds: Vec<u64>,
+    /// Frames of the runs that name none: all stages are scaled in proportion.
+    frames: Option<u64>,
+    /// Keys laid over every preset.
+    #[serde(default)]
+    config: Table,
+    /// How every run is evaluated when it is trained.
+    #[serde(default)]
+    evaluations: Vec<Asked>,
+    runs: Vec<Planned>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Planned {
+    preset: String,
+    /// What its folders are called; the preset if it is not given.
+    name: Option<String>,
+    seeds: Option<Vec<u64>>,
+    frames: Option<u64>,
+    /// Keys laid over the preset, and over the suite's own.
+    #[serde(default)]
+    config: Table,
+}
+
+/// Kitchens of an evaluation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AskedSplit {
+    /// Validation kitchens.
+    Valid,
+    /// Test kitchens.
+    Test,
+}
+
+/// Targets of an evaluation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AskedObjects {
+    /// Not seen in training.
+    Novel,
+    /// Seen in training.
+    Seen,
+    /// All twelve.
+    All,
+}
+
+/// One evaluation of every run: what `orchestrator eval` takes.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Asked {
+    /// Kitchens.
+    pub split: AskedSplit,
+    /// Targets.
+    pub objects: AskedObjects,
+    /// Episodes of each kitchen and object set; all 360 if not given.
+    pub episodes: Option<u32>,
+    /// The most probable action instead of a sampled one.
+    #[serde(default)]
+    pub deterministic: bool,
+}
+
+/// One run of the suite.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Entry {
+    /// Name of its folder: `NAME-SEED`.
+    pub name: String,
+    /// Preset.
+    pub preset: String,
+    /// Seed.
+    pub seed: u64,
+    /// `--frames`.
+    pub frames: Option<u64>,
+    /// What `--config` is given: TOML.
+    pub overrides: String,
+    /// What comes of all that.
+    pub config: Config,
+}
+
+/// A file that has been found sound.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Suite {
+    /// Runs, in order.
+    pub entries: Vec<Entry>,
+    /// Evaluations of each, in order.
+    pub evaluations: Vec<Asked>,
+}
+
+impl Asked {
+    /// Name of its folder in a run's `evaluations/`.
+    pub fn folder(&self) -> String {
+        let episodes = self.episodes.map_or_else(String::new, |episodes| format!("-{episodes}"));
+        let deterministic = if self.deterministic { "-deterministic" } else { "" };
+        format!("suite-{}-{}{episodes}{deterministic}", self.split_name(), self.objects_name())
+    }
+
+    /// What `--split` is given.
+    pub fn split_name(&self) -> &'static str {
+        match self.split {
+            AskedSplit::Valid => "valid",
+            AskedSplit::Test => "test",
+        }
+    }
+
+    /// What `--objects` is given.
+    pub fn objects_name(&self) -> &'static str {
+        match self.objects {
+            AskedObjects::Novel => "novel",
+            AskedObjects::Seen => "seen",
+            AskedObjects::All => "all",
+        }
+    }
+}
+
+impl Suite {
+    /// Reads and judges a file.
+    pub fn read(path: &Path) -> Result<(Self, String)> {
+        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read suite {}", path.display()))?;
+        let suite = Self::parse(&text).with_context(|| path.display().to_string())?;
+        Ok((suite, text))
+    }
+
+    /// Judges a file's text.
+    pub fn parse(text: &str) -> Result<Self> {
+        let file: File = toml::from_str(text)?;
+        ensure!(!file.runs.is_empty(), "no [[runs]]: a suite has at least one");
+        let mut entries = Vec::new();
+        for (index, planned) in file.runs.iter().enumerate() {
+            let called = || format!("[[runs]] number {}, preset `{}`", index + 1, planned.preset);
+            entries.extend(planned.entries(&file).with_context(called)?);
+        }
+        ensure!(entries.len() <= RUNS_MAX, "{} runs; a suite has at most {RUNS_MAX}", entries.len());
+        distinct(&entries)?;
+        for (index, asked) in file.evaluations.iter().enumerate() {
+            if let Some(episodes) = asked.episodes {
+                ensure!(
+                    (1..=360).contains(&episodes),
+                    "[[evaluations]] number {}: episodes = {episodes}; a kitchen has 1 to 360 of each object set",
+                    index + 1
+                );
+            }
+            ensure!(!file.evaluations[..index].contains(asked), "[[evaluations]] number {} repeats another", index + 1);
+        }
+        Ok(Self { entries, evaluations: file.evaluations })
+    }
+}
+
+impl Planned {
+    fn entries(&self, file: &File) -> Result<Vec<Entry>> {
+        let name = self.name.as_ref().unwrap_or(&self.preset);
+        let sound = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
+        ensure!(
+            !name.is_empty() && name.chars().all(sound) && !name.starts_with(['.', '-']),
+            "name = \"{name}\": a name is letters, digits, `-`, `_` and `.`, and begins with a letter or digit"
+        );
+        let seeds = self.seeds.as_ref().unwrap_or(&file.seeds);
+        ensure!(!seeds.is_empty(), "no seeds: give the run `seeds`, or the suite");
+        let mut keys = file.config.clone();
+        overlay(&mut keys, self.config.clone());
+        for (key, instead) in [("seed", "seeds"), ("preset", "preset of the run")] {
+            if keys.contains_key(key) {
+                bail!("config.{key}: say it by `{instead}`");
+            }
+        }
+        let overrides = toml::to_string(&keys).context("config")?;
+        let frames = self.frames.or(file.frames);
+        // Lines would be those of a text that the user has not written.
+        let mut config = Config::resolve_with(&self.preset, Some((&overrides, "config")))?;
+        if let Some(frames) = frames {
+            config.stages = scale_to(&config.stages, frames).context("frames")?;
+        }
+        config.validate()?;
+        let entry = |&seed: &u64| Entry {
+            name: format!("{name}-{seed}"),
+            preset: self.preset.clone(),
+            seed,
+            frames,
+            overrides: overrides.clone(),
+            config: Config { seed, ..config.clone() },
+        };
+        Ok(seeds.iter().map(entry).collect())
+    }
+}
+
+/// No two runs with one name, none twice under two names.
+fn distinct(entries: &[Entry]) -> Result<()> {
+    let mut names: BTreeMap<&str, usize> = BTreeMap::new();
+    for (index, entry) in entries.iter().enumerate() {
+        if names.insert(&entry.name, index).is_some() {
+            bail!("two runs are called {}: give one of them another `name`, or other seeds", entry.name);
+        }
+        if let Some(same) = entries[..index].iter().find(|before| before.config == entry.config) {
+            bail!("{} and {} are the same run", same.name, entry.name);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use report::paper::{AblationRow, ActionSpaceRow, ResultRow};
+
+    fn problem(text: &str) -> String {
+        format!("{:#}", Suite::parse(text).unwrap_err())
+    }
+
+    #[test]
+    fn presets_times_seeds_with_the_suites_settings_beneath_the_runs() {
+        let suite = Suite::parse(
+            r#"
+            seeds = [1, 2]
+            frames = 9000
+            [config.ppo]
+            epochs = 2
+            clip = 0.3
+            [[evaluations]]
+            split = "test"
+            objects = "novel"
+            episodes = 6
+            [[evaluations]]
+            split = "valid"
+            objects = "all"
+            deterministic = true
+            [[runs]]
+            preset = "demo"
+            [[runs]]
+            preset = "demo"
+            name = "wide"
+            seeds = [7]
+            frames = 4500
+            config.ppo.clip = 0.2
+            "#,
+        )
+        .unwrap();
+        let names: Vec<&str> = suite.entries.iter().map(|entry| entry.name.as_str()).collect();
+        assert_eq!(names, ["demo-1", "demo-2", "wide-7"]);
+        let [first, _, wide] = suite.entries.as_slice() else { panic!("three") };
+        assert_eq!((first.config.ppo.epochs, first.config.ppo.clip, first.config.seed), (2, 0.3, 1));
+        assert_eq!((wide.config.ppo.epochs, wide.config.ppo.clip, wide.config.seed), (2, 0.2, 7));
+        let frames = |entry: &Entry| entry.config.stages.iter().map(|stage| stage.frames).sum::<u64>();
+        assert_eq!((frames(first), frames(wide)), (9000, 4500));
+        let folders: Vec<String> = suite.evaluations.iter().map(Asked::folder).collect();
+        assert_eq!(folders, ["suite-test-novel-6", "suite-valid-all-deterministic"]);
+        // What the child is given comes to the same.
+        let again = Config::resolve_with("demo", Some((&wide.overrides, "file"))).unwrap();
+        assert_eq!(Config { stages: wide.config.stages.clone(), seed: 7, ..again }, wide.config);
+    }
+
+    /// The suites in the repository are sound, and together they are every row of the paper's tables.
+    #[test]
+    fn our_own_suites_cover_the_paper() {
+        let main = Suite::parse(include_str!("../../../suites/paper.toml")).unwrap();
+        assert_eq!(main.entries.len(), 19 * 5);
+        let smaller = Suite::parse(include_str!("../../../suites/ablations.toml")).unwrap();
+        let settings = |config: &Config| Config { preset: String::new(), seed: 0, ..config.clone() };
+        let run: Vec<Config> =
+            main.entries.iter().chain(&smaller.entries).map(|entry| settings(&entry.config)).collect();
+        let paper = report::paper::paper();
+        let main_rows = paper.test_novel.iter().chain(&paper.test_seen).map(ResultRow::preset);
+        let ablations = paper.ablation_valid_novel_20m.iter().map(AblationRow::preset);
+        let rows = main_rows.chain(ablations).chain(paper.action_space_valid.iter().map(ActionSpaceRow::preset));
+        for preset in rows {
+            assert!(run.contains(&settings(&Config::resolve(&preset, None).unwrap())), "{preset}");
+        }
+    }
+
+    #[test]
+    fn mistakes_are_found_before_anything_starts() {
+        assert!(problem("").contains("runs"));
+        assert!(problem("runs = []").contains("at least one"));
+        assert!(problem("[[runs]]\npreset = \"demo\"\n").contains("no seeds"));
+        let unknown = problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\n[[runs]]\npreset = \"demmo\"\n");
+        assert!(unknown.contains("number 2") && unknown.contains("did you mean `demo`?"), "{unknown}");
+        let twice = problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\n[[runs]]\npreset = \"demo\"\n");
+        assert!(twice.contains("two runs are called demo-1"), "{twice}");
+        let same = problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\n[[runs]]\npreset = \"demo\"\nname = \"x\"\n");
+        assert!(same.contains("demo-1 and x-1 are the same run"), "{same}");
+        let key = problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nconfig.ppo.lerning_rate = 1.0\n");
+        assert!(key.contains("lerning_rate") && key.contains("did you mean `learning_rate`?"), "{key}");
+        assert!(problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nconfig.seed = 3\n").contains("`seeds`"));
+        assert!(problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nname = \"../x\"\n").contains("../x"));
+        assert!(problem("seeds = [1]\nsped = 2\n[[runs]]\npreset = \"demo\"\n").contains("sped"));
+        assert!(problem("seeds = [1]\nframes = 1\n[[runs]]\npreset = \"demo\"\n").contains("frames"));
+        let range = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"all\"\nepisodes = 361\n";
+        assert!(problem(&format!("{range}[[runs]]\npreset = \"demo\"\n")).contains("361"));
+    }
+}

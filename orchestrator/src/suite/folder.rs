@@ -1,0 +1,249 @@
+//! The folder of a suite, and what is left to do in it, read from the run folders themselves.
+//!
+//! ```text
+//! SUITE/
+//!   suite.toml        the file as it was at the last call
+//!   suite.json        how every run stands
+//!   suite.lock        held (flock) by whoever works on it
+//!   configs/NAME.toml what `orchestrator up --config` is given
+//!   logs/NAME.log     what its processes print
+//!   runs/NAME/        ordinary run folders, their evaluations inside
+//!   report/           the report
+//! ```
+
+use super::file::{Asked, Entry, Suite};
+use crate::identity::{Held, holder};
+use crate::report_files::PAGE;
+use anyhow::{Context, Result, bail};
+use proto::config::Config;
+use proto::evaluation::RESULT_FILE;
+use proto::run_folder::{RunFolder, write_atomically};
+use report::study::differences_between;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::path::{Path, PathBuf};
+
+/// The folder.
+#[derive(Debug, Clone)]
+pub struct SuiteFolder {
+    root: PathBuf,
+}
+
+/// What a run needs next.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Step {
+    /// `orchestrator up`.
+    Begin,
+    /// `orchestrator resume`.
+    Resume,
+    /// `orchestrator eval`, the suite's evaluation with this number.
+    Evaluate(usize),
+}
+
+/// What to do with a run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Next {
+    /// This.
+    Step(Step),
+    /// Nothing yet: a process of an earlier call still holds this folder.
+    HeldBy(String),
+    /// Nothing.
+    Done,
+}
+
+impl SuiteFolder {
+    /// The folder at `root`.
+    pub fn new(root: impl Into<PathBuf>) -> Self {
+        Self { root: root.into() }
+    }
+
+    /// How every run stands.
+    pub fn state(&self) -> PathBuf {
+        self.root.join("suite.json")
+    }
+
+    /// The report.
+    pub fn report(&self) -> PathBuf {
+        self.root.join("report")
+    }
+
+    /// Page of the report.
+    pub fn page(&self) -> PathBuf {
+        self.report().join(PAGE)
+    }
+
+    /// Folder of a run.
+    pub fn run(&self, entry: &Entry) -> RunFolder {
+        RunFolder::new(self.root.join("runs").join(&entry.name))
+    }
+
+    /// Folder of one of its evaluations.
+    pub fn evaluation(&self, entry: &Entry, asked: &Asked) -> PathBuf {
+        self.run(entry).root().join("evaluations").join(asked.folder())
+    }
+
+    /// What `--config` is given.
+    pub fn config(&self, entry: &Entry) -> PathBuf {
+        self.root.join("configs").join(format!("{}.toml", entry.name))
+    }
+
+    /// What its processes print.
+    pub fn log(&self, entry: &Entry) -> PathBuf {
+        self.root.join("logs").join(format!("{}.log", entry.name))
+    }
+
+    /// Refuses a folder that is no suite's, and runs that were begun with another configuration.
+    pub fn check(&self, suite: &Suite) -> Result<()> {
+        let root = self.root.display();
+        let foreign = match std::fs::read_dir(&self.root) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            Err(error) => return Err(error).with_context(|| format!("suite folder {root}")),
+            Ok(mut entries) => entries.next().is_some() && !self.root.join("suite.toml").exists(),
+        };
+        if foreign {
+            bail!("{root} is not empty, and what it holds is no suite: choose another folder with --out");
+        }
+        for entry in &suite.entries {
+            let path = self.run(entry).config();
+            let Ok(text) = std::fs::read_to_string(&path) else { continue };
+            let begun = Config::from_toml(&text, &path.display().to_string())?;
+            let without_scenes = |config: &Config| Config { scenes: Vec::new(), ..config.clone() };
+            let changed = differences_between(&without_scenes(&entry.config), &without_scenes(&begun));
+            if !changed.is_empty() || begun.seed != entry.config.seed {
+                bail!(
+                    "{} was begun with another configuration ({}): give the changed run another `name`, or the suite \
+                     another folder with --out",
+                    self.run(entry).root().display(),
+                    changed.join("; ")
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes the folder and takes the right to work on it, until the file is dropped.
+    pub fn open(&self, suite: &Suite, text: &str) -> Result<File> {
+        let root = self.root.display();
+        for folder in ["configs", "logs", "runs"] {
+            let path = self.root.join(folder);
+            std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
+        }
+        let path = self.root.join("suite.lock");
+        let lock = OpenOptions::new().create(true).truncate(false).write(true).open(&path);
+        let lock = lock.with_context(|| format!("cannot open {}", path.display()))?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                bail!("{root} is already in use: another `orchestrator suite` works on it")
+            }
+            Err(TryLockError::Error(error)) => return Err(error).with_context(|| path.display().to_string()),
+        }
+        let mut files = vec![(self.root.join("suite.toml"), text)];
+        files.extend(suite.entries.iter().map(|entry| (self.config(entry), entry.overrides.as_str())));
+        for (path, text) in files {
+            write_atomically(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(lock)
+    }
+
+    /// What a run needs next. What a process that was killed left half made, and nobody could go on with, is removed.
+    pub fn next(&self, entry: &Entry, evaluations: &[Asked]) -> Result<Next> {
+        let folder = self.run(entry);
+        if let Some(held) = held(&folder)? {
+            return Ok(Next::HeldBy(held));
+        }
+        if !folder.summary().exists() {
+            if folder.identity().exists() {
+                return Ok(Next::Step(Step::Resume));
+            }
+            remove(folder.root())?;
+            return Ok(Next::Step(Step::Begin));
+        }
+        for (index, asked) in evaluations.iter().enumerate() {
+            let folder = RunFolder::new(self.evaluation(entry, asked));
+            if folder.root().join(RESULT_FILE).exists() {
+                continue;
+            }
+            if let Some(held) = held(&folder)? {
+                return Ok(Next::HeldBy(held));
+            }
+            remove(folder.root())?;
+            return Ok(Next::Step(Step::Evaluate(index)));
+        }
+        Ok(Next::Done)
+    }
+}
+
+/// Who works in a folder.
+fn held(folder: &RunFolder) -> Result<Option<String>> {
+    Ok(match holder(folder)? {
+        Held::Free => None,
+        Held::Unsigned => Some("a process that has just begun".into()),
+        Held::By(holder) => Some(format!("pid {} on {}", holder.pid, holder.host)),
+    })
+}
+
+fn remove(path: &Path) -> Result<()> {
+    match std::fs::remove_dir_all(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("cannot remove {}", path.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identity::{Identity, RunLock};
+
+    const FILE: &str = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n\
+                        [[evaluations]]\nsplit = \"valid\"\nobjects = \"novel\"\n[[runs]]\npreset = \"demo\"\n";
+
+    #[test]
+    fn what_is_next_is_read_from_the_folders() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = SuiteFolder::new(temporary.path().join("suite"));
+        let suite = Suite::parse(FILE).unwrap();
+        folder.check(&suite).unwrap();
+        let _lock = folder.open(&suite, FILE).unwrap();
+        assert!(folder.open(&suite, FILE).unwrap_err().to_string().contains("already in use"));
+        let entry = &suite.entries[0];
+        let next = || folder.next(entry, &suite.evaluations).unwrap();
+        assert_eq!(next(), Next::Step(Step::Begin));
+
+        // Killed before it had an identity: nothing to go on with.
+        let run = folder.run(entry);
+        std::fs::create_dir_all(run.checkpoints()).unwrap();
+        assert_eq!(next(), Next::Step(Step::Begin));
+        assert!(!run.root().exists());
+
+        std::fs::create_dir_all(run.root()).unwrap();
+        Identity::new().unwrap().write(&run).unwrap();
+        std::fs::write(run.config(), entry.config.to_toml()).unwrap();
+        assert_eq!(next(), Next::Step(Step::Resume));
+        let lock = RunLock::acquire(&run).unwrap();
+        assert!(matches!(next(), Next::HeldBy(_)));
+        drop(lock);
+
+        std::fs::write(run.summary(), "{}").unwrap();
+        assert_eq!(next(), Next::Step(Step::Evaluate(0)));
+        let first = folder.evaluation(entry, &suite.evaluations[0]);
+        std::fs::create_dir_all(first.join("logs")).unwrap();
+        assert_eq!(next(), Next::Step(Step::Evaluate(0)), "one that was cut off is done again");
+        assert!(!first.exists());
+        for (index, expected) in [Next::Step(Step::Evaluate(1)), Next::Done].into_iter().enumerate() {
+            let done = folder.evaluation(entry, &suite.evaluations[index]);
+            std::fs::create_dir_all(&done).unwrap();
+            std::fs::write(done.join(RESULT_FILE), "{}").unwrap();
+            assert_eq!(next(), expected);
+        }
+
+        // The same file goes on; another configuration under the same name does not.
+        folder.check(&suite).unwrap();
+        let changed = Suite::parse(&FILE.replace("[[runs]]", "[config.ppo]\nepochs = 1\n[[runs]]")).unwrap();
+        let problem = folder.check(&changed).unwrap_err().to_string();
+        assert!(problem.contains("another configuration (ppo.epochs = 4)"), "{problem}");
+        let foreign = SuiteFolder::new(temporary.path());
+        assert!(foreign.check(&suite).unwrap_err().to_string().contains("no suite"));
+    }
+}

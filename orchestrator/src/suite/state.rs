@@ -1,0 +1,123 @@
+//! How a suite stands: `suite.json`, for people, scripts and the next call. What is done is read from the run folders
+//! themselves; this file adds what they cannot tell, how often a run was tried and why it failed.
+
+use anyhow::{Context, Result};
+use proto::SCHEMA_VERSION;
+use proto::run_folder::write_atomically;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Where one run stands.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(tag = "status", rename_all = "snake_case")]
+pub enum Status {
+    /// Nobody works on it.
+    #[default]
+    Waiting,
+    /// It trains.
+    Training,
+    /// It is trained, and evaluated in this folder.
+    Evaluating {
+        /// Name in the run's `evaluations/`.
+        evaluation: String,
+    },
+    /// Somebody else stopped it; the next call goes on with it.
+    Stopped,
+    /// Trained and evaluated.
+    Done,
+    /// The last try failed; the next call tries again.
+    Failed {
+        /// What the child said last.
+        reason: String,
+    },
+}
+
+impl Status {
+    /// As people read it.
+    pub fn text(&self) -> String {
+        match self {
+            Self::Waiting => "waiting".into(),
+            Self::Training => "training".into(),
+            Self::Evaluating { evaluation } => format!("evaluating ({evaluation})"),
+            Self::Stopped => "stopped".into(),
+            Self::Done => "done".into(),
+            Self::Failed { reason } => format!("failed: {reason}"),
+        }
+    }
+}
+
+/// One run in the file.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Standing {
+    /// Where it stands.
+    #[serde(flatten)]
+    pub status: Status,
+    /// How often a process was started for it.
+    pub tries: u32,
+}
+
+/// The file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct State {
+    /// [`SCHEMA_VERSION`] of the writer.
+    pub schema_version: u32,
+    /// By name of the run.
+    pub runs: BTreeMap<String, Standing>,
+}
+
+impl State {
+    /// What the file says about these runs; those it does not know wait. No file is no run known.
+    pub fn read<'a>(path: &Path, names: impl Iterator<Item = &'a str>) -> Result<Self> {
+        let mut known: BTreeMap<String, Standing> = match std::fs::read_to_string(path) {
+            Ok(text) => {
+                let state: Self =
+                    serde_json::from_str(&text).with_context(|| format!("{} is damaged", path.display()))?;
+                state.runs
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => BTreeMap::new(),
+            Err(error) => return Err(error).with_context(|| path.display().to_string()),
+        };
+        let runs = names.map(|name| {
+            let mut standing = known.remove(name).unwrap_or_default();
+            // Whoever worked on it is gone.
+            standing.status = Status::Waiting;
+            (name.to_owned(), standing)
+        });
+        Ok(Self { schema_version: SCHEMA_VERSION, runs: runs.collect() })
+    }
+
+    /// Writes the file, whole or not at all.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let mut text = serde_json::to_string_pretty(self).context("suite.json")?;
+        text.push('\n');
+        write_atomically(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
+    }
+
+    /// The run with this name.
+    pub fn of(&mut self, name: &str) -> &mut Standing {
+        self.runs.entry(name.to_owned()).or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tries_are_remembered_and_nobody_works_on_what_a_dead_suite_worked_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("suite.json");
+        let mut state = State::read(&path, ["a", "b"].into_iter()).unwrap();
+        assert_eq!(*state.of("a"), Standing::default());
+        *state.of("a") = Standing { status: Status::Training, tries: 2 };
+        *state.of("b") = Standing { status: Status::Failed { reason: "no space".into() }, tries: 1 };
+        state.write(&path).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.contains("\"status\": \"failed\"") && text.contains("no space"), "{text}");
+        let mut again = State::read(&path, ["b", "a", "c"].into_iter()).unwrap();
+        assert_eq!(again.of("a").clone(), Standing { status: Status::Waiting, tries: 2 });
+        assert_eq!(again.of("b").tries, 1);
+        assert_eq!(again.runs.len(), 3);
+    }
+}

@@ -1,0 +1,130 @@
+//! Curves with bands over two axes.
+
+use super::palette::Style;
+use super::scale::{Axis, Scale};
+use super::svg::{AXIS, Anchor, Canvas, GRID, Stroke};
+use super::{Frame, LABEL, text};
+
+/// One curve.
+#[derive(Debug, Clone, Default)]
+pub struct Series {
+    /// Number of its style, which the legend names.
+    pub style: usize,
+    /// (x, y), x ascending.
+    pub points: Vec<(f64, f64)>,
+    /// (x, low, high), x ascending; empty = no band.
+    pub band: Vec<(f64, f64, f64)>,
+    /// Where its markers are.
+    pub markers: Markers,
+}
+
+/// Where a curve has markers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Markers {
+    /// At every point: each is a measurement.
+    #[default]
+    All,
+    /// At a few, so that curves can be told apart without colour.
+    Some,
+}
+
+/// Markers on a curve that has [`Markers::Some`].
+const FEW: usize = 6;
+
+/// A vertical line with a name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mark {
+    /// Where.
+    pub x: f64,
+    /// What happens there.
+    pub label: String,
+}
+
+/// Curves over two axes.
+#[derive(Debug, Clone)]
+pub struct LinePlot {
+    /// Across.
+    pub x: Axis,
+    /// Up.
+    pub y: Axis,
+    /// Curves, drawn in this order.
+    pub series: Vec<Series>,
+    /// Vertical lines.
+    pub marks: Vec<Mark>,
+}
+
+impl LinePlot {
+    pub(super) fn draw(&self, canvas: &mut Canvas, frame: Frame) {
+        let points = || self.series.iter().flat_map(|series| &series.points);
+        let bands = || self.series.iter().flat_map(|series| &series.band);
+        let x = self.x.scale(points().map(|point| point.0), true);
+        let heights = points().map(|point| point.1).chain(bands().flat_map(|&(_, low, high)| [low, high]));
+        let y = self.y.scale(heights, false);
+        let plot = axes(canvas, frame, (&self.x, &x), (&self.y, &y));
+        let at = |(a, b): (f64, f64)| (plot.left + x.place(a) * plot.width, plot.bottom() - y.place(b) * plot.height);
+        for mark in &self.marks {
+            let (across, _) = at((mark.x, 0.0));
+            let stroke = Stroke { colour: AXIS, width: 1.0, dashes: "3 3" };
+            canvas.line(&[(across, plot.top), (across, plot.bottom())], stroke);
+        }
+        for series in &self.series {
+            let style = Style::of(series.style);
+            if series.band.len() > 1 {
+                let upper = series.band.iter().map(|&(a, _, high)| at((a, high)));
+                let lower = series.band.iter().rev().map(|&(a, low, _)| at((a, low)));
+                canvas.area(&upper.chain(lower).collect::<Vec<_>>(), style.colour(), 0.16);
+            }
+            let line: Vec<_> = series.points.iter().map(|&point| at(point)).collect();
+            if line.len() > 1 {
+                canvas.line(&line, style.stroke());
+            }
+            let every = match series.markers {
+                Markers::All => 1,
+                Markers::Some => line.len().div_ceil(FEW).max(1),
+            };
+            // Each curve's begin somewhere else, so that they do not hide one another.
+            let first = series.style % every.min(line.len().max(1));
+            for &point in line.iter().skip(first).step_by(every) {
+                canvas.shape(&style.marker(), point, style.colour(), style.colour());
+            }
+        }
+        for mark in &self.marks {
+            let (across, _) = at((mark.x, 0.0));
+            canvas.text(across + 4.0, plot.top + 11.0, LABEL - 1.0, Anchor::Start, &mark.label);
+        }
+        if self.series.iter().all(|series| series.points.is_empty()) {
+            let middle = (plot.left + plot.width / 2.0, plot.top + plot.height / 2.0);
+            canvas.text(middle.0, middle.1, LABEL, Anchor::Middle, "nothing was recorded");
+        }
+    }
+}
+
+/// Grid, ticks and labels; returns the place that is left for what is plotted.
+fn axes(canvas: &mut Canvas, frame: Frame, (x, x_scale): (&Axis, &Scale), (y, y_scale): (&Axis, &Scale)) -> Frame {
+    let widest = y_scale.ticks().iter().map(|(_, label)| text::width(label, LABEL)).fold(0.0, f64::max);
+    let left = 18.0 + widest + 8.0;
+    let plot = Frame {
+        left: frame.left + left,
+        // Half a tick label stands above the topmost grid line, and half of one beside the last.
+        top: frame.top + 6.0,
+        width: frame.width - left - 16.0,
+        height: frame.height - 6.0 - 38.0,
+    };
+    let grid = Stroke { colour: GRID, width: 1.0, dashes: "" };
+    for (tick, label) in y_scale.ticks() {
+        let height = plot.bottom() - y_scale.place(*tick) * plot.height;
+        canvas.line(&[(plot.left, height), (plot.right(), height)], grid);
+        canvas.text(plot.left - 7.0, height + 4.0, LABEL, Anchor::End, label);
+    }
+    for (tick, label) in x_scale.ticks() {
+        let across = plot.left + x_scale.place(*tick) * plot.width;
+        canvas.line(&[(across, plot.top), (across, plot.bottom())], grid);
+        canvas.text(across, plot.bottom() + 16.0, LABEL, Anchor::Middle, label);
+    }
+    let axis = Stroke { colour: AXIS, width: 1.2, dashes: "" };
+    canvas.line(&[(plot.left, plot.top), (plot.left, plot.bottom()), (plot.right(), plot.bottom())], axis);
+    canvas.text(plot.left + plot.width / 2.0, plot.bottom() + 34.0, LABEL, Anchor::Middle, &x.label);
+    let middle = plot.top + plot.height / 2.0;
+    canvas.rotated_text(frame.left + 11.0, middle, LABEL, Anchor::Middle, -90.0, &y.label);
+    plot
+}

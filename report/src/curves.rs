@@ -1,0 +1,140 @@
+//! Training as curves: each run's rollouts in bins of equal frames, then the mean over the runs of a group.
+
+use crate::study::{Group, Rollout, Run};
+use proto::control::metric;
+use proto::stage::total_frames;
+use serde::Serialize;
+
+/// Bins over a run's budget.
+const BINS: u64 = 80;
+
+/// A metric over training, of a group.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Curve {
+    /// Name of the metric.
+    pub metric: String,
+    /// In order of frames.
+    pub points: Vec<TrainingPoint>,
+}
+
+/// One point.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TrainingPoint {
+    /// Mean frames at which it was measured.
+    pub frames: f64,
+    /// Mean over seeds.
+    pub mean: f64,
+    /// Lowest seed.
+    pub low: f64,
+    /// Highest seed.
+    pub high: f64,
+    /// How many seeds.
+    pub seeds: usize,
+}
+
+impl Curve {
+    /// The metric as the learner told it with every rollout; none where no run has it. Episode figures weigh as many
+    /// episodes as ended.
+    pub fn of_training(group: &Group<'_>, name: &str) -> Option<Self> {
+        let budget = group.runs.iter().map(|run| total_frames(&run.config.stages)).max()?;
+        let width = (budget as f64 / BINS as f64).max(1.0);
+        let seeds: Vec<Vec<(u64, f64, f64)>> = group.runs.iter().map(|run| bins(&run.rollouts, name, width)).collect();
+        Self::over(name, &seeds)
+    }
+
+    /// A figure of the evaluations during training; none where there were none.
+    pub fn of_validation(group: &Group<'_>, name: &str, figure: impl Fn(&Run) -> Vec<(u64, f64)>) -> Option<Self> {
+        let seeds: Vec<Vec<(u64, f64, f64)>> = group
+            .runs
+            .iter()
+            .map(|run| figure(run).into_iter().map(|(frames, value)| (frames, frames as f64, value)).collect())
+            .collect();
+        Self::over(name, &seeds)
+    }
+
+    /// Over the seeds' (bin, frames, value).
+    fn over(name: &str, seeds: &[Vec<(u64, f64, f64)>]) -> Option<Self> {
+        let mut bins: Vec<u64> = seeds.iter().flatten().map(|&(bin, _, _)| bin).collect();
+        bins.sort_unstable();
+        bins.dedup();
+        let point = |bin: u64| {
+            let here: Vec<(f64, f64)> = seeds
+                .iter()
+                .filter_map(|seed| seed.iter().find(|&&(b, _, _)| b == bin).map(|&(_, frames, value)| (frames, value)))
+                .collect();
+            let count = here.len() as f64;
+            TrainingPoint {
+                frames: here.iter().map(|(frames, _)| frames).sum::<f64>() / count,
+                mean: here.iter().map(|(_, value)| value).sum::<f64>() / count,
+                low: here.iter().map(|&(_, value)| value).fold(f64::INFINITY, f64::min),
+                high: here.iter().map(|&(_, value)| value).fold(f64::NEG_INFINITY, f64::max),
+                seeds: here.len(),
+            }
+        };
+        (!bins.is_empty()).then(|| Self { metric: name.to_owned(), points: bins.into_iter().map(point).collect() })
+    }
+}
+
+/// (bin, mean frames, mean) of each bin that has any.
+fn bins(rollouts: &[Rollout], name: &str, width: f64) -> Vec<(u64, f64, f64)> {
+    let per_episode = name.starts_with("episode/");
+    let mut bins: Vec<(u64, f64, f64, f64)> = Vec::new();
+    for rollout in rollouts {
+        let Some(&value) = rollout.metrics.get(name).filter(|value| value.is_finite()) else { continue };
+        let weight = if per_episode { rollout.metrics.get(metric::EPISODES).copied().unwrap_or(0.0) } else { 1.0 };
+        if weight <= 0.0 {
+            continue;
+        }
+        let bin = (rollout.frames as f64 / width).ceil() as u64;
+        let (frames, value) = (rollout.frames as f64 * weight, value * weight);
+        match bins.last_mut().filter(|last| last.0 == bin) {
+            Some(last) => *last = (bin, last.1 + frames, last.2 + value, last.3 + weight),
+            None => bins.push((bin, frames, value, weight)),
+        }
+    }
+    bins.into_iter().map(|(bin, frames, value, weight)| (bin, frames / weight, value / weight)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::{groups, tests::run};
+    use std::collections::BTreeMap;
+
+    fn rollouts(count: u64, frames_each: u64, value: impl Fn(u64) -> f64) -> Vec<Rollout> {
+        let rollout = |index: u64| Rollout {
+            frames: (index + 1) * frames_each,
+            metrics: BTreeMap::from([
+                (metric::RETURN.to_owned(), value(index)),
+                (metric::EPISODES.to_owned(), if index.is_multiple_of(2) { 1.0 } else { 3.0 }),
+                (metric::ENTROPY.to_owned(), value(index)),
+            ]),
+        };
+        (0..count).map(rollout).collect()
+    }
+
+    #[test]
+    fn bins_weigh_episodes_where_the_figure_is_one_of_episodes() {
+        let rollouts = rollouts(4, 10, |index| index as f64);
+        // Bins of 20 frames: rollouts 0 and 1, 2 and 3.
+        let returns = bins(&rollouts, metric::RETURN, 20.0);
+        assert_eq!(returns, [(1, (10.0 + 3.0 * 20.0) / 4.0, 3.0 / 4.0), (2, (30.0 + 3.0 * 40.0) / 4.0, 11.0 / 4.0)]);
+        assert_eq!(bins(&rollouts, metric::ENTROPY, 20.0), [(1, 15.0, 0.5), (2, 35.0, 2.5)]);
+        assert!(bins(&rollouts, metric::SUCCESS, 20.0).is_empty());
+    }
+
+    #[test]
+    fn a_group_has_mean_and_range_of_its_seeds() {
+        let mut runs = [run("a", "demo", 1), run("b", "demo", 2)];
+        runs[0].rollouts = rollouts(36, 10_000, |_| 1.0);
+        runs[1].rollouts = rollouts(18, 10_000, |_| 4.0);
+        let groups = groups(&runs).unwrap();
+        let curve = Curve::of_training(&groups[0], metric::RETURN).unwrap();
+        let first = curve.points[0];
+        assert_eq!((first.mean, first.low, first.high, first.seeds), (2.5, 1.0, 4.0, 2));
+        let last = curve.points.last().unwrap();
+        assert_eq!((last.mean, last.seeds), (1.0, 1));
+        assert!(curve.points.is_sorted_by(|a, b| a.frames < b.frames));
+        assert_eq!(Curve::of_training(&groups[0], "no such metric"), None);
+    }
+}

@@ -1,0 +1,81 @@
+//! Validation during training, and how well disturbances are foretold.
+
+use super::{Subject, in_parts, legend, series, stage_marks};
+use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Unit};
+use crate::curves::Curve;
+
+/// SR and `SRwoD` on validation episodes over training.
+pub fn validation(subjects: &[Subject<'_>]) -> Vec<Figure> {
+    let with: Vec<&Subject<'_>> =
+        subjects.iter().filter(|subject| subject.group.runs.iter().any(|run| !run.validation.is_empty())).collect();
+    in_parts(&with, "validation", |name, part| {
+        let panel = |title: &str, label: &str, without_disturbance: bool| {
+            let curves = part.iter().filter_map(|subject| {
+                let curve = Curve::of_validation(subject.group, label, |run| {
+                    let figure = |point: &crate::study::Validated| {
+                        if without_disturbance { point.success_without_disturbance } else { point.success }
+                    };
+                    run.validation.iter().map(|point| (point.frames, figure(point))).collect()
+                })?;
+                Some(series(subject, &curve, Markers::All))
+            });
+            let plot = LinePlot {
+                x: Axis::new("frames", Unit::Count),
+                y: Axis::new(label, Unit::Percent),
+                series: curves.collect(),
+                marks: stage_marks(part.iter().map(|subject| subject.group)),
+            };
+            Panel { title: title.to_owned(), content: Content::Lines(plot) }
+        };
+        Figure {
+            name,
+            caption: "Fixed episodes of the validation kitchens during training: mean over seeds; shaded, the range \
+                      from the lowest seed to the highest."
+                .into(),
+            legend: legend(part),
+            columns: 2,
+            panel_height: 250.0,
+            panels: vec![panel("success", "success rate", false), panel("success without disturbance", "SRwoD", true)],
+        }
+    })
+}
+
+/// Title, metric of the `disturb` task.
+const PREDICTION: [(&str, &str); 4] = [
+    ("precision", "auxiliary/precision"),
+    ("recall of disturbing steps", "auxiliary/recall_disturb"),
+    ("recall of quiet steps", "auxiliary/recall_no_disturb"),
+    ("steps that disturb", "auxiliary/label_rate"),
+];
+
+/// Precision and recall of disturbance prediction over training.
+pub fn prediction(subjects: &[Subject<'_>]) -> Vec<Figure> {
+    // The rate of the label is told with every rollout; shares of nothing are not.
+    let with: Vec<&Subject<'_>> =
+        subjects.iter().filter(|subject| Curve::of_training(subject.group, PREDICTION[3].1).is_some()).collect();
+    in_parts(&with, "prediction", |name, part| {
+        let panels = PREDICTION.map(|(title, metric)| {
+            let curves = part.iter().filter_map(|subject| {
+                Some(series(subject, &Curve::of_training(subject.group, metric)?, Markers::Some))
+            });
+            let plot = LinePlot {
+                x: Axis::new("frames", Unit::Count),
+                y: Axis::new(title, Unit::Percent),
+                series: curves.collect(),
+                marks: stage_marks(part.iter().map(|subject| subject.group)),
+            };
+            Panel { title: title.to_owned(), content: Content::Lines(plot) }
+        });
+        Figure {
+            name,
+            caption: "The auxiliary head that is trained with the focal loss: of the steps foretold to disturb, those \
+                      that did (precision); of the steps that did, those foretold (recall); the same recall for quiet \
+                      steps; and how rare disturbing steps are. Precision is missing where nothing was foretold."
+                .into(),
+            legend: legend(part),
+            columns: 2,
+            panel_height: 230.0,
+            panels: panels.into(),
+        }
+    })
+}

@@ -1,0 +1,72 @@
+//! Learning curves.
+
+use super::{Subject, in_parts, legend, series, stage_marks};
+use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Unit};
+use crate::curves::Curve;
+use proto::control::metric;
+
+/// Title, metric, axis.
+fn measures() -> [(&'static str, &'static str, Axis); 4] {
+    [
+        ("return", metric::RETURN, Axis::free("mean return of an episode", Unit::Number)),
+        ("success", metric::SUCCESS, Axis::new("success rate", Unit::Percent)),
+        ("success without disturbance", metric::SUCCESS_UNDISTURBED, Axis::new("SRwoD", Unit::Percent)),
+        ("disturbance", metric::DISTURBANCE, Axis::new("displacement at the end (m)", Unit::Number)),
+    ]
+}
+
+/// Return, success, success without disturbance and disturbance over training.
+pub fn learning(subjects: &[Subject<'_>]) -> Vec<Figure> {
+    let trained: Vec<&Subject<'_>> =
+        subjects.iter().filter(|subject| subject.group.runs.iter().any(|run| !run.rollouts.is_empty())).collect();
+    in_parts(&trained, "learning", |name, part| {
+        let marks = stage_marks(part.iter().map(|subject| subject.group));
+        let panels = measures().map(|(title, metric, y)| {
+            let curves = part.iter().filter_map(|subject| {
+                Some(series(subject, &Curve::of_training(subject.group, metric)?, Markers::Some))
+            });
+            let plot =
+                LinePlot { x: Axis::new("frames", Unit::Count), y, series: curves.collect(), marks: marks.clone() };
+            Panel { title: title.to_owned(), content: Content::Lines(plot) }
+        });
+        Figure {
+            name,
+            caption: "Training episodes, in bins of an eightieth of the run: mean over seeds; shaded, the range from \
+                      the lowest seed to the highest. The return is under the reward of the stage, so it jumps where \
+                      the reward changes."
+                .into(),
+            legend: legend(part),
+            columns: 2,
+            panel_height: 250.0,
+            panels: panels.into(),
+        }
+    })
+}
+
+/// PPO-Lagrangian's multiplier over training.
+pub fn multiplier(subjects: &[Subject<'_>]) -> Vec<Figure> {
+    let with: Vec<&Subject<'_>> =
+        subjects.iter().filter(|subject| Curve::of_training(subject.group, metric::MULTIPLIER).is_some()).collect();
+    in_parts(&with, "multiplier", |name, part| {
+        let curves = part.iter().filter_map(|subject| {
+            Some(series(subject, &Curve::of_training(subject.group, metric::MULTIPLIER)?, Markers::Some))
+        });
+        let plot = LinePlot {
+            x: Axis::new("frames", Unit::Count),
+            y: Axis::new("λ", Unit::Number),
+            series: curves.collect(),
+            marks: Vec::new(),
+        };
+        Figure {
+            name,
+            caption:
+                "The multiplier of PPO-Lagrangian: mean over seeds; shaded, the range from the lowest seed to the \
+                      highest."
+                    .into(),
+            legend: legend(part),
+            columns: 2,
+            panel_height: 230.0,
+            panels: vec![Panel { title: "PPO-Lagrangian's multiplier".into(), content: Content::Lines(plot) }],
+        }
+    })
+}

@@ -1,0 +1,248 @@
+//! The report as a whole: what is computed once, and then written down as page, numbers and figures.
+
+use crate::chart::Figure;
+use crate::curves::Curve;
+use crate::figures::{self, Subject, Sweep};
+use crate::paper::paper;
+use crate::results::{FieldResult, Missing};
+use crate::statistics::{CURVE_RESAMPLES, RESAMPLES};
+use crate::study::{Field, Group, Run, StudyError, groups};
+use crate::tables::{Comparison, comparisons};
+use proto::evaluation::DISTURBANCE_THRESHOLDS_M;
+use serde::Serialize;
+use std::collections::BTreeSet;
+
+/// Everything that is said: serialised, it is `report.json`. Rates are shares 0..=1.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// [`proto::SCHEMA_VERSION`] of the writer.
+    pub schema_version: u32,
+    /// Where the paper's figures are from.
+    pub paper: String,
+    /// How the intervals were made.
+    pub statistics: Method,
+    /// Groups of runs.
+    pub groups: Vec<GroupReport>,
+    /// The paper's tables with ours beside them.
+    pub comparisons: Vec<Comparison>,
+    /// Groups that differ in `λ_disturb` only.
+    pub sweeps: Vec<Sweep>,
+    /// What a reader has to know before trusting the figures.
+    pub notes: Vec<String>,
+    /// Names of the figures, without ending.
+    pub figures: Vec<String>,
+}
+
+/// How the intervals were made.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Method {
+    /// Coverage.
+    pub interval: f64,
+    /// Resamples behind an interval in a table.
+    pub resamples: u32,
+    /// Resamples behind an interval on a curve.
+    pub curve_resamples: u32,
+}
+
+/// One group.
+#[derive(Debug, Clone, Serialize)]
+pub struct GroupReport {
+    /// Its name.
+    pub label: String,
+    /// Preset.
+    pub preset: String,
+    /// Settings that are not the preset's.
+    pub differences: Vec<String>,
+    /// Its runs.
+    pub runs: Vec<RunReport>,
+    /// Where it was evaluated.
+    pub results: Vec<FieldResult>,
+    /// Every metric over training.
+    pub training: Vec<Curve>,
+    /// SR and `SRwoD` on validation episodes over training.
+    pub validation: Vec<Curve>,
+}
+
+/// One run.
+#[derive(Debug, Clone, Serialize)]
+pub struct RunReport {
+    /// Its folder.
+    pub name: String,
+    /// `complete`, `stopped`, ...
+    pub state: String,
+    /// Seed.
+    pub seed: u64,
+    /// Frames trained on.
+    pub frames: u64,
+    /// Frames it is to have.
+    pub budget: u64,
+    /// Its evaluations, whether they count or not.
+    pub evaluations: Vec<String>,
+}
+
+/// A report with its figures.
+#[derive(Debug)]
+pub struct Made {
+    /// What is said.
+    pub report: Report,
+    /// Drawn.
+    pub figures: FigureSet,
+}
+
+/// The figures, by section of the page.
+#[derive(Debug, Default)]
+pub struct FigureSet {
+    /// Interquartile means with intervals.
+    pub intervals: Vec<Figure>,
+    /// Learning curves, and PPO-Lagrangian's multiplier.
+    pub learning: Vec<Figure>,
+    /// Validation during training.
+    pub validation: Vec<Figure>,
+    /// Precision and recall.
+    pub prediction: Vec<Figure>,
+    /// `SRwoD` over threshold and objects.
+    pub disturbance: Vec<Figure>,
+    /// Over λ.
+    pub sweep: Vec<Figure>,
+    /// Action heat maps.
+    pub actions: Vec<Figure>,
+}
+
+impl FigureSet {
+    /// All of them, in the page's order.
+    pub fn all(&self) -> impl Iterator<Item = &Figure> {
+        let Self { intervals, learning, validation, prediction, disturbance, sweep, actions } = self;
+        [intervals, learning, validation, prediction, disturbance, sweep, actions].into_iter().flatten()
+    }
+}
+
+/// What the user may choose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Thresholds of the `SRwoD` curve, metres, ascending.
+    pub thresholds_m: Vec<f32>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { thresholds_m: DISTURBANCE_THRESHOLDS_M.to_vec() }
+    }
+}
+
+impl Made {
+    /// The report on these runs.
+    pub fn of(runs: &[Run], options: &Options) -> Result<Self, StudyError> {
+        let groups = groups(runs)?;
+        let mut notes = Vec::new();
+        let subjects: Vec<Subject<'_>> = groups
+            .iter()
+            .enumerate()
+            .map(|(style, group)| Subject { style, group, results: results(group, options, &mut notes) })
+            .collect();
+        let sweeps = figures::sweeps(&subjects);
+        let figures = FigureSet {
+            intervals: Field::ALL.iter().filter_map(|&field| figures::intervals(&subjects, field)).collect(),
+            learning: [figures::learning(&subjects), figures::multiplier(&subjects)].concat(),
+            validation: figures::validation(&subjects),
+            prediction: figures::prediction(&subjects),
+            disturbance: [figures::by_threshold(&subjects), figures::by_objects(&subjects)].concat(),
+            sweep: figures::sweep_figure(&sweeps).into_iter().collect(),
+            actions: figures::action_maps(&subjects),
+        };
+        let report = Report {
+            schema_version: proto::SCHEMA_VERSION,
+            paper: paper().source.clone(),
+            statistics: Method { interval: 0.95, resamples: RESAMPLES, curve_resamples: CURVE_RESAMPLES },
+            groups: subjects.iter().map(GroupReport::of).collect(),
+            comparisons: comparisons(&subjects),
+            sweeps,
+            notes,
+            figures: figures.all().map(|figure| figure.name.clone()).collect(),
+        };
+        Ok(Self { report, figures })
+    }
+}
+
+/// A group's results in all fields; what keeps it from having one becomes a note.
+fn results(group: &Group<'_>, options: &Options, notes: &mut Vec<String>) -> Vec<(Field, FieldResult)> {
+    let mut results = Vec::new();
+    for field in Field::ALL {
+        match FieldResult::of(group, field, &options.thresholds_m) {
+            Ok((result, without)) => {
+                if !without.is_empty() {
+                    let (label, field, without) = (&group.label, field.name(), without.join(", "));
+                    notes
+                        .push(format!("{label}: not evaluated on {field}, and therefore not in its means: {without}."));
+                }
+                note_conditions(group, field, &result, notes);
+                results.push((field, result));
+            }
+            Err(Missing::NotEvaluated) => {}
+            Err(Missing::Unequal(problem)) => {
+                notes.push(format!("{}: no result on {}. {problem}.", group.label, field.name()));
+            }
+        }
+    }
+    results
+}
+
+/// What a figure does not say of itself.
+fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes: &mut Vec<String>) {
+    let (label, field) = (&group.label, field.name());
+    if result.seeds.iter().any(|seed| seed.deterministic) {
+        notes.push(format!(
+            "{label}: on {field}, seeds were evaluated with the most probable action, not sampled ones."
+        ));
+    }
+    let frames: BTreeSet<u64> = result.seeds.iter().map(|seed| seed.frames).collect();
+    if frames.len() > 1 {
+        notes.push(format!("{label}: on {field}, seeds were evaluated after different numbers of frames."));
+    }
+    let full = result.kitchens.len() as u64 * 360;
+    let episodes = result.seeds.first().map_or(0, |seed| seed.episodes);
+    if episodes < full || result.kitchens.len() < 5 {
+        notes.push(format!(
+            "{label}: on {field}, {episodes} episodes in {} kitchens were played of the paper's 1800 in 5.",
+            result.kitchens.len()
+        ));
+    }
+}
+
+impl GroupReport {
+    fn of(subject: &Subject<'_>) -> Self {
+        let group = subject.group;
+        let metrics: BTreeSet<&String> =
+            group.runs.iter().flat_map(|run| &run.rollouts).flat_map(|rollout| rollout.metrics.keys()).collect();
+        let validation = [
+            ("success", (|point| point.success) as fn(&crate::study::Validated) -> f64),
+            ("success_without_disturbance", |point| point.success_without_disturbance),
+        ];
+        let validation = validation.into_iter().filter_map(|(name, figure)| {
+            Curve::of_validation(group, name, |run| {
+                run.validation.iter().map(|point| (point.frames, figure(point))).collect()
+            })
+        });
+        Self {
+            label: group.label.clone(),
+            preset: group.preset.clone(),
+            differences: group.differences.clone(),
+            runs: group.runs.iter().map(|run| RunReport::of(run)).collect(),
+            results: subject.results.iter().map(|(_, result)| result.clone()).collect(),
+            training: metrics.into_iter().filter_map(|name| Curve::of_training(group, name)).collect(),
+            validation: validation.collect(),
+        }
+    }
+}
+
+impl RunReport {
+    fn of(run: &Run) -> Self {
+        Self {
+            name: run.name.clone(),
+            state: run.state.clone(),
+            seed: run.config.seed,
+            frames: run.rollouts.last().map_or(0, |rollout| rollout.frames),
+            budget: proto::stage::total_frames(&run.config.stages),
+            evaluations: run.evaluations.iter().map(|evaluated| evaluated.name.clone()).collect(),
+        }
+    }
+}

@@ -1,0 +1,376 @@
+//! What a report is made from: runs as their folders tell of them, put together in groups that differ in the seed only.
+
+use proto::config::Config;
+use proto::evaluation::{EpisodeRecord, Evaluation, ObjectSet};
+use proto::kitchen::Split;
+use std::collections::BTreeMap;
+use toml::{Table, Value};
+
+/// One run, or weights that were evaluated without one.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// Its folder, as the user named it.
+    pub name: String,
+    /// `complete`, `running`, `stopped`, ...; of weights that no run has trained, `untrained`.
+    pub state: String,
+    /// Its configuration.
+    pub config: Config,
+    /// What was trained, in order.
+    pub rollouts: Vec<Rollout>,
+    /// Its evaluations.
+    pub evaluations: Vec<Evaluated>,
+    /// Evaluations during training, in order of frames.
+    pub validation: Vec<Validated>,
+}
+
+/// One trained rollout.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rollout {
+    /// Frames trained on, this rollout included.
+    pub frames: u64,
+    /// Figures: see [`proto::control::metric`].
+    pub metrics: BTreeMap<String, f64>,
+}
+
+/// One evaluation.
+#[derive(Debug, Clone)]
+pub struct Evaluated {
+    /// Its folder, as far as it is not the run's.
+    pub name: String,
+    /// Its result file.
+    pub result: Evaluation,
+    /// Its table.
+    pub episodes: Vec<EpisodeRecord>,
+}
+
+/// One evaluation during training.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Validated {
+    /// Frames trained on.
+    pub frames: u64,
+    /// SR.
+    pub success: f64,
+    /// `SRwoD`.
+    pub success_without_disturbance: f64,
+}
+
+/// Which episodes a table is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Field {
+    /// Kitchens.
+    pub split: Split,
+    /// Targets: novel or seen.
+    pub objects: ObjectSet,
+}
+
+impl Field {
+    /// All that can be evaluated, the paper's first table first.
+    pub const ALL: [Self; 4] = [
+        Self { split: Split::Test, objects: ObjectSet::Novel },
+        Self { split: Split::Test, objects: ObjectSet::Seen },
+        Self { split: Split::Validation, objects: ObjectSet::Novel },
+        Self { split: Split::Validation, objects: ObjectSet::Seen },
+    ];
+
+    /// `test, novel objects`
+    pub fn name(self) -> String {
+        format!("{}, {} objects", self.split_name(), self.objects.name())
+    }
+
+    /// `test-novel`, for file names.
+    pub fn key(self) -> String {
+        format!("{}-{}", self.split_name(), self.objects.name())
+    }
+
+    fn split_name(self) -> &'static str {
+        match self.split {
+            Split::Train => "training",
+            Split::Validation => "validation",
+            Split::Test => "test",
+        }
+    }
+}
+
+impl Evaluated {
+    /// Its episodes in a field.
+    pub fn episodes_in(&self, field: Field) -> impl Iterator<Item = &EpisodeRecord> {
+        let in_split = self.result.conditions.split == field.split;
+        self.episodes.iter().filter(move |record| in_split && field.objects.contains(record.category))
+    }
+}
+
+impl Run {
+    /// The evaluation that stands for this run in a field: with sampled actions before the most probable ones, then the
+    /// one with the most episodes, then the newest.
+    pub fn evaluation_in(&self, field: Field) -> Option<&Evaluated> {
+        let rank = |evaluated: &&Evaluated| {
+            let sampled = !evaluated.result.conditions.deterministic;
+            (sampled, evaluated.episodes_in(field).count(), evaluated.result.cost.at_unix_s)
+        };
+        self.evaluations.iter().filter(|evaluated| evaluated.episodes_in(field).next().is_some()).max_by_key(rank)
+    }
+}
+
+/// Runs of one configuration with different seeds.
+#[derive(Debug, Clone)]
+pub struct Group<'a> {
+    /// Its name in tables and figures: the preset's, with a star where it has other settings than the preset, and a letter
+    /// where that is not enough to tell groups apart.
+    pub label: String,
+    /// Preset.
+    pub preset: String,
+    /// Settings that are not the preset's.
+    pub differences: Vec<String>,
+    /// Runs, by seed.
+    pub runs: Vec<&'a Run>,
+    /// What the runs have in common.
+    pub settings: Table,
+}
+
+/// Runs that make no study.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum StudyError {
+    /// Nothing given.
+    #[error("no runs to report on")]
+    Nothing,
+    /// One experiment twice: its seed would count for two.
+    #[error(
+        "{first} and {second} are the same experiment with the same seed {seed} ({preset}): a second run of a seed says \
+         nothing about other seeds. Name only one of them"
+    )]
+    SameSeed {
+        /// A run.
+        first: String,
+        /// Another.
+        second: String,
+        /// Their seed.
+        seed: u64,
+        /// Their preset.
+        preset: String,
+    },
+}
+
+/// Settings that say where and how a run computes and what it keeps, not what it learns.
+const INCIDENTAL: [&str; 6] = ["seed", "learner", "checkpoint", "recording", "validation", "evaluation"];
+
+/// Groups of `runs`, in the order in which their first runs are given.
+pub fn groups(runs: &[Run]) -> Result<Vec<Group<'_>>, StudyError> {
+    let mut groups: Vec<Group<'_>> = Vec::new();
+    for run in runs {
+        let mut settings = settings_of(&run.config);
+        // A policy that nobody has trained is no run of its preset.
+        settings.insert(TRAINED.into(), Value::Boolean(run.state != UNTRAINED));
+        match groups.iter_mut().find(|group| group.settings == settings) {
+            Some(group) => group.runs.push(run),
+            None => groups.push(Group {
+                label: String::new(),
+                preset: run.config.preset.clone(),
+                differences: differences(run),
+                runs: vec![run],
+                settings,
+            }),
+        }
+    }
+    if groups.is_empty() {
+        return Err(StudyError::Nothing);
+    }
+    for group in &mut groups {
+        group.runs.sort_by_key(|run| run.config.seed);
+        if let Some([first, second]) =
+            group.runs.array_windows().find(|[first, second]| first.config.seed == second.config.seed)
+        {
+            return Err(StudyError::SameSeed {
+                first: first.name.clone(),
+                second: second.name.clone(),
+                seed: first.config.seed,
+                preset: group.preset.clone(),
+            });
+        }
+    }
+    label(&mut groups);
+    Ok(groups)
+}
+
+impl Group<'_> {
+    /// Its runs began with another run's weights.
+    pub fn continued(&self) -> bool {
+        self.runs.iter().any(|run| run.config.from.is_some())
+    }
+
+    /// Its weights are fresh: no run has trained them.
+    pub fn untrained(&self) -> bool {
+        self.runs.iter().all(|run| run.state == UNTRAINED)
+    }
+
+    /// What its runs learn, whatever that is called.
+    pub fn settings_without_preset(&self) -> Table {
+        let mut settings = self.settings.clone();
+        settings.remove("preset");
+        settings.remove(TRAINED);
+        settings
+    }
+}
+
+/// What runs of a preset learn, to be compared with [`Group::settings_without_preset`]; none of a name that is no
+/// preset.
+pub fn settings_of_preset(preset: &str) -> Option<Table> {
+    let mut settings = settings_of(&Config::resolve(preset, None).ok()?);
+    settings.remove("preset");
+    Some(settings)
+}
+
+/// Key of the one thing in a group's settings that is no setting.
+const TRAINED: &str = "trained";
+/// State of weights that no run has trained.
+pub const UNTRAINED: &str = "untrained";
+
+fn label(groups: &mut [Group<'_>]) {
+    let names: Vec<String> = groups
+        .iter()
+        .map(|group| {
+            let star = if group.differences.is_empty() { "" } else { "*" };
+            let untrained = if group.untrained() { ", untrained" } else { "" };
+            format!("{}{star}{untrained}", group.preset)
+        })
+        .collect();
+    for (index, group) in groups.iter_mut().enumerate() {
+        let before = names[..index].iter().filter(|name| **name == names[index]).count();
+        let all = names.iter().filter(|name| **name == names[index]).count();
+        group.label = if all == 1 {
+            names[index].clone()
+        } else if before < 26 {
+            format!("{} ({})", names[index], char::from(b'a' + before as u8))
+        } else {
+            format!("{} ({})", names[index], before + 1)
+        };
+    }
+}
+
+/// What must be equal in all runs of a group.
+fn settings_of(config: &Config) -> Table {
+    let mut table = table_of(config);
+    for key in INCIDENTAL {
+        table.remove(key);
+    }
+    // Each seed begins with weights of its own; how long those were trained is what seeds have in common.
+    if let Some(from) = table.get_mut("from").and_then(Value::as_table_mut) {
+        from.retain(|key, _| key == "frames");
+    }
+    table
+}
+
+fn table_of(config: &Config) -> Table {
+    Table::try_from(config).expect("a configuration is plain numbers, strings and tables")
+}
+
+/// Settings of a run that its preset does not have, as `key = value`.
+fn differences(run: &Run) -> Vec<String> {
+    match Config::resolve(&run.config.preset, None) {
+        Ok(preset) => differences_between(&preset, &run.config),
+        Err(_) => vec!["the preset is unknown to this version".into()],
+    }
+}
+
+/// What the second configuration has learn otherwise than the first, as `key = value` of the second.
+pub fn differences_between(first: &Config, second: &Config) -> Vec<String> {
+    let mut found = Vec::new();
+    compare("", &settings_of(first), &settings_of(second), &mut found);
+    found
+}
+
+fn compare(path: &str, preset: &Table, run: &Table, found: &mut Vec<String>) {
+    for (key, value) in run {
+        let key_path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+        match (preset.get(key), value) {
+            (Some(before), value) if before == value => {}
+            (Some(Value::Table(before)), Value::Table(value)) => compare(&key_path, before, value, found),
+            (_, value) if key_path == "from" => {
+                let frames = value.get("frames").and_then(Value::as_integer).unwrap_or(0).unsigned_abs();
+                found.push(format!("begun with weights after {} frames", crate::format::count(frames)));
+            }
+            (_, Value::Array(stages)) if key_path == "stages" => found.push(stages_text(stages)),
+            (_, value) => found.push(format!("{key_path} = {value}")),
+        }
+    }
+    for key in preset.keys().filter(|key| !run.contains_key(*key)) {
+        found.push(format!("{path}{}{key} unset", if path.is_empty() { "" } else { "." }));
+    }
+}
+
+/// `stages: r 5 000 000, r_prime 5 000 000`
+fn stages_text(stages: &[Value]) -> String {
+    let text = |stage: &Value| {
+        let reward = stage.get("reward").and_then(Value::as_str).unwrap_or("?");
+        let frames = stage.get("frames").and_then(Value::as_integer).unwrap_or(0);
+        format!("{reward} {}", crate::format::count(frames.unsigned_abs()))
+    };
+    format!("stages: {} frames", stages.iter().map(text).collect::<Vec<_>>().join(", then "))
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use proto::config::FromConfig;
+
+    pub fn run(name: &str, preset: &str, seed: u64) -> Run {
+        let config = Config { seed, ..Config::resolve(preset, None).unwrap() };
+        Run {
+            name: name.into(),
+            state: "complete".into(),
+            config,
+            rollouts: Vec::new(),
+            evaluations: Vec::new(),
+            validation: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn seeds_of_one_configuration_are_one_group() {
+        let mut threads = run("c", "demo", 3);
+        threads.config.learner.threads = 1;
+        let mut short = run("d", "demo", 1);
+        short.config.stages[0].frames = 5000;
+        let mut shorter = short.clone();
+        shorter.config.stages[0].frames = 4000;
+        let mut untrained = run("e", "demo", 1);
+        untrained.state = UNTRAINED.into();
+        let runs = [run("a", "demo", 2), run("b", "demo", 1), threads, short, shorter, untrained, run("f", "paper", 1)];
+        let groups = groups(&runs).unwrap();
+        let labels: Vec<&str> = groups.iter().map(|group| group.label.as_str()).collect();
+        assert_eq!(labels, ["demo", "demo* (a)", "demo* (b)", "demo, untrained", "paper"]);
+        let names: Vec<&str> = groups[0].runs.iter().map(|run| run.name.as_str()).collect();
+        assert_eq!(names, ["b", "a", "c"], "by seed");
+        assert!(groups[0].differences.is_empty(), "{:?}", groups[0].differences);
+        assert_eq!(groups[1].differences, ["stages: r 5 000, then r_prime 160 000 frames"]);
+    }
+
+    #[test]
+    fn a_seed_counts_once() {
+        let runs = [run("a", "demo", 1), run("b", "demo", 2), run("c", "demo", 1)];
+        let problem = groups(&runs).unwrap_err().to_string();
+        assert!(problem.starts_with("a and c are the same experiment with the same seed 1 (demo)"), "{problem}");
+        assert_eq!(groups(&[]).unwrap_err(), StudyError::Nothing);
+    }
+
+    #[test]
+    fn runs_from_other_weights_are_a_group_of_their_own() {
+        let mut runs = [run("a", "demo", 1), run("b", "demo", 2), run("c", "demo", 3)];
+        for (run, weights) in runs[1..].iter_mut().zip(["aa", "bb"]) {
+            let checkpoint = format!("/runs/{weights}/checkpoints/rollout-00000009.json");
+            run.config.from = Some(FromConfig { checkpoint, frames: 9000, weights: weights.into() });
+        }
+        let groups = groups(&runs).unwrap();
+        assert_eq!(groups.iter().map(|group| group.runs.len()).collect::<Vec<_>>(), [1, 2]);
+        assert_eq!(groups[1].differences, ["begun with weights after 9 000 frames"]);
+        assert!(groups[1].continued() && !groups[0].continued());
+    }
+
+    #[test]
+    fn what_differs_from_the_preset_is_named() {
+        let mut changed = run("a", "disturb-two-stage", 1);
+        changed.config.ppo.clip = 0.2;
+        changed.config.actors.count = 5;
+        let runs = [changed];
+        assert_eq!(groups(&runs).unwrap()[0].differences, ["actors.count = 5", "ppo.clip = 0.2"]);
+    }
+}

@@ -1,0 +1,189 @@
+//! A suite of real runs: killed and called again, with a run that fails, with a file that is wrong.
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use system_tests::{DEADLINE, Printed, Run, TINY, Workshop, complete, finish, kill, signal, start};
+
+/// Two seeds of the tiny configuration and one run more, each evaluated on 30 episodes.
+fn suite(workshop: &Workshop, frames: u64, more: &str) {
+    let text = format!(
+        "seeds = [5, 6]\nframes = {frames}\n\
+         [[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\nepisodes = 6\n\
+         [[runs]]\npreset = \"demo\"\nname = \"tiny\"\n{more}\n[config.actors]\ncount = 1\nenvironments_per_actor = 2\n{}",
+        TINY.replace("\n[", "\n[config.")
+    );
+    std::fs::write(workshop.path("suite.toml"), text).expect("a writable temporary folder");
+}
+
+fn state(workshop: &Workshop) -> Value {
+    let text = std::fs::read_to_string(workshop.path("all/suite.json")).expect("a state file");
+    serde_json::from_str(&text).expect("the state file is whole at any time")
+}
+
+fn call(workshop: &Workshop) -> std::process::Command {
+    // Absolute, so that processes can be told by their command lines.
+    workshop.orchestrator(&["suite", "suite.toml", "--out", &workshop.path("all").display().to_string()])
+}
+
+/// Digest of the weights that a complete run ended with.
+fn weights(run: &Path) -> String {
+    let text = std::fs::read_to_string(run.join("summary.json")).expect("a complete run");
+    let summary: Value = serde_json::from_str(&text).expect("JSON");
+    summary["weights"].as_str().expect("a digest").to_owned()
+}
+
+fn refused(printed: &Printed, word: &str) {
+    assert!(!printed.success && printed.stderr.contains(word), "{printed:#?}");
+}
+
+fn run(workshop: &Workshop, name: &str) -> Run {
+    workshop.run(&format!("all/runs/{name}"))
+}
+
+fn wait_until(what: &str, test: impl Fn() -> bool) {
+    let begun = Instant::now();
+    while !test() {
+        assert!(begun.elapsed() < DEADLINE, "{what}: not within {DEADLINE:?}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
+    let workshop = Workshop::new();
+    suite(&workshop, 900, "");
+    // Killed just before it starts its first process, and just after.
+    for point in ["suite.before_process", "suite.after_process"] {
+        let mut command = call(&workshop);
+        command.env("STILLROOM_FAULT", point);
+        assert!(!complete(command).success);
+    }
+    // Killed while the first run trains: its processes save and leave by themselves.
+    let child = start(call(&workshop));
+    let first = run(&workshop, "tiny-5");
+    first.wait_for_rollouts(4);
+    refused(&complete(call(&workshop)), "already in use");
+    kill(child.id());
+    finish(child);
+    assert_eq!(state(&workshop)["runs"]["tiny-5"]["status"], "training");
+    first.assert_nothing_left();
+    assert!(!first.folder.summary().exists(), "the run was killed in its middle");
+
+    // Killed while it evaluates.
+    let child = start(call(&workshop));
+    let evaluation = first.folder.root().join("evaluations/suite-test-novel-6");
+    wait_until("the evaluation begins", || evaluation.join("run.toml").exists());
+    kill(child.id());
+    finish(child);
+
+    // Stopped in an orderly way while the second trains.
+    let child = start(call(&workshop));
+    let second = run(&workshop, "tiny-6");
+    second.wait_for_rollouts(4);
+    signal(child.id(), rustix::process::Signal::INT);
+    let printed = finish(child);
+    assert!(printed.success && printed.stderr.contains("go on with: orchestrator suite suite.toml"), "{printed:#?}");
+    assert!(evaluation.join("evaluation.json").exists());
+    second.assert_nothing_left();
+
+    let printed = complete(call(&workshop));
+    assert!(printed.success, "{printed:#?}");
+    let done = state(&workshop);
+    for name in ["tiny-5", "tiny-6"] {
+        assert_eq!(done["runs"][name]["status"], "done", "{done:#}");
+    }
+    // Neither kill changed a bit.
+    let undisturbed = complete(workshop.up("undisturbed", 1, 2, 900)).result().0;
+    assert_eq!(weights(first.folder.root()), undisturbed);
+
+    let page = std::fs::read_to_string(workshop.path("all/report/report.html")).expect("a page");
+    assert!(page.contains("test, novel objects") && !page.contains("None of these runs has been evaluated yet"));
+    // Done is done: nothing is started again.
+    let tries = |state: &Value| state["runs"]["tiny-5"]["tries"].clone();
+    assert!(complete(call(&workshop)).success);
+    assert_eq!(tries(&state(&workshop)), tries(&done));
+}
+
+#[test]
+fn a_run_that_fails_is_said_and_tried_again_and_holds_up_nobody() {
+    let workshop = Workshop::new();
+    // No test machine has this; where one does, the run is like any other and the test says so.
+    suite(&workshop, 300, "[[runs]]\npreset = \"demo\"\nname = \"gpu\"\nseeds = [5]\nconfig.learner.device = \"cuda\"");
+    let printed = complete(call(&workshop));
+    if state(&workshop)["runs"]["gpu-5"]["status"] == "done" {
+        eprintln!("skipped: this machine has a CUDA device");
+        return;
+    }
+    refused(&printed, "gpu-5 failed: learner.device = \"cuda\"");
+    let after = state(&workshop);
+    assert_eq!(after["runs"]["gpu-5"]["status"], "failed");
+    assert_eq!(
+        (&after["runs"]["tiny-5"]["status"], &after["runs"]["tiny-6"]["status"]),
+        (&"done".into(), &"done".into())
+    );
+    assert!(workshop.path("all/report/report.json").exists(), "what there is is reported");
+    refused(&complete(call(&workshop)), "gpu-5 failed");
+    assert_eq!(state(&workshop)["runs"]["gpu-5"]["tries"], 2);
+}
+
+#[test]
+fn a_wrong_file_starts_nothing() {
+    let workshop = Workshop::new();
+    for (more, word) in [
+        ("[[runs]]\npreset = \"demmo\"", "did you mean `demo`?"),
+        ("[[runs]]\npreset = \"demo\"\nname = \"tiny\"", "two runs are called tiny-5"),
+        ("[[runs]]\npreset = \"demo\"\nname = \"wrong\"\nconfig.ppo.lerning_rate = 1.0", "lerning_rate"),
+    ] {
+        suite(&workshop, 300, more);
+        refused(&complete(call(&workshop)), word);
+        assert!(!workshop.path("all").exists());
+    }
+    refused(&complete(workshop.orchestrator(&["suite", "nowhere.toml"])), "nowhere.toml");
+}
+
+#[test]
+fn a_report_of_two_seeds_has_numbers_figures_and_says_what_is_missing() {
+    let workshop = Workshop::new();
+    for seed in [5, 6] {
+        complete(workshop.up_seeded(&format!("seed-{seed}"), 1, 2, 300, seed)).result();
+    }
+    let printed = complete(workshop.orchestrator(&["report", "seed-5", "seed-6", "--out", "both"]));
+    assert!(printed.success && printed.stdout.contains("2 runs in 1 groups, 0 of them evaluated"), "{printed:#?}");
+    let page = std::fs::read_to_string(workshop.path("both/report.html")).expect("a page");
+    assert!(page.contains("None of these runs has been evaluated yet"));
+    let numbers = std::fs::read_to_string(workshop.path("both/report.json")).expect("numbers");
+    let numbers: Value = serde_json::from_str(&numbers).expect("JSON");
+    let training = numbers["groups"][0]["training"].as_array().expect("curves");
+    assert!(training.iter().any(|curve| curve["metric"] == "rollout/reward"), "{training:#?}");
+    for curve in training {
+        let last = curve["points"].as_array().and_then(|points| points.last()).expect("a point");
+        assert_eq!(last["seeds"], 2, "{}", curve["metric"]);
+    }
+    let figures: Vec<PathBuf> = std::fs::read_dir(workshop.path("both/figures"))
+        .expect("figures")
+        .map(|entry| entry.expect("an entry").path())
+        .collect();
+    let png = |name: &str| std::fs::read(workshop.path("both/figures").join(name)).expect("a figure");
+    assert!(figures.iter().any(|path| path.ends_with("learning.svg")) && png("learning.png").starts_with(b"\x89PNG"));
+
+    // One seed evaluated, as a folder of its own; the other not.
+    let eval = ["eval", "seed-5", "--split", "test", "--objects", "all", "--episodes", "6", "--out", "elsewhere"];
+    let evaluated = complete(workshop.orchestrator(&eval));
+    assert!(evaluated.success, "{evaluated:#?}");
+    let printed = complete(workshop.orchestrator(&["report", "seed-5", "seed-6", "elsewhere", "--out", "both"]));
+    assert!(printed.success && printed.stderr.contains("not in its means: seed-6"), "{printed:#?}");
+    let numbers = std::fs::read_to_string(workshop.path("both/report.json")).expect("numbers");
+    let numbers: Value = serde_json::from_str(&numbers).expect("JSON");
+    let result = &numbers["groups"][0]["results"][0];
+    assert_eq!((&result["field"], &result["success"]["seeds"]), (&"test-novel".into(), &1.into()));
+    assert_eq!(result["pooled"]["episodes"], 30);
+
+    refused(&complete(workshop.orchestrator(&["report", "seed-5", "--out", "seed-5"])), "no report");
+    refused(&complete(workshop.orchestrator(&["report", "nowhere"])), "nowhere");
+    // The same seed twice is no second seed.
+    let copied =
+        std::process::Command::new("cp").args(["-r", "seed-5", "copy"]).current_dir(workshop.path("")).status();
+    assert!(copied.expect("cp runs").success());
+    refused(&complete(workshop.orchestrator(&["report", "seed-5", "copy", "--out", "twice"])), "same seed 5");
+}
