@@ -117,7 +117,7 @@ fn a_runs_newest_checkpoint_is_evaluated() {
 /// The tiny configuration with validation after each 300 frames, an episode in each kitchen.
 fn write_validating(workshop: &Workshop) {
     let text = format!("{}\n[validation]\nevery_frames = 300\nepisodes = 1\n", system_tests::TINY);
-    std::fs::write(workshop.path("tiny.toml"), text).unwrap();
+    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable temporary folder");
 }
 
 /// The lines of a run's validation.jsonl.
@@ -131,10 +131,12 @@ fn assert_best(workshop: &Workshop, run: &str, lines: &[serde_json::Value]) {
     let key = |line: &serde_json::Value| {
         (line["success_without_disturbance"].as_f64(), line["success"].as_f64(), line["frames"].as_u64())
     };
-    let best = lines.iter().max_by(|a, b| key(a).partial_cmp(&key(b)).unwrap()).expect("at least one line");
-    let rollout = best["rollout"].as_u64().unwrap();
+    let better = |a, b| if key(a) > key(b) { a } else { b };
+    let best = lines.iter().reduce(better).expect("at least one line");
+    let rollout = best["rollout"].as_u64().expect("a number");
     let manifest = workshop.path(run).join(format!("best/rollout-{rollout:08}.json"));
-    let manifest: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(manifest).unwrap()).unwrap();
+    let text = std::fs::read_to_string(&manifest).unwrap_or_else(|error| panic!("{}: {error}", manifest.display()));
+    let manifest: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     assert_eq!(manifest["weights"], best["weights"]);
 }
 

@@ -10,7 +10,7 @@ use mcap::records::Record;
 use proptest::prelude::*;
 use prost::Message;
 use proto::control::{Timing, metric};
-use proto::message::current_flag;
+use proto::message::{current_flag, transition_flag};
 use proto::wire::WireHost;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
