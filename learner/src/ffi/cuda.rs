@@ -81,29 +81,39 @@ type LaunchKernel = unsafe extern "C" fn(
 
 #[derive(Debug, Clone, Copy)]
 struct Driver {
-    attribute: unsafe extern "C" fn(*mut c_int, c_int, c_int) -> c_int,
-    load: unsafe extern "C" fn(*mut Handle, *const c_void) -> c_int,
-    function: unsafe extern "C" fn(*mut Handle, Handle, *const c_char) -> c_int,
+    attribute: DeviceAttribute,
+    load: ModuleLoad,
+    function: ModuleFunction,
     launch: LaunchKernel,
 }
 
+type DeviceAttribute = unsafe extern "C" fn(*mut c_int, c_int, c_int) -> c_int;
+type ModuleLoad = unsafe extern "C" fn(*mut Handle, *const c_void) -> c_int;
+type ModuleFunction = unsafe extern "C" fn(*mut Handle, Handle, *const c_char) -> c_int;
+
 #[derive(Debug, Clone, Copy)]
 struct Nvrtc {
-    create: unsafe extern "C" fn(
-        *mut Handle,
-        *const c_char,
-        *const c_char,
-        c_int,
-        *const *const c_char,
-        *const *const c_char,
-    ) -> c_int,
-    compile: unsafe extern "C" fn(Handle, c_int, *const *const c_char) -> c_int,
-    log_size: unsafe extern "C" fn(Handle, *mut usize) -> c_int,
-    log: unsafe extern "C" fn(Handle, *mut c_char) -> c_int,
-    cubin_size: unsafe extern "C" fn(Handle, *mut usize) -> c_int,
-    cubin: unsafe extern "C" fn(Handle, *mut c_char) -> c_int,
-    destroy: unsafe extern "C" fn(*mut Handle) -> c_int,
+    create: CreateProgram,
+    compile: CompileProgram,
+    log_size: ResultSize,
+    log: ReadResult,
+    cubin_size: ResultSize,
+    cubin: ReadResult,
+    destroy: DestroyProgram,
 }
+
+type CreateProgram = unsafe extern "C" fn(
+    *mut Handle,
+    *const c_char,
+    *const c_char,
+    c_int,
+    *const *const c_char,
+    *const *const c_char,
+) -> c_int;
+type CompileProgram = unsafe extern "C" fn(Handle, c_int, *const *const c_char) -> c_int;
+type ResultSize = unsafe extern "C" fn(Handle, *mut usize) -> c_int;
+type ReadResult = unsafe extern "C" fn(Handle, *mut c_char) -> c_int;
+type DestroyProgram = unsafe extern "C" fn(*mut Handle) -> c_int;
 
 /// Loads one of several names of a library, for the rest of the process.
 fn open(names: &[&'static CStr]) -> Result<Handle, CudaError> {
@@ -122,14 +132,14 @@ fn open(names: &[&'static CStr]) -> Result<Handle, CudaError> {
 
 /// Looks a function up. The type that the caller gives it must be its C declaration's.
 macro_rules! function {
-    ($library:expr, $name:literal) => {{
+    ($library:expr, $name:literal as $declaration:ty) => {{
         // SAFETY: an open library and a C string.
         let address = unsafe { libc::dlsym($library, $name.as_ptr()) };
         if address.is_null() {
             return Err(CudaError::Function { function: $name.to_str().unwrap_or("a function") });
         }
-        // SAFETY: the field's type is the function's declaration in cuda.h or nvrtc.h.
-        unsafe { std::mem::transmute(address) }
+        // SAFETY: the type is the function's declaration in cuda.h or nvrtc.h.
+        unsafe { std::mem::transmute::<Handle, $declaration>(address) }
     }};
 }
 
@@ -137,10 +147,10 @@ impl Driver {
     fn open() -> Result<Self, CudaError> {
         let library = open(&[c"libcuda.so.1"])?;
         Ok(Self {
-            attribute: function!(library, c"cuDeviceGetAttribute"),
-            load: function!(library, c"cuModuleLoadData"),
-            function: function!(library, c"cuModuleGetFunction"),
-            launch: function!(library, c"cuLaunchKernel"),
+            attribute: function!(library, c"cuDeviceGetAttribute" as DeviceAttribute),
+            load: function!(library, c"cuModuleLoadData" as ModuleLoad),
+            function: function!(library, c"cuModuleGetFunction" as ModuleFunction),
+            launch: function!(library, c"cuLaunchKernel" as LaunchKernel),
         })
     }
 
@@ -164,13 +174,13 @@ impl Nvrtc {
         // The first lies beside libtorch and knows where to find NVRTC; its symbols are reached through it.
         let library = open(&[c"libcaffe2_nvrtc.so", c"libnvrtc.so.13", c"libnvrtc.so.12"])?;
         Ok(Self {
-            create: function!(library, c"nvrtcCreateProgram"),
-            compile: function!(library, c"nvrtcCompileProgram"),
-            log_size: function!(library, c"nvrtcGetProgramLogSize"),
-            log: function!(library, c"nvrtcGetProgramLog"),
-            cubin_size: function!(library, c"nvrtcGetCUBINSize"),
-            cubin: function!(library, c"nvrtcGetCUBIN"),
-            destroy: function!(library, c"nvrtcDestroyProgram"),
+            create: function!(library, c"nvrtcCreateProgram" as CreateProgram),
+            compile: function!(library, c"nvrtcCompileProgram" as CompileProgram),
+            log_size: function!(library, c"nvrtcGetProgramLogSize" as ResultSize),
+            log: function!(library, c"nvrtcGetProgramLog" as ReadResult),
+            cubin_size: function!(library, c"nvrtcGetCUBINSize" as ResultSize),
+            cubin: function!(library, c"nvrtcGetCUBIN" as ReadResult),
+            destroy: function!(library, c"nvrtcDestroyProgram" as DestroyProgram),
         })
     }
 
@@ -190,9 +200,9 @@ impl Nvrtc {
         // SAFETY: the program is alive until the end; options are C strings.
         let code = unsafe { (self.compile)(program, options.len() as c_int, options.as_ptr()) };
         let result = if code == 0 {
-            self.bytes(program, self.cubin_size, self.cubin)
+            bytes(program, self.cubin_size, self.cubin)
         } else {
-            let log = self.bytes(program, self.log_size, self.log).unwrap_or_default();
+            let log = bytes(program, self.log_size, self.log).unwrap_or_default();
             Err(CudaError::Compilation(format!(
                 "error {code}: {}",
                 String::from_utf8_lossy(&log).trim_end_matches('\0')
@@ -202,21 +212,17 @@ impl Nvrtc {
         unsafe { (self.destroy)(&raw mut program) };
         result
     }
+}
 
-    fn bytes(
-        self,
-        program: Handle,
-        size: unsafe extern "C" fn(Handle, *mut usize) -> c_int,
-        read: unsafe extern "C" fn(Handle, *mut c_char) -> c_int,
-    ) -> Result<Vec<u8>, CudaError> {
-        let mut count = 0;
-        // SAFETY: a live program; the out-pointer is ours.
-        let code = unsafe { size(program, &raw mut count) };
-        let mut bytes = vec![0u8; count];
-        // SAFETY: there is room for as many bytes as it said.
-        let code = if code == 0 { unsafe { read(program, bytes.as_mut_ptr().cast()) } } else { code };
-        if code == 0 { Ok(bytes) } else { Err(CudaError::Compilation(format!("no result: error {code}"))) }
-    }
+/// A result of a program: its size is asked for, then the bytes.
+fn bytes(program: Handle, size: ResultSize, read: ReadResult) -> Result<Vec<u8>, CudaError> {
+    let mut count = 0;
+    // SAFETY: a live program; the out-pointer is ours.
+    let code = unsafe { size(program, &raw mut count) };
+    let mut bytes = vec![0u8; count];
+    // SAFETY: there is room for as many bytes as it said.
+    let code = if code == 0 { unsafe { read(program, bytes.as_mut_ptr().cast()) } } else { code };
+    if code == 0 { Ok(bytes) } else { Err(CudaError::Compilation(format!("no result: error {code}"))) }
 }
 
 fn succeed(call: &'static str, code: c_int) -> Result<(), CudaError> {

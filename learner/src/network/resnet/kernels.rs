@@ -328,7 +328,7 @@ mod tests {
                 let leaves = [&x, around.unwrap_or(&x), &weight, &bias].map(leaf);
                 let mut expected = leaves[0].group_norm(groups, Some(&leaves[2]), Some(&leaves[3]), 1e-5, true);
                 if around.is_some() {
-                    expected = expected + &leaves[1];
+                    expected += &leaves[1];
                 }
                 let expected = if relu { expected.relu() } else { expected };
                 let (y, statistics) = kernels.norm_forward(&x, around, norm, relu);
