@@ -43,12 +43,12 @@ impl Made {
         if !report.notes.is_empty() {
             html.push_str("<h3>Before you trust these figures</h3>\n<ul>\n");
             for note in &report.notes {
-                let _ = write!(html, "<li>{}</li>\n", escape(note));
+                let _ = writeln!(html, "<li>{}</li>", escape(note));
             }
             html.push_str("</ul>\n");
         }
         for (anchor, heading) in SECTIONS {
-            let _ = write!(html, "<h2 id=\"{anchor}\">{}</h2>\n", escape(heading));
+            let _ = writeln!(html, "<h2 id=\"{anchor}\">{}</h2>", escape(heading));
             html.push_str(&section(anchor, report, figures));
         }
         html.push_str("</body>\n</html>\n");
@@ -117,7 +117,7 @@ fn beside_the_paper(report: &Report, figures: &FigureSet) -> String {
         count(u64::from(report.statistics.resamples))
     );
     for comparison in &report.comparisons {
-        let _ = write!(html, "<h3 id=\"table-{}\">{}</h3>\n", comparison.name, escape(&comparison.title));
+        let _ = writeln!(html, "<h3 id=\"table-{}\">{}</h3>", comparison.name, escape(&comparison.title));
         if comparison.rows.iter().all(|row| row.ours.is_empty()) {
             html.push_str(&missing("No group here is a row of this table and evaluated on its episodes."));
         }
@@ -202,7 +202,7 @@ fn groups(report: &Report) -> String {
             continue;
         }
         any = true;
-        let _ = write!(html, "<h3>{}</h3>\n", escape(&field.name()));
+        let _ = writeln!(html, "<h3>{}</h3>", escape(&field.name()));
         html.push_str(&field_table(&found).html());
     }
     html.push_str(&if any { FIGURES.to_owned() } else { missing(NOT_EVALUATED) });
