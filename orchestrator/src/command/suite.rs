@@ -9,35 +9,45 @@ use report::Options;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+/// What a file looks like.
+const EXAMPLE: &str = r#"seeds = [1, 2, 3]                 # of runs that name none
+frames = 1_000_000                # optional: all stages of every run scaled to this sum
+config.learner.threads = 2        # optional: keys laid over every preset
+
+[[evaluations]]                   # of every trained run, as `orchestrator eval` takes it
+split = "test"                    # or "valid"
+objects = "novel"                 # or "seen", "all"
+episodes = 60                     # optional; also deterministic = true
+
+[[runs]]
+preset = "disturb-two-stage"
+
+[[runs]]
+preset = "none-two-stage"
+name = "small-steps"              # optional: what its folders are called
+seeds = [1]                       # optional; also frames
+config.ppo.learning_rate = 1e-4   # optional: keys laid over preset and suite
+"#;
+
+fn after_help() -> String {
+    let example = EXAMPLE.lines().map(|line| if line.is_empty() { String::new() } else { format!("  {line}") });
+    format!(
+        "The file, TOML:\n{}\n
+Examples:
+  orchestrator suite table-1.toml                  into runs/table-1
+  orchestrator suite table-1.toml --gpus 0,1,2,3
+  orchestrator suite table-1.toml --check          says what it would do",
+        example.collect::<Vec<_>>().join("\n")
+    )
+}
+
 /// Train and evaluate a list of presets with several seeds each, and report on them
 ///
 /// Runs go one after another, or one on each of the GPUs given. The suite can be stopped and killed at any time: the same
 /// command goes on where it was. A run that fails does not keep the others from going on, and is tried again by the next
-/// call. Exit status 0 when every run is trained and evaluated.
+/// call. Exit status 0 when every run is trained and evaluated, and after an orderly stop.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "The file, TOML:
-  seeds = [1, 2, 3]                 # of runs that name none
-  frames = 1_000_000                # optional: all stages of every run scaled to this sum
-  config.learner.threads = 2        # optional: keys laid over every preset
-
-  [[evaluations]]                   # of every run when it is trained: what `orchestrator eval` takes
-  split = \"test\"                    # or \"valid\"
-  objects = \"novel\"                 # or \"seen\", \"all\"
-  episodes = 60                     # optional, deterministic = true, too
-
-  [[runs]]
-  preset = \"disturb-two-stage\"
-
-  [[runs]]
-  preset = \"none-two-stage\"
-  name = \"small-steps\"              # optional: what its folders are called
-  seeds = [1]                       # optional, frames, too
-  config.ppo.learning_rate = 1e-4   # optional: keys laid over the preset and the suite's own
-
-Examples:
-  orchestrator suite table-1.toml                  into runs/table-1
-  orchestrator suite table-1.toml --gpus 0,1,2,3
-  orchestrator suite table-1.toml --check          says what it would do")]
+#[command(after_help = after_help())]
 pub struct SuiteArgs {
     /// What to run
     #[arg(value_name = "FILE")]
@@ -111,6 +121,13 @@ fn check_gpus(gpus: &[String]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_example_of_the_help_is_a_sound_file() {
+        let suite = Suite::parse(EXAMPLE).unwrap();
+        let names: Vec<&str> = suite.entries.iter().map(|entry| entry.name.as_str()).collect();
+        assert_eq!(names, ["disturb-two-stage-1", "disturb-two-stage-2", "disturb-two-stage-3", "small-steps-1"]);
+    }
 
     #[test]
     fn a_gpu_is_a_place_once() {
