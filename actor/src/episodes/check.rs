@@ -41,11 +41,11 @@ pub enum Problem {
     #[error("the robot's start pose is not free")]
     StartPose,
     /// No floor pose from which the arm reaches the target can be driven to.
-    #[error("the target cannot be reached")]
-    TargetOutOfReach,
+    #[error("the target at {0} cannot be reached")]
+    TargetOutOfReach(Vec3),
     /// No floor pose from which the arm brings the target to its goal can be driven to.
-    #[error("the goal cannot be reached with the target in hand")]
-    GoalOutOfReach,
+    #[error("the goal at {0} cannot be reached with the target in hand")]
+    GoalOutOfReach(Vec3),
 }
 
 impl Problem {
@@ -58,8 +58,8 @@ impl Problem {
             Self::Leans(_) => "leans",
             Self::Pushes(..) => "pushes",
             Self::StartPose => "start pose",
-            Self::TargetOutOfReach => "target out of reach",
-            Self::GoalOutOfReach => "goal out of reach",
+            Self::TargetOutOfReach(_) => "target out of reach",
+            Self::GoalOutOfReach(_) => "goal out of reach",
         }
     }
 }
@@ -84,8 +84,8 @@ pub fn check(kitchen: &Arc<Kitchen>, config: &Config, episode: &Episode) -> Resu
     }
     match oracle::first_obstructed_leg(kitchen, episode) {
         None => Ok(()),
-        Some(Leg::ToTarget) => Err(Problem::TargetOutOfReach),
-        Some(Leg::ToGoal) => Err(Problem::GoalOutOfReach),
+        Some(Leg::ToTarget) => Err(Problem::TargetOutOfReach(episode.start)),
+        Some(Leg::ToGoal) => Err(Problem::GoalOutOfReach(episode.goal)),
     }
 }
 

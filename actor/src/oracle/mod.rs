@@ -23,7 +23,7 @@ use crate::episode::Episode;
 use crate::kitchen::Kitchen;
 use crate::robot::configuration::Configuration;
 use moment::Moment;
-use plan::Carriage;
+use plan::{Carriage, Stands};
 use proto::action::Action;
 use proto::message::transition_flag;
 use rapier3d::math::Vec3;
@@ -37,6 +37,8 @@ const TARGET_MOVED_M: f32 = 0.005;
 /// A trial that adds no more disturbance than this is good enough, metres.
 const UNDISTURBED_M: f32 = 0.001;
 
+/// Places from which the target is grasped before the goal counts as out of reach.
+const GRASPS_MOST: usize = 12;
 /// What has been pushed once is still touched: the fast variant may enter things this deeply when it goes around them,
 /// metres.
 const BRUSH_M: f32 = 0.003;
@@ -160,7 +162,9 @@ impl Policy {
         let mut least: Option<(f32, Vec<Action>)> = None;
         for &care in self.variant.cares(self.failed.len()) {
             for &carriage in self.variant.carriages(holding) {
-                let Some(mut actions) = plan::leg(&moment, care, carriage, &self.failed) else { continue };
+                let Some(mut actions) = plan::leg(&moment, care, carriage, &self.failed, Stands::FIRST) else {
+                    continue;
+                };
                 actions.push(end);
                 if self.variant == Variant::Fast {
                     return actions;
@@ -187,24 +191,26 @@ pub enum Leg {
     ToGoal,
 }
 
-/// The first leg of an episode for which there is no way among what is fixed; none if both have one. A grasp from which
-/// the goal cannot be reached is not the end of it: others are tried.
+/// The first leg of an episode for which there is no way among what is fixed; none if both have one. A grasp after which
+/// the robot cannot turn away with the target in hand is not the end of it: it is tried from other places.
 pub fn first_obstructed_leg(kitchen: &Kitchen, episode: &Episode) -> Option<Leg> {
-    let ways = |holding| Variant::Fast.carriages(holding).iter().copied();
+    let leg = |moment: &Moment, avoided: &[Configuration]| {
+        let carriages = Variant::Fast.carriages(moment.held.is_some());
+        carriages.iter().find_map(|&carriage| plan::leg(moment, Care::NONE, carriage, &[], Stands::all_but(avoided)))
+    };
     let beginning = Moment::beginning(kitchen, episode);
-    let mut obstructed = Leg::ToTarget;
-    // The last actions of earlier grasps: the next one comes to the target otherwise.
     let mut tried = Vec::new();
-    for carriage in ways(false) {
-        let Some(actions) = plan::leg(&beginning, Care::NONE, carriage, &tried) else { continue };
-        let Some(holding) = beginning.clone().picked_up_after(&actions) else { continue };
-        if ways(true).any(|carriage| plan::leg(&holding, Care::NONE, carriage, &[]).is_some()) {
+    for _ in 0..GRASPS_MOST {
+        let Some(holding) = leg(&beginning, &tried).and_then(|actions| beginning.clone().picked_up_after(&actions))
+        else {
+            break;
+        };
+        if leg(&holding, &[]).is_some() {
             return None;
         }
-        obstructed = Leg::ToGoal;
-        tried.extend(beginning.last_of(&actions));
+        tried.push(holding.robot);
     }
-    Some(obstructed)
+    Some(if tried.is_empty() { Leg::ToTarget } else { Leg::ToGoal })
 }
 
 /// Whether the robot touches nothing, fixed or movable, as an episode begins.

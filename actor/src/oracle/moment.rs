@@ -60,14 +60,6 @@ impl<'a> Moment<'a> {
         Some(self)
     }
 
-    /// The last of these actions and the configuration it is taken from, if nothing is in their way. None if there are
-    /// none, or they lead out of a range.
-    pub fn last_of(&self, actions: &[Action]) -> Option<(Configuration, Action)> {
-        let (&last, before) = actions.split_last()?;
-        let from = before.iter().try_fold(self.robot, |robot, &action| robot.after(action))?;
-        Some((from, last))
-    }
-
     /// Where the target is.
     pub fn target_pose(&self) -> Pose3 {
         self.movables[self.target]

@@ -12,8 +12,35 @@ use proto::action::Action;
 const EXPANSIONS: u32 = 40_000;
 /// Floor poses in reach whose final configurations are looked for before the best of them is chosen.
 const STANDS_COMPARED: usize = 16;
-/// Floor poses in reach that are looked at in all.
-const STANDS_MOST: usize = 400;
+/// Floor poses nearer to each other than this count as the same if they face the same way, metres.
+const SAME_STAND_M: f32 = 0.1;
+
+/// Which floor poses in reach of the aim are looked at.
+#[derive(Debug, Clone, Copy)]
+pub struct Stands<'a> {
+    /// How many at most.
+    most: usize,
+    /// None that is like one of these.
+    avoided: &'a [Configuration],
+}
+
+impl<'a> Stands<'a> {
+    /// The first ones: for who has another plan to try.
+    pub const FIRST: Self = Self { most: 400, avoided: &[] };
+
+    /// About all there are, but these: for who must know whether there is a way. They come in order of the drive, those
+    /// from which the arm just does not reach before those from which it does.
+    pub const fn all_but(avoided: &'a [Configuration]) -> Self {
+        Self { most: 4000, avoided }
+    }
+
+    fn avoid(&self, at: &Configuration) -> bool {
+        self.avoided.iter().any(|other| {
+            let (x, z) = (at.x_m - other.x_m, at.z_m - other.z_m);
+            at.yaw_ticks == other.yaw_ticks && x * x + z * z < SAME_STAND_M * SAME_STAND_M
+        })
+    }
+}
 
 /// How the arm is held on the way: its height (none: as it is) and the wrist, in ticks.
 #[derive(Debug, Clone, Copy)]
@@ -50,12 +77,14 @@ impl PartialEq for Carriage {
     }
 }
 
-/// The actions of one leg up to where the aim is met; none if this carriage does not allow any.
+/// The actions of one leg up to where the aim is met; none if this carriage does not allow any, or none of the floor
+/// poses that are looked at does.
 pub fn leg(
     moment: &Moment,
     care: Care,
     carriage: Carriage,
     forbidden: &[(Configuration, Action)],
+    allowed: Stands,
 ) -> Option<Vec<Action>> {
     let aim = Aim::of(moment);
     let now = moment.robot;
@@ -69,10 +98,10 @@ pub fn leg(
     let floor = Floor { passable: &passable, place: aim.place(), slack_m: aim.slack_m(), forbidden };
     let mut search = Search::new(&floor, travelling, EXPANSIONS);
     let (mut looked_at, mut exhausted) = (0, false);
-    while looked_at < STANDS_MOST && !exhausted {
+    while looked_at < allowed.most && !exhausted {
         // Some floor poses from which the aim can be met, by their length of drive and reach together.
         let mut stands: Vec<(u32, usize, Vec<Configuration>)> = Vec::new();
-        while stands.len() < STANDS_COMPARED && looked_at < STANDS_MOST {
+        while stands.len() < STANDS_COMPARED && looked_at < allowed.most {
             let Some(index) = search.next(&floor) else {
                 exhausted = true;
                 break;
@@ -82,7 +111,7 @@ pub fn leg(
             if stands.iter().any(|(total, _, _)| search.cost(index) > *total) {
                 break;
             }
-            if !floor.faces_place(&at) {
+            if !floor.faces_place(&at) || allowed.avoid(&at) {
                 continue;
             }
             looked_at += 1;
