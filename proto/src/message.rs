@@ -43,8 +43,9 @@ pub mod current_flag {
     pub const RECORD_DEPTH: u32 = 1 << 2;
 }
 
-/// What the last action did. Speaks of the episode in which the action was taken, also when that has just ended.
-#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+/// What the last action did. Speaks of the episode in which the action was taken, also when that has just ended. The
+/// default says that no action was taken: it is not valid, and all zero.
+#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
 #[type_name("stillroom/Transition/2")]
 #[repr(C)]
 pub struct Transition {

@@ -52,7 +52,7 @@ fn wait_until(what: &str, test: impl Fn() -> bool) {
 #[test]
 fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let workshop = Workshop::new();
-    suite(&workshop, 900, "");
+    suite(&workshop, 900, "[[runs]]\npreset = \"demo\"\nname = \"after\"\nfrom = \"tiny\"\nseeds = [5]");
     // Killed just before it starts its first process, and just after.
     for point in ["suite.before_process", "suite.after_process"] {
         let mut command = call(&workshop);
@@ -90,13 +90,15 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let printed = complete(call(&workshop));
     assert!(printed.success, "{printed:#?}");
     let done = state(&workshop);
-    for name in ["tiny-5", "tiny-6"] {
+    for name in ["tiny-5", "tiny-6", "after-5"] {
         assert_eq!(done["runs"][name]["status"], "done", "{done:#}");
     }
     assert!(evaluation.join("evaluation.json").exists());
     // No kill changed a bit.
     let undisturbed = complete(workshop.up("undisturbed", 1, 2, 900)).result().0;
     assert_eq!(weights(first.folder.root()), undisturbed);
+    let after = std::fs::read_to_string(run(&workshop, "after-5").folder.config()).expect("a configuration");
+    assert!(after.contains("[from]") && after.contains(&undisturbed), "{after}");
 
     let page = std::fs::read_to_string(workshop.path("all/report/report.html")).expect("a page");
     assert!(page.contains("test, novel objects") && !page.contains("None of these runs has been evaluated yet"));
@@ -110,7 +112,9 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
 fn a_run_that_fails_is_said_and_tried_again_and_holds_up_nobody() {
     let workshop = Workshop::new();
     // No test machine has this; where one does, the run is like any other and the test says so.
-    suite(&workshop, 300, "[[runs]]\npreset = \"demo\"\nname = \"gpu\"\nseeds = [5]\nconfig.learner.device = \"cuda\"");
+    let gpu = "[[runs]]\npreset = \"demo\"\nname = \"gpu\"\nseeds = [5]\nconfig.learner.device = \"cuda\"";
+    let after = "[[runs]]\npreset = \"demo\"\nname = \"after\"\nseeds = [5]\nfrom = \"gpu\"";
+    suite(&workshop, 300, &format!("{gpu}\n{after}"));
     let printed = complete(call(&workshop));
     if state(&workshop)["runs"]["gpu-5"]["status"] == "done" {
         eprintln!("skipped: this machine has a CUDA device");
@@ -119,6 +123,9 @@ fn a_run_that_fails_is_said_and_tried_again_and_holds_up_nobody() {
     refused(&printed, "gpu-5 failed: learner.device = \"cuda\"");
     let after = state(&workshop);
     assert_eq!(after["runs"]["gpu-5"]["status"], "failed");
+    let reason = after["runs"]["after-5"]["reason"].as_str().expect("a reason");
+    assert!(reason.contains("gpu-5 is not trained"), "{reason}");
+    assert!(!workshop.path("all/runs/after-5").exists());
     assert_eq!(
         (&after["runs"]["tiny-5"]["status"], &after["runs"]["tiny-6"]["status"]),
         (&"done".into(), &"done".into())

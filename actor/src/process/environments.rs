@@ -11,38 +11,10 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::message::{EnvironmentState, FRAME_SIDE, Observation, Transition, transition_flag};
-use proto::reward::RewardParts;
 use rapier3d::math::Pose3;
 use std::mem::MaybeUninit;
 use std::ops::Range;
 use std::sync::Arc;
-
-/// What "no action was taken" looks like on the wire.
-const NO_TRANSITION: Transition = Transition {
-    state_hash: 0,
-    episode: 0,
-    step: 0,
-    flags: 0,
-    action: 0,
-    reward: RewardParts {
-        wrist_object_progress_m: 0.0,
-        object_goal_progress_m: 0.0,
-        disturbance_progress_m: 0.0,
-        failed_action: 0.0,
-        picked_up: 0.0,
-        goal_success: 0.0,
-    },
-    disturbance_m: 0.0,
-    peak_disturbance_m: 0.0,
-    wrist_object_m: 0.0,
-    object_goal_m: 0.0,
-    disturbed_objects: 0,
-    ever_disturbed_objects: 0,
-    farthest_m: 0.0,
-    peak_farthest_m: 0.0,
-    reserved: 0,
-    target: 0,
-};
 
 /// All environments of an actor and the camera they share.
 pub struct Environments {
@@ -95,7 +67,13 @@ impl Environments {
                 let environment = programme
                     .environment(kitchen, id, config)
                     .with_context(|| format!("cannot set up environment {} of kitchen {kitchen_id}", id.number))?;
-                Ok(Running { id, environment, backdrop: Backdrop::new(), episode: 0, transition: NO_TRANSITION })
+                Ok(Running {
+                    id,
+                    environment,
+                    backdrop: Backdrop::new(),
+                    episode: 0,
+                    transition: Transition::default(),
+                })
             })
             .collect::<Result<_>>()?;
         Ok(Self { running, programme, camera: DepthCamera::new(kitchen.bodies()), world_from_bodies: Vec::new() })
@@ -111,7 +89,7 @@ impl Environments {
     pub fn rebuild(&mut self, states: &[EnvironmentState]) -> Result<()> {
         assert_eq!(states.len(), self.running.len(), "a restore holds one state an environment");
         for (running, state) in self.running.iter_mut().zip(states) {
-            running.transition = NO_TRANSITION;
+            running.transition = Transition::default();
             running.start(&self.programme, state.episode);
             let actions = state
                 .actions
@@ -144,7 +122,7 @@ impl Environments {
         for (running, &index) in self.running[range].iter_mut().zip(actions) {
             match Action::from_index(index) {
                 Some(action) => running.act(&self.programme, action),
-                None if index == HOLD => running.transition = NO_TRANSITION,
+                None if index == HOLD => running.transition = Transition::default(),
                 None => bail!("the learner sent action {index} to {}: there is none", place(running)),
             }
         }

@@ -1,4 +1,4 @@
-"""Reference values for learner/tests/reference.rs: the same method, written a second time in plain PyTorch.
+"""Reference values for learner/tests/reference/: the same method, written a second time in plain PyTorch.
 
     pip install torch==2.11.0 torchvision==0.26.0 numpy==2.4.6 safetensors==0.8.0
     python3 make_fixtures.py            # writes *.safetensors beside this file

@@ -30,33 +30,11 @@ pub struct FakeEnvironment {
     transition: Transition,
 }
 
-/// A transition in which nothing happened.
-pub fn no_transition() -> Transition {
-    Transition {
-        state_hash: 0,
-        episode: 0,
-        step: 0,
-        flags: 0,
-        action: 0,
-        reward: RewardParts::default(),
-        disturbance_m: 0.0,
-        peak_disturbance_m: 0.0,
-        wrist_object_m: 0.0,
-        object_goal_m: 0.0,
-        disturbed_objects: 0,
-        ever_disturbed_objects: 0,
-        farthest_m: 0.0,
-        peak_farthest_m: 0.0,
-        reserved: 0,
-        target: 0,
-    }
-}
-
 impl FakeEnvironment {
     /// As an actor rebuilds it: replays the actions; the last one's transition is what it reports.
     pub fn rebuild(id: EnvironmentId, max_steps: u32, state: &EnvironmentState) -> Self {
         let start = EnvironmentState::start_of(state.episode);
-        let mut environment = Self { id, max_steps, state: start, transition: no_transition() };
+        let mut environment = Self { id, max_steps, state: start, transition: Transition::default() };
         for &action in state.actions() {
             assert_eq!(environment.state.episode, state.episode, "a restored episode ends at its last action or later");
             environment.act(action);
@@ -73,7 +51,7 @@ impl FakeEnvironment {
     /// Takes one action; Done and the step limit end the episode.
     pub fn act(&mut self, action: u8) {
         if action == HOLD {
-            self.transition = no_transition();
+            self.transition = Transition::default();
             return;
         }
         let (episode, step) = (self.state.episode, self.state.action_count);
@@ -94,7 +72,8 @@ impl FakeEnvironment {
             ..RewardParts::default()
         };
         let action = u32::from(action);
-        self.transition = Transition { state_hash: hash, episode, step, flags, action, reward, ..no_transition() };
+        self.transition =
+            Transition { state_hash: hash, episode, step, flags, action, reward, ..Transition::default() };
         if done || limit {
             self.state = EnvironmentState::start_of(episode + 1);
         }

@@ -20,13 +20,17 @@ objects = "novel"                 # or "seen", "all"
 episodes = 60                     # optional; also deterministic = true
 
 [[runs]]
-preset = "disturb-two-stage"
+preset = "disturb-stage1-20m"
 
 [[runs]]
 preset = "none-two-stage"
 name = "small-steps"              # optional: what its folders are called
 seeds = [1]                       # optional; also frames
 config.ppo.learning_rate = 1e-4   # optional: keys laid over preset and suite
+
+[[runs]]
+preset = "disturb-stage2-25m"
+from = "disturb-stage1-20m"       # optional: a run further up; each seed begins with the weights of that one's
 "#;
 
 fn after_help() -> String {
@@ -126,7 +130,9 @@ mod tests {
     fn the_example_of_the_help_is_a_sound_file() {
         let suite = Suite::parse(EXAMPLE).unwrap();
         let names: Vec<&str> = suite.entries.iter().map(|entry| entry.name.as_str()).collect();
-        assert_eq!(names, ["disturb-two-stage-1", "disturb-two-stage-2", "disturb-two-stage-3", "small-steps-1"]);
+        let with_seeds = |name: &'static str| (1..=3).map(move |seed| format!("{name}-{seed}"));
+        let stages = with_seeds("disturb-stage1-20m").chain(["small-steps-1".to_owned()]);
+        assert!(names.iter().copied().eq(stages.chain(with_seeds("disturb-stage2-25m"))), "{names:?}");
     }
 
     #[test]

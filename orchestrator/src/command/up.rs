@@ -1,7 +1,7 @@
 //! `orchestrator up`: a new run.
 
 use super::overrides::{Overrides, default_preset};
-use crate::evaluation::subject::{Found, Provenance, find};
+use crate::evaluation::subject::{Found, Provenance, find, network_differences};
 use crate::format;
 use crate::identity::{Held, Identity, RunLock, holder, unix_now};
 use crate::scenes;
@@ -69,26 +69,7 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
 
 /// Whose weights the run begins with; refused where the networks differ.
 fn begin_from(found: &Found, config: &Config) -> Result<FromConfig> {
-    let (theirs, ours) = (&found.config, config);
-    let network = |config: &Config| toml::Table::try_from(config.network).context("the table [network] is plain data");
-    let (their_network, our_network) = (network(theirs)?, network(ours)?);
-    let mut differences: Vec<String> = our_network
-        .iter()
-        .filter_map(|(key, ours)| {
-            let theirs = their_network.get(key)?;
-            (theirs != ours).then(|| format!("network.{key} is {ours}, there {theirs}"))
-        })
-        .collect();
-    if theirs.episode.action_space != ours.episode.action_space {
-        differences.push(format!(
-            "episode.action_space has {} actions, there {}",
-            ours.episode.action_space.actions().len(),
-            theirs.episode.action_space.actions().len()
-        ));
-    }
-    if theirs.auxiliary.task != ours.auxiliary.task {
-        differences.push(format!("auxiliary.task is {:?}, there {:?}", ours.auxiliary.task, theirs.auxiliary.task));
-    }
+    let differences = network_differences(&found.config, config)?;
     if !differences.is_empty() {
         bail!("{} holds another network: {}", found.manifest.display(), differences.join("; "));
     }

@@ -55,6 +55,31 @@ impl Provenance {
     }
 }
 
+/// What keeps weights trained with one configuration from being begun with in another, as `key is X, there Y`; nothing
+/// where the networks are the same.
+pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>> {
+    let network = |config: &Config| toml::Table::try_from(config.network).context("the table [network] is plain data");
+    let (their_network, our_network) = (network(theirs)?, network(ours)?);
+    let mut differences: Vec<String> = our_network
+        .iter()
+        .filter_map(|(key, ours)| {
+            let theirs = their_network.get(key)?;
+            (theirs != ours).then(|| format!("network.{key} is {ours}, there {theirs}"))
+        })
+        .collect();
+    if theirs.episode.action_space != ours.episode.action_space {
+        differences.push(format!(
+            "episode.action_space has {} actions, there {}",
+            ours.episode.action_space.actions().len(),
+            theirs.episode.action_space.actions().len()
+        ));
+    }
+    if theirs.auxiliary.task != ours.auxiliary.task {
+        differences.push(format!("auxiliary.task is {:?}, there {:?}", ours.auxiliary.task, theirs.auxiliary.task));
+    }
+    Ok(differences)
+}
+
 /// Finds the checkpoint that `path` means.
 pub fn find(path: &Path) -> Result<Found> {
     let path = std::path::absolute(path).with_context(|| path.display().to_string())?;

@@ -1,5 +1,6 @@
 //! The file of a suite: which presets with which seeds, and how they are evaluated. Judged whole before anything starts.
 
+use crate::evaluation::subject::network_differences;
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::{Config, overlay};
 use proto::stage::scale_to;
@@ -37,6 +38,8 @@ struct Planned {
     name: Option<String>,
     seeds: Option<Vec<u64>>,
     frames: Option<u64>,
+    /// Name of runs further up: each seed begins with the weights that theirs ended with.
+    from: Option<String>,
     /// Keys laid over the preset, and over the suite's own.
     #[serde(default)]
     config: Table,
@@ -90,6 +93,8 @@ pub struct Entry {
     pub seed: u64,
     /// `--frames`.
     pub frames: Option<u64>,
+    /// Number of the run before it in the suite whose weights it begins with.
+    pub from: Option<usize>,
     /// What `--config` is given: TOML.
     pub overrides: String,
     /// What comes of all that.
@@ -146,7 +151,8 @@ impl Suite {
         let mut entries = Vec::new();
         for (index, planned) in file.runs.iter().enumerate() {
             let called = || format!("[[runs]] number {}, preset `{}`", index + 1, planned.preset);
-            entries.extend(planned.entries(&file).with_context(called)?);
+            let more = planned.entries(&file, &entries).with_context(called)?;
+            entries.extend(more);
         }
         ensure!(entries.len() <= RUNS_MAX, "{} runs; a suite has at most {RUNS_MAX}", entries.len());
         distinct(&entries)?;
@@ -165,7 +171,8 @@ impl Suite {
 }
 
 impl Planned {
-    fn entries(&self, file: &File) -> Result<Vec<Entry>> {
+    /// Its runs, which come after those `before`.
+    fn entries(&self, file: &File, before: &[Entry]) -> Result<Vec<Entry>> {
         let name = self.name.as_ref().unwrap_or(&self.preset);
         let sound = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
         ensure!(
@@ -189,16 +196,29 @@ impl Planned {
             config.stages = scale_to(&config.stages, frames).context("frames")?;
         }
         config.validate()?;
-        let entry = |&seed: &u64| Entry {
-            name: format!("{name}-{seed}"),
-            preset: self.preset.clone(),
-            seed,
-            frames,
-            overrides: overrides.clone(),
-            config: Config { seed, ..config.clone() },
+        let entry = |&seed: &u64| {
+            let from = self.from.as_ref().map(|from| source(&format!("{from}-{seed}"), &config, before)).transpose()?;
+            Ok(Entry {
+                name: format!("{name}-{seed}"),
+                preset: self.preset.clone(),
+                seed,
+                frames,
+                from,
+                overrides: overrides.clone(),
+                config: Config { seed, ..config.clone() },
+            })
         };
-        Ok(seeds.iter().map(entry).collect())
+        seeds.iter().map(entry).collect()
     }
+}
+
+/// Number of the run whose weights one with this configuration begins with.
+fn source(name: &str, config: &Config, before: &[Entry]) -> Result<usize> {
+    let found = before.iter().position(|entry| entry.name == name);
+    let found = found.with_context(|| format!("from: no run further up in the file is called {name}"))?;
+    let differences = network_differences(&before[found].config, config)?;
+    ensure!(differences.is_empty(), "from: {name} trains another network: {}", differences.join("; "));
+    Ok(found)
 }
 
 /// No two runs with one name, none twice under two names.
@@ -208,7 +228,9 @@ fn distinct(entries: &[Entry]) -> Result<()> {
         if names.insert(&entry.name, index).is_some() {
             bail!("two runs are called {}: give one of them another `name`, or other seeds", entry.name);
         }
-        if let Some(same) = entries[..index].iter().find(|before| before.config == entry.config) {
+        if let Some(same) =
+            entries[..index].iter().find(|before| (&before.config, before.from) == (&entry.config, entry.from))
+        {
             bail!("{} and {} are the same run", same.name, entry.name);
         }
     }
@@ -261,9 +283,30 @@ mod tests {
         assert_eq!((frames(first), frames(wide)), (9000, 4500));
         let folders: Vec<String> = suite.evaluations.iter().map(Asked::folder).collect();
         assert_eq!(folders, ["suite-test-novel-6", "suite-valid-all-deterministic"]);
+        assert!(suite.entries.iter().all(|entry| entry.from.is_none()));
         // What the child is given comes to the same.
         let again = Config::resolve_with("demo", Some((&wide.overrides, "file"))).unwrap();
         assert_eq!(Config { stages: wide.config.stages.clone(), seed: 7, ..again }, wide.config);
+    }
+
+    #[test]
+    fn a_run_begins_with_the_weights_of_the_same_seed_further_up() {
+        let stage_1 = "[[runs]]\npreset = \"short-r-only\"\nname = \"stage-1\"\n";
+        let stage_2 = "[[runs]]\npreset = \"short-scratch\"\nfrom = \"stage-1\"\n";
+        let scratch = "[[runs]]\npreset = \"short-scratch\"\nname = \"scratch\"\n";
+        let suite = Suite::parse(&format!("seeds = [1, 2]\n{stage_1}{stage_2}{scratch}")).unwrap();
+        let from: Vec<Option<usize>> = suite.entries.iter().map(|entry| entry.from).collect();
+        assert_eq!(
+            from,
+            [None, None, Some(0), Some(1), None, None],
+            "and begun so it is another run than from scratch"
+        );
+        let later = problem(&format!("seeds = [1]\n{stage_2}{stage_1}"));
+        assert!(later.contains("no run further up in the file is called stage-1-1"), "{later}");
+        let other_seed = problem(&format!("seeds = [1]\n{stage_1}{stage_2}seeds = [2]\n"));
+        assert!(other_seed.contains("is called stage-1-2"), "{other_seed}");
+        let other = problem(&format!("seeds = [1]\n{stage_1}{stage_2}config.network.hidden = 256\n"));
+        assert!(other.contains("stage-1-1 trains another network: network.hidden is 256, there 512"), "{other}");
     }
 
     /// The suites in the repository are sound, and together they are every row of the paper's tables.
@@ -272,6 +315,8 @@ mod tests {
         let main = Suite::parse(include_str!("../../../suites/paper.toml")).unwrap();
         assert_eq!(main.entries.len(), 19 * 5);
         let smaller = Suite::parse(include_str!("../../../suites/ablations.toml")).unwrap();
+        let short = Suite::parse(include_str!("../../../suites/short.toml")).unwrap();
+        assert_eq!(short.entries.iter().filter(|entry| entry.from == Some(0)).count(), 5);
         let settings = |config: &Config| Config { preset: String::new(), seed: 0, ..config.clone() };
         let run: Vec<Config> =
             main.entries.iter().chain(&smaller.entries).map(|entry| settings(&entry.config)).collect();

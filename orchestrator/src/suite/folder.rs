@@ -46,6 +46,8 @@ pub enum Next {
     Step(Step),
     /// Nothing yet: a process of an earlier call still holds this folder.
     HeldBy(String),
+    /// Nothing yet: the run with this number, whose weights it begins with, is not trained.
+    After(usize),
     /// Nothing.
     Done,
 }
@@ -106,8 +108,10 @@ impl SuiteFolder {
             let path = self.run(entry).config();
             let Ok(text) = std::fs::read_to_string(&path) else { continue };
             let begun = Config::from_toml(&text, &path.display().to_string())?;
-            let without_scenes = |config: &Config| Config { scenes: Vec::new(), ..config.clone() };
-            let changed = differences_between(&without_scenes(&entry.config), &without_scenes(&begun));
+            // What `up` writes of its own is compared by itself, or cannot change.
+            let written = |config: &Config| Config { scenes: Vec::new(), from: None, ..config.clone() };
+            let mut changed = differences_between(&written(&entry.config), &written(&begun));
+            changed.extend(self.other_source(suite, entry, &begun));
             if !changed.is_empty() || begun.seed != entry.config.seed {
                 bail!(
                     "{} was begun with another configuration ({}): give the changed run another `name`, or the suite \
@@ -118,6 +122,22 @@ impl SuiteFolder {
             }
         }
         Ok(())
+    }
+
+    /// Whose weights a run was begun with, if not with those that the file says.
+    fn other_source(&self, suite: &Suite, entry: &Entry, begun: &Config) -> Option<String> {
+        let checkpoint = begun.from.as_ref().map(|from| Path::new(&from.checkpoint));
+        let same = match (entry.from, checkpoint) {
+            (None, None) => true,
+            // By name: the suite's folder may have been moved since.
+            (Some(from), Some(checkpoint)) => {
+                checkpoint.ancestors().nth(2).and_then(Path::file_name)
+                    == self.run(&suite.entries[from]).root().file_name()
+            }
+            _ => false,
+        };
+        let begun = checkpoint.map_or_else(|| "from scratch".to_owned(), |path| format!("from {}", path.display()));
+        (!same).then_some(begun)
     }
 
     /// Makes the folder and takes the right to work on it, until the file is dropped.
@@ -146,7 +166,7 @@ impl SuiteFolder {
     }
 
     /// What a run needs next. What a process that was killed left half made, and nobody could go on with, is removed.
-    pub fn next(&self, entry: &Entry, evaluations: &[Asked]) -> Result<Next> {
+    pub fn next(&self, suite: &Suite, entry: &Entry) -> Result<Next> {
         let folder = self.run(entry);
         if let Some(held) = held(&folder)? {
             return Ok(Next::HeldBy(held));
@@ -156,9 +176,12 @@ impl SuiteFolder {
                 return Ok(Next::Step(Step::Resume));
             }
             remove(folder.root())?;
-            return Ok(Next::Step(Step::Begin));
+            return Ok(match entry.from {
+                Some(from) if !self.run(&suite.entries[from]).summary().exists() => Next::After(from),
+                _ => Next::Step(Step::Begin),
+            });
         }
-        for (index, asked) in evaluations.iter().enumerate() {
+        for (index, asked) in suite.evaluations.iter().enumerate() {
             let folder = RunFolder::new(self.evaluation(entry, asked));
             if folder.root().join(RESULT_FILE).exists() {
                 continue;
@@ -195,6 +218,7 @@ fn remove(path: &Path) -> Result<()> {
 mod tests {
     use super::*;
     use crate::identity::{Identity, RunLock};
+    use proto::config::FromConfig;
 
     const FILE: &str = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n\
                         [[evaluations]]\nsplit = \"valid\"\nobjects = \"novel\"\n[[runs]]\npreset = \"demo\"\n";
@@ -208,7 +232,7 @@ mod tests {
         let _lock = folder.open(&suite, FILE).unwrap();
         assert!(folder.open(&suite, FILE).unwrap_err().to_string().contains("already in use"));
         let entry = &suite.entries[0];
-        let next = || folder.next(entry, &suite.evaluations).unwrap();
+        let next = || folder.next(&suite, entry).unwrap();
         assert_eq!(next(), Next::Step(Step::Begin));
 
         // Killed before it had an identity: nothing to go on with.
@@ -237,6 +261,25 @@ mod tests {
             std::fs::write(done.join(RESULT_FILE), "{}").unwrap();
             assert_eq!(next(), expected);
         }
+
+        // What begins with its weights can begin; before, it could not.
+        let after = format!("{FILE}[[runs]]\npreset = \"demo\"\nname = \"after\"\nfrom = \"demo\"\n");
+        let both = Suite::parse(&after).unwrap();
+        let follower = &both.entries[1];
+        assert_eq!(folder.next(&both, follower).unwrap(), Next::Step(Step::Begin));
+        std::fs::rename(run.summary(), run.root().join("kept")).unwrap();
+        assert_eq!(folder.next(&both, follower).unwrap(), Next::After(0));
+        std::fs::rename(run.root().join("kept"), run.summary()).unwrap();
+        // Begun from scratch, it is not what the file asks for.
+        let begun = folder.run(follower);
+        std::fs::create_dir_all(begun.root()).unwrap();
+        std::fs::write(begun.config(), follower.config.to_toml()).unwrap();
+        let problem = folder.check(&both).unwrap_err().to_string();
+        assert!(problem.contains("another configuration (from scratch)"), "{problem}");
+        let checkpoint = "/elsewhere/runs/demo-1/checkpoints/rollout-00000001.json".to_owned();
+        let from = Some(FromConfig { checkpoint, frames: 9, weights: "0".repeat(64) });
+        std::fs::write(begun.config(), Config { from, ..follower.config.clone() }.to_toml()).unwrap();
+        folder.check(&both).unwrap();
 
         // The same file goes on; another configuration under the same name does not.
         folder.check(&suite).unwrap();

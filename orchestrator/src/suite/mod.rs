@@ -155,7 +155,7 @@ impl Sitting<'_> {
     /// Decides what the end of a process means: what is done is what lies in the folder.
     fn ended(&mut self, worker: &Worker, exit: ExitStatus) -> Result<()> {
         let entry = &self.suite.entries[worker.entry];
-        let next = self.folder.next(entry, &self.suite.evaluations)?;
+        let next = self.folder.next(self.suite, entry)?;
         let went_on = match (&worker.step, &next) {
             (_, Next::Done) | (Step::Begin | Step::Resume, Next::Step(Step::Evaluate(_))) => true,
             (Step::Evaluate(before), Next::Step(Step::Evaluate(after))) => after > before,
@@ -195,13 +195,21 @@ impl Sitting<'_> {
             let taken = |place: &usize| self.workers.iter().any(|worker| worker.place == *place);
             let Some(place) = (0..self.places.len()).find(|place| !taken(place)) else { break };
             let entry = &self.suite.entries[index];
-            match self.folder.next(entry, &self.suite.evaluations)? {
+            match self.folder.next(self.suite, entry)? {
                 Next::Done => {
                     self.settled[index] = true;
                     self.state.of(&entry.name).status = Status::Done;
                     self.write()?;
                 }
                 Next::HeldBy(holder) => self.wait_for(index, &holder)?,
+                Next::After(from) if self.settled[from] => {
+                    self.settled[index] = true;
+                    let reason =
+                        format!("{} is not trained, whose weights it begins with", self.suite.entries[from].name);
+                    self.state.of(&entry.name).status = Status::Failed { reason };
+                    self.write()?;
+                }
+                Next::After(_) => {}
                 Next::Step(step) => {
                     self.held_since.remove(&index);
                     self.begin(index, step, place)?;
@@ -256,6 +264,9 @@ impl Sitting<'_> {
             Step::Begin => {
                 command.args(["up", "--preset", &entry.preset, "--seed", &entry.seed.to_string()]);
                 command.arg("--config").arg(self.folder.config(entry)).arg("--run").arg(run.root());
+                if let Some(from) = entry.from {
+                    command.arg("--from").arg(self.folder.run(&self.suite.entries[from]).root());
+                }
                 if let Some(frames) = entry.frames {
                     command.args(["--frames", &frames.to_string()]);
                 }

@@ -169,6 +169,36 @@ extern "C" __global__ void norm_forward(const uint4* x, const uint4* around, con
     }
 }
 
+// Mean and 1 / standard deviation of eight channels.
+struct Normalisation {
+    Eight mean, rstd;
+};
+
+// Of one octet, from the statistics of its row.
+__device__ inline Normalisation normalisation(const float* mean_rstd, size_t row, int groups, int octet, int per_group) {
+    Normalisation norm;
+#pragma unroll
+    for (int k = 0; k < 8; k++) {
+        const float* statistic = mean_rstd + (row * groups + (8 * octet + k) / per_group) * 2;
+        norm.mean.at[k] = statistic[0];
+        norm.rstd.at[k] = statistic[1];
+    }
+    return norm;
+}
+
+// The gradient of a norm's input, from that of its output and from what the channels of a group share.
+__device__ inline Eight through(const Normalisation& norm, const Eight& weight, const float (*means)[2], const Eight& g,
+                                const Eight& value, int octet, int per_group) {
+    Eight out;
+#pragma unroll
+    for (int k = 0; k < 8; k++) {
+        const float* shared = means[(8 * octet + k) / per_group];
+        const float normal = (value.at[k] - norm.mean.at[k]) * norm.rstd.at[k];
+        out.at[k] = norm.rstd.at[k] * (weight.at[k] * g.at[k] - shared[0] - normal * shared[1]);
+    }
+    return out;
+}
+
 // Turns the sums Σ g and Σ g·x̂ of each channel into what all channels of a group share: the means of w·g and w·g·x̂.
 // Writes the row's share of the gradients: [2, channels], bias first.
 __device__ inline void group_means(Sums& sums, const float* weight, float* gradients, float (*means)[2], int pixels,
@@ -215,20 +245,14 @@ extern "C" __global__ void norm_backward(const uint4* dy, const uint4* dy_too, c
     __shared__ float means[MAX_CHANNELS][2];
     const int octets = channels / 8, octet = threadIdx.x % octets, per_group = channels / groups;
     const size_t row = blockIdx.x, base = row * pixels * octets;
-    Eight mean, rstd;
-#pragma unroll
-    for (int k = 0; k < 8; k++) {
-        const float* statistic = mean_rstd + (row * groups + (8 * octet + k) / per_group) * 2;
-        mean.at[k] = statistic[0];
-        rstd.at[k] = statistic[1];
-    }
+    const Normalisation norm = normalisation(mean_rstd, row, groups, octet, per_group);
     Eight sum = {}, product = {};
     for (int i = threadIdx.x; i < pixels * octets; i += blockDim.x) {
         const Eight g = arriving(dy, dy_too, y, base + i), value = unpack(x[base + i]);
 #pragma unroll
         for (int k = 0; k < 8; k++) {
             sum.at[k] += g.at[k];
-            product.at[k] += g.at[k] * (value.at[k] - mean.at[k]) * rstd.at[k];
+            product.at[k] += g.at[k] * (value.at[k] - norm.mean.at[k]) * norm.rstd.at[k];
         }
         if (d_around) d_around[base + i] = pack(g);
     }
@@ -237,14 +261,7 @@ extern "C" __global__ void norm_backward(const uint4* dy, const uint4* dy_too, c
     const Eight w = load(weight, octet);
     for (int i = threadIdx.x; i < pixels * octets; i += blockDim.x) {
         const Eight g = arriving(dy, dy_too, y, base + i), value = unpack(x[base + i]);
-        Eight out;
-#pragma unroll
-        for (int k = 0; k < 8; k++) {
-            const float* shared = means[(8 * octet + k) / per_group];
-            const float normal = (value.at[k] - mean.at[k]) * rstd.at[k];
-            out.at[k] = rstd.at[k] * (w.at[k] * g.at[k] - shared[0] - normal * shared[1]);
-        }
-        dx[base + i] = pack(out);
+        dx[base + i] = pack(through(norm, w, means, g, value, octet, per_group));
     }
 }
 
@@ -323,13 +340,7 @@ extern "C" __global__ void stem_backward(const uint4* dy, const uint4* dy_too, c
     winner += row * half * half * octets;
     x += row * pixels * octets;
     dx += row * pixels * octets;
-    Eight mean, rstd;
-#pragma unroll
-    for (int k = 0; k < 8; k++) {
-        const float* statistic = mean_rstd + (row * groups + (8 * octet + k) / per_group) * 2;
-        mean.at[k] = statistic[0];
-        rstd.at[k] = statistic[1];
-    }
+    const Normalisation norm = normalisation(mean_rstd, row, groups, octet, per_group);
     Eight sum = {}, product = {};
     for (int i = threadIdx.x; i < pixels * octets; i += blockDim.x) {
         const int v = i / octets / side, u = i / octets % side;
@@ -337,7 +348,7 @@ extern "C" __global__ void stem_backward(const uint4* dy, const uint4* dy_too, c
 #pragma unroll
         for (int k = 0; k < 8; k++) {
             sum.at[k] += g.at[k];
-            product.at[k] += g.at[k] * (value.at[k] - mean.at[k]) * rstd.at[k];
+            product.at[k] += g.at[k] * (value.at[k] - norm.mean.at[k]) * norm.rstd.at[k];
         }
     }
     add_up(sums, sum, product, octets, channels);
@@ -346,14 +357,7 @@ extern "C" __global__ void stem_backward(const uint4* dy, const uint4* dy_too, c
     for (int i = threadIdx.x; i < pixels * octets; i += blockDim.x) {
         const int v = i / octets / side, u = i / octets % side;
         const Eight g = through_windows(dy, dy_too, winner, v, u, half, octets, octet), value = unpack(x[i]);
-        Eight out;
-#pragma unroll
-        for (int k = 0; k < 8; k++) {
-            const float* shared = means[(8 * octet + k) / per_group];
-            const float normal = (value.at[k] - mean.at[k]) * rstd.at[k];
-            out.at[k] = rstd.at[k] * (w.at[k] * g.at[k] - shared[0] - normal * shared[1]);
-        }
-        dx[i] = pack(out);
+        dx[i] = pack(through(norm, w, means, g, value, octet, per_group));
     }
 }
 

@@ -1,0 +1,293 @@
+//! What the update is made of: targets, losses, optimiser, multiplier, sensors, auxiliary tasks.
+
+use crate::shared::{assert_close, assert_probes, doubles, fixture, noise, noise_f32, noise_tensor, weight_values};
+use crate::world::small_config;
+use learner::agent::{Agent, Outcome};
+use learner::auxiliary::{Answer, Cpca, InverseDynamics, Pass, Query, focal_loss};
+use learner::collector::{RolloutStatistics, RunningEpisode};
+use learner::network::{Judgement, Layout, Packing, Parameters, goal_coordinates};
+use learner::optimizer::{Adam, clip_norm, learning_rate};
+use learner::ppo::gae;
+use learner::ppo::loss::{Experience, terms};
+use learner::rollout::{Rollout, Step};
+use proto::config::{GoalCoordinates, LagrangianConfig};
+use proto::message::Transition;
+use proto::reward::{RewardKind, RewardParts};
+use proto::stage::RolloutShape;
+use std::collections::BTreeMap;
+use tch::{Device, Kind, Tensor};
+
+#[test]
+fn advantages_are_the_explicit_sums() {
+    let (steps, columns) = (12, 5);
+    let float = (Kind::Float, Device::Cpu);
+    let shape = RolloutShape { steps, environments_in_last_step: 3, frames: 58 };
+    let frames = Tensor::zeros([60, 1, 1], float);
+    let mut rollout = Rollout::new(shape, columns, frames, Tensor::zeros([5, 1], float));
+    let all = [0, 1, 2, 3, 4];
+    let table = |name: &str| noise_f32(name, steps * columns);
+    let (rewards, values) = (table("gae.reward"), table("gae.value"));
+    let (ended, limit) = (noise("gae.ended", steps * columns), noise("gae.limit", steps * columns));
+    for t in 0..steps {
+        let rows = all.map(|n| Step { value: 2.0 * values[t * columns + n], ..Step::default() });
+        rollout.store(t, &all, &Tensor::zeros([5, 1, 1], float), &rows);
+        for n in all.into_iter().filter(|&n| t + 1 < steps || n < 3) {
+            let index = t * columns + n;
+            let ended = ended[index] > 0.6;
+            let time_limit = ended && limit[index] > 0.0;
+            rollout.record(t, n, Outcome { reward: rewards[index], ended, time_limit, disturbed: false });
+        }
+    }
+    for (n, value) in noise_f32("gae.after", columns).into_iter().enumerate().take(3) {
+        rollout.set_bootstrap(n, value);
+    }
+    let expected = fixture("gae");
+    for (name, bootstrap_time_limits) in [("terminal", false), ("truncated", true)] {
+        for (figure, normalize_advantages) in [("advantages", false), ("normalized", true)] {
+            let ppo = proto::config::PpoConfig { bootstrap_time_limits, normalize_advantages, ..Default::default() };
+            let targets = gae::estimate(&rollout, &ppo);
+            let collect = |of: &dyn Fn((usize, usize)) -> f32| {
+                let values: Vec<f32> = (0..steps * columns).map(|i| of((i / columns, i % columns))).collect();
+                Tensor::from_slice(&values).view([12, 5])
+            };
+            let theirs = &expected[&format!("{name}.{figure}")];
+            assert_close(figure, &collect(&|row| targets.advantage(row)), theirs, 1e-6);
+            let theirs = &expected[&format!("{name}.returns")];
+            assert_close("returns", &collect(&|row| targets.value_target(row)), theirs, 1e-6);
+        }
+    }
+}
+
+#[test]
+fn the_losses_and_their_gradients_are_the_formulas() {
+    let rows = 40;
+    let expected = fixture("loss");
+    let logits = (noise_tensor("loss.logits", &[rows, 21]) * 2.0).set_requires_grad(true);
+    let values = noise_tensor("loss.values", &[rows]).set_requires_grad(true);
+    let experience = Experience {
+        actions: Tensor::from_slice(&(0..rows).map(|i| (7 * i) % 21).collect::<Vec<_>>()),
+        log_probs: expected["old_log_probs"].shallow_clone(),
+        values: values.detach() + noise_tensor("loss.value_drift", &[rows]) * 0.3,
+        advantages: noise_tensor("loss.advantages", &[rows]),
+        returns: noise_tensor("loss.returns", &[rows]),
+    };
+    // In two passes, which must add up to the whole.
+    let mut sums = Tensor::zeros([5], (Kind::Float, Device::Cpu));
+    let mut loss = Tensor::zeros([] as [i64; 0], (Kind::Float, Device::Cpu));
+    for (first, count) in [(0, 15), (15, 25)] {
+        let cut = |tensor: &Tensor| tensor.narrow(0, first, count);
+        let judgement = Judgement { log_probs: cut(&logits).log_softmax(-1, None), values: cut(&values) };
+        let part = Experience {
+            actions: cut(&experience.actions),
+            log_probs: cut(&experience.log_probs),
+            values: cut(&experience.values),
+            advantages: cut(&experience.advantages),
+            returns: cut(&experience.returns),
+        };
+        let terms = terms(&judgement, &part, 0.1, rows as u64);
+        loss += &terms.policy + &terms.value * 0.5 - &terms.entropy * 0.01;
+        let scalars = [terms.policy, terms.value, terms.entropy, terms.clip_fraction, terms.approximate_kl];
+        sums += Tensor::stack(&scalars, 0).detach();
+    }
+    assert_close("terms", &sums, &expected["terms"], 1e-5);
+    let gradients = Tensor::run_backward(&[loss], &[&logits, &values], false, false);
+    assert_close("gradient of logits", &gradients[0], &expected["gradient.logits"], 1e-5);
+    assert_close("gradient of values", &gradients[1], &expected["gradient.values"], 1e-5);
+
+    let logits = (noise_tensor("focal.logits", &[rows]) * 6.0).set_requires_grad(true);
+    let labels = noise_tensor("focal.labels", &[rows]).gt(0.5).to_kind(Kind::Float);
+    let focal = focal_loss(&logits, &labels, 2.0);
+    assert_close("focal loss", &focal, &expected["focal"], 1e-5);
+    let gradient = Tensor::run_backward(&[focal.mean(Kind::Float)], &[&logits], false, false);
+    assert_close("gradient of focal loss", &gradient[0], &expected["gradient.focal"], 1e-5);
+}
+
+/// A hundred updates of a smooth problem: what differs in the last bits does not grow.
+#[test]
+fn adam_with_clipping_and_schedule_is_pytorchs() {
+    let expected = fixture("adam");
+    let (points, waves, updates) = (200, 64, 100i64);
+    let inputs = noise_tensor("adam.inputs", &[points, waves]);
+    let target = noise_tensor("adam.target", &[points]) * 3.0;
+    let mut weights = noise_tensor("adam.weights", &[waves]);
+    let mut adam = Adam::new(&weights);
+    for update in 0..updates {
+        let leaf = weights.copy().set_requires_grad(true);
+        let loss = (inputs.mv(&leaf).sin() - &target).square().mean(Kind::Float);
+        let theirs = expected["losses"].double_value(&[update]);
+        let ours = loss.double_value(&[]);
+        assert!((ours - theirs).abs() < 1e-6 * theirs, "update {update}: loss {ours} is not {theirs}");
+        let mut gradient = Tensor::run_backward(&[loss], &[leaf], false, false).remove(0);
+        let norm = clip_norm(&mut gradient, 0.5);
+        let theirs = expected["norms"].double_value(&[update]);
+        assert!((norm - theirs).abs() < 1e-5 * theirs, "update {update}: norm {norm} is not {theirs}");
+        adam.step(&mut weights, &gradient, learning_rate(3e-2, 1.0 / 3.0, update as f64 / updates as f64));
+        if update % 10 == 9 {
+            assert_close("weights", &weights, &expected["weights"].get(update / 10), 1e-6);
+        }
+    }
+    assert_eq!(adam.steps, 100);
+}
+
+#[test]
+fn goal_sensors_agree_in_every_octant_and_on_every_axis() {
+    let expected = fixture("goal");
+    let goals: Vec<f64> = doubles(&expected["goals"]);
+    assert_eq!(goals.len(), 4 * 27 * 3);
+    for (kind, name, tolerance) in
+        [(GoalCoordinates::Polar, "polar", 1e-6), (GoalCoordinates::Cartesian, "cartesian", 0.0)]
+    {
+        for (goal, theirs) in goals.chunks(3).zip(doubles(&expected[name]).chunks(3)) {
+            let goal = [0, 1, 2].map(|axis| goal[axis] as f32);
+            for (ours, theirs) in goal_coordinates(kind, goal).into_iter().zip(theirs) {
+                let difference = (f64::from(ours) - theirs).abs();
+                assert!(difference <= tolerance * theirs.abs().max(1.0), "{name} of {goal:?}: {ours} is not {theirs}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_multiplier_follows_the_mean_discounted_disturbance_of_ended_episodes() {
+    let (rollouts, steps, columns) = (12, 8, 3);
+    let cells = rollouts * steps * columns;
+    let progress: Vec<f32> =
+        noise("lagrangian.progress", cells).into_iter().map(|value| (value * 0.02) as f32).collect();
+    let ended = noise("lagrangian.ended", cells);
+    let mut config = small_config();
+    config.reward.lagrangian = LagrangianConfig { initial: 0.01, learning_rate: 2.0 };
+    let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let mut running = [(0, RunningEpisode::default()); 3];
+    let mut trace = vec![];
+    for rollout in 0..rollouts {
+        let mut statistics = RolloutStatistics::default();
+        for t in 0..steps {
+            for (n, (step, episode)) in running.iter_mut().enumerate() {
+                let cell = (rollout * steps + t) * columns + n;
+                let reward = RewardParts { disturbance_progress_m: progress[cell], ..RewardParts::default() };
+                let transition = Transition { step: *step, reward, ..Transition::default() };
+                episode.add(&transition, 0.0, 0.99);
+                *step += 1;
+                if ended[cell] > 0.75 && rollout != 3 {
+                    statistics.add_episode(&transition, episode);
+                    (*step, *episode) = (0, RunningEpisode::default());
+                }
+            }
+        }
+        agent.constrain(statistics.mean_discounted_disturbance_m());
+        trace.push(agent.multiplier());
+    }
+    assert_close("multiplier", &Tensor::from_slice(&trace), &fixture("lagrangian")["trace"], 1e-12);
+    // What the policy is rewarded with follows it.
+    assert_eq!(agent.disturbance_weight(RewardKind::Lagrangian), agent.multiplier() as f32);
+    assert_eq!(agent.disturbance_weight(RewardKind::DisturbanceFree), 15.0);
+    let saved = agent.state();
+    agent.start_stage();
+    assert_eq!(agent.multiplier(), 0.01, "a stage begins anew");
+    agent.load_state(&saved).expect("the state fits");
+    assert_eq!(agent.multiplier(), trace[rollouts - 1]);
+}
+
+/// Inverse dynamics and CPC|A as tensor operations against the script's loops, one question at a time.
+#[test]
+fn auxiliary_tasks_are_their_definitions() {
+    let (steps, columns, hidden, actions) = (20, 4, 24, 21);
+    let cells = steps * columns;
+    let starts: Vec<bool> = noise("auxiliary.starts", cells).into_iter().map(|value| value > 0.8).collect();
+    let length = |n: usize| steps - usize::from(n + 1 == columns);
+    let packing = Packing::new(0..columns, length, |t, n| starts[t * columns + n]);
+    let cells_of_rows: Vec<i64> = packing.rows.iter().map(|&(t, n)| (t * columns + n) as i64).collect();
+    let of_rows = Tensor::from_slice(&cells_of_rows);
+    let table = |name: &str, width: i64| {
+        noise_tensor(name, &[cells as i64, width]).index_select(0, &of_rows).set_requires_grad(true)
+    };
+    let (embeddings, beliefs) = (table("auxiliary.embeddings", 544), table("auxiliary.beliefs", hidden));
+    let taken: Vec<i64> = packing.rows.iter().map(|&(t, n)| ((3 * t + 5 * n + t * n) % 21) as i64).collect();
+    let queries = |horizon: usize| -> Vec<Query> {
+        (1..=horizon)
+            .flat_map(|offset| {
+                let chosen = noise(&format!("auxiliary.chosen.{offset}"), cells);
+                let later = (0i64..).zip(packing.later(offset)).zip(&cells_of_rows);
+                later
+                    .filter(|&(_, &cell)| chosen[cell as usize] > 0.4)
+                    .filter_map(|((row, later), _)| {
+                        Some(Query { row, offset: offset as i64, later: later?, elsewhere: 0 })
+                    })
+                    .collect::<Vec<_>>()
+            })
+            .collect()
+    };
+    // The script permutes the valid cells in the order of steps.
+    let mut valid = cells_of_rows.clone();
+    valid.sort_unstable();
+    let keys = noise("auxiliary.negatives", valid.len());
+    let mut order: Vec<usize> = (0..valid.len()).collect();
+    order.sort_by(|&a, &b| keys[a].total_cmp(&keys[b]));
+    let row_of = |cell: i64| cells_of_rows.iter().position(|&other| other == cell).expect("a valid cell") as i64;
+    let negatives: Vec<i64> = cells_of_rows
+        .iter()
+        .map(|cell| row_of(valid[order[valid.binary_search(cell).expect("a valid cell")]]))
+        .collect();
+
+    let shape = RolloutShape { steps, environments_in_last_step: columns - 1, frames: (cells - 1) as u64 };
+    let float = (Kind::Float, Device::Cpu);
+    let rollout =
+        Rollout::new(shape, columns, Tensor::zeros([cells as i64, 1, 1], float), Tensor::zeros([4, hidden], float));
+    let actions_taken = Tensor::from_slice(&taken);
+    let pass = Pass {
+        rollout: &rollout,
+        packing: &packing,
+        embeddings: &embeddings,
+        beliefs: &beliefs,
+        actions: &actions_taken,
+    };
+    let expected = fixture("auxiliary");
+    let check = |name: &str, parameters: &Parameters, asked: usize, answer: Answer| {
+        let loss = doubles(&expected[&format!("{name}.loss")]);
+        assert_eq!(asked as f64, loss[1], "{name}: questions");
+        let ours = answer.loss.double_value(&[]);
+        assert!((ours - loss[0]).abs() < 1e-5 * loss[0], "{name}: {ours} is not {}", loss[0]);
+        let mut named: BTreeMap<String, Tensor> = BTreeMap::new();
+        let leaves: Vec<Tensor> = parameters.ids().map(|id| parameters[id].shallow_clone()).collect();
+        let names = parameters.named().map(|(name, _)| name.to_owned());
+        let inputs: Vec<&Tensor> = leaves.iter().chain([&beliefs, &embeddings]).collect();
+        let gradients = Tensor::run_backward(&[answer.loss], &inputs, false, false);
+        // Back from rows to cells: the cell that no row has gets no gradient.
+        let scatter = |gradient: &Tensor| {
+            let mut cells = Tensor::zeros([cells as i64, gradient.size()[1]], float);
+            let _ = cells.index_copy_(0, &of_rows, gradient);
+            cells
+        };
+        let count = leaves.len();
+        named.extend(names.zip(gradients[..count].iter().map(Tensor::shallow_clone)));
+        named.insert("auxiliary.beliefs".into(), scatter(&gradients[count]));
+        named.insert("auxiliary.embeddings".into(), scatter(&gradients[count + 1]));
+        assert_probes(&named, &expected[&format!("{name}.gradients")], 1e-5);
+    };
+    let weights = |layout: Layout| {
+        let parameters = Parameters::new(layout, 1, Device::Cpu);
+        tch::no_grad(|| {
+            for (name, mut weight) in parameters.named() {
+                weight.copy_(&weight_values(name, &weight.size()));
+            }
+        });
+        parameters
+    };
+
+    let mut layout = Layout::default();
+    let inverse = InverseDynamics::new(&mut layout, [hidden, actions]);
+    let parameters = weights(layout);
+    let asked = queries(1);
+    let answer = inverse.loss(&parameters, &pass, &asked, asked.len() as u64);
+    check("inverse_dynamics", &parameters, asked.len(), answer);
+
+    let mut layout = Layout::default();
+    let cpca = Cpca::new(&mut layout, [hidden, actions]);
+    let parameters = weights(layout);
+    let mut asked = queries(16);
+    for query in &mut asked {
+        query.elsewhere = negatives[query.later as usize];
+    }
+    let answer = cpca.loss(&parameters, &pass, &asked, asked.len() as u64);
+    check("cpca16", &parameters, asked.len(), answer);
+}

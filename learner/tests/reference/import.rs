@@ -1,0 +1,136 @@
+//! Weights from elsewhere.
+
+use crate::shared::{assert_close, depth_mm, fixture, goal_m, noise_tensor, weight_values};
+use learner::agent::Agent;
+use learner::auxiliary::Disturb;
+use learner::import::import;
+use learner::network::{Judgement, Network, Observations, Staging, goal_coordinates};
+use proto::action::ActionSpace;
+use proto::config::{AuxiliaryTask, Config, Encoder, GoalCoordinates};
+use std::collections::BTreeMap;
+use std::path::Path;
+use tch::{Device, Kind, Tensor};
+
+/// A state dict of the script's `AllenAct`: names and shapes from its file, values from `set_weights`.
+fn allenact(name: &str) -> BTreeMap<String, Tensor> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/reference/import_{name}.json"));
+    let text = std::fs::read_to_string(path).expect("the list of names is committed");
+    let shapes: BTreeMap<String, Vec<i64>> = serde_json::from_str(&text).expect("names and shapes");
+    shapes.into_iter().map(|(name, shape)| (name.clone(), weight_values(&name, &shape))).collect()
+}
+
+fn configuration_of(name: &str) -> Config {
+    let mut config = Config::default();
+    config.actors.count = 1;
+    config.network.hidden = 40;
+    if name == "original" {
+        config.network.hidden = 24;
+        config.network.encoder = Encoder::Cnn;
+        config.network.input_pool = 1;
+        config.network.goal = GoalCoordinates::Cartesian;
+        config.network.previous_action = false;
+        config.episode.action_space = ActionSpace::Small;
+        config.auxiliary.task = AuxiliaryTask::None;
+    }
+    config
+}
+
+/// A module under AllenAct's names, written in PyTorch, says the same as ours with its weights imported.
+#[test]
+fn an_imported_network_says_what_allenacts_says() {
+    let expected = fixture("import");
+    for name in ["disturb_free", "original"] {
+        let config = configuration_of(name);
+        let space = config.episode.action_space;
+        let hidden = i64::from(config.network.hidden);
+        let mut state = Agent::new(&config, Device::Cpu).expect("a fresh agent").state();
+        let imported = import(&allenact(name), space, &mut state).expect("it is a state dict of this network");
+        assert_eq!(imported.fresh, Vec::<String>::new());
+        let tasks = |prefix: &str| imported.left_out.iter().filter(|name| name.starts_with(prefix)).count();
+        let left_out = (tasks("auxiliary.inverse_dynamics."), tasks("auxiliary.cpca16."), imported.left_out.len());
+        assert_eq!(left_out, if name == "original" { (0, 0, 0) } else { (2, 9, 11) });
+
+        let (network, head) = Network::new(&config, Device::Cpu, |layout, hidden| {
+            let actions = space.actions().len() as i64;
+            (name != "original").then(|| Disturb::new(layout, [hidden, actions], 2.0))
+        });
+        tch::no_grad(|| {
+            for (name, mut weight) in network.parameters.named() {
+                weight.copy_(&state.tensors[&format!("model.{name}")]);
+            }
+        });
+        let mut belief = noise_tensor("import.belief", &[2, hidden]);
+        for t in 0..2i64 {
+            let frames = [depth_mm(t as usize, 0), depth_mm(t as usize, 1)];
+            let goals: Vec<f32> =
+                (0..2).flat_map(|n| goal_coordinates(config.network.goal, goal_m(t as usize, n))).collect();
+            let observations = Observations {
+                frames: network.preparation.keep(&[&frames[0], &frames[1]], &mut Staging::default()),
+                goals: Tensor::from_slice(&goals).view([2, 3]),
+                // In the second column an episode begins: nothing came before.
+                previous_actions: Tensor::from_slice(&[1 + 3 + t, 0]),
+            };
+            let before = belief * Tensor::from_slice(&[1f32, 0.0]).unsqueeze(1);
+            belief = network.belief.step(&network.parameters, &network.embed(&observations), &before);
+            let Judgement { log_probs, values } = network.judge(&belief);
+            assert_close(name, &log_probs, &expected[&format!("{name}.log_probs")].get(t), 1e-5);
+            assert_close(name, &values, &expected[&format!("{name}.values")].get(t), 1e-5);
+        }
+        if let Some(head) = head {
+            assert_close("risk", &head.logits(&network.parameters, &belief), &expected["disturb_free.risk"], 1e-5);
+        }
+    }
+}
+
+#[test]
+fn what_is_imported_and_what_is_refused() {
+    let mut config = configuration_of("disturb_free");
+    let space = config.episode.action_space;
+    let state_dict = || allenact("disturb_free");
+
+    // Another task's head.
+    config.auxiliary.task = AuxiliaryTask::Cpca16;
+    let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let mut state = agent.state();
+    import(&state_dict(), space, &mut state).expect("its head is there, too");
+    let theirs = &state_dict()["aux_models.CPCA_16.action_embedder.fc.weight"];
+    let ours = &state.tensors["model.auxiliary.cpca16.action_embedder.weight"];
+    assert!(ours.equal(&theirs.narrow(0, 0, 21)) && theirs.size() == [22, 16]);
+    let table = &state.tensors["model.previous_action_embedder.weight"];
+    assert!(table.get(0).equal(&table.get(21)), "nothing before is as after Done");
+
+    // A head that the file lacks starts as it would without it; a run of ours is taken as it is.
+    let mut without = state_dict();
+    without.retain(|name, _| !name.starts_with("aux_models."));
+    let mut fresh = agent.state();
+    let imported = import(&without, space, &mut fresh).expect("a head may be missing");
+    assert_eq!(imported.fresh.len(), 9);
+    let head = "model.auxiliary.cpca16.classifier.0.weight";
+    assert!(fresh.tensors[head].equal(&agent.state().tensors[head]));
+    let mut copy = agent.state();
+    let imported = import(&state.tensors, space, &mut copy).expect("our own names");
+    assert_eq!((imported.fresh.len(), imported.left_out.len()), (0, 0));
+    assert!(state.tensors.iter().filter(|(name, _)| name.starts_with("model.")).all(|(n, w)| copy.tensors[n].equal(w)));
+
+    let refused = |change: &dyn Fn(&mut BTreeMap<String, Tensor>)| {
+        let mut state_dict = state_dict();
+        change(&mut state_dict);
+        import(&state_dict, space, &mut agent.state()).expect_err("it does not fit").to_string()
+    };
+    let zeros = |size: &[i64]| Tensor::zeros(size, (Kind::Float, Device::Cpu));
+    let text = refused(&|dict| drop(dict.remove("critic.fc.bias")));
+    assert!(text.contains("nothing is there for `critic.bias`"), "{text}");
+    let text = refused(&|dict| drop(dict.remove("prev_action_embedder.fc.weight")));
+    assert!(text.contains("network.previous_action = false"), "{text}");
+    let text = refused(&|dict| drop(dict.insert("rgb_encoder.weight".into(), zeros(&[1]))));
+    assert!(text.contains("`rgb_encoder.weight` is no weight of a network of ours"), "{text}");
+    let text = refused(&|dict| drop(dict.insert("state_encoder.rnn.bias_hh_l0".into(), zeros(&[120]))));
+    assert!(text.contains("twice"), "{text}");
+    let text = refused(&|dict| drop(dict.insert("goal_embedder.0.0.weight".into(), zeros(&[100, 7]))));
+    assert!(text.contains("`goal_embedder.0.weight` is [100, 7]; the configuration's network has [100, 3]"), "{text}");
+    let text = refused(&|dict| drop(dict.insert("visual_encoder.depth_cnn.fc.bias".into(), zeros(&[512]))));
+    assert!(text.contains("no place for `visual_encoder.cnn.6.bias`"), "{text}");
+    let counts = Tensor::zeros([1], (Kind::Int64, Device::Cpu));
+    let text = refused(&|dict| drop(dict.insert("critic.fc.bias".into(), counts.shallow_clone())));
+    assert!(text.contains("floating-point"), "{text}");
+}

@@ -1,0 +1,175 @@
+//! Batches from files.
+
+use crate::shared::{assert_close, assert_probes, depth_mm, doubles, fixture, goal_m, noise_tensor, weight_values};
+use crate::world::small_config;
+use learner::agent::Agent;
+use learner::auxiliary::Auxiliary;
+use learner::network::Network;
+use proto::action::ActionSpace;
+use proto::config::{AuxiliaryTask, Config, Encoder};
+use proto::control::metric;
+use std::collections::BTreeMap;
+use std::process::Command;
+use tch::{Device, Kind, Tensor};
+
+/// What `probe_batch` of the script makes: 7 steps of 4 columns, the last two of which have 6.
+fn probe_batch(task: &str, actions: i64, hidden: i64) -> Vec<(&'static str, Tensor)> {
+    let (steps, columns) = (7usize, 4usize);
+    let size = [steps as i64, columns as i64];
+    let cells: Vec<(usize, usize)> = (0..steps).flat_map(|t| (0..columns).map(move |n| (t, n))).collect();
+    let table = |name: &str| noise_tensor(&format!("probe.{name}"), &size);
+    let integers = |of: &dyn Fn(usize, usize) -> i64| {
+        Tensor::from_slice(&cells.iter().map(|&(t, n)| of(t, n)).collect::<Vec<i64>>()).view(size)
+    };
+    let ended = table("ended").gt(0.6);
+    let first = Tensor::from_slice(&[false, true, false, false]).view([1, 4]);
+    let start = Tensor::cat(&[first, ended.narrow(0, 0, size[0] - 1)], 0);
+    let previous = integers(&|t, n| 1 + (7 * t + n) as i64 % actions) * start.logical_not().to_kind(Kind::Int64);
+    let frames: Vec<i16> = cells.iter().flat_map(|&(t, n)| depth_mm(t, n).map(|depth_mm| depth_mm as i16)).collect();
+    let goals: Vec<f32> = cells.iter().flat_map(|&(t, n)| goal_m(t, n)).collect();
+    let recorded = integers(&|t, n| i64::from(t + 1 < steps || n < 2));
+    let mut batch = vec![
+        ("frames", Tensor::from_slice(&frames).view([size[0], size[1], 224, 224])),
+        ("goal_m", Tensor::from_slice(&goals).view([size[0], size[1], 3])),
+        ("previous_action", previous),
+        ("episode_start", start),
+        ("action", integers(&|t, n| (3 * t + 5 * n + t * n) as i64 % actions)),
+        ("log_prob", table("log_prob") * 0.5 - (actions as f64).ln()),
+        ("value", table("value")),
+        ("reward", table("reward") * 3.0),
+        ("time_limit", ended.logical_and(&table("limit").gt(0.0))),
+        ("ended", ended),
+        ("disturbed", table("disturbed").gt(0.3)),
+        ("bootstrap", noise_tensor("probe.bootstrap", &[size[1]])),
+        ("beliefs", noise_tensor("probe.beliefs", &[size[1], hidden])),
+        ("recorded", recorded.to_kind(Kind::Bool)),
+    ];
+    if task == "cpca16" {
+        let valid = (cells.len() - 2) as i64;
+        batch.push(("negatives", integers(&|t, n| (11 * (t * columns + n) as i64 + 5) % valid)));
+    }
+    batch
+}
+
+/// `learner probe`: every encoder and every auxiliary task, from files to a file, against the script's losses and
+/// gradients.
+#[test]
+fn a_probe_finds_what_the_reference_finds() {
+    let expected = fixture("probe");
+    let folder = tempfile::tempdir().expect("a folder for the files");
+    let path = |name: &str| folder.path().join(name);
+    for (task, auxiliary, encoder, space, hidden, settings) in [
+        ("disturb", AuxiliaryTask::Disturb, Encoder::Cnn, ActionSpace::Small, 32, "ppo.normalize_advantages = true\n"),
+        ("cpca16", AuxiliaryTask::Cpca16, Encoder::Cnn, ActionSpace::Large, 24, "network.goal = \"cartesian\"\n"),
+        ("inverse_dynamics", AuxiliaryTask::InverseDynamics, Encoder::Resnet, ActionSpace::Large, 48, ""),
+    ] {
+        let mut config = Config::default();
+        config.network.encoder = encoder;
+        config.network.input_pool = if encoder == Encoder::Cnn { 4 } else { 2 };
+        config.network.previous_action = task != "cpca16";
+        config.network.hidden = hidden;
+        config.episode.action_space = space;
+        config.auxiliary.task = auxiliary;
+        let actions = space.actions().len() as i64;
+        let (network, _) = Network::new(&config, Device::Cpu, |layout, hidden| {
+            Auxiliary::new(&config.auxiliary, layout, hidden, actions)
+        });
+        let weights: Vec<(String, Tensor)> =
+            network.parameters.named().map(|(name, w)| (name.to_owned(), weight_values(name, &w.size()))).collect();
+        Tensor::write_safetensors(&weights, path("weights")).expect("weights are written");
+        let batch = probe_batch(task, actions, i64::from(hidden));
+        Tensor::write_safetensors(&batch, path("batch")).expect("a batch is written");
+        std::fs::write(path("config"), format!("auxiliary.subsample = 1.0\n{settings}")).expect("settings");
+        let run = Command::new(env!("CARGO_BIN_EXE_learner"))
+            .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out", "--config", "config"])
+            .current_dir(folder.path())
+            .output()
+            .expect("the learner starts");
+        assert!(run.status.success(), "{task}: {run:?}");
+        let found: BTreeMap<String, Tensor> =
+            Tensor::read_safetensors(path("out")).expect("it is written").into_iter().collect();
+
+        let expected = |name: &str| &expected[&format!("{task}.{name}")];
+        for name in ["log_probs", "values", "advantages", "returns"] {
+            assert_close(&format!("{task}: {name}"), &found[name], expected(name), 1e-5);
+        }
+        let figures = [
+            metric::POLICY_LOSS,
+            metric::VALUE_LOSS,
+            metric::ENTROPY,
+            metric::AUXILIARY_LOSS,
+            metric::CLIP_FRACTION,
+            metric::APPROXIMATE_KL,
+            "loss/total",
+            metric::GRADIENT_NORM,
+        ];
+        let printed = String::from_utf8(run.stdout).expect("text");
+        for (name, theirs) in figures.iter().zip(doubles(expected("figures"))) {
+            let ours = found[*name].double_value(&[]);
+            assert!((ours - theirs).abs() < 1e-5 * theirs.abs().max(0.1), "{task}: {name}: {ours} is not {theirs}");
+            assert!(printed.lines().any(|line| line == format!("{name} {ours}")), "{printed}");
+        }
+        let gradients: BTreeMap<String, Tensor> = found
+            .iter()
+            .filter_map(|(name, tensor)| Some((name.strip_prefix("gradient.")?.to_owned(), tensor.shallow_clone())))
+            .collect();
+        assert_probes(&gradients, expected("gradients"), 1e-5);
+        if let Some((_, negatives)) = batch.iter().find(|(name, _)| *name == "negatives") {
+            let shown = &found["auxiliary.negatives"];
+            let asked = shown.ge(0);
+            assert!(shown.masked_select(&asked).equal(&negatives.masked_select(&asked)));
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_probed_is_named() {
+    let config = small_config();
+    let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let folder = tempfile::tempdir().expect("a folder for the files");
+    let path = |name: &str| folder.path().join(name);
+    let weights: Vec<(String, Tensor)> = agent.state().tensors.into_iter().collect();
+    let batch = || probe_batch("disturb", 13, 32);
+    let said = |weights: &[(String, Tensor)], batch: &[(&str, Tensor)]| {
+        Tensor::write_safetensors(weights, path("weights")).expect("weights are written");
+        Tensor::write_safetensors(batch, path("batch")).expect("a batch is written");
+        let run = Command::new(env!("CARGO_BIN_EXE_learner"))
+            .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out"])
+            .current_dir(folder.path())
+            .output()
+            .expect("the learner starts");
+        (run.status.success(), String::from_utf8(run.stderr).expect("text"))
+    };
+    // An agent's state, as in a checkpoint: only what is its model counts.
+    let (good, text) = said(&weights, &batch());
+    assert!(good, "{text}");
+    let (good, text) = said(&weights[1..], &batch());
+    assert!(good, "moments are no weights: {text}");
+
+    let change = |name: &str, tensor: Tensor| {
+        let mut batch = batch();
+        batch.retain(|(other, _)| *other != name);
+        batch.push((Box::leak(name.to_owned().into_boxed_str()), tensor));
+        batch
+    };
+    let cells = (Kind::Int64, Device::Cpu);
+    for (batch, problem) in [
+        (batch().into_iter().skip(1).collect(), "tensor `frames` is missing"),
+        (change("action", Tensor::full([7, 4], 13, cells)), "`action` holds 13, outside 0..13"),
+        (change("reward", Tensor::zeros([7, 3], (Kind::Float, Device::Cpu))), "`reward` has shape [7, 3], not [7, 4]"),
+        (change("value", Tensor::zeros([7, 4], (Kind::Double, Device::Cpu))), "`value` is Double, not f32"),
+        (change("recorded", Tensor::zeros([7, 4], (Kind::Bool, Device::Cpu))), "`recorded` may be false only for"),
+        (change("frames", Tensor::zeros([7, 4, 100, 100], cells)), "`frames` has sides of 100 pixels"),
+        (change("frames", Tensor::full([7, 4, 224, 224], -1, cells)), "whole millimetres from 0"),
+        (change("goal", Tensor::zeros([7, 4, 3], (Kind::Float, Device::Cpu))), "only one can be meant"),
+    ] {
+        let (good, text) = said(&weights, &batch);
+        assert!(!good && text.contains(problem) && text.contains("batch: "), "{problem}: {text}");
+    }
+    let mut fewer = weights.iter().map(|(name, weight)| (name.clone(), weight.shallow_clone())).collect::<Vec<_>>();
+    fewer.retain(|(name, _)| name != "model.critic.bias");
+    assert!(said(&fewer, &batch()).1.contains("weights: tensor `critic.bias` is missing"));
+    fewer.push(("model.critic.bias".to_owned(), Tensor::zeros([1], (Kind::Float, Device::Cpu))));
+    fewer.push(("model.other".to_owned(), Tensor::zeros([1], (Kind::Float, Device::Cpu))));
+    assert!(said(&fewer, &batch()).1.contains("`other` has no place in this network"));
+}

@@ -1,0 +1,183 @@
+//! What must be the same again: the same calls, saved states, other divisions of the batch.
+
+use crate::shared::{assert_close, depth_mm, doubles};
+use crate::world::{World, small_config};
+use learner::agent::{Agent, AgentError, AgentState, Outcome, StepInput};
+use learner::network::to_vec;
+use proto::config::Config;
+use proto::stage::RolloutShape;
+use tch::{Device, Tensor};
+
+fn train(agent: &mut Agent, world: &mut World, rollouts: std::ops::Range<usize>) {
+    for rollout in rollouts {
+        world.collect(agent, rollout, if rollout == 1 { 2 } else { 4 }).expect("finite");
+        agent.update(0.1 * rollout as f64, rollout as u64).expect("finite");
+    }
+}
+
+#[test]
+fn the_same_calls_give_the_same_bits_also_through_a_saved_state() {
+    let config = small_config();
+    let mut straight = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let mut world = World::new(&config);
+    let fresh = straight.weights_digest();
+    train(&mut straight, &mut world, 0..3);
+    let digest = straight.weights_digest();
+    assert_ne!(fresh, digest);
+
+    let mut again = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    assert_eq!(again.weights_digest(), fresh);
+    train(&mut again, &mut World::new(&config), 0..3);
+    assert_eq!(again.weights_digest(), digest);
+
+    // Saved after the second rollout, loaded into an agent that has seen other things.
+    let mut first = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let mut world = World::new(&config);
+    train(&mut first, &mut world, 0..2);
+    let previous = world.previous.clone();
+    let state = first.state();
+    let mut second = Agent::new(&Config { seed: 99, ..config.clone() }, Device::Cpu).expect("a fresh agent");
+    train(&mut second, &mut World::new(&config), 0..1);
+    assert_ne!(second.weights_digest(), first.weights_digest());
+    // A state taken in the middle of a rollout is that of its beginning, and so is one after abandoning it.
+    world.collect(&mut first, 2, 4).expect("finite");
+    for (name, tensor) in &first.state().tensors {
+        assert_eq!(to_vec(tensor), to_vec(&state.tensors[name]), "{name}");
+    }
+    first.abandon_rollout();
+    world.previous.clone_from(&previous);
+    train(&mut first, &mut world, 2..3);
+    assert_eq!(first.weights_digest(), digest);
+    second.load_state(&state).expect("the state fits");
+    world.previous = previous;
+    train(&mut second, &mut world, 2..3);
+    assert_eq!(second.weights_digest(), digest);
+    assert_eq!(second.state().adam_steps, 6);
+}
+
+#[test]
+fn a_rollout_cut_short_trains_as_a_short_one() {
+    let mut config = small_config();
+    config.ppo.preemption_share = 0.6;
+    let digest = |planned: usize| {
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        assert!(!agent.is_preempted(4, 6), "alone, nobody waits");
+        let mut world = World::new(&config);
+        (world.steps, world.planned) = (4, planned);
+        for rollout in 0..2 {
+            world.collect(&mut agent, rollout, 4).expect("finite");
+            agent.update(0.1, rollout as u64).expect("finite");
+        }
+        agent.weights_digest()
+    };
+    assert_eq!(digest(6), digest(4));
+}
+
+#[test]
+fn a_fresh_optimiser_matters_and_weights_stay() {
+    let config = small_config();
+    let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    train(&mut agent, &mut World::new(&config), 0..1);
+    let digest = agent.weights_digest();
+    agent.start_stage();
+    let state = agent.state();
+    assert_eq!((agent.weights_digest(), state.adam_steps), (digest, 0));
+    assert!(to_vec(&state.tensors["adam.second"]).iter().all(|&value| value == 0.0));
+}
+
+#[test]
+fn a_number_that_is_not_finite_leaves_everything_as_it_was() {
+    let config = small_config();
+    let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    train(&mut agent, &mut World::new(&config), 0..1);
+    let before = agent.state();
+    let digest = agent.weights_digest();
+
+    let mut world = World::new(&config);
+    world.collect(&mut agent, 1, 4).expect("finite");
+    agent.record(3, 1, Outcome { reward: f32::NAN, ended: false, time_limit: false, disturbed: false });
+    let error = agent.update(0.0, 1).expect_err("a reward is not a number");
+    assert!(matches!(&error, AgentError::NonFinite { what } if what.contains("rollout 1: loss/")), "{error}");
+    assert_eq!(agent.weights_digest(), digest);
+    let after = agent.state();
+    assert_eq!(after.adam_steps, before.adam_steps);
+    for (name, tensor) in &before.tensors {
+        assert_eq!(to_vec(tensor), to_vec(&after.tensors[name]), "{name}");
+    }
+
+    // What the update was made of is still there: pooling keeps a frame's mean.
+    let rollout = agent.rollout_tensors();
+    let mean = |depths_mm: &[f64]| depths_mm.iter().sum::<f64>() / depths_mm.len() as f64;
+    let steps = config.ppo.rollout_steps as usize;
+    let frames = &rollout["rollout.frames"];
+    for (t, column) in [(0, 0), (3, 1), (steps - 1, 3)] {
+        let seen: Vec<f64> = depth_mm(steps + t, column).iter().map(|&depth_mm| f64::from(depth_mm)).collect();
+        let kept = doubles(&frames.get(t as i64).get(column as i64).flatten(0, -1));
+        assert!((mean(&seen) - mean(&kept)).abs() < 0.01, "step {t}, column {column}");
+    }
+    let poisoned: Vec<bool> = to_vec(&rollout["rollout.reward"]).iter().map(|reward| reward.is_nan()).collect();
+    assert_eq!(poisoned.iter().position(|&nan| nan), Some(3 * 4 + 1));
+    assert_eq!(poisoned.iter().filter(|&&nan| nan).count(), 1);
+
+    // An observation.
+    agent.abandon_rollout();
+    assert!(agent.rollout_tensors().is_empty());
+    agent.begin_rollout(RolloutShape { steps: 1, environments_in_last_step: 4, frames: 4 });
+    let error = world.see(&mut agent, 0, &[2], |agent, input| {
+        let goal_m = [[0.0, f32::INFINITY, 0.0]];
+        agent.step(0, &StepInput { goal_m: &goal_m, gumbel: &[0.0; 13], ..*input })
+    });
+    let error = error.expect_err("a goal is infinite");
+    assert!(error.to_string().contains("column 2: goal sensor"), "{error}");
+}
+
+#[test]
+fn states_that_do_not_fit_are_refused() {
+    let config = small_config();
+    let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let digest = agent.weights_digest();
+    let mut refuse = |change: &dyn Fn(&mut AgentState), word: &str| {
+        let mut state = agent.state();
+        for tensor in state.tensors.values_mut() {
+            *tensor = &*tensor + 1.0;
+        }
+        change(&mut state);
+        let error = agent.load_state(&state).expect_err(word).to_string();
+        assert!(error.contains(word), "{error}");
+        assert_eq!(agent.weights_digest(), digest);
+    };
+    let remove = |state: &mut AgentState| drop(state.tensors.remove("model.critic.bias"));
+    refuse(&remove, "model.critic.bias is missing");
+    let reshape = |state: &mut AgentState| {
+        let beliefs = state.tensors["beliefs"].narrow(0, 0, 3);
+        state.tensors.insert("beliefs".into(), beliefs);
+    };
+    refuse(&reshape, "beliefs is Float [3, 32]");
+    let add = |state: &mut AgentState| drop(state.tensors.insert("model.x".into(), Tensor::from_slice(&[1f32])));
+    refuse(&add, "no place for model.x");
+}
+
+/// Gradients of passes over parts of the columns add up to those of the whole batch.
+#[test]
+fn passes_add_up() {
+    let train_with = |environments_per_pass: u32| {
+        let mut config = small_config();
+        config.ppo.environments_per_pass = environments_per_pass;
+        config.ppo.epochs = 1;
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        let mut world = World::new(&config);
+        world.collect(&mut agent, 0, 3).expect("finite");
+        let metrics = agent.update(0.0, 0).expect("finite");
+        // After one step Adam's first moment is a tenth of the gradient.
+        (metrics, agent.state().tensors.remove("adam.first").expect("it is there"))
+    };
+    let (whole_metrics, whole) = train_with(0);
+    for width in [1, 2, 3] {
+        let (metrics, moment) = train_with(width);
+        assert_eq!(metrics.keys().collect::<Vec<_>>(), whole_metrics.keys().collect::<Vec<_>>());
+        for (name, value) in &metrics {
+            assert!((value - whole_metrics[name]).abs() < 1e-5 * value.abs().max(0.1), "{name}");
+        }
+        assert_close("adam.first", &moment, &whole, 1e-5);
+    }
+}

@@ -1,0 +1,123 @@
+//! A small agent's configuration, and the stand-in for what it acts on.
+
+use crate::shared::{depth_mm, goal_m, noise, noise_f32};
+use learner::agent::{Agent, AgentError, Outcome, StepInput, StepOutput};
+use learner::network::RawFrame;
+use proto::action::{ActionSpace, NO_ACTION};
+use proto::config::{Config, Encoder};
+use proto::stage::RolloutShape;
+use std::collections::BTreeMap;
+use tch::Tensor;
+
+/// A world of noise that an agent acts in: the script's `run_fixture`.
+pub struct World {
+    columns: usize,
+    pub steps: usize,
+    /// Steps that a rollout is planned with; it is cut after `steps`.
+    pub planned: usize,
+    pub previous: Vec<u8>,
+}
+
+pub fn small_config() -> Config {
+    let mut config = Config::default();
+    config.actors.count = 2;
+    config.actors.environments_per_actor = 2;
+    config.network.encoder = Encoder::Cnn;
+    config.network.input_pool = 4;
+    config.network.hidden = 32;
+    config.episode.action_space = ActionSpace::Small;
+    config.ppo.rollout_steps = 6;
+    config.ppo.epochs = 2;
+    config.ppo.learning_rate = 1e-3;
+    config.ppo.environments_per_pass = 3;
+    config
+}
+
+impl World {
+    pub fn new(config: &Config) -> Self {
+        let columns = config.environments();
+        let steps = config.ppo.rollout_steps as usize;
+        Self { columns, steps, planned: steps, previous: vec![NO_ACTION; columns] }
+    }
+
+    /// Acts through a rollout, in two halves a step; the last step has `last` columns.
+    pub fn collect(&mut self, agent: &mut Agent, rollout: usize, last: usize) -> Result<Vec<StepOutput>, AgentError> {
+        let Self { columns, steps, .. } = *self;
+        let actions = 13;
+        let frames = ((self.planned - 1) * columns + last) as u64;
+        agent.begin_rollout(RolloutShape { steps: self.planned, environments_in_last_step: last, frames });
+        let mut outputs = vec![];
+        for t in 0..steps {
+            let now = rollout * steps + t;
+            let gumbel: Vec<f32> = noise(&format!("gumbel.{now}"), columns * actions)
+                .into_iter()
+                .map(|value| (-(-(value * 0.5 + 0.5).clamp(1e-6, 1.0 - 1e-6).ln()).ln()) as f32)
+                .collect();
+            let ended = noise(&format!("ended.{now}"), columns);
+            let limit = noise(&format!("limit.{now}"), columns);
+            let reward = noise_f32(&format!("reward.{now}"), columns);
+            let disturbed = noise(&format!("disturbed.{now}"), columns);
+            let mut whole = StepOutput::default();
+            for half in [(0..columns / 2).collect::<Vec<_>>(), (columns / 2..columns).collect()] {
+                let output = self.see(agent, now, &half, |agent, input| {
+                    let gumbel = &gumbel[half[0] * actions..(half[half.len() - 1] + 1) * actions];
+                    agent.step(t, &StepInput { gumbel, ..*input })
+                })?;
+                for (&n, &action) in half.iter().zip(&output.actions) {
+                    if t + 1 < steps || n < last {
+                        let ended = ended[n] > 0.5;
+                        agent.record(
+                            t,
+                            n,
+                            Outcome {
+                                reward: reward[n] * 3.0,
+                                ended,
+                                time_limit: ended && limit[n] > 0.0,
+                                disturbed: disturbed[n] > 0.4,
+                            },
+                        );
+                        self.previous[n] = if ended { NO_ACTION } else { action };
+                    }
+                }
+                whole.actions.extend(output.actions);
+                whole.log_probs.extend(output.log_probs);
+                whole.values.extend(output.values);
+            }
+            outputs.push(whole);
+        }
+        if self.planned > steps {
+            agent.cut_rollout(steps);
+        }
+        let acting: Vec<usize> = (0..last).collect();
+        self.see(agent, (rollout + 1) * steps, &acting, Agent::bootstrap)?;
+        Ok(outputs)
+    }
+
+    pub fn see<T>(
+        &self,
+        agent: &mut Agent,
+        now: usize,
+        columns: &[usize],
+        act: impl FnOnce(&mut Agent, &StepInput) -> T,
+    ) -> T {
+        let frames: Vec<Box<RawFrame>> = columns.iter().map(|&n| depth_mm(now, n)).collect();
+        let frames: Vec<&RawFrame> = frames.iter().map(|frame| &**frame).collect();
+        let goal_m: Vec<[f32; 3]> = columns.iter().map(|&n| goal_m(now, n)).collect();
+        let previous_action: Vec<u8> = columns.iter().map(|&n| self.previous[n]).collect();
+        let episode_start: Vec<bool> = previous_action.iter().map(|&action| action == NO_ACTION).collect();
+        let input = StepInput {
+            columns,
+            frames: &frames,
+            goal_m: &goal_m,
+            previous_action: &previous_action,
+            episode_start: &episode_start,
+            gumbel: &[],
+        };
+        act(agent, &input)
+    }
+}
+
+pub fn weights_of(agent: &Agent) -> BTreeMap<String, Tensor> {
+    let weights = agent.state().tensors;
+    weights.into_iter().filter_map(|(name, tensor)| Some((name.strip_prefix("model.")?.to_owned(), tensor))).collect()
+}
