@@ -32,7 +32,7 @@ build: setup
 # Ctrl-C is the orchestrator's, which saves and stops; the shell waits for it, and make adds no "Error" of its own.
 up: build
 	@interrupted=; trap 'interrupted=yes' INT; \
-	$(if $(LIBTORCH),LIBTORCH='$(LIBTORCH)') ./target/release/orchestrator up --actors 19 $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
+	$(if $(LIBTORCH),LIBTORCH='$(LIBTORCH)') ./target/release/orchestrator up $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
 
 test: build
 	@if cargo nextest --version >/dev/null 2>&1; then \

@@ -181,12 +181,6 @@ impl Simulation {
         &self.things
     }
 
-    /// Linear and angular velocity (m/s, rad/s) of a movable thing, and whether it sleeps.
-    pub fn movable_motion(&self, movable: usize) -> (Vec3, Vec3, bool) {
-        let body = self.world.body(self.kitchen.movables[movable]);
-        (body.linvel(), body.angvel(), body.is_sleeping())
-    }
-
     /// Where the robot is, and what it holds.
     pub fn substep(&self) -> Substep {
         Substep {

@@ -14,7 +14,8 @@ use proto::random::{Key, Purpose};
 use std::io::Write;
 use std::sync::Arc;
 
-/// Nothing may be faster than this, metres per second (a fall from a high shelf reaches 6).
+/// Nothing may be faster than this, metres per second. Velocities are held below it by [`crate::physics::world`]; what
+/// passes it is a thing that was put somewhere else between two sub-steps.
 pub const SPEED_LIMIT_M_PER_S: f32 = 10.0;
 /// Nothing may stand this deep in a fixed thing, metres. Pressed by the robot, which nothing can hold back, things do
 /// enter what is behind them until the motion is stopped for it.

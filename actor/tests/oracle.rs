@@ -5,16 +5,18 @@
 
 use actor::environment::Environment;
 use actor::episode::at_goal;
-use actor::episodes::{self, EPISODES_PER_CATEGORY, EpisodesError, Programme, check};
+use actor::episodes::{self, EPISODES_PER_KITCHEN, EpisodesError, Programme, check};
 use actor::kitchen::Kitchen;
 use actor::oracle::Variant;
-use actor::oracle::table::{Outcome, UNDISTURBED_M, in_parallel, play};
+use actor::oracle::table::{Outcome, in_parallel, play};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
+
 use proto::evaluation::{EvaluationConfig, ObjectSet};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
 use proto::message::transition_flag;
+use proto::reward::UNDISTURBED_THRESHOLD_M;
 use std::sync::{Arc, OnceLock};
 
 /// Every category once.
@@ -50,7 +52,7 @@ fn rate(outcomes: &[Outcome], test: impl Fn(&Outcome) -> bool) -> f64 {
 }
 
 fn undisturbed(outcome: &Outcome) -> bool {
-    outcome.success && outcome.disturbance_m < UNDISTURBED_M
+    outcome.success && outcome.disturbance_m < UNDISTURBED_THRESHOLD_M
 }
 
 #[test]
@@ -145,7 +147,7 @@ fn fixed_episodes_are_balanced_valid_and_only_of_evaluation_kitchens() {
         let episodes = episodes::fixed(kitchen).unwrap();
         for category in TargetCategory::ALL {
             let count = episodes.iter().filter(|episode| episode.category == category).count();
-            assert_eq!(count, EPISODES_PER_CATEGORY);
+            assert_eq!(count * TargetCategory::ALL.len(), EPISODES_PER_KITCHEN);
         }
         assert!(episodes.iter().all(|episode| !at_goal(episode.start, episode.goal)));
         let problems: Vec<_> = in_parallel(EPISODES, |number| check::check(kitchen, &config, &episodes[number]));

@@ -49,7 +49,8 @@ pub fn binary(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a running test has a path");
     let profile = test.parent().and_then(Path::parent).expect("tests lie in target/PROFILE/deps");
     let path = profile.join(name);
-    assert!(path.exists(), "{} is not built: `cargo build --release --workspace --bins` first", path.display());
+    let release = if profile.ends_with("release") { " --release" } else { "" };
+    assert!(path.exists(), "{} is not built: `cargo build{release} --workspace --bins` first", path.display());
     path
 }
 

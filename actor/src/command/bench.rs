@@ -1,6 +1,5 @@
 //! `actor bench`, and the hidden command that it calls in a process of its own.
 
-use super::kitchen;
 use actor::bench::policy::PolicyKind;
 use actor::bench::{self, memory};
 use anyhow::Result;
@@ -34,7 +33,7 @@ pub struct BenchArgs {
 #[derive(Debug, clap::Args)]
 pub struct BenchMemoryArgs {
     /// Kitchen.
-    #[arg(long, value_parser = kitchen, value_name = "1..30")]
+    #[arg(long, value_parser = actor::kitchen::numbered, value_name = "1..30")]
     kitchen: KitchenId,
 }
 

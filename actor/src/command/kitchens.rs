@@ -1,6 +1,5 @@
 //! `actor kitchens`.
 
-use super::kitchen;
 use actor::gltf;
 use actor::kitchen::report;
 use actor::picture::{self, SheetOptions};
@@ -26,7 +25,7 @@ pub enum KitchensCommand {
     /// Write a kitchen as a binary glTF scene.
     Gltf {
         /// Which.
-        #[arg(long, value_parser = kitchen, value_name = "1..30")]
+        #[arg(long, value_parser = actor::kitchen::numbered, value_name = "1..30")]
         kitchen: KitchenId,
         /// The GLB file.
         #[arg(long, value_name = "FILE")]

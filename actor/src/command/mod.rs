@@ -11,7 +11,6 @@ pub use rollout::RolloutArgs;
 
 use actor::{episodes, oracle, replay};
 use anyhow::Result;
-use proto::kitchen::KitchenId;
 
 /// What else the program can do.
 #[derive(Debug, clap::Subcommand)]
@@ -52,10 +51,4 @@ pub fn run(command: &Command) -> Result<()> {
         Command::ExportPeers(args) => export_peers::run(args),
         Command::BenchMemory(args) => bench::run_memory(args),
     }
-}
-
-/// A kitchen's number, as given on the command line.
-fn kitchen(text: &str) -> Result<KitchenId, String> {
-    let number: u8 = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
-    KitchenId::built_in(number).map_err(|error| error.to_string())
 }

@@ -1,6 +1,5 @@
 //! Without a subcommand: one rollout actor of a run.
 
-use super::kitchen;
 use actor::process::{self, lifeline};
 use anyhow::{Context, Result, ensure};
 use proto::kitchen::KitchenId;
@@ -26,7 +25,7 @@ pub struct RolloutArgs {
     #[arg(long)]
     lifeline: bool,
     /// Simulate this kitchen in place of the actor's own; not with --lifeline.
-    #[arg(long, value_parser = kitchen, value_name = "1..30")]
+    #[arg(long, value_parser = actor::kitchen::numbered, value_name = "1..30")]
     kitchen: Option<KitchenId>,
 }
 

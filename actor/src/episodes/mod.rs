@@ -19,10 +19,8 @@ use proto::kitchen::{KitchenId, Split, TargetCategory};
 use std::sync::OnceLock;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
-/// Episodes of one category in one kitchen.
-pub const EPISODES_PER_CATEGORY: usize = proto::evaluation::EPISODES_PER_CATEGORY as usize;
 /// Episodes in one kitchen.
-pub const EPISODES_PER_KITCHEN: usize = EPISODES_PER_CATEGORY * TargetCategory::ALL.len();
+pub const EPISODES_PER_KITCHEN: usize = proto::evaluation::EPISODES_PER_KITCHEN as usize;
 /// XXH3 (64 bits) of the file: a file of other episodes is noticed before a figure is compared with an older one.
 pub const FILE_HASH: u64 = 0x97fb_f224_55a4_1711;
 /// The file, as `actor episodes generate` wrote it.

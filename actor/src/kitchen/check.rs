@@ -230,7 +230,9 @@ fn awake(kitchen: &Kitchen, found: &mut Vec<Problem>) {
 /// Looking down and up moves nothing but the camera: the displacement must be exactly zero.
 fn restless(kitchen: &Arc<Kitchen>, config: &Config, found: &mut Vec<Problem>) {
     let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
-    let Ok(mut environment) = Environment::new(Arc::clone(kitchen), id, config) else { return };
+    // What is refused is another kitchen's id and episode.
+    let environment = Environment::new(Arc::clone(kitchen), id, config);
+    let mut environment = environment.expect("the id is the kitchen's, and so is the episode drawn in it");
     for step in 0..STILL_STEPS.min(config.episode.max_steps) {
         let action = if step % 2 == 0 { Action::LookDown } else { Action::LookUp };
         let disturbance_m = environment.step(action).disturbance_m;

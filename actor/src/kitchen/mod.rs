@@ -57,6 +57,12 @@ const PARKED: Vec3 = Vec3::new(0.0, -20.0, 0.0);
 pub(crate) const NOT_THINGS: [&str; 10] =
     ["Wall", "Ceiling", "Robot", "Door", "Filler", "CornerUnit", "DrawerUnit", "StoveOven", "Dishwasher", "RangeHood"];
 
+/// The built-in kitchen with this number, as a command line gives it.
+pub fn numbered(text: &str) -> Result<KitchenId, String> {
+    let number: u8 = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
+    KitchenId::built_in(number).map_err(|error| error.to_string())
+}
+
 /// What a body is to the simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BodyRole {

@@ -135,7 +135,7 @@ impl Policy {
             self.failed.push((from, action));
             self.queue.clear();
         }
-        let target = moment::target_of(environment.kitchen(), environment.episode().category);
+        let target = environment.kitchen().target_movable(environment.episode().category);
         let target = environment.simulation().movable_pose(target).translation;
         let holding = environment.simulation().holding();
         let moved = self.planned_for.is_some_and(|planned| (target - planned).length() > TARGET_MOVED_M);

@@ -6,7 +6,6 @@ use crate::kitchen::Kitchen;
 use crate::robot::configuration::Configuration;
 use crate::robot::links::{HAND, part_poses};
 use proto::action::Action;
-use proto::kitchen::TargetCategory;
 use rapier3d::math::{Pose3, Vec3};
 
 /// One moment of an episode, of an environment or only thought of.
@@ -31,7 +30,7 @@ impl<'a> Moment<'a> {
     pub fn of(environment: &'a Environment) -> Self {
         let kitchen = environment.kitchen().as_ref();
         let (simulation, episode) = (environment.simulation(), environment.episode());
-        let target = target_of(kitchen, episode.category);
+        let target = kitchen.target_movable(episode.category);
         let movables: Vec<Pose3> =
             (0..simulation.movable_count()).map(|movable| *simulation.movable_pose(movable)).collect();
         let held = simulation.holding().then(|| simulation.part_poses()[HAND].inverse() * movables[target]);
@@ -40,7 +39,7 @@ impl<'a> Moment<'a> {
 
     /// An episode as it begins.
     pub fn beginning(kitchen: &'a Kitchen, episode: &Episode) -> Self {
-        let target = target_of(kitchen, episode.category);
+        let target = kitchen.target_movable(episode.category);
         let first = kitchen.static_bodies().end;
         let mut movables = kitchen.settled_poses()[first..first + kitchen.solids.len()].to_vec();
         movables[target] = Pose3::from_translation(episode.start);
@@ -64,9 +63,4 @@ impl<'a> Moment<'a> {
     pub fn target_pose(&self) -> Pose3 {
         self.movables[self.target]
     }
-}
-
-/// Index among the movables of the things of a category.
-pub fn target_of(kitchen: &Kitchen, category: TargetCategory) -> usize {
-    kitchen.target_movable(category)
 }

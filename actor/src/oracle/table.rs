@@ -3,20 +3,18 @@
 use super::{Policy, Variant};
 use crate::environment::Environment;
 use crate::episode::Episode;
-use crate::kitchen::Kitchen;
+use crate::kitchen::{Kitchen, numbered};
 use anyhow::{Context, Result, bail, ensure};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Split};
 use proto::message::transition_flag;
+use proto::reward::UNDISTURBED_THRESHOLD_M;
 use std::io::Write;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
-
-/// A successful episode counts as undisturbed below this total displacement, metres (SPEC section 5).
-pub const UNDISTURBED_M: f32 = 0.01;
 
 /// How one episode went.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,7 +87,7 @@ pub struct Settings {
     #[arg(long, value_parser = split, default_value = "test", value_name = "SPLIT")]
     pub split: Split,
     /// Play in one kitchen only, whatever its split.
-    #[arg(long, value_parser = kitchen, conflicts_with = "split", value_name = "1..30")]
+    #[arg(long, value_parser = numbered, conflicts_with = "split", value_name = "1..30")]
     pub kitchen: Option<KitchenId>,
     /// How it goes about it.
     #[arg(long, value_enum, default_value = "fast")]
@@ -103,11 +101,6 @@ pub struct Settings {
     /// List the episodes that failed.
     #[arg(long)]
     pub failures: bool,
-}
-
-fn kitchen(text: &str) -> Result<KitchenId, String> {
-    let number: u8 = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
-    KitchenId::new(number).map_err(|error| error.to_string())
 }
 
 fn split(text: &str) -> Result<Split, String> {
@@ -183,7 +176,7 @@ fn line(out: &mut impl Write, name: &str, variant: &str, outcomes: &[Outcome]) -
     let share =
         |test: &dyn Fn(&Outcome) -> bool| outcomes.iter().filter(|outcome| test(outcome)).count() as f64 / count;
     let success = share(&|outcome| outcome.success);
-    let undisturbed = share(&|outcome| outcome.success && outcome.disturbance_m < UNDISTURBED_M);
+    let undisturbed = share(&|outcome| outcome.success && outcome.disturbance_m < UNDISTURBED_THRESHOLD_M);
     let picked_up = share(&|outcome| outcome.picked_up);
     let length = outcomes.iter().map(|outcome| outcome.actions.len()).sum::<usize>() as f64 / count;
     let disturbed = outcomes.iter().map(|outcome| f64::from(outcome.disturbed_objects)).sum::<f64>() / count;

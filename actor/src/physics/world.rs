@@ -163,8 +163,8 @@ impl World {
     /// Gravity acts on what is awake, and leaves alone what sleeps.
     ///
     /// rapier 0.36 wakes what something comes to touch after it has chosen the contacts of the sub-step: the solver
-    /// knows nothing yet of what the woken body stands on. With its weight it would fall through that by g·dt², 1.7 mm,
-    /// and be pushed out again, up to a millimetre aside. Without it stays, and is held when its weight returns.
+    /// knows nothing yet of what the woken body stands on. With its weight it would fall through that by 1.7 mm (5/8 of
+    /// g·dt²: four solver steps in a sub-step), and be pushed out again, up to a millimetre aside. Without it stays, and is held when its weight returns.
     fn weigh(&mut self) {
         let bodies = &mut self.bodies;
         self.weighed.retain(|&handle| {
@@ -279,7 +279,7 @@ impl World {
         self.weigh();
     }
 
-    /// Deepest penetration between a body and any dynamic body it touches, metres; 0 if none.
+    /// Deepest penetration between a body and whatever it touches, fixed things included, metres; 0 if none.
     pub fn deepest_contact_m(&self, handle: RigidBodyHandle) -> f32 {
         let mut deepest = 0.0_f32;
         for &collider in self.bodies[handle].colliders() {

@@ -70,7 +70,7 @@ impl Canvas {
         at
     }
 
-    /// The picture as a PNG file, of 256 colours where that loses little enough not to be seen.
+    /// The picture as a PNG file, 8 bits a channel.
     pub fn write_png(&self, path: &Path) -> Result<()> {
         let problem = || format!("cannot write {}", path.display());
         let file = std::fs::File::create(path).with_context(problem)?;
