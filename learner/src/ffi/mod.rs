@@ -2,6 +2,7 @@
 
 pub mod convolution;
 pub mod cuda;
+pub mod kernels;
 
 use proto::message::FRAME_PIXELS;
 use std::ffi::CStr;
@@ -26,6 +27,17 @@ pub fn frames_mut(tensor: &mut Tensor) -> &mut [[u16; FRAME_PIXELS]] {
     // SAFETY: the tensor's memory holds so many 16-bit numbers one after another, lives as long as the tensor that is
     // borrowed, and every pattern of bits is a number.
     unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), count / FRAME_PIXELS) }
+}
+
+/// The numbers that a 32-bit floating-point tensor on the CPU consists of, row-major.
+///
+/// # Panics
+/// If it is not contiguous, not on the CPU, or of another kind.
+pub fn floats_mut(tensor: &mut Tensor) -> &mut [f32] {
+    assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Float && tensor.is_contiguous());
+    // SAFETY: the tensor's memory holds so many 32-bit numbers one after another, lives as long as the tensor that is
+    // borrowed, and every pattern of bits is a number.
+    unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), tensor.numel()) }
 }
 
 /// Ignores SIGINT for the rest of the process.
