@@ -1,9 +1,10 @@
 //! Without a subcommand: one rollout actor of a run.
 
 use super::kitchen;
-use actor::process::{self, lifeline};
+use actor::process;
 use anyhow::{Context, Result, ensure};
 use proto::kitchen::KitchenId;
+use proto::lifeline;
 use proto::wire::WireAddress;
 use std::path::PathBuf;
 
@@ -39,7 +40,8 @@ impl RolloutArgs {
              which the kitchen follows"
         );
         if self.lifeline {
-            lifeline::hold().context("cannot watch standard input")?;
+            // Leaves no clean-up undone: what a process holds in shared memory is swept by the next orchestrator.
+            lifeline::hold(|| std::process::exit(0)).context("cannot watch standard input")?;
         }
         let settings = process::Settings {
             actor: self.actor.context("--actor is missing")?,
