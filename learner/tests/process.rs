@@ -159,7 +159,7 @@ fn a_run_goes_on_from_the_weights_it_was_given() {
     wider.network.hidden = 24;
     let scene = Scene::new("wider", wider);
     let (good, _, complaint) = import(&scene, &from);
-    assert!(!good && complaint.contains("`actor.weight` is [21, 16]"), "{complaint}");
+    assert!(!good && complaint.contains("`actor.weight` is Float [21, 16]"), "{complaint}");
     assert!(!scene.run_folder().checkpoint_manifest(0).exists());
 }
 

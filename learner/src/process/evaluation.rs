@@ -67,7 +67,7 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
         rank: RANK,
         rollout,
         frames,
-        device: device::describe(device),
+        device: agent.device(),
         parameters: agent.parameter_count(),
         checkpoint: asked.checkpoint.clone(),
     });

@@ -76,7 +76,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         rank,
         rollout,
         frames,
-        device: device::describe(device),
+        device: agent.device(),
         parameters: agent.parameter_count(),
         checkpoint: checkpoint.clone(),
     });
