@@ -6,8 +6,8 @@
 
 use crate::kitchen::KitchenId;
 
-/// What a draw is for. Two draws with different purposes are independent. The numbers are part of every key: those that
-/// nothing has are left alone.
+/// What a draw is for. Two draws with different purposes are independent. The numbers are part of every key and stay as
+/// they are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Purpose {
