@@ -36,14 +36,29 @@ pub fn choose(choice: DeviceChoice, threads: u32) -> Result<Device, DeviceError>
     }
 }
 
-/// Words for logs and events: `cpu, 2 threads` or `cuda:0`.
-pub fn describe(device: Device) -> String {
-    match device {
+/// Words for logs, events and results: `cpu, 2 threads`, `cuda:0`, or `cuda:0, bfloat16 encoder` where the encoder
+/// computes in bfloat16. All else is float32.
+pub fn describe(device: Device, bfloat16_encoder: bool) -> String {
+    let precision = if bfloat16_encoder { ", bfloat16 encoder" } else { "" };
+    let place = match device {
         Device::Cpu => match tch::get_num_threads() {
-            1 => "cpu, 1 thread".into(),
+            1 => "cpu, 1 thread".to_owned(),
             threads => format!("cpu, {threads} threads"),
         },
         Device::Cuda(index) => format!("cuda:{index}"),
         other => format!("{other:?}").to_lowercase(),
+    };
+    place + precision
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_say_where_and_in_which_precision() {
+        assert!(describe(Device::Cpu, false).starts_with("cpu, ") && !describe(Device::Cpu, false).contains("float"));
+        assert_eq!(describe(Device::Cuda(0), false), "cuda:0");
+        assert_eq!(describe(Device::Cuda(0), true), "cuda:0, bfloat16 encoder");
     }
 }

@@ -5,7 +5,7 @@ use proto::action::HOLD;
 use proto::evaluation::{Confusion, EpisodeEnd, EpisodeRecord, Plan, category_of};
 use proto::message::{Transition, transition_flag};
 use proto::random::{Key, Purpose};
-use proto::reward::{DISTURBANCE_LABEL_THRESHOLD_M, RewardKind};
+use proto::reward::RewardKind;
 
 /// The episode that a column plays.
 #[derive(Debug, Clone, Default)]
@@ -95,8 +95,7 @@ impl Examination {
             let confusion = course.confusion.get_or_insert_default();
             // As in training, an episode's last step is not asked about.
             if !has(transition_flag::ENDED) {
-                let came = transition.reward.disturbance_progress_m <= -DISTURBANCE_LABEL_THRESHOLD_M;
-                confusion.count(foretold, came);
+                confusion.count(foretold, transition.reward.disturbed());
             }
         }
         if !has(transition_flag::ENDED) {

@@ -12,8 +12,8 @@
 //!   round: the columns of `weight_ih_l0` change places. (AllenAct's own configuration embeds the goal in 512 numbers;
 //!   such weights have no place here, where it is 32, as in the disturbance-free project.)
 
-use crate::agent::AgentState;
-use crate::network::{OBSERVATION, VISUAL};
+use crate::agent::{AgentState, MODEL};
+use crate::network::{OBSERVATION, Unfit, VISUAL, fits};
 use proto::action::{Action, ActionSpace};
 use std::collections::{BTreeMap, BTreeSet};
 use tch::{Kind, Tensor};
@@ -45,7 +45,6 @@ pub const CORRESPONDENCES: [(&str, &str); 19] = [
 const GOAL_FIRST: &str = "relative_dist_embedding.";
 
 /// Ours, in files of ours.
-const OWN_PREFIX: &str = "model.";
 const OWN_WEIGHT: &str = "belief.weight_ih_l0";
 
 /// What an import did besides copying.
@@ -74,16 +73,9 @@ pub enum ImportError {
     /// A weight that the configured network does not have.
     #[error("there is no place for `{0}`: the configuration's network has no such weight")]
     NoPlace(String),
-    /// Another shape.
-    #[error("`{name}` is {found:?}; the configuration's network has {expected:?} there")]
-    Shape {
-        /// Our name.
-        name: String,
-        /// The shape in the file.
-        found: Vec<i64>,
-        /// Ours.
-        expected: Vec<i64>,
-    },
+    /// Another shape, or a number that is not finite.
+    #[error(transparent)]
+    Unfit(#[from] Unfit),
     /// Not floating-point numbers.
     #[error("`{0}` does not hold floating-point numbers")]
     Kind(String),
@@ -99,9 +91,9 @@ pub fn import(
     let goal_first = state_dict.keys().any(|name| name.starts_with(GOAL_FIRST));
     let mut imported = Imported::default();
     let own: BTreeSet<String> =
-        state.tensors.keys().filter_map(|name| name.strip_prefix(OWN_PREFIX)).map(str::to_owned).collect();
+        state.tensors.keys().filter_map(|name| name.strip_prefix(MODEL)).map(str::to_owned).collect();
     for name in &own {
-        let place = state.tensors.get_mut(&format!("{OWN_PREFIX}{name}")).expect("the name was taken from there");
+        let place = state.tensors.get_mut(&format!("{MODEL}{name}")).expect("the name was taken from there");
         let Some(tensor) = theirs.get(name) else {
             if !is_auxiliary(name) {
                 let hint = if name.starts_with("previous_action_embedder") {
@@ -118,11 +110,7 @@ pub fn import(
             return Err(ImportError::Kind(name.clone()));
         }
         let tensor = adapt(name, &tensor.to_kind(Kind::Float), &place.size(), space, goal_first);
-        if tensor.size() != place.size() {
-            let (found, expected) = (theirs[name].size(), place.size());
-            return Err(ImportError::Shape { name: name.clone(), found, expected });
-        }
-        *place = tensor.contiguous();
+        *place = fits(name, Some(&tensor), &place.size())?.contiguous();
         imported.taken += 1;
     }
     for name in theirs.keys().filter(|name| !own.contains(*name)) {
@@ -141,11 +129,11 @@ fn is_auxiliary(name: &str) -> bool {
 /// The state dict under our names; a file of ours as it is, a checkpoint without what is not its model.
 fn by_our_names(state_dict: &BTreeMap<String, Tensor>) -> Result<BTreeMap<String, Tensor>, ImportError> {
     let mut renamed = BTreeMap::new();
-    let checkpoint = state_dict.contains_key(&format!("{OWN_PREFIX}{OWN_WEIGHT}"));
+    let checkpoint = state_dict.contains_key(&format!("{MODEL}{OWN_WEIGHT}"));
     let ours = state_dict.contains_key(OWN_WEIGHT);
     for (name, tensor) in state_dict {
         let own = if checkpoint {
-            let Some(own) = name.strip_prefix(OWN_PREFIX) else { continue };
+            let Some(own) = name.strip_prefix(MODEL) else { continue };
             own.to_owned()
         } else if ours {
             name.clone()

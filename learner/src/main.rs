@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use learner::probe;
-use learner::process::{self, Arguments, EvaluationArguments, NonFinite};
+use learner::process::{self, Arguments, EvaluationArguments};
 use proto::control::EXIT_NON_FINITE;
 use proto::wire::WireAddress;
 use std::path::PathBuf;
@@ -83,7 +83,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             tracing::error!("{error:#}");
-            ExitCode::from(if error.is::<NonFinite>() { EXIT_NON_FINITE as u8 } else { 1 })
+            ExitCode::from(if process::is_non_finite(&error) { EXIT_NON_FINITE as u8 } else { 1 })
         }
     }
 }

@@ -3,15 +3,20 @@
 
 mod support;
 
+use learner::agent::Agent;
+use learner::checkpoint::encode_tensors;
 use proto::config::LagrangianConfig;
 use proto::control::{EXIT_NON_FINITE, LearnerEvent, metric};
+use proto::evaluation::{EvaluationConfig, ObjectSet};
+use proto::kitchen::Split;
 use proto::reward::RewardKind;
 use proto::wire::WireAddress;
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::sync::OnceLock;
 use support::{Ended, Plan, Scene, tiny};
+use tch::Device;
 
 /// Weights of the run that nothing happened to.
 fn undisturbed() -> &'static str {
@@ -122,36 +127,39 @@ fn a_constrained_run_goes_on_with_its_multiplier_wherever_it_is_killed() {
     }
 }
 
+/// `learner import` into a run: whether it worked, and what it printed on both streams.
+fn import(scene: &Scene, from: &Path) -> (bool, String, String) {
+    let run = Command::new(env!("CARGO_BIN_EXE_learner"))
+        .arg("import")
+        .args([Path::new("--from"), from, Path::new("--run"), scene.run_folder().root()])
+        .output()
+        .expect("the learner starts");
+    let text = |printed| String::from_utf8(printed).expect("text");
+    (run.status.success(), text(run.stdout), text(run.stderr))
+}
+
 #[test]
 fn a_run_goes_on_from_the_weights_it_was_given() {
     let mut donor = Scene::new("donor", tiny());
     let ended = donor.learner(&Plan::Undisturbed);
     let weights = complete(&donor, &ended);
-    let import = |scene: &Scene, from: PathBuf| {
-        let run = Command::new(env!("CARGO_BIN_EXE_learner"))
-            .arg("import")
-            .args([Path::new("--from"), &from, Path::new("--run"), scene.run_folder().root()])
-            .output()
-            .unwrap();
-        (run.status.success(), String::from_utf8(run.stdout).unwrap(), String::from_utf8(run.stderr).unwrap())
-    };
     let from = donor.run_folder().checkpoint_tensors(5);
     let mut scene = Scene::new("given", tiny());
-    let (good, said, complaint) = import(&scene, from.clone());
+    let (good, said, complaint) = import(&scene, &from);
     assert!(good && said.ends_with(&format!("weights: {weights}\n")), "{said}{complaint}");
     let ended = scene.learner(&Plan::Undisturbed);
     assert!(matches!(&ended.events[0], LearnerEvent::Ready { rollout: 0, frames: 0, checkpoint: Some(_), .. }));
     assert_eq!(trained(&ended).len(), 5, "the whole budget is before it");
     assert!(![undisturbed(), &weights].contains(&complete(&scene, &ended).as_str()));
     // A run that has begun keeps its own.
-    let (good, _, complaint) = import(&scene, from.clone());
+    let (good, _, complaint) = import(&scene, &from);
     assert!(!good && complaint.contains("has begun"), "{complaint}");
 
     let mut wider = tiny();
     wider.network.hidden = 24;
     let scene = Scene::new("wider", wider);
-    let (good, _, complaint) = import(&scene, from);
-    assert!(!good && complaint.contains("`actor.weight` is [21, 16]"), "{complaint}");
+    let (good, _, complaint) = import(&scene, &from);
+    assert!(!good && complaint.contains("`actor.weight` is Float [21, 16]"), "{complaint}");
     assert!(!scene.run_folder().checkpoint_manifest(0).exists());
 }
 
@@ -260,6 +268,49 @@ fn a_number_that_is_not_finite_has_a_status_of_its_own_and_leaves_a_dump() {
     let rewards = rewards.data().chunks_exact(4).map(|word| f32::from_le_bytes(word.try_into().unwrap()));
     assert!(rewards.map(f32::abs).fold(0.0, f32::max) > 1e25);
     assert!(dump.tensor("beliefs").is_ok(), "what the rollout began with is there too");
+}
+
+/// Both passed for any other failure.
+#[test]
+fn an_observation_that_is_not_finite_has_that_status_too() {
+    let mut scene = Scene::new("blind", tiny());
+    let failed = scene.learner(&Plan::PoisonActorAfter(0, 1));
+    assert_eq!(failed.status.code(), Some(EXIT_NON_FINITE), "{failed:?}");
+    assert!(failed.stderr.contains("actor 1, kitchen 3, environment"), "{}", failed.stderr);
+    assert!(failed.stderr.contains("its goal sensor is not finite"), "{}", failed.stderr);
+    let dump = (0..5).map(|rollout| scene.run_folder().nonfinite_dump(rollout)).find(|dump| dump.exists());
+    let dump = dump.unwrap_or_else(|| panic!("there is no dump: {}", failed.stderr));
+    assert!(failed.stderr.contains(&dump.display().to_string()), "{}", failed.stderr);
+}
+
+#[test]
+fn a_number_that_is_not_finite_has_that_status_in_an_evaluation_too() {
+    // Finite weights that no finite number comes out of.
+    let mut weights = Agent::new(&tiny(), Device::Cpu).unwrap().state().tensors;
+    for weight in weights.values_mut() {
+        let _ = weight.fill_(1e30);
+    }
+    let donor = Scene::new("huge", tiny());
+    let file = donor.folder.path().join("huge.safetensors");
+    std::fs::write(&file, encode_tensors(&weights).unwrap()).unwrap();
+    let (good, _, complaint) = import(&donor, &file);
+    assert!(good, "{complaint}");
+
+    let mut config = tiny();
+    config.actors.count = 5;
+    config.evaluation = Some(EvaluationConfig {
+        split: Split::Validation,
+        objects: ObjectSet::Novel,
+        episodes: 1,
+        deterministic: true,
+        checkpoint: Some(donor.run_folder().checkpoint_manifest(0).display().to_string()),
+    });
+    let mut scene = Scene::new("examined", config);
+    let failed = scene.learner(&Plan::Undisturbed);
+    assert_eq!(failed.status.code(), Some(EXIT_NON_FINITE), "{failed:?}");
+    assert!(failed.stderr.contains("policy or value is not finite"), "{}", failed.stderr);
+    let Some(LearnerEvent::Ready { device, .. }) = failed.events.first() else { panic!("{failed:?}") };
+    assert_eq!(device, "cpu, 1 thread");
 }
 
 #[test]

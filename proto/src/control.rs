@@ -7,7 +7,7 @@ use crate::evaluation::EpisodeRecord;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Status with which a learner exits on a non-finite loss, gradient or observation.
+/// Status with which a learner exits on a non-finite loss, gradient, observation or answer of the network.
 pub const EXIT_NON_FINITE: i32 = 3;
 
 /// One line of a learner's standard output.
@@ -22,11 +22,12 @@ pub enum LearnerEvent {
         rollout: u64,
         /// Frames trained on so far.
         frames: u64,
-        /// Device it computes on, e.g. `cpu, 2 threads` or `cuda:0 NVIDIA H200`.
+        /// What it computes on, e.g. `cpu, 2 threads` or `cuda:0, bfloat16 encoder`; float32 where nothing is said.
         device: String,
         /// Trainable parameters.
         parameters: u64,
-        /// Folder-relative path of the checkpoint it came from; none on a fresh start.
+        /// Manifest of the checkpoint it came from, relative to the run folder; none on a fresh start. Of an evaluation:
+        /// as its configuration names it.
         checkpoint: Option<String>,
     },
     /// All actors of this machine have answered for the first time.

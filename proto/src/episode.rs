@@ -22,7 +22,7 @@ impl EnvironmentId {
     ///
     /// Actors beyond the kitchens repeat them; their environments continue the numbering.
     pub fn among(kitchens: Kitchens, actor: u32, index: u32, environments_per_actor: u32) -> Self {
-        let count = kitchens.ids().len() as u32;
+        let count = kitchens.count() as u32;
         Self { kitchen: kitchens.of_actor(actor), number: actor / count * environments_per_actor + index }
     }
 }

@@ -104,6 +104,14 @@ impl Kitchens {
         }
     }
 
+    /// How many there are.
+    pub fn count(self) -> usize {
+        match self {
+            Self::Split(split) => KitchenId::all().filter(|kitchen| kitchen.split() == split).count(),
+            Self::Scenes(scenes) => scenes.min(KitchenId::SCENES_MAX),
+        }
+    }
+
     /// The kitchen that actor number `actor` simulates: they take turns, and begin again after the last.
     pub fn of_actor(self, actor: u32) -> KitchenId {
         let kitchens = self.ids();
@@ -242,9 +250,10 @@ mod tests {
     #[test]
     fn splits_have_the_sizes_of_the_paper() {
         assert_eq!(KitchenId::all().count(), 29);
-        assert_eq!(KitchenId::of_split(Split::Train).len(), 19);
-        assert_eq!(KitchenId::of_split(Split::Test).len(), 5);
-        assert_eq!(KitchenId::of_split(Split::Validation).len(), 5);
+        for (split, count) in [(Split::Train, 19), (Split::Test, 5), (Split::Validation, 5)] {
+            assert_eq!((KitchenId::of_split(split).len(), Kitchens::Split(split).count()), (count, count));
+        }
+        assert!([0, 3, 128, 200].iter().all(|&n| Kitchens::Scenes(n).count() == Kitchens::Scenes(n).ids().len()));
         assert_eq!(KitchenId::new(28), Err(NoSuchKitchen(28)));
         assert_eq!(Kitchens::TRAINING.of_actor(0).number(), 1);
         assert_eq!(Kitchens::TRAINING.of_actor(19), Kitchens::TRAINING.of_actor(0));

@@ -6,7 +6,8 @@
 
 use crate::kitchen::KitchenId;
 
-/// What a draw is for. Two draws with different purposes are independent.
+/// What a draw is for. Two draws with different purposes are independent. The numbers are part of every key and stay as
+/// they are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Purpose {
@@ -16,12 +17,10 @@ pub enum Purpose {
     Episode = 2,
     /// Gumbel noise that turns logits into a sampled action.
     ActionNoise = 3,
-    /// Initial weights; `environment` is the parameter's number, `episode` and `step` count blocks of draws.
+    /// Initial weights; `environment` is the parameter's number, `episode` counts blocks of draws.
     Weights = 4,
     /// Which steps an auxiliary loss looks at; `environment` is the column, `episode` the rollout, `kitchen` the epoch.
     AuxiliarySubsample = 5,
-    /// Mini-batch order.
-    MiniBatch = 6,
     /// Which episodes are recorded with depth frames.
     Recording = 7,
     /// Actions of random policies in benchmarks and checks.

@@ -56,6 +56,12 @@ pub struct RewardParts {
 }
 
 impl RewardParts {
+    /// Label of the auxiliary task: this step disturbed something.
+    pub fn disturbed(&self) -> bool {
+        // d rose by what the progress fell: a negative progress is a disturbance.
+        self.disturbance_progress_m <= -DISTURBANCE_LABEL_THRESHOLD_M
+    }
+
     /// The reward of this step under `kind`. `disturbance_weight` is what a metre of displacement costs: `λ_disturb` in
     /// r′, the multiplier in PPO-Lagrangian's reward; r does without.
     pub fn compose(&self, kind: RewardKind, disturbance_weight: f32) -> f32 {
@@ -77,6 +83,14 @@ impl RewardParts {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_rises_by_the_threshold_is_a_disturbance() {
+        let disturbed =
+            |disturbance_progress_m| RewardParts { disturbance_progress_m, ..RewardParts::default() }.disturbed();
+        assert!(disturbed(-DISTURBANCE_LABEL_THRESHOLD_M) && disturbed(-0.5));
+        assert!(![-0.0009, 0.0, 0.5].into_iter().any(disturbed));
+    }
 
     #[test]
     fn r_prime_and_the_lagrangian_add_only_the_disturbance_term() {

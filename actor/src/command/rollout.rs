@@ -1,8 +1,9 @@
 //! Without a subcommand: one rollout actor of a run.
 
-use actor::process::{self, lifeline};
+use actor::process;
 use anyhow::{Context, Result, ensure};
 use proto::kitchen::KitchenId;
+use proto::lifeline;
 use proto::wire::WireAddress;
 use std::path::PathBuf;
 
@@ -38,7 +39,8 @@ impl RolloutArgs {
              which the kitchen follows"
         );
         if self.lifeline {
-            lifeline::hold().context("cannot watch standard input")?;
+            // Leaves no clean-up undone: what a process holds in shared memory is swept by the next orchestrator.
+            lifeline::hold(|| std::process::exit(0)).context("cannot watch standard input")?;
         }
         let settings = process::Settings {
             actor: self.actor.context("--actor is missing")?,

@@ -5,7 +5,6 @@
 //! environments  the simulated environments, and how they are rebuilt from their actions
 //! link          the actor's ends of the shared-memory services
 //! shm           observations written where they lie in shared memory
-//! lifeline      notices that the orchestrator is gone
 //! whereabouts   which environment is being simulated, for last words
 //! ```
 //!
@@ -14,8 +13,6 @@
 //! closes or it is killed, and holds nothing that cannot be rebuilt.
 
 pub mod environments;
-mod ffi;
-pub mod lifeline;
 mod link;
 pub mod protocol;
 mod shm;

@@ -13,6 +13,7 @@
 use super::manifest::Manifest;
 use crate::agent::AgentState;
 use crate::collector::{Boundary, RunningEpisode};
+use crate::network::Unfit;
 use proto::message::{EnvironmentState, MAX_EPISODE_STEPS};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::BTreeMap;
@@ -43,6 +44,12 @@ pub enum TensorsError {
         /// What is wrong.
         problem: String,
     },
+}
+
+impl From<Unfit> for TensorsError {
+    fn from(Unfit { name, problem }: Unfit) -> Self {
+        Self::Tensor { name, problem }
+    }
 }
 
 fn wrong(name: &str, problem: impl Into<String>) -> TensorsError {

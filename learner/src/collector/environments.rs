@@ -5,7 +5,7 @@ use super::statistics::{RolloutStatistics, RunningEpisode};
 use crate::agent::Outcome;
 use proto::action::{Action, HOLD, NO_ACTION};
 use proto::message::{Current, EnvironmentState, Transition, current_flag, transition_flag};
-use proto::reward::{DISTURBANCE_LABEL_THRESHOLD_M, RewardKind};
+use proto::reward::RewardKind;
 
 /// The reward in force.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,6 +29,8 @@ pub struct Mismatch {
     pub environment: u32,
     /// What is wrong.
     pub problem: String,
+    /// Nothing but that a number is not finite.
+    pub non_finite: bool,
 }
 
 /// Every environment's episode, actions taken in it, and figures so far.
@@ -115,6 +117,7 @@ impl Environments {
             kitchen: self.layout.environment(column).kitchen.number(),
             environment: index,
             problem,
+            non_finite: false,
         };
         if environment != index {
             return Err(mismatch(format!("its place in the sample holds environment {environment}")));
@@ -150,11 +153,11 @@ impl Environments {
                 current.previous_action
             )));
         }
-        let finite = current.wrist_to_object_m.iter().chain(&current.object_to_goal_m).all(|value| value.is_finite());
-        if !finite {
-            return Err(mismatch(format!("its goal sensor is not finite at episode {}, step {}", seen.0, seen.1)));
+        let transition = self.in_flight[column].map(|_| transition);
+        match not_finite(transition, current) {
+            None => Ok(()),
+            Some(problem) => Err(Mismatch { non_finite: true, ..mismatch(problem) }),
         }
-        Ok(())
     }
 
     /// Takes in what the action in flight led to, if one is. To be called once for each checked report.
@@ -180,8 +183,7 @@ impl Environments {
             reward: value,
             ended: has(transition_flag::ENDED),
             time_limit: has(transition_flag::TIME_LIMIT),
-            // d fell by the progress: a negative progress is a disturbance.
-            disturbed: transition.reward.disturbance_progress_m <= -DISTURBANCE_LABEL_THRESHOLD_M,
+            disturbed: transition.reward.disturbed(),
         })
     }
 }
@@ -208,18 +210,26 @@ fn check_transition(state: &EnvironmentState, action: u8, transition: &Transitio
     if ended != (flags & (transition_flag::DONE | transition_flag::TIME_LIMIT) != 0) {
         return Err(format!("an episode ends by Done or by the step limit, and only so; flags {flags:#x}"));
     }
-    let parts = &transition.reward;
-    let figures = [
-        parts.wrist_object_progress_m,
-        parts.object_goal_progress_m,
-        parts.disturbance_progress_m,
-        parts.failed_action,
-        parts.picked_up,
-        parts.goal_success,
-        transition.disturbance_m,
-    ];
-    if figures.iter().any(|figure| !figure.is_finite()) {
-        return Err(format!("its reward at episode {}, step {} is not finite: {parts:?}", seen.0, seen.1));
-    }
     Ok(())
+}
+
+/// What of a report is not finite, if something is.
+fn not_finite(transition: Option<&Transition>, current: &Current) -> Option<String> {
+    if let Some(Transition { reward: parts, disturbance_m, episode, step, .. }) = transition {
+        let figures = [
+            parts.wrist_object_progress_m,
+            parts.object_goal_progress_m,
+            parts.disturbance_progress_m,
+            parts.failed_action,
+            parts.picked_up,
+            parts.goal_success,
+            *disturbance_m,
+        ];
+        if figures.iter().any(|figure| !figure.is_finite()) {
+            return Some(format!("its reward at episode {episode}, step {step} is not finite: {parts:?}"));
+        }
+    }
+    let Current { wrist_to_object_m, object_to_goal_m, episode, step, .. } = current;
+    let finite = wrist_to_object_m.iter().chain(object_to_goal_m).all(|value| value.is_finite());
+    (!finite).then(|| format!("its goal sensor is not finite at episode {episode}, step {step}"))
 }

@@ -166,6 +166,13 @@ pub enum ProtocolError {
     Mismatch(#[from] Mismatch),
 }
 
+impl ProtocolError {
+    /// Whether it is nothing but a number that is not finite.
+    pub fn is_non_finite(&self) -> bool {
+        matches!(self, Self::Mismatch(Mismatch { non_finite: true, .. }))
+    }
+}
+
 /// Actions to send to one actor.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ActionBatch {
@@ -243,6 +250,8 @@ pub struct Collector<S> {
     settings: Settings,
     halves: Vec<Half<S>>,
     environments: Environments,
+    /// What each column holds, as randomness counts it.
+    ids: Vec<EnvironmentId>,
     /// Newest incarnation that each actor has announced or sent under.
     actor_incarnations: Vec<u32>,
     stage_version: u64,
@@ -261,6 +270,7 @@ impl<S: HalfSample> Collector<S> {
             settings,
             halves: (0..layout.halves()).map(|_| Half::new(layout.actors(), exchange)).collect(),
             environments: Environments::new(layout, settings.max_episode_steps, settings.gamma, environments, running),
+            ids: (0..layout.columns()).map(|column| layout.environment(column)).collect(),
             actor_incarnations: vec![0; layout.actors() as usize],
             stage_version: 0,
             cursor: None,
@@ -444,7 +454,7 @@ impl<S: HalfSample> Collector<S> {
                 batch.goal_m.push(if holding { current.object_to_goal_m } else { current.wrist_to_object_m });
                 batch.previous_action.push(current.previous_action as u8);
                 batch.episode_start.push(current.flags & current_flag::EPISODE_START != 0);
-                let environment = layout.environment(column);
+                let environment = self.ids[column];
                 let Current { episode, step, .. } = *current;
                 noise(Place { column, environment, episode, step }, &mut batch.gumbel);
             }

@@ -479,14 +479,22 @@ fn an_actor_that_disagrees_is_named() {
         change(&mut header, &mut sample);
         (header, sample)
     };
-    let mut text = |(header, sample): Message| collector.receive(&header, sample).unwrap_err().to_string();
+    let mut said = |(header, sample): Message| {
+        let error = collector.receive(&header, sample).unwrap_err();
+        (error.to_string(), error.is_non_finite())
+    };
+    let (not_finite, is_non_finite) = said(broken(&|_, sample| sample.0[0].2.wrist_to_object_m[1] = f32::NAN));
+    assert!(is_non_finite && not_finite.contains("goal sensor is not finite"), "{not_finite}");
+    let mut text = |message| {
+        let (text, is_non_finite) = said(message);
+        assert!(!is_non_finite, "{text}");
+        text
+    };
 
     let wrong_episode = text(broken(&|_, sample| sample.0[0].2.episode = 3));
     assert!(wrong_episode.contains("actor 1, kitchen 3, environment 1: it is at episode 3, step 0"), "{wrong_episode}");
     let no_start = text(broken(&|_, sample| sample.0[0].2.flags = 0));
     assert!(no_start.contains("episode-start flag"), "{no_start}");
-    let not_finite = text(broken(&|_, sample| sample.0[0].2.wrist_to_object_m[1] = f32::NAN));
-    assert!(not_finite.contains("goal sensor is not finite"), "{not_finite}");
     let swapped = text(broken(&|_, sample| sample.0[0].0 = 0));
     assert!(swapped.contains("holds environment 0"), "{swapped}");
     let short = text(broken(&|_, sample| sample.0.clear()));
@@ -525,7 +533,10 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     let mut refused = |change: &dyn Fn(&mut Transition)| {
         let mut sample = sample.clone();
         change(&mut sample.0[0].1);
-        collector.receive(&header, sample).unwrap_err().to_string()
+        let error = collector.receive(&header, sample).unwrap_err();
+        let text = error.to_string();
+        assert_eq!(error.is_non_finite(), text.contains("not finite"), "{text}");
+        text
     };
     assert!(refused(&|transition| transition.flags = 0).contains("reports no transition for action 4"));
     assert!(refused(&|transition| transition.action = 5).contains("action 5; sent was episode 0, step 0, action 4"));

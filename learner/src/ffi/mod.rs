@@ -2,6 +2,7 @@
 
 pub mod convolution;
 pub mod cuda;
+pub mod kernels;
 
 use proto::message::FRAME_PIXELS;
 use std::ffi::CStr;
@@ -28,12 +29,15 @@ pub fn frames_mut(tensor: &mut Tensor) -> &mut [[u16; FRAME_PIXELS]] {
     unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), count / FRAME_PIXELS) }
 }
 
-/// Ignores SIGINT for the rest of the process.
-pub fn ignore_interrupt() {
-    // SAFETY: SIG_IGN installs no handler, so nothing can run at a bad moment; the arguments are valid constants.
-    unsafe {
-        libc::signal(libc::SIGINT, libc::SIG_IGN);
-    }
+/// The numbers that a 32-bit floating-point tensor on the CPU consists of, row-major.
+///
+/// # Panics
+/// If it is not contiguous, not on the CPU, or of another kind.
+pub fn floats_mut(tensor: &mut Tensor) -> &mut [f32] {
+    assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Float && tensor.is_contiguous());
+    // SAFETY: the tensor's memory holds so many 32-bit numbers one after another, lives as long as the tensor that is
+    // borrowed, and every pattern of bits is a number.
+    unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), tensor.numel()) }
 }
 
 #[cfg(test)]

@@ -62,13 +62,14 @@ impl FramePreparation {
     /// On a GPU the work may go on after the call: `staging` must not be given to another call before something has
     /// been read back from the device.
     pub fn keep(self, frames: &[&RawFrame], staging: &mut Staging) -> Tensor {
-        let shape = |side: i64| [frames.len() as i64, side, side];
         if self.pool > 1 && self.device == Device::Cpu {
-            let mut pooled = vec![0.0; frames.len() * (self.side() * self.side()) as usize];
-            for (frame, pooled) in frames.iter().zip(pooled.chunks_exact_mut((self.side() * self.side()) as usize)) {
+            let side = self.side();
+            let mut kept = Tensor::empty([frames.len() as i64, side, side], (Kind::Float, Device::Cpu));
+            let pooled = ffi::floats_mut(&mut kept).chunks_exact_mut((side * side) as usize);
+            for (frame, pooled) in frames.iter().zip(pooled) {
                 pool_frame(frame, self.pool, pooled);
             }
-            return Tensor::from_slice(&pooled).view(shape(self.side()));
+            return kept;
         }
         let raw = staging.upload(frames, self.device);
         if self.pool == 1 {

@@ -6,7 +6,7 @@
 use proto::random::{Key, Purpose, Random};
 use std::f64::consts::TAU;
 
-/// Values drawn from one random stream before the next begins; a stream is limited to 262,144 words.
+/// Values drawn from one random stream before the next begins; a stream is limited to 262,140 words.
 const BLOCK: usize = 65_536;
 
 /// How a parameter starts.

@@ -18,12 +18,12 @@ pub use embedding::{goal_coordinates, table_row};
 pub use frame::{FramePreparation, RawFrame, Staging};
 pub use initialize::Initial;
 pub use layers::{Gru, Linear};
-pub use parameters::{Layout, ParameterId, Parameters, all_finite, to_vec};
+pub use parameters::{Layout, ParameterId, Parameters, Unfit, all_finite, fits, to_vec};
 
 use crate::ffi::cuda::CudaError;
 use cnn::Cnn;
 use embedding::{ActionEmbedding, GoalEmbedding};
-use proto::config::{Config, Encoder};
+use proto::config::{Config, Encoder, EncoderPrecision};
 use resnet::{Fused, Resnet, Tape};
 use tch::{Device, Tensor};
 
@@ -87,6 +87,11 @@ pub struct Network {
     fused: Option<Fused>,
 }
 
+/// The encoder is asked to compute in bfloat16 and cannot.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("learner.encoder_precision is \"bfloat16\": {0}")]
+pub struct PrecisionError(String);
+
 /// What observations say, and how it came about.
 #[derive(Debug)]
 pub struct Embedded {
@@ -128,8 +133,35 @@ impl Network {
         (Self { parameters, preparation, belief, encoder, goal, previous_action, actor, critic, fused: None }, declared)
     }
 
+    /// Has the encoder compute in bfloat16 where that is asked for, or can be had and nothing else is asked for.
+    pub fn choose_precision(&mut self, asked: EncoderPrecision) -> Result<(), PrecisionError> {
+        let possible = if !matches!(self.encoder, VisualEncoder::Resnet(_)) {
+            Err("only network.encoder \"resnet\" has kernels for it".to_owned())
+        } else if self.parameters.flat().device().is_cuda() {
+            Ok(())
+        } else {
+            Err("it needs a CUDA device".to_owned())
+        };
+        let fused = |network: &mut Self| network.fuse().map_err(|error| error.to_string());
+        match (asked, possible) {
+            (EncoderPrecision::Float32, _) | (EncoderPrecision::Auto, Err(_)) => Ok(()),
+            (EncoderPrecision::Auto, Ok(())) => {
+                if let Err(reason) = fused(self) {
+                    tracing::warn!("the encoder computes in float32, which takes longer: {reason}");
+                }
+                Ok(())
+            }
+            (EncoderPrecision::Bfloat16, possible) => possible.and_then(|()| fused(self)).map_err(PrecisionError),
+        }
+    }
+
+    /// Whether the encoder computes in bfloat16.
+    pub fn is_fused(&self) -> bool {
+        self.fused.is_some()
+    }
+
     /// From now on runs the encoder in bfloat16 with kernels of our own. Only for the resnet on a CUDA device.
-    pub fn fuse(&mut self) -> Result<(), CudaError> {
+    fn fuse(&mut self) -> Result<(), CudaError> {
         self.fused = Some(Fused::new()?);
         Ok(())
     }

@@ -7,6 +7,7 @@
 use super::initialize::Initial;
 use crate::hex::hex;
 use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
 use std::ops::Index;
 use tch::{Device, Kind, Tensor};
 
@@ -26,6 +27,42 @@ impl Entry {
     fn count(&self) -> i64 {
         self.shape.iter().product()
     }
+}
+
+/// A saved tensor that cannot take the place it was saved for.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{name}` {problem}")]
+pub struct Unfit {
+    /// Its name.
+    pub name: String,
+    /// What is wrong with it.
+    pub problem: String,
+}
+
+impl Unfit {
+    fn new(name: &str, problem: impl Into<String>) -> Self {
+        Self { name: name.to_owned(), problem: problem.into() }
+    }
+
+    /// Nothing has this name.
+    pub fn no_place(name: &str) -> Self {
+        Self::new(name, "has no place in this network")
+    }
+
+    /// A number in it is not finite.
+    pub fn not_finite(name: &str) -> Self {
+        Self::new(name, "is not finite")
+    }
+}
+
+/// The tensor saved as `name`, if it is there, of this size, of 32-bit numbers, and all of them finite.
+pub fn fits<'a>(name: &str, saved: Option<&'a Tensor>, size: &[i64]) -> Result<&'a Tensor, Unfit> {
+    let saved = saved.ok_or_else(|| Unfit::new(name, "is missing"))?;
+    let (kind, found) = (saved.kind(), saved.size());
+    if found != size || kind != Kind::Float {
+        return Err(Unfit::new(name, format!("is {kind:?} {found:?}, not Float {size:?}")));
+    }
+    if all_finite(saved) { Ok(saved) } else { Err(Unfit::not_finite(name)) }
 }
 
 /// The parameters of a network while its modules are being declared.
@@ -82,6 +119,22 @@ impl Parameters {
             })
             .collect();
         Self { entries: layout.entries, flat, leaves }
+    }
+
+    /// Takes all weights from saved ones with their names. After an error nothing has changed.
+    pub fn load(&mut self, saved: &BTreeMap<String, Tensor>) -> Result<(), Unfit> {
+        let found = self.entries.iter().map(|entry| fits(&entry.name, saved.get(&entry.name), &entry.shape));
+        let found = found.collect::<Result<Vec<&Tensor>, Unfit>>()?;
+        let has_place = |name: &str| self.entries.iter().any(|entry| entry.name == name);
+        if let Some(name) = saved.keys().find(|name| !has_place(name)) {
+            return Err(Unfit::no_place(name));
+        }
+        tch::no_grad(|| {
+            for (leaf, saved) in self.leaves.iter().zip(found) {
+                leaf.detach().copy_(saved);
+            }
+        });
+        Ok(())
     }
 
     /// Number of weights.

@@ -1,17 +1,19 @@
 //! `learner probe`: network, losses and gradients on a batch from a file, so that anyone can compare them with an
 //! implementation of their own. The formats are in `docs/probe.md`.
 //!
-//! What runs is what training runs: the first epoch of an update ([`Update::look`]), without its optimiser step.
+//! What runs is what training runs with that configuration on that device: the first epoch of an update
+//! ([`Update::look`]), without its optimiser step.
 
 mod batch;
 mod shape;
 
 pub use shape::fit;
 
+use crate::agent::weights_of;
 use crate::auxiliary::Auxiliary;
 use crate::checkpoint::{TensorsError, decode_tensors, encode_tensors};
 use crate::device::{self, DeviceError};
-use crate::network::{Judgement, Network};
+use crate::network::{Judgement, Network, PrecisionError};
 use crate::optimizer::clip_norm;
 use crate::ppo::update::{Look, Peers, SCALARS, Update};
 use batch::Batch;
@@ -21,7 +23,7 @@ use proto::run_folder::write_atomically;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use tch::{Device, Kind, Tensor};
+use tch::{Device, Tensor};
 
 /// What `learner probe` is asked.
 #[derive(Debug, Clone, clap::Args)]
@@ -57,7 +59,7 @@ pub struct Arguments {
     /// What is found is written here
     #[arg(long, value_name = "O.safetensors")]
     out: PathBuf,
-    /// Named configuration for what weights do not tell: constants of PPO, goal coordinates
+    /// Named configuration for what weights do not tell: constants of PPO, goal coordinates, the encoder's precision
     #[arg(long, value_name = "P", default_value = "paper")]
     preset: String,
     /// TOML file whose keys replace the preset's
@@ -86,6 +88,9 @@ pub enum ProbeError {
     /// The device is not there.
     #[error(transparent)]
     Device(#[from] DeviceError),
+    /// The encoder cannot compute in bfloat16 here.
+    #[error(transparent)]
+    Precision(#[from] PrecisionError),
     /// A file cannot be read or written.
     #[error("cannot {verb} {path}: {cause}", path = .path.display())]
     File {
@@ -116,11 +121,15 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeErr
     let weights = model(read(&arguments.weights)?);
     let in_weights = |cause| ProbeError::Tensors { path: arguments.weights.clone(), cause };
     fit(&mut config, &weights).map_err(in_weights)?;
+    // What weights are of may be more than can be.
+    config.validate()?;
 
     let actions = config.episode.action_space.actions().len() as i64;
-    let (network, auxiliary) =
+    let (mut network, auxiliary) =
         Network::new(&config, device, |layout, hidden| Auxiliary::new(&config.auxiliary, layout, hidden, actions));
-    load(&network, &weights).map_err(in_weights)?;
+    network.choose_precision(config.learner.encoder_precision)?;
+    tracing::info!("computes on {}", device::describe(device, network.is_fused()));
+    network.parameters.load(&weights).map_err(|unfit| in_weights(unfit.into()))?;
     let batch = Batch::read(&read(&arguments.batch)?, &config, &network)
         .map_err(|cause| ProbeError::Tensors { path: arguments.batch.clone(), cause })?;
 
@@ -142,35 +151,10 @@ fn read(path: &Path) -> Result<BTreeMap<String, Tensor>, ProbeError> {
     decode_tensors(&bytes).map_err(|cause| ProbeError::Tensors { path: path.into(), cause })
 }
 
-/// The weights among a file's tensors: those named `model.…` if there are any, as in a checkpoint, else all.
+/// The weights among a file's tensors: a checkpoint's, or else all.
 fn model(tensors: BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
-    if tensors.keys().any(|name| name.starts_with("model.")) {
-        let named = |(name, tensor): (String, Tensor)| Some((name.strip_prefix("model.")?.to_owned(), tensor));
-        tensors.into_iter().filter_map(named).collect()
-    } else {
-        tensors
-    }
-}
-
-/// Copies weights into the network: all of its own and no others.
-fn load(network: &Network, weights: &BTreeMap<String, Tensor>) -> Result<(), TensorsError> {
-    let wrong = |name: &str, problem: String| TensorsError::Tensor { name: name.to_owned(), problem };
-    let mut known = 0;
-    for (name, mut weight) in network.parameters.named() {
-        let given = weights.get(name).ok_or_else(|| wrong(name, "is missing".to_owned()))?;
-        if given.size() != weight.size() || given.kind() != Kind::Float {
-            let (found, expected) = (given.size(), weight.size());
-            return Err(wrong(name, format!("is {:?} {found:?}, not Float {expected:?}", given.kind())));
-        }
-        tch::no_grad(|| weight.copy_(given));
-        known += 1;
-    }
-    if known < weights.len() {
-        let place = |name: &&String| network.parameters.named().all(|(own, _)| own != name.as_str());
-        let name = weights.keys().find(place).expect("there are more weights than places");
-        return Err(wrong(name, "has no place in this network".to_owned()));
-    }
-    Ok(())
+    let weights = weights_of(&tensors);
+    if weights.is_empty() { tensors } else { weights }
 }
 
 /// What a probe finds.

@@ -2,7 +2,7 @@
 //! made the run folder.
 
 use super::lock::{self, Lock};
-use super::{ActorsOf, machine};
+use super::{layout, machine};
 use crate::agent::Agent;
 use crate::checkpoint::{Snapshot, Store, decode_tensors};
 use crate::collector::Boundary;
@@ -28,10 +28,7 @@ pub struct ImportArguments {
 pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()> {
     let ImportArguments { from, run } = arguments;
     let run = RunFolder::new(run);
-    let path = run.config();
-    let text =
-        std::fs::read_to_string(&path).with_context(|| format!("cannot read configuration {}", path.display()))?;
-    let config = Config::from_toml(&text, &path.display().to_string())?;
+    let config = Config::of_run(&run)?;
     let bytes = std::fs::read(from).with_context(|| format!("cannot read {}", from.display()))?;
     let state_dict = decode_tensors(&bytes).with_context(|| from.display().to_string())?;
 
@@ -47,12 +44,11 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
     let imported = import::import(&state_dict, config.episode.action_space, &mut state)
         .with_context(|| from.display().to_string())?;
     agent.load_state(&state)?;
-    let ActorsOf { layout, .. } = ActorsOf::rank(0, &config);
     let snapshot = Snapshot {
         rollout: 0,
         frames: 0,
         agent: agent.state(),
-        boundary: Boundary::start(layout.columns()),
+        boundary: Boundary::start(layout(0, &config).columns()),
         weights: agent.weights_digest(),
     };
     let checkpoint = store.save(&snapshot)?;

@@ -1,14 +1,14 @@
 //! The learner as a process: command line, lock, lifeline, shared memory, events, exit status.
 //!
-//! [`training`] is the loop; everything that decides anything in it is pure and lives elsewhere: the collector
-//! ([`crate::collector`]), the checkpoint format ([`crate::checkpoint`]), [`announcements`].
+//! [`training`] and [`evaluation`] are loops over a [`conversation`]; everything that decides anything in them is pure and
+//! lives elsewhere: the collector ([`crate::collector`]), the checkpoint format ([`crate::checkpoint`]), [`announcements`].
 
 mod announcements;
 mod check;
 mod control;
+mod conversation;
 mod evaluation;
 mod import;
-mod lifeline;
 mod lock;
 mod machine;
 mod stop;
@@ -21,21 +21,20 @@ pub use evaluation::{EvaluationArguments, evaluate};
 pub use import::{ImportArguments, import};
 pub use training::NonFinite;
 
-use crate::agent::Agent;
+use crate::agent::{Agent, AgentError};
 use crate::checkpoint::Store;
-use crate::collector::{Boundary, Collector, Layout, Settings};
-use crate::{device, ffi};
+use crate::collector::{Boundary, Layout, ProtocolError};
+use crate::device;
 use anyhow::{Context, Result, bail};
-use control::Control;
+use conversation::{Conversation, Speaker};
 use lock::Lock;
 use proto::config::{Config, FromConfig};
 use proto::control::LearnerEvent;
 use proto::run_folder::RunFolder;
-use proto::wire::{WireAddress, WireShape};
+use proto::wire::WireAddress;
 use std::path::{Path, PathBuf};
 use stop::OrchestratorGone;
 use training::Training;
-use wire::Ports;
 
 /// What a learner is started with.
 #[derive(Debug, Clone)]
@@ -59,17 +58,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
         // Checkpoints and locks of several learners of one run would be one another's.
         bail!("this version trains with one learner: --rank must be 0, not {rank}");
     }
-    let gone = OrchestratorGone::default();
-    if lifeline {
-        // Ctrl-C in a terminal reaches every process in the foreground; only the orchestrator acts on it.
-        ffi::ignore_interrupt();
-        lifeline::watch(std::io::stdin(), gone.clone()).context("cannot watch the lifeline")?;
-    }
+    let gone = OrchestratorGone::watched(lifeline)?;
     let run = RunFolder::new(run);
-    let path = run.config();
-    let text =
-        std::fs::read_to_string(&path).with_context(|| format!("cannot read configuration {}", path.display()))?;
-    let config = Config::from_toml(&text, &path.display().to_string())?;
+    let config = Config::of_run(&run)?;
     let _lock = Lock::take(&run.learner_lock(rank), lock::PATIENCE, || gone.is_set())?;
 
     let device = device::choose(config.learner.device, config.learner.threads)?;
@@ -77,46 +68,36 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let machine = machine::machine(device, config.learner.threads);
     let store = Store::new(run.clone(), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);
 
-    let ActorsOf { layout, shape } = ActorsOf::rank(rank, &config);
-    let resumed = resume(&store, &mut agent, layout, config.from.as_ref())?;
+    let resumed = resume(&store, &mut agent, layout(rank, &config), config.from.as_ref())?;
     let Resumed { rollout, frames, boundary, checkpoint } = resumed;
-    let settings = Settings {
-        layout,
-        seed: config.seed,
-        policy_actions: config.episode.action_space.actions().len(),
-        max_episode_steps: config.episode.max_steps,
-        gamma: config.ppo.gamma,
-        learner_incarnation: incarnation,
-    };
-    let collector = Collector::new(settings, boundary);
-    let ports = Ports::open(&wire, shape, &format!("learner-{rank}"))?;
-    let mut control = Control::new(std::io::stdout(), gone.clone());
-    control.tell(&LearnerEvent::Ready {
+    let speaker = Speaker { rank, wire, incarnation, gone };
+    let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout())?;
+    conversation.tell(&LearnerEvent::Ready {
         rank,
         rollout,
         frames,
-        device: device::describe(device),
+        device: agent.device(),
         parameters: agent.parameter_count(),
         checkpoint: checkpoint.clone(),
     });
     let saved = checkpoint.map(|_| rollout);
-    Training { rank, config, run, store, agent, collector, ports, control, gone, rollout, frames, saved }.run()
+    Training { config, run, store, agent, conversation, rollout, frames, saved }.run()
 }
 
-/// The actors that a rank serves.
-struct ActorsOf {
-    layout: Layout,
-    shape: WireShape,
+/// Whether an error is about a number that is not finite: the process then ends with
+/// [`proto::control::EXIT_NON_FINITE`].
+pub fn is_non_finite(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause.is::<NonFinite>()
+            || matches!(cause.downcast_ref(), Some(AgentError::NonFinite { .. }))
+            || cause.downcast_ref().is_some_and(ProtocolError::is_non_finite)
+    })
 }
 
-impl ActorsOf {
-    fn rank(rank: u32, config: &Config) -> Self {
-        let (actors, environments_per_actor) = (config.actors.count, config.actors.environments_per_actor);
-        Self {
-            layout: Layout::new(rank * actors, actors, environments_per_actor).in_kitchens(config.kitchens()),
-            shape: WireShape { actors, environments_per_actor },
-        }
-    }
+/// The environments of the actors that a rank serves.
+fn layout(rank: u32, config: &Config) -> Layout {
+    let (actors, environments_per_actor) = (config.actors.count, config.actors.environments_per_actor);
+    Layout::new(rank * actors, actors, environments_per_actor).in_kitchens(config.kitchens())
 }
 
 /// Where to go on.
@@ -179,4 +160,23 @@ fn begin_from(agent: &mut Agent, from: &FromConfig) -> Result<()> {
     }
     tracing::info!("begins with the weights of {} ({} frames)", from.checkpoint, from.frames);
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collector::Mismatch;
+
+    #[test]
+    fn a_number_that_is_not_finite_is_found_under_whatever_was_said_on_the_way() {
+        let seen = |error: anyhow::Error| is_non_finite(&error.context("in the middle").context("of something"));
+        let mismatch = |non_finite| {
+            ProtocolError::from(Mismatch { actor: 0, kitchen: 1, environment: 0, problem: String::new(), non_finite })
+        };
+        assert!(seen(AgentError::NonFinite { what: "loss".into() }.into()));
+        assert!(seen(mismatch(true).into()));
+        assert!(!seen(mismatch(false).into()));
+        assert!(!seen(AgentError::UnknownAction { column: 0, action: 99 }.into()));
+        assert!(!seen(anyhow::anyhow!("a weight is not finite")));
+    }
 }

@@ -1,5 +1,7 @@
 //! Why a learner stops before its budget is reached.
 
+use anyhow::{Context, Result};
+use proto::lifeline;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -17,6 +19,16 @@ pub enum Stop {
 pub struct OrchestratorGone(Arc<AtomicBool>);
 
 impl OrchestratorGone {
+    /// Set when standard input closes, if that is a lifeline; else by nobody but the caller.
+    pub fn watched(lifeline: bool) -> Result<Self> {
+        let gone = Self::default();
+        if lifeline {
+            let watched = gone.clone();
+            lifeline::hold(move || watched.set()).context("cannot watch the lifeline")?;
+        }
+        Ok(gone)
+    }
+
     /// Notes it.
     pub fn set(&self) {
         self.0.store(true, Ordering::Release);

@@ -6,7 +6,7 @@ use learner::agent::Agent;
 use learner::auxiliary::Auxiliary;
 use learner::network::Network;
 use proto::action::ActionSpace;
-use proto::config::{AuxiliaryTask, Config, Encoder};
+use proto::config::{AuxiliaryTask, Config, Encoder, EncoderPrecision};
 use proto::control::metric;
 use std::collections::BTreeMap;
 use std::process::Command;
@@ -166,10 +166,49 @@ fn what_cannot_be_probed_is_named() {
         let (good, text) = said(&weights, &batch);
         assert!(!good && text.contains(problem) && text.contains("batch: "), "{problem}: {text}");
     }
+    let with = |name: &str, other: Tensor| {
+        let given = |(known, weight): &(String, Tensor)| {
+            (known.clone(), if known == name { other.shallow_clone() } else { weight.shallow_clone() })
+        };
+        weights.iter().map(given).collect::<Vec<_>>()
+    };
+    let float = |size: &[i64]| Tensor::zeros(size, (Kind::Float, Device::Cpu));
+    for hidden in [0, 100_000] {
+        let text = said(&with("model.actor.weight", float(&[13, hidden])), &batch()).1;
+        assert!(text.contains(&format!("network.hidden = {hidden}: must be 8 to 4096")), "{text}");
+    }
+    let text = said(&with("model.critic.bias", float(&[1]) / 0.0), &batch()).1;
+    assert!(text.contains("weights: tensor `critic.bias` is not finite"), "{text}");
     let mut fewer = weights.iter().map(|(name, weight)| (name.clone(), weight.shallow_clone())).collect::<Vec<_>>();
     fewer.retain(|(name, _)| name != "model.critic.bias");
     assert!(said(&fewer, &batch()).1.contains("weights: tensor `critic.bias` is missing"));
     fewer.push(("model.critic.bias".to_owned(), Tensor::zeros([1], (Kind::Float, Device::Cpu))));
     fewer.push(("model.other".to_owned(), Tensor::zeros([1], (Kind::Float, Device::Cpu))));
     assert!(said(&fewer, &batch()).1.contains("`other` has no place in this network"));
+}
+
+/// It computed in float32, whatever the configuration asked for.
+#[test]
+fn a_probe_computes_in_the_precision_that_training_would() {
+    let folder = tempfile::tempdir().expect("a folder for the files");
+    let path = |name: &str| folder.path().join(name);
+    Tensor::write_safetensors(&probe_batch("disturb", 13, 32), path("batch")).expect("a batch is written");
+    std::fs::write(path("config"), "learner.encoder_precision = \"bfloat16\"\n").expect("settings");
+    for encoder in [Encoder::Cnn, Encoder::Resnet] {
+        let mut config = small_config();
+        config.network.encoder = encoder;
+        let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        let weights: Vec<(String, Tensor)> = agent.state().tensors.into_iter().collect();
+        Tensor::write_safetensors(&weights, path("weights")).expect("weights are written");
+        config.learner.encoder_precision = EncoderPrecision::Bfloat16;
+        let training = Agent::new(&config, Device::Cpu).expect_err("there is no GPU").to_string();
+        assert!(training.starts_with("learner.encoder_precision is \"bfloat16\": "), "{training}");
+        let run = Command::new(env!("CARGO_BIN_EXE_learner"))
+            .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out", "--config", "config"])
+            .current_dir(folder.path())
+            .output()
+            .expect("the learner starts");
+        let said = String::from_utf8_lossy(&run.stderr);
+        assert!(!run.status.success() && said.contains(&training), "{said}");
+    }
 }

@@ -135,7 +135,7 @@ fn a_number_that_is_not_finite_leaves_everything_as_it_was() {
 fn states_that_do_not_fit_are_refused() {
     let config = small_config();
     let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
-    let digest = agent.weights_digest();
+    let before = agent.state();
     let mut refuse = |change: &dyn Fn(&mut AgentState), word: &str| {
         let mut state = agent.state();
         for tensor in state.tensors.values_mut() {
@@ -144,17 +144,45 @@ fn states_that_do_not_fit_are_refused() {
         change(&mut state);
         let error = agent.load_state(&state).expect_err(word).to_string();
         assert!(error.contains(word), "{error}");
-        assert_eq!(agent.weights_digest(), digest);
+        let after = agent.state();
+        assert_eq!((after.adam_steps, after.multiplier), (before.adam_steps, before.multiplier));
+        for (name, tensor) in &before.tensors {
+            assert!(tensor.equal(&after.tensors[name]), "{name} has changed: {error}");
+        }
     };
     let remove = |state: &mut AgentState| drop(state.tensors.remove("model.critic.bias"));
-    refuse(&remove, "model.critic.bias is missing");
+    refuse(&remove, "`critic.bias` is missing");
     let reshape = |state: &mut AgentState| {
         let beliefs = state.tensors["beliefs"].narrow(0, 0, 3);
         state.tensors.insert("beliefs".into(), beliefs);
     };
-    refuse(&reshape, "beliefs is Float [3, 32]");
+    refuse(&reshape, "`beliefs` is Float [3, 32]");
     let add = |state: &mut AgentState| drop(state.tensors.insert("model.x".into(), Tensor::from_slice(&[1f32])));
-    refuse(&add, "no place for model.x");
+    refuse(&add, "`x` has no place");
+    refuse(
+        &|state| drop(state.tensors.insert("moments".into(), Tensor::from_slice(&[1f32]))),
+        "`moments` has no place",
+    );
+    // What lies last in each was found after everything before it had been copied, or never.
+    for name in ["model.critic.bias", "model.auxiliary.disturb.2.bias", "adam.first", "adam.second", "beliefs"] {
+        for bad in [f64::NAN, f64::INFINITY] {
+            let poison = |state: &mut AgentState| {
+                let _ = state.tensors[name].view(-1).get(-1).fill_(bad);
+            };
+            refuse(&poison, &format!("`{}` is not finite", name.trim_start_matches("model.")));
+        }
+    }
+    refuse(&|state| state.multiplier = f64::NAN, "`multiplier` is not finite");
+
+    // The weights alone.
+    let mut tensors = agent.state().tensors;
+    for tensor in tensors.values_mut() {
+        *tensor = &*tensor + 1.0;
+    }
+    let _ = tensors["model.critic.weight"].get(0).get(3).fill_(f64::NAN);
+    let error = agent.load_weights(&tensors).expect_err("a weight is no number").to_string();
+    assert!(error.contains("`critic.weight` is not finite"), "{error}");
+    assert!(before.tensors.iter().all(|(name, tensor)| tensor.equal(&agent.state().tensors[name])));
 }
 
 /// Gradients of passes over parts of the columns add up to those of the whole batch.

@@ -90,6 +90,8 @@ pub enum Plan<'a> {
     CrashActorAfter(u64, u32),
     /// An actor dies for good then.
     LoseActorAfter(u64, u32),
+    /// From then on an actor's goal sensor says what is no number.
+    PoisonActorAfter(u64, u32),
 }
 
 impl Scene {
@@ -113,6 +115,7 @@ impl Scene {
         self.learners += 1;
         let mut command = Command::new(env!("CARGO_BIN_EXE_learner"));
         command
+            .args(self.config.evaluation.is_some().then_some("evaluate"))
             .arg("--run")
             .arg(self.folder.path())
             .args(["--wire", &self.address.to_string(), "--lifeline"])
@@ -170,6 +173,9 @@ impl Scene {
                     let old = &mut self.actors[*actor as usize];
                     old.stop();
                     *old = StandIn::start(&self.address, &self.config, *actor, old.incarnation + 1);
+                }
+                Plan::PoisonActorAfter(after, actor) if *after == rollout => {
+                    self.actors[*actor as usize].poisoned.store(true, Ordering::Relaxed);
                 }
                 Plan::LoseActorAfter(after, actor) if *after == rollout => self.actors[*actor as usize].stop(),
                 _ => {}
@@ -250,15 +256,16 @@ fn read_events(child: &mut Child) -> Receiver<LearnerEvent> {
 struct StandIn {
     incarnation: u32,
     stop: Arc<AtomicBool>,
+    poisoned: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl StandIn {
     fn start(address: &WireAddress, config: &Config, number: u32, incarnation: u32) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let (address, config, flag) = (address.clone(), config.clone(), stop.clone());
-        let thread = std::thread::spawn(move || Acting::new(&address, &config, number, incarnation, flag).run());
-        Self { incarnation, stop, thread: Some(thread) }
+        let [stop, poisoned] = [(); 2].map(|()| Arc::new(AtomicBool::new(false)));
+        let (address, config, flags) = (address.clone(), config.clone(), [stop.clone(), poisoned.clone()]);
+        let thread = std::thread::spawn(move || Acting::new(&address, &config, number, incarnation, flags).run());
+        Self { incarnation, stop, poisoned, thread: Some(thread) }
     }
 
     fn stop(&mut self) {
@@ -284,6 +291,7 @@ struct Acting {
     number: u32,
     incarnation: u32,
     stop: Arc<AtomicBool>,
+    poisoned: Arc<AtomicBool>,
     following: u32,
     steps: [u64; 2],
     environments: Vec<FakeEnvironment>,
@@ -293,11 +301,17 @@ struct Acting {
 static NODES: AtomicU32 = AtomicU32::new(0);
 
 impl Acting {
-    fn new(address: &WireAddress, config: &Config, number: u32, incarnation: u32, stop: Arc<AtomicBool>) -> Self {
+    fn new(
+        address: &WireAddress,
+        config: &Config,
+        number: u32,
+        incarnation: u32,
+        [stop, poisoned]: [Arc<AtomicBool>; 2],
+    ) -> Self {
         let node = NODES.fetch_add(1, Ordering::Relaxed);
         let wire = Wire::join(address, shape(config), &format!("actor-{number}-{node}")).unwrap();
         let config = config.clone();
-        Self { wire, config, number, incarnation, stop, following: 0, steps: [0; 2], environments: vec![] }
+        Self { wire, config, number, incarnation, stop, poisoned, following: 0, steps: [0; 2], environments: vec![] }
     }
 
     fn run(mut self) {
@@ -371,6 +385,9 @@ impl Acting {
             if let Some(environment) = self.environments.get(e) {
                 observation.transition = environment.transition();
                 observation.current = environment.current();
+                if self.poisoned.load(Ordering::Relaxed) {
+                    observation.current.wrist_to_object_m[1] = f32::NAN;
+                }
                 observation.environment = e as u32;
                 let hash = environment.hash();
                 for (row, line) in observation.depth_mm.chunks_mut(224).enumerate() {

@@ -15,6 +15,7 @@ use crate::action::ActionSpace;
 use crate::evaluation::{EvaluationConfig, ObjectSet, Plan};
 use crate::kitchen::Kitchens;
 use crate::reward::RewardKind;
+use crate::run_folder::RunFolder;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -66,7 +67,8 @@ pub struct Config {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ActorsConfig {
-    /// Actor processes; actor i simulates training kitchen i, repeating after 19.
+    /// Actor processes; actor i simulates training kitchen i, repeating after 19. With `scenes`, or in an evaluation, it
+    /// is scene i, or kitchen i of the split.
     pub count: u32,
     /// Environments in each.
     pub environments_per_actor: u32,
@@ -485,6 +487,15 @@ impl Config {
         }
         config.validate()?;
         Ok(config)
+    }
+
+    /// The configuration of a run, or of an evaluation, from its folder.
+    pub fn of_run(run: &RunFolder) -> Result<Self, ConfigError> {
+        let path = run.config();
+        match std::fs::read_to_string(&path) {
+            Ok(text) => Self::from_toml(&text, &path.display().to_string()),
+            Err(cause) => Err(ConfigError::Unreadable { path, cause }),
+        }
     }
 
     /// Reads a configuration that [`Config::to_toml`] wrote.

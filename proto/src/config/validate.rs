@@ -1,7 +1,8 @@
 //! Ranges of every setting: what cannot work is refused before a process is started.
 
 use super::{Config, ConfigError, ValidationConfig};
-use crate::kitchen::KitchenId;
+use crate::evaluation::EvaluationConfig;
+use crate::kitchen::{KitchenId, Split};
 use crate::message::{MAX_ENVIRONMENTS_PER_ACTOR, MAX_EPISODE_STEPS};
 use std::fmt::Display;
 
@@ -13,7 +14,8 @@ impl Config {
     pub fn validate(&self) -> Result<(), ConfigError> {
         self.validate_environments()?;
         self.validate_learning()?;
-        self.validate_processes()
+        self.validate_processes()?;
+        self.validate_evaluation()
     }
 
     /// What is simulated.
@@ -141,8 +143,46 @@ impl Config {
             "must be a multiple of the five validation kitchens, at most 512",
         )
     }
+
+    /// What an evaluation is asked. Scenes mean nothing to it: it plays the fixed episodes of built-in kitchens.
+    fn validate_evaluation(&self) -> Result<(), ConfigError> {
+        let Some(EvaluationConfig { split, .. }) = self.evaluation else { return Ok(()) };
+        let fixed = split != Split::Train;
+        check("evaluation.split", "\"train\"", fixed, "must be \"validation\" or \"test\": these have fixed episodes")?;
+        let (count, kitchens) = (self.actors.count, self.kitchens().count() as u32);
+        check("actors.count", count, count >= kitchens, "an evaluation needs an actor for each kitchen of its split")
+    }
 }
 
 fn check(key: &'static str, value: impl Display, valid: bool, problem: &'static str) -> Result<(), ConfigError> {
     if valid { Ok(()) } else { Err(ConfigError::OutOfRange { key, value: value.to_string(), problem }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::ObjectSet;
+
+    #[test]
+    fn an_evaluation_has_fixed_episodes_and_an_actor_for_every_kitchen() {
+        let problem = |split, actors| {
+            let mut config = Config::default();
+            config.actors.count = actors;
+            config.evaluation = Some(EvaluationConfig {
+                split,
+                objects: ObjectSet::Novel,
+                episodes: 1,
+                deterministic: false,
+                checkpoint: None,
+            });
+            let read = Config::from_toml(&config.to_toml(), "an evaluation");
+            read.map(|_| ()).map_err(|error| error.to_string())
+        };
+        for split in [Split::Validation, Split::Test] {
+            assert_eq!(problem(split, 5), Ok(()));
+            assert_eq!(problem(split, 7), Ok(()));
+            assert!(problem(split, 4).unwrap_err().contains("actors.count = 4"));
+        }
+        assert!(problem(Split::Train, 19).unwrap_err().contains("evaluation.split = \"train\""));
+    }
 }

@@ -112,7 +112,7 @@ pub struct Conditions {
     pub actors: u32,
     /// Environments of each.
     pub environments_per_actor: u32,
-    /// What inferred, e.g. `cpu, 1 thread`.
+    /// What inferred, e.g. `cpu, 1 thread` or `cuda:0, bfloat16 encoder`; float32 where nothing is said.
     pub device: String,
 }
 

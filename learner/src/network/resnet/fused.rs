@@ -7,10 +7,10 @@
 
 use super::super::layers::{Convolution, GroupNorm};
 use super::super::parameters::{ParameterId, Parameters};
-use super::kernels::{Affine, Kernels, NormGradients, Statistics, Winners, channels_last};
 use super::{BASE, Block, COMPRESSED, Resnet};
 use crate::ffi::convolution::convolution_backward;
 use crate::ffi::cuda::CudaError;
+use crate::ffi::kernels::{Affine, Kernels, NormGradients, Statistics, Winners, channels_last};
 use std::cell::RefCell;
 use tch::{Kind, Tensor};
 

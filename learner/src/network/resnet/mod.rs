@@ -4,7 +4,6 @@
 //! after the four stages; compression keeps 4 × 4 × 128 = 2048 numbers.
 
 mod fused;
-mod kernels;
 
 pub use fused::{Fused, Tape};
 

@@ -2,7 +2,7 @@
 //!
 //! A feature map is a bfloat16 tensor \[rows, channels, height, width\] whose channels come last in memory.
 
-use crate::ffi::cuda::{Argument, CudaError, Kernel, Module};
+use super::cuda::{Argument, CudaError, Kernel, Module};
 use tch::{Kind, Tensor};
 
 /// Threads of a block, one block a row: enough to hide memory's latency, few enough that several blocks share a

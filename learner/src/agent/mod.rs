@@ -7,19 +7,26 @@
 //! Nothing here knows processes, files or time, and nothing is drawn: the noise that samples actions comes in with the
 //! observations. So the same calls give the same weights, bit for bit, on the CPU with the same number of threads.
 
+mod state;
+
+pub use state::{AgentState, MODEL, weights_of};
+
 use crate::auxiliary::Auxiliary;
-use crate::network::{FramePreparation, Network, Observations, Staging, goal_coordinates, table_row, to_vec};
+use crate::device;
+use crate::network::{
+    FramePreparation, Network, Observations, PrecisionError, Staging, Unfit, goal_coordinates, table_row, to_vec,
+};
 use crate::optimizer::{Adam, learning_rate};
 use crate::ppo::lagrangian::ascend;
 use crate::ppo::preemption::ends_early;
 use crate::ppo::update::{NonFinite, Peers, Update};
 use crate::rollout::{Rollout, Step};
-use proto::config::{Config, Encoder, EncoderPrecision};
+use proto::config::Config;
 use proto::message::FRAME_PIXELS;
 use proto::reward::RewardKind;
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
-use tch::{Device, Kind, Tensor};
+use tch::{Device, Tensor};
 
 /// What the policy sees of some columns in one step. All slices have one entry a column, in the same order.
 #[derive(Debug, Clone, Copy)]
@@ -90,23 +97,11 @@ pub enum AgentError {
         action: u8,
     },
     /// The encoder cannot compute in bfloat16 here.
-    #[error("learner.encoder_precision is \"bfloat16\": {0}")]
-    Precision(String),
+    #[error(transparent)]
+    Precision(#[from] PrecisionError),
     /// A saved state does not fit this agent.
     #[error("the saved state does not fit: {0}")]
-    State(String),
-}
-
-/// Everything of an agent that a checkpoint keeps, on the CPU.
-#[derive(Debug)]
-pub struct AgentState {
-    /// Weights as `model.…` with PyTorch's module paths, Adam's moments as `adam.first` and `adam.second` (flat, in the
-    /// network's order), and `beliefs` \[columns, hidden\]. All f32.
-    pub tensors: BTreeMap<String, Tensor>,
-    /// Optimiser steps taken in this stage.
-    pub adam_steps: u64,
-    /// PPO-Lagrangian's multiplier.
-    pub multiplier: f64,
+    State(#[from] Unfit),
 }
 
 /// The agent.
@@ -145,7 +140,7 @@ impl Agent {
         let actions = config.episode.action_space.actions().len() as i64;
         let (mut network, auxiliary) =
             Network::new(config, device, |layout, hidden| Auxiliary::new(&config.auxiliary, layout, hidden, actions));
-        choose_precision(&mut network, config, device)?;
+        network.choose_precision(config.learner.encoder_precision)?;
         let adam = Adam::new(&network.parameters.flat());
         let beliefs = network.belief.blank(config.environments() as i64, device);
         let agent = Self {
@@ -336,19 +331,6 @@ impl Agent {
         self.multiplier = self.config.reward.lagrangian.initial;
     }
 
-    /// Everything a checkpoint keeps, as of the last rollout boundary: in the middle of a rollout, the beliefs are those
-    /// it started from.
-    pub fn state(&self) -> AgentState {
-        let host = |tensor: &Tensor| tensor.detach().to_device(Device::Cpu).copy();
-        let mut tensors: BTreeMap<String, Tensor> =
-            self.network.parameters.named().map(|(name, weight)| (format!("model.{name}"), host(&weight))).collect();
-        let beliefs = self.rollout.as_ref().map_or(&self.beliefs, Rollout::beliefs_at_start);
-        tensors.insert("adam.first".into(), host(&self.adam.first));
-        tensors.insert("adam.second".into(), host(&self.adam.second));
-        tensors.insert("beliefs".into(), host(beliefs));
-        AgentState { tensors, adam_steps: self.adam.steps, multiplier: self.multiplier }
-    }
-
     /// The rollout in progress for a look at what went wrong, as tensors on the CPU named `rollout.…`; empty outside
     /// one. The beliefs it began with are in [`Agent::state`].
     pub fn rollout_tensors(&self) -> BTreeMap<String, Tensor> {
@@ -356,72 +338,15 @@ impl Agent {
         tensors.into_iter().map(|(name, tensor)| (format!("rollout.{name}"), tensor)).collect()
     }
 
-    /// Goes on from a saved state; a rollout in progress is forgotten. After an error nothing has changed.
-    pub fn load_state(&mut self, state: &AgentState) -> Result<(), AgentError> {
-        let own = self.state();
-        for (name, tensor) in &own.tensors {
-            let saved = state.tensors.get(name).ok_or_else(|| AgentError::State(format!("{name} is missing")))?;
-            if saved.size() != tensor.size() || saved.kind() != Kind::Float {
-                return Err(AgentError::State(format!(
-                    "{name} is {:?} {:?}, not Float {:?}",
-                    saved.kind(),
-                    saved.size(),
-                    tensor.size()
-                )));
-            }
-        }
-        if let Some(name) = state.tensors.keys().find(|name| !own.tensors.contains_key(*name)) {
-            return Err(AgentError::State(format!("there is no place for {name}")));
-        }
-        self.abandon_rollout();
-        tch::no_grad(|| {
-            for (name, mut weight) in self.network.parameters.named() {
-                weight.copy_(&state.tensors[&format!("model.{name}")]);
-            }
-            self.adam.first.copy_(&state.tensors["adam.first"]);
-            self.adam.second.copy_(&state.tensors["adam.second"]);
-            self.beliefs.copy_(&state.tensors["beliefs"]);
-        });
-        self.adam.steps = state.adam_steps;
-        self.multiplier = state.multiplier;
-        self.check_weights()
-    }
-
-    /// Takes the weights, named as in [`AgentState::tensors`], of another run and nothing else. What else there is in
-    /// `tensors` is left alone; after an error nothing has changed.
-    pub fn load_weights(&mut self, tensors: &BTreeMap<String, Tensor>) -> Result<(), AgentError> {
-        let mut found = BTreeMap::new();
-        for (name, weight) in self.network.parameters.named() {
-            let saved = tensors
-                .get(&format!("model.{name}"))
-                .ok_or_else(|| AgentError::State(format!("its network has no {name}")))?;
-            if saved.size() != weight.size() || saved.kind() != Kind::Float {
-                return Err(AgentError::State(format!(
-                    "its {name} is {:?} {:?}, not Float {:?}",
-                    saved.kind(),
-                    saved.size(),
-                    weight.size()
-                )));
-            }
-            found.insert(name.to_owned(), saved);
-        }
-        if let Some(name) =
-            tensors.keys().filter_map(|name| name.strip_prefix("model.")).find(|name| !found.contains_key(*name))
-        {
-            return Err(AgentError::State(format!("there is no place for its {name}")));
-        }
-        tch::no_grad(|| {
-            for (name, mut weight) in self.network.parameters.named() {
-                weight.copy_(found[name]);
-            }
-        });
-        self.check_weights()
-    }
-
     /// SHA-256 over (name, 0, dimensions as little-endian u64, little-endian f32 values) of all weights in name order,
     /// 64 hex digits.
     pub fn weights_digest(&self) -> String {
         self.network.parameters.digest()
+    }
+
+    /// What it computes on and in, in words: see [`device::describe`].
+    pub fn device(&self) -> String {
+        device::describe(self.device, self.network.is_fused())
     }
 
     /// Trainable parameters.
@@ -496,28 +421,6 @@ impl Agent {
             Some(name) => Err(AgentError::NonFinite { what: format!("weight {name}") }),
             None => Ok(()),
         }
-    }
-}
-
-/// Has the encoder compute in bfloat16 where that is asked for, or can be had and nothing else is asked for.
-fn choose_precision(network: &mut Network, config: &Config, device: Device) -> Result<(), AgentError> {
-    let possible = if config.network.encoder != Encoder::Resnet {
-        Err("only network.encoder \"resnet\" has kernels for it".to_owned())
-    } else if device.is_cuda() {
-        Ok(())
-    } else {
-        Err("it needs a CUDA device".to_owned())
-    };
-    let fused = |network: &mut Network| network.fuse().map_err(|error| error.to_string());
-    match (config.learner.encoder_precision, possible) {
-        (EncoderPrecision::Float32, _) | (EncoderPrecision::Auto, Err(_)) => Ok(()),
-        (EncoderPrecision::Auto, Ok(())) => {
-            if let Err(reason) = fused(network) {
-                tracing::warn!("the encoder computes in float32, which takes longer: {reason}");
-            }
-            Ok(())
-        }
-        (EncoderPrecision::Bfloat16, possible) => possible.and_then(|()| fused(network)).map_err(AgentError::Precision),
     }
 }
 

@@ -1,0 +1,81 @@
+//! What a checkpoint keeps of an agent, and how it comes back.
+
+use super::{Agent, AgentError};
+use crate::network::{Unfit, fits};
+use crate::rollout::Rollout;
+use std::collections::BTreeMap;
+use tch::{Device, Tensor};
+
+/// What the names of weights begin with in [`AgentState::tensors`], and so in a checkpoint.
+pub const MODEL: &str = "model.";
+
+const FIRST_MOMENT: &str = "adam.first";
+const SECOND_MOMENT: &str = "adam.second";
+const BELIEFS: &str = "beliefs";
+
+/// Everything of an agent that a checkpoint keeps, on the CPU.
+#[derive(Debug)]
+pub struct AgentState {
+    /// Weights as `model.…` with PyTorch's module paths, Adam's moments as `adam.first` and `adam.second` (flat, in the
+    /// network's order), and `beliefs` \[columns, hidden\]. All f32.
+    pub tensors: BTreeMap<String, Tensor>,
+    /// Optimiser steps taken in this stage.
+    pub adam_steps: u64,
+    /// PPO-Lagrangian's multiplier.
+    pub multiplier: f64,
+}
+
+/// The weights among a checkpoint's tensors, by the network's own names. Nothing is copied.
+pub fn weights_of(tensors: &BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
+    let weight =
+        |(name, tensor): (&String, &Tensor)| Some((name.strip_prefix(MODEL)?.to_owned(), tensor.shallow_clone()));
+    tensors.iter().filter_map(weight).collect()
+}
+
+impl Agent {
+    /// Everything a checkpoint keeps, as of the last rollout boundary: in the middle of a rollout, the beliefs are those
+    /// it started from.
+    pub fn state(&self) -> AgentState {
+        let host = |tensor: &Tensor| tensor.detach().to_device(Device::Cpu).copy();
+        let mut tensors: BTreeMap<String, Tensor> =
+            self.network.parameters.named().map(|(name, weight)| (format!("{MODEL}{name}"), host(&weight))).collect();
+        let beliefs = self.rollout.as_ref().map_or(&self.beliefs, Rollout::beliefs_at_start);
+        tensors.insert(FIRST_MOMENT.into(), host(&self.adam.first));
+        tensors.insert(SECOND_MOMENT.into(), host(&self.adam.second));
+        tensors.insert(BELIEFS.into(), host(beliefs));
+        AgentState { tensors, adam_steps: self.adam.steps, multiplier: self.multiplier }
+    }
+
+    /// Goes on from a saved state; a rollout in progress is forgotten. After an error nothing has changed.
+    pub fn load_state(&mut self, state: &AgentState) -> Result<(), AgentError> {
+        let AgentState { tensors, adam_steps, multiplier } = state;
+        let saved = |name: &str, place: &Tensor| fits(name, tensors.get(name), &place.size());
+        let first = saved(FIRST_MOMENT, &self.adam.first)?;
+        let second = saved(SECOND_MOMENT, &self.adam.second)?;
+        let beliefs = saved(BELIEFS, &self.beliefs)?;
+        let known = |name: &str| name.starts_with(MODEL) || [FIRST_MOMENT, SECOND_MOMENT, BELIEFS].contains(&name);
+        if let Some(name) = tensors.keys().find(|name| !known(name)) {
+            return Err(Unfit::no_place(name).into());
+        }
+        if !multiplier.is_finite() {
+            return Err(Unfit::not_finite("multiplier").into());
+        }
+        self.network.parameters.load(&weights_of(tensors))?;
+        // Nothing can fail from here on.
+        self.abandon_rollout();
+        tch::no_grad(|| {
+            self.adam.first.copy_(first);
+            self.adam.second.copy_(second);
+            self.beliefs.copy_(beliefs);
+        });
+        self.adam.steps = *adam_steps;
+        self.multiplier = *multiplier;
+        Ok(())
+    }
+
+    /// Takes the weights, named as in [`AgentState::tensors`], of another run and nothing else. What else there is in
+    /// `tensors` is left alone; after an error nothing has changed.
+    pub fn load_weights(&mut self, tensors: &BTreeMap<String, Tensor>) -> Result<(), AgentError> {
+        Ok(self.network.parameters.load(&weights_of(tensors))?)
+    }
+}

@@ -1,0 +1,181 @@
+//! What a learner says and hears: observations in, actions and restores out, events told, announcements heard. Training
+//! and evaluating are two ways to lead it.
+
+use super::announcements::Announcements;
+use super::control::Control;
+use super::layout;
+use super::stop::{OrchestratorGone, Stop};
+use super::wire::{Ports, Sample};
+use crate::collector::{Boundary, Collector, Received, Settings};
+use anyhow::Result;
+use proto::config::Config;
+use proto::control::LearnerEvent;
+use proto::wire::{WireAddress, WireShape};
+use std::io::Write;
+use std::time::{Duration, Instant};
+
+/// Longest sleep without a look at lifeline and announcements.
+const LOOK: Duration = Duration::from_millis(50);
+/// An actor that has not answered for this long is told of, and again after each [`NOTICE_INTERVAL`].
+const FIRST_NOTICE: Duration = Duration::from_secs(2);
+const NOTICE_INTERVAL: Duration = Duration::from_secs(10);
+
+/// Actors that did not answer in time.
+#[derive(Debug, thiserror::Error)]
+#[error("{actors} did not answer within {deadline_s:.0} s (learner.actor_deadline_s)")]
+pub struct Silent {
+    actors: String,
+    deadline_s: f64,
+}
+
+/// Who speaks, and where.
+#[derive(Debug)]
+pub struct Speaker {
+    /// Rank in the process group.
+    pub rank: u32,
+    /// Where the services live.
+    pub wire: WireAddress,
+    /// How often this learner has been started under this wire address, from 1.
+    pub incarnation: u32,
+    /// Set when the orchestrator is gone.
+    pub gone: OrchestratorGone,
+}
+
+/// A learner's conversation with actors and orchestrator.
+pub struct Conversation<W> {
+    /// Rank in the process group.
+    pub rank: u32,
+    /// Environments and their exchanges.
+    pub collector: Collector<Sample>,
+    /// What the orchestrator allows, as far as it was heard.
+    pub announcements: Announcements,
+    actors: u32,
+    actor_deadline_s: f64,
+    ports: Ports,
+    control: Control<W>,
+    gone: OrchestratorGone,
+    connected: bool,
+}
+
+impl<W: Write> Conversation<W> {
+    /// Joins the services. The environments go on from `boundary`; events are told to `output`.
+    pub fn open(speaker: Speaker, config: &Config, boundary: Boundary, output: W) -> Result<Self> {
+        let Speaker { rank, wire, incarnation, gone } = speaker;
+        let settings = Settings {
+            layout: layout(rank, config),
+            seed: config.seed,
+            policy_actions: config.episode.action_space.actions().len(),
+            max_episode_steps: config.episode.max_steps,
+            gamma: config.ppo.gamma,
+            learner_incarnation: incarnation,
+        };
+        let (actors, environments_per_actor) = (config.actors.count, config.actors.environments_per_actor);
+        Ok(Self {
+            rank,
+            collector: Collector::new(settings, boundary),
+            announcements: Announcements::default(),
+            actors,
+            actor_deadline_s: config.learner.actor_deadline_s,
+            ports: Ports::open(&wire, WireShape { actors, environments_per_actor }, &format!("learner-{rank}"))?,
+            control: Control::new(output, gone.clone()),
+            gone,
+            connected: false,
+        })
+    }
+
+    /// Tells the orchestrator an event.
+    pub fn tell(&mut self, event: &LearnerEvent) {
+        self.control.tell(event);
+    }
+
+    /// Tells every actor that listens where its environments stand.
+    pub fn restore_all(&self) -> Result<()> {
+        (0..self.actors).try_for_each(|actor| self.restore(actor, 0))
+    }
+
+    fn restore(&self, actor: u32, actor_incarnation: u32) -> Result<()> {
+        let (header, states) = self.collector.restore(actor, actor_incarnation);
+        self.ports.send_restore(actor, header, &states)
+    }
+
+    /// Sleeps until an actor rings, at most for `timeout`.
+    pub fn wait(&self, timeout: Duration) -> Result<()> {
+        self.ports.wait(timeout)
+    }
+
+    /// Takes in every sample that is waiting: whoever is served first must not keep others waiting.
+    pub fn receive_all(&mut self) -> Result<()> {
+        while let Some((header, sample)) = self.ports.receive()? {
+            match self.collector.receive(&header, sample)? {
+                Received::Hello { actor, actor_incarnation } => {
+                    tracing::debug!("actor {actor}, start number {actor_incarnation}, asks for its state");
+                    self.restore(actor, actor_incarnation)?;
+                }
+                Received::Foreign => {
+                    tracing::debug!("actor {} still follows learner {}", header.actor, header.learner_incarnation);
+                }
+                Received::Kept | Received::Duplicate => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Hears what was announced; a reason to stop, if there is one.
+    pub fn stop_asked(&mut self) -> Result<Option<Stop>> {
+        for announcement in self.ports.announcements()? {
+            self.announcements.hear(announcement);
+        }
+        Ok(if self.gone.is_set() {
+            Some(Stop::OrchestratorGone)
+        } else {
+            self.announcements.stop().then_some(Stop::Announced)
+        })
+    }
+
+    /// Receives until the half whose turn it is is complete, or there is a reason to stop.
+    pub fn await_observations(&mut self) -> Result<Option<Stop>> {
+        let began = Instant::now();
+        let deadline_s = self.actor_deadline_s;
+        let mut notice = FIRST_NOTICE;
+        loop {
+            self.receive_all()?;
+            let missing = self.collector.missing();
+            if let Some(stop) = self.stop_asked()? {
+                return Ok(Some(stop));
+            }
+            if missing.is_empty() {
+                return Ok(None);
+            }
+            let waited = began.elapsed();
+            if waited.as_secs_f64() >= deadline_s {
+                let named: Vec<String> = missing.iter().map(u32::to_string).collect();
+                let plural = if named.len() == 1 { "actor" } else { "actors" };
+                let actors = format!("{plural} {}", named.join(", "));
+                return Err(Silent { actors, deadline_s }.into());
+            }
+            if waited >= notice {
+                notice = waited + NOTICE_INTERVAL;
+                let waited_s = waited.as_secs_f64();
+                for actor in missing {
+                    self.tell(&LearnerEvent::WaitingForActor { rank: self.rank, actor, waited_s });
+                }
+            }
+            self.wait(LOOK)?;
+        }
+    }
+
+    /// An action is due. That is when all actors have answered: the first time, it is told.
+    pub fn note_connected(&mut self) {
+        if !std::mem::replace(&mut self.connected, true) {
+            self.tell(&LearnerEvent::ActorsConnected { rank: self.rank });
+        }
+    }
+
+    /// Sends a half's actions, in batch order.
+    pub fn answer(&mut self, half: u32, actions: &[u8]) -> Result<()> {
+        for batch in self.collector.answer(half, actions) {
+            self.ports.send_actions(&batch)?;
+        }
+        Ok(())
+    }
+}
