@@ -8,6 +8,7 @@ mod format;
 mod gather;
 mod identity;
 mod lifeline;
+mod log_line;
 mod metrics;
 mod preflight;
 mod progress;

@@ -5,7 +5,7 @@ use crate::figures::{EpisodeFigures, StageFigures, by_stage};
 use crate::format;
 use crate::metrics::{History, total_s};
 use crate::progress::reward_symbol;
-use crate::supervisor::machine::End;
+use crate::supervisor::event::End;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;

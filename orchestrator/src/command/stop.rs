@@ -1,7 +1,7 @@
 //! `orchestrator stop`: an orderly stop of a run that another process runs.
 
 use crate::identity::{Held, Identity, holder, host_name};
-use crate::supervisor::machine::FAILED;
+use crate::supervisor::event::FAILED;
 use crate::terminal;
 use anyhow::{Result, bail};
 use proto::run_folder::RunFolder;

@@ -8,7 +8,7 @@ use crate::format;
 use crate::identity::{Ended, Identity, RunLock, unix_now};
 use crate::session::Tools;
 use crate::sitting::{EXIT_INTERRUPTED, Sitting};
-use crate::supervisor::machine::{End, Outcome, Saved};
+use crate::supervisor::event::{End, FAILED, Outcome, Saved};
 use crate::terminal;
 use anyhow::{Context, Result};
 use examiner::Examiner;
@@ -68,7 +68,7 @@ impl Examination {
                 End::Failed(reason) => (outcome.end.word(), Some(reason.clone())),
                 end => (end.word(), None),
             },
-            Err(error) => (crate::supervisor::machine::FAILED, Some(format!("{error:#}"))),
+            Err(error) => (FAILED, Some(format!("{error:#}"))),
         };
         let ended = Ended { how: how.to_owned(), at_unix_s: unix_now(), frames: None, weights: None, reason };
         self.identity.end_incarnation(ended);

@@ -9,6 +9,7 @@ mod state;
 pub use file::Suite;
 pub use folder::SuiteFolder;
 
+use crate::log_line::error_in;
 use crate::metrics::History;
 use crate::progress::frames_line;
 use crate::terminal;
@@ -337,8 +338,7 @@ fn last_words(log: &Path, exit: ExitStatus) -> String {
     let text = String::from_utf8_lossy(&end);
     // What the program reports at its end, else the last that it logged as an error.
     let error = text.lines().rev().find_map(|line| line.strip_prefix("error: "));
-    let error =
-        error.or_else(|| text.lines().rev().find_map(|line| line.split_once(" ERROR ")).map(|(_, error)| error));
+    let error = error.or_else(|| text.lines().rev().find_map(error_in));
     match (read, error) {
         (Ok(_), Some(error)) => error.to_owned(),
         _ => exit.to_string(),

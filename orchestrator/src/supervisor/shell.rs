@@ -4,7 +4,9 @@
 //! listened to by small tasks on the same thread, which send events. A turn of the loop takes milliseconds, the
 //! longest part being the sweep after a death.
 
-use super::machine::{Action, End, Event, Exit, Level, Outcome, Policy, Process, Supervisor};
+use super::event::{Action, End, Event, Exit, Level, Outcome, Process};
+use super::machine::Supervisor;
+use super::policy::Policy;
 use super::process::{Launch, Processes};
 use super::stage::StageSwitch;
 use crate::recorder::Recorder;
