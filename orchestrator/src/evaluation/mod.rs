@@ -4,7 +4,7 @@
 mod examiner;
 pub mod subject;
 
-use crate::format;
+use crate::format::{self, NOTHING, number, percent};
 use crate::identity::{Ended, Identity, RunLock, unix_now};
 use crate::session::Tools;
 use crate::sitting::{EXIT_INTERRUPTED, Sitting};
@@ -143,15 +143,12 @@ fn lines(evaluation: &Evaluation) -> Vec<String> {
     lines.extend(evaluation.categories.iter().map(|part| line(part.category.name(), &part.figures)));
     lines.extend(evaluation.object_sets.iter().map(|part| line(part.objects.name(), &part.figures)));
     lines.push(line("all", &evaluation.overall));
-    let rate = if wall_s > 0.0 { format::rate(steps as f64 / wall_s) } else { "-".to_owned() };
+    let rate = if wall_s > 0.0 { format::rate(steps as f64 / wall_s) } else { NOTHING.to_owned() };
     lines.push(format!("{} steps in {wall_s:.1} s: {rate} steps/s", format::count(steps)));
     lines
 }
 
 fn line(name: &str, figures: &Figures) -> String {
-    let percent = |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |share| format!("{:.1}%", 100.0 * share));
-    let number =
-        |mean: Option<f64>, digits: usize| mean.map_or_else(|| "-".to_owned(), |mean| format!("{mean:.digits$}"));
     format!(
         "{name:<12}{:>10}{:>8}{:>8}{:>11}{:>9}{:>10}{:>11}",
         figures.episodes,
