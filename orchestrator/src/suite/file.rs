@@ -224,14 +224,15 @@ fn source(name: &str, config: &Config, before: &[Entry]) -> Result<usize> {
 /// No two runs with one name, none twice under two names.
 fn distinct(entries: &[Entry]) -> Result<()> {
     let mut names: BTreeMap<&str, usize> = BTreeMap::new();
+    // Two presets may be one experiment.
+    let nameless = |entry: &Entry| (Config { preset: String::new(), ..entry.config.clone() }, entry.from);
+    let runs: Vec<(Config, Option<usize>)> = entries.iter().map(nameless).collect();
     for (index, entry) in entries.iter().enumerate() {
         if names.insert(&entry.name, index).is_some() {
             bail!("two runs are called {}: give one of them another `name`, or other seeds", entry.name);
         }
-        if let Some(same) =
-            entries[..index].iter().find(|before| (&before.config, before.from) == (&entry.config, entry.from))
-        {
-            bail!("{} and {} are the same run", same.name, entry.name);
+        if let Some(same) = runs[..index].iter().position(|before| *before == runs[index]) {
+            bail!("{} and {} are the same run", entries[same].name, entry.name);
         }
     }
     Ok(())
@@ -346,6 +347,8 @@ mod tests {
         assert!(problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nname = \"../x\"\n").contains("../x"));
         assert!(problem("seeds = [1]\nsped = 2\n[[runs]]\npreset = \"demo\"\n").contains("sped"));
         assert!(problem("seeds = [1]\nframes = 1\n[[runs]]\npreset = \"demo\"\n").contains("frames"));
+        let same = problem("seeds = [1]\n[[runs]]\npreset = \"lambda-15\"\n[[runs]]\npreset = \"disturb-two-stage\"\n");
+        assert!(same.contains("lambda-15-1 and disturb-two-stage-1 are the same run"), "{same}");
         let range = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"all\"\nepisodes = 361\n";
         assert!(problem(&format!("{range}[[runs]]\npreset = \"demo\"\n")).contains("361"));
     }
