@@ -1,10 +1,11 @@
 //! Writing a report down: `report.html`, `report.json`, `figures/*.svg` and `figures/*.png`.
 
 use crate::format;
+use crate::gather::Gathered;
 use crate::identity::unix_now;
 use anyhow::{Context, Result, bail};
 use proto::run_folder::write_atomically;
-use report::{Made, Options, study::Run};
+use report::{Made, Options};
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -28,10 +29,12 @@ pub fn check_free(out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Makes the report on `runs` and writes it to `out`, the page last. An older report there is replaced.
-pub fn write(runs: &[Run], options: &Options, out: &Path) -> Result<Made> {
+/// Makes the report on what was gathered and writes it to `out`: the numbers first, by which the folder is known for a
+/// report, the page last. An older report there is replaced.
+pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Made> {
     check_free(out)?;
-    let made = Made::of(runs, options)?;
+    let Gathered { runs, notes } = gathered;
+    let made = Made::of(&runs, options, notes)?;
     let figures = out.join(FIGURES);
     std::fs::create_dir_all(&figures).with_context(|| format!("cannot create {}", figures.display()))?;
     let mut written = BTreeSet::new();

@@ -98,7 +98,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     if begun.is_empty() {
         terminal::note("no run could be begun: there is nothing to report on");
     } else {
-        let made = report_files::write(&gather(&begun)?, &Options::default(), &folder.report())?;
+        let made = report_files::write(gather(&begun)?, &Options::default(), &folder.report())?;
         for note in &made.report.notes {
             terminal::note(note);
         }
