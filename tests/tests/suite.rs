@@ -37,6 +37,12 @@ fn refused(printed: &Printed, word: &str) {
     assert!(!printed.success && printed.stderr.contains(word), "{printed:#?}");
 }
 
+fn killed_at(mut command: std::process::Command, point: &str) {
+    command.env("STILLROOM_FAULT", point);
+    let printed = complete(command);
+    assert!(!printed.success, "the point {point} is never reached: {printed:#?}");
+}
+
 fn run(workshop: &Workshop, name: &str) -> Run {
     workshop.run(&format!("all/runs/{name}"))
 }
@@ -53,11 +59,9 @@ fn wait_until(what: &str, test: impl Fn() -> bool) {
 fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let workshop = Workshop::new();
     suite(&workshop, 900, "[[runs]]\npreset = \"demo\"\nname = \"after\"\nfrom = \"tiny\"\nseeds = [5]");
-    // Killed just before it starts its first process, and just after.
-    for point in ["suite.before_process", "suite.after_process"] {
-        let mut command = call(&workshop);
-        command.env("STILLROOM_FAULT", point);
-        assert!(!complete(command).success);
+    // Killed before its folder can be known for a suite's, just before it starts its first process, and just after.
+    for point in ["suite.before_file", "suite.before_process", "suite.after_process"] {
+        killed_at(call(&workshop), point);
     }
     // Killed while the first run trains: its processes save and leave by themselves.
     let child = start(call(&workshop));
@@ -87,6 +91,9 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     assert!(printed.success && printed.stderr.contains("go on with: orchestrator suite suite.toml"), "{printed:#?}");
     second.assert_nothing_left();
 
+    // Killed when all is done but the last file of the report.
+    killed_at(call(&workshop), "report.before_page");
+    assert!(!workshop.path("all/report/report.html").exists());
     let printed = complete(call(&workshop));
     assert!(printed.success, "{printed:#?}");
     let done = state(&workshop);

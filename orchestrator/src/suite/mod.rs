@@ -246,6 +246,7 @@ impl Sitting<'_> {
         let standing = self.state.of(&entry.name);
         *standing = state::Standing { status, tries: standing.tries + 1 };
         self.write()?;
+        self.folder.clear(self.suite, entry, &step)?;
         fault::reach("suite.before_process");
         let child = self.command(entry, &step, place)?.spawn().context("cannot start a process")?;
         self.workers.push(Worker { entry: index, step, place, child });
