@@ -47,7 +47,7 @@ fn run(workshop: &Workshop, name: &str) -> Run {
     workshop.run(&format!("all/runs/{name}"))
 }
 
-fn wait_until(what: &str, test: impl Fn() -> bool) {
+fn wait_until(what: &str, mut test: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !test() {
         assert!(begun.elapsed() < DEADLINE, "{what}: not within {DEADLINE:?}");
@@ -140,6 +140,25 @@ fn a_run_that_fails_is_said_and_tried_again_and_holds_up_nobody() {
     assert!(workshop.path("all/report/report.json").exists(), "what there is is reported");
     refused(&complete(call(&workshop)), "gpu-5 failed");
     assert_eq!(state(&workshop)["runs"]["gpu-5"]["tries"], 2);
+}
+
+#[test]
+fn a_second_interrupt_is_told_from_an_orderly_stop() {
+    let workshop = Workshop::new();
+    suite(&workshop, 3000, "");
+    let mut child = start(call(&workshop));
+    let first = run(&workshop, "tiny-5");
+    first.wait_for_rollouts(2);
+    // Two signals at once would be one: somebody presses the keys until it is over.
+    let mut status = None;
+    wait_until("the suite ends", || {
+        signal(child.id(), rustix::process::Signal::INT);
+        status = child.try_wait().expect("a status");
+        status.is_some()
+    });
+    let code = status.and_then(|status| status.code());
+    assert_eq!(code, Some(130), "{:#?}", finish(child));
+    first.assert_nothing_left();
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use crate::gather::gather;
 use crate::report_files;
+use crate::sitting::EXIT_INTERRUPTED;
 use crate::suite::{Outcome, Suite, SuiteFolder, lines, run as work};
 use crate::terminal;
 use anyhow::{Context, Result, ensure};
@@ -49,7 +50,8 @@ Examples:
 ///
 /// Runs go one after another, or one on each of the GPUs given. The suite can be stopped and killed at any time: the same
 /// command goes on where it was. A run that fails does not keep the others from going on, and is tried again by the next
-/// call. Exit status 0 when every run is trained and evaluated, and after an orderly stop.
+/// call. Exit status 0 when every run is trained and evaluated, and after an orderly stop; 130 after a second Ctrl-C, which
+/// ends all processes at once.
 #[derive(Debug, clap::Args)]
 #[command(after_help = after_help())]
 pub struct SuiteArgs {
@@ -89,9 +91,10 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     for line in lines(&suite, &folder)? {
         terminal::out(&line);
     }
-    if outcome == Outcome::Interrupted {
+    if let Outcome::Stopped | Outcome::Interrupted = outcome {
         terminal::note(&format!("go on with: orchestrator suite {}", args.file.display()));
-        return Ok(ExitCode::SUCCESS);
+        let stopped = outcome == Outcome::Stopped;
+        return Ok(if stopped { ExitCode::SUCCESS } else { ExitCode::from(EXIT_INTERRUPTED) });
     }
     let begun = suite.entries.iter().map(|entry| folder.run(entry)).filter(|run| run.identity().exists());
     let begun: Vec<PathBuf> = begun.map(|run| run.root().to_path_buf()).collect();

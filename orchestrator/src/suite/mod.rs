@@ -44,6 +44,8 @@ pub enum Outcome {
     /// Everything is trained and evaluated.
     Done,
     /// Somebody asked it to stop.
+    Stopped,
+    /// Somebody asked twice: its processes ended without saving.
     Interrupted,
     /// Some runs failed, or were stopped by somebody else.
     Incomplete,
@@ -96,7 +98,8 @@ impl Sitting<'_> {
         loop {
             tokio::select! {
                 _ = interrupts.recv() => self.stop(),
-                _ = terminations.recv() => self.stop(),
+                // Asking twice in this way changes nothing, as for a run.
+                _ = terminations.recv() => if self.stops == 0 { self.stop() },
                 _ = tick.tick() => {}
             }
             self.reap()?;
@@ -114,8 +117,10 @@ impl Sitting<'_> {
             }
         }
         terminal::progress(Vec::new());
-        Ok(if self.stops > 0 {
+        Ok(if self.stops > 1 {
             Outcome::Interrupted
+        } else if self.stops == 1 {
+            Outcome::Stopped
         } else if self.state.runs.values().all(|standing| standing.status == Status::Done) {
             Outcome::Done
         } else {
