@@ -11,7 +11,7 @@
 //!   report/           the report
 //! ```
 
-use super::file::{Asked, Entry, Suite};
+use super::file::{Asked, AskedCheckpoint, Entry, Suite};
 use crate::identity::{Held, holder};
 use crate::report_files::PAGE;
 use anyhow::{Context, Result, bail};
@@ -91,6 +91,15 @@ impl SuiteFolder {
     /// Folder of one of its evaluations.
     pub fn evaluation(&self, entry: &Entry, asked: &Asked) -> PathBuf {
         self.run(entry).root().join("evaluations").join(asked.folder())
+    }
+
+    /// Whose weights it is of.
+    pub fn subject(&self, entry: &Entry, asked: &Asked) -> PathBuf {
+        let run = self.run(entry);
+        match asked.checkpoint {
+            AskedCheckpoint::Newest => run.root().to_path_buf(),
+            AskedCheckpoint::Best => run.best(),
+        }
     }
 
     /// What `--config` is given.
@@ -319,5 +328,15 @@ mod tests {
         assert!(problem.contains("another configuration (ppo.epochs = 4)"), "{problem}");
         let foreign = SuiteFolder::new(temporary.path());
         assert!(foreign.check(&suite).unwrap_err().to_string().contains("no suite"));
+    }
+
+    #[test]
+    fn an_evaluation_is_of_the_newest_checkpoint_or_of_the_best() {
+        let folder = SuiteFolder::new("suite");
+        let text = format!("{FILE}config.validation.every_frames = 9\n");
+        let suite = Suite::parse(&text.replacen("novel\"", "novel\"\ncheckpoint = \"best\"", 1)).unwrap();
+        let subjects = suite.evaluations.iter().map(|asked| folder.subject(&suite.entries[0], asked));
+        let expected = ["suite/runs/demo-1/best", "suite/runs/demo-1"];
+        assert!(subjects.eq(expected.map(PathBuf::from)));
     }
 }

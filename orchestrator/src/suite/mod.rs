@@ -283,7 +283,8 @@ impl Sitting<'_> {
             }
             Step::Evaluate(number) => {
                 let asked = &self.suite.evaluations[*number];
-                command.arg("eval").arg(run.root()).arg("--out").arg(self.folder.evaluation(entry, asked));
+                command.arg("eval").arg(self.folder.subject(entry, asked));
+                command.arg("--out").arg(self.folder.evaluation(entry, asked));
                 command.args(["--split", asked.split_name(), "--objects", asked.objects_name()]);
                 if let Some(episodes) = asked.episodes {
                     command.args(["--episodes", &episodes.to_string()]);
