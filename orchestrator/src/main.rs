@@ -7,6 +7,7 @@ mod figures;
 mod format;
 mod gather;
 mod identity;
+mod json_lines;
 mod lifeline;
 mod log_line;
 mod metrics;
