@@ -29,6 +29,7 @@ mod training;
 mod validation;
 
 use clap::{Parser, Subcommand};
+use rustix::process::Signal;
 use std::process::ExitCode;
 
 /// Trains mobile manipulators that leave a kitchen as they found it
@@ -73,7 +74,7 @@ fn main() -> ExitCode {
     let line = CommandLine::parse();
     terminal::init(line.verbose);
     let done = |()| ExitCode::SUCCESS;
-    let followed = line.parent.map_or(Ok(()), lifeline::follow);
+    let followed = line.parent.map_or(Ok(()), |parent| lifeline::follow(parent, Signal::INT));
     let result = followed.and_then(|()| match &line.command {
         Command::Up(args) => command::up::run(args),
         Command::Resume(args) => command::resume::run(args),
