@@ -210,6 +210,22 @@ fn a_stop_while_the_last_validation_is_waited_for_leaves_it_to_resume() {
 }
 
 #[test]
+fn an_evaluation_is_not_gone_on_with() {
+    let workshop = Workshop::new();
+    let mut command = eval_fresh(&workshop, "out", &[]);
+    command.env("STILLROOM_FAULT", "orchestrator.after_wire");
+    assert!(!complete(command).success);
+    let status = complete(workshop.orchestrator(&["status", "out"]));
+    good(&status);
+    assert!(status.stdout.contains("cut off") && !status.stdout.contains("go on with"), "{status:#?}");
+    let resumed = complete(workshop.resume("out"));
+    assert!(!resumed.success && resumed.stderr.contains("`orchestrator eval`"), "{resumed:#?}");
+    assert!(!workshop.path("out/checkpoints").exists());
+    let again = complete(eval_fresh(&workshop, "out", &[]));
+    assert!(!again.success && again.stderr.contains("it holds an evaluation"), "{again:#?}");
+}
+
+#[test]
 fn a_run_begins_with_anothers_weights() {
     let workshop = Workshop::new();
     let (weights, _) = complete(workshop.up("one", 1, 2, 300)).result();

@@ -3,7 +3,7 @@
 use super::overrides::{Overrides, default_preset};
 use crate::evaluation::subject::{Found, Provenance, find, network_differences};
 use crate::format;
-use crate::identity::{Held, Identity, RunLock, holder, unix_now};
+use crate::identity::{Held, Identity, RunLock, holder, is_evaluation, unix_now};
 use crate::scenes;
 use crate::session::{Session, Tools, preflight};
 use crate::terminal;
@@ -96,6 +96,9 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
     }
     if let Held::By(holder) = holder(folder)? {
         bail!("run folder {root} is already in use: pid {} on {} runs it", holder.pid, holder.host);
+    }
+    if folder.identity().exists() && is_evaluation(folder) {
+        bail!("folder {root} is already in use: it holds an evaluation");
     }
     if folder.identity().exists() {
         bail!("run folder {root} is already in use: it holds a run, and `orchestrator resume {root}` goes on with it");
