@@ -25,7 +25,7 @@ use std::process::ExitCode;
   orchestrator up --preset paper --seed 2          the paper's exact shape
   orchestrator up --preset demo --actors 4 --envs-per-actor 2 --frames 20000 --run runs/small
   orchestrator up --config mine.toml               some settings of your own over the default preset
-  orchestrator up --preset disturb-scratch-45m --from runs/stage-1/best     stage II as a run of its own")]
+  orchestrator up --preset disturb-stage2-25m --from runs/stage-1           stage II as a run of its own")]
 pub struct UpArgs {
     /// Named configuration (`orchestrator presets`) [default: demo without a CUDA device, two-stage with one]
     #[arg(long, value_name = "P")]
