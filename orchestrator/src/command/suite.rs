@@ -19,7 +19,7 @@ config.learner.threads = 2        # optional: keys laid over every preset
 split = "test"                    # or "valid"
 objects = "novel"                 # or "seen", "all"
 episodes = 60                     # optional; also deterministic = true
-checkpoint = "best"               # optional: by the validation while it trained; else its last one, "newest"
+checkpoint = "best"               # optional: the best by its own validation; else "newest"
 
 [[runs]]
 preset = "disturb-stage1-20m"
