@@ -1,6 +1,6 @@
 //! Figures as people read them: counts, bytes, durations, dates. Pure functions.
 
-pub use report::format::count;
+pub use report::format::{NOTHING, count, number};
 
 use std::time::Duration;
 
@@ -35,6 +35,11 @@ pub fn duration(value: Duration) -> String {
 /// A rate a second: one decimal below 100, none above.
 pub fn rate(per_second: f64) -> String {
     if per_second < 99.95 { format!("{per_second:.1}") } else { count((per_second + 0.5) as u64) }
+}
+
+/// A share as a percentage with one decimal: `50.0%`; a dash for none.
+pub fn percent(share: Option<f64>) -> String {
+    share.map_or_else(|| NOTHING.to_owned(), |share| format!("{:.1}%", 100.0 * share))
 }
 
 /// Seconds since 1970 as `YYYYMMDD-HHMMSS` (UTC): sorts by time and is a valid file name everywhere.
@@ -88,6 +93,12 @@ mod tests {
         assert_eq!(duration(Duration::from_millis(59_600)), "1 min 00 s");
         assert_eq!(duration(Duration::from_mins(125)), "2 h 05 min");
         assert_eq!(duration(Duration::from_hours(76)), "3 d 4 h");
+    }
+
+    #[test]
+    fn what_is_unknown_is_a_dash() {
+        assert_eq!((percent(Some(0.4567)), percent(None)), ("45.7%".to_owned(), "–".to_owned()));
+        assert_eq!((number(Some(0.25), 3), number(None, 3)), ("0.250".to_owned(), "–".to_owned()));
     }
 
     #[test]

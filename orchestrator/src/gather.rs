@@ -1,6 +1,6 @@
 //! What run folders and evaluation folders tell, for a report.
 
-use crate::identity::{Identity, holder, state};
+use crate::identity::{Identity, holder, read_config, state};
 use crate::metrics::{History, Trained};
 use crate::summary::Summary;
 use crate::validation::{Validated as Scored, read_log};
@@ -9,54 +9,98 @@ use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::evaluation::{Evaluation, RESULT_FILE, TABLE_FILE, read_table};
 use proto::run_folder::RunFolder;
-use report::study::{Evaluated, Rollout, Run, UNTRAINED, Validated};
+use report::study::{Evaluated, Rollout, Run, UNKNOWN, UNTRAINED, Validated};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// How deep below a given folder runs are looked for.
 const DEPTH: usize = 3;
 
+/// What was found.
+#[derive(Debug)]
+pub struct Gathered {
+    /// Runs that were found, then weights that were evaluated without one.
+    pub runs: Vec<Run>,
+    /// What was found and could not be read.
+    pub notes: Vec<String>,
+}
+
+/// An evaluation's folder that lies in no run.
+struct Outside {
+    /// Where it really lies.
+    place: PathBuf,
+    /// As the user calls it.
+    folder: PathBuf,
+    config: Config,
+    evaluated: Evaluated,
+}
+
 /// The runs meant by `paths`: run folders, evaluation folders, or folders that hold runs. Evaluations of a given run go
-/// to that run; others stand for themselves.
-pub fn gather(paths: &[PathBuf]) -> Result<Vec<Run>> {
+/// to that run; others stand for themselves, those of the same weights together. A folder that was named must be
+/// readable; one that was found below it and is not becomes a note.
+pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
     let mut runs: Vec<(PathBuf, Run)> = Vec::new();
-    let mut evaluations = Vec::new();
+    let mut outside: Vec<Outside> = Vec::new();
+    let mut notes = Vec::new();
     for path in paths {
-        let mut found = Vec::new();
-        look(path, DEPTH, &mut found).with_context(|| path.display().to_string())?;
-        if found.is_empty() {
+        let (mut found, before) = (Vec::new(), notes.len());
+        look(path, DEPTH, &mut found, &mut notes).with_context(|| path.display().to_string())?;
+        if found.is_empty() && notes.len() == before {
             bail!("{} is no run and holds none (a run has a run.toml)", path.display());
         }
         for folder in found {
             let place = std::fs::canonicalize(&folder).with_context(|| folder.display().to_string())?;
-            if folder.join(RESULT_FILE).exists() {
-                if !evaluations.iter().any(|(known, _)| *known == place) {
-                    evaluations.push((place, folder));
-                }
-            } else if !runs.iter().any(|(known, _)| *known == place) {
-                runs.push((place, run(&folder)?));
+            if runs.iter().any(|(known, _)| *known == place) || outside.iter().any(|known| known.place == place) {
+                continue;
+            }
+            let read = if folder.join(RESULT_FILE).exists() {
+                read_outside(&folder, &place).map(|read| outside.push(read))
+            } else {
+                run(&folder, &mut notes).map(|read| runs.push((place, read)))
+            };
+            match read {
+                Err(error) if folder != *path => notes.push(left_out(&folder, &error)),
+                read => read?,
             }
         }
     }
-    for (place, folder) in evaluations {
-        let evaluated = evaluation(&folder)?;
-        let of = evaluated.result.subject.run.as_ref().and_then(|run| std::fs::canonicalize(run).ok());
-        match runs.iter_mut().find(|(known, _)| Some(known) == of.as_ref()) {
+    if runs.is_empty() && outside.is_empty() {
+        bail!("there is nothing to report on. {}", notes.join(" "));
+    }
+    let mut alone: Vec<Run> = Vec::new();
+    for one in outside {
+        let subject = &one.evaluated.result.subject;
+        let of = subject.run.as_ref().and_then(|run| std::fs::canonicalize(run).ok());
+        let same_weights = |run: &Run| {
+            let mut known = run.evaluations.iter().map(|evaluated| &evaluated.result.subject);
+            known.any(|known| (&known.run, &known.weights) == (&subject.run, &subject.weights))
+        };
+        if let Some((known, run)) = runs.iter_mut().find(|(known, _)| Some(known) == of.as_ref()) {
             // Its own evaluations are known already.
-            Some((known, _)) if place.starts_with(&*known) => {}
-            Some((_, run)) => run.evaluations.push(evaluated),
-            None => runs.push((place, alone(&folder, evaluated)?)),
+            if !one.place.starts_with(&*known) {
+                run.evaluations.push(one.evaluated);
+            }
+        } else if let Some(known) = alone.iter().position(same_weights) {
+            alone[known].evaluations.push(one.evaluated);
+        } else {
+            alone.push(one.alone());
         }
     }
-    Ok(runs.into_iter().map(|(_, run)| run).collect())
+    Ok(Gathered { runs: runs.into_iter().map(|(_, run)| run).chain(alone).collect(), notes })
 }
 
-/// Run and evaluation folders at or below `folder`; what lies inside of one is its own affair.
-fn look(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<()> {
+fn left_out(folder: &Path, error: &anyhow::Error) -> String {
+    format!("{} is left out: {error:#}.", folder.display())
+}
+
+/// Run and evaluation folders at or below `folder`; what lies inside of one is its own affair. What is below and cannot
+/// be looked at becomes a note.
+fn look(folder: &Path, depth: usize, found: &mut Vec<PathBuf>, notes: &mut Vec<String>) -> Result<()> {
     let has_result = folder.join(RESULT_FILE).exists();
-    if has_result || RunFolder::new(folder).identity().exists() {
+    let as_run = RunFolder::new(folder);
+    if has_result || as_run.identity().exists() {
         // A run.toml whose configuration holds an evaluation is one without a result.
-        if has_result || config(folder)?.evaluation.is_none() {
+        if has_result || read_config(&as_run)?.evaluation.is_none() {
             found.push(folder.to_path_buf());
         }
         return Ok(());
@@ -72,16 +116,15 @@ fn look(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<()> {
         }
     }
     below.sort();
-    below.iter().try_for_each(|path| look(path, depth - 1, found))
+    for path in below {
+        if let Err(error) = look(&path, depth - 1, found, notes) {
+            notes.push(left_out(&path, &error));
+        }
+    }
+    Ok(())
 }
 
-fn config(folder: &Path) -> Result<Config> {
-    let path = RunFolder::new(folder).config();
-    let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    Ok(Config::from_toml(&text, &path.display().to_string())?)
-}
-
-fn run(path: &Path) -> Result<Run> {
+fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
     let folder = RunFolder::new(path);
     let identity = Identity::read(&folder)?;
     let complete = Summary::read(&folder)?.is_some();
@@ -90,9 +133,9 @@ fn run(path: &Path) -> Result<Run> {
     Ok(Run {
         name: path.display().to_string(),
         state: state(&identity, &holder(&folder)?, complete),
-        config: config(path)?,
+        config: read_config(&folder)?,
         rollouts: history.iter().map(rollout).collect(),
-        evaluations: evaluations_of(&folder)?,
+        evaluations: evaluations_of(&folder, notes)?,
         validation: validation_of(&folder)?,
     })
 }
@@ -108,8 +151,8 @@ fn validation_of(folder: &RunFolder) -> Result<Vec<Validated>> {
     Ok(by_frames.into_values().collect())
 }
 
-/// The evaluations in a run's own folder, oldest first.
-fn evaluations_of(folder: &RunFolder) -> Result<Vec<Evaluated>> {
+/// The evaluations in a run's own folder, oldest first. One that cannot be read becomes a note.
+fn evaluations_of(folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<Evaluated>> {
     let below = folder.root().join("evaluations");
     let mut paths = Vec::new();
     if below.is_dir() {
@@ -122,7 +165,14 @@ fn evaluations_of(folder: &RunFolder) -> Result<Vec<Evaluated>> {
         }
     }
     paths.sort();
-    paths.iter().map(|path| evaluation(path)).collect()
+    let mut evaluations = Vec::new();
+    for path in paths {
+        match evaluation(&path) {
+            Ok(read) => evaluations.push(read),
+            Err(error) => notes.push(left_out(&path, &error)),
+        }
+    }
+    Ok(evaluations)
 }
 
 fn evaluation(folder: &Path) -> Result<Evaluated> {
@@ -156,23 +206,206 @@ fn evaluation(folder: &Path) -> Result<Evaluated> {
     Ok(Evaluated { name, result, episodes })
 }
 
-/// An evaluation whose run is not given, or that has none.
-fn alone(folder: &Path, evaluated: Evaluated) -> Result<Run> {
-    let mut config = config(folder)?;
-    let subject = &evaluated.result.subject;
-    // The configuration is the evaluation's: its own seed, its own number of actors.
-    config.seed = subject.seed;
-    config.evaluation = None;
-    if let Ok(preset) = Config::resolve(&config.preset, None) {
-        config.actors = preset.actors;
-    }
-    let state = if subject.run.is_none() { UNTRAINED } else { "its run was not given" };
-    Ok(Run {
-        name: folder.display().to_string(),
-        state: state.to_owned(),
-        config,
-        rollouts: Vec::new(),
-        evaluations: vec![evaluated],
-        validation: Vec::new(),
+fn read_outside(folder: &Path, place: &Path) -> Result<Outside> {
+    Ok(Outside {
+        place: place.to_path_buf(),
+        folder: folder.to_path_buf(),
+        config: read_config(&RunFolder::new(folder))?,
+        evaluated: evaluation(folder)?,
     })
+}
+
+impl Outside {
+    /// As a run of its own: its run was not given, or it has none.
+    fn alone(self) -> Run {
+        let subject = &self.evaluated.result.subject;
+        // How its weights were trained stands in its run's folder only, if that is still where it was.
+        let trained = subject.run.as_ref().and_then(|run| read_config(&RunFolder::new(run)).ok());
+        let trained = trained.filter(|trained| {
+            trained.evaluation.is_none() && (&trained.preset, trained.seed) == (&subject.preset, subject.seed)
+        });
+        let (state, config) = match (&subject.run, trained) {
+            (Some(_), Some(trained)) => ("its run was not given", trained),
+            (run, _) => {
+                let state = if run.is_none() { UNTRAINED } else { UNKNOWN };
+                // The configuration is the evaluation's: its own seed, its own number of actors.
+                let mut config = Config { seed: subject.seed, evaluation: None, ..self.config };
+                if let Ok(preset) = Config::resolve(&config.preset, None) {
+                    config.actors = preset.actors;
+                }
+                (state, config)
+            }
+        };
+        Run {
+            name: self.folder.display().to_string(),
+            state: state.to_owned(),
+            config,
+            rollouts: Vec::new(),
+            evaluations: vec![self.evaluated],
+            validation: Vec::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::config::FromConfig;
+    use proto::evaluation::{
+        Conditions, Cost, EpisodeEnd, EpisodeRecord, EvaluationConfig, ObjectSet, Subject, category_of, write_table,
+    };
+    use proto::kitchen::{KitchenId, Split};
+    use report::study::groups;
+    use report::{Made, Options};
+
+    /// An evaluation's folder: one episode, weights that are named by a letter.
+    fn evaluate(folder: &Path, split: Split, run: Option<&Path>, weights: &str) {
+        let asked =
+            EvaluationConfig { split, objects: ObjectSet::Novel, episodes: 1, deterministic: false, checkpoint: None };
+        let mut config = Config { evaluation: Some(asked), seed: 77, ..Config::resolve("two-stage", None).unwrap() };
+        config.actors.count = 5;
+        let novel = (0..12).find(|&episode| ObjectSet::Novel.contains(category_of(episode))).unwrap();
+        let record = EpisodeRecord {
+            kitchen: KitchenId::of_split(split)[0],
+            episode: novel,
+            category: category_of(novel),
+            end: EpisodeEnd::Done,
+            success: true,
+            picked_up: true,
+            length: 1,
+            failed_actions: 0,
+            return_r: 0.0,
+            return_r_prime: 0.0,
+            disturbance_m: 0.0,
+            peak_disturbance_m: 0.0,
+            disturbed_objects: 0,
+            ever_disturbed_objects: 0,
+            farthest_m: 0.0,
+            peak_farthest_m: 0.0,
+            wrist_object_m: 0.0,
+            object_goal_m: 0.0,
+            disturb_prediction: None,
+            state_hash: 0,
+        };
+        let subject = Subject {
+            preset: config.preset.clone(),
+            seed: 3,
+            run: run.map(|run| run.display().to_string()),
+            checkpoint: None,
+            frames: 9,
+            weights: weights.repeat(64),
+            parameters: 1,
+        };
+        let conditions = Conditions {
+            split,
+            objects: ObjectSet::Novel,
+            episodes: 1,
+            deterministic: false,
+            seed: config.seed,
+            max_steps: config.episode.max_steps,
+            action_space: config.episode.action_space,
+            actors: 5,
+            environments_per_actor: 1,
+            device: "cpu".into(),
+        };
+        let result = Evaluation::of(subject, conditions, Cost::default(), &[(record, vec![20])]);
+        std::fs::create_dir_all(folder).unwrap();
+        std::fs::write(folder.join(RESULT_FILE), serde_json::to_string(&result).unwrap()).unwrap();
+        std::fs::write(folder.join(TABLE_FILE), write_table(&[record])).unwrap();
+        std::fs::write(folder.join("config.toml"), config.to_toml()).unwrap();
+    }
+
+    /// A run's folder without anything trained.
+    fn begin(folder: &Path, change: impl FnOnce(&mut Config)) {
+        let mut config = Config { seed: 3, ..Config::resolve("two-stage", None).unwrap() };
+        change(&mut config);
+        std::fs::create_dir_all(folder).unwrap();
+        let folder = RunFolder::new(folder);
+        Identity::new().unwrap().write(&folder).unwrap();
+        std::fs::write(folder.config(), config.to_toml()).unwrap();
+    }
+
+    /// Groups with the names of the rows of the paper that they stand in.
+    fn rows(gathered: &Gathered) -> Vec<String> {
+        let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+        let rows = made.report.comparisons.iter().flat_map(|table| &table.rows);
+        rows.filter(|row| !row.ours.is_empty()).map(|row| row.preset.clone()).collect()
+    }
+
+    #[test]
+    fn evaluations_of_the_same_weights_are_one() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        for (split, name) in [(Split::Test, "test"), (Split::Validation, "valid")] {
+            evaluate(&at(&format!("fresh/{name}")), split, None, "a");
+            evaluate(&at(&format!("trained/{name}")), split, Some(&at("gone")), "b");
+        }
+        let gathered = gather(&[at("fresh"), at("trained")]).unwrap();
+        let states: Vec<(&str, usize)> =
+            gathered.runs.iter().map(|run| (run.state.as_str(), run.evaluations.len())).collect();
+        assert_eq!(states, [(UNTRAINED, 2), (UNKNOWN, 2)]);
+        assert_eq!(groups(&gathered.runs).unwrap().len(), 2);
+        // Nobody knows how these weights were trained: they are no row of the paper, and that is said.
+        assert!(rows(&gathered).is_empty(), "{:?}", rows(&gathered));
+        let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+        assert!(made.report.notes.iter().any(|note| note.contains("the run was not given")), "{:?}", made.report.notes);
+        assert_eq!(made.report.groups[1].results.len(), 2, "what was evaluated is shown");
+    }
+
+    #[test]
+    fn how_weights_were_trained_stands_in_their_runs_folder() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        begin(&at("plain"), |_| {});
+        begin(&at("continued"), |config| {
+            let checkpoint = "/x/checkpoints/rollout-00000001.json".to_owned();
+            config.from = Some(FromConfig { checkpoint, frames: 9, weights: "0".repeat(64) });
+        });
+        begin(&at("own"), |config| config.scenes = vec!["scenes/000/scene.toml".into()]);
+        begin(&at("replaced"), |config| config.seed = 4);
+        for (run, letter) in [("plain", "a"), ("continued", "b"), ("own", "c"), ("replaced", "d")] {
+            evaluate(&at(&format!("of/{run}")), Split::Test, Some(&at(run)), letter);
+        }
+        for (run, row) in [("plain", true), ("continued", false), ("own", false), ("replaced", false)] {
+            let gathered = gather(&[at(&format!("of/{run}"))]).unwrap();
+            assert_eq!(rows(&gathered), if row { &["disturb-two-stage"][..] } else { &[] }, "{run}");
+            assert_eq!(gathered.runs[0].state == UNKNOWN, run == "replaced");
+        }
+        // Given, it is the run's.
+        let gathered = gather(&[at("plain"), at("of/plain")]).unwrap();
+        assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 1));
+    }
+
+    #[test]
+    fn what_is_found_and_cannot_be_read_is_a_note_and_what_is_named_an_error() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        begin(&at("all/good"), |_| {});
+        evaluate(&at("all/good/evaluations/fine"), Split::Test, Some(&at("all/good")), "a");
+        evaluate(&at("all/good/evaluations/old"), Split::Test, Some(&at("all/good")), "a");
+        let old = at("all/good/evaluations/old").join(RESULT_FILE);
+        let text = std::fs::read_to_string(&old).unwrap();
+        let version = format!("\"schema_version\":{SCHEMA_VERSION}");
+        assert!(text.contains(&version));
+        std::fs::write(&old, text.replace(&version, "\"schema_version\":0")).unwrap();
+        begin(&at("all/older"), |_| {});
+        let identity = Identity { schema_version: SCHEMA_VERSION - 1, ..Identity::new().unwrap() };
+        identity.write(&RunFolder::new(at("all/older"))).unwrap();
+        begin(&at("all/torn"), |_| {});
+        std::fs::write(at("all/torn/config.toml"), "[ppo").unwrap();
+
+        let gathered = gather(&[at("all")]).unwrap();
+        assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 1));
+        assert_eq!(gathered.notes.len(), 3, "{:#?}", gathered.notes);
+        for (name, why) in [("old", "schema 0"), ("older", "reads schema"), ("torn", "config.toml")] {
+            let note = gathered.notes.iter().find(|note| note.contains(&format!("/{name} is left out: ")));
+            assert!(note.is_some_and(|note| note.contains(why)), "{name}: {:#?}", gathered.notes);
+        }
+        for name in ["all/older", "all/torn"] {
+            assert!(gather(&[at("all/good"), at(name)]).is_err(), "{name}");
+        }
+        std::fs::remove_dir_all(at("all/good")).unwrap();
+        let problem = gather(&[at("all")]).unwrap_err().to_string();
+        assert!(problem.contains("nothing to report on") && problem.contains("older"), "{problem}");
+    }
 }

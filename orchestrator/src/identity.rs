@@ -1,7 +1,8 @@
-//! Who a run is (`run.toml`) and who runs it (`orchestrator.lock`).
+//! Who a run is (`run.toml`, `config.toml`) and who runs it (`orchestrator.lock`).
 
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
+use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::wire::WireAddress;
 use serde::{Deserialize, Serialize};
@@ -126,6 +127,18 @@ impl Identity {
             last.ended = Some(ended);
         }
     }
+}
+
+/// What `config.toml` of a run or an evaluation says.
+pub fn read_config(folder: &RunFolder) -> Result<Config> {
+    let path = folder.config();
+    let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    Ok(Config::from_toml(&text, &path.display().to_string())?)
+}
+
+/// Whether a folder holds an evaluation: one that was cut off is made anew, not gone on with.
+pub fn is_evaluation(folder: &RunFolder) -> bool {
+    read_config(folder).is_ok_and(|config| config.evaluation.is_some())
 }
 
 /// Seconds since 1970.

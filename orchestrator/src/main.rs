@@ -7,7 +7,9 @@ mod figures;
 mod format;
 mod gather;
 mod identity;
+mod json_lines;
 mod lifeline;
+mod log_line;
 mod metrics;
 mod preflight;
 mod progress;
@@ -27,6 +29,7 @@ mod training;
 mod validation;
 
 use clap::{Parser, Subcommand};
+use rustix::process::Signal;
 use std::process::ExitCode;
 
 /// Trains mobile manipulators that leave a kitchen as they found it
@@ -71,7 +74,7 @@ fn main() -> ExitCode {
     let line = CommandLine::parse();
     terminal::init(line.verbose);
     let done = |()| ExitCode::SUCCESS;
-    let followed = line.parent.map_or(Ok(()), lifeline::follow);
+    let followed = line.parent.map_or(Ok(()), |parent| lifeline::follow(parent, Signal::INT));
     let result = followed.and_then(|()| match &line.command {
         Command::Up(args) => command::up::run(args),
         Command::Resume(args) => command::resume::run(args),

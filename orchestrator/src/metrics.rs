@@ -2,15 +2,17 @@
 //!
 //! The file is only ever appended to. After a crash a learner goes on from its last checkpoint and trains some
 //! rollouts again: of several lines with one rollout number the last holds, and a line makes all earlier ones with
-//! higher numbers void. [`History`] reads it that way. A line that a crash cut short is skipped.
+//! higher numbers void. [`History`] reads it that way.
+//!
+//! A rollout can be missing: a learner whose orchestrator was killed finishes its update and saves before it leaves, and
+//! nobody hears of it. Frames, weights and what comes after are whole; its figures are lost.
 
-use anyhow::{Context, Result};
+use crate::json_lines;
+use anyhow::Result;
 use proto::control::Timing;
 use proto::run_folder::RunFolder;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
-use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 
 /// One line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -45,18 +47,9 @@ pub struct History {
 impl History {
     /// What the folder's `metrics.jsonl` says; empty when there is none.
     pub fn read(folder: &RunFolder) -> Result<Self> {
-        let path = folder.metrics();
         let mut history = Self::default();
-        let file = match File::open(&path) {
-            Ok(file) => file,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(history),
-            Err(error) => return Err(error).with_context(|| path.display().to_string()),
-        };
-        for line in BufReader::new(file).split(b'\n') {
-            let line = line.with_context(|| path.display().to_string())?;
-            if let Ok(trained) = serde_json::from_slice(&line) {
-                history.insert(trained);
-            }
+        for trained in json_lines::read(&folder.metrics())? {
+            history.insert(trained);
         }
         Ok(history)
     }
@@ -83,44 +76,12 @@ impl History {
     }
 }
 
-/// Appends to `metrics.jsonl`.
-#[derive(Debug)]
-pub struct Journal {
-    file: File,
-}
-
-impl Journal {
-    /// Opens the folder's file for appending. A line that a crash cut short is ended, so that the next is whole.
-    pub fn open(folder: &RunFolder) -> Result<Self> {
-        let path = folder.metrics();
-        let mut file = OpenOptions::new()
-            .create(true)
-            .read(true)
-            .append(true)
-            .open(&path)
-            .with_context(|| format!("cannot open {}", path.display()))?;
-        let mut last = [b'\n'];
-        if file.metadata()?.len() > 0 {
-            file.seek(SeekFrom::End(-1))?;
-            file.read_exact(&mut last)?;
-        }
-        if last != *b"\n" {
-            file.write_all(b"\n")?;
-        }
-        Ok(Self { file })
-    }
-
-    /// Writes one line, in one call.
-    pub fn append(&mut self, trained: &Trained) -> Result<()> {
-        let mut line = serde_json::to_vec(trained)?;
-        line.push(b'\n');
-        self.file.write_all(&line).context("cannot write metrics.jsonl")
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::json_lines::Writer;
+    use std::fs::OpenOptions;
+    use std::io::Write;
 
     fn trained(rollout: u64, mark: u64) -> Trained {
         Trained {
@@ -139,7 +100,7 @@ mod tests {
         let temporary = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(temporary.path());
         assert_eq!(History::read(&folder).unwrap().frames(), 0);
-        let mut journal = Journal::open(&folder).unwrap();
+        let mut journal = Writer::open(&folder.metrics()).unwrap();
         for rollout in 0..5 {
             journal.append(&trained(rollout, 1)).unwrap();
         }
@@ -147,7 +108,7 @@ mod tests {
         // A crash in the middle of a line, then a learner that goes on from rollout 2.
         let torn = &serde_json::to_vec(&trained(5, 1)).unwrap()[..20];
         OpenOptions::new().append(true).open(folder.metrics()).unwrap().write_all(torn).unwrap();
-        let mut journal = Journal::open(&folder).unwrap();
+        let mut journal = Writer::open(&folder.metrics()).unwrap();
         for rollout in 2..4 {
             journal.append(&trained(rollout, 2)).unwrap();
         }

@@ -3,14 +3,11 @@
 use crate::figures::{EpisodeFigures, Recent, recent};
 use crate::format;
 use crate::metrics::History;
-use crate::terminal;
+use crate::terminal::Live;
 use proto::config::StageConfig;
 use proto::control::LearnerEvent;
 use proto::reward::RewardKind;
 use std::time::Duration;
-
-/// Without a terminal that can be refreshed, a line as often as this.
-const LINE_EVERY: Duration = Duration::from_secs(5);
 
 /// What the learner does at the moment, as far as it has said.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,15 +25,13 @@ pub struct Progress {
     stages: Vec<StageConfig>,
     doing: Doing,
     since: Duration,
-    last_line: Option<Duration>,
-    interactive: bool,
+    live: Live,
 }
 
 impl Progress {
     /// Of a run with these stages.
     pub fn new(stages: Vec<StageConfig>) -> Self {
-        let interactive = terminal::interactive();
-        Self { stages, doing: Doing::Starting, since: Duration::ZERO, last_line: None, interactive }
+        Self { stages, doing: Doing::Starting, since: Duration::ZERO, live: Live::default() }
     }
 
     /// Takes note of what the learner says.
@@ -65,27 +60,17 @@ impl Progress {
 
     /// Shows where the run stands, if it is time to.
     pub fn show(&mut self, now: Duration, history: &History) {
-        if self.interactive {
+        if self.live.is_due(now) {
             let recent = recent(&self.stages, history);
-            let mut figures = figures_line(&recent);
-            let separator = if figures.is_empty() { "" } else { "  |  " };
-            figures.push_str(separator);
-            figures.push_str(&self.doing(now));
-            terminal::progress(vec![frames_line(&self.stages, &recent), figures]);
-        } else if self.last_line.is_none_or(|last| now.saturating_sub(last) >= LINE_EVERY) {
-            self.last_line = Some(now);
-            let recent = recent(&self.stages, history);
-            let parts = [frames_line(&self.stages, &recent), figures_line(&recent), self.doing(now)];
-            let parts: Vec<String> = parts.into_iter().filter(|part| !part.is_empty()).collect();
-            terminal::note(&parts.join("  |  "));
+            let (figures, doing) = (figures_line(&recent), self.doing(now));
+            let second = if figures.is_empty() { doing } else { format!("{figures}  |  {doing}") };
+            self.live.show(vec![frames_line(&self.stages, &recent), second]);
         }
     }
 
     /// Takes the progress off the screen.
     pub fn clear(&self) {
-        if self.interactive {
-            terminal::progress(vec![]);
-        }
+        self.live.clear();
     }
 
     fn doing(&self, now: Duration) -> String {
@@ -129,14 +114,12 @@ pub fn figures_line(recent: &Recent) -> String {
     if episodes == 0 {
         return String::new();
     }
-    let percent = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{:.1}%", 100.0 * value));
-    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
     format!(
         "return {}  success {}  undisturbed {}  disturbance {} m",
-        number(mean_return),
-        percent(success),
-        percent(success_without_disturbance),
-        disturbance_m.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}")),
+        format::number(mean_return, 2),
+        format::percent(success),
+        format::percent(success_without_disturbance),
+        format::number(disturbance_m, 3),
     )
 }
 
@@ -161,7 +144,7 @@ mod tests {
             frames_line(&stages(), &recent),
             "stage II (r′)  1 100 / 1 500 frames  73.3%  |  25.0 frames/s: simulate 40% infer 20% update 30%  |  16 s left"
         );
-        assert_eq!(figures_line(&recent), "return 20.75  success 50.0%  undisturbed -  disturbance 0.250 m");
+        assert_eq!(figures_line(&recent), "return 20.75  success 50.0%  undisturbed –  disturbance 0.250 m");
     }
 
     #[test]

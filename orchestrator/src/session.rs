@@ -6,7 +6,7 @@ use crate::preflight::{disk, memory, processor, shared_memory};
 pub use crate::sitting::Tools;
 use crate::sitting::{EXIT_INTERRUPTED, Sitting};
 use crate::summary::Summary;
-use crate::supervisor::machine::{End, Outcome};
+use crate::supervisor::event::{End, Outcome};
 use crate::terminal;
 use crate::training::Training;
 use anyhow::{Context, Result};

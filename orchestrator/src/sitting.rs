@@ -5,7 +5,7 @@ use crate::identity::RunLock;
 use crate::preflight::libtorch;
 use crate::preflight::programs;
 use crate::recorder::{Recorder, RecorderSetup};
-use crate::supervisor::machine::Outcome;
+use crate::supervisor::event::Outcome;
 use crate::supervisor::process::{Launch, Programs};
 use crate::supervisor::shell::{Audience, Shell, Signals};
 use crate::{remains, terminal};

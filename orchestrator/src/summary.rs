@@ -5,7 +5,7 @@ use crate::figures::{EpisodeFigures, StageFigures, by_stage};
 use crate::format;
 use crate::metrics::{History, total_s};
 use crate::progress::reward_symbol;
-use crate::supervisor::machine::End;
+use crate::supervisor::event::End;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
@@ -153,10 +153,10 @@ pub fn table(stages: &[StageFigures]) -> Vec<String> {
             reward_symbol(stage.reward).to_owned(),
             format::count(stage.frames),
             format::count(stage.whole.episodes),
-            format!("{} -> {}", number(stage.first_tenth.mean_return, 2), number(late.mean_return, 2)),
-            percent(late.success),
-            percent(late.success_without_disturbance),
-            late.disturbance_m.map_or_else(|| "-".to_owned(), |value| format!("{value:.3} m")),
+            format!("{} -> {}", format::number(stage.first_tenth.mean_return, 2), format::number(late.mean_return, 2)),
+            format::percent(late.success),
+            format::percent(late.success_without_disturbance),
+            late.disturbance_m.map_or_else(|| format::NOTHING.to_owned(), |value| format!("{value:.3} m")),
         ]);
     }
     let widths: [usize; 8] =
@@ -166,14 +166,6 @@ pub fn table(stages: &[StageFigures]) -> Vec<String> {
         if column < 2 { format!("{cell}{padding}") } else { format!("{padding}{cell}") }
     };
     rows.iter().map(|row| row.iter().enumerate().map(align).collect::<Vec<_>>().join("  ")).collect()
-}
-
-fn number(value: Option<f64>, decimals: usize) -> String {
-    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
-}
-
-fn percent(value: Option<f64>) -> String {
-    value.map_or_else(|| "-".to_owned(), |value| format!("{:.1}%", 100.0 * value))
 }
 
 #[cfg(test)]
@@ -197,8 +189,8 @@ mod tests {
             lines[1..4],
             [
                 "stage  reward  frames  episodes          return  success  SRwoD  disturbance",
-                "I      r        1 000        40   0.75 -> 18.75    50.0%      -      0.250 m",
-                "II     r′         500        20  20.00 -> 29.00    50.0%      -      0.250 m",
+                "I      r        1 000        40   0.75 -> 18.75    50.0%      –      0.250 m",
+                "II     r′         500        20  20.00 -> 29.00    50.0%      –      0.250 m",
             ]
         );
         assert_eq!(lines[4], "training time 1 min 00 s over 2 starts, wall time 1 min 01 s, 25.0 frames/s");

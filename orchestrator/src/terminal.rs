@@ -6,7 +6,7 @@
 use std::fs::File;
 use std::io::{IsTerminal, Write};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tracing_subscriber::fmt::MakeWriter;
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::FormatTime;
@@ -81,6 +81,49 @@ pub fn progress(lines: Vec<String>) {
     let mut state = state();
     erase(&mut state);
     draw(&mut state, lines);
+}
+
+/// Without a terminal that can be refreshed, a line of progress as often as this.
+const LINE_EVERY: Duration = Duration::from_secs(5);
+
+/// How work gets on: lines refreshed in place on an [`interactive`] terminal, one line every few seconds elsewhere.
+#[derive(Debug)]
+pub struct Live {
+    interactive: bool,
+    last_line: Option<Duration>,
+}
+
+impl Default for Live {
+    fn default() -> Self {
+        Self { interactive: interactive(), last_line: None }
+    }
+}
+
+impl Live {
+    /// Whether it is time to show something. `now` is the time since the work began.
+    pub fn is_due(&mut self, now: Duration) -> bool {
+        let due = self.interactive || self.last_line.is_none_or(|last| now.saturating_sub(last) >= LINE_EVERY);
+        if due {
+            self.last_line = Some(now);
+        }
+        due
+    }
+
+    /// Shows how it stands.
+    pub fn show(&self, lines: Vec<String>) {
+        if self.interactive {
+            progress(lines);
+        } else {
+            note(&lines.join("  |  "));
+        }
+    }
+
+    /// Takes it off the screen.
+    pub fn clear(&self) {
+        if self.interactive {
+            progress(Vec::new());
+        }
+    }
 }
 
 fn erase(state: &mut State) -> Vec<String> {
@@ -158,5 +201,19 @@ impl<'a> MakeWriter<'a> for LogFile {
     type Writer = LogFile;
     fn make_writer(&'a self) -> Self::Writer {
         *self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_nothing_can_be_refreshed_a_line_comes_now_and_then() {
+        let mut live = Live { interactive: false, last_line: None };
+        let shown = (0..=20).filter(|&half_s| live.is_due(Duration::from_millis(500 * half_s)));
+        assert_eq!(shown.collect::<Vec<_>>(), [0, 10, 20]);
+        let mut live = Live { interactive: true, last_line: None };
+        assert!((0..5).all(|second| live.is_due(Duration::from_secs(second))));
     }
 }

@@ -1,7 +1,8 @@
 //! What is kept and shown of a run that trains: `metrics.jsonl`, validation, and the live progress.
 
 use crate::identity::unix_now;
-use crate::metrics::{History, Journal, Trained};
+use crate::json_lines::Writer;
+use crate::metrics::{History, Trained};
 use crate::progress::Progress;
 use crate::recorder::Recorder;
 use crate::supervisor::shell::Audience;
@@ -17,7 +18,8 @@ use std::time::Duration;
 pub struct Training {
     /// Rollouts trained so far, in all incarnations.
     pub history: History,
-    journal: Journal,
+    /// `metrics.jsonl`.
+    journal: Writer,
     incarnation: u32,
     progress: Progress,
     validation: Option<Validation>,
@@ -28,7 +30,7 @@ impl Training {
     pub fn open(folder: &RunFolder, config: &Config, incarnation: u32) -> Result<Self> {
         Ok(Self {
             history: History::read(folder)?,
-            journal: Journal::open(folder)?,
+            journal: Writer::open(&folder.metrics())?,
             incarnation,
             progress: Progress::new(config.stages.clone()),
             validation: Validation::open(folder, config)?,
@@ -40,7 +42,13 @@ impl Audience for Training {
     fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()> {
         self.progress.learner(now, event);
         match event {
-            LearnerEvent::Ready { rollout, .. } => self.history.rewind_to(*rollout),
+            LearnerEvent::Ready { rollout, frames, .. } => {
+                self.history.rewind_to(*rollout);
+                // Nobody may have heard of this checkpoint: it was written when the last orchestrator was gone.
+                if let Some(validation) = &mut self.validation {
+                    validation.checkpoint(*rollout, *frames);
+                }
+            }
             LearnerEvent::RolloutTrained { rollout, frames, stage, timing, metrics, .. } => {
                 let trained = Trained {
                     rollout: *rollout,
@@ -85,5 +93,41 @@ impl Audience for Training {
         if let Some(validation) = &mut self.validation {
             validation.stop();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::validation::tests::run;
+    use proto::stage::total_frames;
+
+    /// A learner goes on from this checkpoint; whether that is then to be evaluated.
+    fn goes_on(folder: &RunFolder, config: &Config, rollout: u64, frames: u64) -> bool {
+        let mut training = Training::open(folder, config, 2).unwrap();
+        let device = "cpu".to_owned();
+        let ready = LearnerEvent::Ready { rank: 0, rollout, frames, device, parameters: 1, checkpoint: None };
+        training.learner(Duration::ZERO, &ready).unwrap();
+        training.is_busy()
+    }
+
+    #[test]
+    fn a_checkpoint_that_nobody_heard_of_is_evaluated() {
+        let (_temporary, folder, mut config) = run(&[2, 3, 5]);
+        // Due after each 250 frames.
+        assert!(!goes_on(&folder, &config, 2, 200));
+        assert!(goes_on(&folder, &config, 3, 300));
+        // That one still waits when the next orchestrator begins; one that comes again is not due again.
+        assert!(Training::open(&folder, &config, 3).unwrap().is_busy());
+        let (_temporary, folder, _) = run(&[0]);
+        assert!(!goes_on(&folder, &config, 0, 0), "a run that begins");
+        // The end is always evaluated.
+        let (_temporary, folder, _) = run(&[5]);
+        config.validation.every_frames = 1_000_000_000;
+        assert!(!goes_on(&folder, &config, 5, 500));
+        config.stages.truncate(1);
+        config.stages[0].frames = 500;
+        assert_eq!(total_frames(&config.stages), 500);
+        assert!(goes_on(&folder, &config, 5, 500));
     }
 }

@@ -10,6 +10,7 @@
 
 use crate::evaluation::subject::Provenance;
 use crate::identity::Identity;
+use crate::json_lines::{self, Writer};
 use crate::recorder::Recorder;
 use crate::remains;
 use crate::schema::stillroom;
@@ -21,7 +22,6 @@ use proto::stage::total_frames;
 use proto::wire::WireAddress;
 use serde::{Deserialize, Serialize};
 use std::fs::OpenOptions;
-use std::io::Write;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -253,7 +253,9 @@ impl Validation {
         let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
         let evaluation: Evaluation = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
         let one = Validated::of(rollout, &evaluation);
-        append(&self.folder.validation_log(), &one)?;
+        let mut log = Writer::open(&self.folder.validation_log())?;
+        log.append(&one)?;
+        log.sync()?;
         self.scored.push(one.clone());
         self.crown()?;
         let is_best = best(&self.scored).is_some_and(|best| best.rollout == rollout);
@@ -379,31 +381,15 @@ fn clear(result: &Path) -> Result<()> {
     std::fs::remove_dir_all(result).with_context(|| format!("cannot remove {}", result.display()))
 }
 
-/// The lines of the log; a line that a crash cut short is passed over.
-/// The lines of a run's log; none when it was never validated. One that a crash cut short is skipped.
+/// The lines of a run's log; none when it was never validated.
 pub fn read_log(path: &Path) -> Result<Vec<Validated>> {
-    let text = match std::fs::read_to_string(path) {
-        Ok(text) => text,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(vec![]),
-        Err(error) => return Err(error).with_context(|| path.display().to_string()),
-    };
-    Ok(text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect())
-}
-
-/// Appends a line, after the end of one that a crash cut short.
-fn append(path: &Path, one: &Validated) -> Result<()> {
-    let cut = std::fs::read(path).is_ok_and(|bytes| bytes.last().is_some_and(|&last| last != b'\n'));
-    let mut line = if cut { vec![b'\n'] } else { vec![] };
-    serde_json::to_writer(&mut line, one)?;
-    line.push(b'\n');
-    let file = OpenOptions::new().create(true).append(true).open(path);
-    let written = file.and_then(|mut file| file.write_all(&line).and_then(|()| file.sync_all()));
-    written.with_context(|| format!("cannot write {}", path.display()))
+    json_lines::read(path)
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
+    use std::io::Write;
 
     fn validated(rollout: u64, undisturbed: f64, success: f64) -> Validated {
         Validated {
@@ -423,8 +409,8 @@ mod tests {
         }
     }
 
-    /// A run with checkpoints on disk.
-    fn run(rollouts: &[u64]) -> (tempfile::TempDir, RunFolder, Config) {
+    /// A run with checkpoints on disk, each of 100 frames more, to be validated after each 250.
+    pub fn run(rollouts: &[u64]) -> (tempfile::TempDir, RunFolder, Config) {
         let temporary = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(temporary.path());
         std::fs::create_dir_all(folder.checkpoints()).unwrap();
@@ -439,6 +425,10 @@ mod tests {
         let mut config = Config::resolve("demo", None).unwrap();
         config.validation.every_frames = 250;
         (temporary, folder, config)
+    }
+
+    fn append(folder: &RunFolder, one: &Validated) -> Result<()> {
+        Writer::open(&folder.validation_log())?.append(one)
     }
 
     #[test]
@@ -479,8 +469,8 @@ mod tests {
         for rollout in [3, 5, 8] {
             validation.pin(rollout).unwrap();
         }
-        append(&folder.validation_log(), &validated(3, 0.2, 0.2)).unwrap();
-        append(&folder.validation_log(), &validated(5, 0.1, 0.6)).unwrap();
+        append(&folder, &validated(3, 0.2, 0.2)).unwrap();
+        append(&folder, &validated(5, 0.1, 0.6)).unwrap();
         // A crash in the middle of a line.
         let mut file = OpenOptions::new().append(true).open(folder.validation_log()).unwrap();
         file.write_all(b"{\"rollout\": 8, \"fra").unwrap();
@@ -489,7 +479,7 @@ mod tests {
         assert!(folder.best().join("rollout-00000003.safetensors").is_file());
         assert_eq!((again.pinned().unwrap(), again.waiting), (vec![3, 8], Some(8)));
 
-        append(&folder.validation_log(), &validated(8, 0.3, 0.3)).unwrap();
+        append(&folder, &validated(8, 0.3, 0.3)).unwrap();
         let again = Validation::open(&folder, &config).unwrap().unwrap();
         assert_eq!(again.scored.iter().map(|one| one.rollout).collect::<Vec<_>>(), [3, 5, 8]);
         assert_eq!(std::fs::read_link(folder.best()).unwrap(), Path::new("validation/rollout-00000008"));

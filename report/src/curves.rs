@@ -42,14 +42,18 @@ impl Curve {
         Self::over(name, &seeds)
     }
 
-    /// A figure of the evaluations during training; none where there were none.
+    /// A figure of the evaluations during training; none where there were none. Only where every seed that was evaluated
+    /// has a point: a run skips an evaluation when the next one is due, and a mean over other seeds is another mean.
     pub fn of_validation(group: &Group<'_>, name: &str, figure: impl Fn(&Run) -> Vec<(u64, f64)>) -> Option<Self> {
         let seeds: Vec<Vec<(u64, f64, f64)>> = group
             .runs
             .iter()
             .map(|run| figure(run).into_iter().map(|(frames, value)| (frames, frames as f64, value)).collect())
             .collect();
-        Self::over(name, &seeds)
+        let evaluated = seeds.iter().filter(|seed| !seed.is_empty()).count();
+        let mut curve = Self::over(name, &seeds)?;
+        curve.points.retain(|point| point.seeds == evaluated);
+        (!curve.points.is_empty()).then_some(curve)
     }
 
     /// Over the seeds' (bin, frames, value).
@@ -98,7 +102,7 @@ fn bins(rollouts: &[Rollout], name: &str, width: f64) -> Vec<(u64, f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::{groups, tests::run};
+    use crate::study::{Validated, groups, tests::run};
     use std::collections::BTreeMap;
 
     fn rollouts(count: u64, frames_each: u64, value: impl Fn(u64) -> f64) -> Vec<Rollout> {
@@ -136,5 +140,22 @@ mod tests {
         assert_eq!((last.mean, last.seeds), (1.0, 1));
         assert!(curve.points.is_sorted_by(|a, b| a.frames < b.frames));
         assert_eq!(Curve::of_training(&groups[0], "no such metric"), None);
+    }
+    #[test]
+    fn a_validation_that_one_seed_skipped_is_no_point_of_the_mean() {
+        let mut runs = [run("a", "demo", 1), run("b", "demo", 2), run("c", "demo", 3)];
+        let at = |frames: &[u64], success: f64| -> Vec<Validated> {
+            let point = |&frames: &u64| Validated { frames, success, success_without_disturbance: 0.0 };
+            frames.iter().map(point).collect()
+        };
+        runs[0].validation = at(&[100, 200, 300], 0.2);
+        runs[1].validation = at(&[100, 300, 400], 0.4);
+        let groups = groups(&runs).unwrap();
+        let figure = |run: &Run| run.validation.iter().map(|point| (point.frames, point.success)).collect();
+        let curve = Curve::of_validation(&groups[0], "success", figure).unwrap();
+        let points: Vec<(f64, usize)> = curve.points.iter().map(|point| (point.frames, point.seeds)).collect();
+        // The third has no validations at all.
+        assert_eq!(points, [(100.0, 2), (300.0, 2)]);
+        assert!(curve.points.iter().all(|point| (point.mean - 0.3).abs() < 1e-12));
     }
 }

@@ -2,6 +2,9 @@
 
 use crate::statistics::Interval;
 
+/// What stands for a figure that nothing can be said of.
+pub const NOTHING: &str = "–";
+
 /// A count with its thousands apart: `1 234 567`.
 pub fn count(value: u64) -> String {
     let digits = value.to_string();
@@ -20,6 +23,11 @@ pub fn percent(share: f64) -> String {
     format!("{:.1}", 100.0 * share)
 }
 
+/// The same of a share that may be unknown: a dash for none.
+pub fn share(share: Option<f64>) -> String {
+    share.map_or_else(|| NOTHING.to_owned(), percent)
+}
+
 /// `[75.0, 81.2]`, percentages.
 pub fn interval(interval: &Interval) -> String {
     format!("[{}, {}]", percent(interval.low), percent(interval.high))
@@ -27,5 +35,5 @@ pub fn interval(interval: &Interval) -> String {
 
 /// A number with that many decimals, a dash for none.
 pub fn number(value: Option<f64>, decimals: usize) -> String {
-    value.map_or_else(|| "–".to_owned(), |value| format!("{value:.decimals$}"))
+    value.map_or_else(|| NOTHING.to_owned(), |value| format!("{value:.decimals$}"))
 }

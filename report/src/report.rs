@@ -130,10 +130,18 @@ impl Default for Options {
 }
 
 impl Made {
-    /// The report on these runs.
-    pub fn of(runs: &[Run], options: &Options) -> Result<Self, StudyError> {
+    /// The report on these runs. `notes`: what a reader has to know that the runs do not tell.
+    pub fn of(runs: &[Run], options: &Options, mut notes: Vec<String>) -> Result<Self, StudyError> {
         let groups = groups(runs)?;
-        let mut notes = Vec::new();
+        notes.extend(groups.iter().filter(|group| group.unknown()).map(|group| {
+            let names: Vec<&str> = group.runs.iter().map(|run| run.name.as_str()).collect();
+            format!(
+                "{}: the run was not given, and its folder is not where it was ({}). How the weights were trained is not \
+                 known, so they stand in no row of the paper.",
+                group.label,
+                names.join(", ")
+            )
+        }));
         let subjects: Vec<Subject<'_>> = groups
             .iter()
             .enumerate()

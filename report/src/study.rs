@@ -11,7 +11,8 @@ use toml::{Table, Value};
 pub struct Run {
     /// Its folder, as the user named it.
     pub name: String,
-    /// `complete`, `running`, `stopped`, ...; of weights that no run has trained, `untrained`.
+    /// `complete`, `running`, `stopped`, ...; [`UNTRAINED`] of weights that no run has trained, [`UNKNOWN`] of weights
+    /// whose run cannot be found.
     pub state: String,
     /// Its configuration.
     pub config: Config,
@@ -150,16 +151,17 @@ pub enum StudyError {
     },
 }
 
-/// Settings that say where and how a run computes and what it keeps, not what it learns.
-const INCIDENTAL: [&str; 6] = ["seed", "learner", "checkpoint", "recording", "validation", "evaluation"];
+/// Settings that say what a run is called, where and how it computes and what it keeps, not what it learns.
+const INCIDENTAL: [&str; 7] = ["preset", "seed", "learner", "checkpoint", "recording", "validation", "evaluation"];
 
 /// Groups of `runs`, in the order in which their first runs are given.
 pub fn groups(runs: &[Run]) -> Result<Vec<Group<'_>>, StudyError> {
     let mut groups: Vec<Group<'_>> = Vec::new();
     for run in runs {
         let mut settings = settings_of(&run.config);
-        // A policy that nobody has trained is no run of its preset.
-        settings.insert(TRAINED.into(), Value::Boolean(run.state != UNTRAINED));
+        // A policy that nobody has trained is no run of its preset; nor is one that was trained who knows how.
+        let trained = [UNTRAINED, UNKNOWN].into_iter().find(|state| run.state == *state).unwrap_or("trained");
+        settings.insert(TRAINED.into(), Value::String(trained.into()));
         match groups.iter_mut().find(|group| group.settings == settings) {
             Some(group) => group.runs.push(run),
             None => groups.push(Group {
@@ -179,11 +181,12 @@ pub fn groups(runs: &[Run]) -> Result<Vec<Group<'_>>, StudyError> {
         if let Some([first, second]) =
             group.runs.array_windows().find(|[first, second]| first.config.seed == second.config.seed)
         {
+            let (preset, other) = (&first.config.preset, &second.config.preset);
             return Err(StudyError::SameSeed {
                 first: first.name.clone(),
                 second: second.name.clone(),
                 seed: first.config.seed,
-                preset: group.preset.clone(),
+                preset: if preset == other { preset.clone() } else { format!("{preset}, which is also {other}") },
             });
         }
     }
@@ -202,35 +205,30 @@ impl Group<'_> {
         self.runs.iter().all(|run| run.state == UNTRAINED)
     }
 
-    /// What its runs learn, whatever that is called.
-    pub fn settings_without_preset(&self) -> Table {
-        let mut settings = self.settings.clone();
-        settings.remove("preset");
-        settings.remove(TRAINED);
-        settings
+    /// How its weights were trained is not known: their run cannot be found.
+    pub fn unknown(&self) -> bool {
+        self.runs.iter().all(|run| run.state == UNKNOWN)
     }
-}
-
-/// What runs of a preset learn, to be compared with [`Group::settings_without_preset`]; none of a name that is no
-/// preset.
-pub fn settings_of_preset(preset: &str) -> Option<Table> {
-    let mut settings = settings_of(&Config::resolve(preset, None).ok()?);
-    settings.remove("preset");
-    Some(settings)
 }
 
 /// Key of the one thing in a group's settings that is no setting.
 const TRAINED: &str = "trained";
 /// State of weights that no run has trained.
 pub const UNTRAINED: &str = "untrained";
+/// State of weights whose run cannot be found.
+pub const UNKNOWN: &str = "its run cannot be found";
 
 fn label(groups: &mut [Group<'_>]) {
     let names: Vec<String> = groups
         .iter()
         .map(|group| {
             let star = if group.differences.is_empty() { "" } else { "*" };
-            let untrained = if group.untrained() { ", untrained" } else { "" };
-            format!("{}{star}{untrained}", group.preset)
+            let trained = match (group.untrained(), group.unknown()) {
+                (true, _) => ", untrained",
+                (_, true) => ", run unknown",
+                _ => "",
+            };
+            format!("{}{star}{trained}", group.preset)
         })
         .collect();
     for (index, group) in groups.iter_mut().enumerate() {
@@ -246,7 +244,7 @@ fn label(groups: &mut [Group<'_>]) {
     }
 }
 
-/// What must be equal in all runs of a group.
+/// What must be equal in all runs of a group. One experiment may go by the names of two presets.
 fn settings_of(config: &Config) -> Table {
     let mut table = table_of(config);
     for key in INCIDENTAL {
@@ -332,12 +330,20 @@ pub(crate) mod tests {
         short.config.stages[0].frames = 5000;
         let mut shorter = short.clone();
         shorter.config.stages[0].frames = 4000;
-        let mut untrained = run("e", "demo", 1);
-        untrained.state = UNTRAINED.into();
-        let runs = [run("a", "demo", 2), run("b", "demo", 1), threads, short, shorter, untrained, run("f", "paper", 1)];
+        let with_state = |name: &str, state: &str| Run { state: state.into(), ..run(name, "demo", 1) };
+        let runs = [
+            run("a", "demo", 2),
+            run("b", "demo", 1),
+            threads,
+            short,
+            shorter,
+            with_state("e", UNTRAINED),
+            with_state("g", UNKNOWN),
+            run("f", "paper", 1),
+        ];
         let groups = groups(&runs).unwrap();
         let labels: Vec<&str> = groups.iter().map(|group| group.label.as_str()).collect();
-        assert_eq!(labels, ["demo", "demo* (a)", "demo* (b)", "demo, untrained", "paper"]);
+        assert_eq!(labels, ["demo", "demo* (a)", "demo* (b)", "demo, untrained", "demo, run unknown", "paper"]);
         let names: Vec<&str> = groups[0].runs.iter().map(|run| run.name.as_str()).collect();
         assert_eq!(names, ["b", "a", "c"], "by seed");
         assert!(groups[0].differences.is_empty(), "{:?}", groups[0].differences);
@@ -350,6 +356,12 @@ pub(crate) mod tests {
         let problem = groups(&runs).unwrap_err().to_string();
         assert!(problem.starts_with("a and c are the same experiment with the same seed 1 (demo)"), "{problem}");
         assert_eq!(groups(&[]).unwrap_err(), StudyError::Nothing);
+        // One experiment under two names is one group.
+        let runs = [run("a", "lambda-15", 1), run("b", "disturb-two-stage", 2), run("c", "disturb-two-stage", 1)];
+        let both = groups(&runs[..2]).unwrap();
+        assert_eq!((both.len(), both[0].label.as_str(), both[0].runs.len()), (1, "lambda-15", 2));
+        let problem = groups(&runs).unwrap_err().to_string();
+        assert!(problem.contains("same seed 1 (lambda-15, which is also disturb-two-stage)"), "{problem}");
     }
 
     #[test]

@@ -4,10 +4,15 @@ use crate::figures::Subject;
 use crate::paper::{AblationRow, ActionSpaceRow, ResultRow, paper};
 use crate::results::FieldResult;
 use crate::statistics::Aggregate;
-use crate::study::{Field, Group, settings_of_preset};
+use crate::study::{Field, Group, differences_between};
+use proto::config::{AuxiliaryTask, Config, EpisodeConfig, NetworkConfig};
 use proto::evaluation::ObjectSet;
 use proto::kitchen::Split;
+use proto::reward::RewardKind;
+use proto::stage::total_frames;
 use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::LazyLock;
 
 /// One of the paper's tables with ours beside it.
 #[derive(Debug, Clone, Serialize)]
@@ -55,7 +60,7 @@ pub struct Published {
 pub struct Ours {
     /// The group.
     pub group: String,
-    /// Settings that are not the preset's.
+    /// Settings that are not those of the row's preset.
     pub differences: Vec<String>,
     /// Frames trained on when it was evaluated, fewest and most over seeds.
     pub frames: (u64, u64),
@@ -71,30 +76,68 @@ const TEST_NOVEL: Field = Field { split: Split::Test, objects: ObjectSet::Novel 
 const TEST_SEEN: Field = Field { split: Split::Test, objects: ObjectSet::Seen };
 const VALIDATION_NOVEL: Field = Field { split: Split::Validation, objects: ObjectSet::Novel };
 
-/// Presets that are a row of the paper in another batch shape, or with fewer frames.
-const SAME_METHOD: [(&str, &str); 5] = [
-    ("two-stage", "disturb-two-stage"),
-    ("paper", "disturb-two-stage"),
-    ("short-two-stage", "disturb-two-stage"),
-    ("short-r-only", "disturb-stage1-45m"),
-    ("short-scratch", "disturb-scratch-45m"),
-];
+/// What makes a method, whatever it is called, in whatever batches and for however long it is trained.
+#[derive(Debug, PartialEq)]
+struct Method<'a> {
+    rewards: Vec<RewardKind>,
+    /// Where a stage has r′.
+    lambda_disturb: Option<f32>,
+    /// PPO-Lagrangian's first multiplier, where a stage has one.
+    multiplier: Option<f64>,
+    task: AuxiliaryTask,
+    network: NetworkConfig,
+    episode: EpisodeConfig,
+    scenes: &'a [String],
+}
 
-/// True when the group's runs are this preset, under its own name or another. Runs that began with other weights are no
-/// row of the paper, whatever their preset is called.
-fn is_preset(group: &Group<'_>, preset: &str) -> bool {
-    if group.untrained() || group.continued() {
-        return false;
+impl<'a> Method<'a> {
+    fn of(config: &'a Config) -> Self {
+        let rewards: Vec<RewardKind> = config.stages.iter().map(|stage| stage.reward).collect();
+        let where_used = |reward: RewardKind| rewards.contains(&reward);
+        Self {
+            lambda_disturb: where_used(RewardKind::DisturbanceFree).then_some(config.reward.lambda_disturb),
+            multiplier: where_used(RewardKind::Lagrangian).then_some(config.reward.lagrangian.initial),
+            task: config.auxiliary.task,
+            network: config.network,
+            episode: config.episode,
+            scenes: &config.scenes,
+            rewards,
+        }
     }
-    if group.preset == preset || SAME_METHOD.contains(&(group.preset.as_str(), preset)) {
-        return true;
+}
+
+/// The presets that are the paper's rows, each once.
+fn row_presets() -> &'static BTreeMap<String, Config> {
+    static PRESETS: LazyLock<BTreeMap<String, Config>> = LazyLock::new(|| {
+        let fields = [TEST_NOVEL, TEST_SEEN, VALIDATION_NOVEL];
+        let names = fields.into_iter().flat_map(rows_of).map(|(preset, _)| preset);
+        let config = |name: &str| Config::resolve(name, None).expect("every row is a preset, as tested");
+        names.map(|name| (name.clone(), config(&name))).collect()
+    });
+    &PRESETS
+}
+
+/// Names of the rows of the paper that a group stands beside: those of its method. Where rows differ in what a method
+/// leaves open, those whose advantages are alike, then those of the nearest budget. Runs that began with other weights
+/// are no row of the paper, nor are weights of which nobody knows how they were trained.
+fn rows_beside(group: &Group<'_>) -> BTreeSet<&'static str> {
+    if group.untrained() || group.unknown() || group.continued() {
+        return BTreeSet::new();
     }
-    settings_of_preset(preset).is_some_and(|settings| settings == group.settings_without_preset())
+    let ours = &group.runs[0].config;
+    let distance = |row: &Config| {
+        let advantages = row.ppo.normalize_advantages != ours.ppo.normalize_advantages;
+        (advantages, total_frames(&row.stages).abs_diff(total_frames(&ours.stages)))
+    };
+    let alike = || row_presets().iter().filter(|(_, row)| Method::of(row) == Method::of(ours));
+    let nearest = alike().map(|(_, row)| distance(row)).min();
+    alike().filter(|(_, row)| Some(distance(row)) == nearest).map(|(name, _)| name.as_str()).collect()
 }
 
 /// SR and `SRwoD` of the paper's row that this group is, shares 0..=1.
 pub fn published(group: &Group<'_>, field: Field) -> Option<Published> {
-    rows_of(field).into_iter().find(|(preset, _)| is_preset(group, preset)).map(|(_, published)| published)
+    let rows = rows_beside(group);
+    rows_of(field).into_iter().find(|(preset, _)| rows.contains(preset.as_str())).map(|(_, published)| published)
 }
 
 fn rows_of(field: Field) -> Vec<(String, Published)> {
@@ -205,18 +248,18 @@ fn plain(cell: &str) -> String {
 }
 
 fn row_of(what: Vec<String>, preset: String, paper: Published, subjects: &[Subject<'_>], field: Field) -> Row {
-    let ours = subjects.iter().filter(|subject| is_preset(subject.group, &preset));
-    let ours = ours.filter_map(|subject| Some(Ours::of(subject.group, subject.in_field(field)?))).collect();
+    let here = subjects.iter().filter(|subject| rows_beside(subject.group).contains(preset.as_str()));
+    let ours = here.filter_map(|subject| Some(Ours::of(subject.group, &preset, subject.in_field(field)?))).collect();
     Row { what, preset, paper, ours }
 }
 
 impl Ours {
-    /// Of a group.
-    pub fn of(group: &Group<'_>, result: &FieldResult) -> Self {
+    /// Of a group beside the row of this preset.
+    fn of(group: &Group<'_>, preset: &str, result: &FieldResult) -> Self {
         let frames = || result.seeds.iter().map(|seed| seed.frames);
         Self {
             group: group.label.clone(),
-            differences: group.differences.clone(),
+            differences: differences_between(&row_presets()[preset], &group.runs[0].config),
             frames: (frames().min().unwrap_or(0), frames().max().unwrap_or(0)),
             episodes: result.seeds.first().map_or(0, |seed| seed.episodes),
             success: result.success,
@@ -228,21 +271,78 @@ impl Ours {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::{groups, tests::run};
+    use crate::study::{Run, groups, tests::run};
+    use proto::config::StageConfig;
+
+    /// Rows beside which this run stands, alone.
+    fn rows(run: Run) -> Vec<&'static str> {
+        rows_beside(&groups(&[run]).unwrap()[0]).into_iter().collect()
+    }
+
+    fn changed(preset: &str, change: impl FnOnce(&mut Config)) -> Vec<&'static str> {
+        let mut run = run(preset, preset, 1);
+        change(&mut run.config);
+        rows(run)
+    }
 
     #[test]
-    fn a_group_is_the_row_of_its_settings_whatever_its_preset_is_called() {
-        let runs = ["lambda-15", "small-none", "two-stage", "demo"].map(|preset| run(preset, preset, 1));
-        let groups = groups(&runs).unwrap();
-        assert!(is_preset(&groups[0], "disturb-two-stage") && !is_preset(&groups[0], "none-two-stage"));
-        assert!(is_preset(&groups[1], "ablation-resnet-plain-action-polar"));
-        assert!(is_preset(&groups[2], "disturb-two-stage"));
-        assert_eq!(published(&groups[0], TEST_NOVEL).unwrap().success, 81.3 / 100.0);
-        assert_eq!(published(&groups[3], TEST_NOVEL), None);
-        for (preset, row) in SAME_METHOD {
-            // The aliases are presets, and so are the rows that they stand beside.
-            assert!(settings_of_preset(preset).is_some() && settings_of_preset(row).is_some(), "{preset}");
+    fn a_group_is_the_row_of_its_method_whatever_its_preset_is_called() {
+        for (preset, expected) in [
+            ("lambda-15", &["disturb-two-stage"][..]),
+            ("two-stage", &["disturb-two-stage"]),
+            ("paper", &["disturb-two-stage"]),
+            ("short-two-stage", &["disturb-two-stage"]),
+            ("short-scratch", &["disturb-scratch-45m"]),
+            ("disturb-stage1-45m", &["disturb-stage1-45m"]),
+            // Of two budgets the nearer one.
+            ("short-r-only", &["disturb-stage1-20m"]),
+            // Two of the paper's tables have this row.
+            ("small-none", &["ablation-resnet-plain-action-polar", "small-none"]),
+            ("ablation-resnet-normalized-action-polar", &["ablation-resnet-normalized-action-polar"]),
+            ("lambda-25", &[]),
+            ("demo", &[]),
+        ] {
+            assert_eq!(changed(preset, |_| {}), expected, "{preset}");
         }
+        // Every row is its own.
+        for name in row_presets().keys() {
+            assert!(changed(name, |_| {}).contains(&name.as_str()), "{name}");
+        }
+        let runs = ["lambda-15", "demo"].map(|preset| run(preset, preset, 1));
+        let groups = groups(&runs).unwrap();
+        assert_eq!(published(&groups[0], TEST_NOVEL).unwrap().success, 81.3 / 100.0);
+        assert_eq!(published(&groups[1], TEST_NOVEL), None);
+    }
+
+    #[test]
+    fn a_presets_name_is_no_row_where_the_method_is_another() {
+        let lagrangian = |initial: f64, task: AuxiliaryTask| {
+            changed("short-scratch", |config| {
+                config.auxiliary.task = task;
+                config.reward.lagrangian.initial = initial;
+                config.stages =
+                    vec![StageConfig { name: "I".into(), reward: RewardKind::Lagrangian, frames: 10_000_000 }];
+            })
+        };
+        let none: [&str; 0] = [];
+        // The paper's PPO-Lagrangian has no auxiliary task.
+        assert_eq!(lagrangian(15.0, AuxiliaryTask::Disturb), none);
+        assert_eq!(lagrangian(15.0, AuxiliaryTask::None), ["lagrangian-15"]);
+        assert_eq!(lagrangian(2.0, AuxiliaryTask::None), none);
+        for (task, expected) in [
+            (AuxiliaryTask::None, "none-stage1-20m"),
+            (AuxiliaryTask::Cpca16, "cpca16-stage1-20m"),
+            (AuxiliaryTask::InverseDynamics, "inverse-dynamics-stage1-20m"),
+        ] {
+            assert_eq!(changed("short-r-only", |config| config.auxiliary.task = task), [expected]);
+        }
+        assert_eq!(changed("disturb-two-stage", |config| config.reward.lambda_disturb = 5.0), none);
+        assert_eq!(changed("disturb-two-stage", |config| config.network.hidden = 256), none);
+        assert_eq!(changed("disturb-two-stage", |config| config.episode.start_distance_max_m = 0.7), none);
+        assert_eq!(changed("disturb-two-stage", |config| config.scenes.push("mine/scene.toml".into())), none);
+        // What is not in force does not make a method.
+        let unused = changed("disturb-stage1-20m", |config| config.reward.lambda_disturb = 5.0);
+        assert_eq!(unused, ["disturb-stage1-20m"]);
     }
 
     #[test]

@@ -163,7 +163,7 @@ fn study() -> Vec<Run> {
 }
 
 fn made(runs: &[Run]) -> Made {
-    Made::of(runs, &Options::default()).expect("sound runs")
+    Made::of(runs, &Options::default(), Vec::new()).expect("sound runs")
 }
 
 #[test]

@@ -184,6 +184,48 @@ fn validation_survives_a_killed_orchestrator() {
 }
 
 #[test]
+fn a_stop_while_the_last_validation_is_waited_for_leaves_it_to_resume() {
+    let workshop = Workshop::new();
+    write_validating(&workshop);
+    let mut child = start(workshop.up("run", 2, 3, 300));
+    let run = workshop.run("run");
+    let begun = Instant::now();
+    // Trained, the learner gone, and nothing left to wait for but the validation.
+    while run.processes("--beside").is_empty() || !run.processes("--rank").is_empty() {
+        assert!(begun.elapsed() < DEADLINE && child.try_wait().unwrap().is_none(), "the last validation is waited for");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let stopped = complete(workshop.orchestrator(&["stop", "run"]));
+    assert!(stopped.stdout.contains(" stopped"), "{stopped:#?}");
+    let printed = finish(child);
+    let (_, frames) = printed.result();
+    assert_eq!(frames, 300);
+    assert!(printed.stderr.contains("go on with: orchestrator resume run"), "{printed:#?}");
+    assert!(!workshop.path("run/summary.json").exists() && validated(&workshop, "run").is_empty());
+    assert_eq!(complete(workshop.resume("run")).result(), printed.result());
+    let lines = validated(&workshop, "run");
+    assert_eq!(lines.iter().map(|line| line["frames"].as_u64()).collect::<Vec<_>>(), [Some(300)]);
+    assert!(workshop.path("run/summary.json").exists());
+    run.assert_nothing_left();
+}
+
+#[test]
+fn an_evaluation_is_not_gone_on_with() {
+    let workshop = Workshop::new();
+    let mut command = eval_fresh(&workshop, "out", &[]);
+    command.env("STILLROOM_FAULT", "orchestrator.after_wire");
+    assert!(!complete(command).success);
+    let status = complete(workshop.orchestrator(&["status", "out"]));
+    good(&status);
+    assert!(status.stdout.contains("cut off") && !status.stdout.contains("go on with"), "{status:#?}");
+    let resumed = complete(workshop.resume("out"));
+    assert!(!resumed.success && resumed.stderr.contains("`orchestrator eval`"), "{resumed:#?}");
+    assert!(!workshop.path("out/checkpoints").exists());
+    let again = complete(eval_fresh(&workshop, "out", &[]));
+    assert!(!again.success && again.stderr.contains("it holds an evaluation"), "{again:#?}");
+}
+
+#[test]
 fn a_run_begins_with_anothers_weights() {
     let workshop = Workshop::new();
     let (weights, _) = complete(workshop.up("one", 1, 2, 300)).result();

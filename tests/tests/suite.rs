@@ -37,11 +37,17 @@ fn refused(printed: &Printed, word: &str) {
     assert!(!printed.success && printed.stderr.contains(word), "{printed:#?}");
 }
 
+fn killed_at(mut command: std::process::Command, point: &str) {
+    command.env("STILLROOM_FAULT", point);
+    let printed = complete(command);
+    assert!(!printed.success, "the point {point} is never reached: {printed:#?}");
+}
+
 fn run(workshop: &Workshop, name: &str) -> Run {
     workshop.run(&format!("all/runs/{name}"))
 }
 
-fn wait_until(what: &str, test: impl Fn() -> bool) {
+fn wait_until(what: &str, mut test: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !test() {
         assert!(begun.elapsed() < DEADLINE, "{what}: not within {DEADLINE:?}");
@@ -53,11 +59,9 @@ fn wait_until(what: &str, test: impl Fn() -> bool) {
 fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let workshop = Workshop::new();
     suite(&workshop, 900, "[[runs]]\npreset = \"demo\"\nname = \"after\"\nfrom = \"tiny\"\nseeds = [5]");
-    // Killed just before it starts its first process, and just after.
-    for point in ["suite.before_process", "suite.after_process"] {
-        let mut command = call(&workshop);
-        command.env("STILLROOM_FAULT", point);
-        assert!(!complete(command).success);
+    // Killed before its folder can be known for a suite's, just before it starts its first process, and just after.
+    for point in ["suite.before_file", "suite.before_process", "suite.after_process"] {
+        killed_at(call(&workshop), point);
     }
     // Killed while the first run trains: its processes save and leave by themselves.
     let child = start(call(&workshop));
@@ -87,6 +91,9 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     assert!(printed.success && printed.stderr.contains("go on with: orchestrator suite suite.toml"), "{printed:#?}");
     second.assert_nothing_left();
 
+    // Killed when all is done but the last file of the report.
+    killed_at(call(&workshop), "report.before_page");
+    assert!(!workshop.path("all/report/report.html").exists());
     let printed = complete(call(&workshop));
     assert!(printed.success, "{printed:#?}");
     let done = state(&workshop);
@@ -133,6 +140,25 @@ fn a_run_that_fails_is_said_and_tried_again_and_holds_up_nobody() {
     assert!(workshop.path("all/report/report.json").exists(), "what there is is reported");
     refused(&complete(call(&workshop)), "gpu-5 failed");
     assert_eq!(state(&workshop)["runs"]["gpu-5"]["tries"], 2);
+}
+
+#[test]
+fn a_second_interrupt_is_told_from_an_orderly_stop() {
+    let workshop = Workshop::new();
+    suite(&workshop, 3000, "");
+    let mut child = start(call(&workshop));
+    let first = run(&workshop, "tiny-5");
+    first.wait_for_rollouts(2);
+    // Two signals at once would be one: somebody presses the keys until it is over.
+    let mut status = None;
+    wait_until("the suite ends", || {
+        signal(child.id(), rustix::process::Signal::INT);
+        status = child.try_wait().expect("a status");
+        status.is_some()
+    });
+    let code = status.and_then(|status| status.code());
+    assert_eq!(code, Some(130), "{:#?}", finish(child));
+    first.assert_nothing_left();
 }
 
 #[test]

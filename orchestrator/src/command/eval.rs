@@ -5,12 +5,14 @@ use crate::evaluation::Examination;
 use crate::evaluation::subject::{Origin, find};
 use crate::format;
 use crate::identity::unix_now;
+use crate::lifeline;
 use crate::session::{Tools, preflight};
 use anyhow::{Result, ensure};
 use proto::config::{Config, DeviceChoice, ValidationConfig};
 use proto::evaluation::{EvaluationConfig, ObjectSet, Plan};
 use proto::kitchen::{KitchenId, Split};
 use proto::run_folder::RunFolder;
+use rustix::process::Signal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -103,7 +105,9 @@ enum DeviceArg {
 /// Runs the command.
 pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     if let Some(parent) = args.beside {
-        stand_beside(parent)?;
+        // It ends with the run, which comes first on the processor.
+        lifeline::follow(parent, Signal::TERM)?;
+        rustix::process::nice(10)?;
     }
     if let Some(out) = &args.out {
         check_free(&RunFolder::new(out))?;
@@ -140,16 +144,6 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     let folders = if config.recording.enabled { vec![folder.recordings()] } else { vec![] };
     let (identity, lock) = create_with(&folder, &mut config, &folders)?;
     Examination { folder, config, asked, subject: origin, identity, lock, tools }.run()
-}
-
-/// From now on SIGTERM comes when the parent ends, and the run comes first on the processor.
-fn stand_beside(parent: u32) -> Result<()> {
-    rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))?;
-    // It may have ended just before: then its child is someone else's now.
-    let now = rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get().cast_unsigned());
-    ensure!(now == Some(parent), "the run that this evaluation belongs to is gone");
-    rustix::process::nice(10)?;
-    Ok(())
 }
 
 /// The run's configuration, whose weights they are, and the manifest of the checkpoint if there is one.

@@ -3,6 +3,7 @@
 use super::overrides::Overrides;
 use super::up::{check_free, prepare};
 use crate::identity::Identity;
+use crate::log_line::error_in;
 use crate::scenes;
 use crate::session::Tools;
 use crate::terminal;
@@ -70,8 +71,7 @@ fn take_weights(from: &Path, folder: &RunFolder, tools: &Tools) -> Result<()> {
         .with_context(|| format!("cannot start {}", learner.display()))?;
     if !output.status.success() {
         let complaint = String::from_utf8_lossy(&output.stderr);
-        // A log line of the learner: its time and level say nothing here.
-        bail!("{}", complaint.split_once(" ERROR ").map_or(&*complaint, |(_, text)| text).trim_end());
+        bail!("{}", error_in(&complaint).unwrap_or(&complaint).trim_end());
     }
     for line in String::from_utf8_lossy(&output.stdout).lines() {
         terminal::out(line);

@@ -1,4 +1,4 @@
-//! Options that `up`, `config` and `doctor` share: what the user lays over a preset.
+//! Options that `up`, `import`, `config` and `doctor` share: what the user lays over a preset.
 
 use crate::preflight::libtorch::Torch;
 use anyhow::{Context, Result};

@@ -37,14 +37,15 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         _ => Path::new("report").to_path_buf(),
     });
     check_free(&out)?;
-    let runs = gather(&args.runs)?;
-    let made = write(&runs, &options(&args.thresholds_m)?, &out)?;
+    let gathered = gather(&args.runs)?;
+    let runs = gathered.runs.len();
+    let made = write(gathered, &options(&args.thresholds_m)?, &out)?;
     for note in &made.report.notes {
         terminal::note(note);
     }
     let groups = made.report.groups.len();
     let evaluated = made.report.groups.iter().filter(|group| !group.results.is_empty()).count();
-    terminal::out(&format!("{} runs in {groups} groups, {evaluated} of them evaluated", runs.len()));
+    terminal::out(&format!("{runs} runs in {groups} groups, {evaluated} of them evaluated"));
     terminal::out(&format!("numbers: {}", out.join(NUMBERS).display()));
     terminal::out(&format!("page: {}", out.join(PAGE).display()));
     Ok(())

@@ -1,14 +1,14 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
 use crate::format;
-use crate::identity::{Identity, RunLock, host_name, wait_for_learner};
+use crate::identity::{Identity, RunLock, host_name, is_evaluation, read_config, wait_for_learner};
 use crate::remains;
 use crate::session::{Session, Tools, preflight};
 use crate::summary::Summary;
-use crate::supervisor::machine::{End, Policy};
+use crate::supervisor::event::End;
+use crate::supervisor::policy::Policy;
 use crate::terminal;
 use anyhow::{Context, Result, bail};
-use proto::config::Config;
 use proto::run_folder::RunFolder;
 use proto::wire::WireAddress;
 use std::path::PathBuf;
@@ -36,6 +36,12 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     let folder = RunFolder::new(&args.run);
     // Refuses what is no run before a lock file is made in it.
     Identity::read(&folder)?;
+    if is_evaluation(&folder) {
+        bail!(
+            "{} is an evaluation: one that was cut off is made anew, by `orchestrator eval` with another folder",
+            folder.root().display()
+        );
+    }
     let lock = RunLock::acquire(&folder)?;
     // Only now nobody else writes it.
     let identity = Identity::read(&folder)?;
@@ -46,9 +52,7 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let path = folder.config();
-    let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    let config = Config::from_toml(&text, &path.display().to_string())?;
+    let config = read_config(&folder)?;
     let tools = Tools::find()?;
     settle(&folder, &identity, Policy::of(&config).silence)?;
     preflight(&config, &folder, &tools)?;

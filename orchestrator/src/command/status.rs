@@ -2,13 +2,12 @@
 
 use crate::figures::{Recent, StageFigures, by_stage, recent};
 use crate::format;
-use crate::identity::{Held, Identity, Incarnation, holder, state};
+use crate::identity::{Held, Identity, Incarnation, holder, read_config, state};
 use crate::metrics::History;
 use crate::progress::{figures_line, frames_line};
 use crate::summary::{Summary, table};
 use crate::terminal;
-use anyhow::{Context, Result};
-use proto::config::Config;
+use anyhow::Result;
 use proto::run_folder::RunFolder;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -44,9 +43,7 @@ struct Status {
 pub fn run(args: &StatusArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     let identity = Identity::read(&folder)?;
-    let path = folder.config();
-    let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    let config = Config::from_toml(&text, &path.display().to_string())?;
+    let config = read_config(&folder)?;
     let held = holder(&folder)?;
     let history = History::read(&folder)?;
     let summary = Summary::read(&folder)?;
@@ -87,7 +84,8 @@ pub fn run(args: &StatusArgs) -> Result<()> {
             terminal::out(&line);
         }
     }
-    if held == Held::Free && status.weights.is_none() {
+    // An evaluation is not gone on with.
+    if held == Held::Free && status.weights.is_none() && config.evaluation.is_none() {
         terminal::out(&format!("go on with: orchestrator resume {}", folder.root().display()));
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! `orchestrator stop`: an orderly stop of a run that another process runs.
 
-use crate::identity::{Held, Identity, holder, host_name};
-use crate::supervisor::machine::FAILED;
+use crate::identity::{Held, Identity, holder, host_name, is_evaluation};
+use crate::supervisor::event::FAILED;
 use crate::terminal;
 use anyhow::{Result, bail};
 use proto::run_folder::RunFolder;
@@ -63,6 +63,9 @@ pub fn run(args: &StopArgs) -> Result<()> {
     }
     let identity = Identity::read(&folder)?;
     let Some(ended) = identity.incarnations.last().and_then(|last| last.ended.as_ref()) else {
+        if is_evaluation(&folder) {
+            bail!("{root} was cut off: the evaluation has no result");
+        }
         bail!("{root} was cut off; `orchestrator resume {root}` goes on from its last checkpoint");
     };
     if ended.how == FAILED {

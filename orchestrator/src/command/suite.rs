@@ -2,6 +2,7 @@
 
 use crate::gather::gather;
 use crate::report_files;
+use crate::sitting::EXIT_INTERRUPTED;
 use crate::suite::{Outcome, Suite, SuiteFolder, lines, run as work};
 use crate::terminal;
 use anyhow::{Context, Result, ensure};
@@ -18,6 +19,7 @@ config.learner.threads = 2        # optional: keys laid over every preset
 split = "test"                    # or "valid"
 objects = "novel"                 # or "seen", "all"
 episodes = 60                     # optional; also deterministic = true
+checkpoint = "best"               # optional: the best by its own validation; else "newest"
 
 [[runs]]
 preset = "disturb-stage1-20m"
@@ -49,7 +51,8 @@ Examples:
 ///
 /// Runs go one after another, or one on each of the GPUs given. The suite can be stopped and killed at any time: the same
 /// command goes on where it was. A run that fails does not keep the others from going on, and is tried again by the next
-/// call. Exit status 0 when every run is trained and evaluated, and after an orderly stop.
+/// call. Exit status 0 when every run is trained and evaluated, and after an orderly stop; 130 after a second Ctrl-C, which
+/// ends all processes at once.
 #[derive(Debug, clap::Args)]
 #[command(after_help = after_help())]
 pub struct SuiteArgs {
@@ -89,16 +92,17 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     for line in lines(&suite, &folder)? {
         terminal::out(&line);
     }
-    if outcome == Outcome::Interrupted {
+    if let Outcome::Stopped | Outcome::Interrupted = outcome {
         terminal::note(&format!("go on with: orchestrator suite {}", args.file.display()));
-        return Ok(ExitCode::SUCCESS);
+        let stopped = outcome == Outcome::Stopped;
+        return Ok(if stopped { ExitCode::SUCCESS } else { ExitCode::from(EXIT_INTERRUPTED) });
     }
     let begun = suite.entries.iter().map(|entry| folder.run(entry)).filter(|run| run.identity().exists());
     let begun: Vec<PathBuf> = begun.map(|run| run.root().to_path_buf()).collect();
     if begun.is_empty() {
         terminal::note("no run could be begun: there is nothing to report on");
     } else {
-        let made = report_files::write(&gather(&begun)?, &Options::default(), &folder.report())?;
+        let made = report_files::write(gather(&begun)?, &Options::default(), &folder.report())?;
         for note in &made.report.notes {
             terminal::note(note);
         }

@@ -3,7 +3,7 @@
 use super::overrides::{Overrides, default_preset};
 use crate::evaluation::subject::{Found, Provenance, find, network_differences};
 use crate::format;
-use crate::identity::{Held, Identity, RunLock, holder, unix_now};
+use crate::identity::{Held, Identity, RunLock, holder, is_evaluation, unix_now};
 use crate::scenes;
 use crate::session::{Session, Tools, preflight};
 use crate::terminal;
@@ -25,7 +25,7 @@ use std::process::ExitCode;
   orchestrator up --preset paper --seed 2          the paper's exact shape
   orchestrator up --preset demo --actors 4 --envs-per-actor 2 --frames 20000 --run runs/small
   orchestrator up --config mine.toml               some settings of your own over the default preset
-  orchestrator up --preset disturb-scratch-45m --from runs/stage-1/best     stage II as a run of its own")]
+  orchestrator up --preset disturb-stage2-25m --from runs/stage-1           stage II as a run of its own")]
 pub struct UpArgs {
     /// Named configuration (`orchestrator presets`) [default: demo without a CUDA device, two-stage with one]
     #[arg(long, value_name = "P")]
@@ -96,6 +96,9 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
     }
     if let Held::By(holder) = holder(folder)? {
         bail!("run folder {root} is already in use: pid {} on {} runs it", holder.pid, holder.host);
+    }
+    if folder.identity().exists() && is_evaluation(folder) {
+        bail!("folder {root} is already in use: it holds an evaluation");
     }
     if folder.identity().exists() {
         bail!("run folder {root} is already in use: it holds a run, and `orchestrator resume {root}` goes on with it");

@@ -3,7 +3,7 @@
 use crate::format;
 use crate::recorder::Recorder;
 use crate::supervisor::shell::Audience;
-use crate::terminal;
+use crate::terminal::Live;
 use anyhow::{Result, ensure};
 use proto::control::LearnerEvent;
 use proto::evaluation::{EpisodeRecord, Plan};
@@ -11,9 +11,6 @@ use proto::kitchen::KitchenId;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 use std::collections::BTreeMap;
 use std::time::Duration;
-
-/// Without a terminal that can be refreshed, a line as often as this.
-const LINE_EVERY: Duration = Duration::from_secs(5);
 
 /// Records of an evaluation so far.
 #[derive(Debug)]
@@ -25,8 +22,7 @@ pub struct Examiner {
     device: String,
     /// When the actors had answered, and when the last episode ended.
     span: Option<(Duration, Duration)>,
-    last_line: Option<Duration>,
-    interactive: bool,
+    live: Live,
 }
 
 impl Examiner {
@@ -39,8 +35,7 @@ impl Examiner {
             parameters: 0,
             device: String::new(),
             span: None,
-            last_line: None,
-            interactive: terminal::interactive(),
+            live: Live::default(),
         }
     }
 
@@ -90,7 +85,7 @@ impl Examiner {
         let (played, asked) = (self.played(), self.asked());
         let share = |test: &dyn Fn(&EpisodeRecord) -> bool| {
             let count = self.records.values().filter(|(record, _)| test(record)).count();
-            100.0 * count as f64 / played.max(1) as f64
+            format::percent(Some(count as f64 / played.max(1) as f64))
         };
         let mut parts = vec![format!(
             "{} / {} episodes  {:.1}%",
@@ -100,7 +95,7 @@ impl Examiner {
         )];
         if played > 0 {
             parts.push(format!(
-                "SR {:.1}%  SRwoD {:.1}%",
+                "SR {}  SRwoD {}",
                 share(&|record| record.success),
                 share(&|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M))
             ));
@@ -147,17 +142,12 @@ impl Audience for Examiner {
     fn learner_died(&mut self, _now: Duration) {}
 
     fn tick(&mut self, now: Duration, _recorder: Option<&Recorder>) {
-        if self.interactive {
-            terminal::progress(vec![self.line(now)]);
-        } else if self.last_line.is_none_or(|last| now.saturating_sub(last) >= LINE_EVERY) {
-            self.last_line = Some(now);
-            terminal::note(&self.line(now));
+        if self.live.is_due(now) {
+            self.live.show(vec![self.line(now)]);
         }
     }
 
     fn over(&mut self) {
-        if self.interactive {
-            terminal::progress(vec![]);
-        }
+        self.live.clear();
     }
 }

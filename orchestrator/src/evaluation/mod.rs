@@ -4,11 +4,11 @@
 mod examiner;
 pub mod subject;
 
-use crate::format;
+use crate::format::{self, NOTHING, number, percent};
 use crate::identity::{Ended, Identity, RunLock, unix_now};
 use crate::session::Tools;
 use crate::sitting::{EXIT_INTERRUPTED, Sitting};
-use crate::supervisor::machine::{End, Outcome, Saved};
+use crate::supervisor::event::{End, FAILED, Outcome, Saved};
 use crate::terminal;
 use anyhow::{Context, Result};
 use examiner::Examiner;
@@ -68,7 +68,7 @@ impl Examination {
                 End::Failed(reason) => (outcome.end.word(), Some(reason.clone())),
                 end => (end.word(), None),
             },
-            Err(error) => (crate::supervisor::machine::FAILED, Some(format!("{error:#}"))),
+            Err(error) => (FAILED, Some(format!("{error:#}"))),
         };
         let ended = Ended { how: how.to_owned(), at_unix_s: unix_now(), frames: None, weights: None, reason };
         self.identity.end_incarnation(ended);
@@ -143,15 +143,12 @@ fn lines(evaluation: &Evaluation) -> Vec<String> {
     lines.extend(evaluation.categories.iter().map(|part| line(part.category.name(), &part.figures)));
     lines.extend(evaluation.object_sets.iter().map(|part| line(part.objects.name(), &part.figures)));
     lines.push(line("all", &evaluation.overall));
-    let rate = if wall_s > 0.0 { format::rate(steps as f64 / wall_s) } else { "-".to_owned() };
+    let rate = if wall_s > 0.0 { format::rate(steps as f64 / wall_s) } else { NOTHING.to_owned() };
     lines.push(format!("{} steps in {wall_s:.1} s: {rate} steps/s", format::count(steps)));
     lines
 }
 
 fn line(name: &str, figures: &Figures) -> String {
-    let percent = |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |share| format!("{:.1}%", 100.0 * share));
-    let number =
-        |mean: Option<f64>, digits: usize| mean.map_or_else(|| "-".to_owned(), |mean| format!("{mean:.digits$}"));
     format!(
         "{name:<12}{:>10}{:>8}{:>8}{:>11}{:>9}{:>10}{:>11}",
         figures.episodes,

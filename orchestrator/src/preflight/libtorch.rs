@@ -3,6 +3,7 @@
 //! The library that the programs were built with is found by itself. `LIBTORCH` names another one, for example a torch
 //! with CUDA: its `lib` folder then comes first for the learner.
 
+use crate::log_line::error_in;
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use std::ffi::{OsStr, OsString};
@@ -149,9 +150,7 @@ fn explain(learner: &Path, status: &str, complaint: &str) -> String {
             learner.display()
         );
     }
-    // A log line of the learner: its time and level say nothing here.
-    let last = complaint.lines().last().unwrap_or_default();
-    let said = last.split_once(" ERROR ").map_or(complaint, |(_, text)| text);
+    let said = complaint.lines().last().and_then(error_in).unwrap_or(complaint);
     let said = if said.is_empty() { status } else { said };
     format!(
         "libtorch does not work: {said}. `make setup` fetches torch {SERIES}; LIBTORCH names one that is already there"

@@ -67,6 +67,17 @@ pub enum AskedObjects {
     All,
 }
 
+/// Checkpoint of an evaluation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AskedCheckpoint {
+    /// The one that the run ended with.
+    #[default]
+    Newest,
+    /// The best by the run's own validation.
+    Best,
+}
+
 /// One evaluation of every run: what `orchestrator eval` takes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -80,6 +91,9 @@ pub struct Asked {
     /// The most probable action instead of a sampled one.
     #[serde(default)]
     pub deterministic: bool,
+    /// Whose weights.
+    #[serde(default)]
+    pub checkpoint: AskedCheckpoint,
 }
 
 /// One run of the suite.
@@ -115,7 +129,8 @@ impl Asked {
     pub fn folder(&self) -> String {
         let episodes = self.episodes.map_or_else(String::new, |episodes| format!("-{episodes}"));
         let deterministic = if self.deterministic { "-deterministic" } else { "" };
-        format!("suite-{}-{}{episodes}{deterministic}", self.split_name(), self.objects_name())
+        let best = if self.checkpoint == AskedCheckpoint::Best { "-best" } else { "" };
+        format!("suite-{}-{}{episodes}{deterministic}{best}", self.split_name(), self.objects_name())
     }
 
     /// What `--split` is given.
@@ -165,6 +180,15 @@ impl Suite {
                 );
             }
             ensure!(!file.evaluations[..index].contains(asked), "[[evaluations]] number {} repeats another", index + 1);
+            let without = entries.iter().find(|entry| entry.config.validation.every_frames == 0);
+            if let (AskedCheckpoint::Best, Some(entry)) = (asked.checkpoint, without) {
+                bail!(
+                    "[[evaluations]] number {}: checkpoint = \"best\", but {} is not validated while it trains \
+                     (validation.every_frames = 0)",
+                    index + 1,
+                    entry.name
+                );
+            }
         }
         Ok(Self { entries, evaluations: file.evaluations })
     }
@@ -224,14 +248,15 @@ fn source(name: &str, config: &Config, before: &[Entry]) -> Result<usize> {
 /// No two runs with one name, none twice under two names.
 fn distinct(entries: &[Entry]) -> Result<()> {
     let mut names: BTreeMap<&str, usize> = BTreeMap::new();
+    // Two presets may be one experiment.
+    let nameless = |entry: &Entry| (Config { preset: String::new(), ..entry.config.clone() }, entry.from);
+    let runs: Vec<(Config, Option<usize>)> = entries.iter().map(nameless).collect();
     for (index, entry) in entries.iter().enumerate() {
         if names.insert(&entry.name, index).is_some() {
             bail!("two runs are called {}: give one of them another `name`, or other seeds", entry.name);
         }
-        if let Some(same) =
-            entries[..index].iter().find(|before| (&before.config, before.from) == (&entry.config, entry.from))
-        {
-            bail!("{} and {} are the same run", same.name, entry.name);
+        if let Some(same) = runs[..index].iter().position(|before| *before == runs[index]) {
+            bail!("{} and {} are the same run", entries[same].name, entry.name);
         }
     }
     Ok(())
@@ -309,6 +334,19 @@ mod tests {
         assert!(other.contains("stage-1-1 trains another network: network.hidden is 256, there 512"), "{other}");
     }
 
+    #[test]
+    fn the_best_checkpoint_can_be_asked_for_where_there_is_one() {
+        let best = "[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\ncheckpoint = \"best\"\n";
+        let newest = best.replace("best", "newest");
+        let runs = "[[runs]]\npreset = \"lambda-1\"\n[[runs]]\npreset = \"demo\"\n";
+        let validated = "config.validation.every_frames = 90\n";
+        let suite = Suite::parse(&format!("seeds = [1]\n{newest}{best}{runs}{validated}")).unwrap();
+        let folders: Vec<String> = suite.evaluations.iter().map(Asked::folder).collect();
+        assert_eq!(folders, ["suite-test-novel", "suite-test-novel-best"]);
+        let problem = problem(&format!("seeds = [1]\n{best}{runs}"));
+        assert!(problem.contains("number 1: checkpoint = \"best\", but demo-1 is not validated"), "{problem}");
+    }
+
     /// The suites in the repository are sound, and together they are every row of the paper's tables.
     #[test]
     fn our_own_suites_cover_the_paper() {
@@ -346,6 +384,8 @@ mod tests {
         assert!(problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nname = \"../x\"\n").contains("../x"));
         assert!(problem("seeds = [1]\nsped = 2\n[[runs]]\npreset = \"demo\"\n").contains("sped"));
         assert!(problem("seeds = [1]\nframes = 1\n[[runs]]\npreset = \"demo\"\n").contains("frames"));
+        let same = problem("seeds = [1]\n[[runs]]\npreset = \"lambda-15\"\n[[runs]]\npreset = \"disturb-two-stage\"\n");
+        assert!(same.contains("lambda-15-1 and disturb-two-stage-1 are the same run"), "{same}");
         let range = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"all\"\nepisodes = 361\n";
         assert!(problem(&format!("{range}[[runs]]\npreset = \"demo\"\n")).contains("361"));
     }

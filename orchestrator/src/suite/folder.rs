@@ -11,16 +11,21 @@
 //!   report/           the report
 //! ```
 
-use super::file::{Asked, Entry, Suite};
+use super::file::{Asked, AskedCheckpoint, Entry, Suite};
 use crate::identity::{Held, holder};
 use crate::report_files::PAGE;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::RESULT_FILE;
+use proto::fault;
 use proto::run_folder::{RunFolder, write_atomically};
 use report::study::differences_between;
+use std::ffi::OsStr;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
+
+/// Name of the lock.
+const LOCK: &str = "suite.lock";
 
 /// The folder.
 #[derive(Debug, Clone)]
@@ -58,6 +63,11 @@ impl SuiteFolder {
         Self { root: root.into() }
     }
 
+    /// The suite's file as it was at the last call: where it is, the folder is a suite's.
+    fn file(&self) -> PathBuf {
+        self.root.join("suite.toml")
+    }
+
     /// How every run stands.
     pub fn state(&self) -> PathBuf {
         self.root.join("suite.json")
@@ -83,6 +93,15 @@ impl SuiteFolder {
         self.run(entry).root().join("evaluations").join(asked.folder())
     }
 
+    /// Whose weights it is of.
+    pub fn subject(&self, entry: &Entry, asked: &Asked) -> PathBuf {
+        let run = self.run(entry);
+        match asked.checkpoint {
+            AskedCheckpoint::Newest => run.root().to_path_buf(),
+            AskedCheckpoint::Best => run.best(),
+        }
+    }
+
     /// What `--config` is given.
     pub fn config(&self, entry: &Entry) -> PathBuf {
         self.root.join("configs").join(format!("{}.toml", entry.name))
@@ -96,12 +115,17 @@ impl SuiteFolder {
     /// Refuses a folder that is no suite's, and runs that were begun with another configuration.
     pub fn check(&self, suite: &Suite) -> Result<()> {
         let root = self.root.display();
-        let foreign = match std::fs::read_dir(&self.root) {
+        let mut foreign = false;
+        match std::fs::read_dir(&self.root) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
-            Err(error) => return Err(error).with_context(|| format!("suite folder {root}")),
-            Ok(mut entries) => entries.next().is_some() && !self.root.join("suite.toml").exists(),
-        };
-        if foreign {
+            entries => {
+                for entry in entries.with_context(|| format!("suite folder {root}"))? {
+                    // A call that was killed before it had written its file leaves these.
+                    foreign |= ![LOCK, "suite.toml.partial"].map(OsStr::new).contains(&&*entry?.file_name());
+                }
+            }
+        }
+        if foreign && !self.file().exists() {
             bail!("{root} is not empty, and what it holds is no suite: choose another folder with --out");
         }
         for entry in &suite.entries {
@@ -143,11 +167,8 @@ impl SuiteFolder {
     /// Makes the folder and takes the right to work on it, until the file is dropped.
     pub fn open(&self, suite: &Suite, text: &str) -> Result<File> {
         let root = self.root.display();
-        for folder in ["configs", "logs", "runs"] {
-            let path = self.root.join(folder);
-            std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
-        }
-        let path = self.root.join("suite.lock");
+        std::fs::create_dir_all(&self.root).with_context(|| format!("cannot create {root}"))?;
+        let path = self.root.join(LOCK);
         let lock = OpenOptions::new().create(true).truncate(false).write(true).open(&path);
         let lock = lock.with_context(|| format!("cannot open {}", path.display()))?;
         match lock.try_lock() {
@@ -157,15 +178,21 @@ impl SuiteFolder {
             }
             Err(TryLockError::Error(error)) => return Err(error).with_context(|| path.display().to_string()),
         }
-        let mut files = vec![(self.root.join("suite.toml"), text)];
-        files.extend(suite.entries.iter().map(|entry| (self.config(entry), entry.overrides.as_str())));
-        for (path, text) in files {
-            write_atomically(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+        fault::reach("suite.before_file");
+        // The file first: by it the folder is known for a suite's.
+        let write = |path: &Path, text: &str| {
+            write_atomically(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
+        };
+        write(&self.file(), text)?;
+        for folder in ["configs", "logs", "runs"] {
+            let path = self.root.join(folder);
+            std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
         }
+        suite.entries.iter().try_for_each(|entry| write(&self.config(entry), &entry.overrides))?;
         Ok(lock)
     }
 
-    /// What a run needs next. What a process that was killed left half made, and nobody could go on with, is removed.
+    /// What a run needs next.
     pub fn next(&self, suite: &Suite, entry: &Entry) -> Result<Next> {
         let folder = self.run(entry);
         if let Some(held) = held(&folder)? {
@@ -175,7 +202,6 @@ impl SuiteFolder {
             if folder.identity().exists() {
                 return Ok(Next::Step(Step::Resume));
             }
-            remove(folder.root())?;
             return Ok(match entry.from {
                 Some(from) if !self.run(&suite.entries[from]).summary().exists() => Next::After(from),
                 _ => Next::Step(Step::Begin),
@@ -189,10 +215,18 @@ impl SuiteFolder {
             if let Some(held) = held(&folder)? {
                 return Ok(Next::HeldBy(held));
             }
-            remove(folder.root())?;
             return Ok(Next::Step(Step::Evaluate(index)));
         }
         Ok(Next::Done)
+    }
+
+    /// Removes what an earlier try of a step left half made, and nobody could go on with.
+    pub fn clear(&self, suite: &Suite, entry: &Entry, step: &Step) -> Result<()> {
+        match step {
+            Step::Begin => remove(self.run(entry).root()),
+            Step::Resume => Ok(()),
+            Step::Evaluate(index) => remove(&self.evaluation(entry, &suite.evaluations[*index])),
+        }
     }
 }
 
@@ -239,6 +273,8 @@ mod tests {
         let run = folder.run(entry);
         std::fs::create_dir_all(run.checkpoints()).unwrap();
         assert_eq!(next(), Next::Step(Step::Begin));
+        assert!(run.root().exists(), "asking changes nothing");
+        folder.clear(&suite, entry, &Step::Begin).unwrap();
         assert!(!run.root().exists());
 
         std::fs::create_dir_all(run.root()).unwrap();
@@ -254,7 +290,11 @@ mod tests {
         let first = folder.evaluation(entry, &suite.evaluations[0]);
         std::fs::create_dir_all(first.join("logs")).unwrap();
         assert_eq!(next(), Next::Step(Step::Evaluate(0)), "one that was cut off is done again");
-        assert!(!first.exists());
+        assert!(first.exists(), "its logs say why, until it is tried again");
+        folder.clear(&suite, entry, &Step::Resume).unwrap();
+        assert!(first.exists());
+        folder.clear(&suite, entry, &Step::Evaluate(0)).unwrap();
+        assert!(!first.exists() && run.identity().exists());
         for (index, expected) in [Next::Step(Step::Evaluate(1)), Next::Done].into_iter().enumerate() {
             let done = folder.evaluation(entry, &suite.evaluations[index]);
             std::fs::create_dir_all(&done).unwrap();
@@ -288,5 +328,15 @@ mod tests {
         assert!(problem.contains("another configuration (ppo.epochs = 4)"), "{problem}");
         let foreign = SuiteFolder::new(temporary.path());
         assert!(foreign.check(&suite).unwrap_err().to_string().contains("no suite"));
+    }
+
+    #[test]
+    fn an_evaluation_is_of_the_newest_checkpoint_or_of_the_best() {
+        let folder = SuiteFolder::new("suite");
+        let text = format!("{FILE}config.validation.every_frames = 9\n");
+        let suite = Suite::parse(&text.replacen("novel\"", "novel\"\ncheckpoint = \"best\"", 1)).unwrap();
+        let subjects = suite.evaluations.iter().map(|asked| folder.subject(&suite.entries[0], asked));
+        let expected = ["suite/runs/demo-1/best", "suite/runs/demo-1"];
+        assert!(subjects.eq(expected.map(PathBuf::from)));
     }
 }

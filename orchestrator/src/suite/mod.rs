@@ -9,6 +9,7 @@ mod state;
 pub use file::Suite;
 pub use folder::SuiteFolder;
 
+use crate::log_line::error_in;
 use crate::metrics::History;
 use crate::progress::frames_line;
 use crate::terminal;
@@ -43,6 +44,8 @@ pub enum Outcome {
     /// Everything is trained and evaluated.
     Done,
     /// Somebody asked it to stop.
+    Stopped,
+    /// Somebody asked twice: its processes ended without saving.
     Interrupted,
     /// Some runs failed, or were stopped by somebody else.
     Incomplete,
@@ -95,7 +98,8 @@ impl Sitting<'_> {
         loop {
             tokio::select! {
                 _ = interrupts.recv() => self.stop(),
-                _ = terminations.recv() => self.stop(),
+                // Asking twice in this way changes nothing, as for a run.
+                _ = terminations.recv() => if self.stops == 0 { self.stop() },
                 _ = tick.tick() => {}
             }
             self.reap()?;
@@ -113,8 +117,10 @@ impl Sitting<'_> {
             }
         }
         terminal::progress(Vec::new());
-        Ok(if self.stops > 0 {
+        Ok(if self.stops > 1 {
             Outcome::Interrupted
+        } else if self.stops == 1 {
+            Outcome::Stopped
         } else if self.state.runs.values().all(|standing| standing.status == Status::Done) {
             Outcome::Done
         } else {
@@ -245,6 +251,7 @@ impl Sitting<'_> {
         let standing = self.state.of(&entry.name);
         *standing = state::Standing { status, tries: standing.tries + 1 };
         self.write()?;
+        self.folder.clear(self.suite, entry, &step)?;
         fault::reach("suite.before_process");
         let child = self.command(entry, &step, place)?.spawn().context("cannot start a process")?;
         self.workers.push(Worker { entry: index, step, place, child });
@@ -276,7 +283,8 @@ impl Sitting<'_> {
             }
             Step::Evaluate(number) => {
                 let asked = &self.suite.evaluations[*number];
-                command.arg("eval").arg(run.root()).arg("--out").arg(self.folder.evaluation(entry, asked));
+                command.arg("eval").arg(self.folder.subject(entry, asked));
+                command.arg("--out").arg(self.folder.evaluation(entry, asked));
                 command.args(["--split", asked.split_name(), "--objects", asked.objects_name()]);
                 if let Some(episodes) = asked.episodes {
                     command.args(["--episodes", &episodes.to_string()]);
@@ -337,8 +345,7 @@ fn last_words(log: &Path, exit: ExitStatus) -> String {
     let text = String::from_utf8_lossy(&end);
     // What the program reports at its end, else the last that it logged as an error.
     let error = text.lines().rev().find_map(|line| line.strip_prefix("error: "));
-    let error =
-        error.or_else(|| text.lines().rev().find_map(|line| line.split_once(" ERROR ")).map(|(_, error)| error));
+    let error = error.or_else(|| text.lines().rev().find_map(error_in));
     match (read, error) {
         (Ok(_), Some(error)) => error.to_owned(),
         _ => exit.to_string(),

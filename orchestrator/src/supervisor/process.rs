@@ -5,7 +5,8 @@
 //! line to `RUN/logs/NAME.log`; warnings, errors and whatever is not a log line (a panic, a library's complaint) also
 //! to the terminal. A learner's standard output is its voice ([`proto::control`]).
 
-use super::machine::{Event, Exit, Process};
+use super::event::{Event, Exit, Process};
+use crate::log_line::LogLine;
 use proto::control::LearnerEvent;
 use proto::run_folder::RunFolder;
 use proto::wire::WireAddress;
@@ -245,31 +246,6 @@ async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: Fil
     last_words.into()
 }
 
-/// A line of a child's standard error, as `proto::logging` writes it: `2026-11-21T02:04:23.1Z  WARN text`.
-#[derive(Debug, PartialEq, Eq)]
-struct LogLine<'a> {
-    /// None for what is not a log line.
-    level: Option<&'a str>,
-    text: &'a str,
-}
-
-impl<'a> LogLine<'a> {
-    fn parse(line: &'a str) -> Self {
-        let plain = Self { level: None, text: line };
-        let Some((time, rest)) = line.split_once(' ') else { return plain };
-        if !(time.ends_with('Z') && time.contains('T') && time.starts_with(|first: char| first.is_ascii_digit())) {
-            return plain;
-        }
-        let rest = rest.trim_start();
-        let (level, text) = rest.split_once(' ').unwrap_or((rest, ""));
-        if matches!(level, "TRACE" | "DEBUG" | "INFO" | "WARN" | "ERROR") {
-            Self { level: Some(level), text }
-        } else {
-            plain
-        }
-    }
-}
-
 /// The next line without its end, cut at [`LONGEST_LINE`] bytes; none when the pipe is closed.
 async fn next_line(reader: &mut (impl AsyncBufReadExt + Unpin)) -> Option<String> {
     let mut line: Vec<u8> = Vec::new();
@@ -297,17 +273,6 @@ async fn next_line(reader: &mut (impl AsyncBufReadExt + Unpin)) -> Option<String
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn log_lines_are_told_from_cries() {
-        assert_eq!(
-            LogLine::parse("2026-11-21T02:04:23.123456Z  WARN it is late"),
-            LogLine { level: Some("WARN"), text: "it is late" }
-        );
-        let panic = "thread 'main' panicked at src/main.rs:3:5:";
-        assert_eq!(LogLine::parse(panic), LogLine { level: None, text: panic });
-        assert_eq!(LogLine::parse(""), LogLine { level: None, text: "" });
-    }
 
     #[tokio::test]
     async fn lines_are_cut_and_the_last_needs_no_end() {

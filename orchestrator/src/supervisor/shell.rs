@@ -4,7 +4,9 @@
 //! listened to by small tasks on the same thread, which send events. A turn of the loop takes milliseconds, the
 //! longest part being the sweep after a death.
 
-use super::machine::{Action, End, Event, Exit, Level, Outcome, Policy, Process, Supervisor};
+use super::event::{Action, End, Event, Exit, Level, Outcome, Process};
+use super::machine::Supervisor;
+use super::policy::Policy;
 use super::process::{Launch, Processes};
 use super::stage::StageSwitch;
 use crate::recorder::Recorder;
@@ -17,7 +19,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
-use tokio::time::MissedTickBehavior;
+use tokio::time::{Interval, MissedTickBehavior};
 
 /// How often deadlines are looked at, late subscribers are given the announcement, and progress is shown.
 const TICK: Duration = Duration::from_millis(250);
@@ -76,7 +78,8 @@ pub trait Audience {
     fn learner_died(&mut self, now: Duration);
     /// Some time has passed.
     fn tick(&mut self, now: Duration, recorder: Option<&Recorder>);
-    /// Whether there is something of its own to wait for when all work is complete. It is told of ticks meanwhile.
+    /// Whether there is something of its own to wait for when all work is complete. It is told of ticks meanwhile. Who
+    /// asks to stop does not wait: the run then counts as stopped, and what is missing is made when it goes on.
     fn is_busy(&self) -> bool {
         false
     }
@@ -108,6 +111,7 @@ impl Shell<'_> {
         let mut sweeps = 0;
         let mut own_events: VecDeque<Event> = VecDeque::new();
         let mut recording_failed = false;
+        let mut asked_to_stop = false;
 
         let begin = Instant::now();
         let mut tick = tokio::time::interval(TICK);
@@ -138,12 +142,10 @@ impl Shell<'_> {
                     Action::Report(Level::Info, text) => tracing::info!("{text}"),
                     Action::Report(Level::Warning, text) => tracing::warn!("{text}"),
                     Action::Report(Level::Error, text) => tracing::error!("{text}"),
-                    Action::Finish(outcome) => {
-                        while outcome.end == End::Complete && audience.is_busy() {
-                            tokio::select! {
-                                _ = self.signals.next() => break,
-                                _ = tick.tick() => audience.tick(begin.elapsed(), self.recorder),
-                            }
+                    Action::Finish(mut outcome) => {
+                        let complete = outcome.end == End::Complete;
+                        if complete && !self.wait_for(audience, &mut tick, begin, asked_to_stop).await {
+                            outcome.end = End::Stopped;
                         }
                         audience.over();
                         return Ok(outcome);
@@ -192,10 +194,28 @@ impl Shell<'_> {
                     }
                     audience.tick(now, self.recorder);
                 }
+                Event::Stop | Event::Interrupt => asked_to_stop = true,
                 _ => {}
             }
             actions = machine.on_event(now, event);
         }
+    }
+
+    /// Waits for what the audience still has to do; false if someone asks to stop before that is done.
+    async fn wait_for(
+        &mut self,
+        audience: &mut impl Audience,
+        tick: &mut Interval,
+        begin: Instant,
+        mut asked_to_stop: bool,
+    ) -> bool {
+        while audience.is_busy() && !asked_to_stop {
+            tokio::select! {
+                _ = self.signals.next() => asked_to_stop = true,
+                _ = tick.tick() => audience.tick(begin.elapsed(), self.recorder),
+            }
+        }
+        !audience.is_busy()
     }
 
     fn switch_stage(&self, switch: StageSwitch) {

@@ -29,8 +29,8 @@ pub fn validation(subjects: &[Subject<'_>]) -> Vec<Figure> {
         };
         Figure {
             name,
-            caption: "Fixed episodes of the validation kitchens during training: mean over seeds; shaded, the range \
-                      from the lowest seed to the highest."
+            caption: "Fixed episodes of the validation kitchens during training, where every seed was evaluated: mean \
+                      over seeds; shaded, the range from the lowest seed to the highest."
                 .into(),
             legend: legend(part),
             columns: 2,

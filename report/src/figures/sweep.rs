@@ -35,8 +35,8 @@ pub struct SweepPoint {
 /// All sweeps over at least two values.
 pub fn sweeps(subjects: &[Subject<'_>]) -> Vec<Sweep> {
     let mut families: Vec<(Table, Vec<&Subject<'_>>)> = Vec::new();
-    for subject in subjects.iter().filter(|subject| !subject.group.untrained()) {
-        let mut rest = subject.group.settings_without_preset();
+    for subject in subjects.iter().filter(|subject| !subject.group.untrained() && !subject.group.unknown()) {
+        let mut rest = subject.group.settings.clone();
         if let Some(reward) = rest.get_mut("reward").and_then(toml::Value::as_table_mut) {
             reward.remove("lambda_disturb");
         }

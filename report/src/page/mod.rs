@@ -3,9 +3,9 @@
 mod table;
 
 use crate::chart::{Figure, escape};
-use crate::format::{count, interval, number, percent};
+use crate::format::{NOTHING, count, interval, number, percent, share};
 use crate::report::{FigureSet, GroupReport, Made, Report};
-use crate::results::FieldResult;
+use crate::results::{FieldResult, Rate};
 use crate::statistics::Estimate;
 use crate::study::Field;
 use crate::tables::{Comparison, Ours, Published, Row};
@@ -107,9 +107,9 @@ fn figure(figure: &Figure) -> String {
 
 fn beside_the_paper(report: &Report, figures: &FigureSet) -> String {
     let mut html = format!(
-        "<p>Each row of the paper's tables ({}), and below it, shaded, our runs of the preset that is that row. SR: share \
-         of successful episodes; SRwoD: successful with a total displacement of all other objects below 0.01 m; \
-         percentages. In brackets, 95% intervals by a percentile bootstrap of {} resamples, stratified by kitchen, over \
+        "<p>Each row of the paper's tables ({}), and below it, shaded, our runs of its method, with the settings that are \
+         not its own. SR: share of successful episodes; SRwoD: successful with a total displacement of all other objects \
+         below 0.01 m; percentages. In brackets, 95% intervals by a percentile bootstrap of {} resamples, stratified by kitchen, over \
          the matrix of seeds × kitchens, as rliable defines them; one seed alone has none. The paper's IQM is the mean \
          of the middle three of five seeds: ours by that definition stands in the column “IQM of seeds”, while “IQM” is the \
          interquartile mean over all seeds × kitchens.</p>\n",
@@ -144,12 +144,12 @@ fn comparison_table(comparison: &Comparison) -> Table {
 }
 
 fn published_row(table: &mut Table, row: &Row) {
-    let share = |value: Option<f64>| Cell::number(value.map_or_else(|| "–".to_owned(), percent));
     let Published { success, success_iqm, success_without_disturbance, success_without_disturbance_iqm } = row.paper;
     let mut cells: Vec<Cell> = row.what.iter().map(Cell::text).collect();
     cells.push(Cell::number(if row.ours.is_empty() { "not run" } else { "paper" }));
-    cells.extend([share(Some(success)), Cell::number(""), share(success_iqm)]);
-    cells.extend([share(Some(success_without_disturbance)), Cell::number(""), share(success_without_disturbance_iqm)]);
+    for (mean, iqm) in [(success, success_iqm), (success_without_disturbance, success_without_disturbance_iqm)] {
+        cells.extend([percent(mean), String::new(), share(iqm)].map(Cell::number));
+    }
     table.row(if row.ours.is_empty() { "absent" } else { "" }, cells);
 }
 
@@ -184,7 +184,7 @@ fn groups(report: &Report) -> String {
     let mut list = Table::new(["group", "seeds", "settings that are not the preset's"].map(Cell::text).to_vec());
     for group in &report.groups {
         let seeds: Vec<String> = group.runs.iter().map(|run| run.seed.to_string()).collect();
-        let differences = if group.differences.is_empty() { "–".to_owned() } else { group.differences.join("; ") };
+        let differences = if group.differences.is_empty() { NOTHING.to_owned() } else { group.differences.join("; ") };
         list.row("", vec![Cell::text(&group.label), Cell::text(seeds.join(", ")), Cell::wide(differences)]);
     }
     html.push_str(&list.html());
@@ -224,7 +224,6 @@ fn field_table(found: &[(&GroupReport, &FieldResult)]) -> Table {
     let mut table = Table::new(head);
     for (group, result) in found {
         let pooled = &result.pooled;
-        let share = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), percent);
         let cells = [
             share(pooled.picked_up),
             number(pooled.length, 1),
@@ -253,31 +252,26 @@ fn prediction_table(report: &Report) -> String {
     let head = ["group", "episodes of"].map(Cell::text).into_iter();
     let figures = ["precision", "recall", "recall of quiet steps", "steps"].map(Cell::number);
     let mut table = Table::new(head.chain(figures).collect());
-    let mut any = false;
     for group in &report.groups {
         for result in &group.results {
             let Some(prediction) = &result.pooled.disturb_prediction else { continue };
-            any = true;
-            let share = |value: Option<f64>| Cell::number(value.map_or_else(|| "–".to_owned(), percent));
             let counts = prediction.counts;
             let steps = counts.hits + counts.misses + counts.false_alarms + counts.quiet;
-            table.row(
-                "",
-                vec![
-                    Cell::text(&group.label),
-                    Cell::text(&result.field),
-                    share(prediction.precision),
-                    share(prediction.recall),
-                    share(prediction.recall_of_quiet),
-                    Cell::number(count(steps)),
-                ],
-            );
+            let shares = [prediction.precision, prediction.recall, prediction.recall_of_quiet].map(share);
+            let mut row = vec![Cell::text(&group.label), Cell::text(&result.field)];
+            row.extend(shares.map(Cell::number));
+            row.push(Cell::number(count(steps)));
+            table.row("", row);
         }
     }
-    if any { format!("<h3>On fixed episodes</h3>\n{}", table.html()) } else { String::new() }
+    if table.is_empty() { String::new() } else { format!("<h3>On fixed episodes</h3>\n{}", table.html()) }
 }
 
 fn runs(report: &Report) -> String {
+    runs_table(report).html() + &counting(report)
+}
+
+fn runs_table(report: &Report) -> Table {
     let mut table = Table::new(vec![
         Cell::text("run"),
         Cell::text("group"),
@@ -305,9 +299,12 @@ fn runs(report: &Report) -> String {
             );
         }
     }
-    let mut html = table.html();
-    let counting = report.groups.iter().flat_map(|group| group.results.iter().map(move |result| (group, result)));
-    let mut seeds = Table::new(vec![
+    table
+}
+
+/// The evaluations that count, a seed each.
+fn counting(report: &Report) -> String {
+    let mut table = Table::new(vec![
         Cell::text("episodes of"),
         Cell::text("group"),
         Cell::number("seed"),
@@ -318,34 +315,32 @@ fn runs(report: &Report) -> String {
         Cell::number("SRwoD"),
         Cell::text("weights"),
     ]);
-    let mut any = false;
-    for (group, result) in counting {
-        for seed in &result.seeds {
-            any = true;
-            let rate = |rate: &crate::results::Rate| Cell::number(percent(rate.share)).over(interval(&rate.interval));
-            seeds.row(
-                "",
-                vec![
-                    Cell::text(&result.field),
-                    Cell::text(&group.label),
-                    Cell::number(seed.seed.to_string()),
-                    Cell::text(&seed.evaluation),
-                    Cell::number(count(seed.frames)),
-                    Cell::number(count(seed.episodes)),
-                    rate(&seed.success),
-                    rate(&seed.success_without_disturbance),
-                    Cell::text(seed.weights.chars().take(12).collect::<String>()),
-                ],
-            );
-        }
-    }
-    if any {
-        html.push_str(
-            "<h3>The evaluations that count</h3>\n<p>Of several evaluations of a run on the same kind of episodes the one \
-             with sampled actions counts, then the one with the most episodes, then the newest. In brackets, Wilson's 95% \
-             interval of that policy's rate over its episodes: it says nothing about other seeds.</p>\n",
+    let rate = |rate: &Rate| Cell::number(percent(rate.share)).over(interval(&rate.interval));
+    let results = report.groups.iter().flat_map(|group| group.results.iter().map(move |result| (group, result)));
+    let seeds = results.flat_map(|(group, result)| result.seeds.iter().map(move |seed| (group, result, seed)));
+    for (group, result, seed) in seeds {
+        table.row(
+            "",
+            vec![
+                Cell::text(&result.field),
+                Cell::text(&group.label),
+                Cell::number(seed.seed.to_string()),
+                Cell::text(&seed.evaluation),
+                Cell::number(count(seed.frames)),
+                Cell::number(count(seed.episodes)),
+                rate(&seed.success),
+                rate(&seed.success_without_disturbance),
+                Cell::text(seed.weights.chars().take(12).collect::<String>()),
+            ],
         );
-        html.push_str(&seeds.html());
     }
-    html
+    if table.is_empty() {
+        return String::new();
+    }
+    format!(
+        "<h3>The evaluations that count</h3>\n<p>Of several evaluations of a run on the same kind of episodes the one \
+         with sampled actions counts, then the one with the most episodes, then the newest. In brackets, Wilson's 95% \
+         interval of that policy's rate over its episodes: it says nothing about other seeds.</p>\n{}",
+        table.html()
+    )
 }

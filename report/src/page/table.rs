@@ -74,6 +74,11 @@ impl Table {
         self.rows.push((class, cells));
     }
 
+    /// Nothing but a head.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
     /// As HTML.
     pub fn html(&self) -> String {
         let mut html = String::from("<div class=\"scroll\"><table>\n<thead>");

@@ -1,10 +1,12 @@
 //! The supervisor against a world that crashes, hangs and lies at random.
 
 use super::*;
+use crate::supervisor::stage::StageSwitch;
 use proptest::prelude::*;
+use proto::config::Config;
 use proto::control::Timing;
 use proto::kitchen::KitchenId;
-use proto::message::directive;
+use proto::message::{StageAnnouncement, directive};
 use proto::reward::RewardKind;
 use proto::stage::{RolloutShape, position_at};
 use std::collections::BTreeSet;

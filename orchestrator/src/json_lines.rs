@@ -1,0 +1,79 @@
+//! Files of one JSON object a line that are only ever appended to. A crash can cut the last line short: the next one
+//! begins after its end, and readers skip what is no whole object.
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::fs::{File, OpenOptions};
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+/// The whole lines of a file, in order; none when there is no file.
+pub fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>> {
+    let file = match File::open(path) {
+        Ok(file) => file,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(error).with_context(|| path.display().to_string()),
+    };
+    let mut lines = Vec::new();
+    for line in BufReader::new(file).split(b'\n') {
+        let line = line.with_context(|| path.display().to_string())?;
+        lines.extend(serde_json::from_slice::<T>(&line).ok());
+    }
+    Ok(lines)
+}
+
+/// Appends to a file.
+#[derive(Debug)]
+pub struct Writer {
+    file: File,
+    path: PathBuf,
+}
+
+impl Writer {
+    /// Opens a file for appending, made if there is none. A line that a crash cut short is ended.
+    pub fn open(path: &Path) -> Result<Self> {
+        let cannot = || format!("cannot open {}", path.display());
+        let mut file = OpenOptions::new().create(true).read(true).append(true).open(path).with_context(cannot)?;
+        let mut last = [b'\n'];
+        if file.metadata().with_context(cannot)?.len() > 0 {
+            file.seek(SeekFrom::End(-1)).and_then(|_| file.read_exact(&mut last)).with_context(cannot)?;
+        }
+        if last != *b"\n" {
+            file.write_all(b"\n").with_context(cannot)?;
+        }
+        Ok(Self { file, path: path.to_path_buf() })
+    }
+
+    /// Writes one line, in one call.
+    pub fn append(&mut self, value: &impl Serialize) -> Result<()> {
+        let mut line = serde_json::to_vec(value)?;
+        line.push(b'\n');
+        self.file.write_all(&line).with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    /// Has all lines on the disk.
+    pub fn sync(&self) -> Result<()> {
+        self.file.sync_all().with_context(|| format!("cannot write {}", self.path.display()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_that_was_cut_short_costs_itself_and_no_other() {
+        let temporary = tempfile::tempdir().unwrap();
+        let path = temporary.path().join("numbers.jsonl");
+        assert!(read::<Vec<u32>>(&path).unwrap().is_empty());
+        Writer::open(&path).unwrap().append(&[1, 2]).unwrap();
+        for torn in [&b"[3, "[..], b"[\"\xc3"] {
+            OpenOptions::new().append(true).open(&path).unwrap().write_all(torn).unwrap();
+            let mut writer = Writer::open(&path).unwrap();
+            writer.append(&[4]).unwrap();
+            writer.sync().unwrap();
+        }
+        assert_eq!(read::<Vec<u32>>(&path).unwrap(), [vec![1, 2], vec![4], vec![4]]);
+    }
+}

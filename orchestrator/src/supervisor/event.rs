@@ -1,0 +1,188 @@
+//! The vocabulary of supervision: processes and their ends, what happens, what is to be done about it, how it all ends.
+
+use super::stage::StageSwitch;
+use proto::control::LearnerEvent;
+use proto::kitchen::Kitchens;
+use proto::message::StageAnnouncement;
+use std::fmt::{Display, Formatter};
+
+/// A process of the run, in the order in which they are started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Process {
+    /// A learner, by its rank in the process group. This machine's orchestrator runs rank 0.
+    Learner(u32),
+    /// An actor, by its number.
+    Actor(u32),
+}
+
+/// The learner of this machine.
+pub const LEARNER: Process = Process::Learner(0);
+
+impl Display for Process {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Learner(rank) => write!(f, "learner-{rank}"),
+            Self::Actor(actor) => write!(f, "actor-{actor:02}"),
+        }
+    }
+}
+
+impl Process {
+    /// Its name and, of an actor, its kitchen in a run in these kitchens.
+    pub fn describe(self, kitchens: Kitchens) -> String {
+        match self {
+            Self::Learner(_) => self.to_string(),
+            Self::Actor(actor) => format!("{self} (kitchen {})", kitchens.of_actor(actor)),
+        }
+    }
+}
+
+/// How a process ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Exit {
+    /// It exited with this status.
+    Code(i32),
+    /// A signal ended it.
+    Signal(i32),
+    /// It could not be started at all.
+    NotStarted(String),
+}
+
+impl Display for Exit {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Code(code) => write!(f, "exit status {code}"),
+            Self::Signal(signal) => match signal_name(*signal) {
+                Some(name) => write!(f, "signal {signal} ({name})"),
+                None => write!(f, "signal {signal}"),
+            },
+            Self::NotStarted(cause) => write!(f, "it could not be started: {cause}"),
+        }
+    }
+}
+
+fn signal_name(signal: i32) -> Option<&'static str> {
+    Some(match signal {
+        2 => "SIGINT",
+        4 => "SIGILL: an instruction this processor does not have",
+        6 => "SIGABRT",
+        7 => "SIGBUS: shared memory or the disk behind a mapped file is full",
+        8 => "SIGFPE",
+        9 => "SIGKILL: killed, perhaps by the kernel for want of memory",
+        11 => "SIGSEGV",
+        15 => "SIGTERM",
+        _ => return None,
+    })
+}
+
+/// What happened.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Event {
+    /// A process ended and was reaped.
+    Exited {
+        /// Which.
+        process: Process,
+        /// The incarnation that ended.
+        incarnation: u32,
+        /// How.
+        exit: Exit,
+        /// Its last lines on standard error.
+        last_words: Vec<String>,
+    },
+    /// A learner spoke.
+    Learner {
+        /// The incarnation that spoke.
+        incarnation: u32,
+        /// What it said.
+        event: LearnerEvent,
+    },
+    /// Time passed.
+    Tick,
+    /// Someone asks for an orderly stop (`orchestrator stop`, SIGTERM, SIGHUP). Asking twice changes nothing.
+    Stop,
+    /// Ctrl-C: the first is an orderly stop, the second ends everything at once.
+    Interrupt,
+    /// The recording or the figures of the run cannot be written any more: a run that nobody can look into is ended.
+    CannotWrite(String),
+}
+
+/// How loudly a report is made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    /// As expected.
+    Info,
+    /// Something broke and is being mended.
+    Warning,
+    /// The run ends because of it.
+    Error,
+}
+
+/// What is to be done.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Action {
+    /// Start a process.
+    Spawn {
+        /// Which.
+        process: Process,
+        /// How often it has been started, from 1.
+        incarnation: u32,
+    },
+    /// Close its standard input: it leaves in good order.
+    CloseLifeline(Process),
+    /// SIGKILL.
+    Kill(Process),
+    /// Publish to the learners.
+    Announce(StageAnnouncement),
+    /// Note a change of stage.
+    SwitchStage(StageSwitch),
+    /// Tell the user.
+    Report(Level, String),
+    /// Nothing more will come.
+    Finish(Outcome),
+}
+
+/// How a run (or this sitting of it) ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Outcome {
+    /// Why.
+    pub end: End,
+    /// What the learner had saved when it left; none if it left without a word.
+    pub saved: Option<Saved>,
+}
+
+/// Why a run ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum End {
+    /// The budget is reached.
+    Complete,
+    /// Someone asked for it; the run can be resumed.
+    Stopped,
+    /// Someone asked twice; the run can be resumed from its last checkpoint.
+    Interrupted,
+    /// It cannot go on. The reason has been reported.
+    Failed(String),
+}
+
+impl End {
+    /// As `run.toml` and the user are told: `complete`, `stopped`, `interrupted` or `failed`.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Complete => "complete",
+            Self::Stopped => "stopped",
+            Self::Interrupted => "interrupted",
+            Self::Failed(_) => FAILED,
+        }
+    }
+}
+
+/// The word for a run that cannot go on.
+pub const FAILED: &str = "failed";
+
+/// The state a learner left behind.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Saved {
+    /// Frames trained on.
+    pub frames: u64,
+    /// SHA-256 of the weights, 64 hex digits.
+    pub weights: String,
+}
