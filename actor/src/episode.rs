@@ -79,7 +79,7 @@ fn stand(kitchen: &Kitchen, category: TargetCategory, target: Vec3, distance_max
     let occupied = kitchen.solids[movable].aabb(&target_pose).loosened(START_CLEARANCE_M);
     let distance = |stand: &Stand| {
         let (x, z) = (stand.x_m - target.x, stand.z_m - target.z);
-        libm::sqrtf(x * x + z * z)
+        f32::sqrt(x * x + z * z)
     };
     let clear = |stand: &Stand| {
         let configuration = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);

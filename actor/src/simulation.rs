@@ -12,6 +12,7 @@
 //! that holds it.
 
 use crate::kitchen::Kitchen;
+use crate::physics::geometry::length;
 use crate::physics::sweep::Sweep;
 use crate::physics::things::Things;
 use crate::physics::watch::{Extremes, Watch};
@@ -309,8 +310,8 @@ impl Simulation {
         for body in 0..PART_COUNT + usize::from(self.held.is_some()) {
             let start = pose_of(body, &self.poses, hand_from_body);
             let end = pose_of(body, goal, hand_from_body);
-            let radius = (start.translation - axis).with_y(0.0).length();
-            travel = travel.max((end.translation - start.translation).length()).max(turn * radius);
+            let radius = length((start.translation - axis).with_y(0.0));
+            travel = travel.max(length(end.translation - start.translation)).max(turn * radius);
         }
         self.substeps.max(libm::ceilf(travel / MAX_TRAVEL_PER_SUBSTEP_M) as u32)
     }

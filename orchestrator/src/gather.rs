@@ -1,6 +1,6 @@
 //! What run folders and evaluation folders tell, for a report.
 
-use crate::identity::{Identity, holder, read_config, state};
+use crate::identity::{Identity, holder, state};
 use crate::metrics::{History, Trained};
 use crate::summary::Summary;
 use crate::validation::{Validated as Scored, read_log};
@@ -100,7 +100,7 @@ fn look(folder: &Path, depth: usize, found: &mut Vec<PathBuf>, notes: &mut Vec<S
     let as_run = RunFolder::new(folder);
     if has_result || as_run.identity().exists() {
         // A run.toml whose configuration holds an evaluation is one without a result.
-        if has_result || read_config(&as_run)?.evaluation.is_none() {
+        if has_result || Config::of_run(&as_run)?.evaluation.is_none() {
             found.push(folder.to_path_buf());
         }
         return Ok(());
@@ -133,7 +133,7 @@ fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
     Ok(Run {
         name: path.display().to_string(),
         state: state(&identity, &holder(&folder)?, complete),
-        config: read_config(&folder)?,
+        config: Config::of_run(&folder)?,
         rollouts: history.iter().map(rollout).collect(),
         evaluations: evaluations_of(&folder, notes)?,
         validation: validation_of(&folder)?,
@@ -210,7 +210,7 @@ fn read_outside(folder: &Path, place: &Path) -> Result<Outside> {
     Ok(Outside {
         place: place.to_path_buf(),
         folder: folder.to_path_buf(),
-        config: read_config(&RunFolder::new(folder))?,
+        config: Config::of_run(&RunFolder::new(folder))?,
         evaluated: evaluation(folder)?,
     })
 }
@@ -220,7 +220,7 @@ impl Outside {
     fn alone(self) -> Run {
         let subject = &self.evaluated.result.subject;
         // How its weights were trained stands in its run's folder only, if that is still where it was.
-        let trained = subject.run.as_ref().and_then(|run| read_config(&RunFolder::new(run)).ok());
+        let trained = subject.run.as_ref().and_then(|run| Config::of_run(&RunFolder::new(run)).ok());
         let trained = trained.filter(|trained| {
             trained.evaluation.is_none() && (&trained.preset, trained.seed) == (&subject.preset, subject.seed)
         });

@@ -129,16 +129,9 @@ impl Identity {
     }
 }
 
-/// What `config.toml` of a run or an evaluation says.
-pub fn read_config(folder: &RunFolder) -> Result<Config> {
-    let path = folder.config();
-    let text = std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    Ok(Config::from_toml(&text, &path.display().to_string())?)
-}
-
 /// Whether a folder holds an evaluation: one that was cut off is made anew, not gone on with.
 pub fn is_evaluation(folder: &RunFolder) -> bool {
-    read_config(folder).is_ok_and(|config| config.evaluation.is_some())
+    Config::of_run(folder).is_ok_and(|config| config.evaluation.is_some())
 }
 
 /// Seconds since 1970.

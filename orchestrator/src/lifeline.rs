@@ -1,7 +1,21 @@
-//! A process that another `orchestrator` has started leaves with it: when a suite is killed, its runs save and stop.
+//! `orchestrator`s that start `orchestrator`s: a suite its runs and evaluations, a run its validations. Who was started
+//! leaves with who started it: when a suite is killed, its runs save and stop.
 
 use anyhow::{Context, Result, ensure};
 use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};
+use std::os::unix::process::CommandExt;
+use std::process::Command;
+
+/// A command that starts this very program, also when its file has been replaced since it began: suites take days, and
+/// in days people compile.
+pub fn this_program() -> Command {
+    let mut command = Command::new("/proc/self/exe");
+    // What people find in a list of processes.
+    if let Ok(path) = std::env::current_exe() {
+        command.arg0(path);
+    }
+    command
+}
 
 /// From now on the kernel sends this process `signal` when `parent` dies.
 pub fn follow(parent: u32, signal: Signal) -> Result<()> {

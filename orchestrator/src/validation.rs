@@ -11,6 +11,7 @@
 use crate::evaluation::subject::Provenance;
 use crate::identity::Identity;
 use crate::json_lines::{self, Writer};
+use crate::lifeline::this_program;
 use crate::recorder::Recorder;
 use crate::remains;
 use crate::schema::stillroom;
@@ -24,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use std::fs::OpenOptions;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 /// Time that an evaluation has to stop its processes.
@@ -231,7 +232,7 @@ impl Validation {
         let log = OpenOptions::new().create(true).append(true).open(&log_path);
         let log = log.with_context(|| format!("cannot open {}", log_path.display()))?;
         let validation = self.config.validation;
-        let mut command = Command::new(std::env::current_exe().context("this program's path")?);
+        let mut command = this_program();
         command.arg("eval").arg(self.manifest(rollout)).args(["--split", "valid"]);
         command.args(["--beside", &std::process::id().to_string()]);
         command.args(["--objects", validation.objects.name(), "--actors", &validation.actors.to_string()]);

@@ -4,6 +4,7 @@ use proto::config::Config;
 use proto::evaluation::{EpisodeRecord, Evaluation, ObjectSet};
 use proto::kitchen::Split;
 use std::collections::BTreeMap;
+use std::path::Path;
 use toml::{Table, Value};
 
 /// One run, or weights that were evaluated without one.
@@ -115,8 +116,8 @@ impl Run {
 /// Runs of one configuration with different seeds.
 #[derive(Debug, Clone)]
 pub struct Group<'a> {
-    /// Its name in tables and figures: the preset's, with a star where it has other settings than the preset, and a letter
-    /// where that is not enough to tell groups apart.
+    /// Its name in tables and figures: the preset's, with a star where it has other settings than the preset. Where that is
+    /// not enough to tell groups apart: what their folders are called, or else a letter.
     pub label: String,
     /// Preset.
     pub preset: String,
@@ -209,6 +210,30 @@ impl Group<'_> {
     pub fn unknown(&self) -> bool {
         self.runs.iter().all(|run| run.state == UNKNOWN)
     }
+
+    /// A label with this name.
+    fn named(&self, name: &str) -> String {
+        let star = if self.differences.is_empty() { "" } else { "*" };
+        let trained = match (self.untrained(), self.unknown()) {
+            (true, _) => ", untrained",
+            (_, true) => ", run unknown",
+            _ => "",
+        };
+        format!("{name}{star}{trained}")
+    }
+
+    /// What all its folders are called, without their seeds; none where they differ, or only a clock named them.
+    fn called(&self) -> Option<String> {
+        let mut names = self.runs.iter().map(|run| {
+            let folder = Path::new(&run.name).file_name()?.to_str()?;
+            let name = folder.strip_suffix(&format!("-{}", run.config.seed)).unwrap_or(folder);
+            let time = name.strip_suffix(&run.config.preset).unwrap_or(name);
+            (!name.is_empty() && time.contains(|letter: char| !letter.is_ascii_digit() && letter != '-'))
+                .then_some(name)
+        });
+        let first = names.next()??;
+        names.all(|name| name == Some(first)).then(|| first.to_owned())
+    }
 }
 
 /// Key of the one thing in a group's settings that is no setting.
@@ -219,28 +244,28 @@ pub const UNTRAINED: &str = "untrained";
 pub const UNKNOWN: &str = "its run cannot be found";
 
 fn label(groups: &mut [Group<'_>]) {
-    let names: Vec<String> = groups
+    let names: Vec<String> = groups.iter().map(|group| group.named(&group.preset)).collect();
+    let labels: Vec<String> = groups
         .iter()
-        .map(|group| {
-            let star = if group.differences.is_empty() { "" } else { "*" };
-            let trained = match (group.untrained(), group.unknown()) {
-                (true, _) => ", untrained",
-                (_, true) => ", run unknown",
-                _ => "",
-            };
-            format!("{}{star}{trained}", group.preset)
+        .zip(&names)
+        .enumerate()
+        .map(|(index, (group, name))| {
+            let alike = |other: &usize| names[*other] == *name;
+            let before = (0..index).filter(alike).count();
+            let folders: Vec<Option<String>> =
+                (0..groups.len()).filter(alike).map(|other| groups[other].called()).collect();
+            let told_apart =
+                folders.iter().enumerate().all(|(n, folder)| folder.is_some() && !folders[..n].contains(folder));
+            match &folders[before] {
+                _ if folders.len() == 1 => name.clone(),
+                Some(folder) if told_apart => group.named(folder),
+                _ if before < 26 => format!("{name} ({})", char::from(b'a' + before as u8)),
+                _ => format!("{name} ({})", before + 1),
+            }
         })
         .collect();
-    for (index, group) in groups.iter_mut().enumerate() {
-        let before = names[..index].iter().filter(|name| **name == names[index]).count();
-        let all = names.iter().filter(|name| **name == names[index]).count();
-        group.label = if all == 1 {
-            names[index].clone()
-        } else if before < 26 {
-            format!("{} ({})", names[index], char::from(b'a' + before as u8))
-        } else {
-            format!("{} ({})", names[index], before + 1)
-        };
+    for (group, label) in groups.iter_mut().zip(labels) {
+        group.label = label;
     }
 }
 
@@ -348,6 +373,23 @@ pub(crate) mod tests {
         assert_eq!(names, ["b", "a", "c"], "by seed");
         assert!(groups[0].differences.is_empty(), "{:?}", groups[0].differences);
         assert_eq!(groups[1].differences, ["stages: r 5 000, then r_prime 160 000 frames"]);
+    }
+
+    #[test]
+    fn groups_of_one_preset_are_told_apart_by_what_their_folders_are_called() {
+        let with = |name: &str, seed: u64, clip: f64| {
+            let mut run = run(name, "demo", seed);
+            run.config.ppo.clip = clip;
+            run
+        };
+        let labels = |runs: &[Run]| groups(runs).unwrap().into_iter().map(|group| group.label).collect::<Vec<_>>();
+        let suite = [with("s/wide-1", 1, 0.3), with("s/narrow-1", 1, 0.05), with("s/wide-2", 2, 0.3)];
+        assert_eq!(labels(&suite), ["wide*", "narrow*"]);
+        assert_eq!(labels(&suite[..1]), ["demo*"], "nothing to tell apart");
+        let differ = [with("s/wide-1", 1, 0.3), with("s/broad-2", 2, 0.3), with("s/narrow-1", 1, 0.05)];
+        assert_eq!(labels(&differ), ["demo* (a)", "demo* (b)"]);
+        let clock = [with("runs/20261121-145536-demo-1", 1, 0.3), with("runs/20261121-145537-demo-1", 1, 0.05)];
+        assert_eq!(labels(&clock), ["demo* (a)", "demo* (b)"]);
     }
 
     #[test]

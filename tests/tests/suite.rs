@@ -2,8 +2,9 @@
 
 use serde_json::Value;
 use std::path::{Path, PathBuf};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
-use system_tests::{DEADLINE, Printed, Run, TINY, Workshop, complete, finish, kill, signal, start};
+use system_tests::{DEADLINE, Printed, Run, TINY, Workshop, binary, complete, finish, kill, signal, start};
 
 /// Two seeds of the tiny configuration and one run more, each evaluated on 30 episodes.
 fn suite(workshop: &Workshop, frames: u64, more: &str) {
@@ -159,6 +160,28 @@ fn a_second_interrupt_is_told_from_an_orderly_stop() {
     let code = status.and_then(|status| status.code());
     assert_eq!(code, Some(130), "{:#?}", finish(child));
     first.assert_nothing_left();
+}
+
+#[test]
+fn the_program_may_be_compiled_anew_while_a_suite_works() {
+    let workshop = Workshop::new();
+    suite(&workshop, 300, "");
+    let built = binary("orchestrator");
+    let copy = workshop.path("orchestrator");
+    std::fs::copy(&built, &copy).expect("room for a copy");
+    let mut command = std::process::Command::new(&copy);
+    let usual = call(&workshop);
+    command.args(usual.get_args()).current_dir(workshop.path("")).env_remove("STILLROOM_FAULT");
+    // The other two programs are found where they were built.
+    let others = built.parent().expect("a program lies in a folder").display();
+    command.env("PATH", format!("{others}:{}", std::env::var("PATH").unwrap_or_default()));
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let child = start(command);
+    run(&workshop, "tiny-5").wait_for_rollouts(1);
+    std::fs::remove_file(&copy).expect("a running program's file can be removed");
+    let printed = finish(child);
+    assert!(printed.success, "{printed:#?}");
+    assert_eq!(state(&workshop)["runs"]["tiny-6"]["status"], "done");
 }
 
 #[test]

@@ -101,7 +101,7 @@ impl<'a> Furnishing<'a> {
             things: Vec::new(),
             taken: Vec::new(),
             small: Vec::new(),
-            spread: libm::sqrtf(area_m2 / density::USUAL_AREA_M2).clamp(density::SPREAD[0], density::SPREAD[1]),
+            spread: f32::sqrt(area_m2 / density::USUAL_AREA_M2).clamp(density::SPREAD[0], density::SPREAD[1]),
             free_burners: layout.burners.clone(),
             free_seats: layout.seats.clone(),
         }

@@ -31,7 +31,7 @@ impl Floor<'_> {
     /// Distance from the body's axis to the place on the floor plane, metres.
     pub fn distance_m(&self, at: &Configuration) -> f32 {
         let (x, z) = (self.place.x - at.x_m, self.place.z - at.z_m);
-        libm::sqrtf(x * x + z * z)
+        f32::sqrt(x * x + z * z)
     }
 
     /// Whether the place lies before the robot and within reach: the arm itself may still find things in its way.
@@ -39,7 +39,7 @@ impl Floor<'_> {
         let (sin, cos) = libm::sincosf(at.yaw_rad());
         let (x, z) = (self.place.x - at.x_m, self.place.z - at.z_m);
         let (aside, ahead) = (x * cos - z * sin, x * sin + z * cos - ARM_BASE_AHEAD_M);
-        ahead > -self.slack_m && libm::sqrtf(aside * aside + ahead * ahead) <= REACH_M + self.slack_m
+        ahead > -self.slack_m && f32::sqrt(aside * aside + ahead * ahead) <= REACH_M + self.slack_m
     }
 }
 

@@ -6,6 +6,7 @@
 //! of boxes and upright cylinders: these pairs are done here. parry's search (GJK) does the rest; along curved surfaces
 //! it can end millimetres early.
 
+use super::geometry::length;
 use rapier3d::geometry::SharedShape;
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::query;
@@ -100,10 +101,10 @@ fn segment_to_cuboid_m(segment: &Segment, half_extents: Vec3) -> f32 {
     let (mut low, mut high) = (0.0_f32, 1.0_f32);
     let (mut slope_low, mut slope_high) = (slope(low), slope(high));
     if slope_low >= 0.0 {
-        return outside(low).length();
+        return length(outside(low));
     }
     if slope_high <= 0.0 {
-        return outside(high).length();
+        return length(outside(high));
     }
     for axis in 0..3 {
         for face in [-half_extents[axis], half_extents[axis]] {
@@ -120,7 +121,7 @@ fn segment_to_cuboid_m(segment: &Segment, half_extents: Vec3) -> f32 {
         }
     }
     let nearest = low + (high - low) * (-slope_low / (slope_high - slope_low));
-    outside(nearest).length()
+    length(outside(nearest))
 }
 
 /// Distance from a segment to a cylinder about the y axis, metres; 0 if they meet. As with the box, the slope's zero is
@@ -131,17 +132,17 @@ fn segment_to_cylinder_m(segment: &Segment, half_height_m: f32, radius_m: f32) -
     let (start, along) = (segment.a, segment.b - segment.a);
     let outside = |t: f32| {
         let point = start + along * t;
-        let from_axis = libm::sqrtf(point.x * point.x + point.z * point.z);
+        let from_axis = f32::sqrt(point.x * point.x + point.z * point.z);
         let share = if from_axis > radius_m { 1.0 - radius_m / from_axis } else { 0.0 };
         Vec3::new(point.x * share, point.y - point.y.clamp(-half_height_m, half_height_m), point.z * share)
     };
     let slope = |t: f32| outside(t).dot(along);
     let (mut low, mut high) = (0.0_f32, 1.0_f32);
     if slope(low) >= 0.0 {
-        return outside(low).length();
+        return length(outside(low));
     }
     if slope(high) <= 0.0 {
-        return outside(high).length();
+        return length(outside(high));
     }
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
@@ -151,10 +152,10 @@ fn segment_to_cylinder_m(segment: &Segment, half_height_m: f32, radius_m: f32) -
         } else if slope < 0.0 {
             low = middle;
         } else {
-            return outside(middle).length();
+            return length(outside(middle));
         }
     }
-    outside(low).length().min(outside(high).length())
+    length(outside(low)).min(length(outside(high)))
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 //! advancement, here over the poses there are, not in between).
 
 use super::gap::gap_m;
-use super::geometry::Solid;
+use super::geometry::{Solid, length};
 use rapier3d::geometry::{Aabb, SharedShape};
 use rapier3d::math::Pose3;
 use rapier3d::parry::bounding_volume::BoundingVolume;
@@ -86,8 +86,8 @@ impl Sweep {
 fn furthest_travel_m(from: &Pose3, to: &Pose3, radius_m: f32) -> f32 {
     let turn = to.rotation * from.rotation.inverse();
     // A turn by an angle moves a point by twice its distance from the axis times the sine of half of the angle.
-    let half_sine = libm::sqrtf(turn.x * turn.x + turn.y * turn.y + turn.z * turn.z);
-    (to.translation - from.translation).length() + 2.0 * half_sine * radius_m
+    let half_sine = f32::sqrt(turn.x * turn.x + turn.y * turn.y + turn.z * turn.z);
+    length(to.translation - from.translation) + 2.0 * half_sine * radius_m
 }
 
 #[cfg(test)]

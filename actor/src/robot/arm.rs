@@ -21,7 +21,7 @@ use super::dimensions::{
     ARM_BASE_AHEAD_M, BODY_RADIUS_M, ELBOW_LIMIT_RAD, FOREARM_LENGTH_M, LINE_STEEPNESS_LIMIT, LINK_RADIUS_M, REACH_M,
     SHOULDER_LIMIT_RAD, UPPER_ARM_LENGTH_M, WRIST_LIMIT_RAD,
 };
-use crate::physics::geometry::{rotation_x, rotation_y, rotation_z};
+use crate::physics::geometry::{length, rotation_x, rotation_y, rotation_z};
 use rapier3d::math::{Rot3, Vec3};
 
 /// Joint angles, radians.
@@ -70,21 +70,21 @@ pub fn inverse(
     wrist_pitch_rad: f32,
 ) -> Result<Joints, Unreachable> {
     let (a, b) = (UPPER_ARM_LENGTH_M, FOREARM_LENGTH_M);
-    let distance = wrist.length();
+    let distance = length(wrist);
     if !(distance > a - b && distance <= REACH_M) {
         return Err(Unreachable);
     }
-    let horizontal = libm::sqrtf(wrist.x * wrist.x + wrist.z * wrist.z);
+    let horizontal = f32::sqrt(wrist.x * wrist.x + wrist.z * wrist.z);
     // The law of cosines by half angles, tan²(e/2) = ((a+b)² − d²) / (d² − (a−b)²): it keeps its digits where the arm
     // is all but stretched, and acos does not.
     let opposite = (REACH_M - distance) * (REACH_M + distance);
     let adjacent = (distance - (a - b)) * (distance + (a - b));
-    let elbow_rad = 2.0 * libm::atan2f(libm::sqrtf(opposite), libm::sqrtf(adjacent));
+    let elbow_rad = 2.0 * libm::atan2f(f32::sqrt(opposite), f32::sqrt(adjacent));
     if wrist.y.abs() > LINE_STEEPNESS_LIMIT * horizontal || elbow_rad > ELBOW_LIMIT_RAD {
         return Err(Unreachable);
     }
     // The triangle's corner at the shoulder; its height is twice its area over the line.
-    let sin_elbow = 0.5 * libm::sqrtf(opposite * adjacent) / (a * b);
+    let sin_elbow = 0.5 * f32::sqrt(opposite * adjacent) / (a * b);
     let sin_corner = b * sin_elbow / distance;
     let cos_corner = (distance * distance + (a - b) * (a + b)) / (2.0 * a * distance);
 
@@ -101,7 +101,7 @@ pub fn inverse(
     // gives the upper arm's roll; so the two rolls agree even where the arm lies along the base's axis, and each of
     // them alone could be anything.
     let elbow_axis = right * cos_roll + above * sin_roll;
-    let lift = libm::sqrtf(upper_arm.x * upper_arm.x + upper_arm.y * upper_arm.y);
+    let lift = f32::sqrt(upper_arm.x * upper_arm.x + upper_arm.y * upper_arm.y);
     let (sin_base, cos_base) = if lift > 0.0 { (-upper_arm.x / lift, upper_arm.y / lift) } else { (0.0, 1.0) };
     let unrolled_x = Vec3::new(cos_base, sin_base, 0.0);
     let unrolled_y = upper_arm.cross(unrolled_x);

@@ -1,7 +1,7 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
 use crate::format;
-use crate::identity::{Identity, RunLock, host_name, is_evaluation, read_config, wait_for_learner};
+use crate::identity::{Identity, RunLock, host_name, is_evaluation, wait_for_learner};
 use crate::remains;
 use crate::session::{Session, Tools, preflight};
 use crate::summary::Summary;
@@ -9,6 +9,7 @@ use crate::supervisor::event::End;
 use crate::supervisor::policy::Policy;
 use crate::terminal;
 use anyhow::{Context, Result, bail};
+use proto::config::Config;
 use proto::run_folder::RunFolder;
 use proto::wire::WireAddress;
 use std::path::PathBuf;
@@ -52,7 +53,7 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let config = read_config(&folder)?;
+    let config = Config::of_run(&folder)?;
     let tools = Tools::find()?;
     settle(&folder, &identity, Policy::of(&config).silence)?;
     preflight(&config, &folder, &tools)?;

@@ -2,12 +2,13 @@
 
 use crate::figures::{Recent, StageFigures, by_stage, recent};
 use crate::format;
-use crate::identity::{Held, Identity, Incarnation, holder, read_config, state};
+use crate::identity::{Held, Identity, Incarnation, holder, state};
 use crate::metrics::History;
 use crate::progress::{figures_line, frames_line};
 use crate::summary::{Summary, table};
 use crate::terminal;
 use anyhow::Result;
+use proto::config::Config;
 use proto::run_folder::RunFolder;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -43,7 +44,7 @@ struct Status {
 pub fn run(args: &StatusArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     let identity = Identity::read(&folder)?;
-    let config = read_config(&folder)?;
+    let config = Config::of_run(&folder)?;
     let held = holder(&folder)?;
     let history = History::read(&folder)?;
     let summary = Summary::read(&folder)?;

@@ -6,6 +6,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
+use proto::run_folder::RunFolder;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -103,9 +104,7 @@ pub fn find(path: &Path) -> Result<Found> {
             manifest.display()
         );
     };
-    let config_path = run.join("config.toml");
-    let text = std::fs::read_to_string(&config_path).with_context(|| config_path.display().to_string())?;
-    let config = Config::from_toml(&text, &config_path.display().to_string())?;
+    let config = Config::of_run(&RunFolder::new(run))?;
     Ok(Found { run: run.to_path_buf(), manifest, config })
 }
 

@@ -129,9 +129,11 @@ impl SuiteFolder {
             bail!("{root} is not empty, and what it holds is no suite: choose another folder with --out");
         }
         for entry in &suite.entries {
-            let path = self.run(entry).config();
-            let Ok(text) = std::fs::read_to_string(&path) else { continue };
-            let begun = Config::from_toml(&text, &path.display().to_string())?;
+            let run = self.run(entry);
+            if !run.config().exists() {
+                continue;
+            }
+            let begun = Config::of_run(&run)?;
             // What `up` writes of its own is compared by itself, or cannot change.
             let written = |config: &Config| Config { scenes: Vec::new(), from: None, ..config.clone() };
             let mut changed = differences_between(&written(&entry.config), &written(&begun));

@@ -9,6 +9,7 @@ mod state;
 pub use file::Suite;
 pub use folder::SuiteFolder;
 
+use crate::lifeline::this_program;
 use crate::log_line::error_in;
 use crate::metrics::History;
 use crate::progress::frames_line;
@@ -260,11 +261,10 @@ impl Sitting<'_> {
     }
 
     fn command(&self, entry: &Entry, step: &Step, place: usize) -> Result<Command> {
-        let program = std::env::current_exe().context("the path of this program")?;
         let log_path = self.folder.log(entry);
         let log = OpenOptions::new().create(true).append(true).open(&log_path);
         let log = log.with_context(|| format!("cannot open {}", log_path.display()))?;
-        let mut command = Command::new(program);
+        let mut command = Command::from(this_program());
         command.arg("--parent").arg(std::process::id().to_string());
         let run = self.folder.run(entry);
         match step {

@@ -208,10 +208,7 @@ impl Supervisor {
                 if self.non_finite_deaths > 1 {
                     return self.fail(
                         now,
-                        format!(
-                            "{who} met non-finite numbers twice after the same checkpoint; the batch is dumped in the run folder{}",
-                            quote(last_words)
-                        ),
+                        format!("{who} met non-finite numbers twice after the same checkpoint{}", quote(last_words)),
                     );
                 }
             }
