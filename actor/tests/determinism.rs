@@ -4,38 +4,14 @@
 // Helpers of tests are tests too, which clippy's own exception does not see.
 #![allow(clippy::unwrap_used)]
 
+mod support;
+
 use actor::environment::Environment;
-use actor::kitchen::Kitchen;
-use proto::action::{Action, NO_ACTION};
-use proto::config::Config;
-use proto::episode::EnvironmentId;
-use proto::kitchen::KitchenId;
+use proto::action::NO_ACTION;
 use proto::message::{Transition, current_flag};
-use proto::random::{Key, Purpose};
-use std::sync::Arc;
+use support::{environment, kitchen, random_action, run};
 
 const STEPS: u32 = 200;
-
-fn kitchen(number: u8) -> Arc<Kitchen> {
-    let id = KitchenId::new(number).unwrap();
-    Arc::new(Kitchen::build(id, &Config::default().simulation).unwrap())
-}
-
-fn environment(kitchen: &Arc<Kitchen>, number: u32) -> Environment {
-    let id = EnvironmentId { kitchen: kitchen.id(), number };
-    Environment::new(Arc::clone(kitchen), id, &Config::default()).unwrap()
-}
-
-/// Uniform over all actions but Done, so that episodes are long.
-fn random_action(kitchen: KitchenId, environment: u32, episode: u32, step: u32) -> Action {
-    let key = Key { seed: 11, purpose: Purpose::RandomPolicy, kitchen: kitchen.number(), environment, episode, step };
-    Action::ALL[key.stream().below(20) as usize]
-}
-
-fn run(environment: &mut Environment, number: u32, episode: u32, steps: u32) -> Vec<Transition> {
-    let kitchen = environment.kitchen().id();
-    (0..steps).map(|step| environment.step(random_action(kitchen, number, episode, step))).collect()
-}
 
 /// Hashes that every machine and every later version must reproduce. A change here changes every recording: the
 /// release it goes into has another schema version than the release before it, and a line in the changelog.

@@ -3,46 +3,27 @@
 // Helpers of tests are tests too, which clippy's own exception does not see.
 #![allow(clippy::unwrap_used)]
 
+mod support;
+
 use actor::environment::Environment;
 use actor::episode::{Episode, GOAL_TOLERANCE_M};
 use actor::episodes::check::OTHERS_DRIFT_M;
+use actor::kitchen::BodyRole;
 use actor::kitchen::spots::Stand;
-use actor::kitchen::{BodyRole, Kitchen};
 use actor::simulation::CONTACT_TOLERANCE_M;
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, TargetCategory};
 use proto::message::{Transition, transition_flag};
-use proto::random::{Key, Purpose};
 use proto::reward::{GOAL_SUCCESS, PICK_UP};
 use rapier3d::math::Vec3;
 use std::f32::consts::FRAC_PI_4;
 use std::sync::Arc;
+use support::{environment, kitchen, random_action, run};
 
 fn config() -> Config {
     Config::default()
-}
-
-fn kitchen(number: u8) -> Arc<Kitchen> {
-    let id = KitchenId::new(number).unwrap();
-    Arc::new(Kitchen::build(id, &config().simulation).unwrap())
-}
-
-fn environment(kitchen: &Arc<Kitchen>, number: u32) -> Environment {
-    let id = EnvironmentId { kitchen: kitchen.id(), number };
-    Environment::new(Arc::clone(kitchen), id, &config()).unwrap()
-}
-
-/// Uniform over all actions but Done, so that episodes are long.
-fn random_action(kitchen: KitchenId, environment: u32, episode: u32, step: u32) -> Action {
-    let key = Key { seed: 11, purpose: Purpose::RandomPolicy, kitchen: kitchen.number(), environment, episode, step };
-    Action::ALL[key.stream().below(20) as usize]
-}
-
-fn run(environment: &mut Environment, number: u32, episode: u32, steps: u32) -> Vec<Transition> {
-    let kitchen = environment.kitchen().id();
-    (0..steps).map(|step| environment.step(random_action(kitchen, number, episode, step))).collect()
 }
 
 #[test]
