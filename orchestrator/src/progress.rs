@@ -115,7 +115,7 @@ pub fn figures_line(recent: &Recent) -> String {
         return String::new();
     }
     format!(
-        "return {}  success {}  undisturbed {}  disturbance {} m",
+        "return {}  success {}  SRwoD {}  disturbance {} m",
         format::number(mean_return, 2),
         format::percent(success),
         format::percent(success_without_disturbance),
@@ -144,7 +144,7 @@ mod tests {
             frames_line(&stages(), &recent),
             "stage II (r′)  1 100 / 1 500 frames  73.3%  |  25.0 frames/s: simulate 40% infer 20% update 30%  |  16 s left"
         );
-        assert_eq!(figures_line(&recent), "return 20.75  success 50.0%  undisturbed –  disturbance 0.250 m");
+        assert_eq!(figures_line(&recent), "return 20.75  success 50.0%  SRwoD –  disturbance 0.250 m");
     }
 
     #[test]

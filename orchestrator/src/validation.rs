@@ -261,7 +261,7 @@ impl Validation {
         self.crown()?;
         let is_best = best(&self.scored).is_some_and(|best| best.rollout == rollout);
         tracing::info!(
-            "validation at {} frames: success {:.1}%, undisturbed {:.1}%{}",
+            "validation at {} frames: success {:.1}%, SRwoD {:.1}%{}",
             one.frames,
             100.0 * one.success,
             100.0 * one.success_without_disturbance,

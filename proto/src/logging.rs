@@ -18,6 +18,9 @@ pub fn to_stderr() {
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
+        // A line that cannot be written is lost. The default complains of it on standard error, and panics when that is
+        // what cannot be written: a learner whose orchestrator was killed would die of its first word, unsaved.
+        .log_internal_errors(false)
         .init();
     if let Some(problem) = problem {
         tracing::warn!("{FILTER_VARIABLE} is not a filter and is ignored: {problem}");

@@ -295,18 +295,25 @@ impl Run {
         files
     }
 
-    /// Asserts that no process, no shared memory and no temporary folder of this run is left.
+    /// Waits until no process of the run is left: a killed orchestrator's children notice within moments, not at once.
     ///
     /// # Panics
-    /// If something is.
-    pub fn assert_nothing_left(&self) {
-        // A killed orchestrator's children notice within moments, not at once.
+    /// If some are left.
+    pub fn wait_for_end(&self) {
         let begun = Instant::now();
         while !self.processes("").is_empty() && begun.elapsed() < Duration::from_secs(20) {
             std::thread::sleep(Duration::from_millis(50));
         }
         let processes = self.processes("");
         assert!(processes.is_empty(), "processes are left: {processes:?}");
+    }
+
+    /// Asserts that no process, no shared memory and no temporary folder of this run is left.
+    ///
+    /// # Panics
+    /// If something is.
+    pub fn assert_nothing_left(&self) {
+        self.wait_for_end();
         let identity = std::fs::read_to_string(self.folder.identity()).expect("a run has an identity");
         let identity: toml::Table = identity.parse().expect("run.toml is TOML");
         let id = identity["id"].as_str().expect("run.toml holds the run's id");

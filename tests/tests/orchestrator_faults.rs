@@ -1,7 +1,7 @@
 //! The orchestrator is killed at every named point of its protocol; `resume` ends in the weights of a run that was
 //! left alone.
 
-use system_tests::{Workshop, complete};
+use system_tests::{TINY, Workshop, complete, finish, kill, start};
 
 const ACTORS: u32 = 1;
 const ENVIRONMENTS: u32 = 3;
@@ -21,6 +21,26 @@ fn killed_at(points: &[(&str, u32)]) {
         assert_eq!(resumed, undisturbed, "killed at {point}");
         workshop.run(&name).assert_nothing_left();
     }
+}
+
+#[test]
+fn a_learner_whose_orchestrator_is_killed_saves_what_it_has_trained() {
+    let workshop = Workshop::new();
+    // The tests' configuration saves after every rollout.
+    let seldom = TINY.replace("interval_s = 0.0", "interval_s = 300.0");
+    assert_ne!(seldom, TINY);
+    std::fs::write(workshop.path("tiny.toml"), seldom).expect("a writable temporary folder");
+    let child = start(workshop.up("killed", ACTORS, ENVIRONMENTS, 10 * FRAMES));
+    let run = workshop.run("killed");
+    run.wait_for_rollouts(3);
+    kill(child.id());
+    finish(child);
+    run.wait_for_end();
+    let checkpoints = std::fs::read_dir(run.folder.checkpoints()).expect("checkpoints");
+    let newest = checkpoints.map(|entry| entry.expect("an entry").file_name()).max().expect("a checkpoint");
+    assert!(*newest.to_string_lossy() > *"rollout-00000002", "the last is {newest:?}");
+    complete(workshop.resume("killed")).result();
+    run.assert_nothing_left();
 }
 
 #[test]

@@ -63,6 +63,9 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     preflight(&config, &folder, &tools)?;
     scenes::check(&config)?;
     introduce(&config, asked);
+    if let Some(FromConfig { checkpoint, frames, .. }) = &config.from {
+        terminal::note(&format!("begins with the weights of {checkpoint}, {} frames", format::count(*frames)));
+    }
     let (identity, lock) = create(&folder, &mut config)?;
     Session { folder, config, identity, lock, tools }.run()
 }

@@ -252,10 +252,10 @@ impl Supervisor {
             LearnerEvent::Ready { rollout, frames, device, parameters, checkpoint, .. } => {
                 self.learner.ready = Some(now);
                 self.learner.advanced = now;
-                let origin = checkpoint.map_or_else(|| "from the seed".to_owned(), |path| format!("from {path}"));
+                let origin = checkpoint.map_or_else(String::new, |path| format!(" from {path},"));
                 self.report(
                     Level::Info,
-                    format!("learner-0 ready on {device}, {parameters} parameters, {origin}, {frames} frames trained"),
+                    format!("learner-0 ready on {device}, {parameters} parameters,{origin} {frames} frames trained"),
                 );
                 match self.phase {
                     Phase::Running => self.allow(rollout, frames),
