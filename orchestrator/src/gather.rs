@@ -250,9 +250,10 @@ impl Outside {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evaluation::uneventful;
     use proto::config::FromConfig;
     use proto::evaluation::{
-        Conditions, Cost, EpisodeEnd, EpisodeRecord, EvaluationConfig, ObjectSet, Subject, category_of, write_table,
+        Conditions, Cost, EpisodeRecord, EvaluationConfig, ObjectSet, Subject, category_of, write_table,
     };
     use proto::kitchen::{KitchenId, Split};
     use report::study::groups;
@@ -265,28 +266,8 @@ mod tests {
         let mut config = Config { evaluation: Some(asked), seed: 77, ..Config::resolve("two-stage", None).unwrap() };
         config.actors.count = 5;
         let novel = (0..12).find(|&episode| ObjectSet::Novel.contains(category_of(episode))).unwrap();
-        let record = EpisodeRecord {
-            kitchen: KitchenId::of_split(split)[0],
-            episode: novel,
-            category: category_of(novel),
-            end: EpisodeEnd::Done,
-            success: true,
-            picked_up: true,
-            length: 1,
-            failed_actions: 0,
-            return_r: 0.0,
-            return_r_prime: 0.0,
-            disturbance_m: 0.0,
-            peak_disturbance_m: 0.0,
-            disturbed_objects: 0,
-            ever_disturbed_objects: 0,
-            farthest_m: 0.0,
-            peak_farthest_m: 0.0,
-            wrist_object_m: 0.0,
-            object_goal_m: 0.0,
-            disturb_prediction: None,
-            state_hash: 0,
-        };
+        let record =
+            EpisodeRecord { success: true, picked_up: true, ..uneventful(KitchenId::of_split(split)[0], novel) };
         let subject = Subject {
             preset: config.preset.clone(),
             seed: 3,

@@ -160,3 +160,30 @@ fn line(name: &str, figures: &Figures) -> String {
         number(figures.disturbed_objects, 2),
     )
 }
+
+/// An episode of one step that came to nothing.
+#[cfg(test)]
+pub fn uneventful(kitchen: proto::kitchen::KitchenId, episode: u32) -> proto::evaluation::EpisodeRecord {
+    proto::evaluation::EpisodeRecord {
+        kitchen,
+        episode,
+        category: proto::evaluation::category_of(episode),
+        end: proto::evaluation::EpisodeEnd::Done,
+        success: false,
+        picked_up: false,
+        length: 1,
+        failed_actions: 0,
+        return_r: 0.0,
+        return_r_prime: 0.0,
+        disturbance_m: 0.0,
+        peak_disturbance_m: 0.0,
+        disturbed_objects: 0,
+        ever_disturbed_objects: 0,
+        farthest_m: 0.0,
+        peak_farthest_m: 0.0,
+        wrist_object_m: 0.0,
+        object_goal_m: 0.0,
+        disturb_prediction: None,
+        state_hash: 0,
+    }
+}

@@ -422,29 +422,7 @@ fn a_learner_that_never_gets_ready_ends_the_run() {
 
 /// What an evaluation's learner says of an episode that ended.
 fn played(episode: u32) -> LearnerEvent {
-    use proto::evaluation::{EpisodeEnd, EpisodeRecord, category_of};
-    let record = EpisodeRecord {
-        kitchen: KitchenId::new(2).unwrap(),
-        episode,
-        category: category_of(episode),
-        end: EpisodeEnd::Done,
-        success: false,
-        picked_up: false,
-        length: 1,
-        failed_actions: 0,
-        return_r: 0.0,
-        return_r_prime: 0.0,
-        disturbance_m: 0.0,
-        peak_disturbance_m: 0.0,
-        disturbed_objects: 0,
-        ever_disturbed_objects: 0,
-        farthest_m: 0.0,
-        peak_farthest_m: 0.0,
-        wrist_object_m: 0.0,
-        object_goal_m: 0.0,
-        disturb_prediction: None,
-        state_hash: 0,
-    };
+    let record = crate::evaluation::uneventful(KitchenId::new(2).unwrap(), episode);
     LearnerEvent::EpisodePlayed { record, actions: vec![20] }
 }
 
