@@ -52,12 +52,12 @@ impl Stand {
         config.recording.depth_share = 0.5;
         std::fs::write(folder.path().join("config.toml"), config.to_toml()).unwrap();
         let address = WireAddress::new(&format!("actor{test}{}", std::process::id()), 1);
-        let shape = WireShape { actors: 1, environments_per_actor: ENVIRONMENTS };
+        let shape = WireShape::of(&config);
         let host = WireHost::create(&address, shape).unwrap();
         let wire = Wire::join(&address, shape, "learner-0").unwrap();
         Self {
-            observations: wire.observation_subscriber().unwrap(),
-            wakeup: wire.observations_wakeup().unwrap(),
+            observations: wire.observation_subscriber(0).unwrap(),
+            wakeup: wire.observations_wakeup(0).unwrap(),
             actions: wire.action_publisher(0).unwrap(),
             restores: wire.restore_publisher(0).unwrap(),
             bell: wire.actions_bell(0).unwrap(),

@@ -83,8 +83,7 @@ impl Sitting<'_> {
         lock.sign(incarnation)?;
         let run = std::path::absolute(folder.root()).context("run folder")?;
         let _claim = remains::claim(address, &run)?;
-        let shape =
-            WireShape { actors: config.actors.count, environments_per_actor: config.actors.environments_per_actor };
+        let shape = WireShape::of(config);
         let host = WireHost::create(address, shape)?;
         fault::reach("orchestrator.after_wire");
         let setup = || RecorderSetup {

@@ -2,6 +2,9 @@
 //!
 //! Logs go to standard error. The other direction is the stage service in shared memory; the learner's standard
 //! input is only a lifeline: when it closes, the orchestrator is gone, and the learner saves and exits.
+//!
+//! Of several learners rank 0 speaks for all: it alone tells of rollouts, updates and checkpoints, and its figures are
+//! those of the whole batch. The others tell of themselves only.
 
 use crate::evaluation::EpisodeRecord;
 use serde::{Deserialize, Serialize};
@@ -30,7 +33,7 @@ pub enum LearnerEvent {
         /// as its configuration names it.
         checkpoint: Option<String>,
     },
-    /// All actors of this machine have answered for the first time.
+    /// All of this learner's actors have answered for the first time.
     ActorsConnected {
         /// Rank in the process group.
         rank: u32,
@@ -100,6 +103,22 @@ pub enum LearnerEvent {
     },
 }
 
+impl LearnerEvent {
+    /// Rank of the learner that speaks. An evaluation has one.
+    pub fn rank(&self) -> u32 {
+        match *self {
+            Self::Ready { rank, .. }
+            | Self::ActorsConnected { rank }
+            | Self::RolloutCollected { rank, .. }
+            | Self::RolloutTrained { rank, .. }
+            | Self::CheckpointWritten { rank, .. }
+            | Self::WaitingForActor { rank, .. }
+            | Self::Finished { rank, .. } => rank,
+            Self::EpisodePlayed { .. } => 0,
+        }
+    }
+}
+
 /// Seconds that one rollout and its update took, by what the learner was doing.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Timing {
@@ -132,6 +151,9 @@ pub mod metric {
     pub const DISTURBANCE: &str = "episode/disturbance_m";
     /// Σ `γ^t` (`d_t` - d_{t-1}) of an episode, metres: what PPO-Lagrangian constrains.
     pub const DISCOUNTED_DISTURBANCE: &str = "episode/discounted_disturbance_m";
+    /// Learners that ended this rollout early, because most others had finished (DD-PPO); absent where there is one
+    /// learner, or nobody is ever hurried.
+    pub const PREEMPTED: &str = "rollout/preempted_learners";
     /// Mean reward a step over the rollout.
     pub const REWARD: &str = "rollout/reward";
     /// Clipped policy loss.

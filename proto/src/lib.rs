@@ -24,6 +24,7 @@ pub mod random;
 pub mod replay;
 pub mod reward;
 pub mod run_folder;
+pub mod shares;
 pub mod stage;
 pub mod wire;
 

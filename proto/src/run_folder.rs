@@ -5,11 +5,11 @@
 //!   run.toml               identity of the run: id, schema version, incarnations so far
 //!   config.toml            effective configuration, written once
 //!   orchestrator.lock      held (flock) by the orchestrator that runs it
-//!   learner-0.lock         held by learner rank 0 while it lives
+//!   learner-0.lock, ...    held by the learner of that rank while it lives
 //!   scenes/000/            copies of the scenes it trains in, if it has its own
 //!   checkpoints/           rollout-00000012.safetensors + rollout-00000012.json (manifest, written last)
 //!   recordings/            incarnation-001.000.mcap, ...
-//!   logs/                  orchestrator.log, learner-0.log, actor-00.log, ...
+//!   logs/                  orchestrator.log, learner-0.log, ..., actor-00.log, ...
 //!   metrics.jsonl          one line a trained rollout
 //!   validation.jsonl       one line an evaluation made while it trained
 //!   validation/rollout-00000012/   its result; the checkpoint, too, until it is known not to be the best

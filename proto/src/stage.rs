@@ -4,6 +4,7 @@
 //! learner checks that it was told the same.
 
 use crate::config::StageConfig;
+use std::ops::Range;
 
 /// Where a run stands: derived from the frames trained on so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,6 +64,19 @@ impl RolloutShape {
         let steps = frames.div_ceil(per_step);
         Self { steps: steps as usize, environments_in_last_step: (frames - (steps - 1) * per_step) as usize, frames }
     }
+
+    /// The part of a learner that has these of the environments: where none of them acts in the last step, that is a
+    /// step shorter; in a rollout of one step, no step at all.
+    #[must_use]
+    pub fn part(self, environments: Range<usize>) -> Self {
+        let width = environments.len();
+        let in_last = self.environments_in_last_step.clamp(environments.start, environments.end) - environments.start;
+        let (steps, in_last) = if in_last > 0 { (self.steps, in_last) } else { (self.steps - 1, width) };
+        match steps {
+            0 => Self { steps, environments_in_last_step: 0, frames: 0 },
+            _ => Self { steps, environments_in_last_step: in_last, frames: ((steps - 1) * width + in_last) as u64 },
+        }
+    }
 }
 
 /// The stages with their budgets scaled so that they sum to `total` exactly, proportions kept.
@@ -99,6 +113,7 @@ pub struct TooFewFrames {
 mod tests {
     use super::*;
     use crate::reward::RewardKind;
+    use crate::shares::Shares;
     use proptest::prelude::*;
 
     fn two(first: u64, second: u64) -> Vec<StageConfig> {
@@ -127,6 +142,33 @@ mod tests {
                 if shape.frames == position.frames_left { ends.push(frames); }
             }
             prop_assert_eq!(ends, vec![first, first + second]);
+        }
+
+        #[test]
+        fn learners_parts_are_the_whole(
+            frames_left in 1u64..500, steps in 1usize..20, actors in 1u32..12, learners in 1u32..6, each in 1usize..4,
+        ) {
+            prop_assume!(learners <= actors);
+            let (shares, environments) = (Shares::new(actors, learners), actors as usize * each);
+            let whole = RolloutShape::next(frames_left, steps, environments);
+            let mut frames = 0;
+            for rank in 0..learners {
+                let Range { start, end } = shares.actors_of(rank);
+                let columns = start as usize * each..end as usize * each;
+                let part = whole.part(columns.clone());
+                frames += part.frames;
+                // Whoever acts in a step of the whole acts in the same step of its part.
+                for column in columns.clone() {
+                    let acts = |shape: RolloutShape, column: usize, t: usize| {
+                        t + 1 < shape.steps || (t + 1 == shape.steps && column < shape.environments_in_last_step)
+                    };
+                    for t in 0..whole.steps {
+                        prop_assert_eq!(acts(whole, column, t), acts(part, column - columns.start, t));
+                    }
+                }
+            }
+            prop_assert_eq!(frames, whole.frames);
+            prop_assert_eq!(whole.part(0..environments), whole);
         }
 
         #[test]

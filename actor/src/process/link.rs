@@ -2,7 +2,6 @@
 
 use super::shm;
 use anyhow::{Context, Result, anyhow};
-use proto::config::ActorsConfig;
 use proto::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
 use proto::wire::{
     ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, RestoreSubscriber, UpdateConnections,
@@ -30,13 +29,9 @@ pub struct Link {
 
 impl Link {
     /// Joins the run and opens the services of actor `actor`. The orchestrator has created them.
-    pub fn open(address: &WireAddress, actors: ActorsConfig, actor: u32) -> Result<Self> {
-        let shape = WireShape { actors: actors.count, environments_per_actor: actors.environments_per_actor };
-        anyhow::ensure!(
-            actor < shape.actors,
-            "the run has actors 0 to {}: there is no actor {actor}",
-            shape.actors - 1
-        );
+    pub fn open(address: &WireAddress, shape: WireShape, actor: u32) -> Result<Self> {
+        let actors = shape.shares.actors();
+        anyhow::ensure!(actor < actors, "the run has actors 0 to {}: there is no actor {actor}", actors - 1);
         let wire = Wire::join(address, shape, &format!("actor-{actor:02}"))?;
         Ok(Self {
             // What can be told to this actor is open before it is heard of.
@@ -44,8 +39,8 @@ impl Link {
             actions: wire.action_subscriber(actor)?,
             wakeup: wire.actions_wakeup(actor)?,
             bell: wire.observations_bell(actor)?,
-            observations: wire.observation_publisher()?,
-            readers: wire.observation_readers()?,
+            observations: wire.observation_publisher(actor)?,
+            readers: wire.observation_readers(actor)?,
             _wire: wire,
         })
     }

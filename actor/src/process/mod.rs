@@ -25,7 +25,7 @@ use link::Link;
 use proto::config::Config;
 use proto::fault;
 use proto::kitchen::KitchenId;
-use proto::wire::WireAddress;
+use proto::wire::{WireAddress, WireShape};
 use protocol::{Protocol, Todo, Verdict};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -60,7 +60,7 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     let bodies = kitchen.bodies().len();
     let kitchen_ms = started.elapsed().as_millis() as u64;
     let mut environments = Environments::new(&kitchen, kitchen_id, settings.actor, &config)?;
-    let link = Link::open(&settings.wire, config.actors, settings.actor)?;
+    let link = Link::open(&settings.wire, WireShape::of(&config), settings.actor)?;
     tracing::info!(
         bodies,
         triangles = environments.triangles(),

@@ -69,14 +69,14 @@ impl<W: Write> Conversation<W> {
             gamma: config.ppo.gamma,
             learner_incarnation: incarnation,
         };
-        let (actors, environments_per_actor) = (config.actors.count, config.actors.environments_per_actor);
+        let actors = config.actors.count;
         Ok(Self {
             rank,
             collector: Collector::new(settings, boundary),
             announcements: Announcements::default(),
             actors,
             actor_deadline_s: config.learner.actor_deadline_s,
-            ports: Ports::open(&wire, WireShape { actors, environments_per_actor }, &format!("learner-{rank}"))?,
+            ports: Ports::open(&wire, WireShape::of(config), rank)?,
             control: Control::new(output, gone.clone()),
             gone,
             connected: false,

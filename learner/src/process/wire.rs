@@ -55,13 +55,15 @@ pub struct Ports {
 
 impl Ports {
     /// Joins the services of an orchestrator incarnation.
-    pub fn open(address: &WireAddress, shape: WireShape, process: &str) -> Result<Self> {
-        let wire = Wire::join(address, shape, process)?;
+    pub fn open(address: &WireAddress, shape: WireShape, rank: u32) -> Result<Self> {
+        let wire = Wire::join(address, shape, &format!("learner-{rank}"))?;
         // The bell's listener first: whoever finds the subscriber finds someone to wake.
-        let wakeup = wire.observations_wakeup()?;
-        let observations = wire.observation_subscriber()?;
+        let wakeup = wire.observations_wakeup(rank)?;
+        let observations = wire.observation_subscriber(rank)?;
         let stage = wire.stage_subscriber()?;
-        let actors = (0..shape.actors)
+        let actors = shape
+            .shares
+            .actors_of(rank)
             .map(|actor| {
                 Ok(ActorPorts {
                     actions: wire.action_publisher(actor)?,

@@ -99,10 +99,10 @@ impl Scene {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("config.toml"), config.to_toml()).unwrap();
         let address = WireAddress::new(&short(name), 1);
-        let shape = shape(&config);
+        let shape = WireShape::of(&config);
         let host = WireHost::create(&address, shape).unwrap();
         let stage = host.wire().stage_publisher().unwrap();
-        let actors = (0..shape.actors).map(|actor| StandIn::start(&address, &config, actor, 1)).collect();
+        let actors = (0..shape.shares.actors()).map(|actor| StandIn::start(&address, &config, actor, 1)).collect();
         Self { config, folder, address, host: Some(host), stage: Some(stage), version: 0, learners: 0, actors }
     }
 
@@ -200,12 +200,13 @@ impl Scene {
     pub fn next_incarnation(&mut self, number: u32) {
         self.close();
         self.address = WireAddress::new(&short(&number.to_string()), number);
-        let shape = shape(&self.config);
+        let shape = WireShape::of(&self.config);
         let host = WireHost::create(&self.address, shape).unwrap();
         self.stage = Some(host.wire().stage_publisher().unwrap());
         self.host = Some(host);
         self.version = 0;
-        self.actors = (0..shape.actors).map(|actor| StandIn::start(&self.address, &self.config, actor, 1)).collect();
+        self.actors =
+            (0..shape.shares.actors()).map(|actor| StandIn::start(&self.address, &self.config, actor, 1)).collect();
     }
 
     /// All actors die for good.
@@ -231,10 +232,6 @@ impl Drop for Scene {
     fn drop(&mut self) {
         self.close();
     }
-}
-
-fn shape(config: &Config) -> WireShape {
-    WireShape { actors: config.actors.count, environments_per_actor: config.actors.environments_per_actor }
 }
 
 fn read_events(child: &mut Child) -> Receiver<LearnerEvent> {
@@ -309,7 +306,7 @@ impl Acting {
         [stop, poisoned]: [Arc<AtomicBool>; 2],
     ) -> Self {
         let node = NODES.fetch_add(1, Ordering::Relaxed);
-        let wire = Wire::join(address, shape(config), &format!("actor-{number}-{node}")).unwrap();
+        let wire = Wire::join(address, WireShape::of(config), &format!("actor-{number}-{node}")).unwrap();
         let config = config.clone();
         Self { wire, config, number, incarnation, stop, poisoned, following: 0, steps: [0; 2], environments: vec![] }
     }
@@ -318,7 +315,7 @@ impl Acting {
         let restores = self.wire.restore_subscriber(self.number).unwrap();
         let actions = self.wire.action_subscriber(self.number).unwrap();
         let wakeup = self.wire.actions_wakeup(self.number).unwrap();
-        let observations = self.wire.observation_publisher().unwrap();
+        let observations = self.wire.observation_publisher(self.number).unwrap();
         let bell = self.wire.observations_bell(self.number).unwrap();
         let halves = Halves::of(self.config.actors.environments_per_actor);
         let mut cried: Option<Instant> = None;

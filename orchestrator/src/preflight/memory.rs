@@ -5,6 +5,7 @@ use super::Finding;
 use crate::format::bytes;
 use proto::config::{Config, Encoder};
 use proto::message::FRAME_PIXELS;
+use proto::shares::Shares;
 use proto::wire::WireShape;
 use std::path::Path;
 
@@ -59,7 +60,7 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
         let pooling = u64::from(config.network.input_pool).pow(2);
         LEARNER_BASE + rollout + in_pass * steps * (full_frame / pooling)
     };
-    let shared = WireShape { actors, environments_per_actor }.shared_memory_bytes();
+    let shared = WireShape { shares: Shares::of_one(actors), environments_per_actor }.shared_memory_bytes();
     Need { actor, learner, shared, total: u64::from(actors) * actor + learner + shared + ORCHESTRATOR }
 }
 

@@ -4,6 +4,7 @@
 use super::Finding;
 use crate::format::bytes;
 use proto::config::Config;
+use proto::shares::Shares;
 use proto::wire::{SHARED_MEMORY, WireShape};
 
 /// Checks what `config` needs against what is free in /dev/shm.
@@ -15,7 +16,8 @@ pub fn check(config: &Config) -> Finding {
 }
 
 fn check_against(config: &Config, free: u64, size: u64) -> Finding {
-    let shape = |actors| WireShape { actors, environments_per_actor: config.actors.environments_per_actor };
+    let environments_per_actor = config.actors.environments_per_actor;
+    let shape = |actors| WireShape { shares: Shares::of_one(actors), environments_per_actor };
     let actors = config.actors.count;
     let need = shape(actors).shared_memory_bytes();
     if need <= free {

@@ -122,7 +122,7 @@ impl Scribe {
         };
         let per_actor = shape.environments_per_actor;
         let kitchens = config.kitchens();
-        let environments = (0..shape.actors)
+        let environments = (0..shape.shares.actors())
             .flat_map(|actor| (0..per_actor).map(move |index| EnvironmentId::among(kitchens, actor, index, per_actor)))
             .map(|id| {
                 let prefix = format!("kitchen-{:02}/{}", id.kitchen.number(), id.number);

@@ -4,8 +4,9 @@ use super::ledger::{Ledger, Verdict};
 use super::scribe::{Counts, Scribe};
 use super::segment::{Preamble, SegmentError, Segments};
 use super::{Note, RecorderError, RecorderSetup, RecordingSummary, now_ns};
+use iceoryx2::prelude::{CallbackProgression, SignalHandlingMode, WaitSetBuilder};
 use proto::message::{Halves, Observation, ObservationHeader, observation_kind};
-use proto::wire::{ObservationSubscriber, PREFIX_MARK, Wire, WireError};
+use proto::wire::{Ipc, ObservationSubscriber, PREFIX_MARK, Wire, WireError};
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
@@ -26,21 +27,29 @@ pub fn run(
     ready: &Sender<()>,
 ) -> Result<RecordingSummary, RecorderError> {
     let wire = Wire::join(&setup.address, setup.shape, "recorder")?;
-    let subscriber = wire.observation_subscriber()?;
-    let wakeup = wire.observations_wakeup()?;
+    let learners = 0..setup.shape.shares.learners();
+    let subscribers: Vec<_> =
+        learners.clone().map(|rank| wire.observation_subscriber(rank)).collect::<Result<_, WireError>>()?;
+    let wakeups: Vec<_> = learners.map(|rank| wire.observations_wakeup(rank)).collect::<Result<_, WireError>>()?;
+    let bells = waiting(WaitSetBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>())?;
+    let _attached: Vec<_> =
+        wakeups.iter().map(|wakeup| waiting(bells.attach_notification(wakeup))).collect::<Result<_, WireError>>()?;
     let mut desk = Desk::new(setup, failure)?;
     // The orchestrator may have given up waiting; then its end of the notes is closed too.
     let _ = ready.send(());
 
     let mut flushed = Instant::now();
     loop {
-        let waited = wakeup.timed_wait(|_| {}, NAP);
-        if let Err(cause) = waited {
-            // Without the bell it still sees every sample, only later.
-            tracing::debug!("recorder: cannot wait for the bell: {cause:?}");
+        if let Err(cause) = bells.wait_and_process_once_with_timeout(|_| CallbackProgression::Continue, NAP) {
+            // Without the bells it still sees every sample, only later.
+            tracing::debug!("recorder: cannot wait for the bells: {cause:?}");
             std::thread::sleep(Duration::from_millis(1));
         }
-        drain(&subscriber, &mut desk)?;
+        for wakeup in &wakeups {
+            // Which bell rang does not matter: all samples are taken.
+            let _ = wakeup.try_wait(|_| {});
+        }
+        drain(&subscribers, &mut desk)?;
         let mut finish = false;
         loop {
             match notes.try_recv() {
@@ -61,23 +70,29 @@ pub fn run(
         }
     }
     let deadline = Instant::now() + DRAIN_DEADLINE;
-    while drain(&subscriber, &mut desk)? > 0 && Instant::now() < deadline {
+    while drain(&subscribers, &mut desk)? > 0 && Instant::now() < deadline {
         std::thread::sleep(QUIET);
     }
     desk.finish()
 }
 
 /// Takes every sample that waits; returns how many.
-fn drain(subscriber: &ObservationSubscriber, desk: &mut Desk<'_>) -> Result<u64, WireError> {
+fn drain(subscribers: &[ObservationSubscriber], desk: &mut Desk<'_>) -> Result<u64, WireError> {
     let mut taken = 0;
-    loop {
-        let sample = subscriber
+    for subscriber in subscribers {
+        while let Some(sample) = subscriber
             .receive()
-            .map_err(|cause| WireError::Port { service: "observations".to_owned(), cause: format!("{cause:?}") })?;
-        let Some(sample) = sample else { return Ok(taken) };
-        desk.sample(sample.user_header(), sample.payload());
-        taken += 1;
+            .map_err(|cause| WireError::Port { service: "observations".to_owned(), cause: format!("{cause:?}") })?
+        {
+            desk.sample(sample.user_header(), sample.payload());
+            taken += 1;
+        }
     }
+    Ok(taken)
+}
+
+fn waiting<T>(result: Result<T, impl std::fmt::Debug>) -> Result<T, WireError> {
+    result.map_err(|cause| WireError::Port { service: "observations-ready".to_owned(), cause: format!("{cause:?}") })
 }
 
 /// Where samples and notes arrive; knows what is news and whether writing still works.
@@ -105,7 +120,7 @@ impl<'a> Desk<'a> {
         let scribe = Scribe::new(segments, setup.shape, setup.incarnation, &setup.config);
         Ok(Self {
             scribe: Some(scribe),
-            ledger: Ledger::new(setup.shape.actors),
+            ledger: Ledger::new(setup.shape.shares.actors()),
             halves: Halves::of(setup.shape.environments_per_actor),
             failure,
             time_ns,

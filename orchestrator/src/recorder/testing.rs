@@ -105,7 +105,7 @@ impl FakeActor {
     pub fn join(address: &WireAddress, shape: WireShape, actor: u32) -> Self {
         let wire = Wire::join(address, shape, &format!("actor-{actor:02}")).unwrap();
         Self {
-            publisher: wire.observation_publisher().unwrap(),
+            publisher: wire.observation_publisher(actor).unwrap(),
             bell: wire.observations_bell(actor).unwrap(),
             actor,
             halves: Halves::of(shape.environments_per_actor),

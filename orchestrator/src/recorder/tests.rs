@@ -11,11 +11,15 @@ use proptest::prelude::*;
 use prost::Message;
 use proto::control::{Timing, metric};
 use proto::message::{current_flag, transition_flag};
+use proto::shares::Shares;
 use proto::wire::WireHost;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-const SHAPE: WireShape = WireShape { actors: 2, environments_per_actor: 3 };
+/// Two actors of a learner each.
+fn shape() -> WireShape {
+    WireShape { shares: Shares::new(2, 2), environments_per_actor: 3 }
+}
 
 struct Bench {
     address: WireAddress,
@@ -28,14 +32,14 @@ impl Bench {
     fn new(test: &str) -> Self {
         // Short: sockets in the folder of this name have at most 108 bytes of path.
         let address = WireAddress::new(&format!("r{test}{}", std::process::id()), 1);
-        let host = WireHost::create(&address, SHAPE).unwrap();
+        let host = WireHost::create(&address, shape()).unwrap();
         Self { address, _host: host, folder: tempfile::tempdir().unwrap(), config: Config::default() }
     }
 
     fn start(&self) -> Recorder {
         Recorder::start(RecorderSetup {
             address: self.address.clone(),
-            shape: SHAPE,
+            shape: shape(),
             folder: RunFolder::new(self.folder.path()),
             incarnation: 1,
             config: self.config.clone(),
@@ -44,7 +48,7 @@ impl Bench {
     }
 
     fn actors(&self) -> [FakeActor; 2] {
-        [0, 1].map(|actor| FakeActor::join(&self.address, SHAPE, actor))
+        [0, 1].map(|actor| FakeActor::join(&self.address, shape(), actor))
     }
 }
 
@@ -304,7 +308,7 @@ fn a_recording_that_exists_is_never_overwritten() {
     std::fs::write(&path, b"precious").unwrap();
     let error = Recorder::start(RecorderSetup {
         address: bench.address.clone(),
-        shape: SHAPE,
+        shape: shape(),
         folder: RunFolder::new(bench.folder.path()),
         incarnation: 1,
         config: bench.config.clone(),
@@ -472,7 +476,7 @@ fn throughput_of_the_scribe() {
     let folder = std::env::var_os("KEEP_RECORDING").map_or_else(|| temporary.path().to_path_buf(), PathBuf::from);
     let config = Config::default();
     let preamble = Preamble { run_id: "throughput".to_owned(), incarnation: 1, config: config.clone() };
-    let shape = WireShape { actors: 1, environments_per_actor: 16 };
+    let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 16 };
     for (name, flags, exchanges) in [("steps", 0, 20_000u64), ("depth frames", current_flag::RECORD_DEPTH, 100)] {
         let folder = RunFolder::new(folder.join(name));
         let segments = Segments::create(folder, preamble.clone(), 0).unwrap();

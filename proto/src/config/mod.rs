@@ -16,6 +16,7 @@ use crate::evaluation::{EvaluationConfig, ObjectSet, Plan};
 use crate::kitchen::Kitchens;
 use crate::reward::RewardKind;
 use crate::run_folder::RunFolder;
+use crate::shares::Shares;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -45,7 +46,7 @@ pub struct Config {
     pub reward: RewardConfig,
     /// Auxiliary task.
     pub auxiliary: AuxiliaryConfig,
-    /// The learner process.
+    /// The learner processes.
     pub learner: LearnerConfig,
     /// Checkpoints.
     pub checkpoint: CheckpointConfig,
@@ -223,7 +224,7 @@ pub struct AuxiliaryConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DeviceChoice {
-    /// The first CUDA device if there is one, else the CPU.
+    /// CUDA if there is a device, else the CPU.
     Auto,
     /// The CPU.
     Cpu,
@@ -244,15 +245,18 @@ pub enum EncoderPrecision {
     Bfloat16,
 }
 
-/// The learner process.
+/// The learner processes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LearnerConfig {
+    /// Learner processes; the actors are divided among them. Each infers for its own and all take every step of the
+    /// optimiser together, with the sum of their gradients (DD-PPO). On CUDA learner i computes on device i.
+    pub count: u32,
     /// Where it computes.
     pub device: DeviceChoice,
     /// What the visual encoder computes in.
     pub encoder_precision: EncoderPrecision,
-    /// Threads of libtorch on the CPU. Part of what makes a run reproducible: results differ in the last bits
+    /// Threads of libtorch on the CPU, of each learner. Part of what makes a run reproducible: results differ in the last bits
     /// between thread counts.
     pub threads: u32,
     /// How long to wait for an actor's observations before giving up, seconds.
@@ -420,6 +424,7 @@ impl Default for AuxiliaryConfig {
 impl Default for LearnerConfig {
     fn default() -> Self {
         Self {
+            count: 1,
             device: DeviceChoice::Auto,
             encoder_precision: EncoderPrecision::Auto,
             threads: 1,
@@ -528,5 +533,13 @@ impl Config {
     /// Environments of the whole run.
     pub fn environments(&self) -> usize {
         self.actors.count as usize * self.actors.environments_per_actor as usize
+    }
+
+    /// The actors, divided among the learners.
+    ///
+    /// # Panics
+    /// If the configuration was not validated.
+    pub fn shares(&self) -> Shares {
+        Shares::new(self.actors.count, self.learner.count)
     }
 }

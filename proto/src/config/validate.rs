@@ -114,6 +114,18 @@ impl Config {
         check("learner.actor_deadline_s", deadline_s, valid, "must be greater than 0")?;
         let valid = interval_s.is_finite() && interval_s >= 0.0;
         check("checkpoint.interval_s", interval_s, valid, "must be 0 or greater")?;
+        check(
+            "learner.count",
+            learner.count,
+            (1..=self.actors.count).contains(&learner.count),
+            "must be 1 to actors.count: every learner has actors of its own",
+        )?;
+        check(
+            "learner.count",
+            learner.count,
+            learner.count == 1 || self.evaluation.is_none(),
+            "must be 1: an evaluation has one learner",
+        )?;
         check("learner.threads", learner.threads, (1..=256).contains(&learner.threads), "must be 1 to 256")?;
         check("checkpoint.keep", checkpoint.keep, (1..=1000).contains(&checkpoint.keep), "must be 1 to 1000")?;
         check(

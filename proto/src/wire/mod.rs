@@ -2,12 +2,14 @@
 //!
 //! | service | pattern | from → to | payload |
 //! |---|---|---|---|
-//! | `observations` | publish-subscribe | every actor → learner, recorder, one more tap | `[Observation]` of one half |
-//! | `observations-ready` | event, id = actor | every actor → the same | |
+//! | `observations/RANK` | publish-subscribe | a learner's actors → it, recorder, one more tap | `[Observation]` of one half |
+//! | `observations-ready/RANK` | event, id = actor | a learner's actors → it | |
 //! | `restore/ACTOR` | publish-subscribe | learner → one actor | `[EnvironmentState]` of all its environments |
 //! | `actions/ACTOR` | publish-subscribe | learner → one actor | `[u8]`, one action an environment of the half |
 //! | `actions-ready/ACTOR` | event | learner → one actor | |
-//! | `stage` | publish-subscribe, history 1 | orchestrator → learner, one more tap | `StageAnnouncement` |
+//! | `stage` | publish-subscribe, history 1 | orchestrator → learners, one more tap | `StageAnnouncement` |
+//!
+//! Each learner has observations of its own: none is woken by, or holds a queue for, what another one's actors send.
 //!
 //! One long-lived process, the orchestrator, creates every service ([`WireHost`]) and all others only open them
 //! ([`Wire`]): a process killed while it creates a service can leave it half-made for good. Each incarnation of the
@@ -22,6 +24,7 @@ use crate::SCHEMA_VERSION;
 use crate::message::{
     ActionHeader, EnvironmentState, Halves, Observation, ObservationHeader, RestoreHeader, StageAnnouncement,
 };
+use crate::shares::Shares;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
@@ -118,13 +121,18 @@ pub enum WireError {
 /// How many processes and environments share one machine's services.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WireShape {
-    /// Actor processes.
-    pub actors: u32,
-    /// Environments of each.
+    /// Actor processes, divided among learners.
+    pub shares: Shares,
+    /// Environments of each actor.
     pub environments_per_actor: u32,
 }
 
 impl WireShape {
+    /// The shape of a configuration's processes.
+    pub fn of(config: &crate::config::Config) -> Self {
+        Self { shares: config.shares(), environments_per_actor: config.actors.environments_per_actor }
+    }
+
     /// Shared memory that the observation services can come to use, bytes: every slot of every actor, and a tenth
     /// for everything else.
     pub fn shared_memory_bytes(self) -> u64 {
@@ -132,12 +140,12 @@ impl WireShape {
         let samples = (OBSERVATION_SUBSCRIBERS + 1) * (OBSERVATION_BUFFER + OBSERVATION_BORROWED) + 1;
         let half = Halves::of(self.environments_per_actor).range(0).len();
         let per_actor = samples * half * size_of::<Observation>();
-        u64::from(self.actors) * per_actor as u64 * 11 / 10 + (1 << 20)
+        u64::from(self.shares.actors()) * per_actor as u64 * 11 / 10 + (1 << 20)
     }
 
     fn nodes(self) -> usize {
-        // Actors, learner, orchestrator, recorder, tap; each possibly next to its dead predecessor.
-        (self.actors as usize + 4) * RESTART_MARGIN
+        // Actors, learners, orchestrator, recorder, tap; each possibly next to its dead predecessor.
+        (self.shares.actors() as usize + self.shares.learners() as usize + 3) * RESTART_MARGIN
     }
 }
 
@@ -180,11 +188,13 @@ impl Wire {
     /// A full subscriber blocks `send`: the recorder must see every step. A dead one is swept by the orchestrator.
     /// A subscriber that has not met this publisher yet blocks nothing and may miss a sample: compare what `send`
     /// returns with [`Self::observation_readers`].
-    pub fn observation_publisher(&self) -> Result<ObservationPublisher, WireError> {
+    pub fn observation_publisher(&self, actor: u32) -> Result<ObservationPublisher, WireError> {
+        let rank = self.shape.shares.learner_of(actor);
+        let name = observations_name(rank);
         let service = self
-            .observations()?
+            .observations(rank)?
             .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", OBSERVATIONS, &cause))?;
+            .map_err(|cause| service("open", &name, &cause))?;
         service
             .publisher_builder()
             .initial_max_slice_len(Halves::of(self.shape.environments_per_actor).range(0).len())
@@ -192,51 +202,52 @@ impl Wire {
             .max_loaned_samples(1)
             .backpressure_strategy(BackpressureStrategy::RetryUntilDelivered)
             .create()
-            .map_err(|cause| port(OBSERVATIONS, &cause))
+            .map_err(|cause| port(&name, &cause))
     }
 
-    /// Counts the subscribers of the observations, those that were killed and not swept yet included.
-    pub fn observation_readers(&self) -> Result<ObservationReaders, WireError> {
+    /// Counts the subscribers of an actor's observations, those that were killed and not swept yet included.
+    pub fn observation_readers(&self, actor: u32) -> Result<ObservationReaders, WireError> {
+        let rank = self.shape.shares.learner_of(actor);
         let service = self
-            .observations()?
+            .observations(rank)?
             .open_with_attributes(&required_attributes())
-            .map_err(|cause| self::service("open", OBSERVATIONS, &cause))?;
+            .map_err(|cause| self::service("open", &observations_name(rank), &cause))?;
         Ok(ObservationReaders { service })
     }
 
-    /// A reader's end of the observations.
-    pub fn observation_subscriber(&self) -> Result<ObservationSubscriber, WireError> {
+    /// A reader's end of the observations of one learner's actors.
+    pub fn observation_subscriber(&self, rank: u32) -> Result<ObservationSubscriber, WireError> {
+        let name = observations_name(rank);
         let service = self
-            .observations()?
+            .observations(rank)?
             .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", OBSERVATIONS, &cause))?;
-        service
-            .subscriber_builder()
-            .buffer_size(OBSERVATION_BUFFER)
-            .create()
-            .map_err(|cause| port(OBSERVATIONS, &cause))
+            .map_err(|cause| service("open", &name, &cause))?;
+        service.subscriber_builder().buffer_size(OBSERVATION_BUFFER).create().map_err(|cause| port(&name, &cause))
     }
 
-    /// Rings when an actor has sent observations; the event id is the actor's number.
-    pub fn observations_wakeup(&self) -> Result<Wakeup, WireError> {
+    /// Rings when one of a learner's actors has sent observations; the event id is the actor's number.
+    pub fn observations_wakeup(&self, rank: u32) -> Result<Wakeup, WireError> {
+        let name = observations_ready_name(rank);
         let service = self
-            .observations_ready()?
+            .observations_ready(rank)?
             .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", OBSERVATIONS_READY, &cause))?;
-        service.listener_builder().create().map_err(|cause| port(OBSERVATIONS_READY, &cause))
+            .map_err(|cause| service("open", &name, &cause))?;
+        service.listener_builder().create().map_err(|cause| port(&name, &cause))
     }
 
     /// The actor's bell for its observations.
     pub fn observations_bell(&self, actor: u32) -> Result<Bell, WireError> {
+        let rank = self.shape.shares.learner_of(actor);
+        let name = observations_ready_name(rank);
         let service = self
-            .observations_ready()?
+            .observations_ready(rank)?
             .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", OBSERVATIONS_READY, &cause))?;
+            .map_err(|cause| service("open", &name, &cause))?;
         service
             .notifier_builder()
             .default_event_id(EventId::new(actor as usize))
             .create()
-            .map_err(|cause| port(OBSERVATIONS_READY, &cause))
+            .map_err(|cause| port(&name, &cause))
     }
 
     /// The learner's end of one actor's actions.
@@ -336,29 +347,29 @@ impl Wire {
 
     // The settings of each service. Creating and opening share them; defaults of iceoryx2 do not fit.
 
-    fn observations(&self) -> Result<SampleBuilder<[Observation], ObservationHeader>, WireError> {
+    fn observations(&self, rank: u32) -> Result<SampleBuilder<[Observation], ObservationHeader>, WireError> {
         Ok(self
             .node
-            .service_builder(&name(OBSERVATIONS)?)
+            .service_builder(&name(&observations_name(rank))?)
             .publish_subscribe::<[Observation]>()
             .user_header::<ObservationHeader>()
             .enable_safe_overflow(false)
             .subscriber_max_buffer_size(OBSERVATION_BUFFER)
             .subscriber_max_borrowed_samples(OBSERVATION_BORROWED)
             .history_size(0)
-            .max_publishers(self.shape.actors as usize * RESTART_MARGIN)
+            .max_publishers(self.shape.shares.actors_of(rank).len() * RESTART_MARGIN)
             .max_subscribers(OBSERVATION_SUBSCRIBERS + 1)
             .max_nodes(self.shape.nodes()))
     }
 
-    fn observations_ready(&self) -> Result<EventBuilder<Ipc>, WireError> {
+    fn observations_ready(&self, rank: u32) -> Result<EventBuilder<Ipc>, WireError> {
         Ok(self
             .node
-            .service_builder(&name(OBSERVATIONS_READY)?)
+            .service_builder(&name(&observations_ready_name(rank))?)
             .event()
-            .max_notifiers(self.shape.actors as usize * RESTART_MARGIN)
+            .max_notifiers(self.shape.shares.actors_of(rank).len() * RESTART_MARGIN)
             .max_listeners(OBSERVATION_SUBSCRIBERS + 1)
-            .event_id_max_value(self.shape.actors as usize)
+            .event_id_max_value(self.shape.shares.actors() as usize)
             .max_nodes(self.shape.nodes()))
     }
 
@@ -415,7 +426,8 @@ impl Wire {
             .subscriber_max_borrowed_samples(1)
             .history_size(1)
             .max_publishers(1)
-            .max_subscribers(2 * RESTART_MARGIN)
+            // The learners and one more tap.
+            .max_subscribers((self.shape.shares.learners() as usize + 1) * RESTART_MARGIN)
             .max_nodes(self.shape.nodes()))
     }
 }
@@ -459,10 +471,12 @@ impl WireHost {
                 ));
             };
         }
-        create!(wire.observations(), OBSERVATIONS);
-        create!(wire.observations_ready(), OBSERVATIONS_READY);
         create!(wire.stage(), STAGE);
-        for actor in 0..shape.actors {
+        for rank in 0..shape.shares.learners() {
+            create!(wire.observations(rank), &observations_name(rank));
+            create!(wire.observations_ready(rank), &observations_ready_name(rank));
+        }
+        for actor in 0..shape.shares.actors() {
             create!(wire.actions(actor), &actions_name(actor));
             create!(wire.restore(actor), &restore_name(actor));
             create!(wire.actions_ready(actor), &actions_ready_name(actor));
@@ -486,9 +500,15 @@ impl WireHost {
     }
 }
 
-const OBSERVATIONS: &str = "observations";
-const OBSERVATIONS_READY: &str = "observations-ready";
 const STAGE: &str = "stage";
+
+fn observations_name(rank: u32) -> String {
+    format!("observations/{rank}")
+}
+
+fn observations_ready_name(rank: u32) -> String {
+    format!("observations-ready/{rank}")
+}
 
 fn actions_name(actor: u32) -> String {
     format!("actions/{actor}")
@@ -551,20 +571,21 @@ mod tests {
 
     #[test]
     fn a_frame_and_its_answer_cross_and_nothing_is_left() {
-        let shape = WireShape { actors: 2, environments_per_actor: 3 };
+        let shape = WireShape { shares: Shares::new(3, 2), environments_per_actor: 3 };
         let address = address("cross");
         let host = WireHost::create(&address, shape).unwrap();
         {
-            let learner = Wire::join(&address, shape, "learner-0").unwrap();
-            let actor = Wire::join(&address, shape, "actor-01").unwrap();
-            let subscriber = learner.observation_subscriber().unwrap();
-            let wakeup = learner.observations_wakeup().unwrap();
-            let publisher = actor.observation_publisher().unwrap();
-            let bell = actor.observations_bell(1).unwrap();
+            let learner = Wire::join(&address, shape, "learner-1").unwrap();
+            let actor = Wire::join(&address, shape, "actor-02").unwrap();
+            let subscriber = learner.observation_subscriber(1).unwrap();
+            let others = learner.observation_subscriber(0).unwrap();
+            let wakeup = learner.observations_wakeup(1).unwrap();
+            let publisher = actor.observation_publisher(2).unwrap();
+            let bell = actor.observations_bell(2).unwrap();
 
             let mut sample = publisher.loan_slice_uninit(2).unwrap();
             *sample.user_header_mut() =
-                ObservationHeader { actor: 1, kind: observation_kind::OBSERVATIONS, ..Default::default() };
+                ObservationHeader { actor: 2, kind: observation_kind::OBSERVATIONS, ..Default::default() };
             for slot in sample.payload_mut() {
                 // SAFETY: all-zero bytes are a valid Observation: it holds integers and floats only.
                 unsafe { slot.as_mut_ptr().write_bytes(0, 1) };
@@ -576,14 +597,15 @@ mod tests {
             bell.notify().unwrap();
             let mut rung = vec![];
             wakeup.timed_wait(|event| rung.push(event.id.as_value()), Duration::from_secs(5)).unwrap();
-            assert_eq!(rung, vec![1]);
+            assert_eq!(rung, vec![2]);
             let received = subscriber.receive().unwrap().unwrap();
-            assert_eq!(received.user_header().actor, 1);
+            assert_eq!(received.user_header().actor, 2);
             assert_eq!(received.payload().len(), 2);
             assert_eq!(received.payload()[1].depth_mm[7], 1234);
+            assert!(others.receive().unwrap().is_none(), "what another learner's actors send is not heard");
 
-            let actions = learner.action_publisher(1).unwrap();
-            let answers = actor.action_subscriber(1).unwrap();
+            let actions = learner.action_publisher(2).unwrap();
+            let answers = actor.action_subscriber(2).unwrap();
             let sample = actions.loan_slice_uninit(2).unwrap().write_from_slice(&[3, 4]);
             sample.send().unwrap();
             assert_eq!(answers.receive().unwrap().unwrap().payload(), &[3, 4]);
