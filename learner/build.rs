@@ -7,14 +7,19 @@ fn main() {
     let folder = std::env::var("DEP_TCH_LIBTORCH_LIB").expect("torch-sys is a direct dependency and names its folder");
     println!("cargo:rustc-link-arg=-Wl,-rpath,{folder}");
 
-    println!("cargo:rerun-if-changed=src/ffi/convolution.cpp");
+    let include = std::path::Path::new(&folder).with_file_name("include");
+    for source in ["convolution.cpp", "group.cpp", "guard.h", "gloo"] {
+        println!("cargo:rerun-if-changed=src/ffi/{source}");
+    }
     cc::Build::new()
         .cpp(true)
         .std("c++17")
         // libtorch's own headers are not free of warnings.
         .warnings(false)
         .pic(true)
-        .include(std::path::Path::new(&folder).with_file_name("include"))
-        .file("src/ffi/convolution.cpp")
+        .include(&include)
+        .include(include.join("torch/csrc/api/include"))
+        .include("src/ffi/gloo")
+        .files(["src/ffi/convolution.cpp", "src/ffi/group.cpp"])
         .compile("stillroom_ffi");
 }

@@ -1,6 +1,6 @@
 //! Where libtorch computes.
 
-use crate::ffi;
+use crate::ffi::library;
 use proto::config::DeviceChoice;
 use tch::{Cuda, Device};
 
@@ -9,7 +9,8 @@ use tch::{Cuda, Device};
 /// Must be the first line of `main`: libtorch looks for CUDA once, when it is first asked or first computes, and what
 /// it does not find then stays unavailable for good. Without the library, or without a driver, nothing happens.
 pub fn load_cuda() {
-    ffi::load_library_globally(c"libtorch_cuda.so");
+    // Without it there is no GPU to compute on: no error.
+    let _ = library::open(&[c"libtorch_cuda.so"]);
 }
 
 /// A device that was asked for but is not there.

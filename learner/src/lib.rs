@@ -10,6 +10,7 @@ pub mod collector;
 pub mod device;
 pub mod evaluation;
 mod ffi;
+pub mod group;
 mod hex;
 pub mod import;
 pub mod network;

@@ -52,12 +52,12 @@ pub struct Rollout {
 }
 
 impl Rollout {
-    /// An empty rollout over `columns` columns. `frames` has room for steps · columns kept frames; they are overwritten.
+    /// An empty rollout over `columns` columns; of no steps, where all of them are other learners'. `frames` has room for steps · columns kept frames; they are overwritten.
     ///
     /// # Panics
     /// If the shape does not fit.
     pub fn new(shape: RolloutShape, columns: usize, frames: Tensor, beliefs_at_start: Tensor) -> Self {
-        assert!(shape.steps > 0 && (1..=columns).contains(&shape.environments_in_last_step), "a rollout has frames");
+        assert!(shape.environments_in_last_step <= columns, "no more columns act than there are");
         let rows = shape.steps * columns;
         assert!(frames.size()[0] >= rows as i64, "there is room for every frame");
         assert_eq!(beliefs_at_start.size()[0], columns as i64, "every column has a belief");
@@ -84,7 +84,7 @@ impl Rollout {
 
     /// Steps that a column acts: one fewer for those that hold in the last.
     pub fn steps_of(&self, column: usize) -> usize {
-        self.shape.steps - usize::from(column >= self.shape.environments_in_last_step)
+        self.shape.steps.saturating_sub(usize::from(column >= self.shape.environments_in_last_step))
     }
 
     /// Whether (t, column) is a frame to train on: false for a column that holds in the last step.

@@ -257,7 +257,7 @@ fn a_number_that_is_not_finite_has_a_status_of_its_own_and_leaves_a_dump() {
     let failed = scene.learner(&Plan::Undisturbed);
     assert_eq!(failed.status.code(), Some(EXIT_NON_FINITE), "{failed:?}");
     // The first rollout of the second stage, the one whose reward counts disturbance.
-    let dump = scene.run_folder().nonfinite_dump(3);
+    let dump = scene.run_folder().nonfinite_dump(3, 0);
     assert!(failed.stderr.contains(&dump.display().to_string()), "{}", failed.stderr);
     let bytes = std::fs::read(&dump).unwrap();
     let dump = safetensors::SafeTensors::deserialize(&bytes).unwrap();
@@ -278,7 +278,7 @@ fn an_observation_that_is_not_finite_has_that_status_too() {
     assert_eq!(failed.status.code(), Some(EXIT_NON_FINITE), "{failed:?}");
     assert!(failed.stderr.contains("actor 1, kitchen 3, environment"), "{}", failed.stderr);
     assert!(failed.stderr.contains("its goal sensor is not finite"), "{}", failed.stderr);
-    let dump = (0..5).map(|rollout| scene.run_folder().nonfinite_dump(rollout)).find(|dump| dump.exists());
+    let dump = (0..5).map(|rollout| scene.run_folder().nonfinite_dump(rollout, 0)).find(|dump| dump.exists());
     let dump = dump.unwrap_or_else(|| panic!("there is no dump: {}", failed.stderr));
     assert!(failed.stderr.contains(&dump.display().to_string()), "{}", failed.stderr);
 }
@@ -314,14 +314,17 @@ fn a_number_that_is_not_finite_has_that_status_in_an_evaluation_too() {
 }
 
 #[test]
-fn another_rank_than_0_is_refused() {
+fn a_rank_that_the_run_has_not_is_refused() {
+    let scene = Scene::new("rank", tiny());
     let output = Command::new(env!("CARGO_BIN_EXE_learner"))
-        .args(["--run", "nowhere", "--wire", &WireAddress::new("rank", 1).to_string(), "--rank", "1"])
+        .arg("--run")
+        .arg(scene.run_folder().root())
+        .args(["--wire", &WireAddress::new("rank", 1).to_string(), "--rank", "1"])
         .output()
         .unwrap();
     assert_eq!(output.status.code(), Some(1), "{output:?}");
     let said = String::from_utf8(output.stderr).unwrap();
-    assert!(said.contains("--rank must be 0, not 1"), "{said}");
+    assert!(said.contains("the run has learners 0 to 0: there is no learner 1"), "{said}");
 }
 
 #[test]

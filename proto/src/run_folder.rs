@@ -141,9 +141,10 @@ impl RunFolder {
         self.root.join("best")
     }
 
-    /// The batch of rollout `rollout`, whose update met a number that is not finite.
-    pub fn nonfinite_dump(&self, rollout: u64) -> PathBuf {
-        self.root.join(format!("nonfinite-rollout-{rollout}.safetensors"))
+    /// The batch of rollout `rollout`, whose update met a number that is not finite: the part of one learner.
+    pub fn nonfinite_dump(&self, rollout: u64, rank: u32) -> PathBuf {
+        let learner = if rank > 0 { format!("-learner-{rank}") } else { String::new() };
+        self.root.join(format!("nonfinite-rollout-{rollout}{learner}.safetensors"))
     }
 
     /// Summary of a complete run.

@@ -9,23 +9,25 @@
 
 mod state;
 
-pub use state::{AgentState, MODEL, weights_of};
+pub use state::{AgentState, BELIEFS, MODEL, weights_of};
 
 use crate::auxiliary::Auxiliary;
 use crate::device;
+use crate::group::{PeerError, Peers};
 use crate::network::{
     FramePreparation, Network, Observations, PrecisionError, Staging, Unfit, goal_coordinates, table_row, to_vec,
 };
 use crate::optimizer::{Adam, learning_rate};
 use crate::ppo::lagrangian::ascend;
 use crate::ppo::preemption::ends_early;
-use crate::ppo::update::{NonFinite, Peers, Update};
+use crate::ppo::update::{Update, UpdateError};
 use crate::rollout::{Rollout, Step};
 use proto::config::Config;
 use proto::message::FRAME_PIXELS;
 use proto::reward::RewardKind;
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
+use std::ops::Range;
 use tch::{Device, Tensor};
 
 /// What the policy sees of some columns in one step. All slices have one entry a column, in the same order.
@@ -99,6 +101,9 @@ pub enum AgentError {
     /// The encoder cannot compute in bfloat16 here.
     #[error(transparent)]
     Precision(#[from] PrecisionError),
+    /// The other learners are gone.
+    #[error(transparent)]
+    Peers(#[from] PeerError),
     /// A saved state does not fit this agent.
     #[error("the saved state does not fit: {0}")]
     State(#[from] Unfit),
@@ -114,6 +119,8 @@ pub struct Agent {
     adam: Adam,
     /// PPO-Lagrangian's λ: moves only in its stages.
     multiplier: f64,
+    /// Columns of the whole run that this learner's are.
+    columns: Range<usize>,
     peers: Peers,
     /// Beliefs before the next observation, \[columns, hidden\].
     beliefs: Tensor,
@@ -135,14 +142,20 @@ struct Inference {
 }
 
 impl Agent {
-    /// A fresh agent: weights are a function of the network's configuration and `config.seed`.
+    /// A fresh agent for all of a run's environments: weights are a function of the network's configuration and
+    /// `config.seed`.
     pub fn new(config: &Config, device: Device) -> Result<Self, AgentError> {
+        Self::among(Peers::Alone, 0..config.environments(), config, device)
+    }
+
+    /// The same as one of several, for its own of the run's columns.
+    pub fn among(peers: Peers, columns: Range<usize>, config: &Config, device: Device) -> Result<Self, AgentError> {
         let actions = config.episode.action_space.actions().len() as i64;
         let (mut network, auxiliary) =
             Network::new(config, device, |layout, hidden| Auxiliary::new(&config.auxiliary, layout, hidden, actions));
         network.choose_precision(config.learner.encoder_precision)?;
         let adam = Adam::new(&network.parameters.flat());
-        let beliefs = network.belief.blank(config.environments() as i64, device);
+        let beliefs = network.belief.blank(columns.len() as i64, device);
         let agent = Self {
             config: config.clone(),
             device,
@@ -150,7 +163,8 @@ impl Agent {
             auxiliary,
             adam,
             multiplier: config.reward.lagrangian.initial,
-            peers: Peers::Alone,
+            columns,
+            peers,
             beliefs,
             rollout: None,
             frames: None,
@@ -162,7 +176,7 @@ impl Agent {
 
     /// Begins a rollout and remembers the beliefs it starts from. A rollout in progress is forgotten.
     pub fn begin_rollout(&mut self, shape: RolloutShape) {
-        let columns = self.config.environments();
+        let columns = self.columns.len();
         let rows = (shape.steps * columns) as i64;
         let abandoned = self.rollout.take().map(Rollout::into_frames);
         let frames = self
@@ -236,9 +250,20 @@ impl Agent {
         rollout.record(t, column, outcome);
     }
 
-    /// Whether this learner, `steps` of `planned` steps into its rollout, should let the other learners wait no longer.
-    pub fn is_preempted(&self, steps: usize, planned: usize) -> bool {
-        ends_early(self.config.ppo.preemption_share, [steps, planned], self.peers.finished())
+    /// Whether this learner, `steps` of `planned` steps into rollout `rollout`, should let the others wait no longer.
+    pub fn is_preempted(&self, rollout: u64, steps: usize, planned: usize) -> Result<bool, PeerError> {
+        let share = self.config.ppo.preemption_share;
+        Ok(share > 0.0 && ends_early(share, [steps, planned], self.peers.finished(rollout)?))
+    }
+
+    /// Which of the run's columns this learner has.
+    pub fn columns(&self) -> Range<usize> {
+        self.columns.clone()
+    }
+
+    /// All learners.
+    pub fn peers(&self) -> &Peers {
+        &self.peers
     }
 
     /// Ends the rollout after its first `steps` steps: what is seen next is for [`Agent::bootstrap`].
@@ -278,7 +303,8 @@ impl Agent {
             rollout: &collected,
             ppo,
             auxiliary_config: &self.config.auxiliary,
-            peers: self.peers,
+            peers: &self.peers,
+            first_column: self.columns.start,
             learning_rate: learning_rate(ppo.learning_rate, ppo.learning_rate_end, progress),
             seed: self.config.seed,
             rollout_number: rollout,
@@ -288,9 +314,14 @@ impl Agent {
                 self.frames = Some(collected.into_frames());
                 Ok(metrics)
             }
-            Err(NonFinite(what)) => {
+            Err(error) => {
                 self.rollout = Some(collected);
-                Err(AgentError::NonFinite { what: format!("rollout {rollout}: {what}") })
+                Err(match error {
+                    UpdateError::NonFinite(what) => {
+                        AgentError::NonFinite { what: format!("rollout {rollout}: {what}") }
+                    }
+                    UpdateError::Peers(error) => error.into(),
+                })
             }
         }
     }
@@ -412,7 +443,7 @@ impl Agent {
     }
 
     fn largest_rollout(&self) -> i64 {
-        i64::from(self.config.ppo.rollout_steps) * self.config.environments() as i64
+        i64::from(self.config.ppo.rollout_steps) * self.columns.len() as i64
     }
 
     fn check_weights(&self) -> Result<(), AgentError> {

@@ -11,7 +11,8 @@ pub const MODEL: &str = "model.";
 
 const FIRST_MOMENT: &str = "adam.first";
 const SECOND_MOMENT: &str = "adam.second";
-const BELIEFS: &str = "beliefs";
+/// What the beliefs are called there.
+pub const BELIEFS: &str = "beliefs";
 
 /// Everything of an agent that a checkpoint keeps, on the CPU.
 #[derive(Debug)]
@@ -39,11 +40,16 @@ impl Agent {
         let host = |tensor: &Tensor| tensor.detach().to_device(Device::Cpu).copy();
         let mut tensors: BTreeMap<String, Tensor> =
             self.network.parameters.named().map(|(name, weight)| (format!("{MODEL}{name}"), host(&weight))).collect();
-        let beliefs = self.rollout.as_ref().map_or(&self.beliefs, Rollout::beliefs_at_start);
         tensors.insert(FIRST_MOMENT.into(), host(&self.adam.first));
         tensors.insert(SECOND_MOMENT.into(), host(&self.adam.second));
-        tensors.insert(BELIEFS.into(), host(beliefs));
+        tensors.insert(BELIEFS.into(), self.boundary_beliefs());
         AgentState { tensors, adam_steps: self.adam.steps, multiplier: self.multiplier }
+    }
+
+    /// Beliefs \[columns, hidden\] as of the last rollout boundary, on the CPU.
+    pub fn boundary_beliefs(&self) -> Tensor {
+        let beliefs = self.rollout.as_ref().map_or(&self.beliefs, Rollout::beliefs_at_start);
+        beliefs.detach().to_device(Device::Cpu).copy()
     }
 
     /// Goes on from a saved state; a rollout in progress is forgotten. After an error nothing has changed.

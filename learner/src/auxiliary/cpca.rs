@@ -27,6 +27,9 @@ pub struct Cpca {
 }
 
 impl Cpca {
+    /// What its tally holds.
+    pub const SUMS: [&str; 3] = ["asked", "positives_right", "negatives_right"];
+
     /// Declares embedding, GRU and classifier.
     pub fn new(layout: &mut Layout, [hidden, actions]: [i64; 2]) -> Self {
         let path = "auxiliary.cpca16";

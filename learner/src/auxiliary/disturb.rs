@@ -23,6 +23,9 @@ pub struct Disturb {
 }
 
 impl Disturb {
+    /// What its tally holds.
+    pub const SUMS: [&str; 4] = ["hits", "misses", "alarms", "quiet"];
+
     /// Declares both layers.
     pub fn new(layout: &mut Layout, [hidden, actions]: [i64; 2], focal_gamma: f64) -> Self {
         let path = "auxiliary.disturb";
@@ -53,7 +56,7 @@ impl Disturb {
 
     /// Recall of either class, precision, accuracy, rates of label and prediction. A share of nothing is absent.
     pub fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
-        let [hits, misses, alarms, quiet] = ["hits", "misses", "alarms", "quiet"].map(|name| tally.sum(name));
+        let [hits, misses, alarms, quiet] = Self::SUMS.map(|name| tally.sum(name));
         let all = hits + misses + alarms + quiet;
         [
             ("recall_disturb", hits, hits + misses),

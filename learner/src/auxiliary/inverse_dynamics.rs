@@ -14,6 +14,9 @@ pub struct InverseDynamics {
 }
 
 impl InverseDynamics {
+    /// What its tally holds.
+    pub const SUMS: [&str; 2] = ["right", "asked"];
+
     /// Declares the layer.
     pub fn new(layout: &mut Layout, [hidden, actions]: [i64; 2]) -> Self {
         let sizes = [2 * OBSERVATION + hidden, actions];

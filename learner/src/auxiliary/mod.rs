@@ -128,6 +128,16 @@ impl Auxiliary {
         }
     }
 
+    /// Names of the sums that the figures are made of, in a fixed order.
+    pub fn sums(&self) -> &'static [&'static str] {
+        match self {
+            Self::None => &[],
+            Self::Disturb(_) => &Disturb::SUMS,
+            Self::InverseDynamics { .. } => &InverseDynamics::SUMS,
+            Self::Cpca { .. } => &Cpca::SUMS,
+        }
+    }
+
     /// The loss of a pass, one of several in which `count` queries are answered; `None` if it has nothing to say.
     pub fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> Option<Answer> {
         if queries.is_empty() {

@@ -19,6 +19,9 @@ pub struct Epoch {
     pub rollout: u64,
     /// Epoch within the update.
     pub epoch: u32,
+    /// The column of the whole run that the passes' column 0 is: what is drawn does not depend on how the columns are
+    /// divided among learners.
+    pub first_column: usize,
 }
 
 /// One question: from the belief of `row`, what is `offset` steps ahead, at row `later`?
@@ -72,7 +75,7 @@ impl Epoch {
             purpose,
             // No kitchen is meant: the epoch takes its place.
             kitchen: self.epoch as u8,
-            environment: column as u32,
+            environment: (self.first_column + column) as u32,
             episode: self.rollout as u32,
             step: step as u32,
         };
@@ -97,7 +100,7 @@ mod tests {
     use super::*;
     use std::collections::BTreeSet;
 
-    const EPOCH: Epoch = Epoch { seed: 5, rollout: 3, epoch: 1 };
+    const EPOCH: Epoch = Epoch { seed: 5, rollout: 3, epoch: 1, first_column: 0 };
 
     fn packing(columns: std::ops::Range<usize>) -> Packing {
         Packing::new(columns, |_| 60, |t, n| (t + 7 * n) % 23 == 0)
@@ -127,6 +130,12 @@ mod tests {
             assert_ne!(other.queries(&[&whole], 16, 0.2).remove(0), asked);
             assert_ne!(other.permutation(&whole), EPOCH.permutation(&whole));
         }
+        // Columns 7 to 19, as a learner's own.
+        let moved = Packing::new(0..13, |_| 60, |t, n| (t + 7 * (n + 7)) % 23 == 0);
+        let of_moved = Epoch { first_column: 7, ..EPOCH }.queries(&[&moved], 16, 0.2).remove(0);
+        let of_last: Vec<_> = EPOCH.queries(&[&parts[1]], 16, 0.2).remove(0);
+        assert_eq!(of_moved, of_last);
+
         let mut permutation = EPOCH.permutation(&whole);
         permutation.sort_unstable();
         assert!(permutation.into_iter().eq(0..1200));

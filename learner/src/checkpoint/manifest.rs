@@ -21,6 +21,19 @@ pub struct Machine {
     pub threads: u32,
     /// Instruction set that libtorch chooses its CPU kernels by.
     pub instruction_set: String,
+    /// Learners whose gradients are added up. One is not written down: a checkpoint of one is as it was before there
+    /// could be several.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub learners: u32,
+}
+
+fn one() -> u32 {
+    1
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's derive calls it so")]
+fn is_one(learners: &u32) -> bool {
+    *learners == 1
 }
 
 impl Machine {
@@ -31,6 +44,7 @@ impl Machine {
             ("device", &stored.device, &self.device),
             ("threads", &stored.threads.to_string(), &self.threads.to_string()),
             ("instruction set", &stored.instruction_set, &self.instruction_set),
+            ("learners", &stored.learners.to_string(), &self.learners.to_string()),
         ]
         .iter()
         .filter(|(_, then, now)| then != now)

@@ -3,6 +3,7 @@
 use super::Snapshot;
 use super::manifest::{Machine, Manifest, ManifestError, sha256};
 use super::tensors::{self, TensorsError};
+use crate::agent::AgentState;
 use proto::config::StageConfig;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::stage::position_at;
@@ -119,7 +120,7 @@ impl Store {
         std::fs::create_dir_all(&folder).map_err(|cause| CheckpointError::Folder { path: folder.clone(), cause })?;
         let tensors_path = self.run.checkpoint_tensors(snapshot.rollout);
         let manifest_path = self.run.checkpoint_manifest(snapshot.rollout);
-        let bytes = tensors::encode(&snapshot.agent, &snapshot.boundary)?;
+        let bytes = tensors::encode(&snapshot.agent.tensors, &snapshot.boundary)?;
         let position = position_at(&self.stages, snapshot.frames);
         let manifest = Manifest {
             schema_version: proto::SCHEMA_VERSION,
@@ -264,9 +265,10 @@ fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
     if digest != manifest.tensors_sha256 {
         return Err(at(format!("is corrupt: its SHA-256 is {digest}, its manifest says {}", manifest.tensors_sha256)));
     }
-    let (agent, boundary) =
-        tensors::decode(&bytes, manifest).map_err(|cause| at(format!("cannot be used: {cause}")))?;
-    let Manifest { rollout, frames, .. } = *manifest;
+    let Manifest { rollout, frames, exchange, adam_steps, multiplier, .. } = *manifest;
+    let (tensors, boundary) =
+        tensors::decode(&bytes, exchange).map_err(|cause| at(format!("cannot be used: {cause}")))?;
+    let agent = AgentState { tensors, adam_steps, multiplier };
     Ok(Snapshot { rollout, frames, agent, boundary, weights: manifest.weights.clone() })
 }
 

@@ -2,7 +2,7 @@
 //!
 //! | name | what |
 //! |---|---|
-//! | whatever [`AgentState`] names | weights, moments, beliefs |
+//! | whatever [`crate::agent::AgentState`] names | weights, moments, beliefs |
 //! | `environment.episode` | u32 (N): episode number of each column |
 //! | `environment.action_count` | u32 (N): actions taken in it |
 //! | `environment.actions` | u8 (N, 512): those actions, then zeros |
@@ -10,8 +10,6 @@
 //! | `running.discounted_disturbance_m` | f64 (N): Σ `γ^t` (`d_t` - d_{t-1}) of the episode in progress |
 //! | `running.picked_up` | u8 (N): 1 if its target was picked up |
 
-use super::manifest::Manifest;
-use crate::agent::AgentState;
 use crate::collector::{Boundary, RunningEpisode};
 use crate::network::Unfit;
 use proto::message::{EnvironmentState, MAX_EPISODE_STEPS};
@@ -83,8 +81,8 @@ fn agents_tensors(file: &SafeTensors) -> Result<BTreeMap<String, Tensor>, Tensor
 }
 
 /// The whole state as the bytes of a safetensors file. Numbers are little-endian.
-pub fn encode(agent: &AgentState, boundary: &Boundary) -> Result<Vec<u8>, TensorsError> {
-    let mut entries = entries(&agent.tensors)?;
+pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result<Vec<u8>, TensorsError> {
+    let mut entries = entries(tensors)?;
     let columns = boundary.environments.len();
     let mut own = |name: &str, dtype, shape, bytes| match entries.insert(name.to_owned(), Entry { dtype, shape, bytes })
     {
@@ -110,9 +108,8 @@ pub fn encode(agent: &AgentState, boundary: &Boundary) -> Result<Vec<u8>, Tensor
     serialize(&entries)
 }
 
-/// What [`encode`] wrote; the numbers that are no tensors come from the manifest.
-pub fn decode(bytes: &[u8], manifest: &Manifest) -> Result<(AgentState, Boundary), TensorsError> {
-    let Manifest { adam_steps, exchange, multiplier, .. } = *manifest;
+/// What [`encode`] wrote, of environments that stood at `exchange`.
+pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, Boundary), TensorsError> {
     let file = SafeTensors::deserialize(bytes)?;
     let episodes = u32s(own_bytes(&file, EPISODE, Dtype::U32)?);
     let columns = episodes.len();
@@ -152,8 +149,7 @@ pub fn decode(bytes: &[u8], manifest: &Manifest) -> Result<(AgentState, Boundary
             picked_up: picked_up[column] != 0,
         });
     }
-    let tensors = agents_tensors(&file)?;
-    Ok((AgentState { tensors, adam_steps, multiplier }, boundary))
+    Ok((agents_tensors(&file)?, boundary))
 }
 
 fn entries(tensors: &BTreeMap<String, Tensor>) -> Result<BTreeMap<String, Entry>, TensorsError> {

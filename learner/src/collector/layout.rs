@@ -16,7 +16,7 @@ pub struct Layout {
 
 impl Layout {
     /// The layout of `actors` actors with `environments_per_actor` environments each. `first_actor` is the number
-    /// of this learner's actor 0 in the whole run: not 0 on the second machine.
+    /// in the whole run of this learner's first one.
     ///
     /// # Panics
     /// If there would be no environment.
@@ -51,35 +51,44 @@ impl Layout {
         Halves::of(self.environments_per_actor).range(half)
     }
 
-    /// Columns of one actor's half.
-    pub fn columns_of(self, actor: u32, half: u32) -> Range<usize> {
-        let first = actor as usize * self.environments_per_actor as usize;
+    /// The number in the whole run of this learner's actor `index`.
+    pub fn actor(self, index: u32) -> u32 {
+        self.first_actor + index
+    }
+
+    /// Which of this learner's actors the run's actor `actor` is; none if it is another learner's.
+    pub fn index_of(self, actor: u32) -> Option<u32> {
+        actor.checked_sub(self.first_actor).filter(|&index| index < self.actors)
+    }
+
+    /// Columns of one half of this learner's actor `index`.
+    pub fn columns_of(self, index: u32, half: u32) -> Range<usize> {
+        let first = index as usize * self.environments_per_actor as usize;
         let range = self.half(half);
         first + range.start..first + range.end
     }
 
-    /// Columns of all of an actor's environments.
-    pub fn columns_of_actor(self, actor: u32) -> Range<usize> {
-        let first = actor as usize * self.environments_per_actor as usize;
+    /// Columns of all environments of this learner's actor `index`.
+    pub fn columns_of_actor(self, index: u32) -> Range<usize> {
+        let first = index as usize * self.environments_per_actor as usize;
         first..first + self.environments_per_actor as usize
     }
 
     /// Columns of a half over all actors, ascending: the order of its batch.
     pub fn batch(self, half: u32) -> impl Iterator<Item = usize> {
-        (0..self.actors).flat_map(move |actor| self.columns_of(actor, half))
+        (0..self.actors).flat_map(move |index| self.columns_of(index, half))
     }
 
-    /// Actor and environment index of a column.
+    /// Actor, by its number in the whole run, and environment index of a column.
     pub fn place(self, column: usize) -> (u32, u32) {
-        let (actor, index) =
-            (column / self.environments_per_actor as usize, column % self.environments_per_actor as usize);
-        (actor as u32, index as u32)
+        let each = self.environments_per_actor as usize;
+        (self.actor((column / each) as u32), (column % each) as u32)
     }
 
     /// The environment in a column, as randomness counts it.
     pub fn environment(self, column: usize) -> EnvironmentId {
         let (actor, index) = self.place(column);
-        EnvironmentId::among(self.kitchens, self.first_actor + actor, index, self.environments_per_actor)
+        EnvironmentId::among(self.kitchens, actor, index, self.environments_per_actor)
     }
 }
 
@@ -101,9 +110,11 @@ mod tests {
     }
 
     #[test]
-    fn a_second_machine_holds_other_environments() {
+    fn a_second_learner_holds_other_environments() {
         let (first, second) = (Layout::new(0, 19, 2), Layout::new(19, 19, 2));
         assert_eq!(first.environment(3).kitchen, second.environment(3).kitchen);
         assert_ne!(first.environment(3), second.environment(3));
+        assert_eq!(second.place(3), (20, 1));
+        assert_eq!([18, 19, 37, 38].map(|actor| second.index_of(actor)), [None, Some(0), Some(18), None]);
     }
 }

@@ -308,10 +308,10 @@ impl<S: HalfSample> Collector<S> {
     pub fn receive(&mut self, header: &ObservationHeader, sample: S) -> Result<Received, ProtocolError> {
         let ObservationHeader { kind, actor, actor_incarnation, learner_incarnation, half, step, .. } = *header;
         let layout = self.settings.layout;
-        if actor >= layout.actors() || half >= layout.halves() {
+        let Some(index) = layout.index_of(actor).filter(|_| half < layout.halves()) else {
             return Err(ProtocolError::Header(*header));
-        }
-        let newest = &mut self.actor_incarnations[actor as usize];
+        };
+        let newest = &mut self.actor_incarnations[index as usize];
         let outdated = actor_incarnation < *newest;
         *newest = (*newest).max(actor_incarnation);
         match kind {
@@ -324,7 +324,7 @@ impl<S: HalfSample> Collector<S> {
         if learner_incarnation != self.settings.learner_incarnation {
             return Ok(Received::Foreign);
         }
-        match self.halves[half as usize].arrival(actor, step) {
+        match self.halves[half as usize].arrival(index, step) {
             Arrival::Duplicate => return Ok(Received::Duplicate),
             Arrival::Ahead => {
                 let sent = self.halves[half as usize].step();
@@ -332,19 +332,22 @@ impl<S: HalfSample> Collector<S> {
             }
             Arrival::Awaited => {}
         }
-        let columns = layout.columns_of(actor, half);
+        let columns = layout.columns_of(index, half);
         if sample.len() != columns.len() {
             return Err(ProtocolError::Length { actor, half, found: sample.len(), expected: columns.len() });
         }
         for (i, column) in columns.enumerate() {
             self.environments.check(column, sample.environment(i), sample.transition(i), sample.current(i))?;
         }
-        self.halves[half as usize].keep(actor, sample);
+        self.halves[half as usize].keep(index, sample);
         Ok(Received::Kept)
     }
 
     /// Where an actor stands by all that was received from it and sent to it: what it must rebuild when it has just
     /// started. `actor_incarnation` 0 speaks to whoever listens.
+    ///
+    /// # Panics
+    /// If it is not this learner's.
     pub fn restore(&self, actor: u32, actor_incarnation: u32) -> (RestoreHeader, Vec<EnvironmentState>) {
         let first = self.halves[0].step();
         let header = RestoreHeader {
@@ -353,14 +356,18 @@ impl<S: HalfSample> Collector<S> {
             learner_incarnation: self.settings.learner_incarnation,
             actor_incarnation,
         };
-        let columns = self.settings.layout.columns_of_actor(actor);
+        let layout = self.settings.layout;
+        let columns = layout.columns_of_actor(layout.index_of(actor).expect("only a learner's own actors ask it"));
         (header, columns.map(|column| *self.environments.state(column)).collect())
     }
 
     /// Actors from which something is missing before the current task can go on, ascending.
     pub fn missing(&self) -> Vec<u32> {
         match self.task() {
-            Task::Await { half } => self.halves[half as usize].missing().collect(),
+            Task::Await { half } => {
+                let layout = self.settings.layout;
+                self.halves[half as usize].missing().map(|index| layout.actor(index)).collect()
+            }
             _ => vec![],
         }
     }
@@ -395,9 +402,8 @@ impl<S: HalfSample> Collector<S> {
         }
         let mut settled = vec![];
         let step = exchange.step();
-        for (actor, sample) in exchange.complete().expect("a half settles when it is complete").into_iter().enumerate()
-        {
-            for (i, column) in settings.layout.columns_of(actor as u32, half).enumerate() {
+        for (index, sample) in (0..).zip(exchange.complete().expect("a half settles when it is complete")) {
+            for (i, column) in settings.layout.columns_of(index, half).enumerate() {
                 let outcome = environments.settle(column, sample.transition(i), cursor.reward, &mut cursor.statistics);
                 if let Some(outcome) = outcome {
                     settled.push(Settled { t: (step - 1 - cursor.boundary.exchange) as usize, column, outcome });
@@ -414,8 +420,8 @@ impl<S: HalfSample> Collector<S> {
     pub fn transitions(&self, half: u32) -> impl Iterator<Item = (usize, &Transition)> {
         let samples = self.halves[half as usize].complete().expect("outcomes are told of a complete half");
         let layout = self.settings.layout;
-        samples.into_iter().enumerate().flat_map(move |(actor, sample)| {
-            layout.columns_of(actor as u32, half).enumerate().map(|(i, column)| (column, sample.transition(i)))
+        (0..).zip(samples).flat_map(move |(index, sample)| {
+            layout.columns_of(index, half).enumerate().map(|(i, column)| (column, sample.transition(i)))
         })
     }
 
@@ -446,8 +452,8 @@ impl<S: HalfSample> Collector<S> {
             episode_start: Vec::with_capacity(count),
             gumbel: Vec::with_capacity(count * policy_actions),
         };
-        for (actor, sample) in samples.into_iter().enumerate() {
-            for (i, column) in layout.columns_of(actor as u32, half).enumerate() {
+        for (index, sample) in (0..).zip(samples) {
+            for (i, column) in layout.columns_of(index, half).enumerate() {
                 let current = sample.current(i);
                 let holding = current.flags & current_flag::HOLDING != 0;
                 batch.frames.push(sample.frame(i));
@@ -486,16 +492,21 @@ impl<S: HalfSample> Collector<S> {
         };
         exchange.advance();
         let mut batches = Vec::with_capacity(layout.actors() as usize);
-        for (actor, chosen) in actions.chunks(width).enumerate() {
-            let columns = layout.columns_of(actor as u32, half);
+        for (index, chosen) in (0..).zip(actions.chunks(width)) {
+            let columns = layout.columns_of(index, half);
             let sent: Vec<u8> =
                 columns.clone().zip(chosen).map(|(column, &a)| if column < acting { a } else { HOLD }).collect();
             for (column, &action) in columns.zip(&sent) {
                 self.environments.act(column, action);
             }
-            batches.push(ActionBatch { actor: actor as u32, header, actions: sent });
+            batches.push(ActionBatch { actor: layout.actor(index), header, actions: sent });
         }
         batches
+    }
+
+    /// Frames of the rollout in progress so far; 0 when there is none.
+    pub fn collected(&self) -> u64 {
+        self.cursor.as_ref().map_or(0, |cursor| cursor.statistics.frames())
     }
 
     /// Steps that every column has taken, when none is in the middle of one and there are more to come; of all planned.

@@ -1,5 +1,6 @@
 //! What a rollout says about the episodes that ended in it.
 
+use crate::group::{PeerError, Peers};
 use proto::control::metric;
 use proto::message::{Transition, transition_flag};
 use proto::reward::UNDISTURBED_THRESHOLD_M;
@@ -62,6 +63,37 @@ impl RolloutStatistics {
         self.picked_up += share(running.picked_up);
         self.disturbance_m += f64::from(last.disturbance_m);
         self.discounted_disturbance_m += running.discounted_disturbance_m;
+    }
+
+    /// The same over the rollouts of all learners.
+    pub fn over(self, peers: &Peers) -> Result<Self, PeerError> {
+        let mut sums = [
+            self.frames as f64,
+            self.reward,
+            self.episodes as f64,
+            self.episode_return,
+            self.length,
+            self.success,
+            self.success_undisturbed,
+            self.picked_up,
+            self.disturbance_m,
+            self.discounted_disturbance_m,
+        ];
+        peers.sum(&mut sums)?;
+        let [frames, reward, episodes, episode_return, length, success, success_undisturbed, picked_up, ..] = sums;
+        let [.., disturbance_m, discounted_disturbance_m] = sums;
+        Ok(Self {
+            frames: frames as u64,
+            reward,
+            episodes: episodes as u64,
+            episode_return,
+            length,
+            success,
+            success_undisturbed,
+            picked_up,
+            disturbance_m,
+            discounted_disturbance_m,
+        })
     }
 
     /// `J_C`: mean of Σ `γ^t` (`d_t` - d_{t-1}) over the episodes that ended, metres; none when none did.

@@ -1,6 +1,7 @@
 //! The gradient of a convolution, which tch leaves out (`convolution.cpp`).
 
-use std::ffi::{CStr, c_char, c_int};
+use super::guarded;
+use std::ffi::{c_char, c_int};
 use tch::{TchError, Tensor};
 use torch_sys::C_tensor;
 
@@ -28,29 +29,24 @@ pub fn convolution_backward(
     [stride, padding]: [i64; 2],
     wants_dx: bool,
 ) -> Result<(Tensor, Option<Tensor>), TchError> {
-    let mut message = [0; 512];
     let (mut dx, mut dw) = (std::ptr::null_mut(), std::ptr::null_mut());
-    // SAFETY: the three tensors live through the call, the out-pointers and the message's room are ours, and the other
-    // side writes a terminated string. No exception leaves it.
-    let failed = unsafe {
-        stillroom_convolution_backward(
-            dy.as_ptr(),
-            x.as_ptr(),
-            weight.as_ptr(),
-            stride,
-            padding,
-            wants_dx,
-            &raw mut dx,
-            &raw mut dw,
-            message.as_mut_ptr(),
-            message.len(),
-        )
-    };
-    if failed != 0 {
-        // SAFETY: terminated, see above.
-        let reason = unsafe { CStr::from_ptr(message.as_ptr()) }.to_string_lossy().into_owned();
-        return Err(TchError::Torch(reason));
-    }
+    guarded(|message, capacity| {
+        // SAFETY: the three tensors live through the call, the out-pointers and the message's room are ours.
+        unsafe {
+            stillroom_convolution_backward(
+                dy.as_ptr(),
+                x.as_ptr(),
+                weight.as_ptr(),
+                stride,
+                padding,
+                wants_dx,
+                &raw mut dx,
+                &raw mut dw,
+                message,
+                capacity,
+            )
+        }
+    })?;
     // SAFETY: both were allocated by `new` for us; tch frees them.
     unsafe { Ok((Tensor::from_ptr(dw), (!dx.is_null()).then(|| Tensor::from_ptr(dx)))) }
 }

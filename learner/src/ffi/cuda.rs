@@ -5,28 +5,16 @@
 //! stream. So launches are in order with libtorch's, and tensors that are dropped while a kernel uses them are safe: the
 //! allocator gives their memory only to what comes later on the same stream.
 
+use super::library::{Handle, LibraryError, function, open};
 use std::ffi::{CStr, CString, c_char, c_int, c_uint, c_void};
 use std::ptr::{null, null_mut};
-
-type Handle = *mut c_void;
 
 /// Why there are no kernels.
 #[derive(Debug, thiserror::Error)]
 pub enum CudaError {
-    /// A library could not be loaded.
-    #[error("{library} cannot be loaded: {reason}")]
-    Library {
-        /// Its file name.
-        library: &'static str,
-        /// What the loader says.
-        reason: String,
-    },
-    /// A library lacks a function.
-    #[error("{function} is missing from its library")]
-    Function {
-        /// Its name.
-        function: &'static str,
-    },
+    /// A library cannot be used.
+    #[error(transparent)]
+    Library(#[from] LibraryError),
     /// NVRTC refuses the source.
     #[error("NVRTC: {0}")]
     Compilation(String),
@@ -114,34 +102,6 @@ type CompileProgram = unsafe extern "C" fn(Handle, c_int, *const *const c_char) 
 type ResultSize = unsafe extern "C" fn(Handle, *mut usize) -> c_int;
 type ReadResult = unsafe extern "C" fn(Handle, *mut c_char) -> c_int;
 type DestroyProgram = unsafe extern "C" fn(*mut Handle) -> c_int;
-
-/// Loads one of several names of a library, for the rest of the process.
-fn open(names: &[&'static CStr]) -> Result<Handle, CudaError> {
-    let mut reason = String::new();
-    for name in names {
-        // SAFETY: a C string; the library's initialisers run, as the caller wants.
-        let library = unsafe { libc::dlopen(name.as_ptr(), libc::RTLD_NOW | libc::RTLD_GLOBAL) };
-        if !library.is_null() {
-            return Ok(library);
-        }
-        // SAFETY: after a failed dlopen, dlerror gives a C string that lives until the next call of this thread.
-        reason = unsafe { CStr::from_ptr(libc::dlerror()) }.to_string_lossy().into_owned();
-    }
-    Err(CudaError::Library { library: names[0].to_str().unwrap_or("a library"), reason })
-}
-
-/// Looks a function up. The type that the caller gives it must be its C declaration's.
-macro_rules! function {
-    ($library:expr, $name:literal as $declaration:ty) => {{
-        // SAFETY: an open library and a C string.
-        let address = unsafe { libc::dlsym($library, $name.as_ptr()) };
-        if address.is_null() {
-            return Err(CudaError::Function { function: $name.to_str().unwrap_or("a function") });
-        }
-        // SAFETY: the type is the function's declaration in cuda.h or nvrtc.h.
-        unsafe { std::mem::transmute::<Handle, $declaration>(address) }
-    }};
-}
 
 impl Driver {
     fn open() -> Result<Self, CudaError> {

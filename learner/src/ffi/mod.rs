@@ -2,19 +2,14 @@
 
 pub mod convolution;
 pub mod cuda;
+pub mod group;
 pub mod kernels;
+pub mod library;
+pub mod nccl;
 
 use proto::message::FRAME_PIXELS;
-use std::ffi::CStr;
-use tch::{Device, Kind, Tensor};
-
-/// Loads a shared library for the rest of the process, its symbols visible to all others. False if it is not found.
-pub fn load_library_globally(file: &CStr) -> bool {
-    // SAFETY: `file` is a C string that outlives the call. The library's initialisers run here: the caller names
-    // libraries that are meant to be loaded this way.
-    let handle = unsafe { libc::dlopen(file.as_ptr(), libc::RTLD_NOW | libc::RTLD_GLOBAL) };
-    !handle.is_null()
-}
+use std::ffi::{c_char, c_int};
+use tch::{Device, Kind, TchError, Tensor};
 
 /// The raw frames that a 16-bit tensor on the CPU consists of.
 ///
@@ -40,13 +35,22 @@ pub fn floats_mut(tensor: &mut Tensor) -> &mut [f32] {
     unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), tensor.numel()) }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// The raw bytes that a tensor on the CPU consists of.
+///
+/// # Panics
+/// If it is not contiguous, not on the CPU, or not of bytes.
+pub fn bytes_mut(tensor: &mut Tensor) -> &mut [u8] {
+    assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Uint8 && tensor.is_contiguous());
+    // SAFETY: the tensor's memory holds so many bytes and lives as long as the tensor that is borrowed.
+    unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), tensor.numel()) }
+}
 
-    #[test]
-    fn a_missing_library_is_no_crash() {
-        assert!(load_library_globally(c"libm.so.6"));
-        assert!(!load_library_globally(c"libthere-is-no-such-thing.so"));
+/// Calls a function of ours in C++ that takes room for an error's text and its size, and returns 0 or 1 (`guard.h`).
+fn guarded(call: impl FnOnce(*mut c_char, usize) -> c_int) -> Result<(), TchError> {
+    let mut message = [0; 1024];
+    if call(message.as_mut_ptr(), message.len()) == 0 {
+        return Ok(());
     }
+    let text: Vec<u8> = message.iter().map(|&byte| byte.cast_unsigned()).take_while(|&byte| byte != 0).collect();
+    Err(TchError::Torch(String::from_utf8_lossy(&text).into_owned()))
 }

@@ -49,6 +49,11 @@ impl Unfit {
         Self::new(name, "has no place in this network")
     }
 
+    /// It should be there.
+    pub fn missing(name: &str) -> Self {
+        Self::new(name, "is missing")
+    }
+
     /// A number in it is not finite.
     pub fn not_finite(name: &str) -> Self {
         Self::new(name, "is not finite")
@@ -57,7 +62,7 @@ impl Unfit {
 
 /// The tensor saved as `name`, if it is there, of this size, of 32-bit numbers, and all of them finite.
 pub fn fits<'a>(name: &str, saved: Option<&'a Tensor>, size: &[i64]) -> Result<&'a Tensor, Unfit> {
-    let saved = saved.ok_or_else(|| Unfit::new(name, "is missing"))?;
+    let saved = saved.ok_or_else(|| Unfit::missing(name))?;
     let (kind, found) = (saved.kind(), saved.size());
     if found != size || kind != Kind::Float {
         return Err(Unfit::new(name, format!("is {kind:?} {found:?}, not Float {size:?}")));

@@ -11,6 +11,7 @@
 //! instead: the state that would have followed still has a value. The environment has been reset by then, so its
 //! observation is not there to be judged; `V(s_t)`, one step earlier, stands in for it.
 
+use crate::group::{PeerError, Peers};
 use crate::rollout::Rollout;
 use proto::config::PpoConfig;
 
@@ -35,8 +36,9 @@ impl Targets {
     }
 }
 
-/// Estimates advantages and returns, and normalises the advantages if the configuration says so.
-pub fn estimate(rollout: &Rollout, config: &PpoConfig) -> Targets {
+/// Estimates advantages and returns, and normalises the advantages if the configuration says so: over the frames of all
+/// learners.
+pub fn estimate(rollout: &Rollout, config: &PpoConfig, peers: &Peers) -> Result<Targets, PeerError> {
     let columns = rollout.columns();
     let rows = rollout.shape().steps * columns;
     let mut targets = Targets { columns, advantages: vec![0.0; rows], returns: vec![0.0; rows] };
@@ -61,23 +63,29 @@ pub fn estimate(rollout: &Rollout, config: &PpoConfig) -> Targets {
         }
     }
     if config.normalize_advantages {
-        normalize(rollout, &mut targets);
+        normalize(rollout, &mut targets, peers)?;
     }
-    targets
+    Ok(targets)
 }
 
-/// Mean 0 and deviation 1 over the rollout's frames. The deviation is the unbiased one plus 1e-5, as in the reference.
-fn normalize(rollout: &Rollout, targets: &mut Targets) {
+/// Mean 0 and deviation 1 over the batch's frames. The deviation is the unbiased one plus 1e-5, as in the reference.
+fn normalize(rollout: &Rollout, targets: &mut Targets, peers: &Peers) -> Result<(), PeerError> {
     let valid: Vec<usize> = (0..targets.advantages.len())
         .filter(|index| rollout.is_valid(index / targets.columns, index % targets.columns))
         .collect();
     let sum = |term: &dyn Fn(f64) -> f64| -> f64 {
         valid.iter().map(|&index| term(f64::from(targets.advantages[index]))).sum()
     };
-    let mean = sum(&|a| a) / valid.len() as f64;
+    let mut whole = [valid.len() as f64, sum(&|a| a)];
+    peers.sum(&mut whole)?;
+    let [frames, total] = whole;
+    let mean = total / frames;
+    let mut squares = [sum(&|a| (a - mean).powi(2))];
+    peers.sum(&mut squares)?;
     // One frame has no spread to divide by.
-    let deviation = (sum(&|a| (a - mean).powi(2)) / (valid.len() as f64 - 1.0).max(1.0)).sqrt();
+    let deviation = (squares[0] / (frames - 1.0).max(1.0)).sqrt();
     for index in valid {
         targets.advantages[index] = ((f64::from(targets.advantages[index]) - mean) / (deviation + 1e-5)) as f32;
     }
+    Ok(())
 }

@@ -1,7 +1,7 @@
 //! The clipped surrogate of PPO: policy, value, entropy.
 //!
 //! Every term is a sum over the rows of a pass divided by the rows of the whole batch, so that the terms, and their
-//! gradients, of all passes add up to the batch's means.
+//! gradients, of all passes and of all learners add up to the batch's means.
 
 use crate::network::Judgement;
 use tch::{Kind, Tensor};

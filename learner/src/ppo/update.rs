@@ -2,12 +2,12 @@
 //!
 //! An epoch may go through the network in several passes over parts of the columns, which bounds memory; their
 //! gradients add up to the whole batch's. What is written down here is the order of things: forward, loss, backward,
-//! average over learners, clip, step.
+//! add up over learners, clip, step.
 
 use super::gae::{Targets, estimate};
 use super::loss::{Experience, Terms, terms};
-use super::preemption::Finished;
 use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, Tally};
+use crate::group::{PeerError, Peers};
 use crate::network::{Embedded, Network, OBSERVATION, Observations, Packing, all_finite, to_vec};
 use crate::optimizer::{Adam, clip_norm};
 use crate::rollout::Rollout;
@@ -16,32 +16,15 @@ use proto::control::metric;
 use std::collections::BTreeMap;
 use tch::Tensor;
 
-/// What the update found not to be finite, in words.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct NonFinite(pub String);
-
-/// The other learners of the run: the one place where DD-PPO's gradients cross machines.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Peers {
-    /// There are none.
-    Alone,
-}
-
-impl Peers {
-    /// Replaces a flat gradient by its mean over all learners.
-    pub fn average_gradients(self, _gradient: &mut Tensor) {
-        match self {
-            // The mean over one.
-            Self::Alone => {}
-        }
-    }
-
-    /// How far all learners are with the rollout in progress, while this one still collects.
-    pub fn finished(self) -> Finished {
-        match self {
-            Self::Alone => Finished { finished: 0, learners: 1 },
-        }
-    }
+/// Why there is no update.
+#[derive(Debug, thiserror::Error)]
+pub enum UpdateError {
+    /// A number is not finite; which, in words. All learners say the same.
+    #[error("{0} is not finite")]
+    NonFinite(String),
+    /// The other learners are gone.
+    #[error(transparent)]
+    Peers(#[from] PeerError),
 }
 
 /// Everything an update works on.
@@ -57,8 +40,10 @@ pub struct Update<'a> {
     pub ppo: &'a PpoConfig,
     /// Constants of the auxiliary task.
     pub auxiliary_config: &'a AuxiliaryConfig,
-    /// The other learners.
-    pub peers: Peers,
+    /// All learners: the batch is theirs together.
+    pub peers: &'a Peers,
+    /// The column of the whole run that the rollout's first one is.
+    pub first_column: usize,
     /// Step size of this update.
     pub learning_rate: f64,
     /// Seed of the run.
@@ -80,14 +65,22 @@ struct Share {
 #[derive(Clone, Copy)]
 struct Asked<'a> {
     queries: &'a [Query],
-    /// Queries of all passes of the epoch.
+    /// Queries of all passes of the epoch, at all learners.
     count: u64,
+}
+
+/// What the whole batch has of which this learner has a part.
+#[derive(Clone, Copy)]
+struct Whole {
+    frames: u64,
+    /// Queries of an epoch.
+    queries: u64,
 }
 
 /// What the whole batch says of the weights as they are.
 #[derive(Debug)]
 pub struct BatchGradient {
-    /// Of the loss, flat, in the order of the weights; before averaging over learners and before clipping.
+    /// Of the loss, flat, in the order of the weights; before clipping.
     pub gradient: Tensor,
     /// Means over the batch, named by [`SCALARS`].
     pub scalars: [f64; SCALARS.len()],
@@ -120,7 +113,7 @@ pub const SCALARS: [&str; 6] = [
 
 impl Update<'_> {
     /// Runs all epochs. On an error weights and moments are as they were before.
-    pub fn run(&self, adam: &mut Adam) -> Result<BTreeMap<String, f64>, NonFinite> {
+    pub fn run(&self, adam: &mut Adam) -> Result<BTreeMap<String, f64>, UpdateError> {
         let mut weights = self.network.parameters.flat();
         let (weights_before, adam_before) = (weights.copy(), adam.copy());
         self.epochs(&mut weights, adam).inspect_err(|_| {
@@ -129,35 +122,38 @@ impl Update<'_> {
         })
     }
 
-    fn epochs(&self, weights: &mut Tensor, adam: &mut Adam) -> Result<BTreeMap<String, f64>, NonFinite> {
-        let targets = estimate(self.rollout, self.ppo);
+    fn epochs(&self, weights: &mut Tensor, adam: &mut Adam) -> Result<BTreeMap<String, f64>, UpdateError> {
+        let targets = estimate(self.rollout, self.ppo, self.peers)?;
         let shares = self.shares(&targets);
         let packings: Vec<&Packing> = shares.iter().map(|share| &share.packing).collect();
+        let frames = self.total(self.rollout.shape().frames)?;
         let mut sums = [0.0; SCALARS.len()];
         let mut gradient_norms = 0.0;
         let mut tally = Tally::default();
 
         for epoch in 0..self.ppo.epochs {
             let queries = self.auxiliary.queries(&packings, self.epoch(epoch));
-            let batch = self.gradient(&shares, &queries);
+            let asked = queries.iter().map(|queries| queries.len() as u64).sum();
+            let whole = Whole { frames, queries: self.total(asked)? };
+            let mut batch = self.gradient(&shares, &queries, whole);
+            self.add_up(&mut batch)?;
             for ((sum, scalar), name) in sums.iter_mut().zip(batch.scalars).zip(SCALARS) {
                 if !scalar.is_finite() {
-                    return Err(NonFinite(name.to_owned()));
+                    return Err(UpdateError::NonFinite(name.to_owned()));
                 }
                 *sum += scalar;
             }
             tally.merge(&batch.tally);
             let mut gradient = batch.gradient;
-            self.peers.average_gradients(&mut gradient);
             if !all_finite(&gradient) {
                 let name = self.network.parameters.first_non_finite(&gradient).unwrap_or("the sum");
-                return Err(NonFinite(format!("gradient of {name}")));
+                return Err(UpdateError::NonFinite(format!("gradient of {name}")));
             }
             gradient_norms += clip_norm(&mut gradient, self.ppo.max_gradient_norm);
             adam.step(weights, &gradient, self.learning_rate);
         }
         if let Some(name) = self.network.parameters.first_non_finite(weights) {
-            return Err(NonFinite(format!("weight {name}")));
+            return Err(UpdateError::NonFinite(format!("weight {name}")));
         }
 
         let epochs = f64::from(self.ppo.epochs);
@@ -172,33 +168,58 @@ impl Update<'_> {
     }
 
     fn epoch(&self, epoch: u32) -> Epoch {
-        Epoch { seed: self.seed, rollout: self.rollout_number, epoch }
+        Epoch { seed: self.seed, rollout: self.rollout_number, epoch, first_column: self.first_column }
+    }
+
+    /// A count over all learners.
+    fn total(&self, own: u64) -> Result<u64, PeerError> {
+        let mut total = [own as f64];
+        self.peers.sum(&mut total)?;
+        Ok(total[0] as u64)
+    }
+
+    /// Makes one learner's part of a batch the whole.
+    fn add_up(&self, batch: &mut BatchGradient) -> Result<(), PeerError> {
+        let names = self.auxiliary.sums();
+        let mut numbers = batch.scalars.to_vec();
+        numbers.extend(names.iter().map(|name| batch.tally.sum(name)));
+        self.peers.sum(&mut numbers)?;
+        let (scalars, sums) = numbers.split_at(SCALARS.len());
+        batch.scalars.copy_from_slice(scalars);
+        batch.tally = Tally::default();
+        for (name, sum) in names.iter().zip(sums) {
+            batch.tally.add(name, *sum);
+        }
+        self.peers.sum_gradients(&mut batch.gradient)
     }
 
     /// Losses and gradient of the first epoch, weights left alone: what an update would begin with. All columns go
     /// through the network at once, whatever the configuration says. `revise` may change what the auxiliary task asks.
-    pub fn look(&self, revise: impl FnOnce(&Packing, &mut Vec<Query>)) -> Look {
+    pub fn look(&self, revise: impl FnOnce(&Packing, &mut Vec<Query>)) -> Result<Look, UpdateError> {
         let ppo = PpoConfig { environments_per_pass: 0, ..*self.ppo };
-        let whole = Update { ppo: &ppo, ..*self };
-        let targets = estimate(self.rollout, &ppo);
-        let shares = whole.shares(&targets);
+        let at_once = Update { ppo: &ppo, ..*self };
+        let targets = estimate(self.rollout, &ppo, self.peers)?;
+        let shares = at_once.shares(&targets);
         let packing = self.rollout.packing(0..self.rollout.columns());
         let mut queries = self.auxiliary.queries(&[&packing], self.epoch(0)).pop().unwrap_or_default();
         revise(&packing, &mut queries);
-        let batch = whole.gradient(&shares, std::slice::from_ref(&queries));
-        Look { packing, targets, queries, batch }
+        let whole =
+            Whole { frames: self.total(self.rollout.shape().frames)?, queries: self.total(queries.len() as u64)? };
+        let mut batch = at_once.gradient(&shares, std::slice::from_ref(&queries), whole);
+        self.add_up(&mut batch)?;
+        Ok(Look { packing, targets, queries, batch })
     }
 
-    /// Forward and backward of the whole batch.
-    fn gradient(&self, shares: &[Share], queries: &[Vec<Query>]) -> BatchGradient {
+    /// Forward and backward of this learner's part of the batch.
+    fn gradient(&self, shares: &[Share], queries: &[Vec<Query>], whole: Whole) -> BatchGradient {
         let mut batch = BatchGradient {
             gradient: self.network.parameters.flat().zeros_like(),
             scalars: [0.0; SCALARS.len()],
             tally: Tally::default(),
         };
-        let count = queries.iter().map(|queries| queries.len() as u64).sum();
         for (share, queries) in shares.iter().zip(queries) {
-            let (loss, embedded, scalars) = self.forward(share, Asked { queries, count }, &mut batch.tally);
+            let asked = Asked { queries, count: whole.queries };
+            let (loss, embedded, scalars) = self.forward(share, asked, whole.frames, &mut batch.tally);
             for (sum, scalar) in batch.scalars.iter_mut().zip(scalars) {
                 *sum += f64::from(scalar);
             }
@@ -239,7 +260,13 @@ impl Update<'_> {
     }
 
     /// The loss of one pass, what it was made of, and its scalars in the order of [`SCALARS`].
-    fn forward(&self, share: &Share, asked: Asked, tally: &mut Tally) -> (Tensor, Embedded, Vec<f32>) {
+    fn forward(
+        &self,
+        share: &Share,
+        asked: Asked,
+        batch_frames: u64,
+        tally: &mut Tally,
+    ) -> (Tensor, Embedded, Vec<f32>) {
         let Share { packing, experience, observations } = share;
         let Self { network, rollout, .. } = self;
         let embedded = match observations {
@@ -249,9 +276,8 @@ impl Update<'_> {
         let beliefs = network.belief.unroll(&network.parameters, &embedded.rows, packing, rollout.beliefs_at_start());
         let judgement = network.judge(&beliefs);
 
-        let frames = rollout.shape().frames;
         let Terms { policy, value, entropy, clip_fraction, approximate_kl } =
-            terms(&judgement, experience, self.ppo.clip, frames);
+            terms(&judgement, experience, self.ppo.clip, batch_frames);
         let mut loss = &policy + &value * self.ppo.value_coefficient - &entropy * self.ppo.entropy_coefficient;
 
         let embeddings = embedded.rows.narrow(1, 0, OBSERVATION);

@@ -13,9 +13,10 @@ use crate::agent::weights_of;
 use crate::auxiliary::Auxiliary;
 use crate::checkpoint::{TensorsError, decode_tensors, encode_tensors};
 use crate::device::{self, DeviceError};
+use crate::group::Peers;
 use crate::network::{Judgement, Network, PrecisionError};
 use crate::optimizer::clip_norm;
-use crate::ppo::update::{Look, Peers, SCALARS, Update};
+use crate::ppo::update::{Look, SCALARS, Update, UpdateError};
 use batch::Batch;
 use proto::config::{Config, ConfigError, DeviceChoice};
 use proto::control::metric;
@@ -109,6 +110,9 @@ pub enum ProbeError {
         /// Why.
         cause: TensorsError,
     },
+    /// There is nothing to be said of the batch.
+    #[error(transparent)]
+    Update(#[from] UpdateError),
     /// The result cannot be printed.
     #[error("cannot print: {0}")]
     Print(std::io::Error),
@@ -133,7 +137,7 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeErr
     let batch = Batch::read(&read(&arguments.batch)?, &config, &network)
         .map_err(|cause| ProbeError::Tensors { path: arguments.batch.clone(), cause })?;
 
-    let Probed { tensors, figures } = probe(&config, &network, &auxiliary, &batch);
+    let Probed { tensors, figures } = probe(&config, &network, &auxiliary, &batch)?;
     let bytes = encode_tensors(&tensors).map_err(|cause| ProbeError::Tensors { path: arguments.out.clone(), cause })?;
     write_atomically(&arguments.out, &bytes).map_err(|cause| ProbeError::File {
         verb: "write",
@@ -163,7 +167,7 @@ struct Probed {
     figures: BTreeMap<String, f64>,
 }
 
-fn probe(config: &Config, network: &Network, auxiliary: &Auxiliary, batch: &Batch) -> Probed {
+fn probe(config: &Config, network: &Network, auxiliary: &Auxiliary, batch: &Batch) -> Result<Probed, UpdateError> {
     let Batch { rollout, negatives } = batch;
     let update = Update {
         network,
@@ -171,7 +175,8 @@ fn probe(config: &Config, network: &Network, auxiliary: &Auxiliary, batch: &Batc
         rollout,
         ppo: &config.ppo,
         auxiliary_config: &config.auxiliary,
-        peers: Peers::Alone,
+        peers: &Peers::Alone,
+        first_column: 0,
         learning_rate: config.ppo.learning_rate,
         seed: config.seed,
         rollout_number: 0,
@@ -185,7 +190,7 @@ fn probe(config: &Config, network: &Network, auxiliary: &Auxiliary, batch: &Batc
             // Checked when it was read: the cell is a frame of the batch.
             query.elsewhere = rows[&negatives[cell(packing.rows[query.later as usize])]];
         }
-    });
+    })?;
 
     // The same forward pass once more, for what the losses do not tell.
     let cells: Vec<i64> = packing.rows.iter().map(|&row| cell(row) as i64).collect();
@@ -246,5 +251,5 @@ fn probe(config: &Config, network: &Network, auxiliary: &Auxiliary, batch: &Batc
     let norm = clip_norm(&mut batch.gradient.copy(), ppo.max_gradient_norm);
     figures.insert(metric::GRADIENT_NORM.to_owned(), norm);
     tensors.extend(figures.iter().map(|(name, &value)| (name.clone(), Tensor::from(value))));
-    Probed { tensors, figures }
+    Ok(Probed { tensors, figures })
 }

@@ -40,7 +40,7 @@ pub fn check(mut output: impl Write) -> Result<()> {
         devices.extend((0..Cuda::device_count()).map(|index| format!("cuda:{index}")));
     }
     devices.push("cpu".to_owned());
-    let machine = machine(Device::Cpu, 1);
+    let machine = machine(Device::Cpu, 1, 1);
     let report = Report { torch: machine.torch, library, devices, instruction_set: machine.instruction_set };
     writeln!(output, "{}", serde_json::to_string(&report)?)?;
     Ok(())

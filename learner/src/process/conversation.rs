@@ -12,6 +12,7 @@ use proto::config::Config;
 use proto::control::LearnerEvent;
 use proto::wire::{WireAddress, WireShape};
 use std::io::Write;
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
 /// Longest sleep without a look at lifeline and announcements.
@@ -49,7 +50,7 @@ pub struct Conversation<W> {
     pub collector: Collector<Sample>,
     /// What the orchestrator allows, as far as it was heard.
     pub announcements: Announcements,
-    actors: u32,
+    actors: Range<u32>,
     actor_deadline_s: f64,
     ports: Ports,
     control: Control<W>,
@@ -69,7 +70,7 @@ impl<W: Write> Conversation<W> {
             gamma: config.ppo.gamma,
             learner_incarnation: incarnation,
         };
-        let actors = config.actors.count;
+        let actors = config.shares().actors_of(rank);
         Ok(Self {
             rank,
             collector: Collector::new(settings, boundary),
@@ -90,7 +91,7 @@ impl<W: Write> Conversation<W> {
 
     /// Tells every actor that listens where its environments stand.
     pub fn restore_all(&self) -> Result<()> {
-        (0..self.actors).try_for_each(|actor| self.restore(actor, 0))
+        self.actors.clone().try_for_each(|actor| self.restore(actor, 0))
     }
 
     fn restore(&self, actor: u32, actor_incarnation: u32) -> Result<()> {

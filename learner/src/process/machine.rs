@@ -7,13 +7,14 @@ use tch::Device;
 /// Version of libtorch that this program is written for.
 pub const TORCH_VERSION: &str = "2.11.0";
 
-/// This process's machine.
-pub fn machine(device: Device, threads: u32) -> Machine {
+/// This process's machine, and how many learners there are on it.
+pub fn machine(device: Device, threads: u32, learners: u32) -> Machine {
     Machine {
         torch: torch_version().unwrap_or_else(|| "unknown".to_owned()),
         device: if device.is_cuda() { "cuda" } else { "cpu" }.to_owned(),
         threads,
         instruction_set: instruction_set(),
+        learners,
     }
 }
 

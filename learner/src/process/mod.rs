@@ -25,13 +25,15 @@ use crate::agent::{Agent, AgentError};
 use crate::checkpoint::Store;
 use crate::collector::{Boundary, Layout, ProtocolError};
 use crate::device;
-use anyhow::{Context, Result, bail};
+use crate::group::Peers;
+use anyhow::{Context, Result, bail, ensure};
 use conversation::{Conversation, Speaker};
 use lock::Lock;
 use proto::config::{Config, FromConfig};
 use proto::control::LearnerEvent;
 use proto::run_folder::RunFolder;
 use proto::wire::WireAddress;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use stop::OrchestratorGone;
 use training::Training;
@@ -54,22 +56,24 @@ pub struct Arguments {
 /// Runs the learner to the end of its budget or to a stop.
 pub fn run(arguments: Arguments) -> Result<()> {
     let Arguments { run, wire, incarnation, rank, lifeline } = arguments;
-    if rank != 0 {
-        // Checkpoints and locks of several learners of one run would be one another's.
-        bail!("this version trains with one learner: --rank must be 0, not {rank}");
-    }
     let gone = OrchestratorGone::watched(lifeline)?;
     let run = RunFolder::new(run);
     let config = Config::of_run(&run)?;
+    let learners = config.learner.count;
+    ensure!(rank < learners, "the run has learners 0 to {}: there is no learner {rank}", learners - 1);
     let _lock = Lock::take(&run.learner_lock(rank), lock::PATIENCE, || gone.is_set())?;
 
     let device = device::choose(config.learner.device, config.learner.threads)?;
-    let mut agent = Agent::new(&config, device)?;
-    let machine = machine::machine(device, config.learner.threads);
+    // A new place for those who are started together: what is left of dead ones is not met.
+    let meeting = wire.root().join(format!("learners-{incarnation}"));
+    let peers = Peers::meet(&meeting, [rank, learners], device)?;
+    let mut agent = Agent::among(peers, columns(rank, &config), &config, device)?;
+    let machine = machine::machine(device, config.learner.threads, learners);
     let store = Store::new(run.clone(), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);
 
-    let resumed = resume(&store, &mut agent, layout(rank, &config), config.from.as_ref())?;
+    let resumed = resume(&store, &mut agent, &config)?;
     let Resumed { rollout, frames, boundary, checkpoint } = resumed;
+    agent.peers().agree("the rollouts of their checkpoints", rollout)?;
     let speaker = Speaker { rank, wire, incarnation, gone };
     let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout())?;
     conversation.tell(&LearnerEvent::Ready {
@@ -81,7 +85,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         checkpoint: checkpoint.clone(),
     });
     let saved = checkpoint.map(|_| rollout);
-    Training { config, run, store, agent, conversation, rollout, frames, saved }.run()
+    Training { config, run, store, agent, conversation, rollout, frames, saved, preempted: false }.run()
 }
 
 /// Whether an error is about a number that is not finite: the process then ends with
@@ -96,8 +100,15 @@ pub fn is_non_finite(error: &anyhow::Error) -> bool {
 
 /// The environments of the actors that a rank serves.
 fn layout(rank: u32, config: &Config) -> Layout {
-    let (actors, environments_per_actor) = (config.actors.count, config.actors.environments_per_actor);
-    Layout::new(rank * actors, actors, environments_per_actor).in_kitchens(config.kitchens())
+    let actors = config.shares().actors_of(rank);
+    Layout::new(actors.start, actors.len() as u32, config.actors.environments_per_actor).in_kitchens(config.kitchens())
+}
+
+/// Their columns in the whole run.
+fn columns(rank: u32, config: &Config) -> Range<usize> {
+    let actors = config.shares().actors_of(rank);
+    let each = config.actors.environments_per_actor as usize;
+    actors.start as usize * each..actors.end as usize * each
 }
 
 /// Where to go on.
@@ -110,24 +121,21 @@ struct Resumed {
 
 /// Loads the newest good checkpoint into the agent; without any, the run starts, with the weights of another run if it
 /// says so.
-fn resume(store: &Store, agent: &mut Agent, layout: Layout, from: Option<&FromConfig>) -> Result<Resumed> {
+fn resume(store: &Store, agent: &mut Agent, config: &Config) -> Result<Resumed> {
+    let columns = agent.columns();
     let Some(loaded) = store.load()? else {
-        if let Some(from) = from {
+        if let Some(from) = &config.from {
             begin_from(agent, from)?;
         }
-        return Ok(Resumed { rollout: 0, frames: 0, boundary: Boundary::start(layout.columns()), checkpoint: None });
+        return Ok(Resumed { rollout: 0, frames: 0, boundary: Boundary::start(columns.len()), checkpoint: None });
     };
     for rejected in &loaded.rejected {
         tracing::warn!("checkpoint passed over: {rejected}");
     }
-    let (snapshot, manifest, path) = (loaded.snapshot, loaded.manifest, loaded.path);
-    if snapshot.boundary.environments.len() != layout.columns() {
-        bail!(
-            "checkpoint {path} holds {} environments, the configuration asks for {}",
-            snapshot.boundary.environments.len(),
-            layout.columns()
-        );
-    }
+    let (mut snapshot, manifest, path) = (loaded.snapshot, loaded.manifest, loaded.path);
+    let (held, wanted) = (snapshot.boundary.environments.len(), config.environments());
+    ensure!(held == wanted, "checkpoint {path} holds {held} environments, the configuration asks for {wanted}");
+    snapshot.keep(columns);
     if manifest.config_sha256 != store.config_sha256() {
         tracing::warn!("the configuration has changed since checkpoint {path}: the run goes on under the new one");
     }

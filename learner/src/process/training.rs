@@ -1,19 +1,20 @@
-//! The training loop: announced rollout → collect → update → tell → save, until the budget is reached or a stop.
+//! The training loop: announced rollout → collect → meet the other learners → update → tell → save, until the budget is
+//! reached or a stop.
 
 use super::announcements::Word;
 use super::conversation::{Conversation, Silent};
 use super::is_non_finite;
 use super::stop::Stop;
 use crate::agent::Agent;
-use crate::checkpoint::{Snapshot, Store, encode_tensors};
+use crate::checkpoint::{Part, Snapshot, Store, encode_tensors};
 use crate::collector::{Reward, Task};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::control::{LearnerEvent, Timing, metric};
 use proto::fault;
 use proto::reward::RewardKind;
 use proto::run_folder::{RunFolder, write_atomically};
-use proto::stage::{RolloutShape, position_at};
+use proto::stage::{RolloutShape, StagePosition, position_at};
 use std::io::Write;
 use std::time::{Duration, Instant};
 
@@ -47,6 +48,26 @@ pub struct Training<W> {
     pub frames: u64,
     /// The rollout whose checkpoint is on disk, if this process knows of one.
     pub saved: Option<u64>,
+    /// This learner ended the rollout in progress, or the last one, early: the others had finished.
+    pub preempted: bool,
+}
+
+/// Why a rollout is abandoned. The work up to its beginning is good.
+enum CutShort {
+    /// Someone asks for it.
+    Stop(Stop),
+    /// It cannot be collected.
+    Fault(anyhow::Error),
+}
+
+/// What all learners know at the end of a rollout.
+struct Meeting {
+    /// Frames that all collected: fewer than planned when most did not wait for some.
+    collected: u64,
+    /// Learners that ended it early.
+    preempted: u32,
+    /// Why all abandon it, if one must.
+    end: Option<CutShort>,
 }
 
 /// State that only the loop needs.
@@ -70,70 +91,45 @@ impl<W: Write> Training<W> {
         self.conversation.restore_all()?;
         while let Some(position) = position_at(&self.config.stages, self.frames) {
             let began = Instant::now();
-            let version = match self.await_announcement(&mut state)? {
-                Ok(version) => version,
-                Err(stop) => return self.leave(&mut state, Some(stop)),
-            };
-            if position.frames_in_stage == 0 {
-                self.agent.start_stage();
-            }
             let stage = &self.config.stages[position.stage];
-            let progress = position.frames_in_stage as f64 / stage.frames as f64;
-            let environments = self.config.environments();
-            let shape = RolloutShape::next(position.frames_left, self.config.ppo.rollout_steps as usize, environments);
-            let reward = Reward { kind: stage.reward, disturbance_weight: self.agent.disturbance_weight(stage.reward) };
-            self.agent.begin_rollout(shape);
-            self.conversation.collector.begin(shape, reward, version);
-            match self.collect(&mut state) {
-                Ok(None) => {}
-                Ok(Some(stop)) => {
-                    self.agent.abandon_rollout();
-                    return self.leave(&mut state, Some(stop));
-                }
-                Err(error) if error.is::<Silent>() => {
-                    // The work up to the boundary is good, whatever became of the actor.
-                    self.agent.abandon_rollout();
-                    self.save_unsaved(&mut state)?;
-                    return Err(error);
-                }
-                Err(error) => return Err(error),
+            let (reward_kind, progress) = (stage.reward, position.frames_in_stage as f64 / stage.frames as f64);
+            let cut_short = self.await_and_collect(&mut state, position)?;
+            let Meeting { collected, preempted, end } = self.meet(cut_short)?;
+            if let Some(end) = end {
+                // Also where all of the own steps were taken: another learner's were not.
+                self.agent.abandon_rollout();
+                return match end {
+                    CutShort::Stop(stop) => self.leave(&mut state, Some(stop)),
+                    CutShort::Fault(error) => self.save_unsaved(&mut state).and(Err(error)),
+                };
             }
-            let statistics = self.conversation.collector.finish();
-            // Fewer than planned when the other learners did not wait.
-            let collected = statistics.frames();
+            let statistics = self.conversation.collector.finish().over(self.agent.peers())?;
             let before = self.frames;
             let frames = before + collected;
-            self.conversation.tell(&LearnerEvent::RolloutCollected {
-                rank: self.conversation.rank,
-                rollout: self.rollout,
-                frames,
-            });
+            let rollout = self.rollout;
+            self.tell_for_all(|rank| LearnerEvent::RolloutCollected { rank, rollout, frames });
 
             fault::reach("learner.before_update");
             let update_began = Instant::now();
-            let mut metrics = self.agent.update(progress, self.rollout)?;
+            let mut metrics = self.agent.update(progress, rollout)?;
             fault::reach("learner.after_update");
             state.timing.update_s = update_began.elapsed().as_secs_f64();
             metrics.extend(statistics.metrics());
-            if reward.kind == RewardKind::Lagrangian {
+            if self.hurries() {
+                metrics.insert(metric::PREEMPTED.to_owned(), f64::from(preempted));
+            }
+            if reward_kind == RewardKind::Lagrangian {
                 self.agent.constrain(statistics.mean_discounted_disturbance_m());
                 metrics.insert(metric::MULTIPLIER.to_owned(), self.agent.multiplier());
             }
-            let rollout = self.rollout;
             self.rollout += 1;
             self.frames = frames;
 
             let timing = state.timing_of(began.elapsed());
-            self.conversation.tell(&LearnerEvent::RolloutTrained {
-                rank: self.conversation.rank,
-                rollout,
-                frames,
-                stage: position.stage as u32,
-                timing,
-                metrics,
-            });
+            let stage = position.stage as u32;
+            self.tell_for_all(|rank| LearnerEvent::RolloutTrained { rank, rollout, frames, stage, timing, metrics });
             let stage_ended = collected == position.frames_left;
-            let due = state.last_save.elapsed().as_secs_f64() >= self.config.checkpoint.interval_s;
+            let due = self.first_says(state.last_save.elapsed().as_secs_f64() >= self.config.checkpoint.interval_s)?;
             // The orchestrator evaluates that checkpoint.
             let validated = self.config.validation.is_due(before, frames);
             if stage_ended || due || validated {
@@ -171,47 +167,118 @@ impl<W: Write> Training<W> {
         if self.saved == Some(self.rollout) { Ok(()) } else { self.save(state) }
     }
 
+    /// Writes a checkpoint: the first learner does, with what the others know of their own environments.
     fn save(&mut self, state: &mut Loop) -> Result<()> {
-        let snapshot = Snapshot {
-            rollout: self.rollout,
-            frames: self.frames,
-            agent: self.agent.state(),
-            boundary: self.conversation.collector.boundary(),
-            weights: self.agent.weights_digest(),
-        };
-        let path = self.store.save(&snapshot)?;
+        let (peers, weights) = (self.agent.peers(), self.agent.weights_digest());
+        let head = u64::from_str_radix(&weights[..16], 16).expect("a digest is hex digits");
+        peers.agree("the heads of their weights' digests", head)?;
+        let boundary = self.conversation.collector.boundary();
+        let mut written = None;
+        if self.conversation.rank == 0 {
+            let Self { rollout, frames, .. } = *self;
+            let mut snapshot = Snapshot { rollout, frames, agent: self.agent.state(), boundary, weights };
+            for part in peers.gather(&[])? {
+                snapshot.append(Part::decode(&part)?);
+            }
+            written = Some(self.store.save(&snapshot)?);
+        } else {
+            peers.gather(&Part { beliefs: self.agent.boundary_beliefs(), boundary }.encode()?)?;
+        }
+        // Nobody goes on, or leaves, before it is on the disk.
+        peers.sum(&mut [0.0])?;
         self.saved = Some(self.rollout);
         state.last_save = Instant::now();
-        self.conversation.tell(&LearnerEvent::CheckpointWritten {
-            rank: self.conversation.rank,
-            rollout: self.rollout,
-            frames: self.frames,
-            path,
-        });
+        if let Some(path) = written {
+            let (rollout, frames) = (self.rollout, self.frames);
+            self.tell_for_all(|rank| LearnerEvent::CheckpointWritten { rank, rollout, frames, path });
+        }
         Ok(())
     }
 
+    /// Tells what the first learner tells for all.
+    fn tell_for_all(&mut self, event: impl FnOnce(u32) -> LearnerEvent) {
+        if self.conversation.rank == 0 {
+            self.conversation.tell(&event(0));
+        }
+    }
+
+    /// What the first learner says, to all.
+    fn first_says(&self, own: bool) -> Result<bool> {
+        let mut word = [f64::from(u8::from(own && self.conversation.rank == 0))];
+        self.agent.peers().sum(&mut word)?;
+        Ok(word[0] > 0.0)
+    }
+
+    /// Whether a learner may have to end its rollout early.
+    fn hurries(&self) -> bool {
+        self.agent.peers().count() > 1 && self.config.ppo.preemption_share > 0.0
+    }
+
+    /// Waits for a rollout's announcement and collects it; or says why it is to be abandoned.
+    fn await_and_collect(&mut self, state: &mut Loop, position: StagePosition) -> Result<Option<CutShort>> {
+        let version = match self.await_announcement()? {
+            Ok(version) => version,
+            Err(end) => return Ok(Some(end)),
+        };
+        if position.frames_in_stage == 0 {
+            self.agent.start_stage();
+        }
+        let kind = self.config.stages[position.stage].reward;
+        let reward = Reward { kind, disturbance_weight: self.agent.disturbance_weight(kind) };
+        let steps = self.config.ppo.rollout_steps as usize;
+        let shape = RolloutShape::next(position.frames_left, steps, self.config.environments());
+        let shape = shape.part(self.agent.columns());
+        self.agent.begin_rollout(shape);
+        self.conversation.collector.begin(shape, reward, version);
+        match self.collect(state) {
+            Ok(stop) => Ok(stop.map(CutShort::Stop)),
+            Err(error) if error.is::<Silent>() => Ok(Some(CutShort::Fault(error))),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Meets the other learners at the end of a rollout: how many frames were collected by all, and whether all go on.
+    /// Each of them comes here once in every rollout, whatever became of its own.
+    fn meet(&mut self, own: Option<CutShort>) -> Result<Meeting> {
+        let flag = |condition: bool| f64::from(u8::from(condition));
+        let mut sums = [
+            self.conversation.collector.collected() as f64,
+            flag(self.preempted),
+            flag(matches!(own, Some(CutShort::Stop(Stop::Announced)))),
+            flag(matches!(own, Some(CutShort::Stop(Stop::OrchestratorGone)))),
+            flag(matches!(own, Some(CutShort::Fault(_)))),
+        ];
+        self.agent.peers().sum(&mut sums)?;
+        let [collected, preempted, announced, gone, faults] = sums;
+        let end = match own {
+            Some(CutShort::Fault(error)) => Some(CutShort::Fault(error)),
+            _ if faults > 0.0 => Some(CutShort::Fault(anyhow::anyhow!("another learner cannot go on"))),
+            _ if gone > 0.0 => Some(CutShort::Stop(Stop::OrchestratorGone)),
+            _ if announced > 0.0 => Some(CutShort::Stop(Stop::Announced)),
+            _ => None,
+        };
+        Ok(Meeting { collected: collected as u64, preempted: preempted as u32, end })
+    }
+
     /// Waits until the next rollout is announced. Actors that start meanwhile are served.
-    fn await_announcement(&mut self, state: &mut Loop) -> Result<Result<u64, Stop>> {
+    fn await_announcement(&mut self) -> Result<Result<u64, CutShort>> {
         let began = Instant::now();
         loop {
             self.conversation.receive_all()?;
             if let Some(stop) = self.conversation.stop_asked()? {
-                return Ok(Err(stop));
+                return Ok(Err(CutShort::Stop(stop)));
             }
             match self.conversation.announcements.word(&self.config.stages, self.rollout, self.frames)? {
                 Word::Begin { version } => return Ok(Ok(version)),
-                Word::Stop => return Ok(Err(Stop::Announced)),
+                Word::Stop => return Ok(Err(CutShort::Stop(Stop::Announced))),
                 Word::Wait if began.elapsed() >= ANNOUNCEMENT_DEADLINE => {
-                    // The work up to the boundary is good, whatever became of the orchestrator.
-                    self.save_unsaved(state)?;
-                    bail!(
+                    return Ok(Err(CutShort::Fault(anyhow::anyhow!(
                         "the orchestrator does not answer: rollout {} was not announced within {} s. The run is saved: \
                          end the orchestrator if it still runs, then `orchestrator resume {}`",
                         self.rollout,
                         ANNOUNCEMENT_DEADLINE.as_secs(),
                         self.run.root().display()
-                    )
+                    ))));
                 }
                 // Announcements ring no bell.
                 Word::Wait => self.conversation.wait(Duration::from_millis(2))?,
@@ -221,13 +288,15 @@ impl<W: Write> Training<W> {
 
     /// Collects the rollout in progress; or says why it must be abandoned.
     fn collect(&mut self, state: &mut Loop) -> Result<Option<Stop>> {
+        self.preempted = false;
         loop {
             if let Some([steps, planned]) = self.conversation.collector.between_steps()
-                && self.agent.is_preempted(steps, planned)
+                && self.agent.is_preempted(self.rollout, steps, planned)?
             {
                 tracing::info!("rollout {} ends after {steps} of {planned} steps: the others wait", self.rollout);
                 self.conversation.collector.cut();
                 self.agent.cut_rollout(steps);
+                self.preempted = true;
             }
             match self.conversation.collector.task() {
                 Task::Await { half: _ } => {
@@ -260,7 +329,12 @@ impl<W: Write> Training<W> {
                     state.timing.infer_s += began.elapsed().as_secs_f64();
                     self.conversation.collector.bootstrapped(half);
                 }
-                Task::Finish => return Ok(None),
+                Task::Finish => {
+                    if self.hurries() && !self.preempted {
+                        self.agent.peers().note_finished(self.rollout)?;
+                    }
+                    return Ok(None);
+                }
             }
         }
     }
@@ -273,7 +347,7 @@ impl<W: Write> Training<W> {
 
     /// What is left of a rollout that met a number that is not finite.
     fn dump(&self, error: &anyhow::Error) -> NonFinite {
-        let path = self.run.nonfinite_dump(self.rollout);
+        let path = self.run.nonfinite_dump(self.rollout, self.conversation.rank);
         let mut tensors = self.agent.state().tensors;
         tensors.extend(self.agent.rollout_tensors());
         let written = encode_tensors(&tensors)

@@ -49,6 +49,8 @@ pub struct Ports {
     observations: ObservationSubscriber,
     wakeup: Wakeup,
     stage: StageSubscriber,
+    /// The run's number of the first of [`Self::actors`].
+    first_actor: u32,
     actors: Vec<ActorPorts>,
     _wire: Wire,
 }
@@ -72,7 +74,8 @@ impl Ports {
                 })
             })
             .collect::<Result<_>>()?;
-        Ok(Self { observations, wakeup, stage, actors, _wire: wire })
+        let first_actor = shape.shares.actors_of(rank).start;
+        Ok(Self { observations, wakeup, stage, first_actor, actors, _wire: wire })
     }
 
     /// The next observation sample, if one is waiting.
@@ -105,9 +108,13 @@ impl Ports {
         Ok(heard)
     }
 
+    fn ports_of(&self, actor: u32) -> &ActorPorts {
+        &self.actors[(actor - self.first_actor) as usize]
+    }
+
     /// Sends actions to one actor. An actor that is not there gets them with its restore.
     pub fn send_actions(&self, batch: &ActionBatch) -> Result<()> {
-        let ports = &self.actors[batch.actor as usize];
+        let ports = self.ports_of(batch.actor);
         let failed = || format!("cannot send actions to actor {}", batch.actor);
         let mut sample = ports.actions.loan_slice_uninit(batch.actions.len()).with_context(failed)?;
         *sample.user_header_mut() = batch.header;
@@ -118,7 +125,7 @@ impl Ports {
 
     /// Tells an actor where its environments stand.
     pub fn send_restore(&self, actor: u32, header: RestoreHeader, states: &[EnvironmentState]) -> Result<()> {
-        let ports = &self.actors[actor as usize];
+        let ports = self.ports_of(actor);
         let failed = || format!("cannot send a restore to actor {actor}");
         let mut sample = ports.restores.loan_slice_uninit(states.len()).with_context(failed)?;
         *sample.user_header_mut() = header;

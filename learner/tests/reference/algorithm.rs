@@ -5,6 +5,7 @@ use crate::world::small_config;
 use learner::agent::{Agent, Outcome};
 use learner::auxiliary::{Answer, Cpca, InverseDynamics, Pass, Query, focal_loss};
 use learner::collector::{RolloutStatistics, RunningEpisode};
+use learner::group::Peers;
 use learner::network::{Judgement, Layout, Packing, Parameters, goal_coordinates};
 use learner::optimizer::{Adam, clip_norm, learning_rate};
 use learner::ppo::gae;
@@ -45,7 +46,7 @@ fn advantages_are_the_explicit_sums() {
     for (name, bootstrap_time_limits) in [("terminal", false), ("truncated", true)] {
         for (figure, normalize_advantages) in [("advantages", false), ("normalized", true)] {
             let ppo = proto::config::PpoConfig { bootstrap_time_limits, normalize_advantages, ..Default::default() };
-            let targets = gae::estimate(&rollout, &ppo);
+            let targets = gae::estimate(&rollout, &ppo, &Peers::Alone).expect("nobody to lose");
             let collect = |of: &dyn Fn((usize, usize)) -> f32| {
                 let values: Vec<f32> = (0..steps * columns).map(|i| of((i / columns, i % columns))).collect();
                 Tensor::from_slice(&values).view([12, 5])

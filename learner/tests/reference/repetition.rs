@@ -61,7 +61,7 @@ fn a_rollout_cut_short_trains_as_a_short_one() {
     config.ppo.preemption_share = 0.6;
     let digest = |planned: usize| {
         let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
-        assert!(!agent.is_preempted(4, 6), "alone, nobody waits");
+        assert!(!agent.is_preempted(0, 4, 6).unwrap(), "alone, nobody waits");
         let mut world = World::new(&config);
         (world.steps, world.planned) = (4, planned);
         for rollout in 0..2 {

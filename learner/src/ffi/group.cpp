@@ -1,0 +1,82 @@
+// Several processes of one machine as a process group of libtorch's own (c10d): they meet at a file, and Gloo carries
+// what they say. libtorch's C interface, and with it tch, leaves c10d out. The wheels hold Gloo without its headers;
+// `gloo/` declares as much of it as c10d's header names.
+
+#define USE_C10D_GLOO
+
+#include "guard.h"
+#include <torch/csrc/distributed/c10d/FileStore.hpp>
+#include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
+
+struct Group {
+    c10::intrusive_ptr<c10d::FileStore> store;
+    c10::intrusive_ptr<c10d::ProcessGroupGloo> gloo;
+};
+
+// Of every function: returns 0, or 1 with the reason in `message`; no exception leaves.
+
+// Meets `size` - 1 others at the file `path`; each has a rank of its own. They must be there within `meeting_ms`; what
+// takes longer than `patience_ms` afterwards fails. The group belongs to the caller, who closes it.
+extern "C" int stillroom_group_open(const char *path, int rank, int size, int64_t meeting_ms, int64_t patience_ms,
+                                    Group **group, char *message, size_t capacity) {
+    return guarded(message, capacity, [&] {
+        const std::chrono::milliseconds meeting(meeting_ms), patience(patience_ms);
+        auto store = c10::make_intrusive<c10d::FileStore>(path, size);
+        store->setTimeout(meeting);
+        auto options = c10d::ProcessGroupGloo::Options::create(meeting);
+        options->devices = {c10d::ProcessGroupGloo::createDeviceForHostname("127.0.0.1")};
+        // One thing is said at a time.
+        options->threads = 1;
+        auto gloo = c10::make_intrusive<c10d::ProcessGroupGloo>(store, rank, size, options);
+        gloo->setTimeout(patience);
+        *group = new Group{std::move(store), std::move(gloo)};
+    });
+}
+
+extern "C" void stillroom_group_close(Group *group) { delete group; }
+
+// Replaces a tensor on the CPU by its sum over all; the same bits everywhere.
+extern "C" int stillroom_group_sum(Group *group, const at::Tensor *tensor, char *message, size_t capacity) {
+    return guarded(message, capacity, [&] {
+        std::vector<at::Tensor> tensors{*tensor};
+        group->gloo->allreduce(tensors, c10d::AllreduceOptions())->wait();
+    });
+}
+
+// Sends a tensor on the CPU to another, who receives one of the same size and kind.
+extern "C" int stillroom_group_send(Group *group, const at::Tensor *tensor, int to, char *message, size_t capacity) {
+    return guarded(message, capacity, [&] {
+        std::vector<at::Tensor> tensors{*tensor};
+        group->gloo->send(tensors, to, 0)->wait();
+    });
+}
+
+extern "C" int stillroom_group_receive(Group *group, const at::Tensor *tensor, int from, char *message,
+                                       size_t capacity) {
+    return guarded(message, capacity, [&] {
+        std::vector<at::Tensor> tensors{*tensor};
+        group->gloo->recv(tensors, from, 0)->wait();
+    });
+}
+
+// Writes a note that all can read, once.
+extern "C" int stillroom_group_note(Group *group, const char *key, const uint8_t *bytes, size_t length, char *message,
+                                    size_t capacity) {
+    return guarded(message, capacity,
+                   [&] { group->store->set(key, std::vector<uint8_t>(bytes, bytes + length)); });
+}
+
+// Whether a note has been written.
+extern "C" int stillroom_group_noted(Group *group, const char *key, bool *noted, char *message, size_t capacity) {
+    return guarded(message, capacity, [&] { *noted = group->store->check({key}); });
+}
+
+// Waits for a note of `length` bytes and reads it.
+extern "C" int stillroom_group_read(Group *group, const char *key, uint8_t *bytes, size_t length, char *message,
+                                    size_t capacity) {
+    return guarded(message, capacity, [&] {
+        const auto note = group->store->get(key);
+        TORCH_CHECK(note.size() == length, "note ", key, " has ", note.size(), " bytes, not ", length);
+        std::memcpy(bytes, note.data(), length);
+    });
+}

@@ -1,0 +1,156 @@
+//! A process group of libtorch's (`group.cpp`): several processes of one machine that meet at a file and add numbers up.
+//!
+//! Everybody makes the same calls in the same order, or all wait until their patience is over. A group in which a member
+//! dies is dead.
+
+use super::guarded;
+use std::ffi::{CString, c_char, c_int, c_void};
+use std::path::Path;
+use std::time::Duration;
+use tch::{TchError, Tensor};
+use torch_sys::C_tensor;
+
+type Handle = *mut c_void;
+
+unsafe extern "C" {
+    fn stillroom_group_open(
+        path: *const c_char,
+        rank: c_int,
+        size: c_int,
+        meeting_ms: i64,
+        patience_ms: i64,
+        group: *mut Handle,
+        message: *mut c_char,
+        capacity: usize,
+    ) -> c_int;
+    fn stillroom_group_close(group: Handle);
+    fn stillroom_group_sum(group: Handle, tensor: *const C_tensor, message: *mut c_char, capacity: usize) -> c_int;
+    fn stillroom_group_send(
+        group: Handle,
+        tensor: *const C_tensor,
+        to: c_int,
+        message: *mut c_char,
+        capacity: usize,
+    ) -> c_int;
+    fn stillroom_group_receive(
+        group: Handle,
+        tensor: *const C_tensor,
+        from: c_int,
+        message: *mut c_char,
+        capacity: usize,
+    ) -> c_int;
+    fn stillroom_group_note(
+        group: Handle,
+        key: *const c_char,
+        bytes: *const u8,
+        length: usize,
+        message: *mut c_char,
+        capacity: usize,
+    ) -> c_int;
+    fn stillroom_group_noted(
+        group: Handle,
+        key: *const c_char,
+        noted: *mut bool,
+        message: *mut c_char,
+        capacity: usize,
+    ) -> c_int;
+    fn stillroom_group_read(
+        group: Handle,
+        key: *const c_char,
+        bytes: *mut u8,
+        length: usize,
+        message: *mut c_char,
+        capacity: usize,
+    ) -> c_int;
+}
+
+/// Membership in a group.
+#[derive(Debug)]
+pub struct ProcessGroup(Handle);
+
+impl ProcessGroup {
+    /// Meets the `size` - 1 others at a file that nobody has used before; each has a rank of its own. Who is not there
+    /// within `meeting`, or lets the others wait longer than `patience` afterwards, is an error.
+    pub fn meet(path: &Path, [rank, size]: [u32; 2], [meeting, patience]: [Duration; 2]) -> Result<Self, TchError> {
+        let path = text(&path.to_string_lossy())?;
+        let [meeting_ms, patience_ms] = [meeting, patience].map(|time| time.as_millis().min(i64::MAX as u128) as i64);
+        let mut group = std::ptr::null_mut();
+        guarded(|message, capacity| {
+            // SAFETY: a C string that outlives the call; the out-pointer and the message's room are ours.
+            unsafe {
+                stillroom_group_open(
+                    path.as_ptr(),
+                    rank as c_int,
+                    size as c_int,
+                    meeting_ms,
+                    patience_ms,
+                    &raw mut group,
+                    message,
+                    capacity,
+                )
+            }
+        })?;
+        Ok(Self(group))
+    }
+
+    /// Replaces a contiguous tensor on the CPU by its sum over all members: the same bits everywhere.
+    pub fn sum(&self, tensor: &mut Tensor) -> Result<(), TchError> {
+        // SAFETY: the group lives as long as `self`, the tensor through the call; the message's room is ours.
+        guarded(|message, capacity| unsafe { stillroom_group_sum(self.0, tensor.as_ptr(), message, capacity) })
+    }
+
+    /// Sends a contiguous tensor on the CPU to another member, who receives one of the same size and kind.
+    pub fn send(&self, tensor: &Tensor, to: u32) -> Result<(), TchError> {
+        guarded(|message, capacity| {
+            // SAFETY: as in `sum`.
+            unsafe { stillroom_group_send(self.0, tensor.as_ptr(), to as c_int, message, capacity) }
+        })
+    }
+
+    /// Receives what another member sends into a contiguous tensor on the CPU.
+    pub fn receive(&self, tensor: &mut Tensor, from: u32) -> Result<(), TchError> {
+        guarded(|message, capacity| {
+            // SAFETY: as in `sum`.
+            unsafe { stillroom_group_receive(self.0, tensor.as_ptr(), from as c_int, message, capacity) }
+        })
+    }
+
+    /// Writes a note that all can read.
+    pub fn note(&self, key: &str, bytes: &[u8]) -> Result<(), TchError> {
+        let key = text(key)?;
+        guarded(|message, capacity| {
+            // SAFETY: the group lives as long as `self`, key and bytes through the call; the message's room is ours.
+            unsafe { stillroom_group_note(self.0, key.as_ptr(), bytes.as_ptr(), bytes.len(), message, capacity) }
+        })
+    }
+
+    /// Whether a note has been written. Waits for nothing.
+    pub fn noted(&self, key: &str) -> Result<bool, TchError> {
+        let (key, mut noted) = (text(key)?, false);
+        guarded(|message, capacity| {
+            // SAFETY: as in `note`; the out-pointer is ours.
+            unsafe { stillroom_group_noted(self.0, key.as_ptr(), &raw mut noted, message, capacity) }
+        })?;
+        Ok(noted)
+    }
+
+    /// Waits for a note that fills `bytes`, and reads it.
+    pub fn read(&self, key: &str, bytes: &mut [u8]) -> Result<(), TchError> {
+        let key = text(key)?;
+        guarded(|message, capacity| {
+            // SAFETY: as in `note`; there is room for as many bytes as are asked for.
+            unsafe { stillroom_group_read(self.0, key.as_ptr(), bytes.as_mut_ptr(), bytes.len(), message, capacity) }
+        })
+    }
+}
+
+impl Drop for ProcessGroup {
+    fn drop(&mut self) {
+        // SAFETY: it was opened in `meet` and is not used afterwards.
+        unsafe { stillroom_group_close(self.0) }
+    }
+}
+
+fn text(text: &str) -> Result<CString, TchError> {
+    CString::new(text).map_err(|_| TchError::Torch(format!("`{text}` holds a zero byte")))
+}

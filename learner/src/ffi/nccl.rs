@@ -1,0 +1,109 @@
+//! NCCL: sums over GPUs. Its C interface, from the library that libtorch brings. Everything happens on libtorch's default
+//! stream, so a sum is in order with what made the numbers and with what uses them.
+
+use super::library::{Handle, LibraryError, function, open};
+use std::ffi::{CStr, c_char, c_int, c_void};
+use tch::{Kind, Tensor};
+
+/// What the first member makes and all need to find one another.
+pub type Invitation = [u8; 128];
+
+/// Why NCCL does not work.
+#[derive(Debug, thiserror::Error)]
+pub enum NcclError {
+    /// The library cannot be used.
+    #[error(transparent)]
+    Library(#[from] LibraryError),
+    /// It refuses a call.
+    #[error("{call}: {reason}")]
+    Refused {
+        /// The function.
+        call: &'static str,
+        /// What it says.
+        reason: String,
+    },
+}
+
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+struct UniqueId(Invitation);
+
+type GetUniqueId = unsafe extern "C" fn(*mut UniqueId) -> c_int;
+type InitRank = unsafe extern "C" fn(*mut Handle, c_int, UniqueId, c_int) -> c_int;
+type AllReduce = unsafe extern "C" fn(*const c_void, *mut c_void, usize, c_int, c_int, Handle, Handle) -> c_int;
+type ErrorString = unsafe extern "C" fn(c_int) -> *const c_char;
+
+/// `ncclFloat32` and `ncclSum`.
+const FLOAT: c_int = 7;
+const SUM: c_int = 0;
+
+/// The library.
+#[derive(Debug, Clone, Copy)]
+pub struct Nccl {
+    get_unique_id: GetUniqueId,
+    init_rank: InitRank,
+    all_reduce: AllReduce,
+    error_string: ErrorString,
+}
+
+/// Membership in a group of GPUs. It is left when the process ends: to leave earlier would wait for the others.
+#[derive(Debug)]
+pub struct Communicator {
+    nccl: Nccl,
+    handle: Handle,
+}
+
+impl Nccl {
+    /// Loads it.
+    pub fn open() -> Result<Self, NcclError> {
+        let library = open(&[c"libnccl.so.2"])?;
+        Ok(Self {
+            get_unique_id: function!(library, c"ncclGetUniqueId" as GetUniqueId),
+            init_rank: function!(library, c"ncclCommInitRank" as InitRank),
+            all_reduce: function!(library, c"ncclAllReduce" as AllReduce),
+            error_string: function!(library, c"ncclGetErrorString" as ErrorString),
+        })
+    }
+
+    /// A new group's invitation.
+    pub fn invite(self) -> Result<Invitation, NcclError> {
+        let mut id = UniqueId([0; 128]);
+        // SAFETY: the out-pointer is ours.
+        self.succeed("ncclGetUniqueId", unsafe { (self.get_unique_id)(&raw mut id) })?;
+        Ok(id.0)
+    }
+
+    /// Joins with the device that is current in libtorch, and waits for the others.
+    pub fn join(self, invitation: Invitation, rank: u32, size: u32) -> Result<Communicator, NcclError> {
+        let mut handle = std::ptr::null_mut();
+        // SAFETY: the out-pointer is ours; the invitation is passed by value, as declared.
+        let code = unsafe { (self.init_rank)(&raw mut handle, size as c_int, UniqueId(invitation), rank as c_int) };
+        self.succeed("ncclCommInitRank", code)?;
+        Ok(Communicator { nccl: self, handle })
+    }
+
+    fn succeed(self, call: &'static str, code: c_int) -> Result<(), NcclError> {
+        if code == 0 {
+            return Ok(());
+        }
+        // SAFETY: it gives a constant C string for every number.
+        let reason = unsafe { CStr::from_ptr((self.error_string)(code)) }.to_string_lossy().into_owned();
+        Err(NcclError::Refused { call, reason })
+    }
+}
+
+impl Communicator {
+    /// Replaces a tensor by its sum over all members, on the device.
+    ///
+    /// # Panics
+    /// If it is not contiguous, not on a GPU, or not of 32-bit floats.
+    pub fn sum(&self, tensor: &mut Tensor) -> Result<(), NcclError> {
+        assert!(tensor.device().is_cuda() && tensor.kind() == Kind::Float && tensor.is_contiguous());
+        let numbers = tensor.data_ptr();
+        // SAFETY: the numbers are the tensor's own; libtorch gives their memory to others only later on this stream.
+        let code = unsafe {
+            (self.nccl.all_reduce)(numbers, numbers, tensor.numel(), FLOAT, SUM, self.handle, std::ptr::null_mut())
+        };
+        self.nccl.succeed("ncclAllReduce", code)
+    }
+}
