@@ -239,20 +239,35 @@ fn holder_in(path: &Path) -> Option<Holder> {
     toml::from_str(&std::fs::read_to_string(path).ok()?).ok()
 }
 
-/// Waits until a learner that outlived its orchestrator has let go of the folder. `tell` is called once if it takes
-/// more than a moment. False when it still holds on after `patience`.
-pub fn wait_for_learner(folder: &RunFolder, rank: u32, patience: Duration, tell: impl FnOnce()) -> Result<bool> {
-    let path = folder.learner_lock(rank);
-    let file = match OpenOptions::new().read(true).write(true).open(&path) {
-        Ok(file) => file,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(true),
-        Err(error) => return Err(error).with_context(|| path.display().to_string()),
-    };
-    if wait_for_lock(&file, Duration::from_millis(200))? {
-        return Ok(true);
+/// Waits until all learners that outlived their orchestrator have let go of the folder: those that there are to be, and
+/// those that there were under an older configuration. `tell` is called once, with the rank of the first that takes more
+/// than a moment. The rank of one that still holds on after `patience`.
+pub fn wait_for_learners(
+    folder: &RunFolder,
+    learners: u32,
+    patience: Duration,
+    tell: impl FnOnce(u32),
+) -> Result<Option<u32>> {
+    let begin = Instant::now();
+    let mut tell = Some(tell);
+    for rank in (0..).take_while(|&rank| rank < learners || folder.learner_lock(rank).exists()) {
+        let path = folder.learner_lock(rank);
+        let file = match OpenOptions::new().read(true).write(true).open(&path) {
+            Ok(file) => file,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
+            Err(error) => return Err(error).with_context(|| path.display().to_string()),
+        };
+        if wait_for_lock(&file, Duration::from_millis(200))? {
+            continue;
+        }
+        if let Some(tell) = tell.take() {
+            tell(rank);
+        }
+        if !wait_for_lock(&file, patience.saturating_sub(begin.elapsed()))? {
+            return Ok(Some(rank));
+        }
     }
-    tell();
-    wait_for_lock(&file, patience)
+    Ok(None)
 }
 
 fn wait_for_lock(file: &File, patience: Duration) -> Result<bool> {
@@ -292,6 +307,24 @@ mod tests {
         assert_eq!(holder(&folder).unwrap(), Held::Free);
         let _unsigned = RunLock::acquire(&folder).unwrap();
         assert_eq!(holder(&folder).unwrap(), Held::Unsigned, "the signature of the holder before");
+    }
+
+    #[test]
+    fn every_learner_is_waited_for() {
+        let (_temporary, folder) = folder();
+        let patience = Duration::from_millis(50);
+        let wait = |learners| {
+            let mut told = None;
+            let holds = wait_for_learners(&folder, learners, patience, |rank| told = Some(rank)).unwrap();
+            assert_eq!(told, holds, "who holds on is told of");
+            holds
+        };
+        assert_eq!(wait(3), None, "a run that was never started");
+        let locks: Vec<File> = (0..3).map(|rank| File::create(folder.learner_lock(rank)).unwrap()).collect();
+        assert_eq!(wait(3), None);
+        locks[2].try_lock().unwrap();
+        assert_eq!(wait(3), Some(2));
+        assert_eq!(wait(1), Some(2), "there were more before");
     }
 
     #[test]

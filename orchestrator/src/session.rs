@@ -2,7 +2,7 @@
 
 use crate::identity::{Ended, Identity, RunLock, unix_now};
 use crate::metrics::History;
-use crate::preflight::{disk, memory, processor, shared_memory};
+use crate::preflight::{device, disk, memory, processor, shared_memory};
 pub use crate::sitting::Tools;
 use crate::sitting::{EXIT_INTERRUPTED, Sitting};
 use crate::summary::Summary;
@@ -10,7 +10,7 @@ use crate::supervisor::event::{End, Outcome};
 use crate::terminal;
 use crate::training::Training;
 use anyhow::{Context, Result};
-use proto::config::{Config, DeviceChoice};
+use proto::config::Config;
 use proto::fault;
 use proto::run_folder::RunFolder;
 use proto::wire::WireAddress;
@@ -20,20 +20,20 @@ use std::time::{Duration, Instant};
 /// Looks at everything that could keep this configuration from running here.
 pub fn preflight(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<()> {
     processor::check().demand()?;
-    let cuda = tools.torch.has_cuda();
-    if config.learner.device == DeviceChoice::Cuda && !cuda {
-        anyhow::bail!(
-            "learner.device = \"cuda\", but torch {} at {} finds no CUDA device here (it finds: {}). A torch with CUDA is \
-             named by LIBTORCH; `orchestrator doctor` shows what is found",
-            tools.torch.version,
-            tools.torch.library,
-            tools.torch.devices.join(", ")
-        );
-    }
-    let on_gpu = cuda && config.learner.device != DeviceChoice::Cpu;
+    device::check(config, &tools.torch).demand()?;
+    let on_gpu = device::is_cuda(config, &tools.torch);
     memory::check(config, on_gpu, memory::available().context("/proc/meminfo")?).demand()?;
     shared_memory::check(config).demand()?;
     disk::check(config, folder.root()).demand()
+}
+
+/// The processes of a run, in words.
+pub fn shape(config: &Config) -> String {
+    let learners = match config.learner.count {
+        1 => String::new(),
+        learners => format!("{learners} learners, "),
+    };
+    format!("{learners}{} actors of {} environments", config.actors.count, config.actors.environments_per_actor)
 }
 
 /// What a sitting starts from.
@@ -71,11 +71,10 @@ impl Session {
         let sitting = Sitting { folder, config, incarnation, address, tools };
         sitting.begin_log()?;
         tracing::info!(
-            "run {} in {}, start {incarnation}; {} actors of {} environments, seed {}",
+            "run {} in {}, start {incarnation}; {}, seed {}",
             identity.id,
             folder.root().display(),
-            config.actors.count,
-            config.actors.environments_per_actor,
+            shape(config),
             config.seed
         );
         fault::reach("orchestrator.after_lock");

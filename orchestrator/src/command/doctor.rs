@@ -1,12 +1,11 @@
 //! `orchestrator doctor`: everything that `up` would check, all of it, as a table.
 
 use super::overrides::{Overrides, default_preset};
-use crate::preflight::{Finding, disk, libtorch, memory, processor, programs, shared_memory};
+use crate::preflight::{Finding, device, disk, libtorch, memory, processor, programs, shared_memory};
 use crate::remains::survey;
 use crate::terminal;
 use crate::{format, session};
 use anyhow::Result;
-use proto::config::DeviceChoice;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -58,16 +57,12 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         Err(error) => table.row("configuration", Finding::Problem(format!("{error:#}"))),
         Ok(config) => {
             let frames = format::count(proto::stage::total_frames(&config.stages));
-            let shape = format!(
-                "preset {}: {} actors of {} environments, {frames} frames",
-                config.preset, config.actors.count, config.actors.environments_per_actor
-            );
+            let shape = format!("preset {}: {}, {frames} frames", config.preset, session::shape(&config));
             table.row("configuration", Finding::Good(shape));
-            let cuda = torch.as_ref().is_some_and(libtorch::Torch::has_cuda);
-            if config.learner.device == DeviceChoice::Cuda && !cuda {
-                table.row("device", Finding::Problem("learner.device = \"cuda\", but there is none".to_owned()));
+            if let Some(torch) = &torch {
+                table.row("learners", device::check(&config, torch));
             }
-            let on_gpu = cuda && config.learner.device != DeviceChoice::Cpu;
+            let on_gpu = torch.as_ref().is_some_and(|torch| device::is_cuda(&config, torch));
             match memory::available() {
                 Ok(available) => table.row("memory", memory::check(&config, on_gpu, available)),
                 Err(error) => table.row("memory", Finding::Warning(error.to_string())),

@@ -112,8 +112,22 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     if let Some(out) = &args.out {
         check_free(&RunFolder::new(out))?;
     }
-    let (mut config, origin, checkpoint) = subject(args)?;
+    let (run, origin, checkpoint) = subject(args)?;
     let asked = asked(args, checkpoint);
+    let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32);
+    let mut config = configuration(run, &asked, args, cores)?;
+
+    let tools = Tools::find()?;
+    let folder = RunFolder::new(args.out.clone().unwrap_or_else(|| default_folder(&origin, &asked)));
+    preflight(&config, &folder, &tools)?;
+    let folders = if config.recording.enabled { vec![folder.recordings()] } else { vec![] };
+    let (identity, lock) = create_with(&folder, &mut config, &folders)?;
+    Examination { folder, config, asked, subject: origin, identity, lock, tools }.run()
+}
+
+/// An evaluation's configuration: its run's, without what concerns training only.
+fn configuration(run: Config, asked: &EvaluationConfig, args: &EvalArgs, cores: u32) -> Result<Config> {
+    let mut config = run;
     config.scenes.clear();
     config.from = None;
     config.validation = ValidationConfig::default();
@@ -124,6 +138,8 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     if let Some(seed) = args.seed {
         config.seed = seed;
     }
+    // However many have trained the weights, one infers.
+    config.learner.count = 1;
     if let Some(device) = args.device {
         config.learner.device = match device {
             DeviceArg::Auto => DeviceChoice::Auto,
@@ -131,19 +147,12 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
             DeviceArg::Cuda => DeviceChoice::Cuda,
         };
     }
-    let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32);
-    let (actors, environments) = shape(&asked, args.actors, args.environments, cores);
+    let (actors, environments) = shape(asked, args.actors, args.environments, cores);
     config.actors.count = actors;
     config.actors.environments_per_actor = environments;
     config.validate()?;
     ensure!(config.evaluation_plan().is_some_and(|plan| !plan.is_empty()), "there is no episode to play");
-
-    let tools = Tools::find()?;
-    let folder = RunFolder::new(args.out.clone().unwrap_or_else(|| default_folder(&origin, &asked)));
-    preflight(&config, &folder, &tools)?;
-    let folders = if config.recording.enabled { vec![folder.recordings()] } else { vec![] };
-    let (identity, lock) = create_with(&folder, &mut config, &folders)?;
-    Examination { folder, config, asked, subject: origin, identity, lock, tools }.run()
+    Ok(config)
 }
 
 /// The run's configuration, whose weights they are, and the manifest of the checkpoint if there is one.
@@ -207,6 +216,24 @@ fn default_folder(origin: &Origin, asked: &EvaluationConfig) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::{Args, FromArgMatches};
+    use proto::config::LearnerConfig;
+
+    #[test]
+    fn one_learner_evaluates_what_several_have_trained() {
+        let command = EvalArgs::augment_args(clap::Command::new("eval").no_binary_name(true));
+        let line = command.get_matches_from(["runs/a", "--split", "valid", "--device", "cpu"]);
+        let args = EvalArgs::from_arg_matches(&line).unwrap();
+        let mut run = Config::resolve("demo", None).unwrap();
+        run.learner.count = 8;
+        run.validate().unwrap();
+        let config = configuration(run.clone(), &asked(&args, None), &args, 2).unwrap();
+        assert_eq!((config.learner.count, config.actors.count), (1, 5));
+        config.validate().unwrap();
+        // All else of the learner is as it was for training.
+        let learner = LearnerConfig { count: 1, device: DeviceChoice::Cpu, ..run.learner };
+        assert_eq!(config.learner, learner);
+    }
 
     #[test]
     fn all_environments_have_as_many_episodes_and_all_cores_are_used() {

@@ -16,6 +16,9 @@ pub struct Overrides {
     /// Actor processes; actor i simulates training kitchen i, beyond 19 kitchens repeat [default: 19]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=512))]
     pub actors: Option<u32>,
+    /// Learner processes; actors are divided among them, on CUDA each has a device of its own [default: 1]
+    #[arg(long, value_name = "R", value_parser = clap::value_parser!(u32).range(1..=512))]
+    pub learners: Option<u32>,
     /// Environments in each actor
     #[arg(long, value_name = "E", value_parser = clap::value_parser!(u32).range(1..=256))]
     pub envs_per_actor: Option<u32>,
@@ -33,6 +36,9 @@ impl Overrides {
         let mut config = Config::resolve(preset, self.config.as_deref())?;
         if let Some(actors) = self.actors {
             config.actors.count = actors;
+        }
+        if let Some(learners) = self.learners {
+            config.learner.count = learners;
         }
         if let Some(environments) = self.envs_per_actor {
             config.actors.environments_per_actor = environments;
@@ -91,6 +97,16 @@ mod tests {
         let config = overrides.resolve("demo").unwrap();
         assert_eq!((config.preset.as_str(), config.seed, config.actors.count), ("demo", 5, 2));
         assert_eq!(config.actors.environments_per_actor, 4);
+    }
+
+    #[test]
+    fn every_learner_has_actors() {
+        let learners = |learners, actors| {
+            let overrides = Overrides { learners: Some(learners), actors: Some(actors), ..Overrides::default() };
+            overrides.resolve("demo").map(|config| config.learner.count)
+        };
+        assert_eq!(learners(2, 2).unwrap(), 2);
+        assert!(learners(3, 2).unwrap_err().to_string().contains("learner.count"));
     }
 
     #[test]

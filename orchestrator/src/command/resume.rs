@@ -1,7 +1,7 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
 use crate::format;
-use crate::identity::{Identity, RunLock, host_name, is_evaluation, wait_for_learner};
+use crate::identity::{Identity, RunLock, host_name, is_evaluation, wait_for_learners};
 use crate::remains;
 use crate::session::{Session, Tools, preflight};
 use crate::summary::Summary;
@@ -55,7 +55,7 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     }
     let config = Config::of_run(&folder)?;
     let tools = Tools::find()?;
-    settle(&folder, &identity, Policy::of(&config).silence)?;
+    settle(&folder, &identity, config.learner.count, Policy::of(&config).silence)?;
     preflight(&config, &folder, &tools)?;
     for path in [folder.logs(), folder.checkpoints(), folder.recordings()] {
         std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
@@ -63,21 +63,22 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     Session { folder, config, identity, lock, tools }.run()
 }
 
-/// Waits until nothing of an earlier incarnation runs any more, and removes what it left. A learner that outlived its
-/// orchestrator finishes its update before it saves and leaves, so it is given `patience`: as long as the supervisor
+/// Waits until nothing of an earlier incarnation runs any more, and removes what it left. Learners that outlived their
+/// orchestrator finish their update before they save and leave, so they are given `patience`: as long as the supervisor
 /// gives an update.
-fn settle(folder: &RunFolder, identity: &Identity, patience: Duration) -> Result<()> {
-    let tell = || {
+fn settle(folder: &RunFolder, identity: &Identity, learners: u32, patience: Duration) -> Result<()> {
+    let tell = |rank| {
+        let who = if learners == 1 { "the learner".to_owned() } else { format!("learner-{rank}") };
         terminal::note(&format!(
-            "the learner of the last start still runs; waiting up to {} for it to finish its update, save and leave",
+            "{who} of the last start still runs; waiting up to {} for it to finish its update, save and leave",
             format::duration(patience)
         ));
     };
-    if !wait_for_learner(folder, 0, patience, tell)? {
+    if let Some(rank) = wait_for_learners(folder, learners, patience, tell)? {
         bail!(
             "the learner of the last start still holds {} after {}; if it hangs, end it (`orchestrator clean` names \
              and ends what has outlived its orchestrator) and resume again",
-            folder.learner_lock(0).display(),
+            folder.learner_lock(rank).display(),
             format::duration(patience)
         );
     }

@@ -24,6 +24,7 @@ use std::process::ExitCode;
   orchestrator up                                  the demonstration on a CPU, the two-stage curriculum on a GPU
   orchestrator up --preset paper --seed 2          the paper's exact shape
   orchestrator up --preset demo --actors 4 --envs-per-actor 2 --frames 20000 --run runs/small
+  orchestrator up --preset two-stage --actors 38 --learners 2               a learner on each of two GPUs
   orchestrator up --config mine.toml               some settings of your own over the default preset
   orchestrator up --preset disturb-stage2-25m --from runs/stage-1           stage II as a run of its own")]
 pub struct UpArgs {

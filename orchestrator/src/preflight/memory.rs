@@ -29,19 +29,23 @@ const CNN_FRAME: u64 = 3 << 20;
 pub struct Need {
     /// One actor.
     pub actor: u64,
-    /// The learner.
+    /// One learner, that with the most actors.
     pub learner: u64,
+    /// How many there are.
+    pub learners: u32,
     /// Shared memory, which is memory too.
     pub shared: u64,
     /// All together.
     pub total: u64,
 }
 
-/// What `config` needs with `actors` actors.
+/// What `config` needs with `actors` actors, and not more learners than those.
 pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
     let environments_per_actor = config.actors.environments_per_actor;
     let actor = ACTOR_BASE + u64::from(environments_per_actor) * ACTOR_ENVIRONMENT;
-    let environments = u64::from(actors) * u64::from(environments_per_actor);
+    let shares = Shares::new(actors, config.learner.count.min(actors));
+    // The first learner has as many actors as any.
+    let environments = shares.actors_of(0).len() as u64 * u64::from(environments_per_actor);
     // An evaluation keeps no frames and no gradients: one step's worth is what it looks at.
     let steps = if config.evaluation.is_some() { 1 } else { u64::from(config.ppo.rollout_steps) };
     let rollout = environments * (steps + 1) * FRAME_PIXELS as u64 * 2;
@@ -60,18 +64,24 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
         let pooling = u64::from(config.network.input_pool).pow(2);
         LEARNER_BASE + rollout + in_pass * steps * (full_frame / pooling)
     };
-    let shared = WireShape { shares: Shares::of_one(actors), environments_per_actor }.shared_memory_bytes();
-    Need { actor, learner, shared, total: u64::from(actors) * actor + learner + shared + ORCHESTRATOR }
+    let shared = WireShape { shares, environments_per_actor }.shared_memory_bytes();
+    let learners = shares.learners();
+    let total = u64::from(actors) * actor + u64::from(learners) * learner + shared + ORCHESTRATOR;
+    Need { actor, learner, learners, shared, total }
 }
 
 /// Checks what `config` needs against `available` bytes.
 pub fn check(config: &Config, cuda: bool, available: u64) -> Finding {
     let actors = config.actors.count;
     let all = need(config, actors, cuda);
+    let learner = bytes(all.learner);
+    let learners = match all.learners {
+        1 => format!("a learner of {learner}"),
+        learners => format!("{learners} learners of {learner} each"),
+    };
     let figures = format!(
-        "{actors} actors of {} each, a learner of {}, {} shared memory: {} of {} available",
+        "{actors} actors of {} each, {learners}, {} shared memory: {} of {} available",
         bytes(all.actor),
-        bytes(all.learner),
         bytes(all.shared),
         bytes(all.total),
         bytes(available)
@@ -79,11 +89,16 @@ pub fn check(config: &Config, cuda: bool, available: u64) -> Finding {
     if all.total <= available {
         return Finding::Good(figures);
     }
-    let fits = (1..actors).rev().find(|&fewer| need(config, fewer, cuda).total <= available);
+    let fits = (all.learners..actors).rev().find(|&fewer| need(config, fewer, cuda).total <= available);
     let way_out = match fits {
         Some(fewer) => format!(
             "--actors {fewer} is the most that fits; fewer environments (--envs-per-actor) or, on a CPU, a smaller \
              ppo.environments_per_pass need less, too"
+        ),
+        None if all.learners > 1 => format!(
+            "not even {0} actors fit, one a learner: fewer --learners than {0}, or a smaller ppo.environments_per_pass, \
+             ppo.rollout_steps or encoder, need less",
+            all.learners
         ),
         None => "not even one actor fits: a smaller ppo.environments_per_pass, ppo.rollout_steps or encoder needs less"
             .to_owned(),
@@ -147,6 +162,24 @@ mod tests {
         assert!(need(&many, fits + 1, false).total > 7 << 30);
         let Finding::Problem(text) = check(&many, false, 100 << 20) else { panic!("nothing fits there") };
         assert!(text.contains("not even one actor fits"), "{text}");
+    }
+
+    #[test]
+    fn learners_divide_the_rollout_and_each_has_its_own_libtorch() {
+        let one = Config::resolve("demo", None).unwrap();
+        let mut three = one.clone();
+        three.learner.count = 3;
+        let (alone, each) = (need(&one, 19, false), need(&three, 19, false));
+        // Seven actors of 19 are the largest share.
+        let parts = |learner: u64| learner - LEARNER_BASE;
+        assert!(parts(each.learner) >= parts(alone.learner) * 7 / 19 && parts(each.learner) <= parts(alone.learner));
+        let learners = |need: Need| need.total - 19 * need.actor - need.shared - ORCHESTRATOR;
+        assert_eq!((learners(alone), learners(each)), (alone.learner, 3 * each.learner));
+        assert!(learners(each) > learners(alone) && each.shared == alone.shared);
+        let Finding::Problem(text) = check(&three, false, 800 << 20) else { panic!("nothing fits there") };
+        for part in ["3 learners of", "not even 3 actors fit", "fewer --learners than 3"] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
     }
 
     #[test]

@@ -9,14 +9,11 @@ use std::fmt::{Display, Formatter};
 /// A process of the run, in the order in which they are started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Process {
-    /// A learner, by its rank in the process group. This machine's orchestrator runs rank 0.
+    /// A learner, by its rank in the process group.
     Learner(u32),
     /// An actor, by its number.
     Actor(u32),
 }
-
-/// The learner of this machine.
-pub const LEARNER: Process = Process::Learner(0);
 
 impl Display for Process {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
@@ -89,7 +86,7 @@ pub enum Event {
         /// Its last lines on standard error.
         last_words: Vec<String>,
     },
-    /// A learner spoke.
+    /// A learner spoke; which one, the event says.
     Learner {
         /// The incarnation that spoke.
         incarnation: u32,
@@ -146,7 +143,7 @@ pub enum Action {
 pub struct Outcome {
     /// Why.
     pub end: End,
-    /// What the learner had saved when it left; none if it left without a word.
+    /// What the learners had saved when they left; none if they left without a word.
     pub saved: Option<Saved>,
 }
 
@@ -178,7 +175,7 @@ impl End {
 /// The word for a run that cannot go on.
 pub const FAILED: &str = "failed";
 
-/// The state a learner left behind.
+/// The state that the learners left behind.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Saved {
     /// Frames trained on.

@@ -5,21 +5,23 @@
 //!    └───────────────────── budget reached ──────────────────────────────────────────────▶ Leaving
 //! ```
 //!
-//! Every state has a deadline: a learner must become ready, its actors must connect, rollouts must come, a stop must
+//! Every state has a deadline: learners must become ready, its actors must connect, rollouts must come, a stop must
 //! be answered, a process told to leave must go. A learner that does not become ready, or whose actors do not connect,
-//! fails the run at once: trying again would only take as long again. What exceeds any other deadline is killed, and a
+//! fails the run at once: trying again would only take as long again. Learners run, save and die together
+//! ([`super::gang`]), and rank 0 speaks for all. What exceeds any other deadline is killed, and a
 //! kill is a death like any other. Deaths without progress are bounded ([`super::restart`]), progress is bounded by the
 //! frame budget, so every schedule of events ends in [`Action::Finish`].
 //!
 //! Time is the duration since the orchestrator began.
 
-use super::event::{Action, End, Event, Exit, LEARNER, Level, Outcome, Process, Saved};
+use super::event::{Action, End, Event, Exit, Level, Outcome, Process, Saved};
+use super::gang::Gang;
 use super::policy::Policy;
 use super::restart::{RestartHistory, Verdict};
 use super::stage::StageMachine;
 use crate::log_line::error_in;
 use proto::config::StageConfig;
-use proto::control::{EXIT_NON_FINITE, LearnerEvent};
+use proto::control::LearnerEvent;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -27,12 +29,22 @@ use std::time::Duration;
 struct Child {
     incarnation: u32,
     state: ChildState,
-    history: RestartHistory,
+}
+
+impl Child {
+    /// It runs, and has not been killed.
+    fn lives(&self) -> bool {
+        matches!(self.state, ChildState::Up { killed: None, .. })
+    }
+
+    fn is_down(&self) -> bool {
+        matches!(self.state, ChildState::Down { .. })
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ChildState {
-    /// Not running; to be started at the given time, if any.
+    /// Not running; to be started at the given time, if any. When learners start, the gang knows.
     Down { restart_at: Option<Duration> },
     /// Running.
     Up { since: Duration, killed: Option<Duration> },
@@ -41,7 +53,7 @@ enum ChildState {
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Phase {
     Running,
-    /// STOP is announced; the learner saves.
+    /// STOP is announced; the learners save.
     Saving {
         failure: Option<String>,
         until: Duration,
@@ -53,58 +65,49 @@ enum Phase {
     Over,
 }
 
-/// What the present incarnation of the learner has said so far.
-#[derive(Debug, Default)]
-struct LearnerWord {
-    ready: Option<Duration>,
-    connected: bool,
-    advanced: Duration,
-    /// Episodes of an evaluation played.
-    episodes: u64,
-}
-
 /// The supervisor of one run on one machine.
 #[derive(Debug)]
 pub struct Supervisor {
     policy: Policy,
     stages: StageMachine,
     children: BTreeMap<Process, Child>,
+    gang: Gang,
+    /// By number of the actor.
+    actor_histories: Vec<RestartHistory>,
     phase: Phase,
-    learner: LearnerWord,
     outcome: Option<Outcome>,
     frames_reached: u64,
+    /// Episodes of an evaluation that the present incarnation of its learner has played, and the most that any has.
+    episodes: u64,
     episodes_reached: u64,
-    non_finite_deaths: u32,
     actions: Vec<Action>,
 }
 
 impl Supervisor {
     /// A supervisor that has not started anything. An evaluation has no stages, and a budget of no frames to train on.
     pub fn new(policy: Policy, stages: Vec<StageConfig>) -> Self {
-        let child = || Child {
-            incarnation: 0,
-            state: ChildState::Down { restart_at: None },
-            history: RestartHistory::default(),
-        };
-        let processes = std::iter::once(LEARNER).chain((0..policy.actors).map(Process::Actor));
+        let child = || Child { incarnation: 0, state: ChildState::Down { restart_at: None } };
+        let processes = (0..policy.learners).map(Process::Learner).chain((0..policy.actors).map(Process::Actor));
         Self {
             policy,
             stages: StageMachine::new(stages),
             children: processes.map(|process| (process, child())).collect(),
+            gang: Gang::new(policy.learners),
+            actor_histories: vec![RestartHistory::default(); policy.actors as usize],
             phase: Phase::Running,
-            learner: LearnerWord::default(),
             outcome: None,
             frames_reached: 0,
+            episodes: 0,
             episodes_reached: 0,
-            non_finite_deaths: 0,
             actions: Vec::new(),
         }
     }
 
     /// Starts everything.
     pub fn start(&mut self, now: Duration) -> Vec<Action> {
-        for process in self.children.keys().copied().collect::<Vec<_>>() {
-            self.spawn(process, now);
+        self.start_learners(now);
+        for actor in 0..self.policy.actors {
+            self.spawn(Process::Actor(actor), now);
         }
         std::mem::take(&mut self.actions)
     }
@@ -116,8 +119,8 @@ impl Supervisor {
                 self.exited(now, process, incarnation, &exit, &last_words);
             }
             Event::Learner { incarnation, event } => {
-                let child = &self.children[&LEARNER];
-                if child.incarnation == incarnation && matches!(child.state, ChildState::Up { .. }) {
+                let speaker = self.children.get(&Process::Learner(event.rank()));
+                if speaker.is_some_and(|child| child.incarnation == incarnation && !child.is_down()) {
                     self.learner_spoke(now, event);
                 }
             }
@@ -152,9 +155,6 @@ impl Supervisor {
         assert!(matches!(child.state, ChildState::Down { .. }), "{process} is never started twice");
         child.incarnation += 1;
         child.state = ChildState::Up { since: now, killed: None };
-        if process == LEARNER {
-            self.learner = LearnerWord { advanced: now, ..LearnerWord::default() };
-        }
         self.actions.push(Action::Spawn { process, incarnation: child.incarnation });
     }
 
@@ -168,63 +168,144 @@ impl Supervisor {
         }
     }
 
+    fn start_learners(&mut self, now: Duration) {
+        self.gang.begin(now);
+        self.episodes = 0;
+        for rank in self.gang.ranks() {
+            self.spawn(Process::Learner(rank), now);
+        }
+    }
+
+    fn kill_learners(&mut self, now: Duration) {
+        for rank in self.gang.ranks() {
+            self.kill(now, Process::Learner(rank));
+        }
+    }
+
+    /// Kills the learners that are left when one is missing: they can no more save than go on.
+    fn kill_broken(&mut self, now: Duration) {
+        if !self.learners_are_whole() {
+            self.kill_learners(now);
+        }
+    }
+
+    fn learner(&self, rank: u32) -> &Child {
+        &self.children[&Process::Learner(rank)]
+    }
+
+    /// Whether the learners can still go on, or save: each is there, or has left in good order.
+    fn learners_are_whole(&self) -> bool {
+        self.gang.ranks().all(|rank| self.learner(rank).lives() || self.gang.has_finished(rank))
+    }
+
     fn exited(&mut self, now: Duration, process: Process, incarnation: u32, exit: &Exit, last_words: &[String]) {
         let Some(child) = self.children.get_mut(&process) else { return };
-        if child.incarnation != incarnation || !matches!(child.state, ChildState::Up { .. }) {
+        if child.incarnation != incarnation || child.is_down() {
             return;
         }
         child.state = ChildState::Down { restart_at: None };
         match &self.phase {
-            Phase::Running => self.died(now, process, exit, last_words),
-            Phase::Saving { failure, .. } if process == LEARNER => {
-                let died =
-                    format!("learner-0 died while it saved ({exit}); the last checkpoint stands{}", quote(last_words));
-                let reason = failure.as_ref().map_or_else(|| died.clone(), |failure| format!("{failure}\n{died}"));
-                self.report(Level::Error, died);
-                self.leave(now, End::Failed(reason), None);
+            Phase::Running => {
+                match process {
+                    // It has left: rank 0 says how it all ends.
+                    Process::Learner(rank) if self.gang.has_finished(rank) => {}
+                    Process::Learner(_) if self.gang.is_falling() => self.followed(now, process, exit, last_words),
+                    Process::Learner(rank) => self.learner_died(now, rank, exit, last_words),
+                    Process::Actor(actor) => self.actor_died(now, actor, exit, last_words),
+                }
+                // Not when that has just ended the run.
+                if self.phase == Phase::Running {
+                    self.start_due(now);
+                }
             }
-            Phase::Saving { .. } => {
-                self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.policy.kitchens)));
+            Phase::Saving { failure, .. } => match process {
+                Process::Learner(rank) if self.gang.has_finished(rank) => {}
+                Process::Learner(_) => {
+                    let died = format!(
+                        "{process} died while it saved ({exit}); the last checkpoint stands{}",
+                        quote(last_words)
+                    );
+                    let reason = failure.as_ref().map_or_else(|| died.clone(), |failure| format!("{failure}\n{died}"));
+                    self.report(Level::Error, died);
+                    self.leave(now, End::Failed(reason), None);
+                }
+                Process::Actor(_) => {
+                    self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.policy.kitchens)));
+                }
+            },
+            Phase::Leaving { .. } => {
+                if !self.gang.has_finished(0) {
+                    self.kill_broken(now);
+                }
+                self.finish_if_alone();
             }
-            Phase::Leaving { .. } => self.finish_if_alone(),
             Phase::Over => {}
         }
     }
 
-    /// A process died that should be running.
-    fn died(&mut self, now: Duration, process: Process, exit: &Exit, last_words: &[String]) {
-        let who = process.describe(self.policy.kitchens);
-        if process == LEARNER {
-            // A learner that says no by itself at its first start has a reason that another try does not remove: a
-            // checkpoint it cannot read, a device that is not there.
-            let refused = self.children[&LEARNER].incarnation == 1
-                && self.learner.ready.is_none()
-                && matches!(exit, Exit::Code(_) | Exit::NotStarted(_));
-            if refused {
-                return self.fail(now, format!("{who} could not begin: {exit}{}", quote(last_words)));
+    /// A learner died that should be running, as the first.
+    fn learner_died(&mut self, now: Duration, rank: u32, exit: &Exit, last_words: &[String]) {
+        let who = Process::Learner(rank);
+        // A learner that says no by itself at its first start has a reason that another try does not remove: a
+        // checkpoint it cannot read, a device that is not there.
+        let refused = self.learner(rank).incarnation == 1
+            && !self.gang.is_ready(rank)
+            && matches!(exit, Exit::Code(_) | Exit::NotStarted(_));
+        if refused {
+            return self.fail(now, format!("{who} could not begin: {exit}{}", quote(last_words)));
+        }
+        if self.gang.met_non_finite_again(exit) {
+            return self.fail_for_non_finite(now, who, last_words);
+        }
+        let learners = self.gang.size();
+        match self.gang.fell(now, &self.policy.restart) {
+            Verdict::RestartAt(_) => {
+                let next = self.learner(rank).incarnation + 1;
+                let rewinds = match learners {
+                    _ if self.stages.budget() == 0 => "it begins again".to_owned(),
+                    1 => "it goes on from the last checkpoint".to_owned(),
+                    _ => format!("all {learners} learners go on from the last checkpoint"),
+                };
+                self.report(Level::Warning, format!("{who} died: {exit}; start number {next} follows; {rewinds}"));
+                self.kill_learners(now);
             }
-            if *exit == Exit::Code(EXIT_NON_FINITE) {
-                self.non_finite_deaths += 1;
-                if self.non_finite_deaths > 1 {
-                    return self.fail(
-                        now,
-                        format!("{who} met non-finite numbers twice after the same checkpoint{}", quote(last_words)),
-                    );
-                }
+            Verdict::GiveUp { deaths } => {
+                let (all, last) = match learners {
+                    1 => (who.to_string(), String::new()),
+                    _ => ("the learners".to_owned(), format!("{who} ")),
+                };
+                self.fail(
+                    now,
+                    format!(
+                        "{all} died {deaths} times while the run got no further, last {last}with {exit}{}",
+                        quote(last_words)
+                    ),
+                );
             }
         }
-        let child = self.children.get_mut(&process).expect("all processes are in the map from the start");
-        match child.history.died(now, &self.policy.restart) {
+    }
+
+    /// A learner died because another had: killed, or by itself.
+    fn followed(&mut self, now: Duration, process: Process, exit: &Exit, last_words: &[String]) {
+        if self.gang.met_non_finite_again(exit) {
+            self.fail_for_non_finite(now, process, last_words);
+        }
+    }
+
+    fn fail_for_non_finite(&mut self, now: Duration, who: Process, last_words: &[String]) {
+        self.fail(now, format!("{who} met non-finite numbers twice after the same checkpoint{}", quote(last_words)));
+    }
+
+    /// An actor died that should be running.
+    fn actor_died(&mut self, now: Duration, actor: u32, exit: &Exit, last_words: &[String]) {
+        let process = Process::Actor(actor);
+        let who = process.describe(self.policy.kitchens);
+        match self.actor_histories[actor as usize].died(now, &self.policy.restart) {
             Verdict::RestartAt(at) => {
+                let child = self.children.get_mut(&process).expect("all processes are in the map from the start");
                 child.state = ChildState::Down { restart_at: Some(at) };
                 let next = child.incarnation + 1;
-                let rewinds = match process {
-                    Process::Learner(_) if self.stages.budget() == 0 => "; it begins again",
-                    Process::Learner(_) => "; it goes on from the last checkpoint",
-                    Process::Actor(_) => "",
-                };
-                self.report(Level::Warning, format!("{who} died: {exit}; start number {next} follows{rewinds}"));
-                self.start_due(now);
+                self.report(Level::Warning, format!("{who} died: {exit}; start number {next} follows"));
             }
             Verdict::GiveUp { deaths } => self.fail(
                 now,
@@ -237,6 +318,10 @@ impl Supervisor {
     }
 
     fn start_due(&mut self, now: Duration) {
+        // Together or not at all: those who meet no other would wait for it.
+        if self.gang.is_due(now) && self.gang.ranks().all(|rank| self.learner(rank).is_down()) {
+            self.start_learners(now);
+        }
         let due = |child: &Child| matches!(child.state, ChildState::Down { restart_at: Some(at) } if at <= now);
         let due: Vec<Process> =
             self.children.iter().filter(|(_, child)| due(child)).map(|(process, _)| *process).collect();
@@ -245,66 +330,73 @@ impl Supervisor {
         }
     }
 
-    // The learner
+    fn progress(&mut self) {
+        self.gang.progress();
+        for history in &mut self.actor_histories {
+            history.progress();
+        }
+    }
+
+    // The learners
 
     fn learner_spoke(&mut self, now: Duration, event: LearnerEvent) {
         match event {
-            LearnerEvent::Ready { rollout, frames, device, parameters, checkpoint, .. } => {
-                self.learner.ready = Some(now);
-                self.learner.advanced = now;
+            // Whoever falls with another comes to nothing.
+            LearnerEvent::Ready { .. } if self.gang.is_falling() => {}
+            LearnerEvent::Ready { rank, rollout, frames, device, parameters, checkpoint } => {
+                self.gang.ready(rank, now);
+                let who = Process::Learner(rank);
                 let origin = checkpoint.map_or_else(String::new, |path| format!(" from {path},"));
                 self.report(
                     Level::Info,
-                    format!("learner-0 ready on {device}, {parameters} parameters,{origin} {frames} frames trained"),
+                    format!("{who} ready on {device}, {parameters} parameters,{origin} {frames} frames trained"),
                 );
                 match self.phase {
-                    Phase::Running => self.allow(rollout, frames),
+                    Phase::Running if rank == 0 => self.allow(rollout, frames),
                     Phase::Saving { .. } => self.announce_stop(),
-                    Phase::Leaving { .. } | Phase::Over => {}
+                    Phase::Running | Phase::Leaving { .. } | Phase::Over => {}
                 }
             }
-            LearnerEvent::ActorsConnected { .. } => {
-                self.learner.connected = true;
-                self.report(Level::Info, format!("all {} actors connected", self.policy.actors));
+            LearnerEvent::ActorsConnected { rank } => {
+                if self.gang.connected(rank) {
+                    self.report(Level::Info, format!("all {} actors connected", self.policy.actors));
+                }
             }
             LearnerEvent::RolloutCollected { rollout, frames, .. } => {
-                self.learner.connected = true;
-                self.learner.advanced = now;
+                self.gang.collected(now);
                 if self.phase == Phase::Running {
                     self.allow(rollout + 1, frames);
                 }
             }
             LearnerEvent::RolloutTrained { frames, .. } => {
-                self.learner.advanced = now;
+                self.gang.advanced(now);
                 if frames > self.frames_reached {
                     self.frames_reached = frames;
-                    self.non_finite_deaths = 0;
-                    for child in self.children.values_mut() {
-                        child.history.progress();
-                    }
+                    self.progress();
                 }
             }
             LearnerEvent::EpisodePlayed { .. } => {
-                self.learner.advanced = now;
-                self.learner.episodes += 1;
+                self.gang.advanced(now);
+                self.episodes += 1;
                 // One that was started again plays the first ones again: that is no progress.
-                if self.learner.episodes > self.episodes_reached {
-                    self.episodes_reached = self.learner.episodes;
-                    for child in self.children.values_mut() {
-                        child.history.progress();
-                    }
+                if self.episodes > self.episodes_reached {
+                    self.episodes_reached = self.episodes;
+                    self.progress();
                 }
             }
             LearnerEvent::CheckpointWritten { .. } => {}
             LearnerEvent::WaitingForActor { actor, waited_s, .. } => self.waits_for(now, actor, waited_s),
-            LearnerEvent::Finished { frames, weights, complete, .. } => {
-                self.finished(now, Saved { frames, weights }, complete);
+            LearnerEvent::Finished { rank, frames, weights, complete } => {
+                self.gang.finished(rank);
+                if rank == 0 {
+                    self.finished(now, Saved { frames, weights }, complete);
+                }
             }
         }
     }
 
     fn allow(&mut self, rollout: u64, frames: u64) {
-        // At the budget there is nothing to allow: the learner finishes by itself.
+        // At the budget there is nothing to allow: the learners finish by themselves.
         if let Some(word) = self.stages.allow(rollout, frames) {
             if let Some(switch) = word.switch {
                 self.actions.push(Action::SwitchStage(switch));
@@ -366,7 +458,7 @@ impl Supervisor {
     fn tick(&mut self, now: Duration) {
         match self.phase.clone() {
             Phase::Running => {
-                self.check_learner(now);
+                self.check_learners(now);
                 self.check_killed(now);
                 // Not when one of them has just ended the run.
                 if self.phase == Phase::Running {
@@ -386,35 +478,37 @@ impl Supervisor {
         }
     }
 
-    fn check_learner(&mut self, now: Duration) {
-        let ChildState::Up { since, killed: None } = self.children[&LEARNER].state else { return };
-        match self.learner.ready {
-            None if now.saturating_sub(since) > self.policy.learner_ready => self.fail(
+    fn check_learners(&mut self, now: Duration) {
+        if !self.learners_are_whole() {
+            return;
+        }
+        let Policy { learner_ready, actors_connected, silence, .. } = self.policy;
+        let learners = self.gang.size();
+        if let Some(rank) = self.gang.late_to_be_ready(now, learner_ready) {
+            let (who, limit_s) = (Process::Learner(rank), learner_ready.as_secs());
+            self.fail(now, format!("{who} was not ready after {limit_s} s; its log says what it was doing"));
+        } else if let Some(rank) = self.gang.late_to_be_connected(now, actors_connected) {
+            let (actors, who) = match learners {
+                1 => ("actors", "the learner".to_owned()),
+                _ => ("of its actors", Process::Learner(rank).to_string()),
+            };
+            self.fail(
                 now,
                 format!(
-                    "learner-0 was not ready after {} s; its log says what it was doing",
-                    self.policy.learner_ready.as_secs()
+                    "not all {actors} had answered {who} {} s after it was ready; their logs say what they were doing",
+                    actors_connected.as_secs()
                 ),
-            ),
-            Some(ready) if !self.learner.connected && now.saturating_sub(ready) > self.policy.actors_connected => self
-                .fail(
-                    now,
-                    format!(
-                        "not all actors had answered the learner {} s after it was ready; their logs say what they were doing",
-                        self.policy.actors_connected.as_secs()
-                    ),
-                ),
-            Some(_) if now.saturating_sub(self.learner.advanced) > self.policy.silence => {
-                self.report(
-                    Level::Warning,
-                    format!(
-                        "learner-0 finished neither a rollout nor an update for {} s and is killed",
-                        self.policy.silence.as_secs()
-                    ),
-                );
-                self.kill(now, LEARNER);
-            }
-            _ => {}
+            );
+        } else if self.gang.silent_for(now).is_some_and(|silent| silent > silence) {
+            let (who, are) = match learners {
+                1 => (Process::Learner(0).to_string(), "is"),
+                _ => (format!("the {learners} learners"), "are"),
+            };
+            self.report(
+                Level::Warning,
+                format!("{who} finished neither a rollout nor an update for {} s and {are} killed", silence.as_secs()),
+            );
+            self.kill_learners(now);
         }
     }
 
@@ -452,7 +546,7 @@ impl Supervisor {
                 _ => {}
             }
         }
-        let up = self.children.values().filter(|child| matches!(child.state, ChildState::Up { .. })).count();
+        let up = self.children.values().filter(|child| !child.is_down()).count();
         if up > 0 && stuck.len() == up {
             self.report(Level::Error, format!("SIGKILL does not end {}: the kernel holds on", stuck.join(", ")));
             self.finish();
@@ -472,10 +566,8 @@ impl Supervisor {
             Phase::Running => {
                 self.save(now, None);
                 if matches!(self.phase, Phase::Saving { .. }) {
-                    self.report(
-                        Level::Info,
-                        "stopping: the learner saves; Ctrl-C again ends everything at once".into(),
-                    );
+                    let who = if self.gang.size() == 1 { "the learner saves" } else { "the learners save" };
+                    self.report(Level::Info, format!("stopping: {who}; Ctrl-C again ends everything at once"));
                 }
             }
             Phase::Over => {}
@@ -499,10 +591,9 @@ impl Supervisor {
         self.save(now, Some(reason));
     }
 
-    /// Has the learner save, if it can.
+    /// Has the learners save, if they can: they agree on where, so it takes all of them.
     fn save(&mut self, now: Duration, failure: Option<String>) {
-        let up = matches!(self.children[&LEARNER].state, ChildState::Up { killed: None, .. });
-        if up && (self.learner.ready.is_some() || failure.is_none()) {
+        if self.learners_are_whole() && (self.gang.all_ready_since().is_some() || failure.is_none()) {
             self.phase = Phase::Saving { failure, until: now + self.policy.silence };
             self.announce_stop();
         } else {
@@ -519,11 +610,12 @@ impl Supervisor {
                 ChildState::Down { .. } => child.state = ChildState::Down { restart_at: None },
             }
         }
+        self.kill_broken(now);
         self.finish_if_alone();
     }
 
     fn finish_if_alone(&mut self) {
-        if self.children.values().all(|child| matches!(child.state, ChildState::Down { .. })) {
+        if self.children.values().all(Child::is_down) {
             self.finish();
         }
     }

@@ -1,10 +1,11 @@
 //! Supervision: who runs, who is started again, which stage is in force, and when it is over.
 //!
-//! [`machine`] decides, [`restart`] and [`stage`] are its two parts that stand on their own, [`policy`] is its bounds; all
-//! are pure functions of events ([`event`]) and a clock. [`shell`] is where processes, signals, shared memory and files are: it turns what
-//! happens into events and the machine's actions into deeds, and decides nothing.
+//! [`machine`] decides; [`gang`], [`restart`] and [`stage`] are its parts that stand on their own, [`policy`] is its
+//! bounds; all are pure functions of events ([`event`]) and a clock. [`shell`] is where processes, signals, shared memory
+//! and files are: it turns what happens into events and the machine's actions into deeds, and decides nothing.
 
 pub mod event;
+pub mod gang;
 pub mod machine;
 pub mod policy;
 pub mod process;

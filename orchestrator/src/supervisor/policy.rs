@@ -10,15 +10,17 @@ use std::time::Duration;
 pub struct Policy {
     /// Kitchens that the actors simulate.
     pub kitchens: Kitchens,
+    /// Learner processes.
+    pub learners: u32,
     /// Actor processes.
     pub actors: u32,
     /// On restarts.
     pub restart: RestartPolicy,
     /// From a learner's start to its `Ready`.
     pub learner_ready: Duration,
-    /// From `Ready` until all actors have answered.
+    /// From the last learner's `Ready` until all actors have answered.
     pub actors_connected: Duration,
-    /// The longest a learner may be without a finished rollout or update; also the longest that saving may take.
+    /// The longest that learners may be without a finished rollout or update; also the longest that saving may take.
     pub silence: Duration,
     /// An actor that the learner has waited for this long, and that has run this long, is taken to hang.
     pub actor_silence: Duration,
@@ -39,6 +41,7 @@ impl Policy {
         let actor_deadline = Duration::from_secs_f64(config.learner.actor_deadline_s.min(1e6));
         Self {
             kitchens: config.kitchens(),
+            learners: config.learner.count,
             actors: config.actors.count,
             restart: RestartPolicy::default(),
             learner_ready: Duration::from_mins(2),

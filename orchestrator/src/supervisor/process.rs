@@ -206,11 +206,12 @@ fn exit_of(status: ExitStatus) -> Exit {
 async fn hear(stdout: impl AsyncRead + Unpin, process: Process, incarnation: u32, events: mpsc::Sender<Event>) {
     let mut reader = BufReader::new(stdout);
     while let Some(line) = next_line(&mut reader).await {
-        if !matches!(process, Process::Learner(_)) {
+        let Process::Learner(rank) = process else {
             tracing::debug!("{process}: {line}");
             continue;
-        }
+        };
         match serde_json::from_str::<LearnerEvent>(&line) {
+            Ok(event) if event.rank() != rank => tracing::warn!("{process} said what is another's to say: {line}"),
             Ok(event) => {
                 if events.send(Event::Learner { incarnation, event }).await.is_err() {
                     return;
@@ -289,7 +290,9 @@ mod tests {
     #[tokio::test]
     async fn a_child_is_heard_to_its_last_word_before_its_exit() {
         let (sender, mut events) = mpsc::channel(16);
-        let script = r#"echo '{"event":"actors_connected","rank":0}'; echo one >&2; echo two >&2; read x; exit 7"#;
+        // What it says for another learner is not heard.
+        let script = r#"echo '{"event":"actors_connected","rank":1}'; echo '{"event":"actors_connected","rank":0}'
+            echo one >&2; echo two >&2; read x; exit 7"#;
         let mut child = Command::new("sh")
             .args(["-c", script])
             .stdin(Stdio::piped())

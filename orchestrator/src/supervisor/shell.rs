@@ -70,7 +70,7 @@ fn signal_is_ignored(number: i32) -> bool {
     u64::from_str_radix(mask.trim(), 16).is_ok_and(|mask| mask >> (number - 1) & 1 == 1)
 }
 
-/// Who is told what the learner says: keeps it, and shows how the work gets on.
+/// Who is told what the learner says, of several the one that speaks for all: keeps it, and shows how the work gets on.
 pub trait Audience {
     /// The learner spoke. An error is the end: what happens cannot be written down any more.
     fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()>;
@@ -165,7 +165,8 @@ impl Shell<'_> {
             match &event {
                 Event::Exited { process, .. } => {
                     processes.forget(*process);
-                    if matches!(process, Process::Learner(_)) {
+                    // When another learner dies, this one does not outlive it.
+                    if *process == Process::Learner(0) {
                         audience.learner_died(now);
                     }
                     // Before its place is taken, and before anyone blocks on what it held.
@@ -176,7 +177,9 @@ impl Shell<'_> {
                     if let Some(recorder) = self.recorder {
                         recorder.learner(event);
                     }
-                    if let Err(error) = audience.learner(now, event) {
+                    if is_for_audience(event)
+                        && let Err(error) = audience.learner(now, event)
+                    {
                         own_events.push_back(Event::CannotWrite(format!("{error:#}")));
                     }
                 }
@@ -232,6 +235,11 @@ impl Shell<'_> {
         }
         fault::reach("orchestrator.stage_switch");
     }
+}
+
+/// Rank 0 speaks for all learners, but each waits for actors of its own.
+fn is_for_audience(event: &LearnerEvent) -> bool {
+    event.rank() == 0 || matches!(event, LearnerEvent::WaitingForActor { .. })
 }
 
 fn announce(publisher: &StagePublisher, announcement: proto::message::StageAnnouncement) -> Result<()> {

@@ -1,0 +1,229 @@
+//! The learners, of whom none goes on without the others: what they have said, and how often they fell. Pure.
+//!
+//! All take every step of the optimiser together. When one dies, what the others compute together breaks off or hangs; so
+//! a death is the fall of all. The others are killed, and when the last is gone all start together, with one
+//! incarnation, by which they find each other. A fall is one death, whoever died first and however the others followed.
+
+use super::event::Exit;
+use super::restart::{RestartHistory, RestartPolicy, Verdict};
+use proto::control::EXIT_NON_FINITE;
+use std::ops::Range;
+use std::time::Duration;
+
+/// What the present incarnation of one learner has said so far.
+#[derive(Debug, Clone, Copy, Default)]
+struct Word {
+    ready: Option<Duration>,
+    connected: bool,
+    finished: bool,
+}
+
+/// The learners of a run.
+#[derive(Debug)]
+pub struct Gang {
+    words: Vec<Word>,
+    begun: Duration,
+    /// When rank 0, which speaks for all, last told that they got on.
+    advanced: Duration,
+    /// The present incarnation has collected a rollout.
+    collected: bool,
+    /// When those who fell are to start again, if no learner is left by then.
+    restart_at: Option<Duration>,
+    history: RestartHistory,
+    /// One of the present incarnation died of non-finite numbers.
+    non_finite: bool,
+    non_finite_falls: u32,
+}
+
+impl Gang {
+    /// This many learners, none of which has been started.
+    pub fn new(learners: u32) -> Self {
+        Self {
+            words: vec![Word::default(); learners as usize],
+            begun: Duration::ZERO,
+            advanced: Duration::ZERO,
+            collected: false,
+            restart_at: None,
+            history: RestartHistory::default(),
+            non_finite: false,
+            non_finite_falls: 0,
+        }
+    }
+
+    /// How many there are.
+    pub fn size(&self) -> usize {
+        self.words.len()
+    }
+
+    /// Their ranks.
+    pub fn ranks(&self) -> Range<u32> {
+        0..self.words.len() as u32
+    }
+
+    /// All are started, and have said nothing yet.
+    pub fn begin(&mut self, now: Duration) {
+        self.words.fill(Word::default());
+        (self.begun, self.advanced) = (now, now);
+        (self.collected, self.non_finite, self.restart_at) = (false, false, None);
+    }
+
+    // What they say
+
+    /// One is ready.
+    pub fn ready(&mut self, rank: u32, now: Duration) {
+        self.words[rank as usize].ready = Some(now);
+        if rank == 0 {
+            self.advanced = now;
+        }
+    }
+
+    /// The actors of one have answered; true if with them all have.
+    pub fn connected(&mut self, rank: u32) -> bool {
+        self.words[rank as usize].connected = true;
+        self.words.iter().all(|word| word.connected)
+    }
+
+    /// A rollout is collected. Whoever had a part in it has its actors; in a short one some have none.
+    pub fn collected(&mut self, now: Duration) {
+        self.collected = true;
+        self.advanced = now;
+    }
+
+    /// They got on.
+    pub fn advanced(&mut self, now: Duration) {
+        self.advanced = now;
+    }
+
+    /// One has done all that it had to, and leaves.
+    pub fn finished(&mut self, rank: u32) {
+        self.words[rank as usize].finished = true;
+    }
+
+    // How they stand
+
+    /// Whether this one has said that it is ready.
+    pub fn is_ready(&self, rank: u32) -> bool {
+        self.words[rank as usize].ready.is_some()
+    }
+
+    /// Whether this one has said that it leaves: its end is no death.
+    pub fn has_finished(&self, rank: u32) -> bool {
+        self.words[rank as usize].finished
+    }
+
+    /// Since when all have been ready. One that has finished has been, too.
+    pub fn all_ready_since(&self) -> Option<Duration> {
+        let ready = |word: &Word| word.ready.or(word.finished.then_some(self.begun));
+        self.words.iter().map(ready).try_fold(self.begun, |latest, ready| Some(latest.max(ready?)))
+    }
+
+    /// One that is not ready though more than `patience` has passed since all were started.
+    pub fn late_to_be_ready(&self, now: Duration, patience: Duration) -> Option<u32> {
+        let late = now.saturating_sub(self.begun) > patience;
+        self.ranks().filter(|_| late).find(|&rank| !self.is_ready(rank) && !self.has_finished(rank))
+    }
+
+    /// One whose actors have not all answered though more than `patience` has passed since all were ready, and no rollout
+    /// has been collected.
+    pub fn late_to_be_connected(&self, now: Duration, patience: Duration) -> Option<u32> {
+        let late = !self.collected && self.all_ready_since().is_some_and(|ready| now.saturating_sub(ready) > patience);
+        let unconnected = |word: Word| !word.connected && !word.finished;
+        self.ranks().filter(|_| late).find(|&rank| unconnected(self.words[rank as usize]))
+    }
+
+    /// For how long they have not got on since all were ready.
+    pub fn silent_for(&self, now: Duration) -> Option<Duration> {
+        self.all_ready_since().map(|_| now.saturating_sub(self.advanced))
+    }
+
+    // How they fall
+
+    /// The run got further.
+    pub fn progress(&mut self) {
+        self.history.progress();
+        self.non_finite_falls = 0;
+    }
+
+    /// One died, as the first: all fall.
+    pub fn fell(&mut self, now: Duration, policy: &RestartPolicy) -> Verdict {
+        let verdict = self.history.died(now, policy);
+        if let Verdict::RestartAt(at) = verdict {
+            self.restart_at = Some(at);
+        }
+        verdict
+    }
+
+    /// Takes note of how one died. True if it was of non-finite numbers, and they had already fallen for those since
+    /// there was progress. All meet them together, and any may be the first to die: they count once a fall.
+    pub fn met_non_finite_again(&mut self, exit: &Exit) -> bool {
+        if *exit != Exit::Code(EXIT_NON_FINITE) || std::mem::replace(&mut self.non_finite, true) {
+            return false;
+        }
+        self.non_finite_falls += 1;
+        self.non_finite_falls > 1
+    }
+
+    /// From the first death on until all are started again.
+    pub fn is_falling(&self) -> bool {
+        self.restart_at.is_some()
+    }
+
+    /// Whether it is time to start again.
+    pub fn is_due(&self, now: Duration) -> bool {
+        self.restart_at.is_some_and(|at| at <= now)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PATIENCE: Duration = Duration::from_secs(10);
+
+    fn at(second: u64) -> Duration {
+        Duration::from_secs(second)
+    }
+
+    #[test]
+    fn deadlines_are_everyones() {
+        let mut gang = Gang::new(3);
+        gang.begin(at(100));
+        gang.ready(0, at(101));
+        gang.ready(2, at(102));
+        assert_eq!(gang.late_to_be_ready(at(110), PATIENCE), None);
+        assert_eq!(gang.late_to_be_ready(at(111), PATIENCE), Some(1));
+        assert_eq!((gang.all_ready_since(), gang.silent_for(at(111))), (None, None));
+        gang.ready(1, at(111));
+        assert_eq!(gang.late_to_be_ready(at(1000), PATIENCE), None);
+        // Actors are waited for from when the last learner was ready; rank 0 tells whether all get on.
+        assert!(!gang.connected(0) && !gang.connected(1));
+        assert_eq!(gang.late_to_be_connected(at(121), PATIENCE), None);
+        assert_eq!(gang.late_to_be_connected(at(122), PATIENCE), Some(2));
+        assert_eq!(gang.silent_for(at(122)), Some(at(21)));
+        gang.collected(at(122));
+        assert_eq!(gang.late_to_be_connected(at(1000), PATIENCE), None, "it had no part in a short rollout");
+        assert_eq!(gang.silent_for(at(123)), Some(at(1)));
+        assert!(gang.connected(2));
+        gang.begin(at(200));
+        assert_eq!(gang.late_to_be_ready(at(211), PATIENCE), Some(0), "what was said before a fall is forgotten");
+    }
+
+    #[test]
+    fn all_may_meet_non_finite_numbers_together() {
+        let policy = RestartPolicy::default();
+        let non_finite = Exit::Code(EXIT_NON_FINITE);
+        let mut gang = Gang::new(2);
+        for fall in 0..2 {
+            gang.begin(at(fall));
+            assert!(!gang.met_non_finite_again(&Exit::Code(1)), "one whose peer was gone first");
+            assert!(matches!(gang.fell(at(fall), &policy), Verdict::RestartAt(_)));
+            assert!(gang.is_falling());
+            assert_eq!(gang.met_non_finite_again(&non_finite), fall == 1);
+            assert!(!gang.met_non_finite_again(&non_finite), "once a fall");
+        }
+        gang.progress();
+        gang.begin(at(2));
+        assert!(!gang.is_falling());
+        assert!(!gang.met_non_finite_again(&non_finite));
+    }
+}
