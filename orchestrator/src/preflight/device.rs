@@ -23,7 +23,7 @@ pub fn check(config: &Config, torch: &Torch) -> Finding {
     if is_cuda(config, torch) && (learners as usize) > cuda {
         return Finding::Problem(format!(
             "{learners} learners compute on a CUDA device each, but torch {version} finds {cuda} here (it finds: \
-             {devices}). Have not more of them (--learners {cuda}), or all compute on the CPU (learner.device = \"cpu\")"
+             {devices}). Take fewer (--learners {cuda}), or have all compute on the CPU (learner.device = \"cpu\")"
         ));
     }
     let places = match (is_cuda(config, torch), learners) {

@@ -5,10 +5,12 @@
 //!    └───────────────────── budget reached ──────────────────────────────────────────────▶ Leaving
 //! ```
 //!
-//! Every state has a deadline: learners must become ready, its actors must connect, rollouts must come, a stop must
+//! Learners run, save and die together ([`super::gang`]), and rank 0 speaks for all. Without one of them the others are
+//! killed: they could neither go on nor save.
+//!
+//! Every state has a deadline: learners must become ready, their actors must connect, rollouts must come, a stop must
 //! be answered, a process told to leave must go. A learner that does not become ready, or whose actors do not connect,
-//! fails the run at once: trying again would only take as long again. Learners run, save and die together
-//! ([`super::gang`]), and rank 0 speaks for all. What exceeds any other deadline is killed, and a
+//! fails the run at once: trying again would only take as long again. What exceeds any other deadline is killed, and a
 //! kill is a death like any other. Deaths without progress are bounded ([`super::restart`]), progress is bounded by the
 //! frame budget, so every schedule of events ends in [`Action::Finish`].
 //!
@@ -209,7 +211,6 @@ impl Supervisor {
                 match process {
                     // It has left: rank 0 says how it all ends.
                     Process::Learner(rank) if self.gang.has_finished(rank) => {}
-                    Process::Learner(_) if self.gang.is_falling() => self.followed(now, process, exit, last_words),
                     Process::Learner(rank) => self.learner_died(now, rank, exit, last_words),
                     Process::Actor(actor) => self.actor_died(now, actor, exit, last_words),
                 }
@@ -243,19 +244,25 @@ impl Supervisor {
         }
     }
 
-    /// A learner died that should be running, as the first.
+    /// A learner died that should be running, or would be if another had not died.
     fn learner_died(&mut self, now: Duration, rank: u32, exit: &Exit, last_words: &[String]) {
         let who = Process::Learner(rank);
         // A learner that says no by itself at its first start has a reason that another try does not remove: a
         // checkpoint it cannot read, a device that is not there.
-        let refused = self.learner(rank).incarnation == 1
+        let follows = self.gang.is_falling();
+        let refused = !follows
+            && self.learner(rank).incarnation == 1
             && !self.gang.is_ready(rank)
             && matches!(exit, Exit::Code(_) | Exit::NotStarted(_));
         if refused {
             return self.fail(now, format!("{who} could not begin: {exit}{}", quote(last_words)));
         }
         if self.gang.met_non_finite_again(exit) {
-            return self.fail_for_non_finite(now, who, last_words);
+            let met = format!("{who} met non-finite numbers twice after the same checkpoint{}", quote(last_words));
+            return self.fail(now, met);
+        }
+        if follows {
+            return;
         }
         let learners = self.gang.size();
         match self.gang.fell(now, &self.policy.restart) {
@@ -283,17 +290,6 @@ impl Supervisor {
                 );
             }
         }
-    }
-
-    /// A learner died because another had: killed, or by itself.
-    fn followed(&mut self, now: Duration, process: Process, exit: &Exit, last_words: &[String]) {
-        if self.gang.met_non_finite_again(exit) {
-            self.fail_for_non_finite(now, process, last_words);
-        }
-    }
-
-    fn fail_for_non_finite(&mut self, now: Duration, who: Process, last_words: &[String]) {
-        self.fail(now, format!("{who} met non-finite numbers twice after the same checkpoint{}", quote(last_words)));
     }
 
     /// An actor died that should be running.

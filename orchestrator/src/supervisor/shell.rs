@@ -248,3 +248,22 @@ fn announce(publisher: &StagePublisher, announcement: proto::message::StageAnnou
     publisher.send_copy(announcement).map_err(|cause| failed(&cause))?;
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_other_learners_only_what_they_wait_for_is_shown() {
+        let ready = |rank| LearnerEvent::Ready {
+            rank,
+            rollout: 0,
+            frames: 0,
+            device: "cpu".into(),
+            parameters: 1,
+            checkpoint: None,
+        };
+        assert!(is_for_audience(&ready(0)) && !is_for_audience(&ready(1)));
+        assert!(is_for_audience(&LearnerEvent::WaitingForActor { rank: 1, actor: 12, waited_s: 5.0 }));
+    }
+}

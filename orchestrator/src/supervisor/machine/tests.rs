@@ -188,8 +188,11 @@ impl World {
             });
         }
         if let Some(complete) = self.agreed {
-            self.finishes(rank, complete);
-            return self.exit(Process::Learner(rank), Exit::Code(0));
+            return if self.supervisor.gang.has_finished(rank) {
+                self.exit(Process::Learner(rank), Exit::Code(0));
+            } else {
+                self.finishes(rank, complete);
+            };
         }
         // What they do together takes all of them.
         if !self.ranks().all(|rank| self.up.contains_key(&Process::Learner(rank)) && self.ready.contains(&rank)) {
@@ -238,9 +241,6 @@ impl World {
         } else if position.is_none() || stop {
             self.checkpoint = rollout;
             self.agreed = Some(position.is_none());
-            if self.learners == 1 {
-                self.learner_step(0, checkpoints);
-            }
         } else if let Some(position) = position
             && self.announced.rollout == rollout as u64
         {
