@@ -105,6 +105,13 @@ impl Peers {
         Ok(())
     }
 
+    /// A count over all learners.
+    pub fn total(&self, own: u64) -> Result<u64, PeerError> {
+        let mut total = [own as f64];
+        self.sum(&mut total)?;
+        Ok(total[0] as u64)
+    }
+
     /// Replaces a flat gradient by the sum over all learners.
     pub fn sum_gradients(&self, gradient: &mut Tensor) -> Result<(), PeerError> {
         match self {

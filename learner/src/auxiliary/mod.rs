@@ -12,8 +12,9 @@ mod query;
 pub use cpca::Cpca;
 pub use disturb::{Disturb, focal_loss};
 pub use inverse_dynamics::InverseDynamics;
-pub use query::{Epoch, Query};
+pub use query::{Epoch, Query, count};
 
+use crate::group::{PeerError, Peers};
 use crate::network::{Layout, Packing, Parameters};
 use crate::rollout::Rollout;
 use proto::config::{AuxiliaryConfig, AuxiliaryTask};
@@ -110,20 +111,20 @@ impl Auxiliary {
     }
 
     /// What the task asks of each pass in an epoch.
-    pub fn queries(&self, packings: &[&Packing], epoch: Epoch) -> Vec<Vec<Query>> {
+    pub fn queries(&self, packings: &[&Packing], epoch: Epoch, peers: &Peers) -> Result<Vec<Vec<Query>>, PeerError> {
         match self {
-            Self::None => packings.iter().map(|_| Vec::new()).collect(),
-            Self::Disturb(_) => epoch.queries(packings, 1, 1.0),
-            Self::InverseDynamics { share, .. } => epoch.queries(packings, 1, *share),
+            Self::None => Ok(packings.iter().map(|_| Vec::new()).collect()),
+            Self::Disturb(_) => epoch.queries(packings, 1, 1.0, peers),
+            Self::InverseDynamics { share, .. } => epoch.queries(packings, 1, *share, peers),
             Self::Cpca { share, .. } => {
-                let mut queries = epoch.queries(packings, cpca::HORIZON as usize, *share);
+                let mut queries = epoch.queries(packings, cpca::HORIZON as usize, *share, peers)?;
                 for (queries, packing) in queries.iter_mut().zip(packings) {
                     let elsewhere = epoch.permutation(packing);
                     for query in queries {
                         query.elsewhere = elsewhere[query.later as usize];
                     }
                 }
-                queries
+                Ok(queries)
             }
         }
     }

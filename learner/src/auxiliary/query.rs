@@ -4,11 +4,12 @@
 //! task may look at a random share (subsampling); which ones is a function of (seed, rollout, epoch, step, column), so
 //! it depends neither on how columns are divided into passes nor on what was drawn before.
 
+use crate::group::{PeerError, Peers};
 use crate::network::Packing;
 use proto::random::{Key, Purpose};
 
 /// Valid queries below which none is left out (reference).
-const SUBSAMPLE_LEAST: usize = 10;
+const SUBSAMPLE_LEAST: u64 = 10;
 
 /// One epoch of one update.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,13 +40,19 @@ pub struct Query {
 
 impl Epoch {
     /// What a task asks of each of these passes: up to `horizon` steps ahead, `share` of all valid questions (all of
-    /// them if that would be few).
-    pub fn queries(self, packings: &[&Packing], horizon: usize, share: f64) -> Vec<Vec<Query>> {
+    /// them if that would be few, counted over all learners).
+    pub fn queries(
+        self,
+        packings: &[&Packing],
+        horizon: usize,
+        share: f64,
+        peers: &Peers,
+    ) -> Result<Vec<Vec<Query>>, PeerError> {
         let valid: Vec<Vec<Query>> = packings.iter().map(|packing| all(packing, horizon)).collect();
-        if share >= 1.0 || valid.iter().map(Vec::len).sum::<usize>() < SUBSAMPLE_LEAST {
-            return valid;
+        if share >= 1.0 || peers.total(count(&valid))? < SUBSAMPLE_LEAST {
+            return Ok(valid);
         }
-        packings
+        let asked = packings
             .iter()
             .zip(valid)
             .map(|(packing, queries)| {
@@ -56,7 +63,8 @@ impl Epoch {
                     .filter(|query| draws[query.row as usize][query.offset as usize - 1] < share)
                     .collect()
             })
-            .collect()
+            .collect();
+        Ok(asked)
     }
 
     /// A random permutation of a pass's rows.
@@ -84,6 +92,11 @@ impl Epoch {
     }
 }
 
+/// Queries of several passes.
+pub fn count(queries: &[Vec<Query>]) -> u64 {
+    queries.iter().map(|queries| queries.len() as u64).sum()
+}
+
 /// Every question whose answer lies in the same episode, by offset and then by row.
 fn all(packing: &Packing, horizon: usize) -> Vec<Query> {
     (1..=horizon)
@@ -102,6 +115,10 @@ mod tests {
 
     const EPOCH: Epoch = Epoch { seed: 5, rollout: 3, epoch: 1, first_column: 0 };
 
+    fn ask(epoch: Epoch, packings: &[&Packing], horizon: usize, share: f64) -> Vec<Vec<Query>> {
+        epoch.queries(packings, horizon, share, &Peers::Alone).unwrap()
+    }
+
     fn packing(columns: std::ops::Range<usize>) -> Packing {
         Packing::new(columns, |_| 60, |t, n| (t + 7 * n) % 23 == 0)
     }
@@ -109,8 +126,8 @@ mod tests {
     #[test]
     fn a_share_of_the_valid_queries_is_asked_whatever_the_passes() {
         let whole = packing(0..20);
-        let valid = EPOCH.queries(&[&whole], 16, 1.0).remove(0);
-        let asked = EPOCH.queries(&[&whole], 16, 0.2).remove(0);
+        let valid = ask(EPOCH, &[&whole], 16, 1.0).remove(0);
+        let asked = ask(EPOCH, &[&whole], 16, 0.2).remove(0);
         assert!(asked.iter().all(|query| valid.contains(query)));
         let share = asked.len() as f64 / valid.len() as f64;
         assert!((share - 0.2).abs() < 0.02, "{share}");
@@ -118,7 +135,7 @@ mod tests {
         let name = |packing: &Packing, query: &Query| (packing.rows[query.row as usize], query.offset);
         let of_whole: BTreeSet<_> = asked.iter().map(|query| name(&whole, query)).collect();
         let parts = [packing(0..7), packing(7..20)];
-        let of_parts = EPOCH.queries(&[&parts[0], &parts[1]], 16, 0.2);
+        let of_parts = ask(EPOCH, &[&parts[0], &parts[1]], 16, 0.2);
         let of_parts: BTreeSet<_> = parts
             .iter()
             .zip(&of_parts)
@@ -127,13 +144,13 @@ mod tests {
         assert_eq!(of_whole, of_parts);
 
         for other in [Epoch { epoch: 0, ..EPOCH }, Epoch { rollout: 4, ..EPOCH }, Epoch { seed: 6, ..EPOCH }] {
-            assert_ne!(other.queries(&[&whole], 16, 0.2).remove(0), asked);
+            assert_ne!(ask(other, &[&whole], 16, 0.2).remove(0), asked);
             assert_ne!(other.permutation(&whole), EPOCH.permutation(&whole));
         }
         // Columns 7 to 19, as a learner's own.
         let moved = Packing::new(0..13, |_| 60, |t, n| (t + 7 * (n + 7)) % 23 == 0);
-        let of_moved = Epoch { first_column: 7, ..EPOCH }.queries(&[&moved], 16, 0.2).remove(0);
-        let of_last: Vec<_> = EPOCH.queries(&[&parts[1]], 16, 0.2).remove(0);
+        let of_moved = ask(Epoch { first_column: 7, ..EPOCH }, &[&moved], 16, 0.2).remove(0);
+        let of_last: Vec<_> = ask(EPOCH, &[&parts[1]], 16, 0.2).remove(0);
         assert_eq!(of_moved, of_last);
 
         let mut permutation = EPOCH.permutation(&whole);
@@ -144,8 +161,8 @@ mod tests {
     #[test]
     fn few_queries_are_all_asked() {
         let few = Packing::new(0..3, |_| 4, |_, _| false);
-        assert_eq!(EPOCH.queries(&[&few], 1, 0.2)[0].len(), 9);
+        assert_eq!(ask(EPOCH, &[&few], 1, 0.2)[0].len(), 9);
         let more = Packing::new(0..30, |_| 4, |_, _| false);
-        assert!(EPOCH.queries(&[&more], 1, 0.2)[0].len() < 40);
+        assert!(ask(EPOCH, &[&more], 1, 0.2)[0].len() < 40);
     }
 }

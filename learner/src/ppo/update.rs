@@ -6,7 +6,7 @@
 
 use super::gae::{Targets, estimate};
 use super::loss::{Experience, Terms, terms};
-use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, Tally};
+use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, Tally, count};
 use crate::group::{PeerError, Peers};
 use crate::network::{Embedded, Network, OBSERVATION, Observations, Packing, all_finite, to_vec};
 use crate::optimizer::{Adam, clip_norm};
@@ -126,15 +126,14 @@ impl Update<'_> {
         let targets = estimate(self.rollout, self.ppo, self.peers)?;
         let shares = self.shares(&targets);
         let packings: Vec<&Packing> = shares.iter().map(|share| &share.packing).collect();
-        let frames = self.total(self.rollout.shape().frames)?;
+        let frames = self.peers.total(self.rollout.shape().frames)?;
         let mut sums = [0.0; SCALARS.len()];
         let mut gradient_norms = 0.0;
         let mut tally = Tally::default();
 
         for epoch in 0..self.ppo.epochs {
-            let queries = self.auxiliary.queries(&packings, self.epoch(epoch));
-            let asked = queries.iter().map(|queries| queries.len() as u64).sum();
-            let whole = Whole { frames, queries: self.total(asked)? };
+            let queries = self.auxiliary.queries(&packings, self.epoch(epoch), self.peers)?;
+            let whole = Whole { frames, queries: self.peers.total(count(&queries))? };
             let mut batch = self.gradient(&shares, &queries, whole);
             self.add_up(&mut batch)?;
             for ((sum, scalar), name) in sums.iter_mut().zip(batch.scalars).zip(SCALARS) {
@@ -171,13 +170,6 @@ impl Update<'_> {
         Epoch { seed: self.seed, rollout: self.rollout_number, epoch, first_column: self.first_column }
     }
 
-    /// A count over all learners.
-    fn total(&self, own: u64) -> Result<u64, PeerError> {
-        let mut total = [own as f64];
-        self.peers.sum(&mut total)?;
-        Ok(total[0] as u64)
-    }
-
     /// Makes one learner's part of a batch the whole.
     fn add_up(&self, batch: &mut BatchGradient) -> Result<(), PeerError> {
         let names = self.auxiliary.sums();
@@ -201,10 +193,12 @@ impl Update<'_> {
         let targets = estimate(self.rollout, &ppo, self.peers)?;
         let shares = at_once.shares(&targets);
         let packing = self.rollout.packing(0..self.rollout.columns());
-        let mut queries = self.auxiliary.queries(&[&packing], self.epoch(0)).pop().unwrap_or_default();
+        let mut queries = self.auxiliary.queries(&[&packing], self.epoch(0), self.peers)?.pop().unwrap_or_default();
         revise(&packing, &mut queries);
-        let whole =
-            Whole { frames: self.total(self.rollout.shape().frames)?, queries: self.total(queries.len() as u64)? };
+        let whole = Whole {
+            frames: self.peers.total(self.rollout.shape().frames)?,
+            queries: self.peers.total(queries.len() as u64)?,
+        };
         let mut batch = at_once.gradient(&shares, std::slice::from_ref(&queries), whole);
         self.add_up(&mut batch)?;
         Ok(Look { packing, targets, queries, batch })

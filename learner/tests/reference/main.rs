@@ -5,6 +5,7 @@
 
 mod algorithm;
 mod import;
+mod learners;
 mod network;
 mod probe;
 mod repetition;

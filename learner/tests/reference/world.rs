@@ -7,11 +7,14 @@ use proto::action::{ActionSpace, NO_ACTION};
 use proto::config::{Config, Encoder};
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
+use std::ops::Range;
 use tch::Tensor;
 
 /// A world of noise that an agent acts in: the script's `run_fixture`.
 pub struct World {
     columns: usize,
+    /// Columns of the agent that acts, of all.
+    own: Range<usize>,
     pub steps: usize,
     /// Steps that a rollout is planned with; it is cut after `steps`.
     pub planned: usize,
@@ -35,19 +38,25 @@ pub fn small_config() -> Config {
 
 impl World {
     pub fn new(config: &Config) -> Self {
+        Self::of_learner(config, 0..config.environments())
+    }
+
+    /// As much of it as one of several learners sees.
+    pub fn of_learner(config: &Config, own: Range<usize>) -> Self {
         let columns = config.environments();
         let steps = config.ppo.rollout_steps as usize;
-        Self { columns, steps, planned: steps, previous: vec![NO_ACTION; columns] }
+        Self { columns, own, steps, planned: steps, previous: vec![NO_ACTION; columns] }
     }
 
     /// Acts through a rollout, in two halves a step; the last step has `last` columns.
     pub fn collect(&mut self, agent: &mut Agent, rollout: usize, last: usize) -> Result<Vec<StepOutput>, AgentError> {
-        let Self { columns, steps, .. } = *self;
+        let (columns, steps, own) = (self.columns, self.steps, self.own.clone());
         let actions = 13;
         let frames = ((self.planned - 1) * columns + last) as u64;
-        agent.begin_rollout(RolloutShape { steps: self.planned, environments_in_last_step: last, frames });
+        let shape = RolloutShape { steps: self.planned, environments_in_last_step: last, frames }.part(own.clone());
+        agent.begin_rollout(shape);
         let mut outputs = vec![];
-        for t in 0..steps {
+        for t in 0..steps.min(shape.steps) {
             let now = rollout * steps + t;
             let gumbel: Vec<f32> = noise(&format!("gumbel.{now}"), columns * actions)
                 .into_iter()
@@ -58,7 +67,11 @@ impl World {
             let reward = noise_f32(&format!("reward.{now}"), columns);
             let disturbed = noise(&format!("disturbed.{now}"), columns);
             let mut whole = StepOutput::default();
-            for half in [(0..columns / 2).collect::<Vec<_>>(), (columns / 2..columns).collect()] {
+            for half in [0..columns / 2, columns / 2..columns] {
+                let half: Vec<usize> = half.filter(|n| own.contains(n)).collect();
+                if half.is_empty() {
+                    continue;
+                }
                 let output = self.see(agent, now, &half, |agent, input| {
                     let gumbel = &gumbel[half[0] * actions..(half[half.len() - 1] + 1) * actions];
                     agent.step(t, &StepInput { gumbel, ..*input })
@@ -68,7 +81,7 @@ impl World {
                         let ended = ended[n] > 0.5;
                         agent.record(
                             t,
-                            n,
+                            n - own.start,
                             Outcome {
                                 reward: reward[n] * 3.0,
                                 ended,
@@ -88,8 +101,10 @@ impl World {
         if self.planned > steps {
             agent.cut_rollout(steps);
         }
-        let acting: Vec<usize> = (0..last).collect();
-        self.see(agent, (rollout + 1) * steps, &acting, Agent::bootstrap)?;
+        // Where none of its columns acts in the last step, a learner is a step short.
+        let (seen, waiting) = if shape.steps < self.planned { (shape.steps, columns) } else { (steps, last) };
+        let waiting: Vec<usize> = (0..waiting).filter(|n| own.contains(n)).collect();
+        self.see(agent, rollout * steps + seen, &waiting, Agent::bootstrap)?;
         Ok(outputs)
     }
 
@@ -105,8 +120,9 @@ impl World {
         let goal_m: Vec<[f32; 3]> = columns.iter().map(|&n| goal_m(now, n)).collect();
         let previous_action: Vec<u8> = columns.iter().map(|&n| self.previous[n]).collect();
         let episode_start: Vec<bool> = previous_action.iter().map(|&action| action == NO_ACTION).collect();
+        let places: Vec<usize> = columns.iter().map(|n| n - self.own.start).collect();
         let input = StepInput {
-            columns,
+            columns: &places,
             frames: &frames,
             goal_m: &goal_m,
             previous_action: &previous_action,

@@ -1,0 +1,89 @@
+//! Several learners compute what one does that has all the environments.
+
+use crate::world::{self, World, small_config};
+use learner::agent::Agent;
+use learner::group::Peers;
+use learner::network::to_vec;
+use proto::config::{AuxiliaryTask, Config};
+use std::collections::BTreeMap;
+use tch::{Device, Tensor};
+
+/// What a learner has after three rollouts.
+struct Trained {
+    digest: String,
+    weights: Tensor,
+    figures: Vec<BTreeMap<String, f64>>,
+}
+
+/// All weights, one after another.
+fn weights_of(agent: &Agent) -> Tensor {
+    let weights: Vec<f32> = world::weights_of(agent).values().flat_map(to_vec).collect();
+    Tensor::from_slice(&weights)
+}
+
+/// Trains with `config.learner.count` learners, threads here, each in its part of the same world.
+fn train(config: &Config) -> Vec<Trained> {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let meeting = folder.path().join("meeting");
+    let learner = |rank: u32| {
+        let peers = Peers::meet(&meeting, [rank, config.learner.count], Device::Cpu).expect("the others come");
+        let (actors, each) = (config.shares().actors_of(rank), config.actors.environments_per_actor);
+        let own = (actors.start * each) as usize..(actors.end * each) as usize;
+        let mut agent = Agent::among(peers, own.clone(), config, Device::Cpu).expect("a fresh agent");
+        let mut world = World::of_learner(config, own);
+        // All act to the end; in the last step only the first column does, and the last learner is a step short; there
+        // is one step, and only the first column takes it.
+        let rollouts = [(6, 4), (6, 1), (1, 1)];
+        let figures = (0..).zip(rollouts).map(|(rollout, (steps, last))| {
+            (world.steps, world.planned) = (steps, steps);
+            world.collect(&mut agent, rollout, last).expect("finite");
+            agent.update(0.1, rollout as u64).expect("finite")
+        });
+        let figures = figures.collect();
+        Trained { digest: agent.weights_digest(), weights: weights_of(&agent), figures }
+    };
+    std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..config.learner.count).map(|rank| scope.spawn(move || learner(rank))).collect();
+        threads.into_iter().map(|thread| thread.join().expect("no panic")).collect()
+    })
+}
+
+/// Contrastive prediction is left out: its negatives come from the rows of one pass, and those are other rows.
+#[test]
+fn two_learners_take_the_steps_of_one() {
+    for (task, normalized) in
+        [(AuxiliaryTask::None, true), (AuxiliaryTask::Disturb, false), (AuxiliaryTask::InverseDynamics, false)]
+    {
+        let mut config = small_config();
+        config.auxiliary.task = task;
+        config.ppo.normalize_advantages = normalized;
+        let fresh = weights_of(&Agent::new(&config, Device::Cpu).expect("a fresh agent"));
+        let alone = train(&config).remove(0);
+        config.learner.count = 2;
+        let both = train(&config);
+        assert_eq!(both[0].digest, both[1].digest, "{task:?}: the same bits at both");
+        // Adam makes whole steps also of gradients that are hardly more than rounding, so single weights may differ: by
+        // the way that all have come, they hardly do.
+        let length = |weights: &Tensor| weights.norm().double_value(&[]);
+        let apart = length(&(&both[0].weights - &alone.weights)) / length(&(&alone.weights - &fresh));
+        assert!(apart < 1e-3, "{task:?}: {apart} of the way apart");
+        assert_eq!(both[0].figures, both[1].figures, "{task:?}: both know the whole batch");
+        for (one, two) in alone.figures.iter().zip(&both[0].figures) {
+            assert_eq!(one.keys().collect::<Vec<_>>(), two.keys().collect::<Vec<_>>());
+            for (name, figure) in one {
+                assert!(
+                    (two[name] - figure).abs() <= 1e-4 * figure.abs().max(1e-3),
+                    "{task:?}: {name}: {two:?} {one:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits() {
+    let mut config = small_config();
+    config.learner.count = 2;
+    config.auxiliary.task = AuxiliaryTask::Cpca16;
+    assert_eq!(train(&config)[0].digest, train(&config)[1].digest);
+}
