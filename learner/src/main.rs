@@ -82,7 +82,12 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            tracing::error!("{error:#}");
+            if process::is_of_peers(&error) {
+                // Someone else's death, and told as that.
+                tracing::info!("{error:#}");
+            } else {
+                tracing::error!("{error:#}");
+            }
             ExitCode::from(if process::is_non_finite(&error) { EXIT_NON_FINITE as u8 } else { 1 })
         }
     }

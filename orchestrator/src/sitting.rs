@@ -97,6 +97,7 @@ impl Sitting<'_> {
         let recorder = config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
         let launch = Launch {
             programs: tools.programs.clone(),
+            learners: config.learner.count,
             threads: config.learner.threads,
             evaluates: config.evaluation.is_some(),
             folder: folder.clone(),

@@ -25,7 +25,7 @@ use crate::agent::{Agent, AgentError};
 use crate::checkpoint::Store;
 use crate::collector::{Boundary, Layout, ProtocolError};
 use crate::device;
-use crate::group::Peers;
+use crate::group::{PeerError, Peers};
 use anyhow::{Context, Result, bail, ensure};
 use conversation::{Conversation, Speaker};
 use lock::Lock;
@@ -95,6 +95,14 @@ pub fn is_non_finite(error: &anyhow::Error) -> bool {
         cause.is::<NonFinite>()
             || matches!(cause.downcast_ref(), Some(AgentError::NonFinite { .. }))
             || cause.downcast_ref().is_some_and(ProtocolError::is_non_finite)
+    })
+}
+
+/// Whether an error is that another learner is gone.
+pub fn is_of_peers(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        matches!(cause.downcast_ref(), Some(PeerError::Lost { .. } | PeerError::Gpus(_)))
+            || matches!(cause.downcast_ref(), Some(AgentError::Peers(PeerError::Lost { .. } | PeerError::Gpus(_))))
     })
 }
 

@@ -24,6 +24,8 @@ use tokio::sync::{mpsc, oneshot};
 
 /// Lines of a child's standard error that are kept for the report of its death.
 const LAST_WORDS: usize = 10;
+/// Which CUDA devices a process sees, in its own numbering.
+const VISIBLE_DEVICES: &str = "CUDA_VISIBLE_DEVICES";
 /// A longer line is cut into several.
 const LONGEST_LINE: usize = 64 << 10;
 /// After a child's death its pipes close at once, unless a grandchild holds them.
@@ -45,7 +47,9 @@ pub struct Programs {
 pub struct Launch {
     /// Executables.
     pub programs: Programs,
-    /// Threads of libtorch.
+    /// Learners.
+    pub learners: u32,
+    /// Threads of libtorch, of each.
     pub threads: u32,
     /// The learner plays an evaluation's episodes instead of training.
     pub evaluates: bool,
@@ -64,6 +68,11 @@ impl Launch {
                     command.arg("evaluate").arg("--run").arg(self.folder.root());
                 } else {
                     command.arg("--run").arg(self.folder.root()).arg("--rank").arg(rank.to_string());
+                }
+                if self.learners > 1 {
+                    // Each finds one device, and kernels and NCCL need not be told which.
+                    let visible = std::env::var(VISIBLE_DEVICES).ok();
+                    command.env(VISIBLE_DEVICES, device_of(rank, visible.as_deref()));
                 }
                 let threads = self.threads.to_string();
                 command.envs(self.programs.learner_environment.iter().map(|(name, value)| (name, value)));
@@ -91,6 +100,14 @@ impl Launch {
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         command.process_group(0).kill_on_drop(true);
         command
+    }
+}
+
+/// The device of the learner with this rank, among those that are `visible` to all.
+fn device_of(rank: u32, visible: Option<&str>) -> String {
+    match visible {
+        None => rank.to_string(),
+        Some(visible) => visible.split(',').nth(rank as usize).unwrap_or_default().trim().to_owned(),
     }
 }
 
@@ -285,6 +302,14 @@ mod tests {
             lines.push(line);
         }
         assert_eq!(lines, ["one", "", &long[..LONGEST_LINE], "xxxxx", "last"]);
+    }
+
+    #[test]
+    fn learners_have_a_device_each_of_those_that_are_given() {
+        let devices = |visible| [0, 1].map(|rank| device_of(rank, visible));
+        assert_eq!(devices(None), ["0", "1"]);
+        assert_eq!(devices(Some("3, 5,6")), ["3", "5"]);
+        assert_eq!(devices(Some("4")), ["4", ""], "no device rather than another's");
     }
 
     #[tokio::test]
