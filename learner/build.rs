@@ -8,7 +8,7 @@ fn main() {
     println!("cargo:rustc-link-arg=-Wl,-rpath,{folder}");
 
     let include = std::path::Path::new(&folder).with_file_name("include");
-    for source in ["convolution.cpp", "group.cpp", "guard.h", "gloo"] {
+    for source in ["convolution.cpp", "group.cpp", "warnings.cpp", "guard.h", "gloo"] {
         println!("cargo:rerun-if-changed=src/ffi/{source}");
     }
     cc::Build::new()
@@ -20,6 +20,6 @@ fn main() {
         .include(&include)
         .include(include.join("torch/csrc/api/include"))
         .include("src/ffi/gloo")
-        .files(["src/ffi/convolution.cpp", "src/ffi/group.cpp"])
+        .files(["src/ffi/convolution.cpp", "src/ffi/group.cpp", "src/ffi/warnings.cpp"])
         .compile("stillroom_ffi");
 }

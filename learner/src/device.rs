@@ -1,6 +1,6 @@
 //! Where libtorch computes.
 
-use crate::ffi::library;
+use crate::ffi::{library, warnings};
 use proto::config::DeviceChoice;
 use tch::{Cuda, Device};
 
@@ -11,6 +11,12 @@ use tch::{Cuda, Device};
 pub fn load_cuda() {
     // Without it there is no GPU to compute on: no error.
     let _ = library::open(&[c"libtorch_cuda.so"]);
+}
+
+/// Has libtorch's warnings be log lines of level debug. They speak to those who write PyTorch programs ("call
+/// `flatten_parameters()`"), and some come with every call.
+pub fn log_warnings() {
+    warnings::hear(|text| tracing::debug!("libtorch: {text}"));
 }
 
 /// A device that was asked for but is not there.
@@ -38,7 +44,7 @@ pub fn choose(choice: DeviceChoice, threads: u32) -> Result<Device, DeviceError>
 }
 
 /// Words for logs, events and results: `cpu, 2 threads`, `cuda:0`, or `cuda:0, bfloat16 encoder` where the encoder
-/// computes in bfloat16. All else is float32.
+/// computes in bfloat16. All else is float32. A device is called as the machine calls it, whatever this process sees.
 pub fn describe(device: Device, bfloat16_encoder: bool) -> String {
     let precision = if bfloat16_encoder { ", bfloat16 encoder" } else { "" };
     let place = match device {
@@ -46,15 +52,34 @@ pub fn describe(device: Device, bfloat16_encoder: bool) -> String {
             1 => "cpu, 1 thread".to_owned(),
             threads => format!("cpu, {threads} threads"),
         },
-        Device::Cuda(index) => format!("cuda:{index}"),
+        Device::Cuda(index) => {
+            let visible = std::env::var("CUDA_VISIBLE_DEVICES").unwrap_or_default();
+            format!("cuda:{}", machines_name(index, &visible))
+        }
         other => format!("{other:?}").to_lowercase(),
     };
     place + precision
 }
 
+/// What the machine calls device `index` of those in a list of visible ones; empty = all.
+fn machines_name(index: usize, visible: &str) -> String {
+    match visible.split(',').nth(index).map(str::trim) {
+        Some(name) if !name.is_empty() => name.to_owned(),
+        _ => index.to_string(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_device_has_its_name_in_the_machine() {
+        assert_eq!(machines_name(1, ""), "1");
+        assert_eq!(machines_name(0, "3"), "3");
+        assert_eq!(machines_name(1, "2, 5"), "5");
+        assert_eq!(machines_name(0, "GPU-3cdeb329"), "GPU-3cdeb329");
+    }
 
     #[test]
     fn words_say_where_and_in_which_precision() {

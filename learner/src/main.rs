@@ -63,6 +63,7 @@ fn main() -> ExitCode {
     // First: anything that asks for CUDA before its library is loaded makes it unavailable for good.
     learner::device::load_cuda();
     proto::logging::to_stderr();
+    learner::device::log_warnings();
     let line = CommandLine::parse();
     let result = match line {
         CommandLine { command: Some(Command::Check), .. } => process::check(std::io::stdout()),

@@ -6,6 +6,7 @@ pub mod group;
 pub mod kernels;
 pub mod library;
 pub mod nccl;
+pub mod warnings;
 
 use proto::message::FRAME_PIXELS;
 use std::ffi::{c_char, c_int};

@@ -79,7 +79,7 @@ impl Launch {
                 command.env("OMP_NUM_THREADS", &threads).env("MKL_NUM_THREADS", &threads);
                 // Beside busy actors a spinning OpenMP thread burns the core that its sibling waits for.
                 command.env("GOMP_SPINCOUNT", "0").env("OMP_WAIT_POLICY", "PASSIVE");
-                // libtorch's warnings speak to PyTorch users ("call flatten_parameters()"), once in every update.
+                // What libtorch logs besides its warnings, which the learner hears itself, is of its insides.
                 if std::env::var_os("TORCH_CPP_LOG_LEVEL").is_none() {
                     command.env("TORCH_CPP_LOG_LEVEL", "ERROR");
                 }

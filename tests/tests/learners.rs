@@ -1,0 +1,154 @@
+//! Several learners: one run, whoever dies. Every run here but those that are said to depend on timing ends in the weights
+//! of an undisturbed one.
+
+use rustix::process::Signal;
+use std::process::Command;
+use std::sync::OnceLock;
+use std::time::Duration;
+use system_tests::{Run, TINY, Workshop, complete, finish, kill, signal, start};
+
+const LEARNERS: usize = 3;
+const ACTORS: u32 = 4;
+const ENVIRONMENTS: u32 = 3;
+/// No multiple of anything: the last rollout of a stage leaves some learners without a step.
+const FRAMES: u64 = 2503;
+
+fn up(workshop: &Workshop, name: &str) -> Command {
+    let mut command = workshop.up(name, ACTORS, ENVIRONMENTS, FRAMES);
+    command.args(["--learners", &LEARNERS.to_string()]);
+    command
+}
+
+/// The undisturbed run's result, made once per test process.
+fn undisturbed() -> &'static (String, u64) {
+    static RESULT: OnceLock<(String, u64)> = OnceLock::new();
+    RESULT.get_or_init(|| {
+        let workshop = Workshop::new();
+        let printed = complete(up(&workshop, "undisturbed"));
+        assert_eq!(printed.result().1, FRAMES);
+        assert!(printed.stderr.contains("all 4 actors connected"), "{printed:#?}");
+        let run = workshop.run("undisturbed");
+        assert_eq!(run.recorded()["/step"], FRAMES, "every learner's frames are recorded once");
+        run.assert_nothing_left();
+        printed.result()
+    })
+}
+
+/// Learners by rank, of which all run.
+fn learners(run: &Run) -> Vec<u32> {
+    let found: Vec<u32> = (0..LEARNERS).flat_map(|rank| run.processes(&format!("--rank {rank} "))).collect();
+    assert_eq!(found.len(), LEARNERS, "one learner of each rank runs");
+    found
+}
+
+#[test]
+fn a_killed_learner_takes_the_others_along_and_all_go_on_from_the_checkpoint() {
+    for rank in [0, LEARNERS - 1] {
+        let workshop = Workshop::new();
+        let child = start(up(&workshop, "killed"));
+        let run = workshop.run("killed");
+        run.wait_for_rollouts(5);
+        kill(learners(&run)[rank]);
+        let printed = finish(child);
+        assert_eq!(&printed.result(), undisturbed());
+        let deaths: Vec<&str> = printed.stderr.lines().filter(|line| line.contains(" died")).collect();
+        assert_eq!(deaths.len(), 1, "one death is told: {printed:#?}");
+        assert!(deaths[0].contains(&format!("learner-{rank} died")), "{printed:#?}");
+        assert!(!printed.stderr.contains("ERROR"), "{printed:#?}");
+        run.assert_nothing_left();
+    }
+}
+
+#[test]
+fn a_killed_actor_and_a_killed_orchestrator_change_nothing() {
+    let workshop = Workshop::new();
+    let child = start(up(&workshop, "orchestrator"));
+    let run = workshop.run("orchestrator");
+    run.wait_for_rollouts(3);
+    if let Some(actor) = run.processes("--actor 3 ").first() {
+        kill(*actor);
+    }
+    run.wait_for_rollouts(8);
+    kill(child.id());
+    assert!(!finish(child).success);
+    assert_eq!(&complete(workshop.resume("orchestrator")).result(), undisturbed());
+    run.assert_nothing_left();
+}
+
+#[test]
+fn a_stopped_run_goes_on_also_with_another_number_of_learners() {
+    let workshop = Workshop::new();
+    let child = start(up(&workshop, "stopped"));
+    let run = workshop.run("stopped");
+    run.wait_for_rollouts(4);
+    signal(child.id(), Signal::INT);
+    let printed = finish(child);
+    assert!(printed.success && !printed.stderr.contains("ERROR"), "{printed:#?}");
+    run.assert_nothing_left();
+
+    // As many again: the same run.
+    let child = start(workshop.resume("stopped"));
+    run.wait_for_rollouts(9);
+    signal(child.id(), Signal::TERM);
+    assert!(finish(child).success);
+    let copy = workshop.path("copy");
+    let copied = Command::new("cp").arg("-r").arg(run.folder.root()).arg(&copy).status();
+    assert!(copied.is_ok_and(|status| status.success()));
+    assert_eq!(&complete(workshop.resume("stopped")).result(), undisturbed());
+
+    // One for three: the same environments and beliefs, and sums in another order.
+    let config = workshop.run("copy").folder.config();
+    let text = std::fs::read_to_string(&config).unwrap();
+    assert!(text.contains("[learner]\ncount = 3\n"), "{text}");
+    std::fs::write(&config, text.replace("[learner]\ncount = 3\n", "[learner]\ncount = 1\n")).unwrap();
+    let printed = complete(workshop.resume("copy"));
+    assert_eq!(printed.result().1, FRAMES);
+    assert!(printed.stderr.contains("learners 1 instead of 3"), "{printed:#?}");
+}
+
+/// DD-PPO's rule at its 60%: two of three have finished, so the third ends its rollout where it is. When that happens is
+/// a matter of time, how many frames are trained on is not.
+#[test]
+fn a_straggler_is_preempted_and_stages_end_on_their_budget() {
+    let workshop = Workshop::new();
+    std::fs::write(
+        workshop.path("tiny.toml"),
+        TINY.replace("[ppo]\nrollout_steps = 10\n", "[ppo]\nrollout_steps = 40\npreemption_share = 0.6\n"),
+    )
+    .unwrap();
+    let child = start(up(&workshop, "hurried"));
+    let run = workshop.run("hurried");
+    run.wait_for_rollouts(1);
+    // Actor 3 is the last learner's. It stands still for longer than the others' whole rollouts take.
+    let actor = run.processes("--actor 3 ")[0];
+    signal(actor, Signal::STOP);
+    std::thread::sleep(Duration::from_secs(3));
+    signal(actor, Signal::CONT);
+    let printed = finish(child);
+    assert_eq!(printed.result().1, FRAMES);
+    let metrics = run.metrics();
+    let hurried = |line: &serde_json::Value| line["metrics"]["rollout/preempted_learners"].as_f64();
+    assert!(metrics.values().all(|line| hurried(line).is_some_and(|count| count < 2.0)), "{metrics:#?}");
+    assert!(metrics.values().any(|line| hurried(line) == Some(1.0)), "{metrics:#?}");
+    let log = std::fs::read_to_string(run.folder.log("learner-2")).unwrap();
+    assert!(log.contains("of 40 steps: the others wait"), "{log}");
+    // Both stages end exactly where they should, whatever was cut.
+    let ends = metrics.values().filter_map(|line| line["frames"].as_u64()).collect::<Vec<_>>();
+    let stage_end = metrics.values().filter(|line| line["stage"] == 0).filter_map(|line| line["frames"].as_u64()).max();
+    assert_eq!((stage_end, ends.last()), (Some(FRAMES * 200 / 360), Some(&FRAMES)), "{metrics:#?}");
+    assert_eq!(run.recorded()["/step"], FRAMES);
+    run.assert_nothing_left();
+}
+
+#[test]
+fn more_learners_than_actors_are_refused() {
+    let workshop = Workshop::new();
+    let mut command = workshop.up("refused", 2, 1, 100);
+    command.args(["--learners", "3"]);
+    let printed = complete(command);
+    assert!(!printed.success);
+    assert!(
+        printed.stderr.contains("learner.count = 3") && printed.stderr.contains("every learner has actors"),
+        "{printed:#?}"
+    );
+}
