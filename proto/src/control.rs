@@ -128,7 +128,7 @@ pub struct Timing {
     pub infer_s: f64,
     /// PPO epochs.
     pub update_s: f64,
-    /// Everything else: waiting for announcements, checkpoints.
+    /// Everything else: waiting for announcements and other learners, checkpoints.
     pub other_s: f64,
 }
 

@@ -33,7 +33,7 @@ use tch::{Device, Tensor};
 /// What the policy sees of some columns in one step. All slices have one entry a column, in the same order.
 #[derive(Debug, Clone, Copy)]
 pub struct StepInput<'a> {
-    /// Columns (actor · environments per actor + environment), ascending.
+    /// Columns of this learner (place of the actor among its own · environments per actor + environment), ascending.
     pub columns: &'a [usize],
     /// Depth frames, millimetres, row-major; may point into shared memory.
     pub frames: &'a [&'a [u16; FRAME_PIXELS]],

@@ -1,6 +1,6 @@
 //! The lockstep of one half: which exchange it is at, and whose observations of it have arrived.
 
-/// One half of every actor's environments.
+/// One half of the environments of every actor of a learner. Actors are named by their place among its own.
 ///
 /// The observation with step s is answered by the action with step s, which leads to the observation with step s + 1;
 /// all actors answer before the half goes on. So everything an actor can send is either awaited now or was seen before.
