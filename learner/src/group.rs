@@ -2,7 +2,8 @@
 //!
 //! Every learner trains on the rollouts of its own actors. Losses are sums over its frames divided by the frames of all
 //! learners, so gradients add up to those of one learner that had all the actors; all take the same optimiser step with
-//! the sum, and their weights stay the same bit for bit. With equal shares that is the mean that DD-PPO speaks of.
+//! the sum, and their weights stay the same bit for bit. With equal shares that is the mean that DD-PPO speaks of. Only
+//! contrastive prediction (`cpca16`) is another thing with several learners: its negatives come from one's own rows.
 //!
 //! Everybody makes the same calls in the same order. When one dies, the others' calls fail or wait until the
 //! orchestrator ends them: a group is never mended, all begin again together at the last checkpoint.
@@ -56,6 +57,9 @@ pub enum PeerError {
     /// The GPUs cannot reach one another.
     #[error("the learners' GPUs cannot reach one another: {0}")]
     Gpus(#[from] NcclError),
+    /// Another learner cannot go on, and says why.
+    #[error("another learner cannot go on")]
+    Elsewhere,
     /// What must be the same everywhere is not.
     #[error("the learners have come apart: {what} differ ({values:x?}, by rank)")]
     Apart {
@@ -85,7 +89,18 @@ impl Peers {
         } else {
             None
         };
-        Ok(Self::Group(Group { rank, learners, gloo, gpus }))
+        let peers = Self::Group(Group { rank, learners, gloo, gpus });
+        // Now all are here: nobody leaves while others still come.
+        peers.sum(&mut [0.0])?;
+        Ok(peers)
+    }
+
+    /// Replaces a number by the first learner's.
+    pub fn first(&self, number: &mut f64) -> Result<(), PeerError> {
+        if matches!(self, Self::Group(group) if group.rank > 0) {
+            *number = 0.0;
+        }
+        self.sum(std::slice::from_mut(number))
     }
 
     /// How many learners there are.

@@ -3,12 +3,12 @@
 use clap::{Parser, Subcommand};
 use learner::probe;
 use learner::process::{self, Arguments, EvaluationArguments};
-use proto::control::EXIT_NON_FINITE;
+use proto::control::{EXIT_LOST_PEERS, EXIT_NON_FINITE};
 use proto::wire::WireAddress;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Infers for all actors of this machine, collects rollouts and trains. Started by `orchestrator`.
+/// Infers for its actors, collects rollouts and trains, together with the run's other learners. Started by `orchestrator`.
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 struct CommandLine {
@@ -23,7 +23,7 @@ struct CommandLine {
     /// How often this learner has been started under this wire address
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     incarnation: u32,
-    /// Rank in the process group
+    /// Rank among the run's learners; 0 speaks for all
     #[arg(long, default_value_t = 0)]
     rank: u32,
     /// Standard input is a pipe from the orchestrator: save and leave when it closes, ignore Ctrl-C
@@ -84,11 +84,11 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             if process::is_of_peers(&error) {
-                // Someone else's death, and told as that.
+                // Someone else's end, and told as that.
                 tracing::info!("{error:#}");
-            } else {
-                tracing::error!("{error:#}");
+                return ExitCode::from(EXIT_LOST_PEERS as u8);
             }
+            tracing::error!("{error:#}");
             ExitCode::from(if process::is_non_finite(&error) { EXIT_NON_FINITE as u8 } else { 1 })
         }
     }

@@ -52,12 +52,14 @@ pub struct Rollout {
 }
 
 impl Rollout {
-    /// An empty rollout over `columns` columns; of no steps, where all of them are other learners'. `frames` has room for steps · columns kept frames; they are overwritten.
+    /// An empty rollout over `columns` columns; of no steps, where all that act are other learners'. `frames` has room for
+    /// steps · columns kept frames; they are overwritten.
     ///
     /// # Panics
     /// If the shape does not fit.
     pub fn new(shape: RolloutShape, columns: usize, frames: Tensor, beliefs_at_start: Tensor) -> Self {
         assert!(shape.environments_in_last_step <= columns, "no more columns act than there are");
+        assert!((shape.steps == 0) == (shape.environments_in_last_step == 0), "in a last step some act");
         let rows = shape.steps * columns;
         assert!(frames.size()[0] >= rows as i64, "there is room for every frame");
         assert_eq!(beliefs_at_start.size()[0], columns as i64, "every column has a belief");

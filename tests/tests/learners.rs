@@ -12,6 +12,8 @@ const ACTORS: u32 = 4;
 const ENVIRONMENTS: u32 = 3;
 /// No multiple of anything: the last rollout of a stage leaves some learners without a step.
 const FRAMES: u64 = 2503;
+/// Of the run whose straggler has to be caught.
+const HURRIED_FRAMES: u64 = 5 * FRAMES;
 
 fn up(workshop: &Workshop, name: &str) -> Command {
     let mut command = workshop.up(name, ACTORS, ENVIRONMENTS, FRAMES);
@@ -116,27 +118,34 @@ fn a_straggler_is_preempted_and_stages_end_on_their_budget() {
         TINY.replace("[ppo]\nrollout_steps = 10\n", "[ppo]\nrollout_steps = 40\npreemption_share = 0.6\n"),
     )
     .unwrap();
-    let child = start(up(&workshop, "hurried"));
+    let mut command = workshop.up("hurried", ACTORS, ENVIRONMENTS, HURRIED_FRAMES);
+    command.args(["--learners", &LEARNERS.to_string()]);
+    let child = start(command);
     let run = workshop.run("hurried");
     run.wait_for_rollouts(1);
-    // Actor 3 is the last learner's. It stands still for longer than the others' whole rollouts take.
-    let actor = run.processes("--actor 3 ")[0];
-    signal(actor, Signal::STOP);
-    std::thread::sleep(Duration::from_secs(3));
-    signal(actor, Signal::CONT);
+    // Actor 3 is the last learner's. It stands still for longer than the others' whole rollouts take, until that has
+    // caught its learner in the middle of one.
+    let log = || std::fs::read_to_string(run.folder.log("learner-2")).unwrap();
+    while !log().contains("steps: the others wait") {
+        let Some(&actor) = run.processes("--actor 3 ").first() else {
+            panic!("the run is over, and nobody was hurried: {:#?}\n{:#?}\n{}", finish(child), run.metrics(), log());
+        };
+        signal(actor, Signal::STOP);
+        std::thread::sleep(Duration::from_secs(1));
+        signal(actor, Signal::CONT);
+        std::thread::sleep(Duration::from_millis(100));
+    }
     let printed = finish(child);
-    assert_eq!(printed.result().1, FRAMES);
+    assert_eq!(printed.result().1, HURRIED_FRAMES);
     let metrics = run.metrics();
     let hurried = |line: &serde_json::Value| line["metrics"]["rollout/preempted_learners"].as_f64();
     assert!(metrics.values().all(|line| hurried(line).is_some_and(|count| count < 2.0)), "{metrics:#?}");
     assert!(metrics.values().any(|line| hurried(line) == Some(1.0)), "{metrics:#?}");
-    let log = std::fs::read_to_string(run.folder.log("learner-2")).unwrap();
-    assert!(log.contains("of 40 steps: the others wait"), "{log}");
     // Both stages end exactly where they should, whatever was cut.
     let ends = metrics.values().filter_map(|line| line["frames"].as_u64()).collect::<Vec<_>>();
     let stage_end = metrics.values().filter(|line| line["stage"] == 0).filter_map(|line| line["frames"].as_u64()).max();
-    assert_eq!((stage_end, ends.last()), (Some(FRAMES * 200 / 360), Some(&FRAMES)), "{metrics:#?}");
-    assert_eq!(run.recorded()["/step"], FRAMES);
+    assert_eq!((stage_end, ends.last()), (Some(HURRIED_FRAMES * 200 / 360), Some(&HURRIED_FRAMES)), "{metrics:#?}");
+    assert_eq!(run.recorded()["/step"], HURRIED_FRAMES);
     run.assert_nothing_left();
 }
 

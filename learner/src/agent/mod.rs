@@ -4,8 +4,9 @@
 //! begin_rollout ─▶ step, record … ─▶ bootstrap ─▶ update ─▶ begin_rollout …
 //!               └▶ abandon_rollout
 //! ```
-//! Nothing here knows processes, files or time, and nothing is drawn: the noise that samples actions comes in with the
-//! observations. So the same calls give the same weights, bit for bit, on the CPU with the same number of threads.
+//! Nothing here knows files or time, and nothing is drawn: the noise that samples actions comes in with the observations.
+//! Other processes are met in [`Agent::update`] alone, where the gradients of several learners add up. So the same calls
+//! give the same weights, bit for bit, on the CPU with the same number of threads and learners.
 
 mod state;
 

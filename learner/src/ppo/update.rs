@@ -9,7 +9,7 @@ use super::loss::{Experience, Terms, terms};
 use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, Tally, count};
 use crate::group::{PeerError, Peers};
 use crate::network::{Embedded, Network, OBSERVATION, Observations, Packing, all_finite, to_vec};
-use crate::optimizer::{Adam, clip_norm};
+use crate::optimizer::{Adam, clip, norm};
 use crate::rollout::Rollout;
 use proto::config::{AuxiliaryConfig, PpoConfig};
 use proto::control::metric;
@@ -148,7 +148,11 @@ impl Update<'_> {
                 let name = self.network.parameters.first_non_finite(&gradient).unwrap_or("the sum");
                 return Err(UpdateError::NonFinite(format!("gradient of {name}")));
             }
-            gradient_norms += clip_norm(&mut gradient, self.ppo.max_gradient_norm);
+            let mut length = norm(&gradient);
+            // Unlike GPUs may add its squares up in unlike order: all clip by the same number.
+            self.peers.first(&mut length)?;
+            gradient_norms += length;
+            clip(&mut gradient, length, self.ppo.max_gradient_norm);
             adam.step(weights, &gradient, self.learning_rate);
         }
         if let Some(name) = self.network.parameters.first_non_finite(weights) {

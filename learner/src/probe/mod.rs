@@ -15,7 +15,7 @@ use crate::checkpoint::{TensorsError, decode_tensors, encode_tensors};
 use crate::device::{self, DeviceError};
 use crate::group::Peers;
 use crate::network::{Judgement, Network, PrecisionError};
-use crate::optimizer::clip_norm;
+use crate::optimizer::norm;
 use crate::ppo::update::{Look, SCALARS, Update, UpdateError};
 use batch::Batch;
 use proto::config::{Config, ConfigError, DeviceChoice};
@@ -248,8 +248,7 @@ fn probe(config: &Config, network: &Network, auxiliary: &Auxiliary, batch: &Batc
         tensors.insert(format!("gradient.{name}"), gradient.to_device(Device::Cpu).copy());
         offset += count;
     }
-    let norm = clip_norm(&mut batch.gradient.copy(), ppo.max_gradient_norm);
-    figures.insert(metric::GRADIENT_NORM.to_owned(), norm);
+    figures.insert(metric::GRADIENT_NORM.to_owned(), norm(&batch.gradient));
     tensors.extend(figures.iter().map(|(name, &value)| (name.clone(), Tensor::from(value))));
     Ok(Probed { tensors, figures })
 }

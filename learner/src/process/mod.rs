@@ -35,6 +35,7 @@ use proto::run_folder::RunFolder;
 use proto::wire::WireAddress;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use stop::OrchestratorGone;
 use training::Training;
 
@@ -59,6 +60,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let gone = OrchestratorGone::watched(lifeline)?;
     let run = RunFolder::new(run);
     let config = Config::of_run(&run)?;
+    gone.end_after(Duration::from_secs_f64(config.longest_update_s()))?;
     let learners = config.learner.count;
     ensure!(rank < learners, "the run has learners 0 to {}: there is no learner {rank}", learners - 1);
     let _lock = Lock::take(&run.learner_lock(rank), lock::PATIENCE, || gone.is_set())?;
@@ -73,7 +75,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
 
     let resumed = resume(&store, &mut agent, &config)?;
     let Resumed { rollout, frames, boundary, checkpoint } = resumed;
-    agent.peers().agree("the rollouts of their checkpoints", rollout)?;
+    // 0 = none was found, which is not the checkpoint of rollout 0.
+    agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
     let speaker = Speaker { rank, wire, incarnation, gone };
     let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout())?;
     conversation.tell(&LearnerEvent::Ready {
@@ -85,7 +88,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         checkpoint: checkpoint.clone(),
     });
     let saved = checkpoint.map(|_| rollout);
-    Training { config, run, store, agent, conversation, rollout, frames, saved, preempted: false }.run()
+    Training { config, run, store, agent, conversation, rollout, frames, saved }.run()
 }
 
 /// Whether an error is about a number that is not finite: the process then ends with
@@ -98,11 +101,15 @@ pub fn is_non_finite(error: &anyhow::Error) -> bool {
     })
 }
 
-/// Whether an error is that another learner is gone.
+/// Whether an error is that another learner is gone
+/// or cannot go on: the process then ends with [`proto::control::EXIT_LOST_PEERS`].
 pub fn is_of_peers(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
-        matches!(cause.downcast_ref(), Some(PeerError::Lost { .. } | PeerError::Gpus(_)))
-            || matches!(cause.downcast_ref(), Some(AgentError::Peers(PeerError::Lost { .. } | PeerError::Gpus(_))))
+        let peers = cause.downcast_ref().or(match cause.downcast_ref() {
+            Some(AgentError::Peers(error)) => Some(error),
+            _ => None,
+        });
+        matches!(peers, Some(PeerError::Lost { .. } | PeerError::Elsewhere))
     })
 }
 

@@ -4,6 +4,10 @@ use anyhow::{Context, Result};
 use proto::lifeline;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How often a deadline is looked at.
+const LOOK: Duration = Duration::from_secs(1);
 
 /// Why to save and leave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,6 +31,24 @@ impl OrchestratorGone {
             lifeline::hold(move || watched.set()).context("cannot watch the lifeline")?;
         }
         Ok(gone)
+    }
+
+    /// Ends this process `patience` after it was noted, whatever else it is doing. A learner that waits for others in a
+    /// sum on a GPU cannot look; without an orchestrator nobody else would end it.
+    pub fn end_after(&self, patience: Duration) -> Result<()> {
+        let gone = self.clone();
+        let watch = move || {
+            let mut since = None;
+            loop {
+                std::thread::sleep(LOOK);
+                if gone.is_set() && since.get_or_insert_with(Instant::now).elapsed() >= patience {
+                    tracing::error!("has not saved within {} s: ends", patience.as_secs());
+                    std::process::exit(1);
+                }
+            }
+        };
+        std::thread::Builder::new().name("deadline".into()).spawn(watch).context("cannot start a thread")?;
+        Ok(())
     }
 
     /// Notes it.

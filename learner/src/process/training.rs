@@ -5,9 +5,10 @@ use super::announcements::Word;
 use super::conversation::{Conversation, Silent};
 use super::is_non_finite;
 use super::stop::Stop;
-use crate::agent::Agent;
+use crate::agent::{Agent, AgentError};
 use crate::checkpoint::{Part, Snapshot, Store, encode_tensors};
 use crate::collector::{Reward, Task};
+use crate::group::PeerError;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::control::{LearnerEvent, Timing, metric};
@@ -48,8 +49,6 @@ pub struct Training<W> {
     pub frames: u64,
     /// The rollout whose checkpoint is on disk, if this process knows of one.
     pub saved: Option<u64>,
-    /// This learner ended the rollout in progress, or the last one, early: the others had finished.
-    pub preempted: bool,
 }
 
 /// Why a rollout is abandoned. The work up to its beginning is good.
@@ -74,17 +73,22 @@ struct Meeting {
 struct Loop {
     last_save: Instant,
     timing: Timing,
+    /// This learner ended the rollout in progress, or the last one, early: the others had finished.
+    preempted: bool,
 }
 
 impl<W: Write> Training<W> {
     /// Trains until the budget is reached or a stop; in both cases the state is saved at the end. A number that is not
     /// finite is dumped with its rollout.
     pub fn run(mut self) -> Result<()> {
-        self.train().map_err(|error| if is_non_finite(&error) { self.dump(&error).into() } else { error })
+        self.train().map_err(|error| {
+            let dumped = error.is::<NonFinite>();
+            if is_non_finite(&error) && !dumped { self.dump(&error).into() } else { error }
+        })
     }
 
     fn train(&mut self) -> Result<()> {
-        let mut state = Loop { last_save: Instant::now(), timing: Timing::default() };
+        let mut state = Loop { last_save: Instant::now(), timing: Timing::default(), preempted: false };
         if self.saved.is_none() {
             self.save(&mut state)?;
         }
@@ -94,7 +98,7 @@ impl<W: Write> Training<W> {
             let stage = &self.config.stages[position.stage];
             let (reward_kind, progress) = (stage.reward, position.frames_in_stage as f64 / stage.frames as f64);
             let cut_short = self.await_and_collect(&mut state, position)?;
-            let Meeting { collected, preempted, end } = self.meet(cut_short)?;
+            let Meeting { collected, preempted, end } = self.meet(&state, cut_short)?;
             if let Some(end) = end {
                 // Also where all of the own steps were taken: another learner's were not.
                 self.agent.abandon_rollout();
@@ -104,6 +108,7 @@ impl<W: Write> Training<W> {
                 };
             }
             let statistics = self.conversation.collector.finish().over(self.agent.peers())?;
+            assert_eq!(statistics.frames(), collected, "every frame is counted once");
             let before = self.frames;
             let frames = before + collected;
             let rollout = self.rollout;
@@ -111,7 +116,16 @@ impl<W: Write> Training<W> {
 
             fault::reach("learner.before_update");
             let update_began = Instant::now();
-            let mut metrics = self.agent.update(progress, rollout)?;
+            let mut metrics = match self.agent.update(progress, rollout) {
+                Ok(metrics) => metrics,
+                Err(error @ AgentError::NonFinite { .. }) => {
+                    // All learners are here, and whoever ends first ends the others: not before all have written.
+                    let dumped = self.dump(&error.into());
+                    let _ = self.agent.peers().sum(&mut [0.0]);
+                    return Err(dumped.into());
+                }
+                Err(error) => return Err(error.into()),
+            };
             fault::reach("learner.after_update");
             state.timing.update_s = update_began.elapsed().as_secs_f64();
             metrics.extend(statistics.metrics());
@@ -238,12 +252,12 @@ impl<W: Write> Training<W> {
     }
 
     /// Meets the other learners at the end of a rollout: how many frames were collected by all, and whether all go on.
-    /// Each of them comes here once in every rollout, whatever became of its own.
-    fn meet(&mut self, own: Option<CutShort>) -> Result<Meeting> {
+    /// Each of them comes here once in every rollout, whatever became of its own, or is gone: then this fails.
+    fn meet(&mut self, state: &Loop, own: Option<CutShort>) -> Result<Meeting> {
         let flag = |condition: bool| f64::from(u8::from(condition));
         let mut sums = [
             self.conversation.collector.collected() as f64,
-            flag(self.preempted),
+            flag(state.preempted),
             flag(matches!(own, Some(CutShort::Stop(Stop::Announced)))),
             flag(matches!(own, Some(CutShort::Stop(Stop::OrchestratorGone)))),
             flag(matches!(own, Some(CutShort::Fault(_)))),
@@ -252,7 +266,7 @@ impl<W: Write> Training<W> {
         let [collected, preempted, announced, gone, faults] = sums;
         let end = match own {
             Some(CutShort::Fault(error)) => Some(CutShort::Fault(error)),
-            _ if faults > 0.0 => Some(CutShort::Fault(anyhow::anyhow!("another learner cannot go on"))),
+            _ if faults > 0.0 => Some(CutShort::Fault(PeerError::Elsewhere.into())),
             _ if gone > 0.0 => Some(CutShort::Stop(Stop::OrchestratorGone)),
             _ if announced > 0.0 => Some(CutShort::Stop(Stop::Announced)),
             _ => None,
@@ -288,15 +302,17 @@ impl<W: Write> Training<W> {
 
     /// Collects the rollout in progress; or says why it must be abandoned.
     fn collect(&mut self, state: &mut Loop) -> Result<Option<Stop>> {
-        self.preempted = false;
+        state.preempted = false;
         loop {
-            if let Some([steps, planned]) = self.conversation.collector.between_steps()
+            let task = self.conversation.collector.task();
+            if matches!(task, Task::Act { half: 0, .. })
+                && let Some([steps, planned]) = self.conversation.collector.between_steps()
                 && self.agent.is_preempted(self.rollout, steps, planned)?
             {
                 tracing::info!("rollout {} ends after {steps} of {planned} steps: the others wait", self.rollout);
                 self.conversation.collector.cut();
                 self.agent.cut_rollout(steps);
-                self.preempted = true;
+                state.preempted = true;
             }
             match self.conversation.collector.task() {
                 Task::Await { half: _ } => {
@@ -330,7 +346,7 @@ impl<W: Write> Training<W> {
                     self.conversation.collector.bootstrapped(half);
                 }
                 Task::Finish => {
-                    if self.hurries() && !self.preempted {
+                    if self.hurries() && !state.preempted {
                         self.agent.peers().note_finished(self.rollout)?;
                     }
                     return Ok(None);

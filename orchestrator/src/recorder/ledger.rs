@@ -25,30 +25,35 @@ pub enum Verdict {
 /// What has been seen of every half of every actor.
 #[derive(Debug)]
 pub struct Ledger {
-    learner_incarnation: u32,
-    last_step: Vec<[Option<u64>; 2]>,
+    actors: Vec<Seen>,
     missed: u64,
+}
+
+/// What has been seen of one actor. Its samples come in order; those of several learners' actors do not.
+#[derive(Debug, Clone, Copy, Default)]
+struct Seen {
+    learner_incarnation: u32,
+    last_step: [Option<u64>; 2],
 }
 
 impl Ledger {
     /// Nothing seen yet of `actors` actors.
     pub fn new(actors: u32) -> Self {
-        Self { learner_incarnation: 0, last_step: vec![[None; 2]; actors as usize], missed: 0 }
+        Self { actors: vec![Seen::default(); actors as usize], missed: 0 }
     }
 
     /// Judges a sample by its header and notes it.
     pub fn judge(&mut self, header: &ObservationHeader) -> Verdict {
-        if header.actor as usize >= self.last_step.len() || header.half > 1 {
+        let Some(seen) = self.actors.get_mut(header.actor as usize).filter(|_| header.half < 2) else {
             return Verdict::Alien;
-        }
-        if header.learner_incarnation < self.learner_incarnation {
+        };
+        if header.learner_incarnation < seen.learner_incarnation {
             return Verdict::Stale;
         }
-        if header.learner_incarnation > self.learner_incarnation {
-            self.learner_incarnation = header.learner_incarnation;
-            self.last_step.fill([None; 2]);
+        if header.learner_incarnation > seen.learner_incarnation {
+            *seen = Seen { learner_incarnation: header.learner_incarnation, last_step: [None; 2] };
         }
-        let last = &mut self.last_step[header.actor as usize][header.half as usize];
+        let last = &mut seen.last_step[header.half as usize];
         match *last {
             None => {
                 *last = Some(header.step);
@@ -86,6 +91,15 @@ mod tests {
             .map(|(incarnation, step)| ledger.judge(&header(0, 0, incarnation, step)));
         assert_eq!(verdicts, [RestorePoint, News, News, RestorePoint, Stale, News, Repeated, News]);
         assert_eq!(ledger.missed(), 0);
+    }
+
+    #[test]
+    fn what_one_learners_actors_sent_before_a_fall_is_news_also_after_anothers_came_back() {
+        use Verdict::{News, RestorePoint};
+        let mut ledger = Ledger::new(2);
+        let verdicts = [(0, 1, 0), (1, 1, 0), (0, 2, 0), (1, 1, 1), (1, 2, 0), (1, 2, 1)]
+            .map(|(actor, incarnation, step)| ledger.judge(&header(actor, 0, incarnation, step)));
+        assert_eq!(verdicts, [RestorePoint, RestorePoint, RestorePoint, News, RestorePoint, News]);
     }
 
     #[test]

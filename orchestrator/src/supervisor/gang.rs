@@ -18,6 +18,16 @@ struct Word {
     finished: bool,
 }
 
+/// A learner that ended because it had lost another.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Bereaved {
+    since: Duration,
+    /// Which.
+    pub rank: u32,
+    /// Its last words.
+    pub last_words: Vec<String>,
+}
+
 /// The learners of a run.
 #[derive(Debug)]
 pub struct Gang {
@@ -30,6 +40,8 @@ pub struct Gang {
     /// When those who fell are to start again, if no learner is left by then.
     restart_at: Option<Duration>,
     history: RestartHistory,
+    /// The first of the present incarnation that ended because it had lost another one, whose end is not known yet.
+    bereaved: Option<Bereaved>,
     /// One of the present incarnation died of non-finite numbers.
     non_finite: bool,
     non_finite_falls: u32,
@@ -44,6 +56,7 @@ impl Gang {
             advanced: Duration::ZERO,
             collected: false,
             restart_at: None,
+            bereaved: None,
             history: RestartHistory::default(),
             non_finite: false,
             non_finite_falls: 0,
@@ -64,7 +77,7 @@ impl Gang {
     pub fn begin(&mut self, now: Duration) {
         self.words.fill(Word::default());
         (self.begun, self.advanced) = (now, now);
-        (self.collected, self.non_finite, self.restart_at) = (false, false, None);
+        (self.collected, self.non_finite, self.restart_at, self.bereaved) = (false, false, None, None);
     }
 
     // What they say
@@ -161,6 +174,22 @@ impl Gang {
         }
         self.non_finite_falls += 1;
         self.non_finite_falls > 1
+    }
+
+    /// One ended because it had lost another: that one's end is awaited, which is the reason.
+    pub fn bereaved(&mut self, now: Duration, rank: u32, last_words: &[String]) {
+        self.bereaved.get_or_insert_with(|| Bereaved { since: now, rank, last_words: last_words.to_vec() });
+    }
+
+    /// One that ended so, when the other's end has been awaited for longer than `patience`.
+    pub fn take_bereaved(&mut self, now: Duration, patience: Duration) -> Option<Bereaved> {
+        self.bereaved.take_if(|bereaved| now.saturating_sub(bereaved.since) >= patience)
+    }
+
+    /// Whether somebody's end is awaited that is the reason of another's.
+    #[cfg(test)]
+    pub fn awaits_a_reason(&self) -> bool {
+        self.bereaved.is_some()
     }
 
     /// From the first death on until all are started again.

@@ -17,15 +17,18 @@
 //! Time is the duration since the orchestrator began.
 
 use super::event::{Action, End, Event, Exit, Level, Outcome, Process, Saved};
-use super::gang::Gang;
+use super::gang::{Bereaved, Gang};
 use super::policy::Policy;
 use super::restart::{RestartHistory, Verdict};
 use super::stage::StageMachine;
 use crate::log_line::error_in;
 use proto::config::StageConfig;
-use proto::control::LearnerEvent;
+use proto::control::{EXIT_LOST_PEERS, LearnerEvent};
 use std::collections::BTreeMap;
 use std::time::Duration;
+
+/// How a learner ends that has lost another.
+const LOST_PEERS: Exit = Exit::Code(EXIT_LOST_PEERS);
 
 #[derive(Debug)]
 struct Child {
@@ -250,6 +253,14 @@ impl Supervisor {
         // A learner that says no by itself at its first start has a reason that another try does not remove: a
         // checkpoint it cannot read, a device that is not there.
         let follows = self.gang.is_falling();
+        if !follows && *exit == LOST_PEERS {
+            self.gang.bereaved(now, rank, last_words);
+            if self.gang.ranks().any(|rank| !self.learner(rank).is_down()) {
+                return;
+            }
+            // There is nobody left who could be the reason.
+            return self.fall_bereaved(now, Duration::ZERO);
+        }
         let refused = !follows
             && self.learner(rank).incarnation == 1
             && !self.gang.is_ready(rank)
@@ -261,9 +272,23 @@ impl Supervisor {
             let met = format!("{who} met non-finite numbers twice after the same checkpoint{}", quote(last_words));
             return self.fail(now, met);
         }
-        if follows {
-            return;
+        if !follows {
+            self.fall(now, rank, exit, last_words);
         }
+    }
+
+    /// One that lost another ended, and nobody says why: then it is told as the reason itself.
+    fn fall_bereaved(&mut self, now: Duration, patience: Duration) {
+        if !self.gang.is_falling()
+            && let Some(Bereaved { rank, last_words, .. }) = self.gang.take_bereaved(now, patience)
+        {
+            self.fall(now, rank, &LOST_PEERS, &last_words);
+        }
+    }
+
+    /// The learners fall, because of this one.
+    fn fall(&mut self, now: Duration, rank: u32, exit: &Exit, last_words: &[String]) {
+        let who = Process::Learner(rank);
         let learners = self.gang.size();
         match self.gang.fell(now, &self.policy.restart) {
             Verdict::RestartAt(_) => {
@@ -454,6 +479,7 @@ impl Supervisor {
     fn tick(&mut self, now: Duration) {
         match self.phase.clone() {
             Phase::Running => {
+                self.fall_bereaved(now, self.policy.killed);
                 self.check_learners(now);
                 self.check_killed(now);
                 // Not when one of them has just ended the run.

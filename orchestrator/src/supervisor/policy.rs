@@ -35,9 +35,6 @@ pub struct Policy {
 impl Policy {
     /// The bounds for a configuration.
     pub fn of(config: &Config) -> Self {
-        let rollout_frames = config.environments() as f64 * f64::from(config.ppo.rollout_steps);
-        // Ten frames a second and pass is a tenth of what one old core does with the larger network.
-        let slowest_update_s = rollout_frames * f64::from(config.ppo.epochs) / 10.0;
         let actor_deadline = Duration::from_secs_f64(config.learner.actor_deadline_s.min(1e6));
         Self {
             kitchens: config.kitchens(),
@@ -46,7 +43,7 @@ impl Policy {
             restart: RestartPolicy::default(),
             learner_ready: Duration::from_mins(2),
             actors_connected: actor_deadline + Duration::from_secs(30),
-            silence: Duration::from_secs_f64(slowest_update_s.max(600.0)) + actor_deadline,
+            silence: Duration::from_secs_f64(config.longest_update_s()) + actor_deadline,
             actor_silence: actor_deadline / 2,
             learner_leaves: Duration::from_secs(30),
             actor_leaves: Duration::from_secs(2),

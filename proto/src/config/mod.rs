@@ -167,7 +167,7 @@ pub struct PpoConfig {
     /// 0 = all. A smaller number bounds memory.
     pub environments_per_pass: u32,
     /// With several learners: share of them that must have finished a rollout for the others to end theirs early (0.6 in
-    /// DD-PPO). Results then depend on timing. 0 = everybody finishes. One learner alone never ends early.
+    /// DD-PPO). Results then depend on timing, and a stage's last rollouts may be of few frames. 0 = everybody finishes. One learner alone never ends early.
     pub preemption_share: f64,
 }
 
@@ -250,7 +250,8 @@ pub enum EncoderPrecision {
 #[serde(default, deny_unknown_fields)]
 pub struct LearnerConfig {
     /// Learner processes; the actors are divided among them. Each infers for its own and all take every step of the
-    /// optimiser together, with the sum of their gradients (DD-PPO). On CUDA learner i computes on device i.
+    /// optimiser together, with the sum of their gradients (DD-PPO). They take the steps of one, but for the last bits; only
+    /// the negatives of `cpca16` are drawn from each one's own frames. On CUDA learner i computes on device i.
     pub count: u32,
     /// Where it computes.
     pub device: DeviceChoice,
@@ -533,6 +534,13 @@ impl Config {
     /// Environments of the whole run.
     pub fn environments(&self) -> usize {
         self.actors.count as usize * self.actors.environments_per_actor as usize
+    }
+
+    /// More than any update takes, seconds: ten frames a second and pass is a tenth of what one old core does with the
+    /// larger network.
+    pub fn longest_update_s(&self) -> f64 {
+        let rollout_frames = self.environments() as f64 * f64::from(self.ppo.rollout_steps);
+        (rollout_frames * f64::from(self.ppo.epochs) / 10.0).max(600.0)
     }
 
     /// The actors, divided among the learners.

@@ -3,7 +3,7 @@
 //! | service | pattern | from → to | payload |
 //! |---|---|---|---|
 //! | `observations/RANK` | publish-subscribe | a learner's actors → it, recorder, one more tap | `[Observation]` of one half |
-//! | `observations-ready/RANK` | event, id = actor | a learner's actors → it | |
+//! | `observations-ready/RANK` | event, id = actor | a learner's actors → the same | |
 //! | `restore/ACTOR` | publish-subscribe | learner → one actor | `[EnvironmentState]` of all its environments |
 //! | `actions/ACTOR` | publish-subscribe | learner → one actor | `[u8]`, one action an environment of the half |
 //! | `actions-ready/ACTOR` | event | learner → one actor | |

@@ -94,8 +94,9 @@ impl World {
         let starts: BTreeSet<u32> = self.ranks().map(|rank| self.spawned[&Process::Learner(rank)]).collect();
         assert_eq!(starts.len(), 1, "learners are started together, and meet by their incarnation");
         let gone = |rank| !self.up.contains_key(&Process::Learner(rank)) && !self.supervisor.gang.has_finished(rank);
-        // Once rank 0 has saved, they only have to leave.
-        if self.outcome.is_none() && !self.supervisor.gang.has_finished(0) && self.ranks().any(gone) {
+        // Once rank 0 has saved, they only have to leave. Who is the reason of another's end is given time to say why.
+        let waits = !self.supervisor.is_stopping() && self.supervisor.gang.awaits_a_reason();
+        if !waits && self.outcome.is_none() && !self.supervisor.gang.has_finished(0) && self.ranks().any(gone) {
             for process in self.ranks().map(Process::Learner) {
                 let left = self.up.contains_key(&process) && !self.killed.contains(&process);
                 assert!(!left, "{process} is left to wait for one that is dead");
@@ -294,7 +295,7 @@ impl World {
             (0..=9, _) => self.learner_step(u32::from(pick) / 3 % self.learners, pick.is_multiple_of(3)),
             (10, Some(process)) => self.exit(process, Exit::Signal(9)),
             (11, Some(process)) if pick.is_multiple_of(4) => {
-                self.exit(process, Exit::Code([0, 1, 3, 101][usize::from(pick) / 4 % 4]));
+                self.exit(process, Exit::Code([0, 1, 3, EXIT_LOST_PEERS, 101][usize::from(pick) / 4 % 5]));
             }
             (12..=15, _) => self.pass(Duration::from_millis(u64::from(time_ms))),
             (16..=17, _) => self.obey(),
@@ -678,6 +679,42 @@ fn non_finite_numbers_of_all_learners_are_one_fall() {
     assert_eq!(world.spawned[&LEARNER], 2);
     assert!(world.reports.last().is_some_and(|text| text.contains("learner-1 met non-finite numbers twice")));
     assert!(world.supervisor.is_stopping());
+}
+
+#[test]
+fn who_lost_another_is_not_the_reason_and_the_reason_is_waited_for() {
+    // At their first start, too: that is no refusal.
+    for mut world in [gang(), World::with(3)] {
+        world.exit(Process::Learner(2), Exit::Code(EXIT_LOST_PEERS));
+        world.exit(Process::Learner(1), Exit::Code(EXIT_LOST_PEERS));
+        assert!(world.deaths().is_empty() && world.killed.is_empty(), "the reason can still say what it has to");
+        world.exit(Process::Learner(0), Exit::Signal(9));
+        assert_eq!(world.deaths().len(), 1);
+        assert!(world.deaths()[0].starts_with("learner-0 died: signal 9"), "{:?}", world.deaths());
+        world.pass(Duration::from_secs(5));
+        assert!(world.ranks().all(|rank| world.spawned[&Process::Learner(rank)] == 2));
+    }
+}
+
+#[test]
+fn where_nobody_is_the_reason_who_lost_another_falls_with_all() {
+    // One hangs: it is ended with the rest. All lost one another: there is nobody to wait for.
+    for everyone in [false, true] {
+        let mut world = gang();
+        world.exit(Process::Learner(1), Exit::Code(EXIT_LOST_PEERS));
+        world.exit(Process::Learner(2), Exit::Code(EXIT_LOST_PEERS));
+        if everyone {
+            world.exit(Process::Learner(0), Exit::Code(EXIT_LOST_PEERS));
+        } else {
+            world.pass(policy(3).killed);
+            assert!(world.killed.contains(&LEARNER));
+            world.exit(LEARNER, Exit::Signal(9));
+        }
+        assert_eq!(world.deaths().len(), 1);
+        assert!(world.deaths()[0].starts_with("learner-1 died: exit status 4"), "{:?}", world.deaths());
+        world.pass(Duration::from_secs(5));
+        assert!(world.ranks().all(|rank| world.spawned[&Process::Learner(rank)] == 2));
+    }
 }
 
 #[test]
