@@ -378,7 +378,7 @@ fn an_undisturbed_run_trains_both_stages_and_ends_complete() {
         assert!(world.spawned.values().all(|&starts| starts == 1));
         let said = |text: &str| world.reports.iter().filter(|report| report.contains(text)).count();
         assert_eq!(
-            (said("all 3 actors connected"), said(" ready on cpu"), world.deaths().len()),
+            (said("all 3 actors are connected"), said(" ready on cpu"), world.deaths().len()),
             (1, learners as usize, 0)
         );
     }
@@ -397,6 +397,22 @@ fn a_stop_saves_and_can_be_told_from_completion() {
     let outcome = world.outcome.expect("it ended");
     assert_eq!(outcome.end, End::Stopped);
     assert!(outcome.saved.is_some_and(|saved| saved.frames > 0 && saved.frames < 833));
+}
+
+#[test]
+fn a_stopped_evaluation_is_not_said_to_save() {
+    let interrupted = |stages: Vec<StageConfig>| {
+        let mut supervisor = Supervisor::new(policy(1), stages);
+        supervisor.start(Duration::ZERO);
+        let said = supervisor.on_event(Duration::from_secs(1), Event::Interrupt).into_iter().find_map(|action| {
+            let Action::Report(Level::Info, text) = action else { return None };
+            Some(text)
+        });
+        said.expect("who presses Ctrl-C is told what follows")
+    };
+    assert!(interrupted(stages()).starts_with("stopping: the learner saves; Ctrl-C again"));
+    let evaluation = interrupted(Vec::new());
+    assert!(!evaluation.contains("save") && evaluation.contains("leaves no result; Ctrl-C again"), "{evaluation}");
 }
 
 #[test]
