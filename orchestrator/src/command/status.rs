@@ -84,8 +84,8 @@ impl Work {
         }
     }
 
-    /// As people read it.
-    fn lines(&self, config: &Config) -> Vec<String> {
+    /// As people read it. `goes_on`: whether somebody works on it.
+    fn lines(&self, config: &Config, goes_on: bool) -> Vec<String> {
         match self {
             Self::Training { recent, stages, .. } => {
                 let mut lines = vec![frames_line(&config.stages, recent)];
@@ -96,8 +96,11 @@ impl Work {
                 lines
             }
             Self::Evaluation { evaluation } => {
-                let result = evaluation.result.as_ref();
-                let result = result.map_or_else(|| "none yet".to_owned(), |path| path.display().to_string());
+                let result = match &evaluation.result {
+                    Some(path) => path.display().to_string(),
+                    None if goes_on => "none yet".to_owned(),
+                    None => "none: an evaluation that was cut off is made anew, in another folder".to_owned(),
+                };
                 vec![evaluation.parts().join("  |  "), format!("result: {result}")]
             }
         }
@@ -136,7 +139,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
             terminal::out(reason);
         }
     }
-    for line in work.lines(&config) {
+    for line in work.lines(&config, held != Held::Free) {
         terminal::out(&line);
     }
     // An evaluation is not gone on with.
