@@ -216,7 +216,7 @@ impl Planned {
         let mut config = Config::resolve_with(&self.preset, Some((&overrides, "config")))?;
         if let Some(frames) = frames {
             let too_few = |TooFewFrames { total, stages }| {
-                anyhow::anyhow!("frames = {total}: each of its {} gets at least one", counted(stages as u64, "stage"))
+                anyhow::anyhow!("frames = {total} is too few for {}", counted(stages as u64, "stage"))
             };
             config.stages = scale_to(&config.stages, frames).map_err(too_few)?;
         }
@@ -455,7 +455,7 @@ mod tests {
         assert!(problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nname = \"../x\"\n").contains("../x"));
         assert!(problem("seeds = [1]\nsped = 2\n[[runs]]\npreset = \"demo\"\n").contains("sped"));
         let few = problem("seeds = [1]\nframes = 1\n[[runs]]\npreset = \"demo\"\n");
-        assert_eq!(few, "[[runs]] number 1, preset `demo`: frames = 1: each of its 2 stages gets at least one");
+        assert_eq!(few, "[[runs]] number 1, preset `demo`: frames = 1 is too few for 2 stages");
         let same = problem("seeds = [1]\n[[runs]]\npreset = \"lambda-15\"\n[[runs]]\npreset = \"disturb-two-stage\"\n");
         assert!(same.contains("lambda-15-1 and disturb-two-stage-1 are the same run"), "{same}");
         let range = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"all\"\nepisodes = 361\n";
