@@ -80,7 +80,13 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
         }
         let one = one.alone();
         match alone.iter_mut().find(|known| same_run(known, &one)) {
-            Some(known) => known.evaluations.extend(one.evaluations),
+            Some(known) => {
+                // What they have in common is their run.
+                if let Some(run) = known.evaluations[0].result.subject.run.clone() {
+                    known.name = run;
+                }
+                known.evaluations.extend(one.evaluations);
+            }
             None => alone.push(one),
         }
     }
@@ -334,6 +340,8 @@ mod tests {
         for paths in [vec![at("of")], vec![at("run"), at("of")], vec![at("gone")]] {
             let gathered = gather(&paths).unwrap();
             assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 2), "{paths:?}");
+            let run = at(if paths[0].ends_with("gone") { "removed" } else { "run" });
+            assert_eq!(gathered.runs[0].name, run.display().to_string());
             let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
             let seed = &made.report.groups[0].results[0].seeds[0];
             assert_eq!((seed.evaluation.as_str(), seed.frames), ("b-new", 900));
