@@ -365,8 +365,8 @@ impl Supervisor {
             LearnerEvent::ActorsConnected { rank } => {
                 if self.gang.connected(rank) {
                     let actors = match self.policy.actors {
-                        1 => "the actor is".to_owned(),
-                        actors => format!("all {actors} actors are"),
+                        1 => "the actor".to_owned(),
+                        actors => format!("all {actors} actors"),
                     };
                     self.report(Level::Info, format!("{actors} connected"));
                 }

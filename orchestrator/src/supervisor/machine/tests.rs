@@ -378,7 +378,7 @@ fn an_undisturbed_run_trains_both_stages_and_ends_complete() {
         assert!(world.spawned.values().all(|&starts| starts == 1));
         let said = |text: &str| world.reports.iter().filter(|report| report.contains(text)).count();
         assert_eq!(
-            (said("all 3 actors are connected"), said(" ready on cpu"), world.deaths().len()),
+            (said("all 3 actors connected"), said(" ready on cpu"), world.deaths().len()),
             (1, learners as usize, 0)
         );
     }
