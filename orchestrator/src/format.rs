@@ -1,6 +1,6 @@
 //! Figures as people read them: counts, bytes, durations, dates. Pure functions.
 
-pub use report::format::{NOTHING, count, number};
+pub use report::format::{NOTHING, count, counted, number};
 
 use std::time::Duration;
 

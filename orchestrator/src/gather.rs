@@ -1,5 +1,6 @@
 //! What run folders and evaluation folders tell, for a report.
 
+use crate::format::counted;
 use crate::identity::{Identity, holder, state};
 use crate::metrics::{History, Trained};
 use crate::summary::Summary;
@@ -9,7 +10,7 @@ use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::evaluation::{Evaluation, RESULT_FILE, TABLE_FILE, read_table};
 use proto::run_folder::RunFolder;
-use report::study::{Evaluated, Rollout, Run, UNKNOWN, UNTRAINED, Validated};
+use report::study::{Evaluated, NOT_GIVEN, Rollout, Run, UNKNOWN, UNTRAINED, Validated, differences_between};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -36,7 +37,7 @@ struct Outside {
 }
 
 /// The runs meant by `paths`: run folders, evaluation folders, or folders that hold runs. Evaluations of a given run go
-/// to that run; others stand for themselves, those of the same weights together. A folder that was named must be
+/// to that run; others stand for themselves, those of one run, or of the same fresh weights, together. A folder that was named must be
 /// readable; one that was found below it and is not becomes a note.
 pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
     let mut runs: Vec<(PathBuf, Run)> = Vec::new();
@@ -69,24 +70,43 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
     }
     let mut alone: Vec<Run> = Vec::new();
     for one in outside {
-        let subject = &one.evaluated.result.subject;
-        let of = subject.run.as_ref().and_then(|run| std::fs::canonicalize(run).ok());
-        let same_weights = |run: &Run| {
-            let mut known = run.evaluations.iter().map(|evaluated| &evaluated.result.subject);
-            known.any(|known| (&known.run, &known.weights) == (&subject.run, &subject.weights))
-        };
+        let of = one.evaluated.result.subject.run.as_ref().and_then(|run| std::fs::canonicalize(run).ok());
         if let Some((known, run)) = runs.iter_mut().find(|(known, _)| Some(known) == of.as_ref()) {
             // Its own evaluations are known already.
             if !one.place.starts_with(&*known) {
                 run.evaluations.push(one.evaluated);
             }
-        } else if let Some(known) = alone.iter().position(same_weights) {
-            alone[known].evaluations.push(one.evaluated);
-        } else {
-            alone.push(one.alone());
+            continue;
+        }
+        let one = one.alone();
+        match alone.iter_mut().find(|known| same_run(known, &one)) {
+            Some(known) => {
+                // What they have in common is their run.
+                if let Some(run) = known.evaluations[0].result.subject.run.clone() {
+                    known.name = run;
+                }
+                known.evaluations.extend(one.evaluations);
+            }
+            None => alone.push(one),
         }
     }
     Ok(Gathered { runs: runs.into_iter().map(|(_, run)| run).chain(alone).collect(), notes })
+}
+
+/// Whether evaluations without their run are of one: of checkpoints of the same run, or of the same fresh weights.
+fn same_run(known: &Run, other: &Run) -> bool {
+    let subject = |run: &Run| run.evaluations.first().map(|evaluated| evaluated.result.subject.clone());
+    let (Some(known_subject), Some(other_subject)) = (subject(known), subject(other)) else { return false };
+    match (&known_subject.run, &other_subject.run) {
+        (None, None) => known_subject.weights == other_subject.weights,
+        // By what it learned, too: another run may have taken the place of one that was removed.
+        (Some(place), Some(other_place)) => {
+            place == other_place
+                && (known.config.seed, &known.state) == (other.config.seed, &other.state)
+                && differences_between(&known.config, &other.config).is_empty()
+        }
+        _ => false,
+    }
 }
 
 fn left_out(folder: &Path, error: &anyhow::Error) -> String {
@@ -196,9 +216,9 @@ fn evaluation(folder: &Path) -> Result<Evaluated> {
     let episodes = read_table(&read(TABLE_FILE)?).with_context(|| format!("{}", folder.join(TABLE_FILE).display()))?;
     if result.overall.episodes != episodes.len() as u64 {
         bail!(
-            "{}: the table has {} episodes, the result file {}",
+            "{}: the table has {}, the result file {}",
             folder.display(),
-            episodes.len(),
+            counted(episodes.len() as u64, "episode"),
             result.overall.episodes
         );
     }
@@ -225,7 +245,7 @@ impl Outside {
             trained.evaluation.is_none() && (&trained.preset, trained.seed) == (&subject.preset, subject.seed)
         });
         let (state, config) = match (&subject.run, trained) {
-            (Some(_), Some(trained)) => ("its run was not given", trained),
+            (Some(_), Some(trained)) => (NOT_GIVEN, trained),
             (run, _) => {
                 let state = if run.is_none() { UNTRAINED } else { UNKNOWN };
                 // The configuration is the evaluation's: its own seed, its own number of actors.
@@ -294,6 +314,55 @@ mod tests {
         std::fs::write(folder.join(RESULT_FILE), serde_json::to_string(&result).unwrap()).unwrap();
         std::fs::write(folder.join(TABLE_FILE), write_table(&[record])).unwrap();
         std::fs::write(folder.join("config.toml"), config.to_toml()).unwrap();
+    }
+
+    /// An evaluation after that many frames, made after all before.
+    fn evaluate_after(folder: &Path, run: &Path, weights: &str, frames: u64) {
+        evaluate(folder, Split::Test, Some(run), weights);
+        let path = folder.join(RESULT_FILE);
+        let mut result: Evaluation = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        result.subject.frames = frames;
+        result.cost.at_unix_s = 1_000_000 - frames;
+        std::fs::write(path, serde_json::to_string(&result).unwrap()).unwrap();
+    }
+
+    #[test]
+    fn of_several_checkpoints_of_a_run_the_newest_counts_and_the_others_are_named() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        begin(&at("run"), |_| {});
+        // The older one was evaluated last.
+        for (name, weights, frames) in [("of/b-new", "b", 900), ("of/a-old", "a", 400)] {
+            evaluate_after(&at(name), &at("run"), weights, frames);
+        }
+        evaluate_after(&at("gone/b-new"), &at("removed"), "b", 900);
+        evaluate_after(&at("gone/a-old"), &at("removed"), "a", 400);
+        for paths in [vec![at("of")], vec![at("run"), at("of")], vec![at("gone")]] {
+            let gathered = gather(&paths).unwrap();
+            assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 2), "{paths:?}");
+            let run = at(if paths[0].ends_with("gone") { "removed" } else { "run" });
+            assert_eq!(gathered.runs[0].name, run.display().to_string());
+            let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+            let seed = &made.report.groups[0].results[0].seeds[0];
+            assert_eq!((seed.evaluation.as_str(), seed.frames), ("b-new", 900));
+            let left_out = made.report.notes.iter().find(|note| note.contains("older ones are left out"));
+            assert!(left_out.is_some_and(|note| note.contains("a-old of ")), "{:?}", made.report.notes);
+            assert!(left_out.is_some_and(|note| note.contains("after 400 frames.")), "{:?}", made.report.notes);
+        }
+        // One alone stands for its run, however old.
+        let gathered = gather(&[at("of/a-old")]).unwrap();
+        let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+        assert_eq!(made.report.groups[0].results[0].seeds[0].frames, 400);
+        assert!(!made.report.notes.iter().any(|note| note.contains("left out")));
+        // What its run trained is not known here, which is not that it trained nothing.
+        assert_eq!(made.report.groups[0].runs[0].frames, 400);
+        let page = made.page("Made for a test.");
+        assert!(page.contains("without the runs that trained their weights") && !page.contains("None of these runs"));
+        // Two runs that had the same folder one after the other are two.
+        begin(&at("run"), |config| config.ppo.clip = 0.3);
+        let mut other = gather(&[at("of/a-old")]).unwrap();
+        other.runs.extend(gathered.runs);
+        assert!(!same_run(&other.runs[0], &other.runs[1]));
     }
 
     /// A run's folder without anything trained.

@@ -52,6 +52,11 @@ impl Writer {
         self.file.write_all(&line).with_context(|| format!("cannot write {}", self.path.display()))
     }
 
+    /// Begins the file anew.
+    pub fn clear(&mut self) -> Result<()> {
+        self.file.set_len(0).with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
     /// Has all lines on the disk.
     pub fn sync(&self) -> Result<()> {
         self.file.sync_all().with_context(|| format!("cannot write {}", self.path.display()))
@@ -75,5 +80,9 @@ mod tests {
             writer.sync().unwrap();
         }
         assert_eq!(read::<Vec<u32>>(&path).unwrap(), [vec![1, 2], vec![4], vec![4]]);
+        let mut writer = Writer::open(&path).unwrap();
+        writer.clear().unwrap();
+        writer.append(&[5]).unwrap();
+        assert_eq!(read::<Vec<u32>>(&path).unwrap(), [vec![5]]);
     }
 }

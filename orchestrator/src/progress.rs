@@ -16,7 +16,7 @@ enum Doing {
     Collecting(u64),
     Updating(u64),
     WaitingFor { actor: u32, seconds: u64 },
-    Leaving,
+    Leaving { complete: bool },
 }
 
 /// Shows how a run gets on.
@@ -43,7 +43,7 @@ impl Progress {
             LearnerEvent::WaitingForActor { actor, waited_s, .. } => {
                 Doing::WaitingFor { actor, seconds: waited_s as u64 }
             }
-            LearnerEvent::Finished { .. } => Doing::Leaving,
+            LearnerEvent::Finished { complete, .. } => Doing::Leaving { complete },
             LearnerEvent::ActorsConnected { .. }
             | LearnerEvent::CheckpointWritten { .. }
             | LearnerEvent::EpisodePlayed { .. } => return,
@@ -52,17 +52,19 @@ impl Progress {
         self.since = now;
     }
 
-    /// The learner died.
+    /// The learner is gone: it died, or it has left, and no other follows.
     pub fn learner_died(&mut self, now: Duration) {
-        self.doing = Doing::Starting;
-        self.since = now;
+        if !matches!(self.doing, Doing::Leaving { .. }) {
+            self.doing = Doing::Starting;
+            self.since = now;
+        }
     }
 
-    /// Shows where the run stands, if it is time to.
-    pub fn show(&mut self, now: Duration, history: &History) {
+    /// Shows where the run stands, if it is time to. `validating`: whether a checkpoint is being validated, or is to be.
+    pub fn show(&mut self, now: Duration, history: &History, validating: bool) {
         if self.live.is_due(now) {
             let recent = recent(&self.stages, history);
-            let (figures, doing) = (figures_line(&recent), self.doing(now));
+            let (figures, doing) = (figures_line(&recent), self.doing(now, validating));
             let second = if figures.is_empty() { doing } else { format!("{figures}  |  {doing}") };
             self.live.show(vec![frames_line(&self.stages, &recent), second]);
         }
@@ -73,14 +75,17 @@ impl Progress {
         self.live.clear();
     }
 
-    fn doing(&self, now: Duration) -> String {
+    fn doing(&self, now: Duration, validating: bool) -> String {
         let time = format::duration(now.saturating_sub(self.since));
         match self.doing {
             Doing::Starting => format!("learner starts, {time}"),
             Doing::Collecting(rollout) => format!("collecting rollout {rollout}, {time}"),
             Doing::Updating(rollout) => format!("updating on rollout {rollout}, {time}"),
             Doing::WaitingFor { actor, seconds } => format!("waiting for actor-{actor:02}, {seconds} s"),
-            Doing::Leaving => "leaving".to_owned(),
+            Doing::Leaving { complete: true } if validating => {
+                format!("training is complete, waiting for the last validation, {time}")
+            }
+            Doing::Leaving { .. } => "leaving".to_owned(),
         }
     }
 }
@@ -102,7 +107,8 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
             100.0 * recent.update
         ));
     }
-    if let Some(left) = recent.left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok()) {
+    let left_s = recent.left_s.filter(|_| recent.frames < recent.budget);
+    if let Some(left) = left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok()) {
         parts.push(format!("{} left", format::duration(left)));
     }
     parts.join("  |  ")
@@ -145,6 +151,27 @@ mod tests {
             "stage II (r′)  1 100 / 1 500 frames  73.3%  |  25.0 frames/s: simulate 40% infer 20% update 30%  |  16 s left"
         );
         assert_eq!(figures_line(&recent), "return 20.75  success 50.0%  SRwoD –  disturbance 0.250 m");
+    }
+
+    #[test]
+    fn at_the_end_nothing_is_left_but_the_validation_that_is_waited_for() {
+        let seconds = Duration::from_secs;
+        let finished = |complete| LearnerEvent::Finished { rank: 0, frames: 1500, weights: "f".repeat(64), complete };
+        let mut progress = Progress::new(stages());
+        progress.learner_died(seconds(3));
+        assert_eq!(progress.doing(seconds(4), true), "learner starts, 1 s");
+        progress.learner(seconds(10), &finished(true));
+        assert_eq!(progress.doing(seconds(11), false), "leaving");
+        progress.learner_died(seconds(12));
+        let waiting = "training is complete, waiting for the last validation, 20 s";
+        assert_eq!(progress.doing(seconds(30), true), waiting);
+        assert_eq!(progress.doing(seconds(30), false), "leaving");
+        // Whoever stops waits for none.
+        progress.learner(seconds(10), &finished(false));
+        progress.learner_died(seconds(12));
+        assert_eq!(progress.doing(seconds(30), true), "leaving");
+        let frames = frames_line(&stages(), &recent(&stages(), &history(30)));
+        assert!(frames.contains("100.0%") && !frames.contains("left"), "{frames}");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Writing a report down: `report.html`, `report.json`, `figures/*.svg` and `figures/*.png`.
 
-use crate::format;
+use crate::format::{self, counted};
 use crate::gather::Gathered;
 use crate::identity::unix_now;
 use anyhow::{Context, Result, bail};
@@ -62,10 +62,10 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Made> 
         put(&figures.join(format!("{}.png", figure.name)), &figure.png()?)?;
     }
     let by = format!(
-        "Made {} by stillroom {} from {} runs.",
+        "Made {} by stillroom {} from {}.",
         format::date(unix_now()),
         env!("CARGO_PKG_VERSION"),
-        runs.len()
+        counted(runs.len() as u64, "run")
     );
     fault::reach("report.before_page");
     put(&out.join(PAGE), made.page(&by).as_bytes())?;

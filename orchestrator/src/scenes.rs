@@ -3,41 +3,100 @@
 //!
 //! This program links no physics: `actor check --scene` reads and judges them.
 
-use crate::preflight::programs;
-use anyhow::{Context, Result, ensure};
+use crate::format::counted;
+use crate::log_line::error_in;
+use crate::preflight::{Finding, programs};
+use crate::terminal;
+use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Has every scene of the configuration checked; the actor's complaints go to the terminal.
+/// Has every scene of the configuration checked; the first that is not sound is the error.
 pub fn check(config: &Config) -> Result<()> {
-    config.scenes.iter().try_for_each(|scene| ask(Path::new(scene), None))
+    if config.scenes.is_empty() {
+        return Ok(());
+    }
+    let program = programs::find("actor")?;
+    config.scenes.iter().try_for_each(|scene| ask(&program, Path::new(scene), None))
+}
+
+/// What is to be said of the configuration's scenes, all of them; none of a configuration without.
+pub fn finding(config: &Config, program: &Path) -> Option<Finding> {
+    if config.scenes.is_empty() {
+        return None;
+    }
+    let judged = config.scenes.iter().map(|scene| ask(program, Path::new(scene), None));
+    let problems: Vec<String> = judged.filter_map(|found| Some(format!("{:#}", found.err()?))).collect();
+    Some(if problems.is_empty() {
+        Finding::Good(format!("{}: {}", counted(config.scenes.len() as u64, "scene"), config.scenes.join(", ")))
+    } else {
+        Finding::Problem(problems.join("; "))
+    })
 }
 
 /// Copies every scene into the run folder and names the copies in the configuration.
 pub fn keep(config: &mut Config, folder: &RunFolder) -> Result<()> {
+    if config.scenes.is_empty() {
+        return Ok(());
+    }
+    let program = programs::find("actor")?;
     for (index, scene) in config.scenes.iter_mut().enumerate() {
         let name = Path::new(scene.as_str()).file_name().and_then(|name| name.to_str());
         let name = name.with_context(|| format!("{scene} is not the name of a scene file"))?.to_owned();
-        ask(Path::new(scene.as_str()), Some(&folder.scene(index)))?;
+        ask(&program, Path::new(scene.as_str()), Some(&folder.scene(index)))?;
         *scene = format!("{}/{name}", folder.relative_scene(index));
     }
     Ok(())
 }
 
-fn ask(scene: &Path, copy: Option<&Path>) -> Result<()> {
-    let program = programs::find("actor")?;
-    let mut command = Command::new(&program);
+/// Has the actor judge a scene, and copy it if it is sound. What it complains of is the error.
+fn ask(program: &Path, scene: &Path, copy: Option<&Path>) -> Result<()> {
+    let mut command = Command::new(program);
     command.arg("check").arg("--scene").arg(scene);
     if let Some(copy) = copy {
         command.arg("--copy").arg(copy);
     }
-    let status = command
+    let output = command
         .stdin(Stdio::null())
         .stdout(Stdio::null())
-        .status()
+        .output()
         .with_context(|| format!("cannot start {}", program.display()))?;
-    ensure!(status.success(), "scene {} cannot be used; what is wrong stands above", scene.display());
+    let said = String::from_utf8_lossy(&output.stderr);
+    let said = said.trim_end();
+    if !output.status.success() {
+        let complaint = error_in(said).filter(|error| !error.is_empty()).unwrap_or(said);
+        let complaint = if complaint.is_empty() { output.status.to_string() } else { complaint.to_owned() };
+        bail!("scene {} cannot be used: {complaint}", scene.display());
+    }
+    if !said.is_empty() {
+        terminal::note(said);
+    }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn every_scene_that_cannot_be_used_is_named_with_what_is_wrong_with_it() {
+        let temporary = tempfile::tempdir().unwrap();
+        let actor = temporary.path().join("actor");
+        let script = "#!/bin/sh\ncase $3 in good*) exit 0;; esac\n\
+                      echo \"2026-11-21T20:20:25.9Z ERROR $3: line 1: unknown field\" >&2\nexit 1\n";
+        std::fs::write(&actor, script).unwrap();
+        std::fs::set_permissions(&actor, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let found = |scenes: &[&str]| {
+            let scenes = scenes.iter().map(|&scene| scene.to_owned()).collect();
+            finding(&Config { scenes, ..Config::default() }, &actor)
+        };
+        assert_eq!(found(&[]), None);
+        assert_eq!(found(&["good/a.toml"]), Some(Finding::Good("1 scene: good/a.toml".into())));
+        let Some(Finding::Problem(text)) = found(&["bad.toml", "good/a.toml", "worse.toml"]) else { panic!("two") };
+        let one = |name: &str| format!("scene {name} cannot be used: {name}: line 1: unknown field");
+        assert_eq!(text, format!("{}; {}", one("bad.toml"), one("worse.toml")));
+    }
 }

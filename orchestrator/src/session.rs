@@ -1,5 +1,6 @@
 //! One sitting of a run that trains, from the note that it began to its last line: what `up` and `resume` share.
 
+use crate::format::counted;
 use crate::identity::{Ended, Identity, RunLock, unix_now};
 use crate::metrics::History;
 use crate::preflight::{device, disk, memory, processor, shared_memory};
@@ -10,7 +11,7 @@ use crate::supervisor::event::{End, Outcome};
 use crate::terminal;
 use crate::training::Training;
 use anyhow::{Context, Result};
-use proto::config::Config;
+use proto::config::{ActorsConfig, Config};
 use proto::fault;
 use proto::run_folder::RunFolder;
 use proto::wire::WireAddress;
@@ -33,7 +34,9 @@ pub fn shape(config: &Config) -> String {
         1 => String::new(),
         learners => format!("{learners} learners, "),
     };
-    format!("{learners}{} actors of {} environments", config.actors.count, config.actors.environments_per_actor)
+    let ActorsConfig { count, environments_per_actor } = config.actors;
+    let environments = counted(u64::from(environments_per_actor), "environment");
+    format!("{learners}{} of {environments}", counted(u64::from(count), "actor"))
 }
 
 /// What a sitting starts from.

@@ -1,6 +1,6 @@
 //! One sitting: from the claim on names in shared memory to the last process's end. A run's and an evaluation's alike.
 
-use crate::format;
+use crate::format::{self, counted};
 use crate::identity::RunLock;
 use crate::preflight::libtorch;
 use crate::preflight::programs;
@@ -110,11 +110,11 @@ impl Sitting<'_> {
             None => Ok(()),
             Some(Ok(recorded)) => {
                 tracing::info!(
-                    "recorded {} steps, {} episodes and {} depth frames in {} files, {}",
-                    format::count(recorded.steps),
-                    format::count(recorded.episodes),
-                    format::count(recorded.depth_frames),
-                    recorded.files.len(),
+                    "recorded {}, {} and {} in {}, {}",
+                    counted(recorded.steps, "step"),
+                    counted(recorded.episodes, "episode"),
+                    counted(recorded.depth_frames, "depth frame"),
+                    counted(recorded.files.len() as u64, "file"),
                     format::bytes(recorded.bytes)
                 );
                 Ok(())

@@ -81,7 +81,7 @@ impl Audience for Training {
         if let Some(validation) = &mut self.validation {
             validation.look(recorder);
         }
-        self.progress.show(now, &self.history);
+        self.progress.show(now, &self.history, self.is_busy());
     }
 
     fn is_busy(&self) -> bool {

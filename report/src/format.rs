@@ -18,6 +18,16 @@ pub fn count(value: u64) -> String {
     out
 }
 
+/// A count of things named in the singular: `1 run`, `1 234 runs`, `2 processes`.
+pub fn counted(value: u64, thing: &str) -> String {
+    let ending = match value {
+        1 => "",
+        _ if thing.ends_with('s') => "es",
+        _ => "s",
+    };
+    format!("{} {thing}{ending}", count(value))
+}
+
 /// A share as a percentage with one decimal, without its sign, as the paper's tables have it.
 pub fn percent(share: f64) -> String {
     format!("{:.1}", 100.0 * share)
@@ -36,4 +46,16 @@ pub fn interval(interval: &Interval) -> String {
 /// A number with that many decimals, a dash for none.
 pub fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or_else(|| NOTHING.to_owned(), |value| format!("{value:.decimals$}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_is_no_plural() {
+        let runs = [0, 1, 1234].map(|value| counted(value, "run"));
+        assert_eq!(runs, ["0 runs", "1 run", "1 234 runs"]);
+        assert_eq!([1, 2].map(|value| counted(value, "process")), ["1 process", "2 processes"]);
+    }
 }

@@ -3,10 +3,11 @@
 use crate::chart::Figure;
 use crate::curves::Curve;
 use crate::figures::{self, Subject, Sweep};
+use crate::format::{count, counted};
 use crate::paper::paper;
 use crate::results::{FieldResult, Missing};
 use crate::statistics::{CURVE_RESAMPLES, RESAMPLES};
-use crate::study::{Field, Group, Run, StudyError, groups};
+use crate::study::{Evaluated, Field, Group, Run, StudyError, groups};
 use crate::tables::{Comparison, comparisons};
 use proto::evaluation::DISTURBANCE_THRESHOLDS_M;
 use serde::Serialize;
@@ -182,6 +183,7 @@ fn results(group: &Group<'_>, options: &Options, notes: &mut Vec<String>) -> Vec
                     notes
                         .push(format!("{label}: not evaluated on {field}, and therefore not in its means: {without}."));
                 }
+                note_older(group, field, notes);
                 note_conditions(group, field, &result, notes);
                 results.push((field, result));
             }
@@ -192,6 +194,23 @@ fn results(group: &Group<'_>, options: &Options, notes: &mut Vec<String>) -> Vec
         }
     }
     results
+}
+
+/// Which evaluations count for nothing, because a newer checkpoint of their run was evaluated, too.
+fn note_older(group: &Group<'_>, field: Field, notes: &mut Vec<String>) {
+    let named = |run: &Run, older: &Evaluated| {
+        format!("{} of {}, after {} frames", older.name, run.name, count(older.result.subject.frames))
+    };
+    let older = group.runs.iter().flat_map(|run| run.older_in(field).map(|older| named(run, older)));
+    let older: Vec<String> = older.collect();
+    if !older.is_empty() {
+        notes.push(format!(
+            "{}: on {}, a run stands as its newest checkpoint that was evaluated; older ones are left out: {}.",
+            group.label,
+            field.name(),
+            older.join("; ")
+        ));
+    }
 }
 
 /// What a figure does not say of itself.
@@ -210,8 +229,9 @@ fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes:
     let episodes = result.seeds.first().map_or(0, |seed| seed.episodes);
     if episodes < full || result.kitchens.len() < 5 {
         notes.push(format!(
-            "{label}: on {field}, {episodes} episodes in {} kitchens were played of the paper's 1800 in 5.",
-            result.kitchens.len()
+            "{label}: on {field}, {} in {} instead of the paper's 1800 in 5.",
+            counted(episodes, "episode"),
+            counted(result.kitchens.len() as u64, "kitchen")
         ));
     }
 }
@@ -242,13 +262,18 @@ impl GroupReport {
     }
 }
 
+/// Frames of the newest weights that were evaluated: all that is known of a run that is not in the study.
+fn evaluated_frames(run: &Run) -> u64 {
+    run.evaluations.iter().map(|evaluated| evaluated.result.subject.frames).max().unwrap_or(0)
+}
+
 impl RunReport {
     fn of(run: &Run) -> Self {
         Self {
             name: run.name.clone(),
             state: run.state.clone(),
             seed: run.config.seed,
-            frames: run.rollouts.last().map_or(0, |rollout| rollout.frames),
+            frames: run.rollouts.last().map_or_else(|| evaluated_frames(run), |rollout| rollout.frames),
             budget: proto::stage::total_frames(&run.config.stages),
             evaluations: run.evaluations.iter().map(|evaluated| evaluated.name.clone()).collect(),
         }

@@ -1,5 +1,6 @@
 //! What a group of runs came to in one field: scores of every seed in every kitchen, and their aggregates.
 
+use crate::format::counted;
 use crate::statistics::{Aggregate, CURVE_RESAMPLES, Interval, RESAMPLES, Scores, wilson};
 use crate::study::{Evaluated, Field, Group, Run};
 use proto::evaluation::{EpisodeRecord, Figures, OBJECT_COUNTS};
@@ -206,9 +207,9 @@ fn same_kitchens(evaluated: &[(&Run, &Evaluated)], by_seed: &[Vec<&EpisodeRecord
         }
         if these != first {
             let problem = format!(
-                "{} was evaluated on {} episodes, {} on {}: seeds are compared on the same episodes only",
+                "{} was evaluated on {}, {} on {}: seeds are compared on the same episodes only",
                 first_run.name,
-                first.len(),
+                counted(first.len() as u64, "episode"),
                 run.name,
                 these.len()
             );

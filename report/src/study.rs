@@ -12,8 +12,8 @@ use toml::{Table, Value};
 pub struct Run {
     /// Its folder, as the user named it.
     pub name: String,
-    /// `complete`, `running`, `stopped`, ...; [`UNTRAINED`] of weights that no run has trained, [`UNKNOWN`] of weights
-    /// whose run cannot be found.
+    /// `complete`, `running`, `stopped`, ...; [`UNTRAINED`] of weights that no run has trained, [`NOT_GIVEN`] of weights
+    /// whose run is not in the study, [`UNKNOWN`] of weights whose run cannot be found.
     pub state: String,
     /// Its configuration.
     pub config: Config,
@@ -102,14 +102,25 @@ impl Evaluated {
 }
 
 impl Run {
-    /// The evaluation that stands for this run in a field: with sampled actions before the most probable ones, then the
-    /// one with the most episodes, then the newest.
+    /// The evaluation that stands for this run in a field: of the newest checkpoint that was evaluated there, by frames;
+    /// of that with sampled actions before the most probable ones, then the one with the most episodes, then the newest.
     pub fn evaluation_in(&self, field: Field) -> Option<&Evaluated> {
         let rank = |evaluated: &&Evaluated| {
             let sampled = !evaluated.result.conditions.deterministic;
-            (sampled, evaluated.episodes_in(field).count(), evaluated.result.cost.at_unix_s)
+            let frames = evaluated.result.subject.frames;
+            (frames, sampled, evaluated.episodes_in(field).count(), evaluated.result.cost.at_unix_s)
         };
-        self.evaluations.iter().filter(|evaluated| evaluated.episodes_in(field).next().is_some()).max_by_key(rank)
+        self.evaluations_in(field).max_by_key(rank)
+    }
+
+    /// Evaluations in a field of older checkpoints than the one that counts.
+    pub fn older_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
+        let newest = self.evaluation_in(field).map_or(0, |evaluated| evaluated.result.subject.frames);
+        self.evaluations_in(field).filter(move |evaluated| evaluated.result.subject.frames < newest)
+    }
+
+    fn evaluations_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
+        self.evaluations.iter().filter(move |evaluated| evaluated.episodes_in(field).next().is_some())
     }
 }
 
@@ -240,6 +251,8 @@ impl Group<'_> {
 const TRAINED: &str = "trained";
 /// State of weights that no run has trained.
 pub const UNTRAINED: &str = "untrained";
+/// State of weights whose run is not in the study: its configuration is known, and nothing of its training.
+pub const NOT_GIVEN: &str = "its run was not given";
 /// State of weights whose run cannot be found.
 pub const UNKNOWN: &str = "its run cannot be found";
 

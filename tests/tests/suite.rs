@@ -206,7 +206,7 @@ fn a_report_of_two_seeds_has_numbers_figures_and_says_what_is_missing() {
         complete(workshop.up_seeded(&format!("seed-{seed}"), 1, 2, 300, seed)).result();
     }
     let printed = complete(workshop.orchestrator(&["report", "seed-5", "seed-6", "--out", "both"]));
-    assert!(printed.success && printed.stdout.contains("2 runs in 1 groups, 0 of them evaluated"), "{printed:#?}");
+    assert!(printed.success && printed.stdout.contains("2 runs in 1 group; groups evaluated: 0"), "{printed:#?}");
     let page = std::fs::read_to_string(workshop.path("both/report.html")).expect("a page");
     assert!(page.contains("None of these runs has been evaluated yet"));
     let numbers = std::fs::read_to_string(workshop.path("both/report.json")).expect("numbers");

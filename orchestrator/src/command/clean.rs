@@ -1,6 +1,6 @@
 //! `orchestrator clean`: frees the shared memory of dead runs.
 
-use crate::format;
+use crate::format::{self, counted};
 use crate::remains::{processes_of, survey, sweep};
 use crate::terminal;
 use anyhow::Result;
@@ -35,20 +35,26 @@ pub fn run(args: &CleanArgs) -> Result<()> {
         }
         dead += 1;
         freed += remains.bytes;
-        let what = format!("{prefix}{of}: {} names, {}", remains.names, format::bytes(remains.bytes));
+        let names = counted(remains.names as u64, "name");
+        let what = format!("{prefix}{of}: {names}, {}", format::bytes(remains.bytes));
         let left = processes_of(&remains.address);
         if args.dry_run {
-            terminal::out(&format!("would remove {what}; {} processes still run", left.len()));
+            terminal::out(&format!("would remove {what}; processes that still run: {}", left.len()));
             continue;
         }
         if !left.is_empty() {
-            terminal::note(&format!("{prefix}: waiting up to {} s for {} processes", args.patience, left.len()));
+            let processes = counted(left.len() as u64, "process");
+            terminal::note(&format!("{prefix}: waiting up to {} s for {processes}", args.patience));
         }
         let swept = sweep(&remains.address, Duration::from_secs(args.patience))?;
-        let killed = if swept.killed > 0 { format!("; {} processes ended", swept.killed) } else { String::new() };
+        let killed = match swept.killed {
+            0 => String::new(),
+            killed => format!("; {} ended", counted(killed as u64, "process")),
+        };
         terminal::out(&format!("removed {what}{killed}"));
     }
     let verb = if args.dry_run { "would be freed" } else { "freed" };
-    terminal::out(&format!("{} of {dead} dead runs {verb}, {living} living runs left alone", format::bytes(freed)));
+    let (dead, living) = (counted(dead, "dead run"), counted(living, "living run"));
+    terminal::out(&format!("{} of {dead} {verb}, {living} left alone", format::bytes(freed)));
     Ok(())
 }

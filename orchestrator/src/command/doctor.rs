@@ -4,7 +4,7 @@ use super::overrides::{Overrides, default_preset};
 use crate::preflight::{Finding, device, disk, libtorch, memory, processor, programs, shared_memory};
 use crate::remains::survey;
 use crate::terminal;
-use crate::{format, session};
+use crate::{format, scenes, session};
 use anyhow::Result;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -31,15 +31,16 @@ pub struct DoctorArgs {
 pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
     let mut table = Table::default();
     table.row("processor", processor::check());
-    for program in ["learner", "actor"] {
-        let found = programs::find(program).map(|path| path.display().to_string());
-        table.row(program, finding(found));
-    }
+    let [learner, actor] = ["learner", "actor"].map(|program| {
+        let found = programs::find(program);
+        table.row(program, finding(found.as_ref().map(|path| path.display().to_string())));
+        found.ok()
+    });
     let tools = session::Tools::find();
     let torch = match &tools {
         Ok(tools) => Some(tools.torch.clone()),
         Err(error) => {
-            if programs::find("learner").is_ok() && programs::find("actor").is_ok() {
+            if learner.is_some() && actor.is_some() {
                 table.row("libtorch", Finding::Problem(format!("{error:#}")));
             }
             None
@@ -59,6 +60,9 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
             let frames = format::count(proto::stage::total_frames(&config.stages));
             let shape = format!("preset {}: {}, {frames} frames", config.preset, session::shape(&config));
             table.row("configuration", Finding::Good(shape));
+            if let Some(found) = actor.and_then(|actor| scenes::finding(&config, &actor)) {
+                table.row("scenes", found);
+            }
             if let Some(torch) = &torch {
                 table.row("learners", device::check(&config, torch));
             }
@@ -76,13 +80,14 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         table.row("remains", Finding::Good("none of dead runs".to_owned()));
     } else {
         let bytes = format::bytes(dead.iter().map(|remains| remains.bytes).sum());
-        let text = format!("{bytes} in /dev/shm from {} dead runs; `orchestrator clean` frees it", dead.len());
+        let runs = format::counted(dead.len() as u64, "dead run");
+        let text = format!("{bytes} in /dev/shm from {runs}; `orchestrator clean` frees it");
         table.row("remains", Finding::Warning(text));
     }
     Ok(if table.problems == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-fn finding(result: Result<String>) -> Finding {
+fn finding(result: std::result::Result<String, &anyhow::Error>) -> Finding {
     result.map_or_else(|error| Finding::Problem(format!("{error:#}")), Finding::Good)
 }
 

@@ -7,10 +7,14 @@ use crate::log_line::error_in;
 use crate::scenes;
 use crate::session::Tools;
 use crate::terminal;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
+use proto::config::{Config, presets};
 use proto::run_folder::RunFolder;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+
+/// Whose network the weights are taken for when nobody says.
+const DEFAULT_PRESET: &str = "paper";
 
 /// Make a run that begins with the weights in a file: an AllenAct state dict, or weights by our own names
 ///
@@ -29,7 +33,7 @@ pub struct ImportArgs {
     /// The weights (.safetensors)
     #[arg(value_name = "FILE")]
     from: PathBuf,
-    /// Named configuration (`orchestrator presets`): its network must be the weights'
+    /// Named configuration (`orchestrator presets`): its network must be the weights' [default: paper]
     #[arg(long, value_name = "P")]
     preset: Option<String>,
     #[command(flatten)]
@@ -43,7 +47,12 @@ pub struct ImportArgs {
 pub fn run(args: &ImportArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     check_free(&folder)?;
-    let mut config = args.overrides.resolve(&args.overrides.preset(args.preset.as_deref(), || Ok("paper"))?)?;
+    let mut defaulted = false;
+    let default = || {
+        defaulted = true;
+        Ok(DEFAULT_PRESET)
+    };
+    let mut config = args.overrides.resolve(&args.overrides.preset(args.preset.as_deref(), default)?)?;
     let tools = Tools::find()?;
     scenes::check(&config)?;
     let lock = prepare(&folder, &mut config, &[folder.checkpoints(), folder.recordings()])?;
@@ -55,9 +64,29 @@ pub fn run(args: &ImportArgs) -> Result<()> {
         let root = folder.root();
         std::fs::remove_dir_all(root).with_context(|| format!("cannot remove {}", root.display()))?;
     }
-    imported?;
+    imported.map_err(|error| if defaulted { anyhow!("{error:#}. {}", other_presets(&config)) } else { error })?;
     terminal::note(&format!("`orchestrator resume {}` trains on from these weights", folder.root().display()));
     Ok(())
+}
+
+/// What else the weights could be for: of each other network the first preset that has it.
+fn other_presets(taken: &Config) -> String {
+    let network = |config: &Config| (config.network, config.episode.action_space);
+    let mut known = vec![network(taken)];
+    let mut names = Vec::new();
+    for preset in presets() {
+        let Ok(config) = Config::resolve(&preset.name, None) else { continue };
+        if !known.contains(&network(&config)) {
+            known.push(network(&config));
+            names.push(preset.name.as_str());
+        }
+    }
+    format!(
+        "The network was that of the preset {}, because --preset names none; others have another network: {}, and those \
+         that `orchestrator presets` lists beside them",
+        taken.preset,
+        names.join(", ")
+    )
 }
 
 /// Has the learner write the run's first checkpoint, and shows what it says.
@@ -77,4 +106,25 @@ fn take_weights(from: &Path, folder: &RunFolder, tools: &Tools) -> Result<()> {
         terminal::out(line);
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_each_other_network_one_preset_is_named() {
+        let taken = Config::resolve(DEFAULT_PRESET, None).unwrap();
+        let text = other_presets(&taken);
+        let list = text.split("another network: ").nth(1).unwrap().split(", and those").next().unwrap();
+        let others: Vec<Config> = list.split(", ").map(|name| Config::resolve(name, None).unwrap()).collect();
+        let network = |config: &Config| (config.network, config.episode.action_space);
+        for (index, one) in others.iter().enumerate() {
+            assert!(others[..index].iter().chain([&taken]).all(|other| network(other) != network(one)), "{text}");
+        }
+        for preset in presets() {
+            let config = Config::resolve(&preset.name, None).unwrap();
+            assert!(others.iter().chain([&taken]).any(|one| network(one) == network(&config)), "{}", preset.name);
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! `orchestrator recover`: a whole recording from one that was cut off.
 
+use crate::format::counted;
 use crate::recording::repair::{Repair, repair};
 use crate::terminal;
 use anyhow::Result;
@@ -22,10 +23,10 @@ pub fn run(args: &RecoverArgs) -> Result<()> {
     let file = args.file.display();
     match repair(&args.file, args.output.as_deref())? {
         Repair::NotNeeded { messages } => {
-            terminal::out(&format!("{file} is complete ({messages} messages): nothing to do"));
+            terminal::out(&format!("{file} is complete ({}): nothing to do", counted(messages, "message")));
         }
         Repair::Repaired { repaired, kept, extent } => {
-            terminal::out(&format!("{}: {} messages recovered", repaired.display(), extent.messages));
+            terminal::out(&format!("{}: {} recovered", repaired.display(), counted(extent.messages, "message")));
             if let Some(kept) = kept {
                 terminal::out(&format!("the old file is kept as {}", kept.display()));
             }

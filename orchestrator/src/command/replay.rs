@@ -2,6 +2,7 @@
 //!
 //! What is to be compared comes from [`crate::recording::episodes`]; how, is in [`crate::recording::simulate`].
 
+use crate::format::counted;
 use crate::recording::episodes::{Recorded, Wanted, gather};
 use crate::recording::files_at;
 use crate::recording::simulate::simulate;
@@ -71,10 +72,10 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         tracing::warn!("{complaint}");
     }
     if headless > 0 {
-        tracing::warn!("{headless} episodes begin before these recordings and are left out");
+        tracing::warn!("left out, because begun before these recordings: {}", counted(headless, "episode"));
     }
     if broken > 0 {
-        tracing::warn!("{broken} episodes have a hole in the recording and are replayed up to it");
+        tracing::warn!("replayed up to a hole in the recording: {}", counted(broken, "episode"));
     }
     if let Some(limit) = args.limit {
         episodes.truncate(usize::try_from(limit).unwrap_or(usize::MAX));

@@ -1,5 +1,6 @@
 //! `orchestrator report`: what runs came to, beside the paper.
 
+use crate::format::counted;
 use crate::gather::gather;
 use crate::report_files::{NUMBERS, PAGE, check_free, write};
 use crate::terminal;
@@ -45,7 +46,8 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     }
     let groups = made.report.groups.len();
     let evaluated = made.report.groups.iter().filter(|group| !group.results.is_empty()).count();
-    terminal::out(&format!("{runs} runs in {groups} groups, {evaluated} of them evaluated"));
+    let (runs, groups) = (counted(runs as u64, "run"), counted(groups as u64, "group"));
+    terminal::out(&format!("{runs} in {groups}; groups evaluated: {evaluated}"));
     terminal::out(&format!("numbers: {}", out.join(NUMBERS).display()));
     terminal::out(&format!("page: {}", out.join(PAGE).display()));
     Ok(())

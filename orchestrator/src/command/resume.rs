@@ -4,6 +4,7 @@ use crate::format;
 use crate::identity::{Identity, RunLock, host_name, is_evaluation, wait_for_learners};
 use crate::remains;
 use crate::session::{Session, Tools, preflight};
+use crate::suite;
 use crate::summary::Summary;
 use crate::supervisor::event::End;
 use crate::supervisor::policy::Policy;
@@ -35,6 +36,7 @@ pub struct ResumeArgs {
 /// Runs the command.
 pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     let folder = RunFolder::new(&args.run);
+    suite::refuse(folder.root())?;
     // Refuses what is no run before a lock file is made in it.
     Identity::read(&folder)?;
     if is_evaluation(&folder) {

@@ -1,10 +1,13 @@
-//! `orchestrator status`: how a run stands, from its folder alone; works while it runs and after a crash.
+//! `orchestrator status`: how a run or an evaluation stands, from its folder alone; works while it runs and after a
+//! crash.
 
+use crate::evaluation::standing::Standing;
 use crate::figures::{Recent, StageFigures, by_stage, recent};
 use crate::format;
 use crate::identity::{Held, Identity, Incarnation, holder, state};
 use crate::metrics::History;
 use crate::progress::{figures_line, frames_line};
+use crate::suite;
 use crate::summary::{Summary, table};
 use crate::terminal;
 use anyhow::Result;
@@ -13,13 +16,13 @@ use proto::run_folder::RunFolder;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Show how a run stands
+/// Show how a run or an evaluation stands
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator status runs/20261121-020423-demo-1
   orchestrator status --json RUN | jq .recent.frames_per_s")]
 pub struct StatusArgs {
-    /// Run folder
+    /// Run folder, or that of an evaluation
     #[arg(value_name = "RUN")]
     run: PathBuf,
     /// Print one JSON object
@@ -35,30 +38,90 @@ struct Status {
     preset: String,
     seed: u64,
     incarnations: Vec<Incarnation>,
-    recent: Recent,
-    stages: Vec<StageFigures>,
-    weights: Option<String>,
+    #[serde(flatten)]
+    work: Work,
+}
+
+/// What there is to show depends on what it is.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Work {
+    Training {
+        recent: Recent,
+        stages: Vec<StageFigures>,
+        weights: Option<String>,
+    },
+    /// An evaluation trains nothing: its configuration's stages are its run's.
+    Evaluation {
+        evaluation: Standing,
+    },
+}
+
+impl Work {
+    fn read(folder: &RunFolder, config: &Config) -> Result<Self> {
+        if let Some(evaluation) = Standing::read(folder, config)? {
+            return Ok(Self::Evaluation { evaluation });
+        }
+        let history = History::read(folder)?;
+        Ok(Self::Training {
+            recent: recent(&config.stages, &history),
+            stages: by_stage(&config.stages, &history),
+            weights: Summary::read(folder)?.map(|summary| summary.weights),
+        })
+    }
+
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Training { .. } => "run",
+            Self::Evaluation { .. } => "evaluation",
+        }
+    }
+
+    fn is_complete(&self) -> bool {
+        match self {
+            Self::Training { weights, .. } => weights.is_some(),
+            Self::Evaluation { evaluation } => evaluation.result.is_some(),
+        }
+    }
+
+    /// As people read it. `goes_on`: whether somebody works on it.
+    fn lines(&self, config: &Config, goes_on: bool) -> Vec<String> {
+        match self {
+            Self::Training { recent, stages, .. } => {
+                let mut lines = vec![frames_line(&config.stages, recent)];
+                lines.extend(Some(figures_line(recent)).filter(|figures| !figures.is_empty()));
+                if !stages.is_empty() {
+                    lines.extend(table(stages));
+                }
+                lines
+            }
+            Self::Evaluation { evaluation } => {
+                let result = match &evaluation.result {
+                    Some(path) => path.display().to_string(),
+                    None if goes_on => "none yet".to_owned(),
+                    None => "none: an evaluation that was cut off is made anew, in another folder".to_owned(),
+                };
+                vec![evaluation.parts().join("  |  "), format!("result: {result}")]
+            }
+        }
+    }
 }
 
 /// Runs the command.
 pub fn run(args: &StatusArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
+    suite::refuse(folder.root())?;
     let identity = Identity::read(&folder)?;
     let config = Config::of_run(&folder)?;
     let held = holder(&folder)?;
-    let history = History::read(&folder)?;
-    let summary = Summary::read(&folder)?;
-    let last = identity.incarnations.last();
-    let state = state(&identity, &held, summary.is_some());
+    let work = Work::read(&folder, &config)?;
     let status = Status {
         id: identity.id.clone(),
-        state,
+        state: state(&identity, &held, work.is_complete()),
         preset: config.preset.clone(),
         seed: config.seed,
-        recent: recent(&config.stages, &history),
-        stages: by_stage(&config.stages, &history),
-        weights: summary.map(|summary| summary.weights),
-        incarnations: identity.incarnations.clone(),
+        incarnations: identity.incarnations,
+        work,
     };
     if args.json {
         terminal::out(&serde_json::to_string(&status)?);
@@ -68,25 +131,19 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         Held::By(holder) => format!(" (pid {} on {})", holder.pid, holder.host),
         Held::Free | Held::Unsigned => String::new(),
     };
-    terminal::out(&format!("run {} {}{by}: preset {}, seed {}", status.id, status.state, status.preset, status.seed));
-    if let Some(last) = last {
+    let Status { id, state, preset, seed, incarnations, work } = status;
+    terminal::out(&format!("{} {id} {state}{by}: preset {preset}, seed {seed}", work.name()));
+    if let Some(last) = incarnations.last() {
         terminal::out(&format!("start {} at {}", last.number, format::date(last.started_unix_s)));
         if let Some(reason) = last.ended.as_ref().and_then(|ended| ended.reason.as_ref()) {
             terminal::out(reason);
         }
     }
-    terminal::out(&frames_line(&config.stages, &status.recent));
-    let figures = figures_line(&status.recent);
-    if !figures.is_empty() {
-        terminal::out(&figures);
-    }
-    if !status.stages.is_empty() {
-        for line in table(&status.stages) {
-            terminal::out(&line);
-        }
+    for line in work.lines(&config, held != Held::Free) {
+        terminal::out(&line);
     }
     // An evaluation is not gone on with.
-    if held == Held::Free && status.weights.is_none() && config.evaluation.is_none() {
+    if held == Held::Free && !work.is_complete() && matches!(work, Work::Training { .. }) {
         terminal::out(&format!("go on with: orchestrator resume {}", folder.root().display()));
     }
     Ok(())

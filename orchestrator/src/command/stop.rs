@@ -1,6 +1,7 @@
 //! `orchestrator stop`: an orderly stop of a run that another process runs.
 
 use crate::identity::{Held, Identity, holder, host_name, is_evaluation};
+use crate::suite;
 use crate::supervisor::event::FAILED;
 use crate::terminal;
 use anyhow::{Result, bail};
@@ -27,7 +28,9 @@ pub struct StopArgs {
 /// Runs the command.
 pub fn run(args: &StopArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
+    suite::refuse(folder.root())?;
     Identity::read(&folder)?;
+    let (what, asked_to) = if is_evaluation(&folder) { ("evaluation", "stop") } else { ("run", "save and stop") };
     let root = folder.root().display();
     let begin = Instant::now();
     let mut asked = None;
@@ -43,7 +46,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
                     bail!("orchestrator.lock names no process");
                 };
                 match kill_process(pid, Signal::TERM) {
-                    Ok(()) => tracing::info!("asked pid {} to save and stop", holder.pid),
+                    Ok(()) => tracing::info!("asked pid {} to {asked_to}", holder.pid),
                     // It has just gone by itself.
                     Err(rustix::io::Errno::SRCH) => {}
                     Err(error) => bail!("cannot ask pid {} to stop: {error}", holder.pid),
@@ -69,9 +72,9 @@ pub fn run(args: &StopArgs) -> Result<()> {
         bail!("{root} was cut off; `orchestrator resume {root}` goes on from its last checkpoint");
     };
     if ended.how == FAILED {
-        bail!("run {} failed: {}", identity.id, ended.reason.as_deref().unwrap_or("no reason is written down"));
+        bail!("{what} {} failed: {}", identity.id, ended.reason.as_deref().unwrap_or("no reason is written down"));
     }
-    terminal::out(&format!("run {} {}", identity.id, ended.how));
+    terminal::out(&format!("{what} {} {}", identity.id, ended.how));
     if let Some(weights) = &ended.weights {
         terminal::out(&format!("weights: {weights}"));
     }

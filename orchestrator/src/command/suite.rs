@@ -1,6 +1,9 @@
 //! `orchestrator suite`: presets times seeds, and the report on them.
 
+use crate::format::counted;
 use crate::gather::gather;
+use crate::preflight::device::VISIBLE_GPUS;
+use crate::preflight::{device, libtorch, programs};
 use crate::report_files;
 use crate::sitting::EXIT_INTERRUPTED;
 use crate::suite::{Outcome, Suite, SuiteFolder, lines, run as work};
@@ -84,8 +87,13 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         for entry in &suite.entries {
             terminal::out(&entry.name);
         }
-        terminal::out(&format!("{} runs, {} evaluations each", suite.entries.len(), suite.evaluations.len()));
+        let (runs, evaluations) = (suite.entries.len() as u64, suite.evaluations.len() as u64);
+        let each = if runs == 1 { "" } else { " each" };
+        terminal::out(&format!("{}, {}{each}", counted(runs, "run"), counted(evaluations, "evaluation")));
         return Ok(ExitCode::SUCCESS);
+    }
+    if !args.gpus.is_empty() {
+        find_gpus(&args.gpus)?;
     }
     let _lock = folder.open(&suite, &text)?;
     let outcome = work(&suite, &folder, &args.gpus)?;
@@ -116,6 +124,14 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         folder.state().display()
     ));
     Ok(ExitCode::FAILURE)
+}
+
+/// Refuses GPUs that torch does not find, in one sentence instead of one a run.
+fn find_gpus(gpus: &[String]) -> Result<()> {
+    let mut environment = libtorch::environment()?;
+    environment.push((VISIBLE_GPUS.into(), gpus.join(",").into()));
+    let torch = libtorch::check(&programs::find("learner")?, &environment)?;
+    device::check_gpus(gpus, &torch).demand()
 }
 
 fn check_gpus(gpus: &[String]) -> Result<()> {

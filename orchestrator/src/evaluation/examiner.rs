@@ -1,6 +1,8 @@
 //! What is heard while episodes are played: keeps their records, and shows how it gets on.
 
+use super::standing::Standing;
 use crate::format;
+use crate::json_lines::Writer;
 use crate::recorder::Recorder;
 use crate::supervisor::shell::Audience;
 use crate::terminal::Live;
@@ -8,14 +10,19 @@ use anyhow::{Result, ensure};
 use proto::control::LearnerEvent;
 use proto::evaluation::{EpisodeRecord, Plan};
 use proto::kitchen::KitchenId;
-use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
 use std::time::Duration;
+
+/// Name of the journal in an evaluation's folder: the record of each episode played so far, a JSON object a line, so
+/// that `status` can tell how far it is. It gives way to the result.
+pub const JOURNAL_FILE: &str = "played.jsonl";
 
 /// Records of an evaluation so far.
 #[derive(Debug)]
 pub struct Examiner {
     plan: Plan,
+    journal: Writer,
     records: BTreeMap<(KitchenId, u32), (EpisodeRecord, Vec<u8>)>,
     frames: u64,
     parameters: u64,
@@ -26,17 +33,18 @@ pub struct Examiner {
 }
 
 impl Examiner {
-    /// Of an evaluation with this plan.
-    pub fn new(plan: Plan) -> Self {
-        Self {
+    /// Of an evaluation with this plan in this folder.
+    pub fn new(plan: Plan, folder: &RunFolder) -> Result<Self> {
+        Ok(Self {
             plan,
+            journal: Writer::open(&folder.root().join(JOURNAL_FILE))?,
             records: BTreeMap::new(),
             frames: 0,
             parameters: 0,
             device: String::new(),
             span: None,
             live: Live::default(),
-        }
+        })
     }
 
     /// Episodes to play.
@@ -83,23 +91,7 @@ impl Examiner {
 
     fn line(&self, now: Duration) -> String {
         let (played, asked) = (self.played(), self.asked());
-        let share = |test: &dyn Fn(&EpisodeRecord) -> bool| {
-            let count = self.records.values().filter(|(record, _)| test(record)).count();
-            format::percent(Some(count as f64 / played.max(1) as f64))
-        };
-        let mut parts = vec![format!(
-            "{} / {} episodes  {:.1}%",
-            format::count(played as u64),
-            format::count(asked as u64),
-            100.0 * played as f64 / asked.max(1) as f64
-        )];
-        if played > 0 {
-            parts.push(format!(
-                "SR {}  SRwoD {}",
-                share(&|record| record.success),
-                share(&|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M))
-            ));
-        }
+        let mut parts = Standing::of(asked as u64, self.records.values().map(|(record, _)| record)).parts();
         if let Some((began, _)) = self.span {
             let elapsed_s = now.saturating_sub(began).as_secs_f64();
             let steps: u64 = self.records.values().map(|(record, _)| u64::from(record.length)).sum();
@@ -121,6 +113,7 @@ impl Audience for Examiner {
             LearnerEvent::Ready { frames, device, parameters, .. } => {
                 // One that was started again begins again.
                 self.records.clear();
+                self.journal.clear()?;
                 self.span = None;
                 self.frames = *frames;
                 self.parameters = *parameters;
@@ -131,6 +124,7 @@ impl Audience for Examiner {
                 if let Some((_, ended)) = &mut self.span {
                     *ended = now;
                 }
+                self.journal.append(record)?;
                 let twice = self.records.insert((record.kitchen, record.episode), (*record, actions.clone()));
                 ensure!(twice.is_none(), "episode {} of kitchen {} was played twice", record.episode, record.kitchen);
             }
@@ -149,5 +143,54 @@ impl Audience for Examiner {
 
     fn over(&mut self) {
         self.live.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::uneventful;
+    use proto::config::Config;
+    use proto::evaluation::{EvaluationConfig, ObjectSet};
+    use proto::kitchen::Split;
+
+    #[test]
+    fn how_far_an_evaluation_is_stands_in_its_folder() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        let mut config = Config::resolve("demo", None).unwrap();
+        assert_eq!(Standing::read(&folder, &config).unwrap(), None, "a run");
+        config.actors.count = 5;
+        let (split, objects) = (Split::Test, ObjectSet::Novel);
+        config.evaluation =
+            Some(EvaluationConfig { split, objects, episodes: 2, deterministic: false, checkpoint: None });
+        let plan = config.evaluation_plan().unwrap();
+        let episodes: Vec<_> = plan.episodes().collect();
+        let mut examiner = Examiner::new(plan, &folder).unwrap();
+        let mut hear = |event: LearnerEvent| examiner.learner(Duration::ZERO, &event).unwrap();
+        let standing = || Standing::read(&folder, &config).unwrap().unwrap();
+        let ready = || LearnerEvent::Ready {
+            rank: 0,
+            rollout: 0,
+            frames: 0,
+            device: "cpu".into(),
+            parameters: 1,
+            checkpoint: None,
+        };
+        let played = |index: usize, success: bool| {
+            let (kitchen, episode) = episodes[index];
+            let record = EpisodeRecord { success, ..uneventful(kitchen, episode) };
+            LearnerEvent::EpisodePlayed { record, actions: vec![20] }
+        };
+        hear(ready());
+        assert_eq!(standing().parts(), ["0 / 10 episodes  0.0%"]);
+        for (index, success) in [(0, true), (1, true), (2, false), (3, false)] {
+            hear(played(index, success));
+        }
+        assert_eq!(standing().parts(), ["4 / 10 episodes  40.0%", "SR 50.0%  SRwoD 50.0%"]);
+        // A learner that was started again plays all of them again.
+        hear(ready());
+        hear(played(0, true));
+        assert_eq!((standing().played, standing().success, standing().result), (1, Some(1.0), None));
     }
 }

@@ -1,17 +1,18 @@
-//! Evaluations: whose weights ([`subject`]), what is heard while episodes are played ([`examiner`]), and the whole of it
-//! from folder to result files.
+//! Evaluations: whose weights ([`subject`]), what is heard while episodes are played ([`examiner`]), how far it is
+//! ([`standing`]), and the whole of it from folder to result files.
 
 mod examiner;
+pub mod standing;
 pub mod subject;
 
-use crate::format::{self, NOTHING, number, percent};
+use crate::format::{self, NOTHING, counted, number, percent};
 use crate::identity::{Ended, Identity, RunLock, unix_now};
-use crate::session::Tools;
+use crate::session::{Tools, shape};
 use crate::sitting::{EXIT_INTERRUPTED, Sitting};
 use crate::supervisor::event::{End, FAILED, Outcome, Saved};
 use crate::terminal;
 use anyhow::{Context, Result};
-use examiner::Examiner;
+use examiner::{Examiner, JOURNAL_FILE};
 use proto::config::Config;
 use proto::evaluation::{
     Conditions, Cost, Evaluation, EvaluationConfig, Figures, RESULT_FILE, Subject, TABLE_FILE, write_table,
@@ -40,20 +41,19 @@ pub struct Examination {
 impl Examination {
     /// Plays all episodes and writes the result; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
+        let plan = self.config.evaluation_plan().context("an evaluation has a plan")?;
+        let mut examiner = Examiner::new(plan, &self.folder)?;
         let (incarnation, address) = self.identity.begin_incarnation();
         self.identity.write(&self.folder)?;
-        let plan = self.config.evaluation_plan().context("an evaluation has a plan")?;
-        let mut examiner = Examiner::new(plan);
         let sitting =
             Sitting { folder: &self.folder, config: &self.config, incarnation, address: &address, tools: &self.tools };
         let result = sitting.begin_log().and_then(|()| {
             tracing::info!(
-                "evaluation {} in {}: {} episodes, {} actors of {} environments, seed {}",
+                "evaluation {} in {}: {}, {}, seed {}",
                 self.identity.id,
                 self.folder.root().display(),
-                format::count(examiner.asked() as u64),
-                self.config.actors.count,
-                self.config.actors.environments_per_actor,
+                counted(examiner.asked() as u64, "episode"),
+                shape(&self.config),
                 self.config.seed
             );
             sitting.run(&mut self.lock, &mut examiner)
@@ -88,7 +88,11 @@ impl Examination {
             }
             (end, _) => {
                 let (played, asked) = (examiner.played(), examiner.asked());
-                terminal::note(&format!("{} after {played} of {asked} episodes: there is no result", end.word()));
+                terminal::note(&format!(
+                    "{} after {played} of {}: there is no result",
+                    end.word(),
+                    counted(asked as u64, "episode")
+                ));
                 Ok(if *end == End::Interrupted { ExitCode::from(EXIT_INTERRUPTED) } else { ExitCode::FAILURE })
             }
         }
@@ -127,6 +131,10 @@ impl Examination {
         for (name, text) in [(TABLE_FILE, write_table(&table)), (RESULT_FILE, json)] {
             let path = self.folder.root().join(name);
             write_atomically(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        let journal = self.folder.root().join(JOURNAL_FILE);
+        if let Err(error) = std::fs::remove_file(&journal) {
+            tracing::warn!("cannot remove {}: {error}", journal.display());
         }
         Ok(evaluation)
     }

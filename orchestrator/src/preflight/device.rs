@@ -4,6 +4,23 @@ use super::Finding;
 use super::libtorch::Torch;
 use proto::config::{Config, DeviceChoice};
 
+/// The variable that says which GPUs a process sees: numbers or UUIDs, separated by commas.
+pub const VISIBLE_GPUS: &str = "CUDA_VISIBLE_DEVICES";
+
+/// Checks that each of `gpus` is there. `torch`: what it finds where [`VISIBLE_GPUS`] is their list, which CUDA reads up
+/// to the first that it does not know.
+pub fn check_gpus(gpus: &[String], torch: &Torch) -> Finding {
+    let Torch { version, library, .. } = torch;
+    match gpus.get(torch.cuda_devices()) {
+        None => Finding::Good(format!("GPUs {}", gpus.join(", "))),
+        Some(missing) => Finding::Problem(format!(
+            "--gpus {}: torch {version} at {library} finds no GPU {missing} here. `orchestrator doctor` shows what is \
+             found; without --gpus runs go one after another on what there is",
+            gpus.join(",")
+        )),
+    }
+}
+
 /// Whether the learners of `config` compute on CUDA here.
 pub fn is_cuda(config: &Config, torch: &Torch) -> bool {
     torch.has_cuda() && config.learner.device != DeviceChoice::Cpu
@@ -38,14 +55,25 @@ pub fn check(config: &Config, torch: &Torch) -> Finding {
 mod tests {
     use super::*;
 
-    fn finding(device: DeviceChoice, learners: u32, cuda: usize) -> Finding {
+    fn torch(cuda: usize) -> Torch {
         let devices = (0..cuda).map(|index| format!("cuda:{index}")).chain(["cpu".to_owned()]).collect();
-        let torch = Torch {
-            version: "2.11.0".into(),
-            library: "/x/libtorch_cpu.so".into(),
-            devices,
-            instruction_set: "AVX2".into(),
-        };
+        let library = "/x/libtorch_cpu.so".into();
+        Torch { version: "2.11.0".into(), library, devices, instruction_set: "AVX2".into() }
+    }
+
+    #[test]
+    fn gpus_that_are_not_there_are_named() {
+        let gpus = ["0", "GPU-8f2c", "7"].map(str::to_owned);
+        assert!(matches!(check_gpus(&gpus, &torch(3)), Finding::Good(_)));
+        for (found, missing) in gpus.iter().enumerate() {
+            let Finding::Problem(text) = check_gpus(&gpus, &torch(found)) else { panic!("{found} of 3") };
+            assert!(text.starts_with("--gpus 0,GPU-8f2c,7: torch 2.11.0 at /x/"), "{text}");
+            assert!(text.contains(&format!("finds no GPU {missing} here")), "{text}");
+        }
+    }
+
+    fn finding(device: DeviceChoice, learners: u32, cuda: usize) -> Finding {
+        let torch = torch(cuda);
         let mut config = Config::resolve("demo", None).unwrap();
         (config.learner.device, config.learner.count) = (device, learners);
         check(&config, &torch)

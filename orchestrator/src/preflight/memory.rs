@@ -2,7 +2,7 @@
 //! afterwards the kernel kills one of them without a word.
 
 use super::Finding;
-use crate::format::bytes;
+use crate::format::{bytes, counted};
 use proto::config::{Config, Encoder};
 use proto::message::FRAME_PIXELS;
 use proto::shares::Shares;
@@ -80,7 +80,8 @@ pub fn check(config: &Config, cuda: bool, available: u64) -> Finding {
         learners => format!("{learners} learners of {learner} each"),
     };
     let figures = format!(
-        "{actors} actors of {} each, {learners}, {} shared memory: {} of {} available",
+        "{} of {}, {learners}, {} shared memory: {} of {} available",
+        counted(u64::from(actors), "actor"),
         bytes(all.actor),
         bytes(all.shared),
         bytes(all.total),

@@ -2,7 +2,7 @@
 //! the limit kills the writer with SIGBUS. So the need is computed and compared before anything is created.
 
 use super::Finding;
-use crate::format::bytes;
+use crate::format::{bytes, counted};
 use proto::config::Config;
 use proto::shares::Shares;
 use proto::wire::{SHARED_MEMORY, WireShape};
@@ -27,10 +27,11 @@ fn check_against(config: &Config, free: u64, size: u64) -> Finding {
     let fewer = fits.map_or_else(String::new, |fewer| format!(" --actors {fewer} is the most that fits as it is."));
     let wanted_mib = (size - free.min(size) + need).div_ceil(1 << 20).next_multiple_of(64);
     Finding::Problem(format!(
-        "{SHARED_MEMORY} is too small: {actors} actors of {} environments need {}, but {} of its {} are free. \
+        "{SHARED_MEMORY} is too small: {} of {} need {}, but {} of its {} are free. \
          `mount -o remount,size={wanted_mib}m {SHARED_MEMORY}` enlarges it; in a container, \
          `docker run --shm-size={wanted_mib}m`. `orchestrator clean` frees what dead runs left.{fewer}",
-        config.actors.environments_per_actor,
+        counted(u64::from(actors), "actor"),
+        counted(u64::from(environments_per_actor), "environment"),
         bytes(need),
         bytes(free),
         bytes(size)

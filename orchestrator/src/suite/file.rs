@@ -1,13 +1,14 @@
 //! The file of a suite: which presets with which seeds, and how they are evaluated. Judged whole before anything starts.
 
 use crate::evaluation::subject::network_differences;
+use crate::format::counted;
 use anyhow::{Context, Result, bail, ensure};
-use proto::config::{Config, overlay};
-use proto::stage::scale_to;
+use proto::config::{Config, ConfigError, overlay};
+use proto::stage::{TooFewFrames, scale_to};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
-use toml::Table;
+use toml::{Table, Value};
 
 /// Runs of one suite at most.
 const RUNS_MAX: usize = 1000;
@@ -163,9 +164,11 @@ impl Suite {
     pub fn parse(text: &str) -> Result<Self> {
         let file: File = toml::from_str(text)?;
         ensure!(!file.runs.is_empty(), "no [[runs]]: a suite has at least one");
+        check_keys(&file.config).context("for every run")?;
         let mut entries = Vec::new();
         for (index, planned) in file.runs.iter().enumerate() {
-            let called = || format!("[[runs]] number {}, preset `{}`", index + 1, planned.preset);
+            let named = planned.name.as_ref().map_or_else(String::new, |name| format!(" `{name}`,"));
+            let called = || format!("[[runs]] number {},{named} preset `{}`", index + 1, planned.preset);
             let more = planned.entries(&file, &entries).with_context(called)?;
             entries.extend(more);
         }
@@ -205,19 +208,17 @@ impl Planned {
         );
         let seeds = self.seeds.as_ref().unwrap_or(&file.seeds);
         ensure!(!seeds.is_empty(), "no seeds: give the run `seeds`, or the suite");
+        check_keys(&self.config)?;
         let mut keys = file.config.clone();
         overlay(&mut keys, self.config.clone());
-        for (key, instead) in [("seed", "seeds"), ("preset", "preset of the run")] {
-            if keys.contains_key(key) {
-                bail!("config.{key}: say it by `{instead}`");
-            }
-        }
         let overrides = toml::to_string(&keys).context("config")?;
         let frames = self.frames.or(file.frames);
-        // Lines would be those of a text that the user has not written.
         let mut config = Config::resolve_with(&self.preset, Some((&overrides, "config")))?;
         if let Some(frames) = frames {
-            config.stages = scale_to(&config.stages, frames).context("frames")?;
+            let too_few = |TooFewFrames { total, stages }| {
+                anyhow::anyhow!("frames = {total} is too few for {}", counted(stages as u64, "stage"))
+            };
+            config.stages = scale_to(&config.stages, frames).map_err(too_few)?;
         }
         config.validate()?;
         let entry = |&seed: &u64| {
@@ -234,6 +235,53 @@ impl Planned {
         };
         seeds.iter().map(entry).collect()
     }
+}
+
+/// Refuses keys that are said elsewhere in the file, and keys and values that no configuration has. A key is named as
+/// the user wrote it: the line of an error would be one of a text that he has not written.
+fn check_keys(keys: &Table) -> Result<()> {
+    let elsewhere = [
+        ("seed", "`seeds`"),
+        ("preset", "`preset` of the run"),
+        ("from", "`from` of the run"),
+        ("evaluation", "[[evaluations]]"),
+    ];
+    for (key, instead) in elsewhere {
+        if keys.contains_key(key) {
+            bail!("config.{key}: say it by {instead}");
+        }
+    }
+    for (path, alone) in leaves(keys) {
+        let text = toml::to_string(&alone).context("config")?;
+        let Err(error) = Config::resolve_with("paper", Some((&text, "config"))) else { continue };
+        match error {
+            ConfigError::UnknownKey { key, nearest, .. } => {
+                let nearest = nearest.map_or_else(String::new, |nearest| format!(" (did you mean `{nearest}`?)"));
+                bail!("config.{path}: unknown key `{key}`{nearest}");
+            }
+            ConfigError::Invalid { problem, .. } => bail!("config.{path}: {problem}"),
+            // Whether a value is in its range may depend on the preset and on other keys.
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Each value with its dotted path, alone in a table.
+fn leaves(table: &Table) -> Vec<(String, Table)> {
+    let mut found = Vec::new();
+    for (key, value) in table {
+        let mut put = |path: String, value: Value| found.push((path, Table::from_iter([(key.clone(), value)])));
+        match value {
+            Value::Table(inner) if !inner.is_empty() => {
+                for (path, alone) in leaves(inner) {
+                    put(format!("{key}.{path}"), Value::Table(alone));
+                }
+            }
+            value => put(key.clone(), value.clone()),
+        }
+    }
+    found
 }
 
 /// Number of the run whose weights one with this configuration begins with.
@@ -368,6 +416,29 @@ mod tests {
     }
 
     #[test]
+    fn a_wrong_key_is_named_as_it_is_written_with_the_run_that_has_it() {
+        let run = "[[runs]]\npreset = \"demo\"\n";
+        let of_second = |more: &str| problem(&format!("seeds = [1]\n{run}{run}name = \"second\"\n{more}\n"));
+        let second = |text: &str| format!("[[runs]] number 2, `second`, preset `demo`: {text}");
+        let unknown = second("config.ppo.lerning_rate: unknown key `lerning_rate` (did you mean `learning_rate`?)");
+        assert_eq!(of_second("config.ppo.clip = 0.2\nconfig.ppo.lerning_rate = 1.0"), unknown);
+        let table = of_second("[runs.config.ppoo]");
+        assert_eq!(table, second("config.ppoo: unknown key `ppoo` (did you mean `ppo`?)"));
+        let kind = of_second("config.reward.lagrangian.initial = \"one\"");
+        assert!(kind.starts_with(&second("config.reward.lagrangian.initial: invalid type: string")), "{kind}");
+        let range = of_second("config.ppo.clip = 0.0");
+        assert_eq!(range, second("configuration: ppo.clip = 0: must be greater than 0"));
+        assert!(of_second("config.from.frames = 3").ends_with("config.from: say it by `from` of the run"));
+        // Values that fit each other alone.
+        Suite::parse(
+            "seeds = [1]\n[config]\nactors.count = 600\n[[runs]]\npreset = \"demo\"\nconfig.actors.count = 2\n",
+        )
+        .unwrap();
+        let whole = problem(&format!("seeds = [1]\n[config]\nppo.epoch = 2\n{run}"));
+        assert_eq!(whole, "for every run: config.ppo.epoch: unknown key `epoch` (did you mean `epochs`?)");
+    }
+
+    #[test]
     fn mistakes_are_found_before_anything_starts() {
         assert!(problem("").contains("runs"));
         assert!(problem("runs = []").contains("at least one"));
@@ -383,7 +454,8 @@ mod tests {
         assert!(problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nconfig.seed = 3\n").contains("`seeds`"));
         assert!(problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nname = \"../x\"\n").contains("../x"));
         assert!(problem("seeds = [1]\nsped = 2\n[[runs]]\npreset = \"demo\"\n").contains("sped"));
-        assert!(problem("seeds = [1]\nframes = 1\n[[runs]]\npreset = \"demo\"\n").contains("frames"));
+        let few = problem("seeds = [1]\nframes = 1\n[[runs]]\npreset = \"demo\"\n");
+        assert_eq!(few, "[[runs]] number 1, preset `demo`: frames = 1 is too few for 2 stages");
         let same = problem("seeds = [1]\n[[runs]]\npreset = \"lambda-15\"\n[[runs]]\npreset = \"disturb-two-stage\"\n");
         assert!(same.contains("lambda-15-1 and disturb-two-stage-1 are the same run"), "{same}");
         let range = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"all\"\nepisodes = 361\n";

@@ -26,6 +26,20 @@ use std::path::{Path, PathBuf};
 
 /// Name of the lock.
 const LOCK: &str = "suite.lock";
+/// Name of the suite's file.
+const FILE: &str = "suite.toml";
+
+/// Refuses a suite's folder where a run's is asked for.
+pub fn refuse(folder: &Path) -> Result<()> {
+    if folder.join(FILE).exists() && !RunFolder::new(folder).identity().exists() {
+        let root = folder.display();
+        bail!(
+            "{root} is the folder of a suite, not of a run: `orchestrator suite {root}/{FILE} --out {root}` goes on with \
+             it, Ctrl-C there stops it, {root}/suite.json tells how it stands, and its runs are in {root}/runs"
+        );
+    }
+    Ok(())
+}
 
 /// The folder.
 #[derive(Debug, Clone)]
@@ -65,7 +79,7 @@ impl SuiteFolder {
 
     /// The suite's file as it was at the last call: where it is, the folder is a suite's.
     fn file(&self) -> PathBuf {
-        self.root.join("suite.toml")
+        self.root.join(FILE)
     }
 
     /// How every run stands.
@@ -256,17 +270,22 @@ mod tests {
     use crate::identity::{Identity, RunLock};
     use proto::config::FromConfig;
 
-    const FILE: &str = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n\
+    const TEXT: &str = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n\
                         [[evaluations]]\nsplit = \"valid\"\nobjects = \"novel\"\n[[runs]]\npreset = \"demo\"\n";
 
     #[test]
     fn what_is_next_is_read_from_the_folders() {
         let temporary = tempfile::tempdir().unwrap();
         let folder = SuiteFolder::new(temporary.path().join("suite"));
-        let suite = Suite::parse(FILE).unwrap();
+        let suite = Suite::parse(TEXT).unwrap();
         folder.check(&suite).unwrap();
-        let _lock = folder.open(&suite, FILE).unwrap();
-        assert!(folder.open(&suite, FILE).unwrap_err().to_string().contains("already in use"));
+        refuse(&folder.root).unwrap();
+        let _lock = folder.open(&suite, TEXT).unwrap();
+        let refused = refuse(&folder.root).unwrap_err().to_string();
+        let root = folder.root.display();
+        assert!(refused.starts_with(&format!("{root} is the folder of a suite")), "{refused}");
+        assert!(refused.contains(&format!("`orchestrator suite {root}/suite.toml --out {root}`")), "{refused}");
+        assert!(folder.open(&suite, TEXT).unwrap_err().to_string().contains("already in use"));
         let entry = &suite.entries[0];
         let next = || folder.next(&suite, entry).unwrap();
         assert_eq!(next(), Next::Step(Step::Begin));
@@ -280,6 +299,7 @@ mod tests {
         assert!(!run.root().exists());
 
         std::fs::create_dir_all(run.root()).unwrap();
+        refuse(run.root()).unwrap();
         Identity::new().unwrap().write(&run).unwrap();
         std::fs::write(run.config(), entry.config.to_toml()).unwrap();
         assert_eq!(next(), Next::Step(Step::Resume));
@@ -305,7 +325,7 @@ mod tests {
         }
 
         // What begins with its weights can begin; before, it could not.
-        let after = format!("{FILE}[[runs]]\npreset = \"demo\"\nname = \"after\"\nfrom = \"demo\"\n");
+        let after = format!("{TEXT}[[runs]]\npreset = \"demo\"\nname = \"after\"\nfrom = \"demo\"\n");
         let both = Suite::parse(&after).unwrap();
         let follower = &both.entries[1];
         assert_eq!(folder.next(&both, follower).unwrap(), Next::Step(Step::Begin));
@@ -325,7 +345,7 @@ mod tests {
 
         // The same file goes on; another configuration under the same name does not.
         folder.check(&suite).unwrap();
-        let changed = Suite::parse(&FILE.replace("[[runs]]", "[config.ppo]\nepochs = 1\n[[runs]]")).unwrap();
+        let changed = Suite::parse(&TEXT.replace("[[runs]]", "[config.ppo]\nepochs = 1\n[[runs]]")).unwrap();
         let problem = folder.check(&changed).unwrap_err().to_string();
         assert!(problem.contains("another configuration (ppo.epochs = 4)"), "{problem}");
         let foreign = SuiteFolder::new(temporary.path());
@@ -335,7 +355,7 @@ mod tests {
     #[test]
     fn an_evaluation_is_of_the_newest_checkpoint_or_of_the_best() {
         let folder = SuiteFolder::new("suite");
-        let text = format!("{FILE}config.validation.every_frames = 9\n");
+        let text = format!("{TEXT}config.validation.every_frames = 9\n");
         let suite = Suite::parse(&text.replacen("novel\"", "novel\"\ncheckpoint = \"best\"", 1)).unwrap();
         let subjects = suite.evaluations.iter().map(|asked| folder.subject(&suite.entries[0], asked));
         let expected = ["suite/runs/demo-1/best", "suite/runs/demo-1"];

@@ -7,11 +7,12 @@ mod folder;
 mod state;
 
 pub use file::Suite;
-pub use folder::SuiteFolder;
+pub use folder::{SuiteFolder, refuse};
 
 use crate::lifeline::this_program;
 use crate::log_line::error_in;
 use crate::metrics::History;
+use crate::preflight::device::VISIBLE_GPUS;
 use crate::progress::frames_line;
 use crate::terminal;
 use anyhow::{Context, Result};
@@ -133,7 +134,11 @@ impl Sitting<'_> {
     fn stop(&mut self) {
         self.stops += 1;
         if self.stops == 1 {
-            terminal::note(&format!("stopping: {} processes save and leave", self.workers.len()));
+            let what = match self.workers.len() {
+                1 => "its process saves and leaves".to_owned(),
+                many => format!("{many} processes save and leave"),
+            };
+            terminal::note(&format!("stopping: {what}"));
         }
         for worker in &self.workers {
             let pid = worker.child.id().and_then(|id| rustix::process::Pid::from_raw(id.cast_signed()));
@@ -295,7 +300,7 @@ impl Sitting<'_> {
             }
         }
         if let Some(gpu) = &self.places[place] {
-            command.env("CUDA_VISIBLE_DEVICES", gpu);
+            command.env(VISIBLE_GPUS, gpu);
         }
         command.stdin(Stdio::null()).stdout(log.try_clone().context("log")?).stderr(log);
         // Ctrl-C in a terminal goes to its whole process group: it is for us to pass on, once.

@@ -141,6 +141,11 @@ impl Supervisor {
         std::mem::take(&mut self.actions)
     }
 
+    /// Whether there is nothing to train and nothing to save.
+    fn evaluates(&self) -> bool {
+        self.stages.budget() == 0
+    }
+
     /// True once [`Action::Finish`] was given.
     #[cfg(test)]
     pub fn is_over(&self) -> bool {
@@ -225,10 +230,14 @@ impl Supervisor {
             Phase::Saving { failure, .. } => match process {
                 Process::Learner(rank) if self.gang.has_finished(rank) => {}
                 Process::Learner(_) => {
-                    let died = format!(
-                        "{process} died while it saved ({exit}); the last checkpoint stands{}",
-                        quote(last_words)
-                    );
+                    let died = if self.evaluates() {
+                        format!("{process} died while it stopped ({exit}){}", quote(last_words))
+                    } else {
+                        format!(
+                            "{process} died while it saved ({exit}); the last checkpoint stands{}",
+                            quote(last_words)
+                        )
+                    };
                     let reason = failure.as_ref().map_or_else(|| died.clone(), |failure| format!("{failure}\n{died}"));
                     self.report(Level::Error, died);
                     self.leave(now, End::Failed(reason), None);
@@ -294,7 +303,7 @@ impl Supervisor {
             Verdict::RestartAt(_) => {
                 let next = self.learner(rank).incarnation + 1;
                 let rewinds = match learners {
-                    _ if self.stages.budget() == 0 => "it begins again".to_owned(),
+                    _ if self.evaluates() => "it begins again".to_owned(),
                     1 => "it goes on from the last checkpoint".to_owned(),
                     _ => format!("all {learners} learners go on from the last checkpoint"),
                 };
@@ -380,7 +389,11 @@ impl Supervisor {
             }
             LearnerEvent::ActorsConnected { rank } => {
                 if self.gang.connected(rank) {
-                    self.report(Level::Info, format!("all {} actors connected", self.policy.actors));
+                    let actors = match self.policy.actors {
+                        1 => "the actor".to_owned(),
+                        actors => format!("all {actors} actors"),
+                    };
+                    self.report(Level::Info, format!("{actors} connected"));
                 }
             }
             LearnerEvent::RolloutCollected { rollout, frames, .. } => {
@@ -489,7 +502,8 @@ impl Supervisor {
             }
             Phase::Saving { failure, until } => {
                 if now >= until {
-                    let late = format!("learner-0 has not saved within {} s", self.policy.silence.as_secs());
+                    let done = if self.evaluates() { "stopped" } else { "saved" };
+                    let late = format!("learner-0 has not {done} within {} s", self.policy.silence.as_secs());
                     let reason = failure.map_or_else(|| late.clone(), |failure| format!("{failure}\n{late}"));
                     self.report(Level::Error, late);
                     self.leave(now, End::Failed(reason), None);
@@ -588,8 +602,12 @@ impl Supervisor {
             Phase::Running => {
                 self.save(now, None);
                 if matches!(self.phase, Phase::Saving { .. }) {
-                    let who = if self.gang.size() == 1 { "the learner saves" } else { "the learners save" };
-                    self.report(Level::Info, format!("stopping: {who}; Ctrl-C again ends everything at once"));
+                    let what = match self.gang.size() {
+                        _ if self.evaluates() => "an evaluation that is cut off leaves no result",
+                        1 => "the learner saves",
+                        _ => "the learners save",
+                    };
+                    self.report(Level::Info, format!("stopping: {what}; Ctrl-C again ends everything at once"));
                 }
             }
             Phase::Over => {}

@@ -74,7 +74,7 @@ fn signal_is_ignored(number: i32) -> bool {
 pub trait Audience {
     /// The learner spoke. An error is the end: what happens cannot be written down any more.
     fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()>;
-    /// The learner died.
+    /// The learner is gone: it died, or it has left after it said so.
     fn learner_died(&mut self, now: Duration);
     /// Some time has passed.
     fn tick(&mut self, now: Duration, recorder: Option<&Recorder>);

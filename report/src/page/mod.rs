@@ -7,7 +7,7 @@ use crate::format::{NOTHING, count, interval, number, percent, share};
 use crate::report::{FigureSet, GroupReport, Made, Report};
 use crate::results::{FieldResult, Rate};
 use crate::statistics::Estimate;
-use crate::study::Field;
+use crate::study::{Field, NOT_GIVEN, UNKNOWN};
 use crate::tables::{Comparison, Ours, Published, Row};
 use std::fmt::Write;
 use table::{Cell, Table};
@@ -60,11 +60,15 @@ fn section(anchor: &str, report: &Report, figures: &FigureSet) -> String {
     match anchor {
         "paper" => beside_the_paper(report, figures),
         "groups" => groups(report),
-        "training" => drawn(&figures.learning, "None of these runs has trained a rollout (metrics.jsonl is empty)."),
-        "validation" => drawn(
-            &figures.validation,
-            "None of these runs was evaluated during training (the table [validation] of its configuration).",
-        ),
+        "training" => {
+            let otherwise = "None of these runs has trained a rollout (metrics.jsonl is empty).";
+            drawn(&figures.learning, &of_training(report, otherwise))
+        }
+        "validation" => {
+            let otherwise =
+                "None of these runs was evaluated during training (the table [validation] of its configuration).";
+            drawn(&figures.validation, &of_training(report, otherwise))
+        }
         "disturbance" => drawn(&figures.disturbance, NOT_EVALUATED),
         "sweep" => drawn(
             &figures.sweep,
@@ -72,10 +76,9 @@ fn section(anchor: &str, report: &Report, figures: &FigureSet) -> String {
              lambda-1, lambda-5, ..., lambda-25 are the paper's sweep.",
         ),
         "prediction" => {
-            drawn(
-                &figures.prediction,
-                "None of these runs trained the auxiliary task disturb, whose focal loss these curves are about.",
-            ) + &prediction_table(report)
+            let otherwise =
+                "None of these runs trained the auxiliary task disturb, whose focal loss these curves are about.";
+            drawn(&figures.prediction, &of_training(report, otherwise)) + &prediction_table(report)
         }
         "actions" => drawn(&figures.actions, NOT_EVALUATED),
         _ => runs(report),
@@ -84,6 +87,19 @@ fn section(anchor: &str, report: &Report, figures: &FigureSet) -> String {
 
 const NOT_EVALUATED: &str =
     "None of these runs has been evaluated yet: orchestrator eval RUN --split test --objects novel.";
+
+/// Why there is no figure about training: where a run is not there but evaluations of its weights are, nobody has said
+/// what it trained.
+fn of_training(report: &Report, otherwise: &str) -> String {
+    let mut runs = report.groups.iter().flat_map(|group| &group.runs);
+    if runs.any(|run| [NOT_GIVEN, UNKNOWN].contains(&run.state.as_str())) {
+        "Evaluations stand here without the runs that trained their weights; what was noted in training lies in a run's \
+         own folder: name that folder, too."
+            .to_owned()
+    } else {
+        otherwise.to_owned()
+    }
+}
 
 fn missing(what: &str) -> String {
     format!("<p class=\"missing\">{}</p>\n", escape(what))
@@ -338,8 +354,9 @@ fn counting(report: &Report) -> String {
         return String::new();
     }
     format!(
-        "<h3>The evaluations that count</h3>\n<p>Of several evaluations of a run on the same kind of episodes the one \
-         with sampled actions counts, then the one with the most episodes, then the newest. In brackets, Wilson's 95% \
+        "<h3>The evaluations that count</h3>\n<p>Of several evaluations of a run on the same kind of episodes that \
+         of the newest checkpoint counts, then the one with sampled actions, then the one with the most episodes, then \
+         the newest. In brackets, Wilson's 95% \
          interval of that policy's rate over its episodes: it says nothing about other seeds.</p>\n{}",
         table.html()
     )

@@ -401,6 +401,22 @@ fn a_stop_saves_and_can_be_told_from_completion() {
 }
 
 #[test]
+fn a_stopped_evaluation_is_not_said_to_save() {
+    let interrupted = |stages: Vec<StageConfig>| {
+        let mut supervisor = Supervisor::new(policy(1), stages);
+        supervisor.start(Duration::ZERO);
+        let said = supervisor.on_event(Duration::from_secs(1), Event::Interrupt).into_iter().find_map(|action| {
+            let Action::Report(Level::Info, text) = action else { return None };
+            Some(text)
+        });
+        said.expect("who presses Ctrl-C is told what follows")
+    };
+    assert!(interrupted(stages()).starts_with("stopping: the learner saves; Ctrl-C again"));
+    let evaluation = interrupted(Vec::new());
+    assert!(!evaluation.contains("save") && evaluation.contains("leaves no result; Ctrl-C again"), "{evaluation}");
+}
+
+#[test]
 fn a_second_interrupt_kills_everything_at_once() {
     let mut world = World::new();
     world.step(false);

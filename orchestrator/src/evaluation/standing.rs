@@ -1,0 +1,79 @@
+//! How an evaluation stands: from what is heard while it runs, or from its folder alone.
+
+use super::examiner::JOURNAL_FILE;
+use crate::{format, json_lines};
+use anyhow::{Context, Result};
+use proto::config::Config;
+use proto::evaluation::{EpisodeRecord, Evaluation, Figures, RESULT_FILE};
+use proto::run_folder::RunFolder;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Episodes of how many, and what they came to.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Standing {
+    /// Episodes to play.
+    pub asked: u64,
+    /// Episodes played.
+    pub played: u64,
+    /// SR so far, 0..1; none before the first episode.
+    pub success: Option<f64>,
+    /// `SRwoD` so far, 0..1.
+    pub success_without_disturbance: Option<f64>,
+    /// The result file, once it is there.
+    pub result: Option<PathBuf>,
+}
+
+impl Standing {
+    /// Of an evaluation of `asked` episodes that has these records.
+    pub fn of<'a>(asked: u64, records: impl Iterator<Item = &'a EpisodeRecord>) -> Self {
+        Self::at(asked, &Figures::of(records))
+    }
+
+    fn at(asked: u64, figures: &Figures) -> Self {
+        Self {
+            asked,
+            played: figures.episodes,
+            success: figures.success,
+            success_without_disturbance: figures.success_without_disturbance,
+            result: None,
+        }
+    }
+
+    /// As the folder tells it; none of a run.
+    pub fn read(folder: &RunFolder, config: &Config) -> Result<Option<Self>> {
+        let Some(plan) = config.evaluation_plan() else { return Ok(None) };
+        let asked = plan.len() as u64;
+        let path = folder.root().join(RESULT_FILE);
+        match std::fs::read_to_string(&path) {
+            Ok(text) => {
+                let evaluation: Evaluation =
+                    serde_json::from_str(&text).with_context(|| format!("{} is damaged", path.display()))?;
+                Ok(Some(Self { result: Some(path), ..Self::at(asked, &evaluation.overall) }))
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                let records: Vec<EpisodeRecord> = json_lines::read(&folder.root().join(JOURNAL_FILE))?;
+                Ok(Some(Self::of(asked, records.iter())))
+            }
+            Err(error) => Err(error).with_context(|| path.display().to_string()),
+        }
+    }
+
+    /// As people read it, in parts.
+    pub fn parts(&self) -> Vec<String> {
+        let mut parts = vec![format!(
+            "{} / {} episodes  {:.1}%",
+            format::count(self.played),
+            format::count(self.asked),
+            100.0 * self.played as f64 / self.asked.max(1) as f64
+        )];
+        if self.played > 0 {
+            parts.push(format!(
+                "SR {}  SRwoD {}",
+                format::percent(self.success),
+                format::percent(self.success_without_disturbance)
+            ));
+        }
+        parts
+    }
+}
