@@ -2,6 +2,7 @@
 
 use crate::ffi::{library, warnings};
 use proto::config::DeviceChoice;
+use proto::control::VISIBLE_DEVICES;
 use tch::{Cuda, Device};
 
 /// Loads libtorch's CUDA half if this machine has it, so that one binary serves CPU and GPU machines.
@@ -53,7 +54,7 @@ pub fn describe(device: Device, bfloat16_encoder: bool) -> String {
             threads => format!("cpu, {threads} threads"),
         },
         Device::Cuda(index) => {
-            let visible = std::env::var("CUDA_VISIBLE_DEVICES").unwrap_or_default();
+            let visible = std::env::var(VISIBLE_DEVICES).unwrap_or_default();
             format!("cuda:{}", machines_name(index, &visible))
         }
         other => format!("{other:?}").to_lowercase(),

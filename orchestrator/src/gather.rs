@@ -37,8 +37,8 @@ struct Outside {
 }
 
 /// The runs meant by `paths`: run folders, evaluation folders, or folders that hold runs. Evaluations of a given run go
-/// to that run; others stand for themselves, those of one run, or of the same fresh weights, together. A folder that was named must be
-/// readable; one that was found below it and is not becomes a note.
+/// to that run; others stand for themselves, those of one run, or of the same fresh weights, together. A folder that was
+/// named must be readable; one that was found below it and is not becomes a note.
 pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
     let mut runs: Vec<(PathBuf, Run)> = Vec::new();
     let mut outside: Vec<Outside> = Vec::new();

@@ -17,6 +17,10 @@ pub const EXIT_NON_FINITE: i32 = 3;
 /// reason, and on its way.
 pub const EXIT_LOST_PEERS: i32 = 4;
 
+/// The variable that says which CUDA devices a process sees: numbers or UUIDs, separated by commas. The orchestrator sets
+/// it for its learners.
+pub const VISIBLE_DEVICES: &str = "CUDA_VISIBLE_DEVICES";
+
 /// One line of a learner's standard output.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]

@@ -2,13 +2,13 @@
 
 use crate::format::counted;
 use crate::gather::gather;
-use crate::preflight::device::VISIBLE_GPUS;
 use crate::preflight::{device, libtorch, programs};
 use crate::report_files;
 use crate::sitting::EXIT_INTERRUPTED;
 use crate::suite::{Outcome, Suite, SuiteFolder, lines, run as work};
 use crate::terminal;
 use anyhow::{Context, Result, ensure};
+use proto::control::VISIBLE_DEVICES;
 use report::Options;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -129,7 +129,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
 /// Refuses GPUs that torch does not find, in one sentence instead of one a run.
 fn find_gpus(gpus: &[String]) -> Result<()> {
     let mut environment = libtorch::environment()?;
-    environment.push((VISIBLE_GPUS.into(), gpus.join(",").into()));
+    environment.push((VISIBLE_DEVICES.into(), gpus.join(",").into()));
     let torch = libtorch::check(&programs::find("learner")?, &environment)?;
     device::check_gpus(gpus, &torch).demand()
 }

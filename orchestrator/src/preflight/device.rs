@@ -4,10 +4,7 @@ use super::Finding;
 use super::libtorch::Torch;
 use proto::config::{Config, DeviceChoice};
 
-/// The variable that says which GPUs a process sees: numbers or UUIDs, separated by commas.
-pub const VISIBLE_GPUS: &str = "CUDA_VISIBLE_DEVICES";
-
-/// Checks that each of `gpus` is there. `torch`: what it finds where [`VISIBLE_GPUS`] is their list, which CUDA reads up
+/// Checks that each of `gpus` is there. `torch`: what it finds where [`VISIBLE_DEVICES`](proto::control::VISIBLE_DEVICES) is their list, which CUDA reads up
 /// to the first that it does not know.
 pub fn check_gpus(gpus: &[String], torch: &Torch) -> Finding {
     let Torch { version, library, .. } = torch;

@@ -12,12 +12,12 @@ pub use folder::{SuiteFolder, refuse};
 use crate::lifeline::this_program;
 use crate::log_line::error_in;
 use crate::metrics::History;
-use crate::preflight::device::VISIBLE_GPUS;
 use crate::progress::frames_line;
 use crate::terminal;
 use anyhow::{Context, Result};
 use file::Entry;
 use folder::{Next, Step};
+use proto::control::VISIBLE_DEVICES;
 use proto::fault;
 use state::{State, Status};
 use std::collections::BTreeMap;
@@ -300,7 +300,7 @@ impl Sitting<'_> {
             }
         }
         if let Some(gpu) = &self.places[place] {
-            command.env(VISIBLE_GPUS, gpu);
+            command.env(VISIBLE_DEVICES, gpu);
         }
         command.stdin(Stdio::null()).stdout(log.try_clone().context("log")?).stderr(log);
         // Ctrl-C in a terminal goes to its whole process group: it is for us to pass on, once.

@@ -7,7 +7,7 @@
 
 use super::event::{Event, Exit, Process};
 use crate::log_line::LogLine;
-use proto::control::LearnerEvent;
+use proto::control::{LearnerEvent, VISIBLE_DEVICES};
 use proto::run_folder::RunFolder;
 use proto::wire::WireAddress;
 use std::collections::{BTreeMap, VecDeque};
@@ -24,8 +24,6 @@ use tokio::sync::{mpsc, oneshot};
 
 /// Lines of a child's standard error that are kept for the report of its death.
 const LAST_WORDS: usize = 10;
-/// Which CUDA devices a process sees, in its own numbering.
-const VISIBLE_DEVICES: &str = "CUDA_VISIBLE_DEVICES";
 /// A longer line is cut into several.
 const LONGEST_LINE: usize = 64 << 10;
 /// After a child's death its pipes close at once, unless a grandchild holds them.
