@@ -60,7 +60,11 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let gone = OrchestratorGone::watched(lifeline)?;
     let run = RunFolder::new(run);
     let config = Config::of_run(&run)?;
-    gone.end_after(Duration::from_secs_f64(config.longest_update_s()))?;
+    gone.end_after(Duration::from_secs_f64(config.longest_update_s()), || {
+        tracing::error!("the orchestrator is gone, and there was time to save: ends");
+        // Without destructors: those of a GPU would wait for what hangs.
+        std::process::abort();
+    })?;
     let learners = config.learner.count;
     ensure!(rank < learners, "the run has learners 0 to {}: there is no learner {rank}", learners - 1);
     let _lock = Lock::take(&run.learner_lock(rank), lock::PATIENCE, || gone.is_set())?;

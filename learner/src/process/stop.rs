@@ -4,10 +4,10 @@ use anyhow::{Context, Result};
 use proto::lifeline;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// How often a deadline is looked at.
-const LOOK: Duration = Duration::from_secs(1);
+const LOOK: Duration = Duration::from_millis(250);
 
 /// Why to save and leave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,19 +33,16 @@ impl OrchestratorGone {
         Ok(gone)
     }
 
-    /// Ends this process `patience` after it was noted, whatever else it is doing. A learner that waits for others in a
-    /// sum on a GPU cannot look; without an orchestrator nobody else would end it.
-    pub fn end_after(&self, patience: Duration) -> Result<()> {
+    /// Calls `end` on a thread of its own `patience` after it was noted, if this process still runs then. A learner that
+    /// waits for others in a sum on a GPU cannot look; without an orchestrator nobody else would end it.
+    pub fn end_after(&self, patience: Duration, end: impl FnOnce() + Send + 'static) -> Result<()> {
         let gone = self.clone();
         let watch = move || {
-            let mut since = None;
-            loop {
+            while !gone.is_set() {
                 std::thread::sleep(LOOK);
-                if gone.is_set() && since.get_or_insert_with(Instant::now).elapsed() >= patience {
-                    tracing::error!("has not saved within {} s: ends", patience.as_secs());
-                    std::process::exit(1);
-                }
             }
+            std::thread::sleep(patience);
+            end();
         };
         std::thread::Builder::new().name("deadline".into()).spawn(watch).context("cannot start a thread")?;
         Ok(())
@@ -59,5 +56,21 @@ impl OrchestratorGone {
     /// True once it was noted.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Acquire)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc::{RecvTimeoutError, channel};
+
+    #[test]
+    fn only_who_has_no_orchestrator_is_ended() {
+        let gone = OrchestratorGone::default();
+        let (sender, ended) = channel();
+        gone.end_after(Duration::ZERO, move || sender.send(()).unwrap()).unwrap();
+        assert_eq!(ended.recv_timeout(2 * LOOK), Err(RecvTimeoutError::Timeout));
+        gone.set();
+        assert_eq!(ended.recv_timeout(Duration::from_secs(10)), Ok(()));
     }
 }

@@ -346,7 +346,7 @@ mod tests {
     async fn a_child_that_does_not_listen_is_killed() {
         let (sender, mut events) = mpsc::channel(16);
         let mut child =
-            Command::new("sh").args(["-c", "trap '' TERM; sleep 60"]).stdin(Stdio::piped()).spawn().unwrap();
+            Command::new("sh").args(["-c", "trap '' TERM; exec sleep 60"]).stdin(Stdio::piped()).spawn().unwrap();
         let _lifeline = child.stdin.take();
         let (kill, killed) = oneshot::channel();
         tokio::spawn(attend(child, Process::Actor(0), 1, tempfile::tempfile().unwrap(), sender, killed));
