@@ -218,9 +218,9 @@ impl<W: Write> Training<W> {
 
     /// What the first learner says, to all.
     fn first_says(&self, own: bool) -> Result<bool> {
-        let mut word = [f64::from(u8::from(own && self.conversation.rank == 0))];
-        self.agent.peers().sum(&mut word)?;
-        Ok(word[0] > 0.0)
+        let mut word = f64::from(u8::from(own));
+        self.agent.peers().first(&mut word)?;
+        Ok(word > 0.0)
     }
 
     /// Whether a learner may have to end its rollout early.
