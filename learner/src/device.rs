@@ -2,7 +2,7 @@
 
 use crate::ffi::{library, warnings};
 use proto::config::DeviceChoice;
-use proto::control::VISIBLE_DEVICES;
+use proto::control::{VISIBLE_DEVICES, device_name};
 use tch::{Cuda, Device};
 
 /// Loads libtorch's CUDA half if this machine has it, so that one binary serves CPU and GPU machines.
@@ -54,33 +54,17 @@ pub fn describe(device: Device, bfloat16_encoder: bool) -> String {
             threads => format!("cpu, {threads} threads"),
         },
         Device::Cuda(index) => {
-            let visible = std::env::var(VISIBLE_DEVICES).unwrap_or_default();
-            format!("cuda:{}", machines_name(index, &visible))
+            let visible = std::env::var(VISIBLE_DEVICES).ok();
+            format!("cuda:{}", device_name(index, visible.as_deref()))
         }
         other => format!("{other:?}").to_lowercase(),
     };
     place + precision
 }
 
-/// What the machine calls device `index` of those in a list of visible ones; empty = all.
-fn machines_name(index: usize, visible: &str) -> String {
-    match visible.split(',').nth(index).map(str::trim) {
-        Some(name) if !name.is_empty() => name.to_owned(),
-        _ => index.to_string(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_device_has_its_name_in_the_machine() {
-        assert_eq!(machines_name(1, ""), "1");
-        assert_eq!(machines_name(0, "3"), "3");
-        assert_eq!(machines_name(1, "2, 5"), "5");
-        assert_eq!(machines_name(0, "GPU-3cdeb329"), "GPU-3cdeb329");
-    }
 
     #[test]
     fn words_say_where_and_in_which_precision() {

@@ -7,7 +7,7 @@
 
 use super::event::{Event, Exit, Process};
 use crate::log_line::LogLine;
-use proto::control::{LearnerEvent, VISIBLE_DEVICES};
+use proto::control::{LearnerEvent, VISIBLE_DEVICES, device_name};
 use proto::run_folder::RunFolder;
 use proto::wire::WireAddress;
 use std::collections::{BTreeMap, VecDeque};
@@ -70,7 +70,7 @@ impl Launch {
                 if self.learners > 1 {
                     // Each finds one device, and kernels and NCCL need not be told which.
                     let visible = std::env::var(VISIBLE_DEVICES).ok();
-                    command.env(VISIBLE_DEVICES, device_of(rank, visible.as_deref()));
+                    command.env(VISIBLE_DEVICES, device_name(rank as usize, visible.as_deref()));
                 }
                 let threads = self.threads.to_string();
                 command.envs(self.programs.learner_environment.iter().map(|(name, value)| (name, value)));
@@ -98,14 +98,6 @@ impl Launch {
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         command.process_group(0).kill_on_drop(true);
         command
-    }
-}
-
-/// The device of the learner with this rank, among those that are `visible` to all.
-fn device_of(rank: u32, visible: Option<&str>) -> String {
-    match visible {
-        None => rank.to_string(),
-        Some(visible) => visible.split(',').nth(rank as usize).unwrap_or_default().trim().to_owned(),
     }
 }
 
@@ -300,14 +292,6 @@ mod tests {
             lines.push(line);
         }
         assert_eq!(lines, ["one", "", &long[..LONGEST_LINE], "xxxxx", "last"]);
-    }
-
-    #[test]
-    fn learners_have_a_device_each_of_those_that_are_given() {
-        let devices = |visible| [0, 1].map(|rank| device_of(rank, visible));
-        assert_eq!(devices(None), ["0", "1"]);
-        assert_eq!(devices(Some("3, 5,6")), ["3", "5"]);
-        assert_eq!(devices(Some("4")), ["4", ""], "no device rather than another's");
     }
 
     #[tokio::test]

@@ -149,6 +149,13 @@ impl WireShape {
     }
 }
 
+/// A service that the orchestrator has created.
+macro_rules! open {
+    ($builder:expr, $name:expr) => {
+        $builder?.open_with_attributes(&required_attributes()).map_err(|cause| service("open", $name, &cause))?
+    };
+}
+
 /// A process's membership in the services of one incarnation.
 pub struct Wire {
     node: Node<Ipc>,
@@ -191,10 +198,7 @@ impl Wire {
     pub fn observation_publisher(&self, actor: u32) -> Result<ObservationPublisher, WireError> {
         let rank = self.shape.shares.learner_of(actor);
         let name = observations_name(rank);
-        let service = self
-            .observations(rank)?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", &name, &cause))?;
+        let service = open!(self.observations(rank), &name);
         service
             .publisher_builder()
             .initial_max_slice_len(Halves::of(self.shape.environments_per_actor).range(0).len())
@@ -208,30 +212,21 @@ impl Wire {
     /// Counts the subscribers of an actor's observations, those that were killed and not swept yet included.
     pub fn observation_readers(&self, actor: u32) -> Result<ObservationReaders, WireError> {
         let rank = self.shape.shares.learner_of(actor);
-        let service = self
-            .observations(rank)?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| self::service("open", &observations_name(rank), &cause))?;
+        let service = open!(self.observations(rank), &observations_name(rank));
         Ok(ObservationReaders { service })
     }
 
     /// A reader's end of the observations of one learner's actors.
     pub fn observation_subscriber(&self, rank: u32) -> Result<ObservationSubscriber, WireError> {
         let name = observations_name(rank);
-        let service = self
-            .observations(rank)?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", &name, &cause))?;
+        let service = open!(self.observations(rank), &name);
         service.subscriber_builder().buffer_size(OBSERVATION_BUFFER).create().map_err(|cause| port(&name, &cause))
     }
 
     /// Rings when one of a learner's actors has sent observations; the event id is the actor's number.
     pub fn observations_wakeup(&self, rank: u32) -> Result<Wakeup, WireError> {
         let name = observations_ready_name(rank);
-        let service = self
-            .observations_ready(rank)?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", &name, &cause))?;
+        let service = open!(self.observations_ready(rank), &name);
         service.listener_builder().create().map_err(|cause| port(&name, &cause))
     }
 
@@ -239,10 +234,7 @@ impl Wire {
     pub fn observations_bell(&self, actor: u32) -> Result<Bell, WireError> {
         let rank = self.shape.shares.learner_of(actor);
         let name = observations_ready_name(rank);
-        let service = self
-            .observations_ready(rank)?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", &name, &cause))?;
+        let service = open!(self.observations_ready(rank), &name);
         service
             .notifier_builder()
             .default_event_id(EventId::new(actor as usize))
@@ -253,10 +245,7 @@ impl Wire {
     /// The learner's end of one actor's actions.
     pub fn action_publisher(&self, actor: u32) -> Result<ActionPublisher, WireError> {
         let name = actions_name(actor);
-        let service = self
-            .actions(actor)?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", &name, &cause))?;
+        let service = open!(self.actions(actor), &name);
         service
             .publisher_builder()
             .initial_max_slice_len(Halves::of(self.shape.environments_per_actor).range(0).len())
@@ -272,20 +261,14 @@ impl Wire {
     /// The actor's end of its actions.
     pub fn action_subscriber(&self, actor: u32) -> Result<ActionSubscriber, WireError> {
         let name = actions_name(actor);
-        let service = self
-            .actions(actor)?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", &name, &cause))?;
+        let service = open!(self.actions(actor), &name);
         service.subscriber_builder().create().map_err(|cause| port(&name, &cause))
     }
 
     /// The learner's end of one actor's restores.
     pub fn restore_publisher(&self, actor: u32) -> Result<RestorePublisher, WireError> {
         let name = restore_name(actor);
-        let service = self
-            .restore(actor)?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", &name, &cause))?;
+        let service = open!(self.restore(actor), &name);
         service
             .publisher_builder()
             .initial_max_slice_len(self.shape.environments_per_actor as usize)
@@ -299,49 +282,34 @@ impl Wire {
     /// The actor's end of its restores.
     pub fn restore_subscriber(&self, actor: u32) -> Result<RestoreSubscriber, WireError> {
         let name = restore_name(actor);
-        let service = self
-            .restore(actor)?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", &name, &cause))?;
+        let service = open!(self.restore(actor), &name);
         service.subscriber_builder().create().map_err(|cause| port(&name, &cause))
     }
 
     /// Rings when the learner has sent this actor actions or a restore.
     pub fn actions_wakeup(&self, actor: u32) -> Result<Wakeup, WireError> {
         let name = actions_ready_name(actor);
-        let service = self
-            .actions_ready(actor)?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", &name, &cause))?;
+        let service = open!(self.actions_ready(actor), &name);
         service.listener_builder().create().map_err(|cause| port(&name, &cause))
     }
 
     /// The learner's bell for one actor.
     pub fn actions_bell(&self, actor: u32) -> Result<Bell, WireError> {
         let name = actions_ready_name(actor);
-        let service = self
-            .actions_ready(actor)?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", &name, &cause))?;
+        let service = open!(self.actions_ready(actor), &name);
         service.notifier_builder().create().map_err(|cause| port(&name, &cause))
     }
 
     /// The orchestrator's end of the stage service.
     pub fn stage_publisher(&self) -> Result<StagePublisher, WireError> {
-        let service = self
-            .stage()?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", STAGE, &cause))?;
+        let service = open!(self.stage(), STAGE);
         service.publisher_builder().create().map_err(|cause| port(STAGE, &cause))
     }
 
     /// A reader's end of the stage service. An announcement made before it was opened arrives with the publisher's
     /// next `update_connections`, which the orchestrator calls on a timer.
     pub fn stage_subscriber(&self) -> Result<StageSubscriber, WireError> {
-        let service = self
-            .stage()?
-            .open_with_attributes(&required_attributes())
-            .map_err(|cause| service("open", STAGE, &cause))?;
+        let service = open!(self.stage(), STAGE);
         service.subscriber_builder().create().map_err(|cause| port(STAGE, &cause))
     }
 
