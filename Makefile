@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build up test lint doc bench-peers check-determinism
+.PHONY: help setup build install uninstall up test lint doc bench-peers check-determinism
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -15,6 +15,7 @@ help:
 	@echo 'make setup   fetch libtorch into .torch/ (544 MB, once); LIBTORCH=/path uses a torch 2.11 that is there'
 	@echo 'make build   set up and compile the programs'
 	@echo 'make up      build and start a run: 19 actors, a learner, the orchestrator; ARGS="..." adds options'
+	@echo 'make install puts the programs and their libtorch under PREFIX (~/.local); make uninstall takes them away'
 	@echo 'make test    set up, build and run all tests'
 	@echo 'make check-determinism   the simulator, built for other processors and in debug, gives the same bits (minutes)'
 	@echo 'make lint    formatting and clippy, warnings are errors'
@@ -28,6 +29,13 @@ setup:
 
 build: setup
 	cargo build --release --locked --workspace --bins
+
+PREFIX := $(HOME)/.local
+install: build
+	@deploy/install '$(PREFIX)'
+
+uninstall:
+	@deploy/install -u '$(PREFIX)'
 
 # Ctrl-C is the orchestrator's, which saves and stops; the shell waits for it, and make adds no "Error" of its own.
 up: build

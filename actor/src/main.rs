@@ -9,6 +9,8 @@ use clap::Parser;
 use command::{Command, RolloutArgs};
 use std::process::ExitCode;
 
+proto::require_processor!();
+
 /// Simulates kitchens for Stillroom.
 ///
 /// Without a subcommand it is one rollout actor of a run; `orchestrator up` starts it as such.

@@ -1,7 +1,7 @@
 //! Where libtorch computes.
 
-use crate::ffi::{library, warnings};
-use proto::config::DeviceChoice;
+use crate::ffi::{arithmetic, library, warnings};
+use proto::config::{CpuArithmetic, DeviceChoice};
 use proto::control::{VISIBLE_DEVICES, device_name};
 use tch::{Cuda, Device};
 
@@ -28,9 +28,12 @@ pub enum DeviceError {
     NoCuda,
 }
 
-/// Picks the device and fixes libtorch's thread counts: `threads` within an operation, one between operations. Call it
-/// before any tensor is made.
-pub fn choose(choice: DeviceChoice, threads: u32) -> Result<Device, DeviceError> {
+/// Picks the device and the CPU's arithmetic, and fixes libtorch's thread counts: `threads` within an operation, one
+/// between operations. Call it before any tensor is made.
+pub fn choose(choice: DeviceChoice, cpu: CpuArithmetic, threads: u32) -> Result<Device, DeviceError> {
+    if cpu == CpuArithmetic::Fastest {
+        arithmetic::use_fastest();
+    }
     // libtorch allows this once a process, and not after it has computed.
     if tch::get_num_interop_threads() != 1 {
         tch::set_num_interop_threads(1);

@@ -8,6 +8,8 @@ use proto::wire::WireAddress;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+proto::require_processor!();
+
 /// Infers for its actors, collects rollouts and trains, together with the run's other learners. Started by `orchestrator`.
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]

@@ -32,6 +32,8 @@ use clap::{Parser, Subcommand};
 use rustix::process::Signal;
 use std::process::ExitCode;
 
+proto::require_processor!();
+
 /// Trains mobile manipulators that leave a kitchen as they found it
 #[derive(Debug, Parser)]
 #[command(

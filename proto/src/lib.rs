@@ -20,6 +20,7 @@ pub mod kitchen;
 pub mod lifeline;
 pub mod logging;
 pub mod message;
+pub mod processor;
 pub mod random;
 pub mod replay;
 pub mod reward;

@@ -19,8 +19,10 @@ pub struct Machine {
     pub device: String,
     /// Threads of libtorch on the CPU.
     pub threads: u32,
-    /// Instruction set that libtorch chooses its CPU kernels by.
-    pub instruction_set: String,
+    /// `reproducible` where the CPU's results do not depend on the processor, else the instruction set of libtorch's
+    /// kernels. (The key's name is older than the word.)
+    #[serde(rename = "instruction_set")]
+    pub arithmetic: String,
     /// Learners whose gradients are added up. One is not written down: a checkpoint of one is as it was before there
     /// could be several.
     #[serde(default = "one", skip_serializing_if = "is_one")]
@@ -43,7 +45,7 @@ impl Machine {
             ("libtorch", &stored.torch, &self.torch),
             ("device", &stored.device, &self.device),
             ("threads", &stored.threads.to_string(), &self.threads.to_string()),
-            ("instruction set", &stored.instruction_set, &self.instruction_set),
+            ("CPU arithmetic", &stored.arithmetic, &self.arithmetic),
             ("learners", &stored.learners.to_string(), &self.learners.to_string()),
         ]
         .iter()

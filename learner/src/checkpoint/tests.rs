@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use tch::{Kind, Tensor};
 
 fn machine() -> Machine {
-    Machine { torch: "2.11.0".into(), device: "cpu".into(), threads: 2, instruction_set: "avx2".into(), learners: 1 }
+    Machine { torch: "2.11.0".into(), device: "cpu".into(), threads: 2, arithmetic: "avx2".into(), learners: 1 }
 }
 
 fn store(folder: &tempfile::TempDir, keep: u32) -> Store {

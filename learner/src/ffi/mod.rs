@@ -1,5 +1,6 @@
 //! Calls into C that no crate makes for us.
 
+pub mod arithmetic;
 pub mod convolution;
 pub mod cuda;
 pub mod group;

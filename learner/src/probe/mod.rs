@@ -121,7 +121,7 @@ pub enum ProbeError {
 /// Runs the command: writes the file and prints every figure, a line each.
 pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeError> {
     let mut config = Config::resolve(&arguments.preset, arguments.config.as_deref())?;
-    let device = device::choose(arguments.device, config.learner.threads)?;
+    let device = device::choose(arguments.device, config.learner.cpu, config.learner.threads)?;
     let weights = model(read(&arguments.weights)?);
     let in_weights = |cause| ProbeError::Tensors { path: arguments.weights.clone(), cause };
     fit(&mut config, &weights).map_err(in_weights)?;

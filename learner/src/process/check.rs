@@ -15,8 +15,8 @@ pub struct Report {
     pub library: String,
     /// Devices it can compute on; the first CUDA device comes before the CPU.
     pub devices: Vec<String>,
-    /// Instruction set of its CPU kernels.
-    pub instruction_set: String,
+    /// The CPU's arithmetic: `reproducible`, or the instruction set of libtorch's kernels.
+    pub arithmetic: String,
 }
 
 /// Looks at the libtorch that is loaded, lets it compute something, and prints a [`Report`].
@@ -41,7 +41,7 @@ pub fn check(mut output: impl Write) -> Result<()> {
     }
     devices.push("cpu".to_owned());
     let machine = machine(Device::Cpu, 1, 1);
-    let report = Report { torch: machine.torch, library, devices, instruction_set: machine.instruction_set };
+    let report = Report { torch: machine.torch, library, devices, arithmetic: machine.arithmetic };
     writeln!(output, "{}", serde_json::to_string(&report)?)?;
     Ok(())
 }

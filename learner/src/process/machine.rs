@@ -1,11 +1,15 @@
 //! What this process computes with: the things that the last bits of a result depend on.
 
 use crate::checkpoint::Machine;
+use crate::ffi::arithmetic;
 use std::path::{Path, PathBuf};
 use tch::Device;
 
 /// Version of libtorch that this program is written for.
 pub const TORCH_VERSION: &str = "2.11.0";
+
+/// The name of the arithmetic that is the same on every x86-64 processor with AVX2.
+const REPRODUCIBLE: &str = "reproducible";
 
 /// This process's machine, and how many learners there are on it.
 pub fn machine(device: Device, threads: u32, learners: u32) -> Machine {
@@ -13,7 +17,7 @@ pub fn machine(device: Device, threads: u32, learners: u32) -> Machine {
         torch: torch_version().unwrap_or_else(|| "unknown".to_owned()),
         device: if device.is_cuda() { "cuda" } else { "cpu" }.to_owned(),
         threads,
-        instruction_set: instruction_set(),
+        arithmetic: arithmetic(),
         learners,
     }
 }
@@ -46,8 +50,12 @@ fn python_version(text: &str) -> Option<String> {
     line.split(['\'', '"']).nth(1).map(str::to_owned)
 }
 
-/// The instruction set that libtorch picks its CPU kernels by, found by its own rule (`ATen/native/DispatchStub.cpp`).
-fn instruction_set() -> String {
+/// What the last bits of the CPU's results depend on: `reproducible` where they are the same on every processor, otherwise
+/// the instruction set that libtorch picks its kernels by, found by its own rule (`ATen/native/DispatchStub.cpp`).
+fn arithmetic() -> String {
+    if arithmetic::is_reproducible() {
+        return REPRODUCIBLE.to_owned();
+    }
     if let Ok(chosen) = std::env::var("ATEN_CPU_CAPABILITY") {
         return chosen;
     }

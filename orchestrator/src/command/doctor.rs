@@ -47,8 +47,8 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         }
     };
     if let Some(torch) = &torch {
-        let libtorch::Torch { version, library, devices, instruction_set } = torch;
-        let text = format!("{version} from {library}, CPU kernels for {instruction_set}");
+        let libtorch::Torch { version, library, devices, arithmetic } = torch;
+        let text = format!("{version} from {library}, {arithmetic} on the CPU");
         table.row("libtorch", Finding::Good(text));
         table.row("devices", Finding::Good(devices.join(", ")));
     }

@@ -27,8 +27,8 @@ pub struct Torch {
     pub library: String,
     /// Devices it can compute on: `cuda:0`, ..., `cpu`.
     pub devices: Vec<String>,
-    /// Instruction set of its CPU kernels.
-    pub instruction_set: String,
+    /// The CPU's arithmetic: `reproducible`, or the instruction set of libtorch's kernels.
+    pub arithmetic: String,
 }
 
 impl Torch {
@@ -206,8 +206,7 @@ mod tests {
 
     #[test]
     fn the_learners_answer_is_read() {
-        let json =
-            r#"{"torch":"2.11.0","library":"/x/libtorch_cpu.so","devices":["cuda:0","cpu"],"instruction_set":"AVX2"}"#;
+        let json = r#"{"torch":"2.11.0","library":"/x/libtorch_cpu.so","devices":["cuda:0","cpu"],"arithmetic":"reproducible"}"#;
         let (_folder, path) = learner(&format!("echo '{json}'"));
         let torch = check(&path, &[]).unwrap();
         assert!(torch.has_cuda());

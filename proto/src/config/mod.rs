@@ -232,6 +232,16 @@ pub enum DeviceChoice {
     Cuda,
 }
 
+/// How the CPU's part of the arithmetic is done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CpuArithmetic {
+    /// To the same last bit on every x86-64 processor with AVX2.
+    Reproducible,
+    /// As fast as this processor can. Another processor gives other last bits.
+    Fastest,
+}
+
 /// The numbers that the visual encoder computes in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -255,6 +265,8 @@ pub struct LearnerConfig {
     pub count: u32,
     /// Where it computes.
     pub device: DeviceChoice,
+    /// Whether the CPU's results are the same on every processor.
+    pub cpu: CpuArithmetic,
     /// What the visual encoder computes in.
     pub encoder_precision: EncoderPrecision,
     /// Threads of libtorch on the CPU, of each learner. Part of what makes a run reproducible: results differ in the last bits
@@ -427,6 +439,7 @@ impl Default for LearnerConfig {
         Self {
             count: 1,
             device: DeviceChoice::Auto,
+            cpu: CpuArithmetic::Reproducible,
             encoder_precision: EncoderPrecision::Auto,
             threads: 1,
             actor_deadline_s: 120.0,

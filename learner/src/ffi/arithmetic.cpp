@@ -1,0 +1,71 @@
+// The same bits on every x86-64 processor: libtorch and the libraries in it choose their kernels by the processor they
+// find, unless variables of the environment say otherwise. They read those when they first compute. So a program that
+// this file is linked into sets them before `main`; `stillroom_use_fastest` puts back what was there.
+//
+// What no variable makes the same is done here: products (product.cpp) and square roots.
+
+#include "arithmetic.h"
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <dlfcn.h>
+
+namespace {
+struct Pin {
+    const char *variable, *value;
+    const char *before; // a copy of what the environment held, or null
+};
+
+// ATen, oneDNN (convolutions) and MKL (exponentials, logarithms, hyperbolic tangents).
+Pin pins[] = {
+    {"ATEN_CPU_CAPABILITY", "avx2", nullptr},
+    {"ONEDNN_MAX_CPU_ISA", "AVX2", nullptr},
+    {"MKL_CBWR", "COMPATIBLE", nullptr},
+};
+bool reproducible = false;
+
+__attribute__((constructor)) void pin() {
+    for (Pin &pin : pins) {
+        const char *before = std::getenv(pin.variable);
+        pin.before = before ? strdup(before) : nullptr;
+        setenv(pin.variable, pin.value, 1);
+    }
+    reproducible = true;
+}
+
+// Square roots as IEEE 754 wants them. MKL's vectors of them differ between processors in the last bit.
+template <typename Number, typename Library>
+void square_roots(const char *name, int count, const Number *from, Number *to, int64_t mode) {
+    if (!reproducible) {
+        static const auto library = reinterpret_cast<Library *>(dlsym(RTLD_NEXT, name));
+        if (library) return library(count, from, to, mode);
+    }
+    for (int i = 0; i < count; i++) to[i] = std::sqrt(from[i]);
+}
+} // namespace
+
+bool stillroom_is_reproducible() { return reproducible; }
+
+extern "C" int stillroom_reproducible() { return reproducible ? 1 : 0; }
+
+// Gives up equal bits for speed. To be called before libtorch has computed anything.
+extern "C" void stillroom_use_fastest() {
+    if (!reproducible) return;
+    for (const Pin &pin : pins) {
+        if (pin.before)
+            setenv(pin.variable, pin.before, 1);
+        else
+            unsetenv(pin.variable);
+    }
+    reproducible = false;
+}
+
+// MKL's vector functions take the place of these names' functions in libtorch_cpu.so.
+extern "C" void vmsSqrt(int count, const float *from, float *to, int64_t mode) {
+    square_roots<float, void(int, const float *, float *, int64_t)>("vmsSqrt", count, from, to, mode);
+}
+
+extern "C" void vmdSqrt(int count, const double *from, double *to, int64_t mode) {
+    square_roots<double, void(int, const double *, double *, int64_t)>("vmdSqrt", count, from, to, mode);
+}

@@ -1,0 +1,254 @@
+// Products of matrices whose last bit is the same on every x86-64 processor with AVX2 and FMA, and with any number of
+// threads.
+//
+// libtorch multiplies 32-bit matrices with BLAS' `sgemm_`, and MKL's order of additions depends on the processor. A
+// function of this name in the program takes the place of the one in libtorch_cpu.so, as any BLAS does that is linked
+// before another.
+//
+// Each number of the result is one chain of fused multiply-adds over DEPTH terms in ascending order, and the sums of
+// such chains, in ascending order. Lanes of a vector hold different numbers, so the width of vectors does not matter.
+
+#include "arithmetic.h"
+#include <ATen/Parallel.h>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <dlfcn.h>
+#include <memory>
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
+namespace {
+// Terms of one chain. Changing it changes results.
+constexpr int64_t DEPTH = 256;
+// Blocks of the two factors that stay in the caches: a multiple of every kernel's rows, and of its columns.
+constexpr int64_t BLOCK_ROWS = 128;
+constexpr int64_t BLOCK_COLUMNS = 480;
+// What one thread is given is a multiple of this many rows or columns.
+constexpr int64_t SHARE = 96;
+// Products of fewer multiplications are not worth a second thread.
+constexpr int64_t WORTH_A_THREAD = 1 << 17;
+constexpr int64_t MOST_SUMS = 32 * 12;
+
+// A matrix: element (i, j) is data[i * row + j * column].
+struct Matrix {
+    const float *data;
+    int64_t row, column;
+};
+
+// Sums of rows x columns chains, column after column: `left` holds `rows` numbers for each of `depth` terms, `right`
+// holds `columns`.
+using Chains = void (*)(int64_t depth, const float *left, const float *right, float *sums);
+
+struct Kernel {
+    int64_t rows, columns;
+    Chains chains;
+};
+
+#if defined(__x86_64__)
+__attribute__((target("avx2,fma"))) void chains_avx2(int64_t depth, const float *left, const float *right, float *sums) {
+    __m256 sum[6][2];
+#pragma GCC unroll 6
+    for (int j = 0; j < 6; j++) sum[j][0] = sum[j][1] = _mm256_setzero_ps();
+    for (int64_t k = 0; k < depth; k++, left += 16, right += 6) {
+        const __m256 x0 = _mm256_load_ps(left), x1 = _mm256_load_ps(left + 8);
+#pragma GCC unroll 6
+        for (int j = 0; j < 6; j++) {
+            const __m256 y = _mm256_broadcast_ss(right + j);
+            sum[j][0] = _mm256_fmadd_ps(x0, y, sum[j][0]);
+            sum[j][1] = _mm256_fmadd_ps(x1, y, sum[j][1]);
+        }
+    }
+#pragma GCC unroll 6
+    for (int j = 0; j < 6; j++) {
+        _mm256_store_ps(sums + 16 * j, sum[j][0]);
+        _mm256_store_ps(sums + 16 * j + 8, sum[j][1]);
+    }
+}
+
+__attribute__((target("avx512f"))) void
+chains_avx512(int64_t depth, const float *left, const float *right, float *sums) {
+    __m512 sum[12][2];
+#pragma GCC unroll 12
+    for (int j = 0; j < 12; j++) sum[j][0] = sum[j][1] = _mm512_setzero_ps();
+    for (int64_t k = 0; k < depth; k++, left += 32, right += 12) {
+        const __m512 x0 = _mm512_load_ps(left), x1 = _mm512_load_ps(left + 16);
+#pragma GCC unroll 12
+        for (int j = 0; j < 12; j++) {
+            const __m512 y = _mm512_set1_ps(right[j]);
+            sum[j][0] = _mm512_fmadd_ps(x0, y, sum[j][0]);
+            sum[j][1] = _mm512_fmadd_ps(x1, y, sum[j][1]);
+        }
+    }
+#pragma GCC unroll 12
+    for (int j = 0; j < 12; j++) {
+        _mm512_store_ps(sums + 32 * j, sum[j][0]);
+        _mm512_store_ps(sums + 32 * j + 16, sum[j][1]);
+    }
+}
+#endif
+
+void chains_plain(int64_t depth, const float *left, const float *right, float *sums) {
+    std::fill(sums, sums + 16 * 6, 0.0f);
+    for (int64_t k = 0; k < depth; k++, left += 16, right += 6)
+        for (int j = 0; j < 6; j++)
+            for (int i = 0; i < 16; i++) sums[16 * j + i] = std::fma(left[i], right[j], sums[16 * j + i]);
+}
+
+constexpr Kernel PLAIN{16, 6, chains_plain};
+
+const Kernel &widest() {
+#if defined(__x86_64__)
+    static const Kernel chosen = __builtin_cpu_supports("avx512f") ? Kernel{32, 12, chains_avx512}
+        : __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? Kernel{16, 6, chains_avx2}
+                                                                           : PLAIN;
+    return chosen;
+#else
+    return PLAIN;
+#endif
+}
+
+// Aligned memory that a thread keeps for its next product.
+class Room {
+    std::unique_ptr<float, decltype(&std::free)> memory;
+
+  public:
+    explicit Room(int64_t floats)
+        : memory(static_cast<float *>(std::aligned_alloc(64, static_cast<size_t>(floats) * sizeof(float))), std::free) {
+        if (!memory) std::abort(); // half a megabyte is not there: the process is about to die anyway
+    }
+    float *get() { return memory.get(); }
+};
+
+// Rows [begin, end) of a matrix over the terms [from, to), in strips of `width` rows: term after term, the strip's rows
+// side by side. What the last strip lacks is zero.
+void pack(float *out, Matrix m, int64_t begin, int64_t end, int64_t width, int64_t from, int64_t to) {
+    const int64_t depth = to - from;
+    for (int64_t strip = begin; strip < end; strip += width, out += width * depth) {
+        const int64_t rows = std::min(width, end - strip);
+        const float *data = m.data + strip * m.row + from * m.column;
+        if (rows < width) std::fill(out, out + width * depth, 0.0f);
+        if (m.row == 1) {
+            for (int64_t k = 0; k < depth; k++) std::copy(data + k * m.column, data + k * m.column + rows, out + k * width);
+        } else {
+            for (int64_t i = 0; i < rows; i++)
+                for (int64_t k = 0; k < depth; k++) out[k * width + i] = data[i * m.row + k * m.column];
+        }
+    }
+}
+
+struct Product {
+    int64_t rows, columns, depth;
+    float alpha, beta;
+    Matrix left, right; // right is transposed: its rows are the product's columns
+    float *result;      // column after column
+    int64_t stride;     // between columns of the result
+
+    // A strip's part of the result: `sums` of the terms from `first` on.
+    void add(const float *sums, const Kernel &kernel, int64_t i, int64_t rows, int64_t j, int64_t columns, bool first) const {
+        for (int64_t y = 0; y < columns; y++, sums += kernel.rows) {
+            float *out = result + (j + y) * stride + i;
+            if (!first)
+                for (int64_t x = 0; x < rows; x++) out[x] += alpha * sums[x];
+            else if (beta == 0.0f) // what stood there may be no number
+                for (int64_t x = 0; x < rows; x++) out[x] = alpha * sums[x];
+            else
+                for (int64_t x = 0; x < rows; x++) out[x] = beta * out[x] + alpha * sums[x];
+        }
+    }
+
+    // Rows [row, last_row) and columns [column, last_column) of the result.
+    void part(const Kernel &kernel, int64_t row, int64_t last_row, int64_t column, int64_t last_column) const {
+        thread_local Room left_room(BLOCK_ROWS * DEPTH), right_room(BLOCK_COLUMNS * DEPTH);
+        float *const a = left_room.get(), *const b = right_room.get();
+        alignas(64) float sums[MOST_SUMS];
+        for (int64_t n = column; n < last_column; n += BLOCK_COLUMNS) {
+            const int64_t n_end = std::min(last_column, n + BLOCK_COLUMNS);
+            for (int64_t k = 0; k < depth; k += DEPTH) {
+                const int64_t k_end = std::min(depth, k + DEPTH), terms = k_end - k;
+                pack(b, right, n, n_end, kernel.columns, k, k_end);
+                for (int64_t m = row; m < last_row; m += BLOCK_ROWS) {
+                    const int64_t m_end = std::min(last_row, m + BLOCK_ROWS);
+                    pack(a, left, m, m_end, kernel.rows, k, k_end);
+                    for (int64_t j = n; j < n_end; j += kernel.columns)
+                        for (int64_t i = m; i < m_end; i += kernel.rows) {
+                            kernel.chains(terms, a + (i - m) * terms, b + (j - n) * terms, sums);
+                            add(sums, kernel, i, std::min(kernel.rows, m_end - i), j, std::min(kernel.columns, n_end - j), k == 0);
+                        }
+                }
+            }
+        }
+    }
+
+    void scale() const {
+        for (int64_t j = 0; j < columns; j++)
+            for (int64_t i = 0; i < rows; i++) {
+                float &out = result[j * stride + i];
+                out = beta == 0.0f ? 0.0f : beta * out;
+            }
+    }
+};
+
+// What of OpenMP is needed, from the library that libtorch itself has loaded: so this file needs no OpenMP compiler.
+struct OpenMp {
+    void (*parallel)(void (*body)(void *), void *data, unsigned threads, unsigned flags);
+    int (*thread)();
+    int (*threads)();
+
+    static const OpenMp &get() {
+        static const OpenMp found = {
+            reinterpret_cast<decltype(parallel)>(dlsym(RTLD_DEFAULT, "GOMP_parallel")),
+            reinterpret_cast<decltype(thread)>(dlsym(RTLD_DEFAULT, "omp_get_thread_num")),
+            reinterpret_cast<decltype(threads)>(dlsym(RTLD_DEFAULT, "omp_get_num_threads")),
+        };
+        return found;
+    }
+    bool is_there() const { return parallel && thread && threads; }
+};
+
+// The share of one thread: of the rows, or of the columns if there are more of them.
+void own_share(const Product &product, int64_t thread, int64_t threads) {
+    const bool by_rows = product.rows >= product.columns;
+    const int64_t size = by_rows ? product.rows : product.columns, shares = (size + SHARE - 1) / SHARE;
+    const int64_t begin = shares * thread / threads * SHARE, end = std::min(size, shares * (thread + 1) / threads * SHARE);
+    if (begin >= end) return;
+    if (by_rows)
+        product.part(widest(), begin, end, 0, product.columns);
+    else
+        product.part(widest(), 0, product.rows, begin, end);
+}
+
+void multiply(const Product &product) {
+    if (product.rows == 0 || product.columns == 0) return;
+    if (product.depth == 0 || product.alpha == 0.0f) return product.scale();
+    const OpenMp &open_mp = OpenMp::get();
+    const bool small = product.rows * product.columns * product.depth < WORTH_A_THREAD;
+    if (small || !open_mp.is_there() || at::in_parallel_region()) return own_share(product, 0, 1);
+    // As many threads as libtorch has set.
+    open_mp.parallel(
+        [](void *data) {
+            const OpenMp &open_mp = OpenMp::get();
+            own_share(*static_cast<const Product *>(data), open_mp.thread(), open_mp.threads());
+        },
+        const_cast<Product *>(&product), 0, 0);
+}
+
+using Sgemm = void(const char *, const char *, const int *, const int *, const int *, const float *, const float *,
+                   const int *, const float *, const int *, const float *, float *, const int *);
+} // namespace
+
+// BLAS: C = alpha * op(A) * op(B) + beta * C, matrices column after column.
+extern "C" void sgemm_(const char *transpose_a, const char *transpose_b, const int *m, const int *n, const int *k,
+                       const float *alpha, const float *a, const int *lda, const float *b, const int *ldb,
+                       const float *beta, float *c, const int *ldc) {
+    if (!stillroom_is_reproducible()) {
+        static const auto library = reinterpret_cast<Sgemm *>(dlsym(RTLD_NEXT, "sgemm_"));
+        if (library) return library(transpose_a, transpose_b, m, n, k, alpha, a, lda, b, ldb, beta, c, ldc);
+    }
+    const auto transposed = [](char letter) { return letter != 'N' && letter != 'n'; };
+    const Matrix left = transposed(*transpose_a) ? Matrix{a, *lda, 1} : Matrix{a, 1, *lda};
+    const Matrix right = transposed(*transpose_b) ? Matrix{b, 1, *ldb} : Matrix{b, *ldb, 1};
+    multiply({*m, *n, *k, *alpha, *beta, left, right, c, *ldc});
+}
