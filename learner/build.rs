@@ -1,5 +1,12 @@
 //! Puts the folder of the libtorch that tch was built against into the run path of the learner and its tests, so
-//! that they start without environment variables, and compiles what of libtorch tch has no words for.
+//! that they start without environment variables, and compiles what we call of libtorch that tch does not bind.
+
+/// Called from Rust.
+const CALLED: [&str; 4] = ["convolution.cpp", "group.cpp", "patches.cpp", "warnings.cpp"];
+/// Linked whether anybody names them or not: their functions take the place of libtorch's own.
+const IN_PLACE: [&str; 2] = ["arithmetic.cpp", "product.cpp"];
+/// What they include.
+const HEADERS: [&str; 4] = ["arithmetic.h", "gloo", "guard.h", "product.h"];
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
@@ -8,44 +15,21 @@ fn main() {
     // An installed learner has its libtorch beside it (deploy/install).
     println!("cargo:rustc-link-arg=-Wl,-rpath,$ORIGIN/libtorch/lib");
     println!("cargo:rustc-link-arg=-Wl,-rpath,{folder}");
-
-    let include = std::path::Path::new(&folder).with_file_name("include");
-    for source in [
-        "arithmetic.cpp",
-        "arithmetic.h",
-        "convolution.cpp",
-        "group.cpp",
-        "product.cpp",
-        "warnings.cpp",
-        "guard.h",
-        "gloo",
-    ] {
+    for source in CALLED.iter().chain(&IN_PLACE).chain(&HEADERS) {
         println!("cargo:rerun-if-changed=src/ffi/{source}");
     }
-    // Of these every object is linked, named by anybody or not: their functions take the place of libtorch's own.
-    cc::Build::new()
-        .cpp(true)
-        .std("c++17")
-        .opt_level(2)
+    let include = std::path::Path::new(&folder).with_file_name("include");
+    let compiler = || {
+        let mut compiler = cc::Build::new();
+        compiler.cpp(true).std("c++17").pic(true).include(&include).include("src/ffi/gloo");
+        compiler.include(include.join("torch/csrc/api/include"));
+        // libtorch's own headers are not free of warnings, and line tables of them are larger than the code.
+        compiler.warnings(false).debug(false).opt_level(2);
         // No multiplication and addition may become one where the source has two.
-        .flag("-ffp-contract=off")
-        .warnings(false)
-        .debug(false)
-        .pic(true)
-        .link_lib_modifier("+whole-archive")
-        .include(&include)
-        .files(["src/ffi/arithmetic.cpp", "src/ffi/product.cpp"])
-        .compile("stillroom_arithmetic");
-    cc::Build::new()
-        .cpp(true)
-        .std("c++17")
-        // libtorch's own headers are not free of warnings.
-        .warnings(false)
-        .debug(false)
-        .pic(true)
-        .include(&include)
-        .include(include.join("torch/csrc/api/include"))
-        .include("src/ffi/gloo")
-        .files(["src/ffi/convolution.cpp", "src/ffi/group.cpp", "src/ffi/warnings.cpp"])
-        .compile("stillroom_ffi");
+        compiler.flag("-ffp-contract=off");
+        compiler
+    };
+    let path = |file: &&str| format!("src/ffi/{file}");
+    compiler().files(CALLED.iter().map(path)).compile("stillroom_ffi");
+    compiler().files(IN_PLACE.iter().map(path)).link_lib_modifier("+whole-archive").compile("stillroom_arithmetic");
 }

@@ -8,6 +8,7 @@
 // Each number of the result is one chain of fused multiply-adds over DEPTH terms in ascending order, and the sums of
 // such chains, in ascending order. Lanes of a vector hold different numbers, so the width of vectors does not matter.
 
+#include "product.h"
 #include "arithmetic.h"
 #include <ATen/Parallel.h>
 #include <algorithm>
@@ -31,12 +32,6 @@ constexpr int64_t SHARE = 96;
 // Products of fewer multiplications are not worth a second thread.
 constexpr int64_t WORTH_A_THREAD = 1 << 17;
 constexpr int64_t MOST_SUMS = 32 * 12;
-
-// A matrix: element (i, j) is data[i * row + j * column].
-struct Matrix {
-    const float *data;
-    int64_t row, column;
-};
 
 // Sums of rows x columns chains, column after column: `left` holds `rows` numbers for each of `depth` terms, `right`
 // holds `columns`.
@@ -139,57 +134,27 @@ void pack(float *out, Matrix m, int64_t begin, int64_t end, int64_t width, int64
     }
 }
 
-struct Product {
-    int64_t rows, columns, depth;
-    float alpha, beta;
-    Matrix left, right; // right is transposed: its rows are the product's columns
-    float *result;      // column after column
-    int64_t stride;     // between columns of the result
+// A strip's part of the result: `sums` of the terms that were just multiplied.
+void add(const Product &product, const float *sums, const Kernel &kernel, int64_t i, int64_t rows, int64_t j,
+         int64_t columns, bool first) {
+    for (int64_t y = 0; y < columns; y++, sums += kernel.rows) {
+        float *out = product.result + (j + y) * product.stride + i;
+        if (!first)
+            for (int64_t x = 0; x < rows; x++) out[x] += product.alpha * sums[x];
+        else if (product.beta == 0.0f) // what stood there may be no number
+            for (int64_t x = 0; x < rows; x++) out[x] = product.alpha * sums[x];
+        else
+            for (int64_t x = 0; x < rows; x++) out[x] = product.beta * out[x] + product.alpha * sums[x];
+    }
+}
 
-    // A strip's part of the result: `sums` of the terms from `first` on.
-    void add(const float *sums, const Kernel &kernel, int64_t i, int64_t rows, int64_t j, int64_t columns, bool first) const {
-        for (int64_t y = 0; y < columns; y++, sums += kernel.rows) {
-            float *out = result + (j + y) * stride + i;
-            if (!first)
-                for (int64_t x = 0; x < rows; x++) out[x] += alpha * sums[x];
-            else if (beta == 0.0f) // what stood there may be no number
-                for (int64_t x = 0; x < rows; x++) out[x] = alpha * sums[x];
-            else
-                for (int64_t x = 0; x < rows; x++) out[x] = beta * out[x] + alpha * sums[x];
+void scale(const Product &product) {
+    for (int64_t j = 0; j < product.columns; j++)
+        for (int64_t i = 0; i < product.rows; i++) {
+            float &out = product.result[j * product.stride + i];
+            out = product.beta == 0.0f ? 0.0f : product.beta * out;
         }
-    }
-
-    // Rows [row, last_row) and columns [column, last_column) of the result.
-    void part(const Kernel &kernel, int64_t row, int64_t last_row, int64_t column, int64_t last_column) const {
-        thread_local Room left_room(BLOCK_ROWS * DEPTH), right_room(BLOCK_COLUMNS * DEPTH);
-        float *const a = left_room.get(), *const b = right_room.get();
-        alignas(64) float sums[MOST_SUMS];
-        for (int64_t n = column; n < last_column; n += BLOCK_COLUMNS) {
-            const int64_t n_end = std::min(last_column, n + BLOCK_COLUMNS);
-            for (int64_t k = 0; k < depth; k += DEPTH) {
-                const int64_t k_end = std::min(depth, k + DEPTH), terms = k_end - k;
-                pack(b, right, n, n_end, kernel.columns, k, k_end);
-                for (int64_t m = row; m < last_row; m += BLOCK_ROWS) {
-                    const int64_t m_end = std::min(last_row, m + BLOCK_ROWS);
-                    pack(a, left, m, m_end, kernel.rows, k, k_end);
-                    for (int64_t j = n; j < n_end; j += kernel.columns)
-                        for (int64_t i = m; i < m_end; i += kernel.rows) {
-                            kernel.chains(terms, a + (i - m) * terms, b + (j - n) * terms, sums);
-                            add(sums, kernel, i, std::min(kernel.rows, m_end - i), j, std::min(kernel.columns, n_end - j), k == 0);
-                        }
-                }
-            }
-        }
-    }
-
-    void scale() const {
-        for (int64_t j = 0; j < columns; j++)
-            for (int64_t i = 0; i < rows; i++) {
-                float &out = result[j * stride + i];
-                out = beta == 0.0f ? 0.0f : beta * out;
-            }
-    }
-};
+}
 
 // What of OpenMP is needed, from the library that libtorch itself has loaded: so this file needs no OpenMP compiler.
 struct OpenMp {
@@ -215,29 +180,57 @@ void own_share(const Product &product, int64_t thread, int64_t threads) {
     const int64_t begin = shares * thread / threads * SHARE, end = std::min(size, shares * (thread + 1) / threads * SHARE);
     if (begin >= end) return;
     if (by_rows)
-        product.part(widest(), begin, end, 0, product.columns);
+        product.part(begin, end, 0, product.columns);
     else
-        product.part(widest(), 0, product.rows, begin, end);
+        product.part(0, product.rows, begin, end);
 }
 
 void multiply(const Product &product) {
     if (product.rows == 0 || product.columns == 0) return;
-    if (product.depth == 0 || product.alpha == 0.0f) return product.scale();
-    const OpenMp &open_mp = OpenMp::get();
-    const bool small = product.rows * product.columns * product.depth < WORTH_A_THREAD;
-    if (small || !open_mp.is_there() || at::in_parallel_region()) return own_share(product, 0, 1);
-    // As many threads as libtorch has set.
-    open_mp.parallel(
-        [](void *data) {
-            const OpenMp &open_mp = OpenMp::get();
-            own_share(*static_cast<const Product *>(data), open_mp.thread(), open_mp.threads());
-        },
-        const_cast<Product *>(&product), 0, 0);
+    if (product.depth == 0 || product.alpha == 0.0f) return scale(product);
+    if (product.rows * product.columns * product.depth < WORTH_A_THREAD) return own_share(product, 0, 1);
+    stillroom_in_parallel([&](int64_t thread, int64_t threads) { own_share(product, thread, threads); });
 }
 
 using Sgemm = void(const char *, const char *, const int *, const int *, const int *, const float *, const float *,
                    const int *, const float *, const int *, const float *, float *, const int *);
 } // namespace
+
+void Product::part(int64_t row, int64_t last_row, int64_t column, int64_t last_column) const {
+    const Kernel &kernel = widest();
+    thread_local Room left_room(BLOCK_ROWS * DEPTH), right_room(BLOCK_COLUMNS * DEPTH);
+    float *const a = left_room.get(), *const b = right_room.get();
+    alignas(64) float sums[MOST_SUMS];
+    for (int64_t n = column; n < last_column; n += BLOCK_COLUMNS) {
+        const int64_t n_end = std::min(last_column, n + BLOCK_COLUMNS);
+        for (int64_t k = 0; k < depth; k += DEPTH) {
+            const int64_t k_end = std::min(depth, k + DEPTH), terms = k_end - k;
+            pack(b, right, n, n_end, kernel.columns, k, k_end);
+            for (int64_t m = row; m < last_row; m += BLOCK_ROWS) {
+                const int64_t m_end = std::min(last_row, m + BLOCK_ROWS);
+                pack(a, left, m, m_end, kernel.rows, k, k_end);
+                for (int64_t j = n; j < n_end; j += kernel.columns)
+                    for (int64_t i = m; i < m_end; i += kernel.rows) {
+                        kernel.chains(terms, a + (i - m) * terms, b + (j - n) * terms, sums);
+                        const int64_t rows = std::min(kernel.rows, m_end - i), columns = std::min(kernel.columns, n_end - j);
+                        add(*this, sums, kernel, i, rows, j, columns, k == 0);
+                    }
+            }
+        }
+    }
+}
+
+void stillroom_in_parallel(const std::function<void(int64_t, int64_t)> &body) {
+    const OpenMp &open_mp = OpenMp::get();
+    if (!open_mp.is_there() || at::in_parallel_region()) return body(0, 1);
+    // As many threads as libtorch has set.
+    open_mp.parallel(
+        [](void *data) {
+            const OpenMp &open_mp = OpenMp::get();
+            (*static_cast<const std::function<void(int64_t, int64_t)> *>(data))(open_mp.thread(), open_mp.threads());
+        },
+        const_cast<std::function<void(int64_t, int64_t)> *>(&body), 0, 0);
+}
 
 // BLAS: C = alpha * op(A) * op(B) + beta * C, matrices column after column.
 extern "C" void sgemm_(const char *transpose_a, const char *transpose_b, const int *m, const int *n, const int *k,

@@ -2,7 +2,9 @@
 
 use super::initialize::Initial;
 use super::parameters::{Layout, ParameterId, Parameters};
-use tch::Tensor;
+use crate::ffi::arithmetic::is_reproducible;
+use crate::ffi::convolution::convolution;
+use tch::{Device, Tensor};
 
 /// `torch.nn.Linear`.
 #[derive(Debug, Clone, Copy)]
@@ -63,6 +65,10 @@ impl Convolution {
     /// \[rows, inputs, height, width\] → \[rows, outputs, height', width'\].
     pub fn forward(&self, parameters: &Parameters, x: &Tensor) -> Tensor {
         let bias = self.bias.map(|id| &parameters[id]);
+        if x.device() == Device::Cpu && is_reproducible() {
+            return convolution(x, &parameters[self.weight], bias, [self.stride, self.padding])
+                .expect("the layer was declared for maps of this many channels");
+        }
         x.conv2d(&parameters[self.weight], bias, [self.stride; 2], [self.padding; 2], [1; 2], 1)
     }
 }
