@@ -24,7 +24,7 @@ fn main() {
         compiler.cpp(true).std("c++17").pic(true).include(&include).include("src/ffi/gloo");
         compiler.include(include.join("torch/csrc/api/include"));
         // libtorch's own headers are not free of warnings, and line tables of them are larger than the code.
-        compiler.warnings(false).debug(false).opt_level(2);
+        compiler.warnings(false).debug(false).opt_level(3);
         // No multiplication and addition may become one where the source has two.
         compiler.flag("-ffp-contract=off");
         compiler

@@ -8,8 +8,9 @@
 #include "product.h"
 #include <ATen/ATen.h>
 #include <algorithm>
+#include <memory>
 #include <torch/csrc/autograd/custom_function.h>
-#include <vector>
+
 
 namespace {
 // Patches of so many bytes are in memory at once, at least one image's. It decides where chains of the weight's
@@ -65,9 +66,10 @@ void scatter(const Geometry &g, const float *patches, float *map) {
 template <typename Body> void by_images(const Geometry &g, int64_t images, Body body) {
     const int64_t tile = g.tile(), tiles = (images + tile - 1) / tile;
     stillroom_in_parallel([&](int64_t thread, int64_t threads) {
-        std::vector<float> patches(tile * g.pixels() * g.patch());
+        // Not a vector: that would write zeros first.
+        const std::unique_ptr<float[]> patches(new float[tile * g.pixels() * g.patch()]);
         for (int64_t i = tiles * thread / threads; i < tiles * (thread + 1) / threads; i++)
-            body(i * tile, std::min(images, (i + 1) * tile), patches.data());
+            body(i * tile, std::min(images, (i + 1) * tile), patches.get());
     });
 }
 
@@ -89,7 +91,7 @@ at::Tensor forward_of(const Geometry &g, const at::Tensor &x, const at::Tensor &
     auto y = at::empty({g.images, g.outputs, g.out_height(), g.out_width()}, x.options(), at::MemoryFormat::ChannelsLast);
     const at::Tensor maps = channels_last(x), rows = by_patches(weight);
     const float *const from = maps.const_data_ptr<float>(), *const w = rows.const_data_ptr<float>();
-    const float *const b = bias.defined() ? bias.const_data_ptr<float>() : nullptr;
+    const float *const b = bias.numel() > 0 ? bias.const_data_ptr<float>() : nullptr;
     float *const to = y.mutable_data_ptr<float>();
     by_images(g, g.images, [&](int64_t begin, int64_t end, float *patches) {
         for (int64_t n = begin; n < end; n++) gather(g, from + n * g.map(), patches + (n - begin) * g.pixels() * g.patch());
@@ -123,14 +125,14 @@ at::Tensor weight_gradient(const Geometry &g, const at::Tensor &dy, const at::Te
     const float *const from = maps.const_data_ptr<float>(), *const d = dy.const_data_ptr<float>();
     auto rows = at::zeros({g.outputs, g.size, g.size, g.channels}, x.options());
     float *const to = rows.mutable_data_ptr<float>();
-    std::vector<float> patches(std::min(g.chunk(), g.images) * g.pixels() * g.patch());
+    const std::unique_ptr<float[]> patches(new float[std::min(g.chunk(), g.images) * g.pixels() * g.patch()]);
     for (int64_t begin = 0; begin < g.images; begin += g.chunk()) {
         const int64_t images = std::min(g.chunk(), g.images - begin), depth = images * g.pixels();
         stillroom_in_parallel([&](int64_t thread, int64_t threads) {
             for (int64_t n = images * thread / threads; n < images * (thread + 1) / threads; n++)
-                gather(g, from + (begin + n) * g.map(), patches.data() + n * g.pixels() * g.patch());
+                gather(g, from + (begin + n) * g.map(), patches.get() + n * g.pixels() * g.patch());
         });
-        const Product product{g.patch(), g.outputs, depth, 1.0f, 1.0f, {patches.data(), 1, g.patch()},
+        const Product product{g.patch(), g.outputs, depth, 1.0f, 1.0f, {patches.get(), 1, g.patch()},
                               {d + begin * g.pixels() * g.outputs, 1, g.outputs}, to, g.patch()};
         stillroom_in_parallel([&](int64_t thread, int64_t threads) {
             product.part(g.patch() * thread / threads, g.patch() * (thread + 1) / threads, 0, g.outputs);
@@ -172,6 +174,6 @@ struct Convolution : torch::autograd::Function<Convolution> {
 extern "C" int stillroom_convolution(const at::Tensor *x, const at::Tensor *weight, const at::Tensor *bias, int64_t stride,
                                      int64_t padding, at::Tensor **y, char *message, size_t capacity) {
     return guarded(message, capacity, [&] {
-        *y = new at::Tensor(Convolution::apply(*x, *weight, bias ? *bias : at::Tensor(), stride, padding));
+        *y = new at::Tensor(Convolution::apply(*x, *weight, bias ? *bias : at::empty({0}), stride, padding));
     });
 }

@@ -33,13 +33,40 @@ constexpr int64_t SHARE = 96;
 constexpr int64_t WORTH_A_THREAD = 1 << 17;
 constexpr int64_t MOST_SUMS = 32 * 12;
 
+// Rows [begin, end) of a matrix over the terms [from, to), in strips of WIDTH rows: term after term, the strip's rows
+// side by side. What the last strip lacks is zero.
+template <int64_t WIDTH> void pack(float *out, Matrix m, int64_t begin, int64_t end, int64_t from, int64_t to) {
+    const int64_t depth = to - from;
+    for (int64_t strip = begin; strip < end; strip += WIDTH, out += WIDTH * depth) {
+        const int64_t rows = std::min(WIDTH, end - strip);
+        const float *data = m.data + strip * m.row + from * m.column;
+        if (rows < WIDTH) {
+            std::fill(out, out + WIDTH * depth, 0.0f);
+            for (int64_t k = 0; k < depth; k++)
+                for (int64_t i = 0; i < rows; i++) out[k * WIDTH + i] = data[i * m.row + k * m.column];
+        } else if (m.row == 1) {
+            for (int64_t k = 0; k < depth; k++)
+                for (int64_t i = 0; i < WIDTH; i++) out[k * WIDTH + i] = data[k * m.column + i];
+        } else {
+            // Few terms at a time: what is written stays in the first cache until its line is full.
+            for (int64_t block = 0; block < depth; block += 16)
+                for (int64_t i = 0; i < WIDTH; i++)
+                    for (int64_t k = block; k < std::min(depth, block + 16); k++)
+                        out[k * WIDTH + i] = data[i * m.row + k * m.column];
+        }
+    }
+}
+
 // Sums of rows x columns chains, column after column: `left` holds `rows` numbers for each of `depth` terms, `right`
 // holds `columns`.
 using Chains = void (*)(int64_t depth, const float *left, const float *right, float *sums);
 
+using Pack = void (*)(float *out, Matrix m, int64_t begin, int64_t end, int64_t from, int64_t to);
+
 struct Kernel {
     int64_t rows, columns;
     Chains chains;
+    Pack pack_left, pack_right;
 };
 
 #if defined(__x86_64__)
@@ -92,12 +119,12 @@ void chains_plain(int64_t depth, const float *left, const float *right, float *s
             for (int i = 0; i < 16; i++) sums[16 * j + i] = std::fma(left[i], right[j], sums[16 * j + i]);
 }
 
-constexpr Kernel PLAIN{16, 6, chains_plain};
+constexpr Kernel PLAIN{16, 6, chains_plain, pack<16>, pack<6>};
 
 const Kernel &widest() {
 #if defined(__x86_64__)
-    static const Kernel chosen = __builtin_cpu_supports("avx512f") ? Kernel{32, 12, chains_avx512}
-        : __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? Kernel{16, 6, chains_avx2}
+    static const Kernel chosen = __builtin_cpu_supports("avx512f") ? Kernel{32, 12, chains_avx512, pack<32>, pack<12>}
+        : __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? Kernel{16, 6, chains_avx2, pack<16>, pack<6>}
                                                                            : PLAIN;
     return chosen;
 #else
@@ -116,23 +143,6 @@ class Room {
     }
     float *get() { return memory.get(); }
 };
-
-// Rows [begin, end) of a matrix over the terms [from, to), in strips of `width` rows: term after term, the strip's rows
-// side by side. What the last strip lacks is zero.
-void pack(float *out, Matrix m, int64_t begin, int64_t end, int64_t width, int64_t from, int64_t to) {
-    const int64_t depth = to - from;
-    for (int64_t strip = begin; strip < end; strip += width, out += width * depth) {
-        const int64_t rows = std::min(width, end - strip);
-        const float *data = m.data + strip * m.row + from * m.column;
-        if (rows < width) std::fill(out, out + width * depth, 0.0f);
-        if (m.row == 1) {
-            for (int64_t k = 0; k < depth; k++) std::copy(data + k * m.column, data + k * m.column + rows, out + k * width);
-        } else {
-            for (int64_t i = 0; i < rows; i++)
-                for (int64_t k = 0; k < depth; k++) out[k * width + i] = data[i * m.row + k * m.column];
-        }
-    }
-}
 
 // A strip's part of the result: `sums` of the terms that were just multiplied.
 void add(const Product &product, const float *sums, const Kernel &kernel, int64_t i, int64_t rows, int64_t j,
@@ -205,10 +215,10 @@ void Product::part(int64_t row, int64_t last_row, int64_t column, int64_t last_c
         const int64_t n_end = std::min(last_column, n + BLOCK_COLUMNS);
         for (int64_t k = 0; k < depth; k += DEPTH) {
             const int64_t k_end = std::min(depth, k + DEPTH), terms = k_end - k;
-            pack(b, right, n, n_end, kernel.columns, k, k_end);
+            kernel.pack_right(b, right, n, n_end, k, k_end);
             for (int64_t m = row; m < last_row; m += BLOCK_ROWS) {
                 const int64_t m_end = std::min(last_row, m + BLOCK_ROWS);
-                pack(a, left, m, m_end, kernel.rows, k, k_end);
+                kernel.pack_left(a, left, m, m_end, k, k_end);
                 for (int64_t j = n; j < n_end; j += kernel.columns)
                     for (int64_t i = m; i < m_end; i += kernel.rows) {
                         kernel.chains(terms, a + (i - m) * terms, b + (j - n) * terms, sums);
