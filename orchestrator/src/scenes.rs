@@ -67,8 +67,8 @@ pub fn targets(config: &Config) -> Result<Vec<Vec<TargetCategory>>> {
     config.scenes.iter().map(of).collect()
 }
 
-/// Has the actor judge a scene, and do what `further` asks if it is sound; returns what it prints. What it complains of is
-/// the error.
+/// Has the actor judge a scene, and do what `further` asks if it is sound; returns what it prints. What it complains of
+/// is the error.
 fn ask(program: &Path, scene: &Path, further: &[&OsStr]) -> Result<String> {
     let output = Command::new(program)
         .args(["check", "--scene"])

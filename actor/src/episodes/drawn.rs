@@ -9,8 +9,9 @@ use proto::random::{Key, Purpose};
 /// Seed of all drawn episodes. No run's seed: two policies are compared on the same ones.
 const SEED: u64 = 0x4556_414c;
 
-/// The kitchen's drawn episode with this number, within the distances of `config`: a pure function of these three. It is
-/// made as training makes its own; like those, it satisfies what a fixed episode must, as the tests of a sample show.
+/// The kitchen's drawn episode with this number, within the distances of `config`: a pure function of these three. It
+/// is made as training makes its own; like those, it satisfies what a fixed episode must, as the tests of a sample
+/// show.
 ///
 /// # Panics
 /// If the kitchen has no target of the episode's category.

@@ -71,8 +71,8 @@ impl Programme {
 }
 
 impl Planned {
-    /// The episode that an environment plays under this number. One that has run out stands at the start of some episode
-    /// of the kitchen and holds.
+    /// The episode that an environment plays under this number. One that has run out stands at the start of some
+    /// episode of the kitchen and holds.
     fn episode(&self, kitchen: &Arc<Kitchen>, id: EnvironmentId, number: u32) -> Episode {
         match (&self.fixed, self.plan.dealt(id, number)) {
             (Some(fixed), dealt) => fixed[dealt.unwrap_or(0) as usize],

@@ -23,10 +23,10 @@ const ENVIRONMENTS_MAX: u32 = 32;
 
 /// Play episodes of the test, validation or training kitchens with a policy, and measure success and disturbance
 ///
-/// A run whose episodes begin near their targets is asked for such episodes, drawn alike for every policy; any other one
-/// plays the fixed episodes. A run in scenes of its own is evaluated there. The same weights and seed give the same table
-/// (docs/evaluation.md). Without a run, `--preset` evaluates the weights that a fresh run begins with: a nearly uniform
-/// policy, the baseline of a random one. Exit status 1 without a result.
+/// A run whose episodes begin near their targets is asked for such episodes, drawn alike for every policy; any other
+/// one plays the fixed episodes. A run in scenes of its own is evaluated there. The same weights and seed give the same
+/// table (docs/evaluation.md). Without a run, `--preset` evaluates the weights that a fresh run begins with: a nearly
+/// uniform policy, the baseline of a random one. Exit status 1 without a result.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator eval runs/a --split test --objects novel     the paper's main table: 5 kitchens, 360 episodes each
@@ -51,8 +51,8 @@ pub struct EvalArgs {
     /// Targets: novel, seen in training, or all [default: novel; in scenes all that they have]
     #[arg(long, value_enum)]
     objects: Option<ObjectsChoice>,
-    /// Episodes: the fixed ones at full distance, or drawn within the run's distances (episode.start_distance_max_m and
-    /// goal_distance_max_m) [default: fixed; run where the run has such limits, in training kitchens and in scenes]
+    /// Episodes: the fixed ones at full distance, or drawn within the distances of the run's
+    /// table `episode` [default: fixed; run where the run has such limits, in training kitchens and in scenes]
     #[arg(long, value_enum)]
     distribution: Option<DistributionChoice>,
     /// Only the first N episodes of each kitchen and object set; a multiple of 6 has each category as often [default:

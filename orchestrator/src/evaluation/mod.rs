@@ -89,7 +89,9 @@ impl Examination {
                     terminal::note(&path);
                     terminal::out(json(&evaluation)?.trim_end());
                 } else {
-                    lines(&evaluation).iter().for_each(|line| terminal::out(line));
+                    for line in lines(&evaluation) {
+                        terminal::out(&line);
+                    }
                     terminal::out(&path);
                 }
                 Ok(ExitCode::SUCCESS)
@@ -152,7 +154,8 @@ impl Examination {
     }
 }
 
-/// Which episodes are played, as people read it, and their distances at most: of start and target, and of goal and target.
+/// Which episodes are played, as people read it, and their distances at most: of start and target, and of goal and
+/// target.
 pub fn episodes_of(config: &Config, asked: &EvaluationConfig) -> (String, [f32; 2]) {
     let distances_m = match asked.distribution {
         Distribution::Fixed => [0.0; 2],

@@ -11,8 +11,8 @@ pub enum Distribution {
     /// The fixed episodes of validation and test kitchens, at full distance: the paper's kind.
     #[default]
     Fixed,
-    /// Drawn as the run draws its training episodes, within its distances. The same for every policy: an episode depends
-    /// on kitchen, number and distances, and on no seed.
+    /// Drawn as the run draws its training episodes, within its distances. The same for every policy: an episode
+    /// depends on kitchen, number and distances, and on no seed.
     Run,
 }
 

@@ -17,8 +17,8 @@ pub fn category_of(episode: u32) -> TargetCategory {
 /// The episodes of an evaluation and the environments that play them.
 ///
 /// Every kitchen of a split plays the same episode numbers, a scene those of the targets that it has. Its environments,
-/// numbered as [`EnvironmentId::number`], take turns: environment n of N plays the list's entries n, n + N, n + 2N, ... as its
-/// episodes 0, 1, 2, ...; one that has run out holds.
+/// numbered as [`EnvironmentId::number`], take turns: environment n of N plays the list's entries n, n + N, n + 2N, ...
+/// as its episodes 0, 1, 2, ...; one that has run out holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plan {
     kitchens: Vec<(KitchenId, Vec<u32>)>,
@@ -78,8 +78,8 @@ impl Plan {
         self.len() == 0
     }
 
-    /// Number, in its kitchen, of the episode that an environment plays as its episode number `number`; none when it has
-    /// run out.
+    /// Number, in its kitchen, of the episode that an environment plays as its episode number `number`; none when it
+    /// has run out.
     pub fn dealt(&self, environment: EnvironmentId, number: u32) -> Option<u32> {
         let place = self.kitchens.iter().position(|(kitchen, _)| *kitchen == environment.kitchen)?;
         let episodes = &self.kitchens[place].1;

@@ -129,8 +129,8 @@ fn beside_the_paper(report: &Report, figures: &FigureSet) -> String {
         "<p>Each row of the paper's tables ({}), and below it, shaded, our runs of its method, with the settings that are \
          not its own. SR: share of successful episodes; SRwoD: successful with a total displacement of all other objects \
          below 0.01 m, the paper's definition; SRwoD (per axis): successful with no other object moved more than 0.01 m on \
-         any axis, as the program published with the paper measures it; percentages. In brackets, 95% intervals by a percentile bootstrap of {} resamples, stratified by kitchen, over \
-         the matrix of seeds × kitchens, as rliable defines them; one seed alone has none. The paper's IQM is the mean \
+         any axis, as the program published with the paper measures it; percentages. In brackets, 95% intervals by a \
+         percentile bootstrap of {} resamples, stratified by kitchen, over the matrix of seeds × kitchens, as rliable defines them; one seed alone has none. The paper's IQM is the mean \
          of the middle three of five seeds: ours by that definition stands in the column “IQM of seeds”, while “IQM” is the \
          interquartile mean over all seeds × kitchens.</p>\n",
         escape(&report.paper),
