@@ -1,6 +1,6 @@
 //! Episodes: which target, from where to where, and where the robot starts.
 //!
-//! A pure function of (run seed, kitchen, environment, episode number).
+//! In training a pure function of (run seed, kitchen, environment, episode number).
 
 use crate::kitchen::Kitchen;
 use crate::kitchen::spots::Stand;
@@ -44,10 +44,18 @@ impl Episode {
         let mut random = Key::episode(seed, Purpose::Episode, id.kitchen, id.number, episode).stream();
         let targets = kitchen.training_targets();
         let category = targets[random.below(targets.len() as u32) as usize];
+        Self::about(kitchen, config, category, &mut random)
+    }
+
+    /// The episode of this category that comes out of `random`, within the distances of `config`.
+    ///
+    /// # Panics
+    /// If the kitchen has no such target.
+    pub fn about(kitchen: &Kitchen, config: &EpisodeConfig, category: TargetCategory, random: &mut Random) -> Self {
         let spots = kitchen.target_spots(category);
         let start = spots[random.below(spots.len() as u32) as usize];
-        let goal = goal(spots, start, config.goal_distance_max_m, &mut random);
-        let stand = stand(kitchen, category, start, config.start_distance_max_m, &mut random);
+        let goal = goal(spots, start, config.goal_distance_max_m, random);
+        let stand = stand(kitchen, category, start, config.start_distance_max_m, random);
         Self { category, start, goal, stand }
     }
 }

@@ -4,19 +4,22 @@
 #![allow(clippy::unwrap_used)]
 
 use actor::environment::Environment;
-use actor::episode::at_goal;
+use actor::episode::{Episode, at_goal};
+use actor::episodes::drawn::drawn;
 use actor::episodes::{self, EPISODES_PER_KITCHEN, EpisodesError, Programme, check};
 use actor::kitchen::Kitchen;
+use actor::kitchen::spots::Stand;
 use actor::oracle::Variant;
 use actor::oracle::table::{Outcome, in_parallel, play};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 
-use proto::evaluation::{EvaluationConfig, ObjectSet};
+use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
 use proto::message::transition_flag;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
+use rapier3d::math::Vec3;
 use std::sync::{Arc, OnceLock};
 
 /// Every category once.
@@ -122,6 +125,8 @@ fn an_evaluations_environments_play_what_its_plan_says() {
         split: Split::Test,
         objects: ObjectSet::Seen,
         episodes: 6,
+        distribution: Distribution::Fixed,
+        scene_targets: Vec::new(),
         deterministic: false,
         checkpoint: None,
     });
@@ -138,6 +143,69 @@ fn an_evaluations_environments_play_what_its_plan_says() {
     assert_eq!((*environment.episode(), environment.current().episode), (fixed[0], 2));
     let elsewhere = EnvironmentId { kitchen: KitchenId::new(2).unwrap(), number: 0 };
     assert!(programme.environment(kitchen, elsewhere, &config).is_err());
+}
+
+#[test]
+fn drawn_episodes_are_the_runs_task_and_the_same_for_every_seed() {
+    let near = Config::resolve("demo", None).unwrap();
+    let (start_m, goal_m) = (near.episode.start_distance_max_m, near.episode.goal_distance_max_m);
+    for kitchen in kitchens() {
+        let draw = |config: &Config| -> Vec<Episode> {
+            (0..2 * EPISODES as u32).map(|number| drawn(kitchen, &config.episode, number)).collect()
+        };
+        let episodes = draw(&near);
+        assert_eq!(draw(&Config { seed: 99, ..near.clone() }), episodes, "no seed of a run is in it");
+        assert_ne!(draw(&Config::default()), episodes, "the distances are");
+        let fixed = episodes::fixed(kitchen).unwrap();
+        for (number, episode) in episodes.iter().enumerate() {
+            assert_eq!(episode.category, episodes::category(number));
+            assert_eq!(check::check(kitchen, &near, episode), Ok(()), "kitchen {}, episode {number}", kitchen.id());
+            assert!((episode.goal - episode.start).length() <= goal_m, "episode {number}");
+            assert!(!fixed.contains(episode));
+        }
+        // As in training, where no pose of the robot is so near, the nearest takes its place.
+        let distance_m = |stand: &Stand, target: Vec3| (stand.x_m - target.x).hypot(stand.z_m - target.z);
+        let near_starts =
+            episodes.iter().filter(|episode| distance_m(&episode.stand, episode.start) <= start_m).count();
+        assert!(2 * near_starts > episodes.len(), "{near_starts} of {}", episodes.len());
+        let farthest_m = episodes.iter().map(|episode| distance_m(&episode.stand, episode.start)).fold(0.0, f32::max);
+        assert!(farthest_m < start_m + 0.5, "{farthest_m}");
+        // Training's own episodes are others.
+        let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
+        let sampled = (0..50).map(|number| Episode::sample(kitchen, &near.episode, near.seed, id, number));
+        assert!(sampled.into_iter().all(|episode| !episodes.contains(&episode)));
+    }
+}
+
+#[test]
+fn an_evaluation_in_a_training_kitchen_plays_drawn_episodes() {
+    let id = KitchenId::of_split(Split::Train)[0];
+    let mut config = Config::default();
+    let kitchen = Arc::new(Kitchen::build(id, &config.simulation).unwrap());
+    config.evaluation = Some(EvaluationConfig {
+        split: Split::Train,
+        objects: ObjectSet::Novel,
+        episodes: 3,
+        distribution: Distribution::Run,
+        scene_targets: Vec::new(),
+        deterministic: false,
+        checkpoint: None,
+    });
+    let programme = Programme::of(&config, &kitchen).unwrap();
+    let id = EnvironmentId { kitchen: id, number: 0 };
+    let mut environment = programme.environment(&kitchen, id, &config).unwrap();
+    for (number, dealt) in [6, 7, 8].into_iter().enumerate() {
+        programme.start(&mut environment, id, number as u32);
+        assert_eq!(*environment.episode(), drawn(&kitchen, &config.episode, dealt));
+    }
+    // It has run out: something to look at while it holds.
+    programme.start(&mut environment, id, 3);
+    assert_eq!(environment.current().episode, 3);
+
+    if let Some(asked) = &mut config.evaluation {
+        asked.distribution = Distribution::Fixed;
+    }
+    assert_eq!(Programme::of(&config, &kitchen).unwrap_err(), EpisodesError::NotFixed(kitchen.id()));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Playing fixed episodes with a policy: what is chosen, what came of it, and who has run out. No I/O, no tensors.
+//! Playing planned episodes with a policy: what is chosen, what came of it, and who has run out. No I/O, no tensors.
 
 use crate::collector::{Layout, Place, gumbel_of};
 use proto::action::HOLD;
@@ -10,8 +10,8 @@ use proto::reward::RewardKind;
 /// The episode that a column plays.
 #[derive(Debug, Clone, Default)]
 struct Course {
-    /// Number of the fixed episode; none when the column has run out.
-    fixed: Option<u32>,
+    /// The episode's number in its kitchen; none when the column has run out.
+    episode: Option<u32>,
     /// Episodes that this column has ended.
     played: u32,
     actions: Vec<u8>,
@@ -43,7 +43,7 @@ impl Examination {
     /// Every column at the start of its first episode. Noise of `seed` samples among `policy_actions` actions; without
     /// a seed the most probable one is taken. `lambda_disturb` is that of the return under r′.
     pub fn new(plan: Plan, layout: Layout, lambda_disturb: f32, seed: Option<u64>, policy_actions: usize) -> Self {
-        let course = |column| Course { fixed: plan.fixed(layout.environment(column), 0), ..Course::default() };
+        let course = |column| Course { episode: plan.dealt(layout.environment(column), 0), ..Course::default() };
         Self {
             courses: (0..layout.columns()).map(course).collect(),
             remaining: plan.len(),
@@ -60,21 +60,21 @@ impl Examination {
         self.remaining
     }
 
-    /// Appends the noise for one column's step: a function of (seed, kitchen, fixed episode, step) and nothing else.
+    /// Appends the noise for one column's step: a function of (seed, kitchen, episode, step) and nothing else.
     pub fn noise(&self, place: Place, noise: &mut Vec<f32>) {
-        let (Some(seed), Some(fixed)) = (self.seed, self.courses[place.column].fixed) else {
+        let (Some(seed), Some(episode)) = (self.seed, self.courses[place.column].episode) else {
             noise.resize(noise.len() + self.policy_actions, 0.0);
             return;
         };
         let kitchen = place.environment.kitchen.number();
-        let key = Key { seed, purpose: Purpose::Evaluation, kitchen, environment: 0, episode: fixed, step: place.step };
+        let key = Key { seed, purpose: Purpose::Evaluation, kitchen, environment: 0, episode, step: place.step };
         gumbel_of(key, self.policy_actions, noise);
     }
 
     /// Notes what the policy chose for a column, and returns what to send: HOLD for one that has run out.
     pub fn choose(&mut self, column: usize, action: u8, foretold: Option<bool>) -> u8 {
         let course = &mut self.courses[column];
-        if course.fixed.is_none() {
+        if course.episode.is_none() {
             return HOLD;
         }
         course.actions.push(action);
@@ -85,7 +85,7 @@ impl Examination {
     /// Takes in what a column's last action did; the record of its episode if that has ended.
     pub fn settle(&mut self, column: usize, transition: &Transition) -> Option<Played> {
         let course = &mut self.courses[column];
-        let fixed = course.fixed?;
+        let episode = course.episode?;
         let has = |flag| transition.flags & flag != 0;
         let reward = |kind| f64::from(transition.reward.compose(kind, self.lambda_disturb));
         course.return_r += reward(RewardKind::Task);
@@ -103,13 +103,13 @@ impl Examination {
         }
         let environment = self.layout.environment(column);
         let played = course.played + 1;
-        let next = Course { fixed: self.plan.fixed(environment, played), played, ..Course::default() };
+        let next = Course { episode: self.plan.dealt(environment, played), played, ..Course::default() };
         let ended = std::mem::replace(course, next);
         self.remaining -= 1;
         let record = EpisodeRecord {
             kitchen: environment.kitchen,
-            episode: fixed,
-            category: category_of(fixed),
+            episode,
+            category: category_of(episode),
             end: if has(transition_flag::DONE) { EpisodeEnd::Done } else { EpisodeEnd::TimeLimit },
             success: has(transition_flag::SUCCESS),
             // What is held stays held until the episode ends.
@@ -136,7 +136,7 @@ impl Examination {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proto::evaluation::{EvaluationConfig, ObjectSet};
+    use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
     use proto::kitchen::{Kitchens, Split};
     use proto::reward::RewardParts;
     use std::collections::BTreeSet;
@@ -146,6 +146,8 @@ mod tests {
             split: Split::Test,
             objects: ObjectSet::Novel,
             episodes: 7,
+            distribution: Distribution::Fixed,
+            scene_targets: Vec::new(),
             deterministic: false,
             checkpoint: None,
         };

@@ -7,7 +7,7 @@ use learner::agent::Agent;
 use learner::checkpoint::encode_tensors;
 use proto::config::LagrangianConfig;
 use proto::control::{EXIT_NON_FINITE, LearnerEvent, metric};
-use proto::evaluation::{EvaluationConfig, ObjectSet};
+use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
 use proto::kitchen::Split;
 use proto::reward::RewardKind;
 use proto::wire::WireAddress;
@@ -302,6 +302,8 @@ fn a_number_that_is_not_finite_has_that_status_in_an_evaluation_too() {
         split: Split::Validation,
         objects: ObjectSet::Novel,
         episodes: 1,
+        distribution: Distribution::Fixed,
+        scene_targets: Vec::new(),
         deterministic: true,
         checkpoint: Some(donor.run_folder().checkpoint_manifest(0).display().to_string()),
     });

@@ -165,8 +165,8 @@ fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
 fn validation_of(folder: &RunFolder) -> Result<Vec<Validated>> {
     let mut by_frames = BTreeMap::new();
     for line in read_log(&folder.validation_log())? {
-        let Scored { frames, success, success_without_disturbance, .. } = line;
-        by_frames.insert(frames, Validated { frames, success, success_without_disturbance });
+        let Scored { frames, distribution, success, success_without_disturbance, .. } = line;
+        by_frames.insert(frames, Validated { frames, distribution, success, success_without_disturbance });
     }
     Ok(by_frames.into_values().collect())
 }
@@ -273,7 +273,7 @@ mod tests {
     use crate::evaluation::uneventful;
     use proto::config::FromConfig;
     use proto::evaluation::{
-        Conditions, Cost, EpisodeRecord, EvaluationConfig, ObjectSet, Subject, category_of, write_table,
+        Conditions, Cost, Distribution, EpisodeRecord, EvaluationConfig, ObjectSet, Subject, category_of, write_table,
     };
     use proto::kitchen::{KitchenId, Split};
     use report::study::groups;
@@ -281,8 +281,15 @@ mod tests {
 
     /// An evaluation's folder: one episode, weights that are named by a letter.
     fn evaluate(folder: &Path, split: Split, run: Option<&Path>, weights: &str) {
-        let asked =
-            EvaluationConfig { split, objects: ObjectSet::Novel, episodes: 1, deterministic: false, checkpoint: None };
+        let asked = EvaluationConfig {
+            split,
+            objects: ObjectSet::Novel,
+            episodes: 1,
+            distribution: Distribution::Fixed,
+            scene_targets: Vec::new(),
+            deterministic: false,
+            checkpoint: None,
+        };
         let mut config = Config { evaluation: Some(asked), seed: 77, ..Config::resolve("two-stage", None).unwrap() };
         config.actors.count = 5;
         let novel = (0..12).find(|&episode| ObjectSet::Novel.contains(category_of(episode))).unwrap();
@@ -299,8 +306,12 @@ mod tests {
         };
         let conditions = Conditions {
             split,
+            scenes: Vec::new(),
             objects: ObjectSet::Novel,
             episodes: 1,
+            distribution: Distribution::Fixed,
+            start_distance_max_m: 0.0,
+            goal_distance_max_m: 0.0,
             deterministic: false,
             seed: config.seed,
             max_steps: config.episode.max_steps,
@@ -312,7 +323,7 @@ mod tests {
         let result = Evaluation::of(subject, conditions, Cost::default(), &[(record, vec![20])]);
         std::fs::create_dir_all(folder).unwrap();
         std::fs::write(folder.join(RESULT_FILE), serde_json::to_string(&result).unwrap()).unwrap();
-        std::fs::write(folder.join(TABLE_FILE), write_table(&[record])).unwrap();
+        std::fs::write(folder.join(TABLE_FILE), write_table(&[record], Distribution::Fixed)).unwrap();
         std::fs::write(folder.join("config.toml"), config.to_toml()).unwrap();
     }
 

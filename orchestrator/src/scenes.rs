@@ -9,7 +9,9 @@ use crate::preflight::{Finding, programs};
 use crate::terminal;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
+use proto::kitchen::TargetCategory;
 use proto::run_folder::RunFolder;
+use std::ffi::OsStr;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -19,7 +21,7 @@ pub fn check(config: &Config) -> Result<()> {
         return Ok(());
     }
     let program = programs::find("actor")?;
-    config.scenes.iter().try_for_each(|scene| ask(&program, Path::new(scene), None))
+    config.scenes.iter().try_for_each(|scene| ask(&program, Path::new(scene), &[]).map(drop))
 }
 
 /// What is to be said of the configuration's scenes, all of them; none of a configuration without.
@@ -27,7 +29,7 @@ pub fn finding(config: &Config, program: &Path) -> Option<Finding> {
     if config.scenes.is_empty() {
         return None;
     }
-    let judged = config.scenes.iter().map(|scene| ask(program, Path::new(scene), None));
+    let judged = config.scenes.iter().map(|scene| ask(program, Path::new(scene), &[]));
     let problems: Vec<String> = judged.filter_map(|found| Some(format!("{:#}", found.err()?))).collect();
     Some(if problems.is_empty() {
         Finding::Good(format!("{}: {}", counted(config.scenes.len() as u64, "scene"), config.scenes.join(", ")))
@@ -45,22 +47,34 @@ pub fn keep(config: &mut Config, folder: &RunFolder) -> Result<()> {
     for (index, scene) in config.scenes.iter_mut().enumerate() {
         let name = Path::new(scene.as_str()).file_name().and_then(|name| name.to_str());
         let name = name.with_context(|| format!("{scene} is not the name of a scene file"))?.to_owned();
-        ask(&program, Path::new(scene.as_str()), Some(&folder.scene(index)))?;
+        ask(&program, Path::new(scene.as_str()), &[OsStr::new("--copy"), folder.scene(index).as_os_str()])?;
         *scene = format!("{}/{name}", folder.relative_scene(index));
     }
     Ok(())
 }
 
-/// Has the actor judge a scene, and copy it if it is sound. What it complains of is the error.
-fn ask(program: &Path, scene: &Path, copy: Option<&Path>) -> Result<()> {
-    let mut command = Command::new(program);
-    command.arg("check").arg("--scene").arg(scene);
-    if let Some(copy) = copy {
-        command.arg("--copy").arg(copy);
+/// Has every scene of the configuration checked, and returns the targets that each has.
+pub fn targets(config: &Config) -> Result<Vec<Vec<TargetCategory>>> {
+    if config.scenes.is_empty() {
+        return Ok(Vec::new());
     }
-    let output = command
+    let program = programs::find("actor")?;
+    let of = |scene: &String| {
+        let said = ask(&program, Path::new(scene), &[OsStr::new("--targets")])?;
+        let named = |line: &str| TargetCategory::ALL.into_iter().find(|target| target.name() == line.trim());
+        Ok(said.lines().filter_map(named).collect())
+    };
+    config.scenes.iter().map(of).collect()
+}
+
+/// Has the actor judge a scene, and do what `further` asks if it is sound; returns what it prints. What it complains of
+/// is the error.
+fn ask(program: &Path, scene: &Path, further: &[&OsStr]) -> Result<String> {
+    let output = Command::new(program)
+        .args(["check", "--scene"])
+        .arg(scene)
+        .args(further)
         .stdin(Stdio::null())
-        .stdout(Stdio::null())
         .output()
         .with_context(|| format!("cannot start {}", program.display()))?;
     let said = String::from_utf8_lossy(&output.stderr);
@@ -73,7 +87,7 @@ fn ask(program: &Path, scene: &Path, copy: Option<&Path>) -> Result<()> {
     if !said.is_empty() {
         terminal::note(said);
     }
-    Ok(())
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
 #[cfg(test)]

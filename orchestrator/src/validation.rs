@@ -17,7 +17,7 @@ use crate::remains;
 use crate::schema::stillroom;
 use anyhow::{Context, Result};
 use proto::config::Config;
-use proto::evaluation::{Evaluation, RESULT_FILE};
+use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
 use proto::run_folder::RunFolder;
 use proto::stage::total_frames;
 use proto::wire::WireAddress;
@@ -44,10 +44,16 @@ pub struct Validated {
     pub result: String,
     /// Episodes played.
     pub episodes: u64,
+    /// Fixed ones, or drawn as the run draws its own.
+    #[serde(default)]
+    pub distribution: Distribution,
     /// SR.
     pub success: f64,
     /// `SRwoD`.
     pub success_without_disturbance: f64,
+    /// `SRwoD` by the largest displacement on an axis; none in lines of versions that did not give it.
+    #[serde(default)]
+    pub success_without_disturbance_per_axis: Option<f64>,
     /// Share of episodes in which the target was picked up.
     pub picked_up: f64,
     /// Mean length, steps.
@@ -72,8 +78,10 @@ impl Validated {
             weights: evaluation.subject.weights.clone(),
             result: format!("{}/result", RunFolder::relative_validation(rollout)),
             episodes: figures.episodes,
+            distribution: evaluation.conditions.distribution,
             success: known(figures.success),
             success_without_disturbance: known(figures.success_without_disturbance),
+            success_without_disturbance_per_axis: figures.success_without_disturbance_per_axis,
             picked_up: known(figures.picked_up),
             length: known(figures.length),
             disturbance_m: known(figures.disturbance_m),
@@ -261,8 +269,9 @@ impl Validation {
         self.crown()?;
         let is_best = best(&self.scored).is_some_and(|best| best.rollout == rollout);
         tracing::info!(
-            "validation at {} frames: success {:.1}%, SRwoD {:.1}%{}",
+            "validation at {} frames, {}: success {:.1}%, SRwoD {:.1}%{}",
             one.frames,
+            evaluation.conditions.episodes_played(),
             100.0 * one.success,
             100.0 * one.success_without_disturbance,
             if is_best { ", the best so far" } else { "" }
@@ -399,8 +408,10 @@ pub mod tests {
             weights: "00".repeat(32),
             result: String::new(),
             episodes: 10,
+            distribution: Distribution::Fixed,
             success,
             success_without_disturbance: undisturbed,
+            success_without_disturbance_per_axis: None,
             picked_up: 0.0,
             length: 1.0,
             disturbance_m: 0.0,

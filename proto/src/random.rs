@@ -25,8 +25,10 @@ pub enum Purpose {
     Recording = 7,
     /// Actions of random policies in benchmarks and checks.
     RandomPolicy = 8,
-    /// Gumbel noise of an evaluation: `environment` is 0, `episode` the fixed episode's number in its kitchen.
+    /// Gumbel noise of an evaluation: `environment` is 0, `episode` the episode's number in its kitchen.
     Evaluation = 9,
+    /// Drawn episodes of an evaluation, seeded by none: `environment` is 0, `episode` its number in its kitchen.
+    EvaluationEpisode = 10,
     /// What a contrastive auxiliary loss shows as not seen; keyed as [`Purpose::AuxiliarySubsample`].
     AuxiliaryNegatives = 16,
     /// Resamples behind the intervals of a report; `environment` is the number of seeds, `episode` the resample.

@@ -103,6 +103,7 @@ fn bins(rollouts: &[Rollout], name: &str, width: f64) -> Vec<(u64, f64, f64)> {
 mod tests {
     use super::*;
     use crate::study::{Validated, groups, tests::run};
+    use proto::evaluation::Distribution;
     use std::collections::BTreeMap;
 
     fn rollouts(count: u64, frames_each: u64, value: impl Fn(u64) -> f64) -> Vec<Rollout> {
@@ -145,7 +146,8 @@ mod tests {
     fn a_validation_that_one_seed_skipped_is_no_point_of_the_mean() {
         let mut runs = [run("a", "demo", 1), run("b", "demo", 2), run("c", "demo", 3)];
         let at = |frames: &[u64], success: f64| -> Vec<Validated> {
-            let point = |&frames: &u64| Validated { frames, success, success_without_disturbance: 0.0 };
+            let distribution = Distribution::Fixed;
+            let point = |&frames: &u64| Validated { frames, distribution, success, success_without_disturbance: 0.0 };
             frames.iter().map(point).collect()
         };
         runs[0].validation = at(&[100, 200, 300], 0.2);

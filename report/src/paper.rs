@@ -198,7 +198,7 @@ mod tests {
             named.insert(row.preset());
         }
         assert_eq!(named.len(), 19 + 12 + 4);
-        for lambda in [1, 5, 10, 15, 20, 25] {
+        for lambda in [0, 1, 5, 10, 15, 20, 25] {
             assert_eq!(config(&format!("lambda-{lambda}")).reward.lambda_disturb, lambda as f32);
             named.insert(format!("lambda-{lambda}"));
         }

@@ -7,11 +7,12 @@ use crate::format::{count, counted};
 use crate::paper::paper;
 use crate::results::{FieldResult, Missing};
 use crate::statistics::{CURVE_RESAMPLES, RESAMPLES};
-use crate::study::{Evaluated, Field, Group, Run, StudyError, groups};
+use crate::study::{Evaluated, Field, Group, Run, Source, StudyError, groups};
 use crate::tables::{Comparison, comparisons};
-use proto::evaluation::DISTURBANCE_THRESHOLDS_M;
+use proto::config::EpisodeConfig;
+use proto::evaluation::{DISTURBANCE_THRESHOLDS_M, Distribution, describe};
 use serde::Serialize;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Everything that is said: serialised, it is `report.json`. Rates are shares 0..=1.
 #[derive(Debug, Clone, Serialize)]
@@ -22,6 +23,8 @@ pub struct Report {
     pub paper: String,
     /// How the intervals were made.
     pub statistics: Method,
+    /// Which episodes the figures are of, a sentence each.
+    pub episodes: Vec<String>,
     /// Groups of runs.
     pub groups: Vec<GroupReport>,
     /// The paper's tables with ours beside them.
@@ -162,6 +165,7 @@ impl Made {
             schema_version: proto::SCHEMA_VERSION,
             paper: paper().source.clone(),
             statistics: Method { interval: 0.95, resamples: RESAMPLES, curve_resamples: CURVE_RESAMPLES },
+            episodes: episodes_of(&groups),
             groups: subjects.iter().map(GroupReport::of).collect(),
             comparisons: comparisons(&subjects),
             sweeps,
@@ -170,6 +174,34 @@ impl Made {
         };
         Ok(Self { report, figures })
     }
+}
+
+/// Which episodes the groups' figures are of: each kind, and who was evaluated on it.
+fn episodes_of(groups: &[Group<'_>]) -> Vec<String> {
+    let mut found: BTreeMap<(bool, String), BTreeSet<&str>> = BTreeMap::new();
+    for group in groups {
+        for run in &group.runs {
+            for conditions in run.evaluations.iter().map(|evaluated| &evaluated.result.conditions) {
+                let drawn = conditions.distribution == Distribution::Run;
+                found.entry((drawn, conditions.episodes_played())).or_default().insert(group.label.as_str());
+            }
+            let EpisodeConfig { start_distance_max_m, goal_distance_max_m, .. } = run.config.episode;
+            for distribution in run.validation.iter().map(|point| point.distribution) {
+                let drawn = distribution == Distribution::Run;
+                let played = describe(distribution, start_distance_max_m, goal_distance_max_m);
+                found
+                    .entry((drawn, format!("{played}, in validation during training")))
+                    .or_default()
+                    .insert(group.label.as_str());
+            }
+        }
+    }
+    let sentence = |((drawn, played), labels): ((bool, String), BTreeSet<&str>)| {
+        let labels = labels.into_iter().collect::<Vec<_>>().join(", ");
+        let apart = if drawn { " Not the paper's episodes: these figures stand in no row of its tables." } else { "" };
+        format!("Figures of {played}: {labels}.{apart}")
+    };
+    found.into_iter().map(sentence).collect()
 }
 
 /// A group's results in all fields; what keeps it from having one becomes a note.
@@ -215,7 +247,7 @@ fn note_older(group: &Group<'_>, field: Field, notes: &mut Vec<String>) {
 
 /// What a figure does not say of itself.
 fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes: &mut Vec<String>) {
-    let (label, field) = (&group.label, field.name());
+    let (label, is_fixed, field) = (&group.label, field.source == Source::Fixed, field.name());
     if result.seeds.iter().any(|seed| seed.deterministic) {
         notes.push(format!(
             "{label}: on {field}, seeds were evaluated with the most probable action, not sampled ones."
@@ -227,7 +259,7 @@ fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes:
     }
     let full = result.kitchens.len() as u64 * 360;
     let episodes = result.seeds.first().map_or(0, |seed| seed.episodes);
-    if episodes < full || result.kitchens.len() < 5 {
+    if is_fixed && (episodes < full || result.kitchens.len() < 5) {
         notes.push(format!(
             "{label}: on {field}, {} in {} instead of the paper's 1800 in 5.",
             counted(episodes, "episode"),

@@ -22,6 +22,8 @@ pub struct FieldResult {
     pub success: Aggregate,
     /// `SRwoD`: d < 0.01 m.
     pub success_without_disturbance: Aggregate,
+    /// `SRwoD` by the largest displacement on an axis: no object moved more than 0.01 m on any.
+    pub success_without_disturbance_per_axis: Aggregate,
     /// `SRwoD` over the threshold.
     pub by_threshold: Vec<CurvePoint>,
     /// Success with at most so many disturbed objects.
@@ -57,6 +59,8 @@ pub struct SeedResult {
     pub success: Rate,
     /// `SRwoD` over all its episodes.
     pub success_without_disturbance: Rate,
+    /// `SRwoD` by the largest displacement on an axis, over all its episodes.
+    pub success_without_disturbance_per_axis: Rate,
 }
 
 /// A rate over the episodes of one policy.
@@ -119,6 +123,7 @@ impl FieldResult {
         };
         let success = matrix(&|record| record.success);
         let undisturbed = matrix(&|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M));
+        let undisturbed_per_axis = matrix(&EpisodeRecord::succeeded_undisturbed_per_axis);
         let point = |at: f64, scores: &Scores| {
             let mean = Aggregate::of(scores, CURVE_RESAMPLES).mean;
             CurvePoint { at, mean: mean.point, interval: mean.interval }
@@ -152,6 +157,7 @@ impl FieldResult {
                 success_without_disturbance_by_kitchen: undisturbed.row(row).to_vec(),
                 success: rate(episodes, &|record| record.success),
                 success_without_disturbance: rate(episodes, &|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M)),
+                success_without_disturbance_per_axis: rate(episodes, &EpisodeRecord::succeeded_undisturbed_per_axis),
             })
             .collect();
         let result = Self {
@@ -159,6 +165,7 @@ impl FieldResult {
             seeds,
             success: Aggregate::of(&success, RESAMPLES),
             success_without_disturbance: Aggregate::of(&undisturbed, RESAMPLES),
+            success_without_disturbance_per_axis: Aggregate::of(&undisturbed_per_axis, RESAMPLES),
             by_threshold,
             by_disturbed_objects,
             pooled: Figures::of(by_seed.iter().flatten().copied()),

@@ -1,7 +1,7 @@
 //! What a report is made from: runs as their folders tell of them, put together in groups that differ in the seed only.
 
 use proto::config::Config;
-use proto::evaluation::{EpisodeRecord, Evaluation, ObjectSet};
+use proto::evaluation::{Conditions, Distribution, EpisodeRecord, Evaluation, ObjectSet};
 use proto::kitchen::Split;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -50,10 +50,33 @@ pub struct Evaluated {
 pub struct Validated {
     /// Frames trained on.
     pub frames: u64,
+    /// Fixed episodes, or drawn as the run draws its own.
+    pub distribution: Distribution,
     /// SR.
     pub success: f64,
     /// `SRwoD`.
     pub success_without_disturbance: f64,
+}
+
+/// Which kind of episodes. Only the fixed ones are the paper's kind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// The fixed ones of validation and test kitchens.
+    Fixed,
+    /// Drawn within the run's distances, in the kitchens of a split.
+    Drawn,
+    /// Drawn within the run's distances, in scenes of the run's own.
+    Scenes,
+}
+
+impl Source {
+    fn of(conditions: &Conditions) -> Self {
+        match conditions.distribution {
+            _ if !conditions.scenes.is_empty() => Self::Scenes,
+            Distribution::Fixed => Self::Fixed,
+            Distribution::Run => Self::Drawn,
+        }
+    }
 }
 
 /// Which episodes a table is about.
@@ -63,29 +86,47 @@ pub struct Field {
     pub split: Split,
     /// Targets: novel or seen.
     pub objects: ObjectSet,
+    /// Fixed or drawn.
+    pub source: Source,
 }
 
 impl Field {
     /// All that can be evaluated, the paper's first table first.
-    pub const ALL: [Self; 4] = [
-        Self { split: Split::Test, objects: ObjectSet::Novel },
-        Self { split: Split::Test, objects: ObjectSet::Seen },
-        Self { split: Split::Validation, objects: ObjectSet::Novel },
-        Self { split: Split::Validation, objects: ObjectSet::Seen },
+    pub const ALL: [Self; 12] = [
+        Self::new(Split::Test, ObjectSet::Novel, Source::Fixed),
+        Self::new(Split::Test, ObjectSet::Seen, Source::Fixed),
+        Self::new(Split::Validation, ObjectSet::Novel, Source::Fixed),
+        Self::new(Split::Validation, ObjectSet::Seen, Source::Fixed),
+        Self::new(Split::Test, ObjectSet::Novel, Source::Drawn),
+        Self::new(Split::Test, ObjectSet::Seen, Source::Drawn),
+        Self::new(Split::Validation, ObjectSet::Novel, Source::Drawn),
+        Self::new(Split::Validation, ObjectSet::Seen, Source::Drawn),
+        Self::new(Split::Train, ObjectSet::Novel, Source::Drawn),
+        Self::new(Split::Train, ObjectSet::Seen, Source::Drawn),
+        Self::new(Split::Train, ObjectSet::Novel, Source::Scenes),
+        Self::new(Split::Train, ObjectSet::Seen, Source::Scenes),
     ];
 
-    /// `test, novel objects`
+    /// These episodes.
+    pub const fn new(split: Split, objects: ObjectSet, source: Source) -> Self {
+        Self { split, objects, source }
+    }
+
+    /// `test, novel objects`, or `test, novel objects, drawn episodes`
     pub fn name(self) -> String {
-        format!("{}, {} objects", self.split_name(), self.objects.name())
+        let drawn = if self.source == Source::Fixed { "" } else { ", drawn episodes" };
+        format!("{}, {} objects{drawn}", self.place(), self.objects.name())
     }
 
-    /// `test-novel`, for file names.
+    /// `test-novel`, or `test-novel-drawn`, for file names.
     pub fn key(self) -> String {
-        format!("{}-{}", self.split_name(), self.objects.name())
+        let drawn = if self.source == Source::Drawn { "-drawn" } else { "" };
+        format!("{}-{}{drawn}", self.place(), self.objects.name())
     }
 
-    fn split_name(self) -> &'static str {
+    fn place(self) -> &'static str {
         match self.split {
+            _ if self.source == Source::Scenes => "scenes",
             Split::Train => "training",
             Split::Validation => "validation",
             Split::Test => "test",
@@ -96,8 +137,9 @@ impl Field {
 impl Evaluated {
     /// Its episodes in a field.
     pub fn episodes_in(&self, field: Field) -> impl Iterator<Item = &EpisodeRecord> {
-        let in_split = self.result.conditions.split == field.split;
-        self.episodes.iter().filter(move |record| in_split && field.objects.contains(record.category))
+        let conditions = &self.result.conditions;
+        let in_field = conditions.split == field.split && Source::of(conditions) == field.source;
+        self.episodes.iter().filter(move |record| in_field && field.objects.contains(record.category))
     }
 }
 

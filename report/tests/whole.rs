@@ -3,8 +3,8 @@
 use proto::config::Config;
 use proto::control::metric;
 use proto::evaluation::{
-    Conditions, Confusion, Cost, EPISODES_PER_KITCHEN, EpisodeEnd, EpisodeRecord, Evaluation, ObjectSet, Subject,
-    category_of,
+    Conditions, Confusion, Cost, Distribution, EPISODES_PER_KITCHEN, EpisodeEnd, EpisodeRecord, Evaluation, ObjectSet,
+    Subject, category_of,
 };
 use proto::kitchen::{KitchenId, Split};
 use proto::random::{Key, Purpose, Random};
@@ -75,8 +75,12 @@ fn evaluated(config: &Config, split: Split, objects: ObjectSet, skill: f64, care
     };
     let conditions = Conditions {
         split,
+        scenes: Vec::new(),
         objects,
         episodes: 0,
+        distribution: Distribution::Fixed,
+        start_distance_max_m: 0.0,
+        goal_distance_max_m: 0.0,
         deterministic: false,
         seed: config.seed,
         max_steps: config.episode.max_steps,
@@ -121,6 +125,7 @@ fn run(preset: &str, seed: u64, (skill, care): (f64, f64)) -> Run {
     let luck = 0.02 * seed as f64;
     let validation = (1..=9).map(|index| Validated {
         frames: index * 5_000_000,
+        distribution: Distribution::Fixed,
         success: skill * index as f64 / 9.0 - luck,
         success_without_disturbance: skill * care * index as f64 / 9.0 - luck,
     });
@@ -209,9 +214,13 @@ fn the_numbers_are_those_of_the_tables() {
     let mut sorted = rates;
     sorted.sort_by(f64::total_cmp);
     assert!((ours.success.iqm_of_seeds - sorted[1..4].iter().sum::<f64>() / 3.0).abs() < 1e-12);
+    // The made-up episodes disturb an object just where their displacement is a centimetre or more.
+    let [paper, axis] = [ours.success_without_disturbance, ours.success_without_disturbance_per_axis];
+    assert_eq!(paper.mean.point, axis.mean.point);
     // SRwoD over the threshold passes through SRwoD, and never falls.
     let result = &report.groups[0].results[0];
     let at = |threshold_m: f64| result.by_threshold.iter().find(|point| point.at == threshold_m).expect("a point").mean;
+    assert_eq!(result.by_disturbed_objects[0].mean, result.success_without_disturbance_per_axis.mean.point);
     assert!((at(0.01) - result.success_without_disturbance.mean.point).abs() < 1e-12);
     assert!(result.by_threshold.is_sorted_by(|a, b| a.mean <= b.mean));
     assert!(result.by_disturbed_objects.is_sorted_by(|a, b| a.mean <= b.mean));
@@ -222,6 +231,56 @@ fn the_numbers_are_those_of_the_tables() {
     // The same runs give the same numbers.
     let again = made(&runs).report;
     assert_eq!(serde_json::to_string(&again).expect("numbers"), serde_json::to_string(&report).expect("numbers"));
+}
+
+/// A run whose evaluations are of drawn episodes within its distances.
+fn drawn(mut run: Run) -> Run {
+    for evaluated in &mut run.evaluations {
+        let conditions = &mut evaluated.result.conditions;
+        conditions.distribution = Distribution::Run;
+        conditions.start_distance_max_m = run.config.episode.start_distance_max_m;
+        conditions.goal_distance_max_m = run.config.episode.goal_distance_max_m;
+    }
+    run.validation.iter_mut().for_each(|point| point.distribution = Distribution::Run);
+    run
+}
+
+#[test]
+fn drawn_episodes_are_named_on_top_and_stand_in_no_row_of_the_paper() {
+    let ours = |made: &Made| -> usize {
+        made.report.comparisons.iter().flat_map(|table| &table.rows).map(|row| row.ours.len()).sum()
+    };
+    let near = drawn(run("demo", 1, (0.6, 0.5)));
+    let fixed = made(&[run("disturb-two-stage", 1, (0.8, 0.5)), near.clone()]);
+    assert!(ours(&fixed) > 0);
+    assert_eq!(fixed.report.episodes.len(), 4, "{:#?}", fixed.report.episodes);
+    assert_eq!(fixed.report.episodes[0], "Figures of fixed episodes at full distance: disturb-two-stage.");
+    let sentence = &fixed.report.episodes[2];
+    assert!(
+        sentence.contains("within 0.7 m of the target") && sentence.contains(": demo. Not the paper's"),
+        "{sentence}"
+    );
+    let fields = |index: usize| -> Vec<&str> {
+        fixed.report.groups[index].results.iter().map(|result| result.field.as_str()).collect()
+    };
+    assert_eq!(fields(0), ["test-novel", "test-seen", "validation-novel"]);
+    assert_eq!(fields(1), ["test-novel-drawn", "test-seen-drawn", "validation-novel-drawn"]);
+    let page = fixed.page("Made for a test.");
+    assert!(page.find("within 0.7 m").unwrap() < page.find("Beside the paper</h2>").unwrap());
+
+    // A row's own method, and yet not on the paper's episodes: beside it, and in figures, stands nothing.
+    let drawn = made(&[drawn(run("disturb-two-stage", 1, (0.8, 0.5)))]);
+    assert_eq!(ours(&drawn), 0);
+    assert!(drawn.report.episodes[0].starts_with("Figures of drawn episodes at full distance: disturb-two-stage."));
+    assert!(!drawn.report.notes.iter().any(|note| note.contains("instead of the paper's 1800")));
+
+    // In scenes of one's own.
+    let mut scenes = near;
+    scenes.evaluations.truncate(1);
+    let conditions = &mut scenes.evaluations[0].result.conditions;
+    (conditions.split, conditions.scenes) = (Split::Train, vec!["scenes/000/scene.toml".into()]);
+    let made = made(&[scenes]);
+    assert_eq!((made.report.groups[0].results[0].field.as_str(), ours(&made)), ("scenes-novel", 0));
 }
 
 #[test]

@@ -99,6 +99,103 @@ fn figures_are_those_of_the_table() {
     assert!(replay.stdout.contains("differences: 0"), "{replay:#?}");
 }
 
+/// `orchestrator eval --json` with these arguments: the result as it is printed, and all that was printed.
+fn printed_result(workshop: &Workshop, arguments: &[&str]) -> (serde_json::Value, Printed) {
+    let mut command = workshop.orchestrator(&["eval", "--json", "--seed", "5", "--episodes", "1"]);
+    command.args(arguments);
+    let printed = complete(command);
+    good(&printed);
+    (serde_json::from_str(&printed.stdout).expect("JSON and nothing else"), printed)
+}
+
+#[test]
+fn which_episodes_are_played_follows_from_the_run_and_is_said() {
+    let workshop = Workshop::new();
+    let fresh = ["--preset", "demo", "--config", "tiny.toml"];
+    let of = |further: &[&str]| printed_result(&workshop, &[&fresh[..], further].concat());
+    // The tiny configuration begins within a metre of its targets.
+    let (near, printed) = of(&["--out", "near"]);
+    let conditions = &near["conditions"];
+    assert_eq!((&conditions["distribution"], &conditions["split"]), (&"run".into(), &"test".into()));
+    assert_eq!((&conditions["start_distance_max_m"], &conditions["goal_distance_max_m"]), (&1.0.into(), &1.0.into()));
+    assert!(printed.stderr.contains("drawn episodes near their targets"), "{printed:#?}");
+    assert!(table(&workshop, "near").lines().skip(1).all(|line| line.ends_with(",run")));
+    assert!(near["overall"]["success_without_disturbance_per_axis"].is_number());
+
+    let (fixed, printed) = of(&["--out", "fixed", "--distribution", "fixed"]);
+    assert_eq!(fixed["conditions"]["distribution"], "fixed");
+    assert!(printed.stderr.contains("fixed episodes at full distance, in the 5 test kitchens"), "{printed:#?}");
+    // Where the run has no limits, the fixed ones need not be asked for, and the table is the same.
+    let full = system_tests::TINY.replace("distance_max_m = 1.0", "distance_max_m = 0.0");
+    std::fs::write(workshop.path("full.toml"), full).unwrap();
+    let (full, _) = printed_result(&workshop, &["--preset", "demo", "--config", "full.toml", "--out", "full"]);
+    assert_eq!(full["conditions"]["distribution"], "fixed");
+    assert_eq!(table(&workshop, "full"), table(&workshop, "fixed"));
+    assert!(!table(&workshop, "full").contains("distribution"));
+}
+
+#[test]
+fn training_kitchens_have_drawn_episodes_that_survive_kills() {
+    let workshop = Workshop::new();
+    let train = |out: &str, fault: Option<&str>| {
+        let mut command = workshop.orchestrator(&["eval", "--preset", "demo", "--config", "tiny.toml", "--seed", "5"]);
+        command.args(["--split", "train", "--objects", "all", "--episodes", "1", "--out", out]);
+        if let Some(fault) = fault {
+            command.env("STILLROOM_FAULT", fault);
+        }
+        let printed = complete(command);
+        good(&printed);
+        printed
+    };
+    train("first", None);
+    let undisturbed = table(&workshop, "first");
+    assert_eq!(undisturbed.lines().count(), 1 + 19 * 2, "{undisturbed}");
+    let result = result(&workshop, "first");
+    assert_eq!(
+        (&result["conditions"]["split"], &result["conditions"]["distribution"]),
+        (&"train".into(), &"run".into())
+    );
+    assert_eq!(result["kitchens"].as_array().map(Vec::len), Some(19));
+    let printed = train("killed", Some("learner.mid_evaluation:12"));
+    assert!(printed.stderr.contains("it begins again"), "{printed:#?}");
+    assert_eq!(table(&workshop, "killed"), undisturbed);
+    let printed = train("actors", Some("actor.before_send:9"));
+    assert!(printed.stderr.contains("(kitchen 1) died"), "{printed:#?}");
+    assert_eq!(table(&workshop, "actors"), undisturbed);
+}
+
+#[test]
+fn a_run_in_scenes_of_its_own_is_evaluated_there() {
+    let workshop = Workshop::new();
+    let scene = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/studio/scene.toml");
+    let text = format!("scenes = [{:?}]\n{}", scene.to_str().unwrap(), system_tests::TINY);
+    std::fs::write(workshop.path("tiny.toml"), text).unwrap();
+    complete(workshop.up("run", 1, 2, 40)).result();
+    let eval = |further: &[&str]| printed_result(&workshop, &[&["run"], further].concat());
+    let (result, printed) = eval(&["--out", "there", "--record", "all"]);
+    assert!(printed.stderr.contains("in 1 scene of the run's own (--split goes elsewhere)"), "{printed:#?}");
+    let conditions = &result["conditions"];
+    assert_eq!((&conditions["scenes"][0], &conditions["objects"]), (&"scenes/000/scene.toml".into(), &"all".into()));
+    assert_eq!((&result["kitchens"][0]["kitchen"], &result["overall"]["episodes"]), (&128.into(), &1.into()));
+    // Of its own copies: simulated again, every state is the same.
+    let replay = complete(workshop.orchestrator(&["replay", "there"]));
+    good(&replay);
+    assert!(replay.stdout.contains("differences: 0"), "{replay:#?}");
+
+    let report = complete(workshop.orchestrator(&["report", "run", "there", "--out", "report"]));
+    good(&report);
+    assert!(report.stderr.contains("Figures of drawn episodes near their targets"), "{report:#?}");
+    let numbers = std::fs::read_to_string(workshop.path("report/report.json")).unwrap();
+    let numbers: serde_json::Value = serde_json::from_str(&numbers).unwrap();
+    assert_eq!(numbers["groups"][0]["results"][0]["field"], "scenes-seen");
+
+    let (elsewhere, _) = eval(&["--out", "elsewhere", "--split", "test"]);
+    assert_eq!(elsewhere["kitchens"].as_array().map(Vec::len), Some(5));
+    assert!(!workshop.path("elsewhere/scenes").exists());
+    let none = complete(workshop.orchestrator(&["eval", "run", "--objects", "novel"]));
+    assert!(!none.success && none.stderr.contains("no targets that are novel (they have: Apple"), "{none:#?}");
+}
+
 #[test]
 fn a_runs_newest_checkpoint_is_evaluated() {
     let workshop = Workshop::new();
@@ -263,7 +360,8 @@ fn what_cannot_be_evaluated_is_said() {
     };
     refused(&["eval", "nowhere"], "nowhere does not exist");
     refused(&["eval"], "RUN|CHECKPOINT");
-    refused(&["eval", "--preset", "demo", "--split", "train"], "train");
+    refused(&["eval", "--preset", "demo", "--split", "train", "--distribution", "fixed"], "have no fixed episodes");
+    refused(&["eval", "--preset", "demo", "--split", "training"], "training");
     refused(&["eval", "--preset", "demo", "--actors", "4"], "actors");
     std::fs::create_dir_all(workshop.path("run/checkpoints")).unwrap();
     refused(&["eval", "run"], "there is no checkpoint in");

@@ -18,13 +18,16 @@ pub struct CheckArgs {
     /// Copy the scene's files into this folder if all is well.
     #[arg(long, value_name = "DIR", requires = "scene")]
     copy: Option<PathBuf>,
+    /// Print the categories of its targets only, one a line.
+    #[arg(long, requires = "scene")]
+    targets: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &CheckArgs) -> Result<()> {
     let out = std::io::stdout().lock();
     match &args.scene {
-        Some(scene) => inspect::run(scene, args.copy.as_deref(), out),
+        Some(scene) => inspect::run(scene, args.copy.as_deref(), args.targets, out),
         None => check::run(&args.kitchens.0, out),
     }
 }

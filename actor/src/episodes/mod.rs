@@ -1,4 +1,5 @@
-//! The fixed episodes of the validation and test kitchens: 12 categories times 60 in each of the ten.
+//! The episodes of evaluations: the fixed ones of the validation and test kitchens, 12 categories times 60 in each of
+//! the ten, and as many in any kitchen that are [`drawn`].
 //!
 //! [`draw`] makes them from a fixed seed, [`check`] says what an episode must satisfy, [`format`] is the file they are
 //! kept in. The file is part of the program; its hash is [`FILE_HASH`], and each kitchen's section carries the
@@ -7,6 +8,7 @@
 pub mod check;
 pub mod command;
 mod draw;
+pub mod drawn;
 mod format;
 mod programme;
 
@@ -26,7 +28,7 @@ pub const FILE_HASH: u64 = 0x97fb_f224_55a4_1711;
 /// The file, as `actor episodes generate` wrote it.
 static FILE: &[u8] = include_bytes!("fixed.bin");
 
-/// Why there are no fixed episodes.
+/// Why an evaluation has no episodes.
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 pub enum EpisodesError {
     /// The file in the program is not the one the code was written for.
@@ -54,6 +56,14 @@ pub enum EpisodesError {
         /// Fingerprint of the kitchen given.
         found: u64,
     },
+    /// The evaluation has episodes about something that is not there.
+    #[error("kitchen {kitchen} has no place for the target {target}, which the evaluation asks for")]
+    NoTarget {
+        /// The kitchen.
+        kitchen: KitchenId,
+        /// Name of the category.
+        target: &'static str,
+    },
     /// An episode names a place that the kitchen does not have.
     #[error("episode {episode} of kitchen {kitchen} names a place that is not there")]
     NoSuchPlace {
@@ -80,7 +90,7 @@ pub fn fixed(kitchen: &Kitchen) -> Result<Vec<Episode>, EpisodesError> {
     file.episodes(kitchen)
 }
 
-/// Category of the fixed episode with this number.
+/// Category of the episode with this number.
 pub fn category(episode: usize) -> TargetCategory {
     proto::evaluation::category_of(episode as u32)
 }

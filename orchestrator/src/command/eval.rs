@@ -1,16 +1,18 @@
-//! `orchestrator eval`: success and disturbance of a policy on fixed episodes.
+//! `orchestrator eval`: success and disturbance of a policy on fixed or drawn episodes.
 
 use super::up::{check_free, create_with};
-use crate::evaluation::Examination;
 use crate::evaluation::subject::{Origin, find};
+use crate::evaluation::{self, Examination};
 use crate::format;
 use crate::identity::unix_now;
 use crate::lifeline;
+use crate::scenes;
 use crate::session::{Tools, preflight};
+use crate::terminal;
 use anyhow::{Result, ensure};
 use proto::config::{Config, DeviceChoice, ValidationConfig};
-use proto::evaluation::{EvaluationConfig, ObjectSet, Plan};
-use proto::kitchen::{KitchenId, Split};
+use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan};
+use proto::kitchen::{Split, TargetCategory};
 use proto::run_folder::RunFolder;
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};
@@ -19,15 +21,19 @@ use std::process::ExitCode;
 /// Environments of an actor at most, unless told otherwise.
 const ENVIRONMENTS_MAX: u32 = 32;
 
-/// Play fixed episodes of the validation or test kitchens with a policy, and measure success and disturbance
+/// Play episodes of the test, validation or training kitchens with a policy, and measure success and disturbance
 ///
-/// The same weights and seed give the same table (docs/evaluation.md). Without a run, `--preset` evaluates the weights
-/// that a fresh run begins with: a nearly uniform policy, the baseline of a random one. Exit status 1 without a result.
+/// A run whose episodes begin near their targets is asked for such episodes, drawn alike for every policy; any other
+/// one plays the fixed episodes. A run in scenes of its own is evaluated there. The same weights and seed give the same
+/// table (docs/evaluation.md). Without a run, `--preset` evaluates the weights that a fresh run begins with: a nearly
+/// uniform policy, the baseline of a random one. Exit status 1 without a result.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator eval runs/a --split test --objects novel     the paper's main table: 5 kitchens, 360 episodes each
   orchestrator eval runs/a/best --split valid --objects all --episodes 60 --deterministic
   orchestrator eval runs/a/checkpoints/rollout-00000120.json --out evaluations/a-120
+  orchestrator eval runs/demo --distribution fixed          the paper's kind of episodes, whatever the run trained on
+  orchestrator eval runs/a --split train --episodes 6 --json
   orchestrator eval --preset two-stage --split test         a random policy")]
 pub struct EvalArgs {
     /// Run folder (its newest checkpoint), RUN/best, or a checkpoint's manifest
@@ -39,12 +45,16 @@ pub struct EvalArgs {
     /// TOML file whose keys replace the preset's
     #[arg(long, value_name = "FILE", requires = "preset")]
     config: Option<PathBuf>,
-    /// Kitchens
-    #[arg(long, value_enum, default_value = "test")]
-    split: SplitChoice,
-    /// Targets: novel, seen in training, or all
-    #[arg(long, value_enum, default_value = "novel")]
-    objects: ObjectsChoice,
+    /// Kitchens [default: test; of a run in scenes of its own: those scenes]
+    #[arg(long, value_enum)]
+    split: Option<SplitChoice>,
+    /// Targets: novel, seen in training, or all [default: novel; in scenes all that they have]
+    #[arg(long, value_enum)]
+    objects: Option<ObjectsChoice>,
+    /// Episodes: the fixed ones at full distance, or drawn within the distances of the run's
+    /// table `episode` [default: fixed; run where the run has such limits, in training kitchens and in scenes]
+    #[arg(long, value_enum)]
+    distribution: Option<DistributionChoice>,
     /// Only the first N episodes of each kitchen and object set; a multiple of 6 has each category as often [default:
     /// all 360]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=360))]
@@ -52,8 +62,8 @@ pub struct EvalArgs {
     /// Take the most probable action instead of sampling
     #[arg(long)]
     deterministic: bool,
-    /// Actor processes, at least one a kitchen [default: 5, or as many times 5 as there are cores for]
-    #[arg(long, value_name = "A", value_parser = clap::value_parser!(u32).range(5..=512))]
+    /// Actor processes, at least one a kitchen [default: one a kitchen, or as many times that as there are cores for]
+    #[arg(long, value_name = "A", value_parser = clap::value_parser!(u32).range(1..=512))]
     actors: Option<u32>,
     /// Environments in each actor [default: at most 32, so that all have as many episodes]
     #[arg(long, visible_alias = "envs-per-actor", value_name = "E", value_parser = clap::value_parser!(u32).range(1..=256))]
@@ -70,6 +80,9 @@ pub struct EvalArgs {
     /// Seed of the action noise [default: the run's]
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
+    /// Print the result as JSON, which is all that comes on standard output
+    #[arg(long)]
+    json: bool,
     /// Beside the training run of this process, the parent: stop when it ends, and leave the processor to it
     #[arg(long, hide = true, value_name = "PID")]
     beside: Option<u32>,
@@ -77,6 +90,7 @@ pub struct EvalArgs {
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum SplitChoice {
+    Train,
     Valid,
     Test,
 }
@@ -86,6 +100,12 @@ enum ObjectsChoice {
     Novel,
     Seen,
     All,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum DistributionChoice {
+    Fixed,
+    Run,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -112,23 +132,27 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     if let Some(out) = &args.out {
         check_free(&RunFolder::new(out))?;
     }
-    let (run, origin, checkpoint) = subject(args)?;
-    let asked = asked(args, checkpoint);
+    let (mut run, origin, checkpoint) = subject(args)?;
+    if args.split.is_some() {
+        // Elsewhere than in its own scenes.
+        run.scenes.clear();
+    }
+    let asked = asked(args, &run, scenes::targets(&run)?, checkpoint)?;
     let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32);
     let mut config = configuration(run, &asked, args, cores)?;
 
+    terminal::note(&announcement(args, &config, &asked));
     let tools = Tools::find()?;
     let folder = RunFolder::new(args.out.clone().unwrap_or_else(|| default_folder(&origin, &asked)));
     preflight(&config, &folder, &tools)?;
     let folders = if config.recording.enabled { vec![folder.recordings()] } else { vec![] };
     let (identity, lock) = create_with(&folder, &mut config, &folders)?;
-    Examination { folder, config, asked, subject: origin, identity, lock, tools }.run()
+    Examination { folder, config, asked, json: args.json, subject: origin, identity, lock, tools }.run()
 }
 
 /// An evaluation's configuration: its run's, without what concerns training only.
 fn configuration(run: Config, asked: &EvaluationConfig, args: &EvalArgs, cores: u32) -> Result<Config> {
     let mut config = run;
-    config.scenes.clear();
     config.from = None;
     config.validation = ValidationConfig::default();
     config.evaluation = Some(asked.clone());
@@ -151,7 +175,13 @@ fn configuration(run: Config, asked: &EvaluationConfig, args: &EvalArgs, cores: 
     config.actors.count = actors;
     config.actors.environments_per_actor = environments;
     config.validate()?;
-    ensure!(config.evaluation_plan().is_some_and(|plan| !plan.is_empty()), "there is no episode to play");
+    let targets: Vec<&str> = asked.scene_targets.iter().flatten().map(|target| target.name()).collect();
+    ensure!(
+        config.evaluation_plan().is_some_and(|plan| !plan.is_empty()),
+        "there is no episode to play: the scenes have no targets that are {} (they have: {})",
+        asked.objects.name(),
+        targets.join(", ")
+    );
     Ok(config)
 }
 
@@ -162,7 +192,11 @@ fn subject(args: &EvalArgs) -> Result<(Config, Origin, Option<String>)> {
         None => anyhow::bail!("{} has a name that is not text", path.display()),
     };
     if let Some(path) = &args.subject {
-        let found = find(path)?;
+        let mut found = find(path)?;
+        for scene in &mut found.config.scenes {
+            // The run's own copy, whatever the working directory is.
+            *scene = text(&found.run.join(scene.as_str()))?;
+        }
         let Config { preset, seed, .. } = &found.config;
         let origin = Origin { preset: preset.clone(), seed: *seed, run: Some(text(&found.run)?) };
         let manifest = text(&found.manifest)?;
@@ -174,36 +208,76 @@ fn subject(args: &EvalArgs) -> Result<(Config, Origin, Option<String>)> {
     Ok((config, Origin { preset: preset.to_owned(), seed, run: None }, None))
 }
 
-fn asked(args: &EvalArgs, checkpoint: Option<String>) -> EvaluationConfig {
-    EvaluationConfig {
-        split: match args.split {
-            SplitChoice::Valid => Split::Validation,
-            SplitChoice::Test => Split::Test,
-        },
+/// What is asked about a run. Its configuration names scenes only if the evaluation is in them.
+fn asked(
+    args: &EvalArgs,
+    run: &Config,
+    scene_targets: Vec<Vec<TargetCategory>>,
+    checkpoint: Option<String>,
+) -> Result<EvaluationConfig> {
+    let in_scenes = !run.scenes.is_empty();
+    let split = match args.split {
+        None if in_scenes => Split::Train,
+        Some(SplitChoice::Train) => Split::Train,
+        Some(SplitChoice::Valid) => Split::Validation,
+        Some(SplitChoice::Test) | None => Split::Test,
+    };
+    let distribution = match args.distribution {
+        Some(DistributionChoice::Fixed) => Distribution::Fixed,
+        Some(DistributionChoice::Run) => Distribution::Run,
+        None => Distribution::default_of(&run.episode, split),
+    };
+    ensure!(
+        distribution == Distribution::Run || split != Split::Train,
+        "--distribution fixed: {} have no fixed episodes, only validation and test kitchens do (--split valid or test)",
+        if in_scenes { "scenes" } else { "training kitchens" }
+    );
+    Ok(EvaluationConfig {
+        split,
         objects: match args.objects {
-            ObjectsChoice::Novel => ObjectSet::Novel,
-            ObjectsChoice::Seen => ObjectSet::Seen,
-            ObjectsChoice::All => ObjectSet::All,
+            None if in_scenes => ObjectSet::All,
+            Some(ObjectsChoice::Novel) | None => ObjectSet::Novel,
+            Some(ObjectsChoice::Seen) => ObjectSet::Seen,
+            Some(ObjectsChoice::All) => ObjectSet::All,
         },
         episodes: args.episodes.unwrap_or(0),
+        distribution,
+        scene_targets,
         deterministic: args.deterministic,
         checkpoint,
-    }
+    })
+}
+
+/// Which episodes are played where, and how to have others where that was not asked for.
+fn announcement(args: &EvalArgs, config: &Config, asked: &EvaluationConfig) -> String {
+    let what = evaluation::episodes_of(config, asked).0;
+    let place = evaluation::place(asked.split, asked.scene_targets.len());
+    let otherwise = match (args.distribution, asked.distribution, asked.split) {
+        _ if !config.scenes.is_empty() => " (--split goes elsewhere)",
+        (None, Distribution::Run, Split::Validation | Split::Test) => " (--distribution fixed plays the fixed ones)",
+        _ => "",
+    };
+    format!("{what}, in {place}{otherwise}")
 }
 
 /// Actors and environments of each: as many actors as there are cores for, and environments that run out together.
 fn shape(asked: &EvaluationConfig, actors: Option<u32>, environments: Option<u32>, cores: u32) -> (u32, u32) {
-    let kitchens = KitchenId::of_split(asked.split).len() as u32;
+    let kitchens = asked.kitchens().count() as u32;
     let actors = actors.unwrap_or_else(|| (cores / kitchens).max(1) * kitchens);
-    let per_kitchen = actors / kitchens;
-    let episodes = Plan::new(asked, actors, 1).len() as u32 / kitchens;
+    let per_kitchen = (actors / kitchens).max(1);
+    let episodes = Plan::new(asked, actors, 1).longest() as u32;
     let rounds = episodes.div_ceil(per_kitchen * ENVIRONMENTS_MAX).max(1);
     let even = episodes.div_ceil(per_kitchen * rounds).clamp(1, ENVIRONMENTS_MAX);
     (actors, environments.unwrap_or(even))
 }
 
 fn default_folder(origin: &Origin, asked: &EvaluationConfig) -> PathBuf {
-    let split = if asked.split == Split::Test { "test" } else { "valid" };
+    let split = match asked.split {
+        _ if !asked.scene_targets.is_empty() => "scenes",
+        Split::Train => "train",
+        Split::Validation => "valid",
+        Split::Test => "test",
+    };
     let time = format::timestamp(unix_now());
     match &origin.run {
         Some(run) => Path::new(run).join("evaluations").join(format!("{time}-{split}-{}", asked.objects.name())),
@@ -219,15 +293,19 @@ mod tests {
     use clap::{Args, FromArgMatches};
     use proto::config::LearnerConfig;
 
+    fn args(line: &[&str]) -> EvalArgs {
+        let command = EvalArgs::augment_args(clap::Command::new("eval").no_binary_name(true));
+        EvalArgs::from_arg_matches(&command.get_matches_from(line)).unwrap()
+    }
+
     #[test]
     fn one_learner_evaluates_what_several_have_trained() {
-        let command = EvalArgs::augment_args(clap::Command::new("eval").no_binary_name(true));
-        let line = command.get_matches_from(["runs/a", "--split", "valid", "--device", "cpu"]);
-        let args = EvalArgs::from_arg_matches(&line).unwrap();
+        let args = args(&["runs/a", "--split", "valid", "--device", "cpu"]);
         let mut run = Config::resolve("demo", None).unwrap();
         run.learner.count = 8;
         run.validate().unwrap();
-        let config = configuration(run.clone(), &asked(&args, None), &args, 2).unwrap();
+        let asked = asked(&args, &run, Vec::new(), None).unwrap();
+        let config = configuration(run.clone(), &asked, &args, 2).unwrap();
         assert_eq!((config.learner.count, config.actors.count), (1, 5));
         config.validate().unwrap();
         // All else of the learner is as it was for training.
@@ -236,11 +314,51 @@ mod tests {
     }
 
     #[test]
+    fn a_run_is_asked_what_it_trained_where_it_trained_unless_told_otherwise() {
+        let of = |line: &[&str], preset: &str, scenes: &[Vec<TargetCategory>]| {
+            let mut run = Config::resolve(preset, None).unwrap();
+            run.scenes = scenes.iter().map(|_| "scene.toml".to_owned()).collect();
+            let args = args(line);
+            let asked = asked(&args, &run, scenes.to_vec(), None)?;
+            let config = configuration(run, &asked, &args, 2)?;
+            let announced = announcement(&args, &config, &asked);
+            Ok::<_, anyhow::Error>((asked.split, asked.objects, asked.distribution, config.actors.count, announced))
+        };
+        let (test, valid, train) = (Split::Test, Split::Validation, Split::Train);
+        let (fixed, drawn) = (Distribution::Fixed, Distribution::Run);
+        for (line, preset, expected) in [
+            (&["a"][..], "paper", (test, fixed, 5, "fixed episodes at full distance, in the 5 test kitchens")),
+            (&["a", "--split", "valid", "--distribution", "run"], "paper", (valid, drawn, 5, "drawn episodes at full")),
+            (&["a", "--split", "train"], "paper", (train, drawn, 19, "drawn episodes at full distance, in the 19")),
+            (&["a"], "demo", (test, drawn, 5, "drawn episodes near their targets")),
+            (&["a", "--split", "valid"], "demo", (valid, drawn, 5, "drawn episodes near their targets")),
+            (&["a", "--distribution", "fixed"], "demo", (test, fixed, 5, "fixed episodes at full distance, in the 5")),
+        ] {
+            let (split, objects, distribution, actors, announced) = of(line, preset, &[]).unwrap();
+            assert_eq!((split, distribution, actors), (expected.0, expected.1, expected.2), "{line:?} {preset}");
+            assert_eq!(objects, ObjectSet::Novel);
+            assert!(announced.starts_with(expected.3), "{announced}");
+        }
+        let scenes = [vec![TargetCategory::Mug], vec![TargetCategory::Pot, TargetCategory::Apple]];
+        let (split, objects, distribution, actors, announced) = of(&["a"], "paper", &scenes).unwrap();
+        assert_eq!((split, objects, distribution, actors), (train, ObjectSet::All, drawn, 2));
+        assert!(announced.contains("2 scenes of the run's own"), "{announced}");
+        let problem = |line: &[&str], scenes| of(line, "paper", scenes).unwrap_err().to_string();
+        let novel = problem(&["a", "--objects", "novel"], &scenes);
+        assert!(novel.contains("no targets that are novel (they have: Mug, Pot, Apple)"), "{novel}");
+        assert!(problem(&["a", "--distribution", "fixed"], &scenes).contains("scenes have no fixed episodes"));
+        let train = problem(&["a", "--distribution", "fixed", "--split", "train"], &[]);
+        assert!(train.contains("training kitchens have no fixed episodes"), "{train}");
+    }
+
+    #[test]
     fn all_environments_have_as_many_episodes_and_all_cores_are_used() {
         let asked = |episodes, objects| EvaluationConfig {
             split: Split::Test,
             objects,
             episodes,
+            distribution: Distribution::Fixed,
+            scene_targets: Vec::new(),
             deterministic: false,
             checkpoint: None,
         };
@@ -250,5 +368,10 @@ mod tests {
         assert_eq!(shape(&asked(6, ObjectSet::Novel), None, None, 2), (5, 6));
         assert_eq!(shape(&asked(1, ObjectSet::Novel), None, None, 64), (60, 1));
         assert_eq!(shape(&asked(6, ObjectSet::Seen), Some(7), Some(4), 2), (7, 4));
+        // Fewer actors than kitchens are refused later, with a reason.
+        assert_eq!(shape(&asked(6, ObjectSet::Seen), Some(4), None, 2).0, 4);
+        let scene_targets = vec![vec![TargetCategory::Mug, TargetCategory::Cup]];
+        let scene = EvaluationConfig { split: Split::Train, scene_targets, ..asked(0, ObjectSet::All) };
+        assert_eq!(shape(&scene, None, None, 2), (2, 30));
     }
 }

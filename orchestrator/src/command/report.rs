@@ -41,8 +41,8 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     let gathered = gather(&args.runs)?;
     let runs = gathered.runs.len();
     let made = write(gathered, &options(&args.thresholds_m)?, &out)?;
-    for note in &made.report.notes {
-        terminal::note(note);
+    for line in made.report.episodes.iter().chain(&made.report.notes) {
+        terminal::note(line);
     }
     let groups = made.report.groups.len();
     let evaluated = made.report.groups.iter().filter(|group| !group.results.is_empty()).count();

@@ -151,7 +151,7 @@ mod tests {
     use super::*;
     use crate::evaluation::uneventful;
     use proto::config::Config;
-    use proto::evaluation::{EvaluationConfig, ObjectSet};
+    use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
     use proto::kitchen::Split;
 
     #[test]
@@ -162,8 +162,15 @@ mod tests {
         assert_eq!(Standing::read(&folder, &config).unwrap(), None, "a run");
         config.actors.count = 5;
         let (split, objects) = (Split::Test, ObjectSet::Novel);
-        config.evaluation =
-            Some(EvaluationConfig { split, objects, episodes: 2, deterministic: false, checkpoint: None });
+        config.evaluation = Some(EvaluationConfig {
+            split,
+            objects,
+            episodes: 2,
+            distribution: Distribution::Fixed,
+            scene_targets: Vec::new(),
+            deterministic: false,
+            checkpoint: None,
+        });
         let plan = config.evaluation_plan().unwrap();
         let episodes: Vec<_> = plan.episodes().collect();
         let mut examiner = Examiner::new(plan, &folder).unwrap();
@@ -187,7 +194,7 @@ mod tests {
         for (index, success) in [(0, true), (1, true), (2, false), (3, false)] {
             hear(played(index, success));
         }
-        assert_eq!(standing().parts(), ["4 / 10 episodes  40.0%", "SR 50.0%  SRwoD 50.0%"]);
+        assert_eq!(standing().parts(), ["4 / 10 episodes  40.0%", "SR 50.0%  SRwoD 50.0% (per axis 50.0%)"]);
         // A learner that was started again plays all of them again.
         hear(ready());
         hear(played(0, true));

@@ -15,8 +15,10 @@ use anyhow::{Context, Result};
 use examiner::{Examiner, JOURNAL_FILE};
 use proto::config::Config;
 use proto::evaluation::{
-    Conditions, Cost, Evaluation, EvaluationConfig, Figures, RESULT_FILE, Subject, TABLE_FILE, write_table,
+    Conditions, Cost, Distribution, Evaluation, EvaluationConfig, Figures, RESULT_FILE, Subject, TABLE_FILE, describe,
+    write_table,
 };
+use proto::kitchen::Split;
 use proto::run_folder::{RunFolder, write_atomically};
 use std::process::ExitCode;
 
@@ -28,6 +30,8 @@ pub struct Examination {
     pub config: Config,
     /// What it is asked.
     pub asked: EvaluationConfig,
+    /// Print the result as JSON instead of a table.
+    pub json: bool,
     /// Whose weights, as far as that is known before they are loaded.
     pub subject: subject::Origin,
     /// What run.toml says.
@@ -80,10 +84,16 @@ impl Examination {
         match (&outcome.end, &outcome.saved) {
             (End::Complete, Some(saved)) => {
                 let evaluation = self.write(examiner, saved)?;
-                for line in lines(&evaluation) {
-                    terminal::out(&line);
+                let path = format!("result: {}", self.folder.root().join(RESULT_FILE).display());
+                if self.json {
+                    terminal::note(&path);
+                    terminal::out(json(&evaluation)?.trim_end());
+                } else {
+                    for line in lines(&evaluation) {
+                        terminal::out(&line);
+                    }
+                    terminal::out(&path);
                 }
-                terminal::out(&format!("result: {}", self.folder.root().join(RESULT_FILE).display()));
                 Ok(ExitCode::SUCCESS)
             }
             (end, _) => {
@@ -110,10 +120,15 @@ impl Examination {
             weights: saved.weights.clone(),
             parameters: examiner.parameters(),
         };
+        let (_, [start_distance_max_m, goal_distance_max_m]) = episodes_of(&self.config, &self.asked);
         let conditions = Conditions {
             split: self.asked.split,
+            scenes: self.config.scenes.clone(),
             objects: self.asked.objects,
             episodes: self.asked.episodes,
+            distribution: self.asked.distribution,
+            start_distance_max_m,
+            goal_distance_max_m,
             deterministic: self.asked.deterministic,
             seed: self.config.seed,
             max_steps: self.config.episode.max_steps,
@@ -126,9 +141,8 @@ impl Examination {
         let cost = Cost { at_unix_s: unix_now(), wall_s: examiner.wall().as_secs_f64(), steps };
         let evaluation = Evaluation::of(subject, conditions, cost, &records);
         let table: Vec<_> = records.into_iter().map(|(record, _)| record).collect();
-        let mut json = serde_json::to_string_pretty(&evaluation).context(RESULT_FILE)?;
-        json.push('\n');
-        for (name, text) in [(TABLE_FILE, write_table(&table)), (RESULT_FILE, json)] {
+        let table = write_table(&table, self.asked.distribution);
+        for (name, text) in [(TABLE_FILE, table), (RESULT_FILE, json(&evaluation)?)] {
             let path = self.folder.root().join(name);
             write_atomically(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
         }
@@ -140,13 +154,44 @@ impl Examination {
     }
 }
 
+/// Which episodes are played, as people read it, and their distances at most: of start and target, and of goal and
+/// target.
+pub fn episodes_of(config: &Config, asked: &EvaluationConfig) -> (String, [f32; 2]) {
+    let distances_m = match asked.distribution {
+        Distribution::Fixed => [0.0; 2],
+        Distribution::Run => [config.episode.start_distance_max_m, config.episode.goal_distance_max_m],
+    };
+    (describe(asked.distribution, distances_m[0], distances_m[1]), distances_m)
+}
+
+/// Where episodes are played, in words.
+pub fn place(split: Split, scenes: usize) -> String {
+    let split = match split {
+        _ if scenes > 0 => return format!("{} of the run's own", counted(scenes as u64, "scene")),
+        Split::Train => "the 19 training kitchens",
+        Split::Validation => "the 5 validation kitchens",
+        Split::Test => "the 5 test kitchens",
+    };
+    split.to_owned()
+}
+
+/// The result file.
+fn json(evaluation: &Evaluation) -> Result<String> {
+    let mut json = serde_json::to_string_pretty(evaluation).context(RESULT_FILE)?;
+    json.push('\n');
+    Ok(json)
+}
+
 /// The result as a table on the terminal.
 fn lines(evaluation: &Evaluation) -> Vec<String> {
     let Cost { wall_s, steps, .. } = evaluation.cost;
-    let mut lines = vec![format!(
-        "{:<12}{:>10}{:>8}{:>8}{:>11}{:>9}{:>10}{:>11}",
-        "", "episodes", "SR", "SRwoD", "picked up", "length", "d_T (m)", "disturbed"
-    )];
+    let conditions = &evaluation.conditions;
+    let place = place(conditions.split, conditions.scenes.len());
+    let mut lines = vec![format!("{}, in {place}", conditions.episodes_played())];
+    lines.push(format!(
+        "{:<12}{:>10}{:>8}{:>8}{:>18}{:>11}{:>9}{:>10}{:>11}",
+        "", "episodes", "SR", "SRwoD", "SRwoD (per axis)", "picked up", "length", "d_T (m)", "disturbed"
+    ));
     lines.extend(evaluation.kitchens.iter().map(|part| line(&format!("kitchen {}", part.kitchen), &part.figures)));
     lines.extend(evaluation.categories.iter().map(|part| line(part.category.name(), &part.figures)));
     lines.extend(evaluation.object_sets.iter().map(|part| line(part.objects.name(), &part.figures)));
@@ -158,10 +203,11 @@ fn lines(evaluation: &Evaluation) -> Vec<String> {
 
 fn line(name: &str, figures: &Figures) -> String {
     format!(
-        "{name:<12}{:>10}{:>8}{:>8}{:>11}{:>9}{:>10}{:>11}",
+        "{name:<12}{:>10}{:>8}{:>8}{:>18}{:>11}{:>9}{:>10}{:>11}",
         figures.episodes,
         percent(figures.success),
         percent(figures.success_without_disturbance),
+        percent(figures.success_without_disturbance_per_axis),
         percent(figures.picked_up),
         number(figures.length, 1),
         number(figures.disturbance_m, 3),

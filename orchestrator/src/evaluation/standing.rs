@@ -20,6 +20,8 @@ pub struct Standing {
     pub success: Option<f64>,
     /// `SRwoD` so far, 0..1.
     pub success_without_disturbance: Option<f64>,
+    /// `SRwoD` by the largest displacement on an axis so far, 0..1.
+    pub success_without_disturbance_per_axis: Option<f64>,
     /// The result file, once it is there.
     pub result: Option<PathBuf>,
 }
@@ -36,6 +38,7 @@ impl Standing {
             played: figures.episodes,
             success: figures.success,
             success_without_disturbance: figures.success_without_disturbance,
+            success_without_disturbance_per_axis: figures.success_without_disturbance_per_axis,
             result: None,
         }
     }
@@ -69,9 +72,10 @@ impl Standing {
         )];
         if self.played > 0 {
             parts.push(format!(
-                "SR {}  SRwoD {}",
+                "SR {}  SRwoD {} (per axis {})",
                 format::percent(self.success),
-                format::percent(self.success_without_disturbance)
+                format::percent(self.success_without_disturbance),
+                format::percent(self.success_without_disturbance_per_axis)
             ));
         }
         parts

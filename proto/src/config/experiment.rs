@@ -5,7 +5,7 @@
 //! {original, none, cpca16, inverse-dynamics, disturb} - {stage1-20m, stage1-45m, scratch-45m, two-stage, stage2-25m}
 //! ablation - {cnn, resnet} - {normalized, plain} - {no-action, action} - {cartesian, polar}    the twelve of the table
 //! small - {original, none, disturb, disturb-two-stage}                                        A_small; the others are A_large
-//! lambda - {1, 5, 10, 15, 20, 25}                                                             λ_disturb of stage II
+//! lambda - {0, 1, 5, 10, 15, 20, 25}                                                             λ_disturb of stage II
 //! lagrangian - {1, 15}                                                                        λ_0 of PPO-Lagrangian
 //! ```
 
@@ -51,7 +51,7 @@ const ABLATIONS: [(&str, bool, bool, bool); 12] = [
     ("resnet", false, true, true),
 ];
 
-const LAMBDAS: [u32; 6] = [1, 5, 10, 15, 20, 25];
+const LAMBDAS: [u32; 7] = [0, 1, 5, 10, 15, 20, 25];
 
 const MULTIPLIERS: [u32; 2] = [1, 15];
 const LAGRANGIAN: [Stage; 1] = [("I", "lagrangian", 45_000_000)];
@@ -154,7 +154,7 @@ mod tests {
     #[test]
     fn every_row_of_the_papers_tables_is_a_preset_of_its_own() {
         let all = all();
-        assert_eq!(all.len(), 5 * 5 + 12 + 4 + 6 + 2);
+        assert_eq!(all.len(), 5 * 5 + 12 + 4 + 7 + 2);
         let names: BTreeSet<&str> = presets().iter().map(|preset| preset.name.as_str()).collect();
         assert_eq!(names.len(), presets().len(), "names are unique");
         let mut contents = BTreeSet::new();
@@ -197,6 +197,8 @@ mod tests {
         assert!(ablation.network.previous_action && !ablation.ppo.normalize_advantages);
         assert_eq!(ablation.network.goal, GoalCoordinates::Polar);
 
+        let unweighted = config("lambda-0");
+        assert_eq!((unweighted.reward.lambda_disturb, unweighted.stages.len()), (0.0, 2));
         assert_eq!(config("lambda-25").reward.lambda_disturb, 25.0);
         let lagrangian = config("lagrangian-15");
         assert_eq!(lagrangian.reward.lagrangian.initial, 15.0);

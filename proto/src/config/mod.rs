@@ -383,6 +383,13 @@ impl Default for EpisodeConfig {
     }
 }
 
+impl EpisodeConfig {
+    /// Robot and goal may be anywhere in the kitchen.
+    pub fn is_full(&self) -> bool {
+        self.start_distance_max_m == 0.0 && self.goal_distance_max_m == 0.0
+    }
+}
+
 impl Default for NetworkConfig {
     fn default() -> Self {
         Self {
@@ -532,7 +539,7 @@ impl Config {
     /// Kitchens that the actors simulate.
     pub fn kitchens(&self) -> Kitchens {
         match (&self.evaluation, self.scenes.len()) {
-            (Some(evaluation), _) => Kitchens::Split(evaluation.split),
+            (Some(evaluation), _) => evaluation.kitchens(),
             (None, 0) => Kitchens::TRAINING,
             (None, scenes) => Kitchens::Scenes(scenes),
         }

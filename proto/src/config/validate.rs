@@ -1,7 +1,7 @@
 //! Ranges of every setting: what cannot work is refused before a process is started.
 
 use super::{Config, ConfigError, ValidationConfig};
-use crate::evaluation::EvaluationConfig;
+use crate::evaluation::{Distribution, EvaluationConfig};
 use crate::kitchen::{KitchenId, Split};
 use crate::message::{MAX_ENVIRONMENTS_PER_ACTOR, MAX_EPISODE_STEPS};
 use std::fmt::Display;
@@ -156,13 +156,26 @@ impl Config {
         )
     }
 
-    /// What an evaluation is asked. Scenes mean nothing to it: it plays the fixed episodes of built-in kitchens.
+    /// What an evaluation is asked. It simulates scenes or the built-in kitchens of a split.
     fn validate_evaluation(&self) -> Result<(), ConfigError> {
-        let Some(EvaluationConfig { split, .. }) = self.evaluation else { return Ok(()) };
-        let fixed = split != Split::Train;
-        check("evaluation.split", "\"train\"", fixed, "must be \"validation\" or \"test\": these have fixed episodes")?;
+        let Some(EvaluationConfig { split, distribution, scene_targets, .. }) = &self.evaluation else { return Ok(()) };
+        let (scenes, lists) = (self.scenes.len(), scene_targets.len());
+        check("evaluation.scene_targets", lists, lists == scenes, "must be one list of targets for each of `scenes`")?;
+        let valid = scenes == 0 || *split == Split::Train;
+        check(
+            "evaluation.split",
+            format!("{split:?}").to_lowercase(),
+            valid,
+            "must be \"train\": scenes are of no split",
+        )?;
+        check(
+            "evaluation.distribution",
+            "\"fixed\"",
+            *distribution == Distribution::Run || *split != Split::Train,
+            "must be \"run\": only validation and test kitchens have fixed episodes",
+        )?;
         let (count, kitchens) = (self.actors.count, self.kitchens().count() as u32);
-        check("actors.count", count, count >= kitchens, "an evaluation needs an actor for each kitchen of its split")
+        check("actors.count", count, count >= kitchens, "an evaluation needs an actor for each of its kitchens")
     }
 }
 
@@ -174,27 +187,48 @@ fn check(key: &'static str, value: impl Display, valid: bool, problem: &'static 
 mod tests {
     use super::*;
     use crate::evaluation::ObjectSet;
+    use crate::kitchen::TargetCategory;
 
     #[test]
-    fn an_evaluation_has_fixed_episodes_and_an_actor_for_every_kitchen() {
-        let problem = |split, actors| {
+    fn an_evaluation_has_episodes_and_an_actor_for_every_kitchen() {
+        let problem = |split, distribution, actors, scenes: usize| {
             let mut config = Config::default();
             config.actors.count = actors;
+            config.scenes = vec!["scenes/000/scene.toml".to_owned(); scenes];
             config.evaluation = Some(EvaluationConfig {
                 split,
                 objects: ObjectSet::Novel,
                 episodes: 1,
+                distribution,
+                scene_targets: vec![TargetCategory::SEEN.to_vec(); scenes],
                 deterministic: false,
                 checkpoint: None,
             });
             let read = Config::from_toml(&config.to_toml(), "an evaluation");
-            read.map(|_| ()).map_err(|error| error.to_string())
+            read.map(|read| assert_eq!(read, config)).map_err(|error| error.to_string())
         };
-        for split in [Split::Validation, Split::Test] {
-            assert_eq!(problem(split, 5), Ok(()));
-            assert_eq!(problem(split, 7), Ok(()));
-            assert!(problem(split, 4).unwrap_err().contains("actors.count = 4"));
+        for distribution in [Distribution::Fixed, Distribution::Run] {
+            for split in [Split::Validation, Split::Test] {
+                assert_eq!(problem(split, distribution, 5, 0), Ok(()));
+                assert_eq!(problem(split, distribution, 7, 0), Ok(()));
+                assert!(problem(split, distribution, 4, 0).unwrap_err().contains("actors.count = 4"));
+            }
         }
-        assert!(problem(Split::Train, 19).unwrap_err().contains("evaluation.split = \"train\""));
+        assert_eq!(problem(Split::Train, Distribution::Run, 19, 0), Ok(()));
+        assert!(problem(Split::Train, Distribution::Run, 18, 0).unwrap_err().contains("actors.count = 18"));
+        for scenes in [0, 2] {
+            let fixed = problem(Split::Train, Distribution::Fixed, 19, scenes).unwrap_err();
+            assert!(fixed.contains("evaluation.distribution = \"fixed\""), "{fixed}");
+        }
+        assert_eq!(problem(Split::Train, Distribution::Run, 2, 2), Ok(()));
+        assert!(problem(Split::Train, Distribution::Run, 1, 2).unwrap_err().contains("actors.count = 1"));
+        assert!(problem(Split::Test, Distribution::Run, 5, 2).unwrap_err().contains("evaluation.split = test"));
+    }
+
+    #[test]
+    fn an_evaluation_of_an_older_version_is_of_fixed_episodes() {
+        let text = "split = \"test\"\nobjects = \"novel\"\nepisodes = 0\ndeterministic = false\n";
+        let older = Config::from_toml(&format!("actors.count = 5\n[evaluation]\n{text}"), "config.toml").unwrap();
+        assert_eq!(older.evaluation.unwrap().distribution, Distribution::Fixed);
     }
 }

@@ -67,6 +67,10 @@ pub struct Figures {
     pub success: Option<f64>,
     /// `SRwoD`: share of episodes that are successful with `d_T` < 0.01 m.
     pub success_without_disturbance: Option<f64>,
+    /// `SRwoD` as the reference's program measures it: share of episodes that are successful with no object more than
+    /// 0.01 m from its place on any axis. None in results of versions that did not give it.
+    #[serde(default)]
+    pub success_without_disturbance_per_axis: Option<f64>,
     /// Share of episodes in which the target was picked up.
     pub picked_up: Option<f64>,
     /// Share of episodes that the policy declared done.
@@ -156,6 +160,7 @@ impl Figures {
             episodes: count,
             success: share_where(&|record| record.success),
             success_without_disturbance: share_where(&|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M)),
+            success_without_disturbance_per_axis: share_where(&EpisodeRecord::succeeded_undisturbed_per_axis),
             picked_up: share_where(&|record| record.picked_up),
             done: share_where(&|record| record.end == EpisodeEnd::Done),
             length: mean_of(&|record| f64::from(record.length)),
@@ -246,6 +251,8 @@ mod tests {
         let figures = Figures::of(records.iter());
         assert_eq!(figures.episodes, 4);
         assert_eq!((figures.success, figures.success_without_disturbance), (Some(0.75), Some(0.25)));
+        // The second's objects add up to a centimetre, and none of them is moved by as much.
+        assert_eq!(figures.success_without_disturbance_per_axis, Some(0.5));
         assert_eq!((figures.done, figures.picked_up), (Some(0.75), Some(0.75)));
         assert_eq!((figures.length, figures.length_of_successes), (Some(100.0), Some(200.0 / 3.0)));
         assert_eq!(figures.failed_actions, Some(0.1));

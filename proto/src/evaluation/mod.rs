@@ -1,21 +1,25 @@
-//! Evaluation: what is asked, how the fixed episodes are dealt out, what came of each, and the result file.
+//! Evaluation: what is asked, how the episodes are dealt out, what came of each, and the result file.
 //!
-//! A validation or test kitchen has 720 fixed episodes: 12 categories times 60, categories taking turns, so that
-//! episode i is of category i mod 12. An [`EvaluationConfig`] chooses some of them; [`Plan`] deals them to the
-//! environments of the actors; each that ends becomes an [`EpisodeRecord`]; [`Figures`] sum up any set of records;
-//! [`Evaluation`] is the result file. `docs/evaluation.md` describes both files for people.
+//! A kitchen has 720 episodes: 12 categories times 60, categories taking turns, so that episode i is of category
+//! i mod 12. Validation and test kitchens have them fixed; any kitchen has them drawn, see [`Distribution`]. An
+//! [`EvaluationConfig`] chooses some of them; [`Plan`] deals them to the environments of the actors; each that ends
+//! becomes an [`EpisodeRecord`]; [`Figures`] sum up any set of records; [`Evaluation`] is the result file.
+//! `docs/evaluation.md` describes both files for people.
 
+mod distribution;
 mod figures;
 mod plan;
 mod record;
 
+pub use distribution::{Distribution, describe};
 pub use figures::{Confusion, DISTURBANCE_THRESHOLDS_M, Figures, OBJECT_COUNTS};
 pub use plan::{EPISODES_PER_CATEGORY, EPISODES_PER_KITCHEN, Plan, category_of};
 pub use record::{EpisodeEnd, EpisodeRecord, read_table, write_table};
 
 use crate::action::ActionSpace;
-use crate::kitchen::{KitchenId, Split, TargetCategory};
+use crate::kitchen::{KitchenId, Kitchens, Split, TargetCategory};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// Name of the result file in an evaluation's folder.
 pub const RESULT_FILE: &str = "evaluation.json";
@@ -59,17 +63,33 @@ impl ObjectSet {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationConfig {
-    /// Kitchens: validation or test.
+    /// Kitchens; train where the run's scenes are.
     pub split: Split,
     /// Targets.
     pub objects: ObjectSet,
     /// The first this many episodes of each kitchen and of each of the sets novel and seen; 0 = all.
     pub episodes: u32,
+    /// Fixed or drawn.
+    #[serde(default)]
+    pub distribution: Distribution,
+    /// Targets that each scene of the configuration has; empty where kitchens are built in, which have all.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub scene_targets: Vec<Vec<TargetCategory>>,
     /// The most probable action instead of a sampled one.
     pub deterministic: bool,
     /// Manifest of the checkpoint; none = weights as a fresh run with this configuration's seed begins with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checkpoint: Option<String>,
+}
+
+impl EvaluationConfig {
+    /// Kitchens whose episodes are played.
+    pub fn kitchens(&self) -> Kitchens {
+        match self.scene_targets.len() {
+            0 => Kitchens::Split(self.split),
+            scenes => Kitchens::Scenes(scenes),
+        }
+    }
 }
 
 /// Whose weights were evaluated.
@@ -94,12 +114,24 @@ pub struct Subject {
 /// How it was done.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Conditions {
-    /// Kitchens.
+    /// Kitchens; train where they are scenes.
     pub split: Split,
+    /// Scenes, as the evaluation's configuration names them; empty where kitchens are built in.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub scenes: Vec<String>,
     /// Targets.
     pub objects: ObjectSet,
     /// Episodes of each kitchen and object set at most; 0 = all.
     pub episodes: u32,
+    /// Fixed or drawn.
+    #[serde(default)]
+    pub distribution: Distribution,
+    /// Robots started at most this far from the target, metres; 0 = anywhere in the kitchen, as in fixed episodes.
+    #[serde(default)]
+    pub start_distance_max_m: f32,
+    /// Goals lay at most this far from the target's start, metres; 0 = anywhere in the kitchen.
+    #[serde(default)]
+    pub goal_distance_max_m: f32,
     /// The most probable action instead of a sampled one.
     pub deterministic: bool,
     /// Seed of the action noise.
@@ -114,6 +146,13 @@ pub struct Conditions {
     pub environments_per_actor: u32,
     /// What inferred, e.g. `cpu, 1 thread` or `cuda:0, bfloat16 encoder`; float32 where nothing is said.
     pub device: String,
+}
+
+impl Conditions {
+    /// Which episodes were played, as people read it.
+    pub fn episodes_played(&self) -> String {
+        describe(self.distribution, self.start_distance_max_m, self.goal_distance_max_m)
+    }
 }
 
 /// What it took.
@@ -195,7 +234,8 @@ impl Evaluation {
         };
         let object_sets = [ObjectSet::Novel, ObjectSet::Seen]
             .map(|objects| ObjectSetFigures { objects, figures: figures(&|record| objects.contains(record.category)) });
-        let kitchens = KitchenId::of_split(conditions.split)
+        let kitchens = records.iter().map(|(record, _)| record.kitchen).collect::<BTreeSet<_>>();
+        let kitchens = kitchens
             .into_iter()
             .map(|kitchen| KitchenFigures { kitchen, figures: figures(&|record| record.kitchen == kitchen) });
         let categories = TargetCategory::ALL
@@ -204,7 +244,7 @@ impl Evaluation {
             schema_version: crate::SCHEMA_VERSION,
             overall: figures(&|_| true),
             object_sets: object_sets.into_iter().filter(|set| set.figures.episodes > 0).collect(),
-            kitchens: kitchens.filter(|kitchen| kitchen.figures.episodes > 0).collect(),
+            kitchens: kitchens.collect(),
             categories: categories.into_iter().filter(|category| category.figures.episodes > 0).collect(),
             action_counts: ActionCounts::of(
                 conditions.action_space,

@@ -1,28 +1,27 @@
-//! Which fixed episode is played where: dealt out beforehand, so that no result depends on who is faster.
+//! Which episode is played where: dealt out beforehand, so that no result depends on who is faster.
 
 use super::{EvaluationConfig, ObjectSet};
 use crate::episode::EnvironmentId;
 use crate::kitchen::{KitchenId, TargetCategory};
 
-/// Fixed episodes of one category in one kitchen.
+/// Episodes of one category in one kitchen, fixed or drawn.
 pub const EPISODES_PER_CATEGORY: u32 = 60;
-/// Fixed episodes in one kitchen.
+/// Episodes in one kitchen.
 pub const EPISODES_PER_KITCHEN: u32 = EPISODES_PER_CATEGORY * TargetCategory::ALL.len() as u32;
 
-/// Category of the fixed episode with this number.
+/// Category of the episode with this number in its kitchen.
 pub fn category_of(episode: u32) -> TargetCategory {
     TargetCategory::ALL[episode as usize % TargetCategory::ALL.len()]
 }
 
 /// The episodes of an evaluation and the environments that play them.
 ///
-/// Every kitchen of the split plays the same episode numbers. Its environments, numbered as
-/// [`EnvironmentId::number`], take turns: environment n of N plays the list's entries n, n + N, n + 2N, ... as its
-/// episodes 0, 1, 2, ...; one that has run out holds.
+/// Every kitchen of a split plays the same episode numbers, a scene those of the targets that it has. Its environments,
+/// numbered as [`EnvironmentId::number`], take turns: environment n of N plays the list's entries n, n + N, n + 2N, ...
+/// as its episodes 0, 1, 2, ...; one that has run out holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plan {
-    kitchens: Vec<KitchenId>,
-    episodes: Vec<u32>,
+    kitchens: Vec<(KitchenId, Vec<u32>)>,
     actors: u32,
     environments_per_actor: u32,
 }
@@ -30,31 +29,48 @@ pub struct Plan {
 impl Plan {
     /// Deals an evaluation's episodes to `actors` actors of `environments_per_actor` environments.
     pub fn new(config: &EvaluationConfig, actors: u32, environments_per_actor: u32) -> Self {
-        let of_set = |objects: ObjectSet| {
-            let chosen = (0..EPISODES_PER_KITCHEN).filter(move |&episode| objects.contains(category_of(episode)));
-            chosen.take(if config.episodes == 0 { usize::MAX } else { config.episodes as usize })
+        let of_set = |objects: ObjectSet, targets: &[TargetCategory]| -> Vec<u32> {
+            let here = |&episode: &u32| {
+                let category = category_of(episode);
+                objects.contains(category) && targets.contains(&category)
+            };
+            let limit = if config.episodes == 0 { usize::MAX } else { config.episodes as usize };
+            (0..EPISODES_PER_KITCHEN).filter(here).take(limit).collect()
         };
-        let mut episodes: Vec<u32> = match config.objects {
-            ObjectSet::All => of_set(ObjectSet::Novel).chain(of_set(ObjectSet::Seen)).collect(),
-            one => of_set(one).collect(),
+        let in_kitchen = |targets: &[TargetCategory]| {
+            let mut episodes = match config.objects {
+                ObjectSet::All => [ObjectSet::Novel, ObjectSet::Seen].map(|objects| of_set(objects, targets)).concat(),
+                one => of_set(one, targets),
+            };
+            episodes.sort_unstable();
+            episodes
         };
-        episodes.sort_unstable();
-        Self { kitchens: KitchenId::of_split(config.split), episodes, actors, environments_per_actor }
+        let targets = |kitchen: KitchenId| match kitchen.scene_index() {
+            Some(index) => config.scene_targets.get(index).map_or(&[][..], Vec::as_slice),
+            None => &TargetCategory::ALL,
+        };
+        let kitchens = config.kitchens().ids().into_iter().map(|kitchen| (kitchen, in_kitchen(targets(kitchen))));
+        Self { kitchens: kitchens.collect(), actors, environments_per_actor }
     }
 
-    /// Kitchens, ascending.
-    pub fn kitchens(&self) -> &[KitchenId] {
-        &self.kitchens
+    /// Episodes in one kitchen, ascending; none of a kitchen that is not played in.
+    pub fn episodes_in(&self, kitchen: KitchenId) -> &[u32] {
+        self.kitchens.iter().find(|(id, _)| *id == kitchen).map_or(&[], |(_, episodes)| episodes)
+    }
+
+    /// The most that one kitchen has.
+    pub fn longest(&self) -> usize {
+        self.kitchens.iter().map(|(_, episodes)| episodes.len()).max().unwrap_or(0)
     }
 
     /// Every episode in the order of the table: by kitchen, then by number.
     pub fn episodes(&self) -> impl Iterator<Item = (KitchenId, u32)> {
-        self.kitchens.iter().flat_map(|&kitchen| self.episodes.iter().map(move |&episode| (kitchen, episode)))
+        self.kitchens.iter().flat_map(|(kitchen, episodes)| episodes.iter().map(|&episode| (*kitchen, episode)))
     }
 
     /// How many there are.
     pub fn len(&self) -> usize {
-        self.kitchens.len() * self.episodes.len()
+        self.kitchens.iter().map(|(_, episodes)| episodes.len()).sum()
     }
 
     /// True when nothing is asked.
@@ -62,27 +78,61 @@ impl Plan {
         self.len() == 0
     }
 
-    /// The fixed episode that an environment plays as its episode number `number`; none when it has run out.
-    pub fn fixed(&self, environment: EnvironmentId, number: u32) -> Option<u32> {
-        let place = self.kitchens.iter().position(|&kitchen| kitchen == environment.kitchen)? as u32;
+    /// Number, in its kitchen, of the episode that an environment plays as its episode number `number`; none when it
+    /// has run out.
+    pub fn dealt(&self, environment: EnvironmentId, number: u32) -> Option<u32> {
+        let place = self.kitchens.iter().position(|(kitchen, _)| *kitchen == environment.kitchen)?;
+        let episodes = &self.kitchens[place].1;
         // Actors take kitchens in turn: this many have this one.
         let kitchens = self.kitchens.len() as u32;
-        let actors = self.actors / kitchens + u32::from(place < self.actors % kitchens);
+        let actors = self.actors / kitchens + u32::from((place as u32) < self.actors % kitchens);
         let environments = u64::from(actors) * u64::from(self.environments_per_actor);
         let index = u64::from(environment.number) + u64::from(number) * environments;
-        self.episodes.get(usize::try_from(index).ok()?).copied()
+        episodes.get(usize::try_from(index).ok()?).copied()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evaluation::Distribution;
     use crate::kitchen::{Kitchens, Split};
     use proptest::prelude::*;
     use std::collections::{BTreeMap, BTreeSet};
 
     fn config(objects: ObjectSet, episodes: u32) -> EvaluationConfig {
-        EvaluationConfig { split: Split::Test, objects, episodes, deterministic: false, checkpoint: None }
+        EvaluationConfig {
+            split: Split::Test,
+            objects,
+            episodes,
+            distribution: Distribution::Fixed,
+            scene_targets: Vec::new(),
+            deterministic: false,
+            checkpoint: None,
+        }
+    }
+
+    #[test]
+    fn a_scene_plays_the_targets_that_it_has() {
+        let scene_targets = vec![vec![TargetCategory::Mug, TargetCategory::Cup], vec![], vec![TargetCategory::Apple]];
+        let of = |objects, episodes| {
+            let config = config(objects, episodes);
+            let config = EvaluationConfig { split: Split::Train, scene_targets: scene_targets.clone(), ..config };
+            Plan::new(&config, 3, 2)
+        };
+        let scene = |index| KitchenId::scene(index).unwrap();
+        let plan = of(ObjectSet::All, 0);
+        assert_eq!((plan.len(), plan.longest()), (3 * 60, 120));
+        assert_eq!(
+            (plan.episodes_in(scene(0))[..4].to_vec(), plan.episodes_in(scene(1)).len()),
+            (vec![5, 11, 17, 23], 0)
+        );
+        assert!(plan.episodes_in(scene(2)).iter().all(|&episode| category_of(episode) == TargetCategory::Apple));
+        let environment = |index, number| EnvironmentId { kitchen: scene(index), number };
+        assert_eq!((plan.dealt(environment(0, 1), 1), plan.dealt(environment(1, 0), 0)), (Some(23), None));
+        // The first two of each object set, of those that are there.
+        assert_eq!(of(ObjectSet::All, 2).episodes_in(scene(0)), [5, 11, 17, 23]);
+        assert_eq!((of(ObjectSet::Novel, 0).len(), of(ObjectSet::Seen, 3).len()), (60, 6));
     }
 
     #[test]
@@ -112,11 +162,11 @@ mod tests {
                 for index in 0..environments {
                     let id = EnvironmentId::among(Kitchens::Split(Split::Test), actor, index, environments);
                     let mut number = 0;
-                    while let Some(episode) = plan.fixed(id, number) {
+                    while let Some(episode) = plan.dealt(id, number) {
                         prop_assert!(dealt.insert((id.kitchen, episode)));
                         number += 1;
                     }
-                    prop_assert_eq!(plan.fixed(id, number + 1), None);
+                    prop_assert_eq!(plan.dealt(id, number + 1), None);
                 }
             }
             prop_assert_eq!(dealt.into_iter().collect::<Vec<_>>(), plan.episodes().collect::<Vec<_>>());

@@ -1,6 +1,6 @@
 //! What came of one episode, and the table of all of them.
 
-use super::{Confusion, ObjectSet};
+use super::{Confusion, Distribution, ObjectSet};
 use crate::kitchen::{KitchenId, TargetCategory};
 use crate::reward::UNDISTURBED_THRESHOLD_M;
 use serde::{Deserialize, Serialize};
@@ -16,13 +16,13 @@ pub enum EpisodeEnd {
     TimeLimit,
 }
 
-/// What came of one fixed episode. "At the end" is after its last action. Displacements are of everything movable but
+/// What came of one episode. "At the end" is after its last action. Displacements are of everything movable but
 /// the target, from where it stood at step 0, looked at after each action.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeRecord {
     /// Kitchen.
     pub kitchen: KitchenId,
-    /// Number of the fixed episode within the kitchen.
+    /// Its number within the kitchen.
     pub episode: u32,
     /// Target.
     pub category: TargetCategory,
@@ -68,6 +68,11 @@ impl EpisodeRecord {
         self.success && self.disturbance_m < threshold_m
     }
 
+    /// Successful with no object disturbed at the end: moved more than 0.01 m on some axis.
+    pub fn succeeded_undisturbed_per_axis(&self) -> bool {
+        self.success && self.disturbed_objects == 0
+    }
+
     /// Some object was away from its place during the episode and is back at its end.
     pub fn displaced_temporarily(&self) -> bool {
         self.ever_disturbed_objects > self.disturbed_objects
@@ -108,9 +113,17 @@ const COLUMNS: [&str; 25] = [
     "state_hash",
 ];
 
+/// Column that only tables of drawn episodes have, after all others: those of fixed ones stay as they were.
+const DISTRIBUTION: &str = "distribution";
+
 /// The table as CSV: a line of names, then a line an episode. Numbers are the shortest that read back the same.
-pub fn write_table(records: &[EpisodeRecord]) -> String {
+pub fn write_table(records: &[EpisodeRecord], distribution: Distribution) -> String {
+    let drawn = distribution == Distribution::Run;
     let mut text = COLUMNS.join(",");
+    if drawn {
+        text.push(',');
+        text.push_str(DISTRIBUTION);
+    }
     text.push('\n');
     for record in records {
         let flag = |set: bool| u8::from(set).to_string();
@@ -148,6 +161,9 @@ pub fn write_table(records: &[EpisodeRecord]) -> String {
         ];
         cells.extend(confusion);
         cells.push(format!("{:016x}", record.state_hash));
+        if drawn {
+            cells.push(distribution.name().to_owned());
+        }
         text.push_str(&cells.join(","));
         text.push('\n');
     }
@@ -290,9 +306,14 @@ pub(super) mod tests {
     proptest! {
         #[test]
         fn what_is_written_is_read(records in prop::collection::vec(any_record(), 0..20)) {
-            let text = write_table(&records);
-            prop_assert_eq!(text.lines().count(), records.len() + 1);
-            prop_assert_eq!(read_table(&text).unwrap(), records);
+            for distribution in [Distribution::Fixed, Distribution::Run] {
+                let text = write_table(&records, distribution);
+                let drawn = distribution == Distribution::Run;
+                prop_assert_eq!(text.lines().count(), records.len() + 1);
+                prop_assert!(text.lines().skip(1).all(|line| line.ends_with(",run") == drawn));
+                prop_assert!(text.starts_with(&COLUMNS.join(",")) && text.contains(",distribution\n") == drawn);
+                prop_assert_eq!(&read_table(&text).unwrap(), &records);
+            }
         }
     }
 
@@ -302,7 +323,7 @@ pub(super) mod tests {
         assert_eq!(error, "line 2: there is no category");
         let mut runner = proptest::test_runner::TestRunner::deterministic();
         let record = any_record().new_tree(&mut runner).unwrap().current();
-        let text = write_table(&[record]).replacen(&format!("\n{},", record.kitchen), "\n28,", 1);
+        let text = write_table(&[record], Distribution::Fixed).replacen(&format!("\n{},", record.kitchen), "\n28,", 1);
         assert!(read_table(&text).unwrap_err().to_string().starts_with("line 2: "));
     }
 }

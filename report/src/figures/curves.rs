@@ -29,7 +29,7 @@ pub fn validation(subjects: &[Subject<'_>]) -> Vec<Figure> {
         };
         Figure {
             name,
-            caption: "Fixed episodes of the validation kitchens during training, where every seed was evaluated: mean \
+            caption: "Episodes of the validation kitchens during training, where every seed was evaluated: mean \
                       over seeds; shaded, the range from the lowest seed to the highest."
                 .into(),
             legend: legend(part),

@@ -10,24 +10,28 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Loads a scene, proves that nothing in it moves by itself, and says what it offers. With `copy`, its files are
-/// copied into that folder, which is made.
-pub fn run(path: &Path, copy: Option<&Path>, mut out: impl Write) -> Result<()> {
+/// copied into that folder, which is made. With `targets_only` it says the categories of its targets alone, one a line.
+pub fn run(path: &Path, copy: Option<&Path>, targets_only: bool, mut out: impl Write) -> Result<()> {
     let config = Config::default();
     let id = KitchenId::scene(0).context("there is a first scene")?;
     let kitchen = Arc::new(load(path, id, &config.simulation)?);
     let found: Vec<String> = check::scene_problems(&kitchen, &config).iter().map(ToString::to_string).collect();
     ensure!(found.is_empty(), "{}:\n  {}", path.display(), found.join("\n  "));
     let targets = TargetCategory::ALL.into_iter().filter(|&target| !kitchen.target_spots(target).is_empty());
-    let targets: Vec<String> =
-        targets.map(|target| format!("{} {}", target.name(), kitchen.target_spots(target).len())).collect();
-    writeln!(
-        out,
-        "{}: {} things, at rest; {} robot poses; places of targets: {}",
-        path.display(),
-        kitchen.thing_count(),
-        kitchen.robot_stands().len(),
-        targets.join(", ")
-    )?;
+    if targets_only {
+        targets.map(TargetCategory::name).try_for_each(|target| writeln!(out, "{target}"))?;
+    } else {
+        let targets: Vec<String> =
+            targets.map(|target| format!("{} {}", target.name(), kitchen.target_spots(target).len())).collect();
+        writeln!(
+            out,
+            "{}: {} things, at rest; {} robot poses; places of targets: {}",
+            path.display(),
+            kitchen.thing_count(),
+            kitchen.robot_stands().len(),
+            targets.join(", ")
+        )?;
+    }
     if let Some(folder) = copy {
         let from = path.parent().unwrap_or(Path::new(""));
         for file in read(path)?.files {
