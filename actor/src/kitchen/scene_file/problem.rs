@@ -1,9 +1,11 @@
 //! Everything that can be wrong with a scene, in words that say what to do.
 
+use super::NoTop;
 use crate::gltf::document::DocumentError;
 use crate::gltf::solid::NoSolid;
 use crate::kitchen::room::MOVABLE_MASS_MAX_KG;
 use proto::kitchen::TargetCategory;
+use rapier3d::math::Vec3;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -74,10 +76,27 @@ pub enum Problem {
         nearest: Option<String>,
     },
     /// A node fits no entry.
-    #[error("node {node}: no entry says what it is; add one with its role (`ignore` if it should not be there)")]
+    #[error(
+        "node {node}: no entry says what it is{}; add one with its role (`ignore` if it should not be there)",
+        .nearest.as_deref().map_or_else(String::new, |entry| format!(" (is the entry `{entry}` meant for it?)"))
+    )]
     NoRole {
         /// The node.
         node: String,
+        /// The closest name of an entry that fits no node.
+        nearest: Option<String>,
+    },
+    /// All nodes that an entry fits were taken by entries before it.
+    #[error(
+        "the entry `{pattern}` is never used: node {node} takes the entry `{by}`, which stands before it; put it first"
+    )]
+    Shadowed {
+        /// The entry's name.
+        pattern: String,
+        /// A node that it fits.
+        node: String,
+        /// The entry that the node takes.
+        by: String,
     },
     /// A body has nothing to touch.
     #[error("node {node}: has no mesh; name the node that has it, or its parent")]
@@ -85,7 +104,7 @@ pub enum Problem {
         /// The node.
         node: String,
     },
-    /// A mesh is no convex solid.
+    /// A mesh is no solid.
     #[error("node {node}: primitive {primitive} of its mesh {cause}")]
     NoSolid {
         /// The node.
@@ -140,8 +159,17 @@ pub enum Problem {
         nearest: Option<String>,
     },
     /// Nothing can be a target.
-    #[error("nothing in it can be a target: one movable node at least must have the category {}", targets())]
-    NoTarget,
+    #[error(
+        "nothing in it can be a target: one movable node at least must have the category {}{}",
+        targets(),
+        .nearest.as_ref().map_or_else(String::new, |(node, target)| format!(
+            "; node {node} has not, did you mean `{target}`? Add category = \"{target}\" to its entry"
+        ))
+    )]
+    NoTarget {
+        /// A movable node that is nearly called like a target, and the target.
+        nearest: Option<(String, &'static str)>,
+    },
     /// Two things are the same target.
     #[error("nodes {} are all {category:?}: an episode must know which it means; give one its own category", .nodes.join(", "))]
     TwoTargets {
@@ -163,13 +191,33 @@ pub enum Problem {
     #[error("no entry has the role `surface`: targets need one to stand on")]
     NoSurface,
     /// A surface has no top to stand on.
-    #[error(
-        "node {node}: is a `surface` but has no level top of 0.15 m or more; the top must be a box along the axes (turned \
-         by right angles only) or an upright cylinder"
-    )]
+    #[error("node {node}: is a `surface`, but targets cannot stand on it: {cause}")]
     NoTop {
         /// The node.
         node: String,
+        /// Why not.
+        cause: NoTop,
+    },
+    /// Something lies on every surface.
+    #[error(
+        "targets have nothing to stand on: something fixed lies on each `surface`, or hangs less than 0.05 m above it ({}); \
+         give the role `surface` to what lies on top",
+        .nodes.join(", ")
+    )]
+    Covered {
+        /// The nodes.
+        nodes: Vec<String>,
+    },
+    /// The floor was not made in metres.
+    #[error(
+        "node {node}: is a floor of {size_m}, more than any kitchen's: glTF counts in metres; scale the scene, or export it \
+         with the right unit"
+    )]
+    FloorSize {
+        /// The node.
+        node: String,
+        /// Its size.
+        size_m: Size,
     },
     /// A thing did not stay where it was put.
     #[error(
@@ -190,11 +238,25 @@ pub enum Problem {
     },
     /// The robot has no room.
     #[error(
-        "the robot can stand in {stands} poses only: leave it more free floor (it is 0.4 m wide and reaches ahead)"
+        "the robot can stand in {stands} poses only on a floor of {size_m}: leave it more free floor (the robot is 0.4 m wide \
+         and reaches ahead){}",
+        if size_m.larger_than(2.0) { "" } else { "; glTF counts in metres, and its y axis points up" }
     )]
     NoFreeFloor {
         /// How many poses.
         stands: usize,
+        /// The floor's size.
+        size_m: Size,
+    },
+    /// The arm comes to no surface.
+    #[error(
+        "the arm comes to no place on any `surface` ({}): a top must be at most 0.75 m from where the robot can stand, no \
+         higher than the arm reaches, and have room above it",
+        .nodes.join(", ")
+    )]
+    Unreachable {
+        /// The surfaces.
+        nodes: Vec<String>,
     },
     /// A target has no room.
     #[error(
@@ -213,6 +275,31 @@ pub enum Problem {
         /// The target.
         category: TargetCategory,
     },
+}
+
+/// How far something reaches along the floor's axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Size {
+    x_m: f32,
+    z_m: f32,
+}
+
+impl Size {
+    /// Between two corners.
+    pub fn of(low: Vec3, high: Vec3) -> Self {
+        Self { x_m: high.x - low.x, z_m: high.z - low.z }
+    }
+
+    /// Whether it is longer than this along one axis.
+    pub fn larger_than(self, length_m: f32) -> bool {
+        self.x_m.max(self.z_m) > length_m
+    }
+}
+
+impl fmt::Display for Size {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:.2} m × {:.2} m", self.x_m, self.z_m)
+    }
 }
 
 fn suggestion(nearest: Option<&str>) -> String {

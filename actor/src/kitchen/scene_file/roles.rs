@@ -27,6 +27,7 @@ pub fn assign<'a>(file: &'a SceneFile, document: &Document, problems: &mut Vec<P
     let mut bodies: Vec<Body<'a>> = Vec::new();
     // The body that each node belongs to, if any. Parents come first.
     let mut belongs: Vec<Option<usize>> = Vec::with_capacity(document.nodes.len());
+    let mut nameless: Vec<&str> = Vec::new();
     for (index, node) in document.nodes.iter().enumerate() {
         let mut fitting = (0..patterns.len()).filter(|&entry| patterns[entry].matches(&node.name));
         let body = if let Some(entry) = fitting.next() {
@@ -41,18 +42,79 @@ pub fn assign<'a>(file: &'a SceneFile, document: &Document, problems: &mut Vec<P
         };
         match body {
             Some(body) => bodies[body].members.push(index),
-            None if !node.pieces.is_empty() => problems.push(Problem::NoRole { node: node.name.clone() }),
+            None if !node.pieces.is_empty() => nameless.push(node.name.as_str()),
             None => {}
         }
         belongs.push(body);
     }
-    for (entry, used) in file.nodes.iter().zip(used) {
-        if !used {
-            let names = document.nodes.iter().map(|node| node.name.as_str());
-            problems.push(Problem::NoNode { pattern: entry.name.clone(), nearest: nearest(&entry.name, names) });
+    let names = || document.nodes.iter().map(|node| node.name.as_str());
+    // An entry that fits a node and is not used comes too late.
+    let takes = |name: &str| patterns.iter().position(|pattern| pattern.matches(name));
+    let mut lost: Vec<&str> = Vec::new();
+    for (index, (entry, pattern)) in file.nodes.iter().zip(&patterns).enumerate().filter(|(index, _)| !used[*index]) {
+        let fits = names().find(|&name| pattern.matches(name));
+        problems.push(match fits.and_then(|node| Some((node, takes(node).filter(|&first| first < index)?))) {
+            Some((node, by)) => Problem::Shadowed {
+                pattern: entry.name.clone(),
+                node: node.to_owned(),
+                by: file.nodes[by].name.clone(),
+            },
+            None => {
+                lost.push(&entry.name);
+                Problem::NoNode { pattern: entry.name.clone(), nearest: nearest(&entry.name, names()) }
+            }
+        });
+    }
+    problems.extend(
+        nameless
+            .into_iter()
+            .map(|node| Problem::NoRole { node: node.to_owned(), nearest: nearest(node, lost.iter().copied()) }),
+    );
+    bodies
+}
+
+/// Each target category at most once, and one at least. Where an entry for a target fits no node, that is the problem,
+/// and it was said.
+pub fn check_targets(file: &SceneFile, bodies: &[Body<'_>], document: &Document, problems: &mut Vec<Problem>) {
+    let movable = || bodies.iter().filter(|body| body.entry.role == Role::Movable);
+    let node = |body: &Body<'_>| document.nodes[body.node].name.clone();
+    let mut any = false;
+    for category in TargetCategory::ALL {
+        let nodes: Vec<String> = movable().filter(|body| body.category == category.name()).map(node).collect();
+        any |= !nodes.is_empty();
+        if nodes.len() > 1 {
+            problems.push(Problem::TwoTargets { category, nodes });
         }
     }
-    bodies
+    let is_target = |name: &str| TargetCategory::ALL.iter().any(|target| target.name() == name);
+    let meant = |entry: &Entry| {
+        let category = entry.category.as_deref().unwrap_or_else(|| without_number(&entry.name));
+        entry.role == Role::Movable && is_target(category)
+    };
+    if any || file.nodes.iter().any(meant) {
+        return;
+    }
+    let nearest = movable().find_map(|body| {
+        let found = nearest(&body.category, TargetCategory::ALL.into_iter().map(TargetCategory::name))?;
+        let target = TargetCategory::ALL.into_iter().find(|target| target.name() == found)?;
+        Some((node(body), target.name()))
+    });
+    problems.push(Problem::NoTarget { nearest });
+}
+
+/// One floor, and one surface at least. Where an entry has the role and no node came of it, that is the problem, and it
+/// was said.
+pub fn check_floor_and_surfaces(file: &SceneFile, bodies: &[Body<'_>], problems: &mut Vec<Problem>) {
+    let is_said = |role: Role| file.nodes.iter().any(|entry| entry.role == role);
+    let floors = bodies.iter().filter(|body| body.entry.role == Role::Floor).count();
+    if !is_said(Role::Floor) {
+        problems.push(Problem::NoFloor);
+    } else if floors > 1 {
+        problems.push(Problem::SeveralFloors { floors });
+    }
+    if !is_said(Role::Surface) {
+        problems.push(Problem::NoSurface);
+    }
 }
 
 /// What is wrong with an entry as far as the entry alone can tell.
@@ -85,9 +147,9 @@ fn without_number(name: &str) -> &str {
 }
 
 /// The candidate closest to `word`, if any is close.
-fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Option<String> {
+pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Option<String> {
     candidates
-        .map(|candidate| (strsim::jaro_winkler(word, candidate), candidate))
+        .map(|candidate| (strsim::jaro_winkler(&word.to_lowercase(), &candidate.to_lowercase()), candidate))
         .filter(|(score, _)| *score > 0.7)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, candidate)| candidate.to_owned())
