@@ -232,7 +232,7 @@ mod tests {
             world.body(cube).position().translation
         };
         let inside = rests_at(part_of(&u, Some(Convex::Decompose)).unwrap());
-// Its floor is at 0.05 m, its walls are 0.2 m apart.
+        // Its floor is at 0.05 m, its walls are 0.2 m apart.
         assert!((inside.y - 0.09).abs() < 0.003 && (inside.x - 0.15).abs() < 0.06, "{inside}");
         let above = rests_at(part_of(&u, Some(Convex::Hull)).unwrap());
         assert!(above.y > 0.23, "{above}");

@@ -76,8 +76,10 @@ use std::path::{Path, PathBuf};
 const DEMANDS: Demands = Demands { every_target: false, spots: 8, stands: 8 };
 /// Friction of things whose entry says nothing: common household materials on each other.
 const FRICTION: f32 = 0.6;
-/// A floor that is longer was not made in metres.
+/// A floor that is longer than this was not made in metres, ...
 const FLOOR_MOST_M: f32 = 50.0;
+/// ... and one that is narrower was not, or stands upright.
+const FLOOR_LEAST_M: f32 = 0.5;
 
 /// A scene that was read: a furnished room, and the files it came from.
 #[derive(Debug)]
@@ -123,6 +125,9 @@ pub fn read(path: &Path) -> Result<Scene, SceneError> {
     let file = SceneFile::open(path).map_err(alone)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let gltf = file.gltf_path().map_err(alone)?;
+    if !folder.join(&gltf).exists() {
+        return Err(alone(Problem::NoGltf { gltf: file.gltf.clone(), nearest: nearest_gltf(folder, &file.gltf) }));
+    }
     let document = Document::open(&folder.join(&gltf)).map_err(|error| alone(error.into()))?;
     let mut problems = Vec::new();
     let bodies = roles::assign(&file, &document, &mut problems);
@@ -138,10 +143,26 @@ pub fn read(path: &Path) -> Result<Scene, SceneError> {
     let mut files = vec![path.file_name().map(PathBuf::from).unwrap_or_default()];
     let beside = gltf.parent().unwrap_or(Path::new(""));
     files.extend(document.files.iter().map(|file| beside.join(file)));
+    // Nothing else that was measured means anything then.
+    if let Some(unit) = problems.iter().position(|problem| matches!(problem, Problem::FloorSize { .. })) {
+        return Err(alone(problems.swap_remove(unit)));
+    }
     match room {
         Some(room) if problems.is_empty() => Ok(Scene { room, nodes, surfaces, files }),
         _ => Err(SceneError::new(path, problems)),
     }
+}
+
+/// The glTF file in a folder whose name is closest to this one.
+fn nearest_gltf(folder: &Path, name: &str) -> Option<String> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let mut names: Vec<String> = std::fs::read_dir(folder)
+        .ok()?
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter(|name| name.ends_with(".glb") || name.ends_with(".gltf"))
+        .collect();
+    names.sort();
+    roles::nearest(name, names.iter().map(String::as_str))
 }
 
 /// A room in the making.
@@ -201,7 +222,8 @@ impl Draft {
                 if body.entry.role == Role::Floor {
                     let low = Vec3::new(aabb.mins.x, aabb.maxs.y, aabb.mins.z);
                     let size_m = Size::of(low, aabb.maxs);
-                    if size_m.larger_than(FLOOR_MOST_M) {
+                    let [shorter_m, longer_m] = size_m.sides_m();
+                    if shorter_m < FLOOR_LEAST_M || longer_m > FLOOR_MOST_M {
                         problems.push(Problem::FloorSize { node: node.name.clone(), size_m });
                     }
                     self.floors.push((low, aabb.maxs));

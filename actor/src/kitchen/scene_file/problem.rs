@@ -64,6 +64,14 @@ pub enum Problem {
         /// What stands there.
         gltf: String,
     },
+    /// The glTF file is not there.
+    #[error("gltf = \"{gltf}\": there is no such file beside this one{}", suggestion(.nearest.as_deref()))]
+    NoGltf {
+        /// What stands there.
+        gltf: String,
+        /// The closest glTF file's name.
+        nearest: Option<String>,
+    },
     /// The glTF file cannot be used.
     #[error(transparent)]
     Gltf(#[from] DocumentError),
@@ -86,16 +94,17 @@ pub enum Problem {
         /// The closest name of an entry that fits no node.
         nearest: Option<String>,
     },
-    /// All nodes that an entry fits were taken by entries before it.
+    /// All nodes that some entries fit were taken by an entry before them.
     #[error(
-        "the entry `{pattern}` is never used: node {node} takes the entry `{by}`, which stands before it; put it first"
+        "never used: {}, because node {node} and the like take the entry `{by}`, which stands before; put `{by}` last",
+        .patterns.iter().map(|pattern| format!("`{pattern}`")).collect::<Vec<_>>().join(", ")
     )]
     Shadowed {
-        /// The entry's name.
-        pattern: String,
-        /// A node that it fits.
+        /// The entries' names.
+        patterns: Vec<String>,
+        /// A node that the first of them fits.
         node: String,
-        /// The entry that the node takes.
+        /// The entry that the nodes take.
         by: String,
     },
     /// A body has nothing to touch.
@@ -210,8 +219,8 @@ pub enum Problem {
     },
     /// The floor was not made in metres.
     #[error(
-        "node {node}: is a floor of {size_m}, more than any kitchen's: glTF counts in metres; scale the scene, or export it \
-         with the right unit"
+        "node {node}: is a floor of {size_m}, which no kitchen has: glTF counts in metres, and its y axis points up; scale \
+         or turn the scene, or export it anew"
     )]
     FloorSize {
         /// The node.
@@ -239,8 +248,7 @@ pub enum Problem {
     /// The robot has no room.
     #[error(
         "the robot can stand in {stands} poses only on a floor of {size_m}: leave it more free floor (the robot is 0.4 m wide \
-         and reaches ahead){}",
-        if size_m.larger_than(2.0) { "" } else { "; glTF counts in metres, and its y axis points up" }
+         and reaches ahead)"
     )]
     NoFreeFloor {
         /// How many poses.
@@ -290,9 +298,9 @@ impl Size {
         Self { x_m: high.x - low.x, z_m: high.z - low.z }
     }
 
-    /// Whether it is longer than this along one axis.
-    pub fn larger_than(self, length_m: f32) -> bool {
-        self.x_m.max(self.z_m) > length_m
+    /// The shorter and the longer of the two, metres.
+    pub fn sides_m(self) -> [f32; 2] {
+        [self.x_m.min(self.z_m), self.x_m.max(self.z_m)]
     }
 }
 

@@ -5,7 +5,11 @@ use super::problem::Problem;
 use crate::gltf::document::Document;
 use crate::kitchen::catalogue::CATEGORIES;
 use proto::kitchen::TargetCategory;
+use std::collections::BTreeMap;
 use wildmatch::WildMatch;
+
+/// A category that is this much like a target's was probably meant to be one.
+const NEARLY: f64 = 0.88;
 
 /// A body of the scene.
 #[derive(Debug)]
@@ -51,20 +55,21 @@ pub fn assign<'a>(file: &'a SceneFile, document: &Document, problems: &mut Vec<P
     // An entry that fits a node and is not used comes too late.
     let takes = |name: &str| patterns.iter().position(|pattern| pattern.matches(name));
     let mut lost: Vec<&str> = Vec::new();
+    let mut shadowed: BTreeMap<usize, (&str, Vec<String>)> = BTreeMap::new();
     for (index, (entry, pattern)) in file.nodes.iter().zip(&patterns).enumerate().filter(|(index, _)| !used[*index]) {
         let fits = names().find(|&name| pattern.matches(name));
-        problems.push(match fits.and_then(|node| Some((node, takes(node).filter(|&first| first < index)?))) {
-            Some((node, by)) => Problem::Shadowed {
-                pattern: entry.name.clone(),
-                node: node.to_owned(),
-                by: file.nodes[by].name.clone(),
-            },
-            None => {
-                lost.push(&entry.name);
-                Problem::NoNode { pattern: entry.name.clone(), nearest: nearest(&entry.name, names()) }
-            }
-        });
+        if let Some((node, by)) = fits.and_then(|node| Some((node, takes(node).filter(|&first| first < index)?))) {
+            shadowed.entry(by).or_insert_with(|| (node, Vec::new())).1.push(entry.name.clone());
+        } else {
+            lost.push(&entry.name);
+            problems.push(Problem::NoNode { pattern: entry.name.clone(), nearest: nearest(&entry.name, names()) });
+        }
     }
+    problems.extend(shadowed.into_iter().map(|(by, (node, patterns))| Problem::Shadowed {
+        patterns,
+        node: node.to_owned(),
+        by: file.nodes[by].name.clone(),
+    }));
     problems.extend(
         nameless
             .into_iter()
@@ -94,11 +99,13 @@ pub fn check_targets(file: &SceneFile, bodies: &[Body<'_>], document: &Document,
     if any || file.nodes.iter().any(meant) {
         return;
     }
-    let nearest = movable().find_map(|body| {
-        let found = nearest(&body.category, TargetCategory::ALL.into_iter().map(TargetCategory::name))?;
-        let target = TargetCategory::ALL.into_iter().find(|target| target.name() == found)?;
-        Some((node(body), target.name()))
-    });
+    let near = |body: &Body<'_>| {
+        let scores = TargetCategory::ALL.map(|target| (likeness(&body.category, target.name()), target.name()));
+        let best = scores.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        (best.0 > NEARLY).then(|| (best.0, node(body), best.1))
+    };
+    let nearest = movable().filter_map(near).max_by(|a, b| a.0.total_cmp(&b.0));
+    let nearest = nearest.map(|(_, node, target)| (node, target));
     problems.push(Problem::NoTarget { nearest });
 }
 
@@ -146,10 +153,15 @@ fn without_number(name: &str) -> &str {
     if stem.is_empty() { name } else { stem }
 }
 
+/// How alike two names are, 0 to 1; capitals do not matter.
+fn likeness(a: &str, b: &str) -> f64 {
+    strsim::jaro_winkler(&a.to_lowercase(), &b.to_lowercase())
+}
+
 /// The candidate closest to `word`, if any is close.
 pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Option<String> {
     candidates
-        .map(|candidate| (strsim::jaro_winkler(&word.to_lowercase(), &candidate.to_lowercase()), candidate))
+        .map(|candidate| (likeness(word, candidate), candidate))
         .filter(|(score, _)| *score > 0.7)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, candidate)| candidate.to_owned())
