@@ -298,8 +298,9 @@ fn an_apple_lies_in_a_decomposed_crate_and_not_in_its_hull() {
     let text = std::fs::read_to_string(studio.join("scene.toml")).unwrap();
     let path = folder.path().join("scene.toml");
     let loaded = |convex: &str| {
-        let entry =
-            format!("\n[[node]]\nname = \"Crate\"\nrole = \"movable\"\nmass_kg = 1.5\ncategory = \"Box\"\n{convex}");
+        let entry = format!(
+            "\n[[node]]\nname = \"Crate\"\nrole = \"movable\"\nmass_kg = 1.5\ncategory = \"VegetableCrate\"\n{convex}"
+        );
         std::fs::write(&path, format!("{text}{entry}")).unwrap();
         load(&path)
     };
@@ -312,12 +313,12 @@ fn an_apple_lies_in_a_decomposed_crate_and_not_in_its_hull() {
     let kitchen = loaded("convex = \"decompose\"").unwrap();
     let find = |category: &str| kitchen.bodies().iter().position(|body| body.category == category).unwrap();
     let place = |category: &str| kitchen.settled_poses()[find(category)].translation;
-    assert!((place("Box").y - 0.1).abs() < 0.002, "{}", place("Box"));
+    assert!((place("VegetableCrate").y - 0.1).abs() < 0.002, "{}", place("VegetableCrate"));
     let apple = place("Apple");
     assert!(apple.x.abs() < 0.05 && apple.z.abs() < 0.05 && (0.06..0.12).contains(&apple.y), "{apple}");
     // It is seen as it was drawn, and goes out and comes back as such.
     let is_u = |kitchen: &Kitchen| {
-        let shape = &kitchen.bodies()[find("Box")].shape;
+        let shape = &kitchen.bodies()[find("VegetableCrate")].shape;
         let [part] = shape.parts.as_slice() else { panic!("{shape:?}") };
         let Primitive::Concave(concave) = &part.primitive else { panic!("{part:?}") };
         (concave.vertices.len(), concave.triangles.len())

@@ -1,9 +1,9 @@
 //! Polyhedra with planar faces: the finest mesh of a [`Primitive`]. All are convex, but for dented meshes of users.
 //!
-//! Boxes, hulls and dented meshes are exact. Round things are lathed (a profile turned about the y axis) and inscribed in the true
-//! solid, with at least [`SIDES_LEAST`] sides and as many more as keep them within [`FINEST_ERROR_M`] of it. The camera
-//! draws boxes and hulls from these meshes, and round things by their formula; others (exporters, comparisons) get
-//! them as triangles.
+//! Boxes, hulls and dented meshes are exact. Round things are lathed (a profile turned about the y axis) and inscribed
+//! in the true solid, with at least [`SIDES_LEAST`] sides and as many more as keep them within [`FINEST_ERROR_M`] of
+//! it. The camera draws boxes and hulls from these meshes, and round things by their formula; others (exporters,
+//! comparisons) get them as triangles.
 
 use super::view::Sphere;
 use crate::shape::{Concave, Primitive, Shape};

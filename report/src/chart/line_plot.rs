@@ -99,7 +99,6 @@ impl LinePlot {
                 canvas.faint_line(&inside, stroke, RAW_OPACITY);
             }
         }
-        let mut named: Vec<&Mark> = Vec::new();
         for series in &self.series {
             let style = Style::of(series.style);
             if series.band.len() > 1 {
@@ -120,6 +119,10 @@ impl LinePlot {
             for &point in line.iter().skip(first).step_by(every) {
                 canvas.shape(&style.marker(), point, style.colour(), style.colour());
             }
+        }
+        let mut named: Vec<&Mark> = Vec::new();
+        for series in &self.series {
+            let style = Style::of(series.style);
             for mark in &series.marks {
                 let Some(height) = height_at(&series.points, mark.x) else { continue };
                 let (left, middle) = at((mark.x, height));

@@ -224,19 +224,17 @@ fn estimated(estimate: &Estimate) -> Cell {
 
 /// Every group in every field, with the figures that the paper's tables do not have.
 fn groups(report: &Report, figures: &FigureSet) -> String {
-    let mut html = String::new();
     let mut list = Table::new(["group", "seeds", "settings that are not the preset's"].map(Cell::text).to_vec());
     for group in &report.groups {
         let seeds: Vec<String> = group.runs.iter().map(|run| run.seed.to_string()).collect();
         let differences = if group.differences.is_empty() { NOTHING.to_owned() } else { group.differences.join("; ") };
         list.row("", vec![Cell::text(&group.label), Cell::text(seeds.join(", ")), Cell::wide(differences)]);
     }
-    html.push_str(&list.html());
-    if report.groups.iter().any(|group| !group.differences.is_empty()) {
-        html.push_str("<p>A star: the group has other settings than its preset.</p>\n");
-    }
+    let star = report.groups.iter().any(|group| !group.differences.is_empty());
+    let star = if star { "<p>A star: the group has other settings than its preset.</p>\n" } else { "" };
+    // The groups and what each field says of them, side by side where the page is wide enough.
+    let mut tables = format!("<div>\n<h3>Groups</h3>\n{}{star}</div>\n", list.html());
     let mut any = false;
-    let mut fields = String::new();
     for field in Field::ALL {
         let found: Vec<(&GroupReport, &FieldResult)> = report
             .groups
@@ -247,10 +245,10 @@ fn groups(report: &Report, figures: &FigureSet) -> String {
             continue;
         }
         any = true;
-        let _ = write!(fields, "<div>\n<h3>{}</h3>\n{}</div>\n", escape(&field.name()), field_table(&found).html());
+        let _ = write!(tables, "<div>\n<h3>{}</h3>\n{}</div>\n", escape(&field.name()), field_table(&found).html());
     }
+    let mut html = format!("<div class=\"tables\">\n{tables}</div>\n");
     if any {
-        let _ = write!(html, "<div class=\"tables\">\n{fields}</div>\n");
         html.push_str(FIGURES);
         html.push_str(&drawn(&figures.intervals, NOT_EVALUATED));
     } else {

@@ -156,7 +156,8 @@ pub enum Problem {
     },
     /// No such category.
     #[error(
-        "node {node}: there is no category `{category}`{}; leave it out to use the node's own name",
+        "node {node}: there is no category `{category}`{}; `actor kitchens categories` lists them; leave it out to \
+         use the node's own name",
         suggestion(.nearest.as_deref())
     )]
     UnknownCategory {
