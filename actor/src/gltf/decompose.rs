@@ -57,7 +57,9 @@ pub fn closed(piece: &Piece) -> Result<Closed, NoSolid> {
     }
     // Which way round they are says nothing: a mirroring scale turns all of them over.
     if volume_m3 < 0.0 {
-        triangles.iter_mut().for_each(|triangle| triangle.swap(1, 2));
+        for triangle in &mut triangles {
+            triangle.swap(1, 2);
+        }
     }
     Ok(Closed { vertices, triangles, volume_m3: volume_m3.abs() })
 }
@@ -252,7 +254,9 @@ mod tests {
         let whole = closed(&l()).unwrap();
         assert!((whole.volume_m3 - 0.01).abs() < 1e-6);
         let mut turned = l();
-        turned.triangles.iter_mut().for_each(|triangle| triangle.swap(0, 1));
+        for triangle in &mut turned.triangles {
+            triangle.swap(0, 1);
+        }
         assert!((closed(&turned).unwrap().volume_m3 - 0.01).abs() < 1e-6);
         // Every triangle with corners of its own, a rounding apart.
         let mut split = Piece::default();

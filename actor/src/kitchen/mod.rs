@@ -291,9 +291,7 @@ impl Kitchen {
             return Err(vec![Flaw::Stands { stands: stands.len() }]);
         }
         let points = spots::reachable_points(&surfaces, &Reach::new(&free_floor, &scene, &robot_parts));
-        if points.is_empty() {
-            return Err(vec![Flaw::Unreachable]);
-        }
+        let points = Some(points).filter(|points| !points.is_empty()).ok_or_else(|| vec![Flaw::Unreachable])?;
         let mut targets = Vec::new();
         for category in TargetCategory::ALL {
             let Some(movable) = bodies[static_count..].iter().position(|body| body.category == category.name()) else {

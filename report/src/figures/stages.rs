@@ -33,7 +33,7 @@ pub fn mark(plot: &mut LinePlot, subjects: &[&Subject<'_>]) {
     let of_each: Vec<Vec<Mark>> = plot.series.iter().map(reached).collect();
     let Some(first) = of_each.first() else { return };
     if of_each.iter().all(|marks| marks == first) {
-        plot.marks = first.clone();
+        plot.marks.clone_from(first);
         return;
     }
     for (series, marks) in plot.series.iter_mut().zip(of_each) {

@@ -159,7 +159,7 @@ fn nearest_gltf(folder: &Path, name: &str) -> Option<String> {
     let mut names: Vec<String> = std::fs::read_dir(folder)
         .ok()?
         .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
-        .filter(|name| name.ends_with(".glb") || name.ends_with(".gltf"))
+        .filter(|name| Path::new(name).extension().is_some_and(|ending| ending == "glb" || ending == "gltf"))
         .collect();
     names.sort();
     roles::nearest(name, names.iter().map(String::as_str))
