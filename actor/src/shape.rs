@@ -1,8 +1,9 @@
-//! Shapes: unions of convex parts. Physics makes colliders of them, the depth camera makes triangles.
+//! Shapes: unions of parts. Physics makes colliders of them, the depth camera makes triangles.
 
 use rapier3d::math::{Pose3, Vec3};
+use std::sync::Arc;
 
-/// A convex solid about its own origin.
+/// A solid about its own origin; convex, except for the last kind.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Primitive {
     /// An axis-aligned box.
@@ -34,9 +35,22 @@ pub enum Primitive {
         /// Corners, metres.
         points_m: Vec<Vec3>,
     },
+    /// A dented mesh of a user's scene, with the convex pieces that physics takes for it.
+    Concave(Arc<Concave>),
 }
 
-/// One convex part of a body.
+/// A closed mesh that is not convex: seen as it is, touched as convex pieces.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Concave {
+    /// Vertices, metres.
+    pub vertices: Vec<Vec3>,
+    /// Corners a, b, c of its triangles: (b − a) × (c − a) points outwards.
+    pub triangles: Vec<[u32; 3]>,
+    /// Convex pieces that together fill it, nearly; none of them concave.
+    pub pieces: Vec<Part>,
+}
+
+/// One part of a body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Part {
     /// The solid.
@@ -45,7 +59,7 @@ pub struct Part {
     pub body_from_part: Pose3,
 }
 
-/// A union of convex parts.
+/// A union of parts.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Shape {
     /// The parts.
@@ -56,6 +70,26 @@ impl Shape {
     /// A shape of one part at the body's origin.
     pub fn of(primitive: Primitive) -> Self {
         Self { parts: vec![Part { primitive, body_from_part: Pose3::identity() }] }
+    }
+
+    /// Its parts with the pieces of each concave one in its place: what physics sees.
+    pub fn convex_parts(&self) -> Vec<Part> {
+        let mut parts = Vec::with_capacity(self.parts.len());
+        for part in &self.parts {
+            match &part.primitive {
+                Primitive::Concave(concave) => parts.extend(concave.pieces.iter().map(|piece| Part {
+                    primitive: piece.primitive.clone(),
+                    body_from_part: part.body_from_part * piece.body_from_part,
+                })),
+                _ => parts.push(part.clone()),
+            }
+        }
+        parts
+    }
+
+    /// Whether one of its parts is concave.
+    pub fn is_dented(&self) -> bool {
+        self.parts.iter().any(|part| matches!(part.primitive, Primitive::Concave(_)))
     }
 
     /// Adds a part at a translation.

@@ -145,6 +145,190 @@ fn everything_that_is_wrong_is_said_at_once() {
     }
 }
 
+/// The example with its scene file changed, in a folder of its own, and what is said of it.
+fn studio(change: impl Fn(&str) -> String) -> Result<Kitchen, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let studio = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/studio");
+    std::fs::copy(studio.join("studio.glb"), folder.path().join("studio.glb")).unwrap();
+    let text = std::fs::read_to_string(studio.join("scene.toml")).unwrap();
+    let changed = change(&text);
+    assert_ne!(changed, text);
+    let path = folder.path().join("scene.toml");
+    std::fs::write(&path, changed).unwrap();
+    load(&path)
+}
+
+#[test]
+fn the_true_reason_is_given_and_what_was_probably_meant() {
+    type Case<'a> = (&'a [(&'a str, &'a str)], &'a [&'a str], &'a [&'a str]);
+    let surfaces = [("role = \"surface\"", "role = \"fixed\"")];
+    let cases: [Case<'_>; 10] = [
+        // Once: no entry has the role `surface`.
+        (
+            &[("\"CounterTop\"", "\"Countertop\""), ("\"Table\"", "\"Tabel\""), ("\"Shelves\"", "\"Shelf\"")],
+            &["no node is called `Countertop` (did you mean `CounterTop`?)", "is the entry `Tabel` meant for it?"],
+            &["no entry has the role"],
+        ),
+        // Once: no node is called `Table` (did you mean `Table`?), no entry has the role `floor`.
+        (
+            &[("[[node]]\nname = \"Floor\"", "[[node]]\nname = \"*\"\nrole = \"fixed\"\n\n[[node]]\nname = \"Floor\"")],
+            &["never used: `Floor`, `Wall-*`", "take the entry `*`, which stands before; put `*` last"],
+            &["did you mean", "no entry has the role", "nothing in it can be a target"],
+        ),
+        (&surfaces, &["no entry has the role `surface`"], &[]),
+        (
+            &[("\"Mug\"", "\"Mugg\""), ("\"Apple\"", "\"Aple\"")],
+            &["no node is called `Mugg` (did you mean `Mug`?)"],
+            &["nothing in it"],
+        ),
+        (
+            &[("\"Window\"\nrole = \"fixed\"", "\"Window\"\nrole = \"surface\"")],
+            &["widest level top is 0.02 m wide"],
+            &[],
+        ),
+        (&[("role = \"floor\"", "role = \"flor\"")], &["line 9", "(did you mean `floor`?)"], &[]),
+        (&[("mass_kg = 0.35", "mass = 0.35")], &["unknown field `mass`", "(did you mean `mass_kg`?)"], &[]),
+        (&[("mass_kg = 0.35", "convex = \"decompos\"")], &["(did you mean `decompose`?)"], &[]),
+        (&[("mass_kg = 0.35", "mass_kg = \"0.35\"")], &["expected a number"], &[]),
+        (&[("[[node]]\nname = \"Floor\"", "[node]\nname = \"Floor\"")], &["begins with [[node]]"], &[]),
+    ];
+    for (changes, said, not_said) in &cases {
+        let change = |text: &str| changes.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to));
+        let message = studio(change).unwrap_err();
+        for expected in *said {
+            assert!(message.contains(expected), "`{expected}` is not in:\n{message}");
+        }
+        for wrong in *not_said {
+            assert!(!message.contains(wrong), "`{wrong}` is in:\n{message}");
+        }
+    }
+}
+
+#[test]
+fn targets_that_are_nearly_called_so_are_named() {
+    let others = ["Apple", "Bread", "Pot", "Tomato"];
+    let with = |mug: &str| {
+        let mug = format!("\"Mug\"\ncategory = \"{mug}\"");
+        let other = |text: String, name: &&str| {
+            text.replace(&format!("\"{name}\""), &format!("\"{name}\"\ncategory = \"Vase\""))
+        };
+        studio(|text| others.iter().fold(text.replace("\"Mug\"", &mug), other)).unwrap_err()
+    };
+    let message = with("TravelMug");
+    assert!(message.contains("nothing in it can be a target") && !message.contains("did you mean"), "{message}");
+    let message = with("Teapot");
+    assert!(!message.contains("SoapBottle`"), "{message}");
+}
+
+#[test]
+fn a_scene_in_other_units_is_one_problem() {
+    let folder = tempfile::tempdir().unwrap();
+    let kitchen = kitchen(3);
+    let path = export(&kitchen, folder.path(), |_| {});
+    let bytes = std::fs::read(folder.path().join("kitchen.glb")).unwrap();
+    let glb = gltf::binary::Glb::from_slice(&bytes).unwrap();
+    let mut root: serde_json::Value = serde_json::from_slice(&glb.json).unwrap();
+    let nodes = root["nodes"].as_array().unwrap().len();
+    let roots = root["scenes"][0]["nodes"].clone();
+    for (world, size) in [
+        (serde_json::json!({ "children": roots, "scale": [100, 100, 100] }), "which no kitchen has"),
+        (serde_json::json!({ "children": roots, "scale": [0.01, 0.01, 0.01] }), "glTF counts in metres"),
+        (serde_json::json!({ "children": roots, "rotation": [0.70710677, 0, 0, 0.70710677] }), "y axis points up"),
+    ] {
+        root["nodes"].as_array_mut().unwrap().truncate(nodes);
+        root["nodes"].as_array_mut().unwrap().push(world);
+        root["scenes"][0]["nodes"] = serde_json::json!([nodes]);
+        let json = serde_json::to_vec(&root).unwrap().into();
+        let changed = gltf::binary::Glb { header: glb.header, json, bin: glb.bin.clone() };
+        std::fs::write(folder.path().join("kitchen.glb"), changed.to_vec().unwrap()).unwrap();
+        let message = load(&path).unwrap_err();
+        assert!(message.contains("node Floor: is a floor of") && message.contains(size), "{message}");
+        assert_eq!(message.lines().count(), 1, "{message}");
+    }
+}
+
+/// Adds a node `Crate` with a mesh of these triangles to a binary glTF file, and moves another node.
+fn with_crate(glb: &[u8], triangles: &[[[f32; 3]; 3]], moved: &str, to: [f32; 3]) -> Vec<u8> {
+    let glb = gltf::binary::Glb::from_slice(glb).unwrap();
+    let mut root: serde_json::Value = serde_json::from_slice(&glb.json).unwrap();
+    let mut bin = glb.bin.unwrap().into_owned();
+    let first = bin.len();
+    bin.extend(triangles.as_flattened().as_flattened().iter().flat_map(|number| number.to_le_bytes()));
+    root["buffers"][0]["byteLength"] = bin.len().into();
+    let mut push = |list: &str, value: serde_json::Value| {
+        let list = root[list].as_array_mut().unwrap();
+        list.push(value);
+        list.len() - 1
+    };
+    let length = bin.len() - first;
+    let view = push("bufferViews", serde_json::json!({ "buffer": 0, "byteOffset": first, "byteLength": length }));
+    let positions = serde_json::json!({
+        "bufferView": view, "componentType": 5126, "count": 3 * triangles.len(), "type": "VEC3",
+        "min": [-1, -1, -1], "max": [1, 1, 1]
+    });
+    let accessor = push("accessors", positions);
+    let mesh = push("meshes", serde_json::json!({ "primitives": [{ "attributes": { "POSITION": accessor } }] }));
+    let node = push("nodes", serde_json::json!({ "name": "Crate", "mesh": mesh }));
+    root["scenes"][0]["nodes"].as_array_mut().unwrap().push(node.into());
+    let nodes = root["nodes"].as_array_mut().unwrap();
+    nodes.iter_mut().find(|node| node["name"] == moved).unwrap()["translation"] = serde_json::json!(to);
+    let json = serde_json::to_vec(&root).unwrap().into();
+    gltf::binary::Glb { header: glb.header, json, bin: Some(bin.into()) }.to_vec().unwrap()
+}
+
+#[test]
+fn an_apple_lies_in_a_decomposed_crate_and_not_in_its_hull() {
+    // A U, open at the top: 0.3 m wide, 0.2 m high, walls and floor of 0.05 m, drawn out along z.
+    let outline =
+        [(0.0, 0.0), (0.3, 0.0), (0.3, 0.2), (0.25, 0.2), (0.25, 0.05), (0.05, 0.05), (0.05, 0.2), (0.0, 0.2)];
+    let at = |i: usize| {
+        let (x, y) = outline[i % 8];
+        [x - 0.15, y, if i < 8 { 0.1 } else { -0.1 }]
+    };
+    let caps = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [0, 4, 5], [0, 5, 7], [5, 6, 7]];
+    let walls = (0..8).flat_map(|i| [[i, i + 8, (i + 1) % 8], [(i + 1) % 8, i + 8, (i + 1) % 8 + 8]]);
+    let far = caps.map(|[a, b, c]| [a + 8, c + 8, b + 8]);
+    let triangles: Vec<[[f32; 3]; 3]> = caps.into_iter().chain(far).chain(walls).map(|t| t.map(at)).collect();
+
+    let folder = tempfile::tempdir().unwrap();
+    let studio = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/studio");
+    let glb = std::fs::read(studio.join("studio.glb")).unwrap();
+    let glb = with_crate(&glb, &triangles, "Apple", [0.0, 0.0505, 0.0]);
+    std::fs::write(folder.path().join("studio.glb"), glb).unwrap();
+    let text = std::fs::read_to_string(studio.join("scene.toml")).unwrap();
+    let path = folder.path().join("scene.toml");
+    let loaded = |convex: &str| {
+        let entry = format!(
+            "\n[[node]]\nname = \"Crate\"\nrole = \"movable\"\nmass_kg = 1.5\ncategory = \"VegetableCrate\"\n{convex}"
+        );
+        std::fs::write(&path, format!("{text}{entry}")).unwrap();
+        load(&path)
+    };
+    let refused = loaded("").unwrap_err();
+    assert!(refused.contains("node Crate: primitive 0 of its mesh is not convex"), "{refused}");
+    assert!(refused.contains("convex = \"decompose\""), "{refused}");
+    let filled = loaded("convex = \"hull\"").unwrap_err();
+    assert!(filled.contains("overlaps something"), "{filled}");
+
+    let kitchen = loaded("convex = \"decompose\"").unwrap();
+    let find = |category: &str| kitchen.bodies().iter().position(|body| body.category == category).unwrap();
+    let place = |category: &str| kitchen.settled_poses()[find(category)].translation;
+    assert!((place("VegetableCrate").y - 0.1).abs() < 0.002, "{}", place("VegetableCrate"));
+    let apple = place("Apple");
+    assert!(apple.x.abs() < 0.05 && apple.z.abs() < 0.05 && (0.06..0.12).contains(&apple.y), "{apple}");
+    // It is seen as it was drawn, and goes out and comes back as such.
+    let is_u = |kitchen: &Kitchen| {
+        let shape = &kitchen.bodies()[find("VegetableCrate")].shape;
+        let [part] = shape.parts.as_slice() else { panic!("{shape:?}") };
+        let Primitive::Concave(concave) = &part.primitive else { panic!("{part:?}") };
+        (concave.vertices.len(), concave.triangles.len())
+    };
+    assert_eq!(is_u(&kitchen), (16, 28));
+    let again = load(&export(&kitchen, folder.path(), |_| {})).unwrap();
+    assert_eq!(is_u(&again), (16, 28));
+    stand_still(again);
+}
+
 #[test]
 fn a_thing_that_hangs_in_the_air_is_named() {
     let folder = tempfile::tempdir().unwrap();
@@ -168,7 +352,10 @@ fn files_that_are_not_there_or_not_sound_are_named() {
     for (text, expected) in [
         ("gltf = 'a.glb'\nnode = []\nmass = 3", "scene.toml: line 3: unknown field `mass`"),
         ("gltf = '../a.glb'\nnode = []", "outside of this file's folder"),
-        ("gltf = 'a.glb'\nnode = []", "a.glb: cannot be read"),
+        (
+            "gltf = 'b.gltf'\nnode = []",
+            "gltf = \"b.gltf\": there is no such file beside this one (did you mean `b.glb`?)",
+        ),
         ("gltf = 'b.glb'\nnode = []", "b.glb: is not sound glTF 2.0"),
     ] {
         std::fs::write(&path, text).unwrap();

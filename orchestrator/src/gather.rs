@@ -2,7 +2,7 @@
 
 use crate::format::counted;
 use crate::identity::{Identity, holder, state};
-use crate::metrics::{History, Trained};
+use crate::metrics::{History, Trained, total_s};
 use crate::summary::Summary;
 use crate::validation::{Validated as Scored, read_log};
 use anyhow::{Context, Result, bail};
@@ -10,7 +10,9 @@ use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::evaluation::{Evaluation, RESULT_FILE, TABLE_FILE, read_table};
 use proto::run_folder::RunFolder;
-use report::study::{Evaluated, NOT_GIVEN, Rollout, Run, UNKNOWN, UNTRAINED, Validated, differences_between};
+use report::study::{
+    ELAPSED_S, Evaluated, FRAMES_PER_S, NOT_GIVEN, Rollout, Run, UNKNOWN, UNTRAINED, Validated, differences_between,
+};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -149,15 +151,33 @@ fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
     let identity = Identity::read(&folder)?;
     let complete = Summary::read(&folder)?.is_some();
     let history = History::read(&folder)?;
-    let rollout = |trained: &Trained| Rollout { frames: trained.frames, metrics: trained.metrics.clone() };
     Ok(Run {
         name: path.display().to_string(),
         state: state(&identity, &holder(&folder)?, complete),
         config: Config::of_run(&folder)?,
-        rollouts: history.iter().map(rollout).collect(),
+        rollouts: rollouts(&history),
         evaluations: evaluations_of(&folder, notes)?,
         validation: validation_of(&folder)?,
     })
+}
+
+/// What was trained, with how fast it was and how long it took until then.
+fn rollouts(history: &History) -> Vec<Rollout> {
+    // The number of the next rollout and the frames before it.
+    let (mut next, mut before, mut elapsed_s) = (0, 0, 0.0);
+    let rollout = |trained: &Trained| {
+        let took_s = total_s(&trained.timing);
+        elapsed_s += took_s;
+        let mut metrics = trained.metrics.clone();
+        metrics.insert(ELAPSED_S.to_owned(), elapsed_s);
+        // A rollout can be missing; how many frames the one after it had is not known then.
+        if took_s > 0.0 && trained.rollout == next {
+            metrics.insert(FRAMES_PER_S.to_owned(), trained.frames.saturating_sub(before) as f64 / took_s);
+        }
+        (next, before) = (trained.rollout + 1, trained.frames);
+        Rollout { frames: trained.frames, metrics }
+    };
+    history.iter().map(rollout).collect()
 }
 
 /// Evaluations during training, in order of frames. A checkpoint that was evaluated twice, because a crash came between
@@ -272,6 +292,7 @@ mod tests {
     use super::*;
     use crate::evaluation::uneventful;
     use proto::config::FromConfig;
+    use proto::control::Timing;
     use proto::evaluation::{
         Conditions, Cost, Distribution, EpisodeRecord, EvaluationConfig, ObjectSet, Subject, category_of, write_table,
     };
@@ -435,6 +456,23 @@ mod tests {
         // Given, it is the run's.
         let gathered = gather(&[at("plain"), at("of/plain")]).unwrap();
         assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 1));
+    }
+
+    #[test]
+    fn throughput_is_of_a_rollout_and_time_of_all_until_then() {
+        let mut history = History::default();
+        for (rollout, frames) in [(0, 100), (1, 300), (3, 900), (4, 1000)] {
+            let timing = Timing { simulate_s: 1.0, infer_s: 0.5, update_s: 2.0, other_s: 0.5 };
+            let metrics = BTreeMap::new();
+            history.insert(Trained { rollout, frames, stage: 0, at_unix_s: 0, incarnation: 1, timing, metrics });
+        }
+        let rollouts = rollouts(&history);
+        let figures = |name: &str| -> Vec<Option<f64>> {
+            rollouts.iter().map(|rollout| rollout.metrics.get(name).copied()).collect()
+        };
+        // The third rollout is missing: nobody knows how many of the frames until the fourth were its own.
+        assert_eq!(figures(FRAMES_PER_S), [Some(25.0), Some(50.0), None, Some(25.0)]);
+        assert_eq!(figures(ELAPSED_S), [4.0, 8.0, 12.0, 16.0].map(Some));
     }
 
     #[test]

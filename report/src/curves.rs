@@ -7,6 +7,12 @@ use serde::Serialize;
 
 /// Bins over a run's budget.
 const BINS: u64 = 80;
+/// Bins of a run's own curve.
+const FINE_BINS: u64 = 160;
+/// Bins to either side that have a part in a smoothed one.
+const NEIGHBOURS: usize = 2;
+/// A stage of fewer points is not smoothed.
+const SMOOTHED_LEAST: usize = 10;
 
 /// A metric over training, of a group.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -79,6 +85,34 @@ impl Curve {
     }
 }
 
+/// A run's own metric over training, in bins finer than those of a group's curve: what lies behind the smoothed one.
+pub fn of_run(run: &Run, name: &str) -> Vec<(f64, f64)> {
+    let width = (total_frames(&run.config.stages) as f64 / FINE_BINS as f64).max(1.0);
+    bins(&run.rollouts, name, width).into_iter().map(|(_, frames, value)| (frames, value)).collect()
+}
+
+/// The running mean of a curve over its neighbours, which weigh less the farther they are. What lies beyond one of the
+/// `breaks` has no part in it: another stage is another task. A stage of a few points stays as it is.
+pub fn smoothed(points: &[(f64, f64)], breaks: &[f64]) -> Vec<(f64, f64)> {
+    let part = |frames: f64| breaks.iter().filter(|&&end| end < frames).count();
+    let mean = |(index, &(frames, _)): (usize, &(f64, f64))| {
+        if points.iter().filter(|(at, _)| part(*at) == part(frames)).count() < SMOOTHED_LEAST {
+            return points[index];
+        }
+        let (mut sum, mut weights) = (0.0, 0.0);
+        let first = index.saturating_sub(NEIGHBOURS);
+        for (other, &(at, value)) in points.iter().enumerate().take(index + NEIGHBOURS + 1).skip(first) {
+            if part(at) == part(frames) {
+                let weight = (NEIGHBOURS + 1 - index.abs_diff(other)) as f64;
+                sum += weight * value;
+                weights += weight;
+            }
+        }
+        (frames, sum / weights)
+    };
+    points.iter().enumerate().map(mean).collect()
+}
+
 /// (bin, mean frames, mean) of each bin that has any.
 fn bins(rollouts: &[Rollout], name: &str, width: f64) -> Vec<(u64, f64, f64)> {
     let per_episode = name.starts_with("episode/");
@@ -142,6 +176,18 @@ mod tests {
         assert!(curve.points.is_sorted_by(|a, b| a.frames < b.frames));
         assert_eq!(Curve::of_training(&groups[0], "no such metric"), None);
     }
+
+    #[test]
+    fn a_smoothed_curve_does_not_mix_stages() {
+        let points: Vec<(f64, f64)> = (0..24).map(|i| (f64::from(i), if i < 12 { 1.0 } else { 7.0 })).collect();
+        assert_eq!(smoothed(&points, &[11.5]), points, "each stage is level");
+        let mixed = smoothed(&points, &[]);
+        assert!(mixed[11].1 > 1.0 && mixed[12].1 < 7.0 && mixed.is_sorted_by(|a, b| a.1 <= b.1), "{mixed:?}");
+        // Weights 1, 2, 3, 2, 1.
+        assert_eq!(mixed[11].1, (1.0 + 2.0 + 3.0 + 2.0 * 7.0 + 7.0) / 9.0);
+        assert_eq!(smoothed(&points[8..16], &[]), points[8..16], "too few to be smoothed");
+    }
+
     #[test]
     fn a_validation_that_one_seed_skipped_is_no_point_of_the_mean() {
         let mut runs = [run("a", "demo", 1), run("b", "demo", 2), run("c", "demo", 3)];

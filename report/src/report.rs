@@ -100,6 +100,8 @@ pub struct FigureSet {
     pub intervals: Vec<Figure>,
     /// Learning curves, and PPO-Lagrangian's multiplier.
     pub learning: Vec<Figure>,
+    /// Entropy, losses, gradients, throughput.
+    pub optimisation: Vec<Figure>,
     /// Validation during training.
     pub validation: Vec<Figure>,
     /// Precision and recall.
@@ -115,8 +117,8 @@ pub struct FigureSet {
 impl FigureSet {
     /// All of them, in the page's order.
     pub fn all(&self) -> impl Iterator<Item = &Figure> {
-        let Self { intervals, learning, validation, prediction, disturbance, sweep, actions } = self;
-        [intervals, learning, validation, prediction, disturbance, sweep, actions].into_iter().flatten()
+        let Self { intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions } = self;
+        [intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions].into_iter().flatten()
     }
 }
 
@@ -155,6 +157,7 @@ impl Made {
         let figures = FigureSet {
             intervals: Field::ALL.iter().filter_map(|&field| figures::intervals(&subjects, field)).collect(),
             learning: [figures::learning(&subjects), figures::multiplier(&subjects)].concat(),
+            optimisation: figures::optimisation(&subjects),
             validation: figures::validation(&subjects),
             prediction: figures::prediction(&subjects),
             disturbance: [figures::by_threshold(&subjects), figures::by_objects(&subjects)].concat(),

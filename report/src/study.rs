@@ -30,9 +30,14 @@ pub struct Run {
 pub struct Rollout {
     /// Frames trained on, this rollout included.
     pub frames: u64,
-    /// Figures: see [`proto::control::metric`].
+    /// Figures: see [`proto::control::metric`]; and [`FRAMES_PER_S`] and [`ELAPSED_S`].
     pub metrics: BTreeMap<String, f64>,
 }
+
+/// Metric of a rollout: frames trained on a second, simulation, inference and update together.
+pub const FRAMES_PER_S: &str = "time/frames_per_second";
+/// Metric of a rollout: seconds trained until its end.
+pub const ELAPSED_S: &str = "time/elapsed_s";
 
 /// One evaluation.
 #[derive(Debug, Clone)]

@@ -8,7 +8,7 @@ use proto::evaluation::{
 };
 use proto::kitchen::{KitchenId, Split};
 use proto::random::{Key, Purpose, Random};
-use report::study::{Evaluated, Rollout, Run, UNTRAINED, Validated};
+use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Rollout, Run, UNTRAINED, Validated};
 use report::{Made, Options};
 use std::collections::BTreeMap;
 
@@ -113,6 +113,12 @@ fn rollouts(config: &Config, ceiling: f64) -> Vec<Rollout> {
                 ("auxiliary/recall_disturb", 0.2 + 0.4 * part + 0.05 * draw.uniform_open()),
                 ("auxiliary/recall_no_disturb", 0.99 - 0.02 * part),
                 ("auxiliary/label_rate", 0.05 - 0.02 * part),
+                (metric::ENTROPY, 3.0 - 1.5 * part + 0.1 * draw.uniform_open()),
+                (metric::APPROXIMATE_KL, 0.002 + 0.004 * draw.uniform_open()),
+                (metric::VALUE_LOSS, 0.5 - 0.4 * part + 0.2 * draw.uniform_open()),
+                (metric::GRADIENT_NORM, if index == 1 { 40.0 } else { 0.5 + 0.5 * draw.uniform_open() }),
+                (FRAMES_PER_S, 2000.0 + 200.0 * draw.uniform_open()),
+                (ELAPSED_S, frames as f64 / 2100.0),
             ];
             let metrics = metrics.map(|(name, value)| (name.to_owned(), value));
             Rollout { frames, metrics: BTreeMap::from(metrics) }
@@ -188,12 +194,37 @@ fn a_full_study_has_every_section_and_needs_no_network() {
         assert!(!page.contains(outside), "the page reaches out by {outside}");
     }
     assert!(!page.contains("NaN") && !page.contains("class=\"missing\">None of these"), "nothing is missing");
-    for name in ["results-test-novel", "learning", "validation", "prediction", "srwod-by-threshold", "srwod-by-objects"]
-    {
+    for name in [
+        "results-test-novel",
+        "learning",
+        "optimisation",
+        "validation",
+        "prediction",
+        "srwod-by-threshold",
+        "srwod-by-objects",
+    ] {
         assert!(page.contains(&format!("<figure id=\"{name}")), "{name}");
     }
     assert_eq!(page.matches("<figure id=\"actions-").count(), 9);
-    assert!(page.contains("<figure id=\"lambda-sweep\">"));
+    assert!(page.contains("<figure id=\"lambda-sweep\" "));
+    // Panels for what was noted, and for nothing else.
+    let section = page.split("<h2 id=").find(|section| section.starts_with("\"optimisation\"")).expect("a section");
+    for (title, there) in [
+        ("entropy of the policy", true),
+        ("approximate KL of an update", true),
+        ("gradient norm", true),
+        ("throughput", true),
+        ("time trained", true),
+        ("policy loss", false),
+    ] {
+        assert_eq!(section.contains(&format!("<desc>{title}</desc>")), there, "{title}");
+    }
+    assert!(section.contains(">hours</text>"), "45M frames take hours");
+    // One's own results come first; a table of the paper with none of them is one closed line.
+    let at = |what: &str| page.find(what).unwrap_or_else(|| panic!("{what} is not on the page"));
+    assert!(at("<h2 id=\"groups\">") < at("<h2 id=\"paper\">"));
+    assert!(page.contains("<h3 id=\"table-test-novel\">") && !page.contains("<details open"));
+    assert_eq!(made.page("Made for a test."), page, "the same runs give the same page");
 }
 
 #[test]
@@ -293,6 +324,7 @@ fn what_is_missing_is_said() {
     for said in [
         "None of these runs has trained a rollout",
         "None of these runs was evaluated during training",
+        "None of these runs has noted an update",
         "None of these runs has been evaluated yet",
         "No two of these groups differ",
         "None of these runs trained the auxiliary task",
@@ -301,6 +333,9 @@ fn what_is_missing_is_said() {
         assert!(page.contains(said), "{said}");
     }
     assert_eq!(page.matches("not run").count(), 19 + 19 + 12 + 8);
+    let folded: Vec<&str> = page.split("<details").skip(1).collect();
+    assert_eq!(folded.len(), 4, "each table of the paper is folded");
+    assert!(folded.iter().all(|fold| fold.contains("<summary>") && !fold.starts_with(" open")));
 
     // Seeds that were evaluated on different episodes are not averaged.
     let mut short = run("demo", 2, (0.5, 0.5));

@@ -1,9 +1,10 @@
 //! `actor kitchens`.
 
 use actor::gltf;
+use actor::kitchen::catalogue::list;
 use actor::kitchen::report;
-use actor::picture::{self, SheetOptions};
-use anyhow::Result;
+use actor::picture::{self, SheetOptions, Subject};
+use anyhow::{Context, Result};
 use proto::kitchen::{KitchenChoice, KitchenId};
 use std::path::PathBuf;
 
@@ -15,6 +16,9 @@ pub enum KitchensCommand {
         /// Which: `all`, or numbers with commas between.
         #[arg(long, default_value = "all", value_name = "all|1,2,...")]
         kitchens: KitchenChoice,
+        /// Scenes of your own instead: their TOML files.
+        #[arg(long, value_name = "FILE.toml", conflicts_with = "kitchens", num_args = 1..)]
+        scene: Vec<PathBuf>,
         /// Width of the picture, pixels.
         #[arg(long, default_value_t = 2200, value_name = "PIXELS")]
         width: u32,
@@ -25,14 +29,23 @@ pub enum KitchensCommand {
     /// Write a kitchen as a binary glTF scene.
     Gltf {
         /// Which.
-        #[arg(long, value_parser = actor::kitchen::numbered, value_name = "1..30")]
-        kitchen: KitchenId,
+        #[arg(long, value_parser = actor::kitchen::numbered, value_name = "1..30", required_unless_present = "of_scene")]
+        kitchen: Option<KitchenId>,
+        /// A scene of your own instead, as it came to rest: its TOML file.
+        #[arg(long, value_name = "FILE.toml", conflicts_with = "kitchen")]
+        of_scene: Option<PathBuf>,
         /// The GLB file.
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
         /// Write the scene file, too, with which it can be loaded again.
         #[arg(long, value_name = "FILE.toml")]
         scene: Option<PathBuf>,
+    },
+    /// List the categories of movable things: size, mass, whether it can be a target, where it stands.
+    Categories {
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
     },
     /// Print our kitchens' figures beside iTHOR's; fails if they are too far apart.
     Report,
@@ -41,10 +54,20 @@ pub enum KitchensCommand {
 /// Runs the command.
 pub fn run(command: &KitchensCommand) -> Result<()> {
     match command {
-        KitchensCommand::Sheet { kitchens, width, out } => {
-            picture::sheet(&SheetOptions { kitchens: kitchens.0.clone(), width: *width, out: out.clone() })
+        KitchensCommand::Sheet { kitchens, scene, width, out } => {
+            let built_in = || kitchens.0.iter().map(|&id| Subject::BuiltIn(id)).collect();
+            let scenes = || scene.iter().cloned().map(Subject::Scene).collect();
+            let subjects = if scene.is_empty() { built_in() } else { scenes() };
+            picture::sheet(&SheetOptions { subjects, width: *width, out: out.clone() })
         }
-        KitchensCommand::Gltf { kitchen, out, scene } => gltf::export::write(*kitchen, out, scene.as_deref()),
+        KitchensCommand::Gltf { kitchen, of_scene, out, scene } => {
+            let subject = match of_scene {
+                Some(path) => Subject::Scene(path.clone()),
+                None => Subject::BuiltIn(kitchen.context("--kitchen is missing")?),
+            };
+            gltf::export::write(&subject, out, scene.as_deref())
+        }
+        KitchensCommand::Categories { json } => list::run(*json, std::io::stdout().lock()),
         KitchensCommand::Report => report::run(std::io::stdout().lock()),
     }
 }

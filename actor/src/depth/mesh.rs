@@ -1,12 +1,12 @@
-//! Convex polyhedra with planar faces: the finest mesh of a [`Primitive`].
+//! Polyhedra with planar faces: the finest mesh of a [`Primitive`]. All are convex, but for dented meshes of users.
 //!
-//! Boxes and hulls are exact. Round things are lathed (a profile turned about the y axis) and inscribed in the true
-//! solid, with at least [`SIDES_LEAST`] sides and as many more as keep them within [`FINEST_ERROR_M`] of it. The camera
-//! draws boxes and hulls from these meshes, and round things by their formula; others (exporters, comparisons) get
-//! them as triangles.
+//! Boxes, hulls and dented meshes are exact. Round things are lathed (a profile turned about the y axis) and inscribed
+//! in the true solid, with at least [`SIDES_LEAST`] sides and as many more as keep them within [`FINEST_ERROR_M`] of
+//! it. The camera draws boxes and hulls from these meshes, and round things by their formula; others (exporters,
+//! comparisons) get them as triangles.
 
 use super::view::Sphere;
-use crate::shape::{Primitive, Shape};
+use crate::shape::{Concave, Primitive, Shape};
 use rapier3d::math::Vec3;
 use rapier3d::parry::transformation::try_convex_hull;
 use std::collections::{BTreeMap, BTreeSet};
@@ -36,7 +36,7 @@ pub struct Face {
     pub count: u32,
 }
 
-/// A convex polyhedron.
+/// A polyhedron.
 #[derive(Debug, Clone, Default)]
 pub struct Mesh {
     /// Vertices, metres.
@@ -94,6 +94,7 @@ impl Mesh {
                 Self::lathe(&[(r, -h), (r, h)], sides(*radius_m))
             }
             Primitive::Sphere { radius_m } => round_ended(*radius_m, 0.0),
+            Primitive::Concave(concave) => Self::concave(concave),
             Primitive::Capsule { radius_m, half_height_m } => round_ended(*radius_m, *half_height_m),
         }
     }
@@ -192,6 +193,16 @@ impl Mesh {
             plain.face(triangle);
         }
         plain
+    }
+
+    /// A dented mesh, a face for each triangle.
+    fn concave(concave: &Concave) -> Self {
+        let vertices = concave.vertices.iter().map(Vec3::to_array).collect();
+        let mut mesh = Self { vertices, ..Self::default() };
+        for triangle in &concave.triangles {
+            mesh.face(&triangle.map(|corner| corner as u16));
+        }
+        mesh
     }
 
     /// Its edges, if it is closed: each edge is run through once each way.

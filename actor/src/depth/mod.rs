@@ -1,4 +1,4 @@
-//! The depth camera: a software rasteriser for unions of convex parts.
+//! The depth camera: a software rasteriser for unions of parts, convex ones above all.
 //!
 //! ```text
 //! mesh        the finest mesh of a shape: convex polyhedra with planar faces
@@ -19,13 +19,13 @@
 //! nothing is hit; at most [`DEPTH_MAX_MM`]. What lies nearer than [`NEAR_M`] is clipped away.
 //!
 //! # Why it is fast
-//! Everything is convex. A ray enters a convex solid where it has entered all of its half-spaces, so within the solid's
-//! outline its inverse depth is the least of those of the planes that look at the eye: a box is one figure with six
-//! sides and not three faces, and no edge inside of an outline is ever computed. Inverse depth is affine over the
-//! image of a plane. A cylinder's mantle and a sphere have inverse depths with one square root a pixel, so that round
-//! things need neither many faces nor levels of detail, and are exact at any distance. All of it works on eight
-//! vertices, faces, rows or pixels at a time. The nearest surface is the maximum of inverse depths, which does not
-//! depend on the order of drawing.
+//! Nearly everything is convex (dented meshes of users' scenes are drawn face by face). A ray enters a convex solid
+//! where it has entered all of its half-spaces, so within the solid's outline its inverse depth is the least of those
+//! of the planes that look at the eye: a box is one figure with six sides and not three faces, and no edge inside of
+//! an outline is ever computed. Inverse depth is affine over the image of a plane. A cylinder's mantle and a sphere
+//! have inverse depths with one square root a pixel, so that round things need neither many faces nor levels of
+//! detail, and are exact at any distance. All of it works on eight vertices, faces, rows or pixels at a time. The
+//! nearest surface is the maximum of inverse depths, which does not depend on the order of drawing.
 //!
 //! # Why it is reproducible
 //! Plain single-precision additions, multiplications, divisions and square roots in a fixed order, nothing fused,

@@ -45,7 +45,7 @@ impl Points {
 #[derive(Debug, Clone)]
 pub struct Model {
     pub mesh: Mesh,
-    /// None if the mesh is not closed: its outline is not known then.
+    /// None if the mesh is dented or not closed: its outline is not known then, and it is drawn face by face.
     pub edges: Option<Vec<Edge>>,
     pub bounds: Sphere,
     pub form: Form,
@@ -65,7 +65,7 @@ pub enum Form {
     },
 }
 
-/// A convex part, placed in the world.
+/// A part, placed in the world.
 #[derive(Debug, Clone)]
 pub struct PartView {
     pub body: u32,
@@ -109,7 +109,7 @@ impl Model {
         let mesh = Mesh::of(primitive);
         let form = match *primitive {
             Primitive::Cuboid { .. } => Form::Cuboid,
-            Primitive::Hull { .. } => Form::Polyhedron,
+            Primitive::Hull { .. } | Primitive::Concave(_) => Form::Polyhedron,
             Primitive::Cylinder { radius_m, half_height_m } => {
                 Form::Cylinder(Round::cylinder(radius_m, half_height_m, sides(radius_m)))
             }
@@ -124,7 +124,8 @@ impl Model {
         };
         // A box without thickness has fewer faces, and no table fits it.
         let form = if matches!(form, Form::Cuboid) && mesh.faces.len() != 6 { Form::Polyhedron } else { form };
-        Self { edges: mesh.edges(), bounds: mesh.bounds(), mesh, form }
+        let edges = if matches!(primitive, Primitive::Concave(_)) { None } else { mesh.edges() };
+        Self { edges, bounds: mesh.bounds(), mesh, form }
     }
 }
 

@@ -3,12 +3,14 @@
 
 use super::{Backdrop, DEPTH_MAX_MM, DepthCamera, NEAR_M, TAN_HALF_FIELD_OF_VIEW, triangles_of};
 use crate::kitchen::{Body, BodyRole};
-use crate::shape::{Part, Primitive, Shape};
+use crate::physics::geometry::rotation_x;
+use crate::shape::{Concave, Part, Primitive, Shape};
 use proto::random::{Key, Purpose, Random};
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::query::{Ray, RayCast};
 use rapier3d::parry::shape::{ConvexPolyhedron, Cuboid, TriMesh};
 use std::hash::Hasher;
+use std::sync::Arc;
 
 fn body(shape: Shape) -> Body {
     Body { name: String::new(), category: String::new(), shape, role: BodyRole::Movable }
@@ -157,6 +159,60 @@ fn boxes_and_hulls_agree_with_ray_casts_to_a_millimetre() {
 #[test]
 fn round_things_agree_with_their_finest_triangles_to_a_millimetre() {
     compare(true, finest);
+}
+
+/// A U of 0.3 m × 0.2 m with walls of 0.05 m, 0.2 m deep, whose only piece for physics is a small box elsewhere.
+fn u() -> Primitive {
+    let outline =
+        [(0.0, 0.0), (0.3, 0.0), (0.3, 0.2), (0.25, 0.2), (0.25, 0.05), (0.05, 0.05), (0.05, 0.2), (0.0, 0.2)];
+    let at = |z: f32| outline.map(|(x, y)| Vec3::new(x - 0.15, y - 0.1, z));
+    let caps = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [0, 4, 5], [0, 5, 7], [5, 6, 7]];
+    let walls = (0..8u32).flat_map(|i| [[i, i + 8, (i + 1) % 8], [(i + 1) % 8, i + 8, (i + 1) % 8 + 8]]);
+    let far = caps.map(|[a, b, c]| [a + 8, c + 8, b + 8]);
+    let elsewhere = Primitive::Cuboid { half_extents_m: Vec3::splat(0.02) };
+    Primitive::Concave(Arc::new(Concave {
+        vertices: [at(0.1), at(-0.1)].concat(),
+        triangles: caps.into_iter().chain(far).chain(walls).collect(),
+        pieces: Shape::of(elsewhere).with(Primitive::Sphere { radius_m: 0.3 }, 0.0, 0.0, 0.0).parts,
+    }))
+}
+
+#[test]
+fn a_dented_mesh_is_seen_as_it_is_from_all_sides() {
+    const SIDE: usize = 120;
+    let bodies = [body(Shape::of(u()))];
+    let (mut compared, mut through) = (0, 0);
+    for step in 0..60 {
+        let mut random = random(9000 + step);
+        // From far away, and from so near that the near plane cuts it; the eye is outside.
+        let away_m = if step % 3 == 0 { 0.22 } else { 0.5 };
+        let pose = Pose3::new(Vec3::new(0.0, 0.0, away_m), vector(&mut random, -3.0, 3.0));
+        let depth_mm = render(&bodies, &[pose], Pose3::identity(), SIDE);
+        let hits = ray_cast(finest, &bodies, &[pose], Pose3::identity(), SIDE);
+        for (pixel, hit) in hits.iter().enumerate().filter(|&(pixel, _)| interior(&hits, SIDE, pixel)) {
+            match hit {
+                Some(hit) if hit.depth_m > 2.0 * NEAR_M => {
+                    // At an edge a ray may pass on one side of it, and the pixel's centre on the other.
+                    let near = |other: usize| hits[other].is_some_and(|h| (h.depth_m - hit.depth_m).abs() < 0.01);
+                    if [pixel - 1, pixel + 1, pixel - SIDE, pixel + SIDE].into_iter().all(near) {
+                        let difference_mm = f32::from(depth_mm[pixel]) - 1000.0 * hit.depth_m;
+                        assert!(difference_mm.abs() < 1.0, "step {step}, pixel {pixel}: {difference_mm} mm");
+                        compared += 1;
+                    }
+                }
+                Some(_) => {}
+                None => {
+                    assert_eq!(depth_mm[pixel], 0, "step {step}, pixel {pixel} sees past it");
+                    through += 1;
+                }
+            }
+        }
+    }
+    assert!(compared > 40_000 && through > 100_000, "{compared} {through}");
+    // Into the notch: its floor lies 0.05 m above the underside.
+    let above = Pose3::from_parts(Vec3::new(0.0, 0.6, 0.0), rotation_x(std::f32::consts::FRAC_PI_2));
+    let depth_mm = render(&bodies, &[Pose3::identity()], above, SIDE);
+    assert_eq!(depth_mm[SIDE / 2 * SIDE + SIDE / 2], 650);
 }
 
 #[test]

@@ -50,7 +50,7 @@ pub fn mjcf(kitchen: &Kitchen, timestep_s: f32) -> String {
     for (body, pose) in kitchen.bodies().iter().zip(kitchen.settled_poses()) {
         match body.role {
             BodyRole::Static => {
-                for (index, part) in body.shape.parts.iter().enumerate() {
+                for (index, part) in body.shape.convex_parts().iter().enumerate() {
                     let name = format!("{}/{index}", body.name);
                     scene.geom(&name, &part.primitive, &(*pose * part.body_from_part), fixed, SEEN_GROUP);
                 }
@@ -65,7 +65,7 @@ pub fn mjcf(kitchen: &Kitchen, timestep_s: f32) -> String {
                         friction: f32::midpoint(collider.friction(), FRICTION),
                     })
                     .collect();
-                assert_eq!(matter.len(), body.shape.parts.len(), "one collider for each part");
+                assert_eq!(matter.len(), body.shape.convex_parts().len(), "one collider for each part");
                 scene.open_body(&body.name, pose, "");
                 scene.world.push_str("      <freejoint/>\n");
                 scene.parts(body, &matter);
@@ -153,7 +153,7 @@ impl Scene {
     }
 
     fn parts(&mut self, body: &Body, matter: &[Matter]) {
-        for (index, (part, &matter)) in body.shape.parts.iter().zip(matter).enumerate() {
+        for (index, (part, &matter)) in body.shape.convex_parts().iter().zip(matter).enumerate() {
             self.geom(&format!("{}/{index}", body.name), &part.primitive, &part.body_from_part, matter, SEEN_GROUP);
         }
     }
@@ -176,6 +176,7 @@ impl Scene {
             Primitive::Hull { points_m } => {
                 format!("type=\"mesh\" mesh=\"hull-{}\" {}", self.hull(points_m), placement(pose))
             }
+            Primitive::Concave(_) => unreachable!("its convex pieces are written"),
         };
         let Matter { kind, mass_kg, friction } = matter;
         let (is, touches) = kind.masks();

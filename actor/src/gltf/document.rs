@@ -33,7 +33,7 @@ pub struct Node {
 }
 
 /// One primitive of a mesh, in its node's frame and our axes.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Piece {
     /// Vertices, metres; the same place may occur more than once.
     pub vertices: Vec<Vec3>,

@@ -6,9 +6,9 @@
 
 use super::mirror;
 use crate::depth::triangles_of;
-use crate::kitchen::scene_file::{Entry, Role, SceneFile, tops};
+use crate::kitchen::scene_file::{Convex, Entry, Role, SceneFile, tops};
 use crate::kitchen::{BodyRole, Kitchen};
-use crate::picture::palette;
+use crate::picture::{Subject, palette};
 use crate::shape::{Part, Primitive, Shape};
 use ::gltf::binary::{Glb, Header};
 use ::gltf::json::accessor::{ComponentType, GenericComponentType, Type};
@@ -19,8 +19,6 @@ use ::gltf::json::mesh::{Mode, Semantic};
 use ::gltf::json::validation::{Checked, USize64};
 use ::gltf::json::{Index, Root, scene::UnitQuaternion};
 use anyhow::{Context, Result};
-use proto::config::SimulationConfig;
-use proto::kitchen::KitchenId;
 use rapier3d::math::Vec3;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -275,7 +273,7 @@ fn solid_extras(part: &Part) -> Option<Box<RawValue>> {
         Primitive::Cuboid { half_extents_m } => {
             serde_json::json!({ "solid": "box", "half_extents_m": half_extents_m.to_array() })
         }
-        Primitive::Hull { .. } => return None,
+        Primitive::Hull { .. } | Primitive::Concave(_) => return None,
     };
     let pose = mirror::pose(part.body_from_part);
     extras["translation"] = serde_json::json!(pose.translation.to_array());
@@ -312,19 +310,19 @@ pub fn scene_file(kitchen: &Kitchen, gltf: &str) -> SceneFile {
             mass_kg: matter.map(|matter| matter.mass_kg),
             friction: matter.map(|matter| matter.friction),
             category: None,
-            convex: None,
+            convex: body.shape.is_dented().then_some(Convex::Decompose),
         });
     }
     SceneFile { gltf: gltf.to_owned(), nodes }
 }
 
-/// Builds a kitchen, writes it, and its scene file if that is asked for, and says so on standard output.
-pub fn write(id: KitchenId, out: &Path, scene: Option<&Path>) -> Result<()> {
-    let kitchen = Kitchen::build(id, &SimulationConfig::default())?;
+/// Builds a kitchen or reads a scene, writes it, and its scene file if that is asked for, and says so on standard output.
+pub fn write(subject: &Subject, out: &Path, scene: Option<&Path>) -> Result<()> {
+    let kitchen = subject.load()?;
     let bytes = glb(&kitchen);
     std::fs::write(out, &bytes).with_context(|| format!("cannot write {}", out.display()))?;
     let things = kitchen.bodies().iter().filter(|body| body.role != BodyRole::Robot).count();
-    println!("{}: kitchen {id}, {things} bodies, {} kB", out.display(), bytes.len().div_ceil(1000));
+    println!("{}: {subject}, {things} bodies, {} kB", out.display(), bytes.len().div_ceil(1000));
     if let Some(path) = scene {
         let name = out.file_name().and_then(|name| name.to_str()).context("the file's name is not text")?;
         let text = toml::to_string(&scene_file(&kitchen, name)).context("the scene file")?;

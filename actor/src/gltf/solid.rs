@@ -1,9 +1,11 @@
-//! Which convex solid a mesh is: what it says it is, a box, a cylinder, or its hull.
+//! Which solid a mesh is: what it says it is, a box, a cylinder, its hull, or convex pieces of it.
 //!
 //! Boxes and cylinders rest on their faces without rocking and cost physics less than hulls, so they are looked for.
 
+use super::decompose::{TRIANGLES_MOST, closed, concave};
 use super::document::Piece;
 use super::mirror;
+use crate::kitchen::scene_file::Convex;
 use crate::physics::geometry::{Solid, rotation_x, rotation_z};
 use crate::shape::{Part, Primitive, Shape};
 use rapier3d::math::{Pose3, Rot3, Vec3};
@@ -11,6 +13,7 @@ use rapier3d::parry::transformation::try_convex_hull;
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::f32::consts::FRAC_PI_2;
+use std::sync::Arc;
 
 /// A vertex lies on a solid if it is this near to its surface, as a share of the mesh's size.
 const ON_SURFACE: f32 = 1e-3;
@@ -25,7 +28,7 @@ const FLAT_M: f32 = 2e-4;
 /// Corners of a hull at most: each costs time at every contact.
 const CORNERS_MOST: usize = 512;
 
-/// Why a mesh is no convex solid.
+/// Why a mesh is no solid.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum NoSolid {
     /// It has no thickness.
@@ -33,8 +36,8 @@ pub enum NoSolid {
     Flat,
     /// It is far from convex.
     #[error(
-        "is not convex (dented by {dent_mm:.0} mm): split it into convex meshes, or say `convex = \"hull\"` to take its \
-         hull instead"
+        "is not convex (dented by {dent_mm:.0} mm): split it into convex meshes, or say `convex = \"decompose\"` to have it \
+         cut into convex pieces, or `convex = \"hull\"` to take its hull instead"
     )]
     Dented {
         /// How deep, millimetres.
@@ -46,10 +49,25 @@ pub enum NoSolid {
         /// How many.
         corners: usize,
     },
+    /// It has no inside that could be cut into pieces.
+    #[error(
+        "has {edges} edges without a face on either side, or between faces that do not both look outwards, so that it \
+         has no inside to decompose: fill its holes and recalculate its normals, or say `convex = \"hull\"`"
+    )]
+    Open {
+        /// How many edges.
+        edges: usize,
+    },
+    /// It has too many triangles to be decomposed.
+    #[error("has {triangles} triangles, more than the {TRIANGLES_MOST} that can be decomposed: simplify it")]
+    TooManyTriangles {
+        /// How many.
+        triangles: usize,
+    },
 }
 
-/// The convex solid that a mesh is; `accept_hull` takes the hull of a dented one.
-pub fn part_of(piece: &Piece, accept_hull: bool) -> Result<Part, NoSolid> {
+/// The solid that a mesh is; `dented` says what to do with one that is not convex.
+pub fn part_of(piece: &Piece, dented: Option<Convex>) -> Result<Part, NoSolid> {
     let points = distinct(&piece.vertices);
     let (low, high) = bounds(&points);
     if points.len() < 4 || (high - low).min_element() < FLAT_M {
@@ -68,8 +86,15 @@ pub fn part_of(piece: &Piece, accept_hull: bool) -> Result<Part, NoSolid> {
         return Ok(part);
     }
     let dent_m = dent_m(piece);
-    if !accept_hull && dent_m > DENT_M.max(DENT_SHARE * size) {
-        return Err(NoSolid::Dented { dent_mm: 1000.0 * dent_m });
+    if dent_m > DENT_M.max(DENT_SHARE * size) {
+        match dented {
+            None => return Err(NoSolid::Dented { dent_mm: 1000.0 * dent_m }),
+            Some(Convex::Hull) => {}
+            Some(Convex::Decompose) => {
+                let primitive = Primitive::Concave(Arc::new(concave(closed(piece)?)?));
+                return Ok(Part { primitive, body_from_part: Pose3::identity() });
+            }
+        }
     }
     if hull.len() > CORNERS_MOST {
         return Err(NoSolid::TooDetailed { corners: hull.len() });
@@ -160,7 +185,7 @@ fn off_surface_m(part: &Part, point: Vec3) -> f32 {
             (p - Vec3::new(0.0, p.y.clamp(-half_height_m, half_height_m), 0.0)).length() - radius_m
         }
         Primitive::Sphere { radius_m } => p.length() - radius_m,
-        Primitive::Hull { .. } => f32::INFINITY,
+        Primitive::Hull { .. } | Primitive::Concave(_) => f32::INFINITY,
     }
 }
 
@@ -198,13 +223,13 @@ mod tests {
     #[test]
     fn boxes_and_cylinders_are_recognised_along_each_axis() {
         let half = Vec3::new(0.2, 0.3, 0.1);
-        let found = part_of(&piece(&Shape::of(Primitive::Cuboid { half_extents_m: half })), false).unwrap();
+        let found = part_of(&piece(&Shape::of(Primitive::Cuboid { half_extents_m: half })), None).unwrap();
         assert_eq!(found.primitive, Primitive::Cuboid { half_extents_m: half });
         for rotation in [Rot3::IDENTITY, rotation_x(FRAC_PI_2), rotation_z(FRAC_PI_2)] {
             let primitive = Primitive::Cylinder { radius_m: 0.1, half_height_m: 0.04 };
             let body_from_part = Pose3::from_parts(Vec3::new(1.0, 2.0, 3.0), rotation);
             let shape = Shape { parts: vec![Part { primitive, body_from_part }] };
-            let found = part_of(&piece(&shape), false).unwrap();
+            let found = part_of(&piece(&shape), None).unwrap();
             let Primitive::Cylinder { radius_m, half_height_m } = found.primitive else { panic!("{found:?}") };
             assert!((radius_m - 0.1).abs() < 1e-5 && (half_height_m - 0.04).abs() < 1e-5, "{found:?}");
             let (own, given) = (Solid::of(&Shape { parts: vec![found] }), Solid::of(&shape));
@@ -219,7 +244,7 @@ mod tests {
         let seam: Vec<Vec3> = foot.vertices.iter().filter(|v| v.x > 0.0199).map(|v| *v + Vec3::Z * 1e-9).collect();
         assert!(!seam.is_empty());
         foot.vertices.extend(seam);
-        assert!(matches!(part_of(&foot, false).unwrap().primitive, Primitive::Cylinder { .. }));
+        assert!(matches!(part_of(&foot, None).unwrap().primitive, Primitive::Cylinder { .. }));
     }
 
     #[test]
@@ -231,11 +256,15 @@ mod tests {
             ))
         };
         ball.extras = say(0.05);
-        assert_eq!(part_of(&ball, false).unwrap().primitive, Primitive::Sphere { radius_m: 0.05 });
+        assert_eq!(part_of(&ball, None).unwrap().primitive, Primitive::Sphere { radius_m: 0.05 });
         for other in [say(0.06), Some("[1, 2]".into()), None] {
             ball.extras = other;
             // A mesh like any other then, of far more corners than a hull may have.
-            assert!(matches!(part_of(&ball, true), Err(NoSolid::TooDetailed { .. })), "{:?}", ball.extras);
+            assert!(
+                matches!(part_of(&ball, Some(Convex::Hull)), Err(NoSolid::TooDetailed { .. })),
+                "{:?}",
+                ball.extras
+            );
         }
     }
 
@@ -246,10 +275,10 @@ mod tests {
         let shape =
             Shape::default().with(block(0.3, 0.05, 0.1), 0.0, 0.0, 0.0).with(block(0.05, 0.2, 0.1), 0.25, 0.2, 0.0);
         let dented = piece(&shape.with(block(0.05, 0.2, 0.1), -0.25, 0.2, 0.0));
-        let Err(NoSolid::Dented { dent_mm }) = part_of(&dented, false) else { panic!("a U is not convex") };
+        let Err(NoSolid::Dented { dent_mm }) = part_of(&dented, None) else { panic!("a U is not convex") };
         assert!(dent_mm > 100.0, "{dent_mm}");
-        assert!(matches!(part_of(&dented, true).unwrap().primitive, Primitive::Hull { .. }));
+        assert!(matches!(part_of(&dented, Some(Convex::Hull)).unwrap().primitive, Primitive::Hull { .. }));
         let flat = Piece { vertices: vec![Vec3::ZERO, Vec3::X, Vec3::Z], triangles: vec![[0, 1, 2]], extras: None };
-        assert_eq!(part_of(&flat, true), Err(NoSolid::Flat));
+        assert_eq!(part_of(&flat, Some(Convex::Hull)), Err(NoSolid::Flat));
     }
 }

@@ -140,6 +140,9 @@ pub enum Flaw {
         /// How many.
         stands: usize,
     },
+    /// The arm comes to no place on any surface.
+    #[error("surfaces within reach")]
+    Unreachable,
     /// A target is not there.
     #[error("{}, which is not there", .category.name())]
     Target {
@@ -288,6 +291,7 @@ impl Kitchen {
             return Err(vec![Flaw::Stands { stands: stands.len() }]);
         }
         let points = spots::reachable_points(&surfaces, &Reach::new(&free_floor, &scene, &robot_parts));
+        let points = Some(points).filter(|points| !points.is_empty()).ok_or_else(|| vec![Flaw::Unreachable])?;
         let mut targets = Vec::new();
         for category in TargetCategory::ALL {
             let Some(movable) = bodies[static_count..].iter().position(|body| body.category == category.name()) else {

@@ -1,6 +1,7 @@
 //! Collision geometry: what physics makes of a [`Shape`].
 
 use crate::shape::{Primitive, Shape};
+use rapier3d::dynamics::MassProperties;
 use rapier3d::geometry::{Aabb, SharedShape};
 use rapier3d::math::{Pose3, Rot3, Vec3};
 use rapier3d::parry::bounding_volume::BoundingVolume;
@@ -17,6 +18,9 @@ pub fn length(vector: Vec3) -> f32 {
 pub struct Solid {
     /// Convex parts and `body_from_part`.
     pub parts: Vec<(SharedShape, Pose3)>,
+    /// Of each part at density 1, where that is not the part's own: the first piece of a concave mesh weighs as much as
+    /// the whole mesh, and about the same point; its other pieces weigh nothing.
+    given_masses: Vec<Option<MassProperties>>,
     radius_m: f32,
 }
 
@@ -29,8 +33,21 @@ impl std::fmt::Debug for Solid {
 impl Solid {
     /// The collision geometry of a shape.
     pub fn of(shape: &Shape) -> Self {
-        let parts: Vec<(SharedShape, Pose3)> =
-            shape.parts.iter().map(|part| (convex(&part.primitive), part.body_from_part)).collect();
+        let mut parts: Vec<(SharedShape, Pose3)> = Vec::with_capacity(shape.parts.len());
+        let mut given_masses = Vec::with_capacity(shape.parts.len());
+        for part in &shape.parts {
+            let Primitive::Concave(concave) = &part.primitive else {
+                parts.push((convex(&part.primitive), part.body_from_part));
+                given_masses.push(None);
+                continue;
+            };
+            let mut mass = MassProperties::from_trimesh(1.0, &concave.vertices, &concave.triangles);
+            for piece in &concave.pieces {
+                parts.push((convex(&piece.primitive), part.body_from_part * piece.body_from_part));
+                given_masses.push(Some(mass.transform_by(&piece.body_from_part.inverse())));
+                mass = MassProperties::default();
+            }
+        }
         let radius_m = parts
             .iter()
             .map(|(shape, body_from_part)| {
@@ -38,7 +55,7 @@ impl Solid {
                 sphere.center.length() + sphere.radius
             })
             .fold(0.0, f32::max);
-        Self { parts, radius_m }
+        Self { parts, given_masses, radius_m }
     }
 
     /// No point of it is further from the origin, metres.
@@ -57,7 +74,14 @@ impl Solid {
 
     /// Volume of the parts, cubic metres, in their order.
     pub fn volumes_m3(&self) -> Vec<f32> {
-        self.parts.iter().map(|(shape, _)| shape.mass_properties(1.0).mass()).collect()
+        let own = |shape: &SharedShape| shape.mass_properties(1.0).mass();
+        let parts = self.parts.iter().zip(&self.given_masses);
+        parts.map(|((shape, _), given)| given.as_ref().map_or_else(|| own(shape), MassProperties::mass)).collect()
+    }
+
+    /// What a part weighs at density 1 and how that is spread, in the part's frame; none if it is solid itself.
+    pub fn given_mass(&self, part: usize) -> Option<MassProperties> {
+        self.given_masses[part]
     }
 
     /// Whether another solid comes nearer than this.
@@ -93,6 +117,7 @@ fn convex(primitive: &Primitive) -> SharedShape {
         Primitive::Sphere { radius_m } => SharedShape::ball(*radius_m),
         Primitive::Hull { points_m } => SharedShape::convex_hull(points_m)
             .expect("a hull holds at least four points that do not lie in one plane, as its documentation asks"),
+        Primitive::Concave(_) => unreachable!("physics takes its pieces, none of which is concave"),
     }
 }
 

@@ -131,10 +131,19 @@ impl World {
     fn add_colliders(&mut self, body: RigidBodyHandle, solid: &Solid, mass_kg: Option<f32>, friction: f32) {
         let volumes = solid.volumes_m3();
         let total: f32 = volumes.iter().sum();
-        for ((shape, body_from_part), volume) in solid.parts.iter().zip(volumes) {
+        for (index, ((shape, body_from_part), volume)) in solid.parts.iter().zip(volumes).enumerate() {
             let mut collider = ColliderBuilder::new(shape.clone()).position(*body_from_part).friction(friction);
             if let Some(mass_kg) = mass_kg {
-                collider = collider.mass(mass_kg * volume / total);
+                let share_kg = mass_kg * volume / total;
+                collider = match solid.given_mass(index) {
+                    None => collider.mass(share_kg),
+                    Some(given) if volume > 0.0 => {
+                        let mut mass = given;
+                        mass.set_mass(share_kg, true);
+                        collider.mass_properties(mass)
+                    }
+                    Some(nothing) => collider.mass_properties(nothing),
+                };
             }
             self.colliders.insert_with_parent(collider, body, &mut self.bodies);
         }

@@ -24,4 +24,4 @@ mod sheet;
 mod sky;
 mod view;
 
-pub use sheet::{SheetOptions, sheet};
+pub use sheet::{SheetOptions, Subject, sheet};

@@ -1,11 +1,12 @@
-//! All kitchens side by side: floor plan and robot's view of each, with what there is to say about it.
+//! Kitchens side by side: floor plan and robot's view of each, with what there is to say about it.
 
 use super::canvas::{Canvas, Rgb};
 use super::view::Views;
-use crate::kitchen::Kitchen;
+use crate::kitchen::{Kitchen, scene_file};
 use anyhow::{Context, Result, ensure};
 use proto::config::SimulationConfig;
 use proto::kitchen::{KitchenId, Split};
+use std::fmt;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -24,27 +25,74 @@ const WIDTH_MAX: u32 = 8192;
 /// What to draw.
 #[derive(Debug, Clone)]
 pub struct SheetOptions {
-    /// Which kitchens, in this order.
-    pub kitchens: Vec<KitchenId>,
+    /// What is on it, in this order.
+    pub subjects: Vec<Subject>,
     /// Width of the sheet, pixels.
     pub width: u32,
     /// The PNG file.
     pub out: PathBuf,
 }
 
+/// What a picture is of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Subject {
+    /// A built-in kitchen.
+    BuiltIn(KitchenId),
+    /// A scene of a user's own: its TOML file.
+    Scene(PathBuf),
+}
+
+impl Subject {
+    /// Builds or reads it, and lets it come to rest.
+    pub fn load(&self) -> Result<Kitchen> {
+        let simulation = SimulationConfig::default();
+        match self {
+            Self::BuiltIn(id) => Ok(Kitchen::build(*id, &simulation)?),
+            Self::Scene(path) => {
+                let id = KitchenId::scene(0).context("there is a first scene")?;
+                Ok(scene_file::load(path, id, &simulation)?)
+            }
+        }
+    }
+
+    /// What it is called on the sheet: a kitchen's number, or the name of a scene's folder or file.
+    fn name(&self) -> String {
+        match self {
+            Self::BuiltIn(id) => id.to_string(),
+            Self::Scene(path) => scene_file::name_of(path),
+        }
+    }
+
+    /// A word about where it belongs, and its colour.
+    fn kind(&self) -> (&'static str, Rgb) {
+        match self {
+            Self::BuiltIn(id) => split(*id),
+            Self::Scene(_) => ("scene", [104, 70, 140]),
+        }
+    }
+}
+
+/// `kitchen 7`, `scene studio`
+impl fmt::Display for Subject {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kind = if matches!(self, Self::BuiltIn(_)) { "kitchen" } else { "scene" };
+        write!(f, "{kind} {}", self.name())
+    }
+}
+
 /// Draws the sheet, writes it, and says so on standard output.
 pub fn sheet(options: &SheetOptions) -> Result<()> {
-    ensure!(!options.kitchens.is_empty(), "no kitchen was asked for");
+    ensure!(!options.subjects.is_empty(), "no kitchen was asked for");
     ensure!(
         (WIDTH_MIN..=WIDTH_MAX).contains(&options.width),
         "a sheet is {WIDTH_MIN} to {WIDTH_MAX} pixels wide, not {}",
         options.width
     );
-    let columns = options.kitchens.len().min(COLUMNS);
-    let rows = options.kitchens.len().div_ceil(columns);
+    let columns = options.subjects.len().min(COLUMNS);
+    let rows = options.subjects.len().div_ceil(columns);
     let cell = (options.width as usize - MARGIN) / columns - MARGIN;
     let side = cell / 2;
-    let pairs = draw_all(&options.kitchens, side)?;
+    let pairs = draw_all(&options.subjects, side)?;
 
     let (width, height) = (options.width as usize, HEAD + rows * (TITLE + side + MARGIN) + MARGIN);
     let mut canvas = Canvas::new(width, height, PAPER);
@@ -54,12 +102,12 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
         pairs.iter().map(|(_, _, things)| *things).sum::<usize>()
     );
     canvas.text(&legend, 17.0, end + 18.0, 31.0, FAINT);
-    for (index, (id, (views, plan, things))) in options.kitchens.iter().zip(&pairs).enumerate() {
+    for (index, (subject, (views, plan, things))) in options.subjects.iter().zip(&pairs).enumerate() {
         let x = MARGIN + index % columns * (cell + MARGIN);
         let y = HEAD + index / columns * (TITLE + side + MARGIN);
-        let (word, colour) = split(*id);
+        let (word, colour) = subject.kind();
         canvas.fill(x, y + 3, 4, TITLE - 8, colour);
-        let end = canvas.text(&format!("{id}"), 21.0, x as f32 + 10.0, y as f32 + 18.0, INK);
+        let end = canvas.text(&subject.name(), 21.0, x as f32 + 10.0, y as f32 + 18.0, INK);
         let end = canvas.text(word, 17.0, end + 9.0, y as f32 + 18.0, colour);
         canvas.text(&format!("{plan}{things} things"), 17.0, end + 9.0, y as f32 + 18.0, FAINT);
         canvas.place(&views.plan, x, y + TITLE);
@@ -68,9 +116,13 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
     canvas.write_png(&options.out)?;
     let bytes = std::fs::metadata(&options.out).map_or(0, |file| file.len());
     println!(
-        "{}: {} kitchens, {width} × {height} pixels, {} kB",
+        "{}: {}, {width} × {height} pixels, {} kB",
         options.out.display(),
-        pairs.len(),
+        if let [subject] = options.subjects.as_slice() {
+            subject.to_string()
+        } else {
+            format!("{} kitchens", pairs.len())
+        },
         bytes.div_ceil(1000)
     );
     Ok(())
@@ -80,22 +132,21 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
 type Drawn = (Views, String, usize);
 
 /// Pictures, plan and number of things of each kitchen, in order, on all cores.
-fn draw_all(kitchens: &[KitchenId], side: usize) -> Result<Vec<Drawn>> {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from).min(kitchens.len());
+fn draw_all(subjects: &[Subject], side: usize) -> Result<Vec<Drawn>> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from).min(subjects.len());
     let next = AtomicUsize::new(0);
-    let simulation = SimulationConfig::default();
     let work = || -> Result<Vec<(usize, Drawn)>> {
         let mut done = Vec::new();
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(&id) = kitchens.get(index) else { return Ok(done) };
-            let kitchen = Kitchen::build(id, &simulation)?;
-            let views = Views::of(&kitchen, side, PAPER).with_context(|| format!("kitchen {id}"))?;
+            let Some(subject) = subjects.get(index) else { return Ok(done) };
+            let kitchen = subject.load()?;
+            let views = Views::of(&kitchen, side, PAPER).with_context(|| subject.to_string())?;
             let plan = kitchen.plan().map_or_else(String::new, |plan| format!("{}, ", plan.name()));
             done.push((index, (views, plan, kitchen.thing_count())));
         }
     };
-    let mut drawn = Vec::with_capacity(kitchens.len());
+    let mut drawn = Vec::with_capacity(subjects.len());
     std::thread::scope(|scope| -> Result<()> {
         let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
         for worker in workers {

@@ -1,22 +1,24 @@
-//! `orchestrator kitchens`: the kitchens to look at, as one picture or as a scene for other programs.
+//! `orchestrator kitchens`: the kitchens, or a scene of one's own, to look at, as one picture or as a scene for other programs.
 //!
 //! This program links no physics: `actor kitchens` builds and draws them.
 
 use crate::preflight::programs;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use proto::kitchen::{KitchenChoice, KitchenId};
 use std::path::PathBuf;
 use std::process::Command;
 
-/// Draw the kitchens on one sheet, or write one as a glTF scene
+/// Draw the kitchens or a scene of your own on one sheet, or write one as a glTF scene
 ///
-/// The sheet shows each kitchen from above, cut at 1.4 m, and as the robot sees it. The scene is a binary glTF file
+/// The sheet shows each kitchen from above, cut at 1.4 m, and as the robot sees it. The glTF scene is a binary file
 /// (GLB) for Blender, three.js and other viewers.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator kitchens                            all 29 into kitchens.png
   orchestrator kitchens --kitchens 1,2,5 --width 1600 --out some.png
-  orchestrator kitchens --gltf 7                   kitchen 7 into kitchen-7.glb")]
+  orchestrator kitchens --gltf 7                   kitchen 7 into kitchen-7.glb
+  orchestrator kitchens --scene scenes/studio/scene.toml          a scene of your own into scene.png
+  orchestrator kitchens --scene scenes/studio/scene.toml --gltf   as it came to rest, into scene-settled.glb")]
 pub struct KitchensArgs {
     /// Which kitchens are on the sheet: `all`, or numbers.
     #[arg(long, default_value = "all", value_name = "all|1,2,...", conflicts_with = "gltf")]
@@ -24,10 +26,15 @@ pub struct KitchensArgs {
     /// Width of the sheet in pixels.
     #[arg(long, default_value_t = 2200, value_parser = clap::value_parser!(u32).range(320..=8192), conflicts_with = "gltf")]
     width: u32,
-    /// Write this kitchen as a glTF scene instead.
-    #[arg(long, value_name = "KITCHEN", value_parser = one)]
-    gltf: Option<KitchenId>,
-    /// File to write [default: kitchens.png, or kitchen-N.glb].
+    /// Draw this scene of your own: its TOML file.
+    #[arg(long, value_name = "FILE.toml", conflicts_with = "kitchens")]
+    scene: Option<PathBuf>,
+    /// Write this kitchen, or the scene of --scene, as a glTF scene instead.
+    // None: not asked for. Some(None): without a number, for --scene.
+    #[arg(long, value_name = "KITCHEN", value_parser = one, num_args = 0..=1)]
+    #[allow(clippy::option_option)]
+    gltf: Option<Option<KitchenId>>,
+    /// File to write [default: kitchens.png, kitchen-N.glb, scene.png or scene-settled.glb].
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }
@@ -42,12 +49,28 @@ pub fn run(args: &KitchensArgs) -> Result<()> {
     let program = programs::find("actor")?;
     let mut command = Command::new(&program);
     command.arg("kitchens");
-    let default_name = if let Some(kitchen) = args.gltf {
-        command.args(["gltf", "--kitchen", &kitchen.to_string()]);
-        format!("kitchen-{kitchen}.glb")
-    } else {
-        command.args(["sheet", "--kitchens", &args.kitchens.to_string(), "--width", &args.width.to_string()]);
-        "kitchens.png".to_owned()
+    let width = args.width.to_string();
+    let default_name = match (&args.scene, args.gltf) {
+        (Some(_), Some(Some(kitchen))) => {
+            bail!("--gltf {kitchen} and --scene name two things to write: leave out one, or the number after --gltf")
+        }
+        (None, Some(None)) => bail!("--gltf needs the number of a kitchen, --gltf 7, or a scene, --scene FILE.toml"),
+        (None, Some(Some(kitchen))) => {
+            command.args(["gltf", "--kitchen", &kitchen.to_string()]);
+            format!("kitchen-{kitchen}.glb")
+        }
+        (Some(scene), Some(None)) => {
+            command.args(["gltf", "--of-scene"]).arg(scene);
+            "scene-settled.glb".to_owned()
+        }
+        (Some(scene), None) => {
+            command.arg("sheet").arg("--scene").arg(scene).args(["--width", &width]);
+            "scene.png".to_owned()
+        }
+        (None, None) => {
+            command.args(["sheet", "--kitchens", &args.kitchens.to_string(), "--width", &width]);
+            "kitchens.png".to_owned()
+        }
     };
     command.arg("--out").arg(args.out.as_ref().map_or_else(|| PathBuf::from(default_name), Clone::clone));
     let status = command.status().with_context(|| format!("cannot start {}", program.display()))?;

@@ -1,4 +1,5 @@
-//! A matrix as colours, with a bar that says what they mean.
+//! A matrix as colours on a logarithmic scale, with a bar that says what they mean. Shares of actions differ by orders of
+//! magnitude: on a linear scale nearly all of a map is dark.
 
 use super::palette::heat;
 use super::scale::{Axis, Unit};
@@ -19,6 +20,8 @@ pub struct HeatMap {
 }
 
 const BAR_STEPS: u32 = 64;
+/// Shares from here down have the darkest colour.
+const LEAST: f64 = 0.001;
 
 impl HeatMap {
     /// Height of a map of this many rows, pixels.
@@ -36,8 +39,10 @@ impl HeatMap {
             height: frame.height - 2.0 - 38.0,
         };
         let columns = self.values.iter().map(Vec::len).max().unwrap_or(0).max(1);
-        let highest = self.values.iter().flatten().flatten().fold(0.0f64, |most, &value| most.max(value));
-        let scale = Axis::new(&self.scale_label, Unit::Percent).scale([highest].into_iter(), true);
+        // The same for every map, so that colours mean the same on all of them.
+        let scale = Axis::logarithmic(&self.scale_label, Unit::Percent).scale([LEAST, 1.0].into_iter(), true);
+        // In steps: neighbours of nearly one share have one colour.
+        let place = |value: f64| (scale.place(value) * f64::from(BAR_STEPS)).round() / f64::from(BAR_STEPS);
         let (cell_width, cell_height) = (plot.width / columns as f64, plot.height / self.rows.len().max(1) as f64);
         canvas.rectangle((plot.left, plot.top), (plot.width, plot.height), "#f2f2f2");
         for (row, (name, values)) in self.rows.iter().zip(&self.values).enumerate() {
@@ -46,11 +51,11 @@ impl HeatMap {
             let mut column = 0;
             while column < values.len() {
                 // Neighbours of one colour are one rectangle: the file is a fraction of the size.
-                let Some(colour) = values[column].map(|value| heat(scale.place(value))) else {
+                let Some(colour) = values[column].map(|value| heat(place(value))) else {
                     column += 1;
                     continue;
                 };
-                let same = |value: &Option<f64>| value.map(|value| heat(scale.place(value))).as_ref() == Some(&colour);
+                let same = |value: &Option<f64>| value.map(|value| heat(place(value))).as_ref() == Some(&colour);
                 let length = values[column..].iter().take_while(|value| same(value)).count();
                 let left = plot.left + column as f64 * cell_width;
                 // A hair wider than it is: no seams between cells.

@@ -38,7 +38,16 @@ impl IntervalPlot {
         rows as f64 * 24.0 + 74.0
     }
 
-    pub(super) fn draw(&self, canvas: &mut Canvas, frame: Frame) {
+    /// Values that have to have a place.
+    pub(super) fn values(&self) -> impl Iterator<Item = f64> {
+        self.rows.iter().flat_map(|row| {
+            let ends = row.interval.map(|(low, high)| [low, high]).into_iter().flatten();
+            row.point.into_iter().chain(row.published).chain(ends)
+        })
+    }
+
+    /// Draws it over a scale that holds all `values`: its own, and those of plots beside it.
+    pub(super) fn draw(&self, canvas: &mut Canvas, frame: Frame, values: &[f64]) {
         let most = frame.width * 0.46;
         let names = self.rows.iter().map(|row| text::width(&row.name, LABEL)).fold(0.0, f64::max).min(most);
         let plot = Frame {
@@ -47,11 +56,7 @@ impl IntervalPlot {
             width: frame.width - names - 12.0 - 18.0,
             height: frame.height - 2.0 - 38.0,
         };
-        let values = self.rows.iter().flat_map(|row| {
-            let ends = row.interval.map(|(low, high)| [low, high]).into_iter().flatten();
-            row.point.into_iter().chain(row.published).chain(ends)
-        });
-        let scale = Axis::new(&self.label, Unit::Percent).scale(values, false);
+        let scale = Axis::new(&self.label, Unit::Percent).scale(values.iter().copied(), false);
         let across = |value: f64| plot.left + scale.place(value) * plot.width;
         for (tick, label) in scale.ticks() {
             let stroke = Stroke { colour: GRID, width: 1.0, dashes: "" };

@@ -16,6 +16,10 @@ pub struct Series {
     pub band: Vec<(f64, f64, f64)>,
     /// Where its markers are.
     pub markers: Markers,
+    /// What a smoothed curve was made of, drawn faint behind all curves.
+    pub raw: Vec<Vec<(f64, f64)>>,
+    /// What happens on this curve alone: a stroke across it, with a name.
+    pub marks: Vec<Mark>,
 }
 
 /// Where a curve has markers.
@@ -31,7 +35,12 @@ pub enum Markers {
 /// Markers on a curve that has [`Markers::Some`].
 const FEW: usize = 6;
 
-/// A vertical line with a name.
+/// How much of a raw curve is seen.
+const RAW_OPACITY: f64 = 0.25;
+/// Half of the length of a stroke across a curve, pixels.
+const STROKE: f64 = 8.0;
+
+/// A vertical line, or a stroke across a curve, with a name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mark {
     /// Where.
@@ -54,18 +63,41 @@ pub struct LinePlot {
 }
 
 impl LinePlot {
-    pub(super) fn draw(&self, canvas: &mut Canvas, frame: Frame) {
-        let points = || self.series.iter().flat_map(|series| &series.points);
-        let bands = || self.series.iter().flat_map(|series| &series.band);
-        let x = self.x.scale(points().map(|point| point.0), true);
-        let heights = points().map(|point| point.1).chain(bands().flat_map(|&(_, low, high)| [low, high]));
-        let y = self.y.scale(heights, false);
+    /// Values that have to have a place across.
+    pub(super) fn across(&self) -> impl Iterator<Item = f64> {
+        self.series.iter().flat_map(|series| series.points.iter().map(|point| point.0))
+    }
+
+    /// Values that have to have a place up. Of what is drawn faint, all but the outermost hundredth at either end.
+    pub(super) fn up(&self) -> impl Iterator<Item = f64> {
+        self.series.iter().flat_map(|series| {
+            let points = series.points.iter().map(|point| point.1);
+            let band = series.band.iter().flat_map(|&(_, low, high)| [low, high]);
+            let mut raw: Vec<f64> = series.raw.iter().flatten().map(|point| point.1).collect();
+            raw.sort_by(f64::total_cmp);
+            let cut = raw.len() / 100;
+            points.chain(band).chain(raw.into_iter().skip(cut).rev().skip(cut)).collect::<Vec<f64>>()
+        })
+    }
+
+    /// Draws it over scales that hold all values of `across` and `up`: its own, and those of plots beside it.
+    pub(super) fn draw(&self, canvas: &mut Canvas, frame: Frame, across: &[f64], up: &[f64]) {
+        let x = self.x.scale(across.iter().copied(), true);
+        let y = self.y.scale(up.iter().copied(), false);
         let plot = axes(canvas, frame, (&self.x, &x), (&self.y, &y));
         let at = |(a, b): (f64, f64)| (plot.left + x.place(a) * plot.width, plot.bottom() - y.place(b) * plot.height);
         for mark in &self.marks {
             let (across, _) = at((mark.x, 0.0));
             let stroke = Stroke { colour: AXIS, width: 1.0, dashes: "3 3" };
             canvas.line(&[(across, plot.top), (across, plot.bottom())], stroke);
+        }
+        for series in &self.series {
+            let stroke = Stroke { width: 1.0, dashes: "", ..Style::of(series.style).stroke() };
+            for line in series.raw.iter().filter(|line| line.len() > 1) {
+                let line = line.iter().map(|&point| at(point));
+                let inside: Vec<_> = line.map(|(a, b)| (a, b.clamp(plot.top, plot.bottom()))).collect();
+                canvas.faint_line(&inside, stroke, RAW_OPACITY);
+            }
         }
         for series in &self.series {
             let style = Style::of(series.style);
@@ -88,6 +120,21 @@ impl LinePlot {
                 canvas.shape(&style.marker(), point, style.colour(), style.colour());
             }
         }
+        let mut named: Vec<&Mark> = Vec::new();
+        for series in &self.series {
+            let style = Style::of(series.style);
+            for mark in &series.marks {
+                let Some(height) = height_at(&series.points, mark.x) else { continue };
+                let (left, middle) = at((mark.x, height));
+                let stroke = Stroke { dashes: "", ..style.stroke() };
+                canvas.line(&[(left, middle - STROKE), (left, middle + STROKE)], stroke);
+                // Named once, however many curves have it.
+                if !named.contains(&mark) {
+                    named.push(mark);
+                    canvas.text(left + 4.0, middle - STROKE, LABEL - 2.0, Anchor::Start, &mark.label);
+                }
+            }
+        }
         for mark in &self.marks {
             let (across, _) = at((mark.x, 0.0));
             canvas.text(across + 4.0, plot.top + 11.0, LABEL - 1.0, Anchor::Start, &mark.label);
@@ -97,6 +144,13 @@ impl LinePlot {
             canvas.text(middle.0, middle.1, LABEL, Anchor::Middle, "nothing was recorded");
         }
     }
+}
+
+/// Height of a curve at a place between two of its points.
+fn height_at(points: &[(f64, f64)], x: f64) -> Option<f64> {
+    let [before, after] = points.array_windows().find(|[before, after]| before.0 <= x && x <= after.0)?;
+    let share = if after.0 > before.0 { (x - before.0) / (after.0 - before.0) } else { 0.0 };
+    Some(before.1 + share * (after.1 - before.1))
 }
 
 /// Grid, ticks and labels; returns the place that is left for what is plotted.

@@ -61,6 +61,16 @@ pub enum Content {
     Heat(HeatMap),
 }
 
+impl Content {
+    fn lines(&self) -> Option<&LinePlot> {
+        if let Self::Lines(plot) = self { Some(plot) } else { None }
+    }
+
+    fn intervals(&self) -> Option<&IntervalPlot> {
+        if let Self::Intervals(plot) = self { Some(plot) } else { None }
+    }
+}
+
 /// One pair of axes.
 #[derive(Debug, Clone)]
 pub struct Panel {
@@ -104,7 +114,7 @@ impl Figure {
                 canvas.text(left + 34.0, middle + 4.0, LABEL, Anchor::Start, name);
             }
         }
-        let width = (WIDTH - 2.0 * MARGIN - (columns - 1) as f64 * GAP) / columns as f64;
+        let width = self.panel_width();
         for (index, panel) in self.panels.iter().enumerate() {
             let (row, column) = (index / columns, index % columns);
             let frame = Frame {
@@ -113,16 +123,57 @@ impl Figure {
                 width,
                 height: self.panel_height,
             };
-            canvas.text(frame.left, frame.top + TITLE, TITLE, Anchor::Start, &panel.title);
-            let title = if panel.title.is_empty() { 0.0 } else { TITLE + 10.0 };
-            let below = Frame { top: frame.top + title, height: frame.height - title, ..frame };
-            match &panel.content {
-                Content::Lines(plot) => plot.draw(&mut canvas, below),
-                Content::Intervals(plot) => plot.draw(&mut canvas, below),
-                Content::Heat(map) => map.draw(&mut canvas, below),
-            }
+            self.draw_panel(&mut canvas, panel, frame);
         }
         canvas.finish()
+    }
+
+    /// Each panel as an SVG document of its own: a page places them as its width allows.
+    pub fn panel_svgs(&self) -> Vec<String> {
+        let (width, height) = (self.panel_width(), self.panel_height);
+        let panel = |panel: &Panel| {
+            let mut canvas = Canvas::new(width + GAP, height + GAP, &panel.title);
+            let frame = Frame { left: 0.5 * GAP, top: 0.5 * GAP, width, height };
+            self.draw_panel(&mut canvas, panel, frame);
+            canvas.finish()
+        };
+        self.panels.iter().map(panel).collect()
+    }
+
+    /// The legend for a page: the sample of each style as an SVG document, and its name.
+    pub fn legend_keys(&self) -> Vec<(String, &str)> {
+        let key = |style: usize, name: &str| {
+            let mut canvas = Canvas::new(28.0, 14.0, name);
+            Style::of(style).key(&mut canvas, 0.0, 7.0);
+            canvas.finish()
+        };
+        self.legend.iter().map(|(style, name)| (key(*style, name), name.as_str())).collect()
+    }
+
+    fn panel_width(&self) -> f64 {
+        let columns = self.columns.max(1) as f64;
+        (WIDTH - 2.0 * MARGIN - (columns - 1.0) * GAP) / columns
+    }
+
+    /// Draws a panel. Panels that have an axis in common have it over the same range.
+    fn draw_panel(&self, canvas: &mut Canvas, panel: &Panel, frame: Frame) {
+        canvas.text(frame.left, frame.top + TITLE, TITLE, Anchor::Start, &panel.title);
+        let title = if panel.title.is_empty() { 0.0 } else { TITLE + 10.0 };
+        let below = Frame { top: frame.top + title, height: frame.height - title, ..frame };
+        match &panel.content {
+            Content::Lines(plot) => {
+                let plots = || self.panels.iter().filter_map(|panel| panel.content.lines());
+                let across: Vec<f64> = plots().filter(|other| other.x == plot.x).flat_map(LinePlot::across).collect();
+                let up: Vec<f64> = plots().filter(|other| other.y == plot.y).flat_map(LinePlot::up).collect();
+                plot.draw(canvas, below, &across, &up);
+            }
+            Content::Intervals(plot) => {
+                let plots = self.panels.iter().filter_map(|panel| panel.content.intervals());
+                let beside = plots.filter(|other| other.label == plot.label);
+                plot.draw(canvas, below, &beside.flat_map(IntervalPlot::values).collect::<Vec<f64>>());
+            }
+            Content::Heat(map) => map.draw(canvas, below),
+        }
     }
 
     /// The figure as a PNG file of twice the size in pixels.
@@ -160,6 +211,8 @@ mod tests {
                 points: vec![(0.0, 0.1), (1e6, 0.4)],
                 band: vec![(0.0, 0.0, 0.2), (1e6, 0.3, 0.5)],
                 markers: Markers::All,
+                raw: vec![vec![(0.0, 0.2), (5e5, 0.1), (1e6, 0.6)]],
+                marks: vec![Mark { x: 5e5, label: "II".into() }],
             }],
             marks: vec![Mark { x: 5e5, label: "stage II".into() }],
         };
@@ -181,6 +234,40 @@ mod tests {
         assert_eq!(&png[1..4], b"PNG");
         let width = u32::from_be_bytes([png[16], png[17], png[18], png[19]]);
         assert_eq!(f64::from(width), 2.0 * WIDTH);
+    }
+
+    /// What is written beside the ticks of each panel.
+    fn ticks(figure: &Figure) -> Vec<Vec<String>> {
+        let texts = |svg: String| {
+            let pieces = svg.split("</text>").filter_map(|piece| Some(piece.rsplit_once('>')?.1.to_owned()));
+            pieces.filter(|text| text.ends_with('%')).collect()
+        };
+        figure.panel_svgs().into_iter().map(texts).collect()
+    }
+
+    #[test]
+    fn panels_with_one_axis_have_one_range() {
+        let mut figure = figure();
+        let mut higher = figure.panels[0].clone();
+        let Content::Lines(plot) = &mut higher.content else { panic!("a line plot") };
+        plot.series[0].points[1].1 = 0.9;
+        figure.panels.push(higher.clone());
+        let same = ticks(&figure);
+        assert_eq!(same[0], same[1], "success beside success");
+        assert!(same[0].contains(&"90%".to_owned()) || same[0].contains(&"100%".to_owned()), "{same:?}");
+        // Another quantity has its own.
+        let Content::Lines(plot) = &mut figure.panels[1].content else { panic!("a line plot") };
+        plot.y = Axis::new("precision", Unit::Percent);
+        let apart = ticks(&figure);
+        assert_ne!(apart[0], apart[1]);
+    }
+
+    #[test]
+    fn a_curve_lies_before_what_it_was_made_of_and_is_marked_alone() {
+        let svg = figure().panel_svgs().remove(0);
+        let faint = svg.find("stroke-opacity=\"0.25\"").expect("the raw curve");
+        assert!(faint < svg.find("stroke-width=\"2\"").expect("the curve"));
+        assert_eq!(svg.matches(">II</text>").count(), 1, "{svg}");
     }
 
     #[test]

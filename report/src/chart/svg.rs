@@ -84,11 +84,17 @@ impl Canvas {
 
     /// A line through the points.
     pub fn line(&mut self, points: &[(f64, f64)], stroke: Stroke<'_>) {
+        self.faint_line(points, stroke, 1.0);
+    }
+
+    /// A line through the points that lets through what lies behind it.
+    pub fn faint_line(&mut self, points: &[(f64, f64)], stroke: Stroke<'_>, opacity: f64) {
+        let opacity = if opacity < 1.0 { format!(" stroke-opacity=\"{}\"", number(opacity)) } else { String::new() };
         let dashes =
             if stroke.dashes.is_empty() { String::new() } else { format!(" stroke-dasharray=\"{}\"", stroke.dashes) };
         let _ = writeln!(
             self.body,
-            "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\" stroke-linejoin=\"round\"{dashes}/>",
+            "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\" stroke-linejoin=\"round\"{dashes}{opacity}/>",
             list(points),
             stroke.colour,
             number(stroke.width)

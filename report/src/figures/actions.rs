@@ -16,8 +16,8 @@ pub fn action_maps(subjects: &[Subject<'_>]) -> Vec<Figure> {
         figures.push(Figure {
             name: format!("actions-{}", index + 1),
             caption: format!(
-                "{}: share of the episodes still running at a step in which each action was taken, over all seeds \
-                 (the evaluations that count for {}; all their episodes).",
+                "{}: share of the episodes still running at a step in which each action was taken, over all seeds; the \
+                 colours are logarithmic, the same on every map, and the darkest is 0.1% or less (the evaluations that count for {}; all their episodes).",
                 subject.group.label,
                 field.name()
             ),
@@ -39,7 +39,7 @@ fn map(result: &FieldResult) -> HeatMap {
     };
     HeatMap {
         x_label: "step of the episode".into(),
-        scale_label: "share of running episodes".into(),
+        scale_label: "share of running episodes (logarithmic)".into(),
         values: (0..result.actions.actions.len()).map(row).collect(),
         rows: result.actions.actions.clone(),
     }

@@ -1,7 +1,7 @@
 //! Validation during training, and how well disturbances are foretold.
 
-use super::{Subject, in_parts, legend, series, stage_marks};
-use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Unit};
+use super::{Subject, in_parts, legend, measured, stages, trained};
+use crate::chart::{Axis, Content, Figure, LinePlot, Panel, Unit};
 use crate::curves::Curve;
 
 /// SR and `SRwoD` on validation episodes over training.
@@ -17,14 +17,15 @@ pub fn validation(subjects: &[Subject<'_>]) -> Vec<Figure> {
                     };
                     run.validation.iter().map(|point| (point.frames, figure(point))).collect()
                 })?;
-                Some(series(subject, &curve, Markers::All))
+                Some(measured(subject, &curve))
             });
-            let plot = LinePlot {
+            let mut plot = LinePlot {
                 x: Axis::new("frames", Unit::Count),
-                y: Axis::new(label, Unit::Percent),
+                y: Axis::new("share of episodes", Unit::Percent),
                 series: curves.collect(),
-                marks: stage_marks(part.iter().map(|subject| subject.group)),
+                marks: Vec::new(),
             };
+            stages::mark(&mut plot, part);
             Panel { title: title.to_owned(), content: Content::Lines(plot) }
         };
         Figure {
@@ -35,17 +36,20 @@ pub fn validation(subjects: &[Subject<'_>]) -> Vec<Figure> {
             legend: legend(part),
             columns: 2,
             panel_height: 250.0,
-            panels: vec![panel("success", "success rate", false), panel("success without disturbance", "SRwoD", true)],
+            panels: vec![
+                panel("success (SR)", "success rate", false),
+                panel("success without disturbance (SRwoD)", "SRwoD", true),
+            ],
         }
     })
 }
 
-/// Title, metric of the `disturb` task.
-const PREDICTION: [(&str, &str); 4] = [
-    ("precision", "auxiliary/precision"),
-    ("recall of disturbing steps", "auxiliary/recall_disturb"),
-    ("recall of quiet steps", "auxiliary/recall_no_disturb"),
-    ("steps that disturb", "auxiliary/label_rate"),
+/// Title, metric of the `disturb` task, axis: precision and recall have one axis.
+const PREDICTION: [(&str, &str, &str); 4] = [
+    ("precision", "auxiliary/precision", "share of such steps"),
+    ("recall of disturbing steps", "auxiliary/recall_disturb", "share of such steps"),
+    ("recall of quiet steps", "auxiliary/recall_no_disturb", "share of such steps"),
+    ("steps that disturb", "auxiliary/label_rate", "share of all steps"),
 ];
 
 /// Precision and recall of disturbance prediction over training.
@@ -54,16 +58,11 @@ pub fn prediction(subjects: &[Subject<'_>]) -> Vec<Figure> {
     let with: Vec<&Subject<'_>> =
         subjects.iter().filter(|subject| Curve::of_training(subject.group, PREDICTION[3].1).is_some()).collect();
     in_parts(&with, "prediction", |name, part| {
-        let panels = PREDICTION.map(|(title, metric)| {
-            let curves = part.iter().filter_map(|subject| {
-                Some(series(subject, &Curve::of_training(subject.group, metric)?, Markers::Some))
-            });
-            let plot = LinePlot {
-                x: Axis::new("frames", Unit::Count),
-                y: Axis::new(title, Unit::Percent),
-                series: curves.collect(),
-                marks: stage_marks(part.iter().map(|subject| subject.group)),
-            };
+        let panels = PREDICTION.map(|(title, metric, label)| {
+            let series = part.iter().filter_map(|subject| trained(subject, metric)).collect();
+            let (x, y) = (Axis::new("frames", Unit::Count), Axis::new(label, Unit::Percent));
+            let mut plot = LinePlot { x, y, series, marks: Vec::new() };
+            stages::mark(&mut plot, part);
             Panel { title: title.to_owned(), content: Content::Lines(plot) }
         });
         Figure {

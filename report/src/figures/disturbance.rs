@@ -56,6 +56,7 @@ fn figures(
                     points: points.iter().map(|point| (point.at, point.mean)).collect(),
                     band: band.collect(),
                     markers: Markers::All,
+                    ..Series::default()
                 })
             });
             let plot = LinePlot {

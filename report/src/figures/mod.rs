@@ -3,18 +3,21 @@
 mod actions;
 mod curves;
 mod disturbance;
+mod optimisation;
+mod stages;
 mod sweep;
 mod training;
 
 pub use actions::action_maps;
 pub use curves::{prediction, validation};
 pub use disturbance::{by_objects, by_threshold};
+pub use optimisation::optimisation;
 pub use sweep::{Sweep, sweep_figure, sweeps};
 pub use training::{learning, multiplier};
 
 use crate::chart::palette::STYLES;
-use crate::chart::{Content, Figure, IntervalPlot, IntervalRow, Mark, Markers, Panel, Series};
-use crate::curves::Curve;
+use crate::chart::{Content, Figure, IntervalPlot, IntervalRow, Markers, Panel, Series};
+use crate::curves::{Curve, of_run, smoothed};
 use crate::results::FieldResult;
 use crate::study::{Field, Group};
 use crate::tables::published;
@@ -55,36 +58,35 @@ fn legend(subjects: &[&Subject<'_>]) -> Vec<(usize, String)> {
     subjects.iter().map(|subject| (subject.style, subject.group.label.clone())).collect()
 }
 
-/// A group's curve; the band is the range over seeds.
-fn series(subject: &Subject<'_>, curve: &Curve, markers: Markers) -> Series {
+/// A group's curve of measurements; the band is the range over seeds.
+fn measured(subject: &Subject<'_>, curve: &Curve) -> Series {
     let band = curve.points.iter().filter(|point| point.seeds > 1).map(|point| (point.frames, point.low, point.high));
     Series {
         style: subject.style,
         points: curve.points.iter().map(|point| (point.frames, point.mean)).collect(),
         band: band.collect(),
-        markers,
+        ..Series::default()
     }
 }
 
-/// Where stages end, if all groups agree on it.
-fn stage_marks<'a>(groups: impl Iterator<Item = &'a Group<'a>>) -> Vec<Mark> {
-    let mut found: Option<Vec<(f64, String)>> = None;
-    for group in groups {
-        let mut at = 0;
-        let mut marks = Vec::new();
-        for pair in group.runs.iter().take(1).flat_map(|run| run.config.stages.array_windows::<2>()) {
-            at += pair[0].frames;
-            marks.push((at as f64, format!("stage {}", pair[1].name)));
-        }
-        if marks.is_empty() {
-            continue;
-        }
-        match &found {
-            Some(before) if *before != marks => return Vec::new(),
-            _ => found = Some(marks),
-        }
-    }
-    found.unwrap_or_default().into_iter().map(|(x, label)| Mark { x, label }).collect()
+/// A group's metric over training, smoothed within each stage, before the rollouts of its runs; none where no run has
+/// it.
+fn trained(subject: &Subject<'_>, metric: &str) -> Option<Series> {
+    let group = subject.group;
+    let measured = measured(subject, &Curve::of_training(group, metric)?);
+    let ends = stages::ends(group);
+    let band = |figure: fn(&(f64, f64, f64)) -> f64| {
+        let line: Vec<(f64, f64)> = measured.band.iter().map(|point| (point.0, figure(point))).collect();
+        smoothed(&line, &ends)
+    };
+    let (low, high) = (band(|point| point.1), band(|point| point.2));
+    Some(Series {
+        points: smoothed(&measured.points, &ends),
+        band: low.into_iter().zip(high).map(|((frames, low), (_, high))| (frames, low, high)).collect(),
+        markers: Markers::Some,
+        raw: group.runs.iter().map(|run| of_run(run, metric)).collect(),
+        ..measured
+    })
 }
 
 /// Interquartile means with their intervals, SR beside `SRwoD`, and what the paper has for the preset.

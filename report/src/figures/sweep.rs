@@ -86,6 +86,7 @@ pub fn sweep_figure(sweeps: &[Sweep]) -> Option<Figure> {
                 points: sweep.points.iter().map(|point| (point.lambda_disturb, figure(point).point)).collect(),
                 band: band.collect(),
                 markers: Markers::All,
+                ..Series::default()
             }
         };
         let plot = LinePlot {

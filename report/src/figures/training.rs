@@ -1,39 +1,41 @@
 //! Learning curves.
 
-use super::{Subject, in_parts, legend, series, stage_marks};
-use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Unit};
+use super::{Subject, in_parts, legend, stages, trained};
+use crate::chart::{Axis, Content, Figure, LinePlot, Panel, Unit};
 use crate::curves::Curve;
 use proto::control::metric;
 
 /// Title, metric, axis.
 fn measures() -> [(&'static str, &'static str, Axis); 4] {
     [
+        // Side by side, over one axis.
+        ("success (SR)", metric::SUCCESS, Axis::new("share of episodes", Unit::Percent)),
+        (
+            "success without disturbance (SRwoD)",
+            metric::SUCCESS_UNDISTURBED,
+            Axis::new("share of episodes", Unit::Percent),
+        ),
         ("return", metric::RETURN, Axis::free("mean return of an episode", Unit::Number)),
-        ("success", metric::SUCCESS, Axis::new("success rate", Unit::Percent)),
-        ("success without disturbance", metric::SUCCESS_UNDISTURBED, Axis::new("SRwoD", Unit::Percent)),
         ("disturbance", metric::DISTURBANCE, Axis::new("displacement at the end (m)", Unit::Number)),
     ]
 }
 
 /// Return, success, success without disturbance and disturbance over training.
 pub fn learning(subjects: &[Subject<'_>]) -> Vec<Figure> {
-    let trained: Vec<&Subject<'_>> =
+    let begun: Vec<&Subject<'_>> =
         subjects.iter().filter(|subject| subject.group.runs.iter().any(|run| !run.rollouts.is_empty())).collect();
-    in_parts(&trained, "learning", |name, part| {
-        let marks = stage_marks(part.iter().map(|subject| subject.group));
+    in_parts(&begun, "learning", |name, part| {
         let panels = measures().map(|(title, metric, y)| {
-            let curves = part.iter().filter_map(|subject| {
-                Some(series(subject, &Curve::of_training(subject.group, metric)?, Markers::Some))
-            });
-            let plot =
-                LinePlot { x: Axis::new("frames", Unit::Count), y, series: curves.collect(), marks: marks.clone() };
+            let series = part.iter().filter_map(|subject| trained(subject, metric)).collect();
+            let mut plot = LinePlot { x: Axis::new("frames", Unit::Count), y, series, marks: Vec::new() };
+            stages::mark(&mut plot, part);
             Panel { title: title.to_owned(), content: Content::Lines(plot) }
         });
         Figure {
             name,
-            caption: "Training episodes, in bins of an eightieth of the run: mean over seeds; shaded, the range from \
-                      the lowest seed to the highest. The return is under the reward of the stage, so it jumps where \
-                      the reward changes."
+            caption: "Training episodes, in bins of an eightieth of the run, smoothed within each stage: mean over seeds; \
+                      shaded, the range from the lowest seed to the highest; faint, the rollouts of each run. The return is \
+                      under the reward of the stage, so it jumps where the reward changes."
                 .into(),
             legend: legend(part),
             columns: 2,
@@ -48,9 +50,7 @@ pub fn multiplier(subjects: &[Subject<'_>]) -> Vec<Figure> {
     let with: Vec<&Subject<'_>> =
         subjects.iter().filter(|subject| Curve::of_training(subject.group, metric::MULTIPLIER).is_some()).collect();
     in_parts(&with, "multiplier", |name, part| {
-        let curves = part.iter().filter_map(|subject| {
-            Some(series(subject, &Curve::of_training(subject.group, metric::MULTIPLIER)?, Markers::Some))
-        });
+        let curves = part.iter().filter_map(|subject| trained(subject, metric::MULTIPLIER));
         let plot = LinePlot {
             x: Axis::new("frames", Unit::Count),
             y: Axis::new("λ", Unit::Number),

@@ -15,10 +15,11 @@ use table::{Cell, Table};
 const STYLE: &str = include_str!("style.css");
 
 /// Sections of the page: anchor and heading.
-const SECTIONS: [(&str, &str); 9] = [
+const SECTIONS: [(&str, &str); 10] = [
+    ("groups", "Results"),
     ("paper", "Beside the paper"),
-    ("groups", "All groups"),
     ("training", "Learning curves"),
+    ("optimisation", "Optimisation"),
     ("validation", "Validation during training"),
     ("disturbance", "Success and disturbance"),
     ("sweep", "λ_disturb"),
@@ -61,11 +62,15 @@ impl Made {
 
 fn section(anchor: &str, report: &Report, figures: &FigureSet) -> String {
     match anchor {
-        "paper" => beside_the_paper(report, figures),
-        "groups" => groups(report),
+        "groups" => groups(report, figures),
+        "paper" => beside_the_paper(report),
         "training" => {
             let otherwise = "None of these runs has trained a rollout (metrics.jsonl is empty).";
             drawn(&figures.learning, &of_training(report, otherwise))
+        }
+        "optimisation" => {
+            let otherwise = "None of these runs has noted an update (metrics.jsonl is empty).";
+            drawn(&figures.optimisation, &of_training(report, otherwise))
         }
         "validation" => {
             let otherwise =
@@ -112,20 +117,34 @@ fn drawn(figures: &[Figure], otherwise: &str) -> String {
     if figures.is_empty() {
         return missing(otherwise);
     }
-    figures.iter().map(figure).collect()
+    format!("<div class=\"figures\">\n{}</div>\n", figures.iter().map(figure).collect::<String>())
 }
 
+/// A figure's panels, which the page places side by side as its width allows, under the legend that they share.
 fn figure(figure: &Figure) -> String {
+    let class = match (figure.columns, figure.panels.len()) {
+        (1, _) => "wide",
+        (_, 1 | 2) => "pair",
+        _ => "many",
+    };
+    let keys = figure.legend_keys();
+    let keys = keys.iter().map(|(key, name)| format!("<span>{key} {}</span>\n", escape(name)));
+    let legend = if figure.legend.is_empty() {
+        String::new()
+    } else {
+        format!("<div class=\"legend\">\n{}</div>\n", keys.collect::<String>())
+    };
     format!(
-        "<figure id=\"{name}\">\n{}<figcaption>{} <code>figures/{name}.svg</code></figcaption>\n</figure>\n",
-        figure.svg(),
+        "<figure id=\"{name}\" class=\"{class}\">\n{legend}<div class=\"panels\">\n{}</div>\n<figcaption>{} \
+         <code>figures/{name}.svg</code></figcaption>\n</figure>\n",
+        figure.panel_svgs().concat(),
         escape(&figure.caption),
         name = figure.name,
     )
 }
 
-fn beside_the_paper(report: &Report, figures: &FigureSet) -> String {
-    let mut html = format!(
+fn beside_the_paper(report: &Report) -> String {
+    let explained = format!(
         "<p>Each row of the paper's tables ({}), and below it, shaded, our runs of its method, with the settings that are \
          not its own. SR: share of successful episodes; SRwoD: successful with a total displacement of all other objects \
          below 0.01 m, the paper's definition; SRwoD (per axis): successful with no other object moved more than 0.01 m on \
@@ -136,14 +155,23 @@ fn beside_the_paper(report: &Report, figures: &FigureSet) -> String {
         escape(&report.paper),
         count(u64::from(report.statistics.resamples))
     );
+    let alone = |comparison: &Comparison| comparison.rows.iter().all(|row| row.ours.is_empty());
+    let mut html = if report.comparisons.iter().all(alone) { String::new() } else { explained };
     for comparison in &report.comparisons {
-        let _ = writeln!(html, "<h3 id=\"table-{}\">{}</h3>", comparison.name, escape(&comparison.title));
-        if comparison.rows.iter().all(|row| row.ours.is_empty()) {
-            html.push_str(&missing("No group here is a row of this table and evaluated on its episodes."));
+        let (name, title) = (&comparison.name, escape(&comparison.title));
+        let table = comparison_table(comparison).html();
+        if alone(comparison) {
+            // A table of the paper alone is folded into a line.
+            let _ = writeln!(
+                html,
+                "<details id=\"table-{name}\">\n<summary>{title}: <span class=\"none\">No group here is a row of this table \
+                 and evaluated on its episodes.</span></summary>\n{table}</details>"
+            );
+        } else {
+            let _ = writeln!(html, "<h3 id=\"table-{name}\">{title}</h3>\n{table}");
         }
-        html.push_str(&comparison_table(comparison).html());
     }
-    html + &figures.intervals.iter().map(figure).collect::<String>()
+    html
 }
 
 fn comparison_table(comparison: &Comparison) -> Table {
@@ -202,18 +230,17 @@ fn estimated(estimate: &Estimate) -> Cell {
 }
 
 /// Every group in every field, with the figures that the paper's tables do not have.
-fn groups(report: &Report) -> String {
-    let mut html = String::new();
+fn groups(report: &Report, figures: &FigureSet) -> String {
     let mut list = Table::new(["group", "seeds", "settings that are not the preset's"].map(Cell::text).to_vec());
     for group in &report.groups {
         let seeds: Vec<String> = group.runs.iter().map(|run| run.seed.to_string()).collect();
         let differences = if group.differences.is_empty() { NOTHING.to_owned() } else { group.differences.join("; ") };
         list.row("", vec![Cell::text(&group.label), Cell::text(seeds.join(", ")), Cell::wide(differences)]);
     }
-    html.push_str(&list.html());
-    if report.groups.iter().any(|group| !group.differences.is_empty()) {
-        html.push_str("<p>A star: the group has other settings than its preset.</p>\n");
-    }
+    let star = report.groups.iter().any(|group| !group.differences.is_empty());
+    let star = if star { "<p>A star: the group has other settings than its preset.</p>\n" } else { "" };
+    // The groups and what each field says of them, side by side where the page is wide enough.
+    let mut tables = format!("<div>\n<h3>Groups</h3>\n{}{star}</div>\n", list.html());
     let mut any = false;
     for field in Field::ALL {
         let found: Vec<(&GroupReport, &FieldResult)> = report
@@ -225,10 +252,15 @@ fn groups(report: &Report) -> String {
             continue;
         }
         any = true;
-        let _ = writeln!(html, "<h3>{}</h3>", escape(&field.name()));
-        html.push_str(&field_table(&found).html());
+        let _ = write!(tables, "<div>\n<h3>{}</h3>\n{}</div>\n", escape(&field.name()), field_table(&found).html());
     }
-    html.push_str(&if any { FIGURES.to_owned() } else { missing(NOT_EVALUATED) });
+    let mut html = format!("<div class=\"tables\">\n{tables}</div>\n");
+    if any {
+        html.push_str(FIGURES);
+        html.push_str(&drawn(&figures.intervals, NOT_EVALUATED));
+    } else {
+        html.push_str(&missing(NOT_EVALUATED));
+    }
     html
 }
 

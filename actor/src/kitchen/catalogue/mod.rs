@@ -12,6 +12,7 @@ mod food;
 mod forms;
 mod furniture;
 mod household;
+pub mod list;
 mod pantry;
 mod tableware;
 mod utensils;

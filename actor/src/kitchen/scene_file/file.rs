@@ -1,6 +1,7 @@
 //! What stands in `scene.toml`.
 
 use super::problem::Problem;
+use super::roles::nearest;
 use serde::{Deserialize, Serialize};
 use std::path::{Component, Path, PathBuf};
 
@@ -59,7 +60,29 @@ pub enum Role {
 pub enum Convex {
     /// Take its convex hull.
     Hull,
+    /// Cut it into convex pieces for physics; the camera sees the mesh.
+    Decompose,
 }
+
+/// What the parser found wrong, with what was probably meant.
+fn in_words(message: &str) -> String {
+    const ENTRIES: &str = "; an entry begins with [[node]], in two brackets on either side";
+    // serde: unknown field `a`, expected one of `b`, `c`
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    let meant = match quoted.next().filter(|_| message.starts_with("unknown ")) {
+        Some(word) => nearest(word, quoted).map_or_else(String::new, |meant| format!(" (did you mean `{meant}`?)")),
+        None if message == "duplicate key" || message.contains("expected a sequence") => ENTRIES.to_owned(),
+        None if message == "missing field `node`" => format!(": say what the nodes of the glTF file are{ENTRIES}"),
+        None if message == "missing field `gltf`" => ": name the glTF file, gltf = \"scene.glb\"".to_owned(),
+        None if message == "missing field `role`" => format!(": this entry needs one of {ROLES}"),
+        None if message == "missing field `name`" => ": this entry needs the name of a node, or a pattern".to_owned(),
+        None => String::new(),
+    };
+    format!("{}{meant}", message.replace("expected f32", "expected a number"))
+}
+
+/// Every [`Role`], as it is written.
+const ROLES: &str = "`floor`, `fixed`, `surface`, `movable`, `ignore`";
 
 impl SceneFile {
     /// Reads a file.
@@ -67,7 +90,7 @@ impl SceneFile {
         let text = std::fs::read_to_string(path).map_err(|cause| Problem::Unreadable { cause: cause.to_string() })?;
         toml::from_str(&text).map_err(|error: toml::de::Error| Problem::Toml {
             line: error.span().map_or(0, |span| text[..span.start].matches('\n').count() + 1),
-            problem: error.message().to_owned(),
+            problem: in_words(error.message()),
         })
     }
 

@@ -25,7 +25,7 @@
 //! mass_kg = 0.35
 //! friction = 0.6               # Coulomb coefficient; 0.6 if left out
 //! category = "Mug"             # left out: the node's name without its number
-//! convex = "hull"              # take the hull of meshes that are not convex
+//! convex = "hull"              # of a mesh that is not convex take the hull, or "decompose" it into convex pieces
 //!
 //! [[node]]
 //! name = "Wall*"
@@ -37,7 +37,18 @@
 //! ```
 //!
 //! A node that an entry names is one body, together with the nodes below it that no entry names. Each primitive of its
-//! meshes is one convex part ([`crate::gltf::solid`]). Metres, y up; the axes are glTF's ([`crate::gltf`]).
+//! meshes is one part ([`crate::gltf::solid`]). Metres, y up; the axes are glTF's ([`crate::gltf`]).
+//! `actor kitchens categories` lists the categories.
+//!
+//! Physics takes convex parts only, so a mesh with a dent is an error unless its entry says what to do:
+//!
+//! * `convex = "hull"` fills the dent: nothing can stand in it, and the camera sees it filled, too.
+//! * `convex = "decompose"` cuts the mesh into at most 32 convex pieces with parry's VHACD. The mesh must be closed. The
+//!   camera sees the mesh itself, and mass and inertia are those of the mesh; what touches it touches the pieces, which
+//!   differ from it by about 1/64 of its longest side where two of them meet in a dent. Loading takes longer, by some
+//!   tenths of a second a mesh. The same file gives the same pieces on every machine.
+//!
+//! Meshes that are already split into convex ones are simulated faster and exactly.
 
 mod file;
 pub mod inspect;
@@ -46,16 +57,17 @@ mod roles;
 pub mod tops;
 
 pub use file::{Convex, Entry, Role, SceneFile};
-pub use problem::{Problem, SceneError};
+pub use problem::{Problem, SceneError, Size};
+pub use tops::NoTop;
 
 use super::room::{Fixture, MOVABLE_MASS_MAX_KG, Room, Surface, Thing};
 use super::{Demands, Flaw, Kitchen};
-use crate::gltf::document::{Document, Node};
+use crate::gltf::document::{Document, Node, Piece};
 use crate::gltf::solid::part_of;
 use crate::physics::geometry::Solid;
-use crate::shape::{Part, Shape};
+use crate::shape::{Part, Primitive, Shape};
 use proto::config::SimulationConfig;
-use proto::kitchen::{KitchenId, TargetCategory};
+use proto::kitchen::KitchenId;
 use rapier3d::math::{Pose3, Vec3};
 use roles::Body;
 use std::path::{Path, PathBuf};
@@ -64,6 +76,10 @@ use std::path::{Path, PathBuf};
 const DEMANDS: Demands = Demands { every_target: false, spots: 8, stands: 8 };
 /// Friction of things whose entry says nothing: common household materials on each other.
 const FRICTION: f32 = 0.6;
+/// A floor that is longer than this was not made in metres, ...
+const FLOOR_MOST_M: f32 = 50.0;
+/// ... and one that is narrower was not, or stands upright.
+const FLOOR_LEAST_M: f32 = 0.5;
 
 /// A scene that was read: a furnished room, and the files it came from.
 #[derive(Debug)]
@@ -72,22 +88,35 @@ pub struct Scene {
     pub room: Room,
     /// Names of the nodes that the room's things came from.
     pub nodes: Vec<String>,
+    /// Names of the nodes on which targets can stand.
+    pub surfaces: Vec<String>,
     /// The TOML file, the glTF file and its buffers, relative to the TOML file's folder.
     pub files: Vec<PathBuf>,
 }
 
 /// Reads a scene and lets it come to rest. The error holds everything that was found wrong.
 pub fn load(path: &Path, id: KitchenId, simulation: &SimulationConfig) -> Result<Kitchen, SceneError> {
-    let Scene { room, nodes, .. } = read(path)?;
+    let Scene { room, nodes, surfaces, .. } = read(path)?;
+    let size_m = Size::of(room.floor.0, room.floor.1);
     let of = |flaw| match flaw {
         Flaw::Fell { thing, moved_m } => Problem::Fell { node: nodes[thing].clone(), moved_m },
         Flaw::Awake { thing } => Problem::Awake { node: nodes[thing].clone() },
-        Flaw::Stands { stands } => Problem::NoFreeFloor { stands },
+        Flaw::Stands { stands } => Problem::NoFreeFloor { stands, size_m },
+        Flaw::Unreachable => Problem::Unreachable { nodes: surfaces.clone() },
         Flaw::Spots { category, spots } => Problem::FewSpots { category, spots },
         Flaw::Target { category } => Problem::NoSuchTarget { category },
     };
     Kitchen::assemble(id, simulation.timestep_s, room, &DEMANDS)
         .map_err(|flaws| SceneError::new(path, flaws.into_iter().map(of).collect()))
+}
+
+/// What a scene is called: as its file, or as the folder of one that is just called `scene.toml`.
+pub fn name_of(path: &Path) -> String {
+    let text = |name: Option<&std::ffi::OsStr>| name.map(|name| name.to_string_lossy().into_owned());
+    let stem = text(path.file_stem()).unwrap_or_default();
+    let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+    let folder = || text(whole.parent().and_then(Path::file_name));
+    if stem == "scene" { folder().unwrap_or(stem) } else { stem }
 }
 
 /// Reads a scene's files. The error holds everything that was found wrong.
@@ -96,21 +125,44 @@ pub fn read(path: &Path) -> Result<Scene, SceneError> {
     let file = SceneFile::open(path).map_err(alone)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let gltf = file.gltf_path().map_err(alone)?;
+    if !folder.join(&gltf).exists() {
+        return Err(alone(Problem::NoGltf { gltf: file.gltf.clone(), nearest: nearest_gltf(folder, &file.gltf) }));
+    }
     let document = Document::open(&folder.join(&gltf)).map_err(|error| alone(error.into()))?;
     let mut problems = Vec::new();
     let bodies = roles::assign(&file, &document, &mut problems);
+    roles::check_targets(&file, &bodies, &document, &mut problems);
+    roles::check_floor_and_surfaces(&file, &bodies, &mut problems);
     let mut draft = Draft::default();
     for body in &bodies {
         draft.add(body, &document, &mut problems);
     }
-    let (room, nodes) = draft.finish(&mut problems);
+    let nodes = draft.nodes.clone();
+    let surfaces = draft.tops.iter().map(|(node, _)| node.clone()).collect();
+    let room = draft.finish(&mut problems);
     let mut files = vec![path.file_name().map(PathBuf::from).unwrap_or_default()];
     let beside = gltf.parent().unwrap_or(Path::new(""));
     files.extend(document.files.iter().map(|file| beside.join(file)));
+    // Nothing else that was measured means anything then.
+    if let Some(unit) = problems.iter().position(|problem| matches!(problem, Problem::FloorSize { .. })) {
+        return Err(alone(problems.swap_remove(unit)));
+    }
     match room {
-        Some(room) if problems.is_empty() => Ok(Scene { room, nodes, files }),
+        Some(room) if problems.is_empty() => Ok(Scene { room, nodes, surfaces, files }),
         _ => Err(SceneError::new(path, problems)),
     }
+}
+
+/// The glTF file in a folder whose name is closest to this one.
+fn nearest_gltf(folder: &Path, name: &str) -> Option<String> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let mut names: Vec<String> = std::fs::read_dir(folder)
+        .ok()?
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter(|name| Path::new(name).extension().is_some_and(|ending| ending == "glb" || ending == "gltf"))
+        .collect();
+    names.sort();
+    roles::nearest(name, names.iter().map(String::as_str))
 }
 
 /// A room in the making.
@@ -122,12 +174,14 @@ struct Draft {
     floors: Vec<(Vec3, Vec3)>,
     /// Nodes that things can stand on, with the rectangles on top of them.
     tops: Vec<(String, Vec<Surface>)>,
+    /// Meshes that were decomposed: several nodes may share one, and it takes a while.
+    decomposed: Vec<(Piece, Part)>,
 }
 
 impl Draft {
     /// Adds a body, or what is wrong with it.
     fn add(&mut self, body: &Body<'_>, document: &Document, problems: &mut Vec<Problem>) {
-        let shape = match shape_of(body, document) {
+        let shape = match shape_of(body, document, &mut self.decomposed) {
             Ok(shape) => shape,
             Err(found) => return problems.extend(found),
         };
@@ -166,72 +220,51 @@ impl Draft {
             Role::Floor | Role::Fixed | Role::Surface => {
                 let aabb = solid.aabb(&node.pose);
                 if body.entry.role == Role::Floor {
-                    self.floors.push((Vec3::new(aabb.mins.x, aabb.maxs.y, aabb.mins.z), aabb.maxs));
+                    let low = Vec3::new(aabb.mins.x, aabb.maxs.y, aabb.mins.z);
+                    let size_m = Size::of(low, aabb.maxs);
+                    let [shorter_m, longer_m] = size_m.sides_m();
+                    if shorter_m < FLOOR_LEAST_M || longer_m > FLOOR_MOST_M {
+                        problems.push(Problem::FloorSize { node: node.name.clone(), size_m });
+                    }
+                    self.floors.push((low, aabb.maxs));
                 } else if body.entry.role == Role::Surface {
-                    self.tops.push((node.name.clone(), tops::of(&shape, &node.pose)));
+                    let found = tops::of(&shape, &node.pose);
+                    if found.is_empty() {
+                        let cause = tops::why_none(&shape, &node.pose);
+                        problems.push(Problem::NoTop { node: node.name.clone(), cause });
+                    }
+                    self.tops.push((node.name.clone(), found));
                 }
                 self.fixtures.push(Fixture { category: body.category.clone(), shape, pose: node.pose });
             }
         }
     }
 
-    /// The room with its floor at height 0, and the nodes of its things.
-    fn finish(mut self, problems: &mut Vec<Problem>) -> (Option<Room>, Vec<String>) {
-        let floor = match self.floors.as_slice() {
-            [floor] => Some(*floor),
-            [] => {
-                problems.push(Problem::NoFloor);
-                None
-            }
-            several => {
-                problems.push(Problem::SeveralFloors { floors: several.len() });
-                None
-            }
-        };
-        for (node, tops) in &self.tops {
-            if tops.is_empty() {
-                problems.push(Problem::NoTop { node: node.clone() });
-            }
-        }
-        if self.tops.is_empty() {
-            problems.push(Problem::NoSurface);
-        }
-        self.check_targets(problems);
-        let Some(floor) = floor else { return (None, self.nodes) };
+    /// The room with its floor at height 0; none where a problem was found before that left it without one floor.
+    fn finish(mut self, problems: &mut Vec<Problem>) -> Option<Room> {
+        let [floor] = *self.floors.as_slice() else { return None };
         let down = Vec3::new(0.0, -floor.0.y, 0.0);
         for pose in self.fixtures.iter_mut().map(|f| &mut f.pose).chain(self.things.iter_mut().map(|t| &mut t.pose)) {
             pose.translation += down;
         }
-        let mut surfaces: Vec<Surface> = self.tops.into_iter().flat_map(|(_, tops)| tops).collect();
+        let (nodes, tops): (Vec<String>, Vec<Vec<Surface>>) = self.tops.into_iter().unzip();
+        let mut surfaces: Vec<Surface> = tops.into_iter().flatten().collect();
         for surface in &mut surfaces {
             surface.low += down;
             surface.high += down;
         }
+        let found = !surfaces.is_empty();
         tops::limit(&mut surfaces, &self.fixtures);
-        let room =
-            Room { fixtures: self.fixtures, things: self.things, surfaces, floor: (floor.0 + down, floor.1 + down) };
-        (Some(room), self.nodes)
-    }
-
-    /// Each target category at most once, and one at least.
-    fn check_targets(&self, problems: &mut Vec<Problem>) {
-        let mut any = false;
-        for category in TargetCategory::ALL {
-            let named = self.things.iter().zip(&self.nodes).filter(|(thing, _)| thing.category == category.name());
-            let nodes: Vec<String> = named.map(|(_, node)| node.clone()).collect();
-            any |= !nodes.is_empty();
-            if nodes.len() > 1 {
-                problems.push(Problem::TwoTargets { category, nodes });
-            }
+        if found && surfaces.is_empty() {
+            problems.push(Problem::Covered { nodes });
         }
-        if !any {
-            problems.push(Problem::NoTarget);
-        }
+        Some(Room { fixtures: self.fixtures, things: self.things, surfaces, floor: (floor.0 + down, floor.1 + down) })
     }
 }
 
-/// The shape of a body in its node's frame: each primitive of its nodes is one convex part.
-fn shape_of(body: &Body<'_>, document: &Document) -> Result<Shape, Vec<Problem>> {
+/// The shape of a body in its node's frame: each primitive of its nodes is one part. What is `decomposed` already is not
+/// decomposed again.
+fn shape_of(body: &Body<'_>, document: &Document, decomposed: &mut Vec<(Piece, Part)>) -> Result<Shape, Vec<Problem>> {
     let own: &Node = &document.nodes[body.node];
     let mut shape = Shape::default();
     let mut problems = Vec::new();
@@ -242,8 +275,14 @@ fn shape_of(body: &Body<'_>, document: &Document) -> Result<Shape, Vec<Problem>>
         let node = &document.nodes[index];
         let own_from_node = own.pose.inverse() * node.pose;
         for (number, piece) in node.pieces.iter().enumerate() {
-            match part_of(piece, body.entry.convex == Some(Convex::Hull)) {
+            let known = || decomposed.iter().find(|(known, _)| known == piece).map(|(_, part)| part.clone());
+            let known = if body.entry.convex == Some(Convex::Decompose) { known() } else { None };
+            let is_new = known.is_none();
+            match known.map_or_else(|| part_of(piece, body.entry.convex), Ok) {
                 Ok(part) => {
+                    if is_new && matches!(part.primitive, Primitive::Concave(_)) {
+                        decomposed.push((piece.clone(), part.clone()));
+                    }
                     shape.parts.push(Part { body_from_part: own_from_node * part.body_from_part, ..part });
                 }
                 Err(cause) => problems.push(Problem::NoSolid { node: node.name.clone(), primitive: number, cause }),

@@ -1,9 +1,11 @@
 //! Everything that can be wrong with a scene, in words that say what to do.
 
+use super::NoTop;
 use crate::gltf::document::DocumentError;
 use crate::gltf::solid::NoSolid;
 use crate::kitchen::room::MOVABLE_MASS_MAX_KG;
 use proto::kitchen::TargetCategory;
+use rapier3d::math::Vec3;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -62,6 +64,14 @@ pub enum Problem {
         /// What stands there.
         gltf: String,
     },
+    /// The glTF file is not there.
+    #[error("gltf = \"{gltf}\": there is no such file beside this one{}", suggestion(.nearest.as_deref()))]
+    NoGltf {
+        /// What stands there.
+        gltf: String,
+        /// The closest glTF file's name.
+        nearest: Option<String>,
+    },
     /// The glTF file cannot be used.
     #[error(transparent)]
     Gltf(#[from] DocumentError),
@@ -74,10 +84,28 @@ pub enum Problem {
         nearest: Option<String>,
     },
     /// A node fits no entry.
-    #[error("node {node}: no entry says what it is; add one with its role (`ignore` if it should not be there)")]
+    #[error(
+        "node {node}: no entry says what it is{}; add one with its role (`ignore` if it should not be there)",
+        .nearest.as_deref().map_or_else(String::new, |entry| format!(" (is the entry `{entry}` meant for it?)"))
+    )]
     NoRole {
         /// The node.
         node: String,
+        /// The closest name of an entry that fits no node.
+        nearest: Option<String>,
+    },
+    /// All nodes that some entries fit were taken by an entry before them.
+    #[error(
+        "never used: {}, because node {node} and the like take the entry `{by}`, which stands before; put `{by}` last",
+        .patterns.iter().map(|pattern| format!("`{pattern}`")).collect::<Vec<_>>().join(", ")
+    )]
+    Shadowed {
+        /// The entries' names.
+        patterns: Vec<String>,
+        /// A node that the first of them fits.
+        node: String,
+        /// The entry that the nodes take.
+        by: String,
     },
     /// A body has nothing to touch.
     #[error("node {node}: has no mesh; name the node that has it, or its parent")]
@@ -85,7 +113,7 @@ pub enum Problem {
         /// The node.
         node: String,
     },
-    /// A mesh is no convex solid.
+    /// A mesh is no solid.
     #[error("node {node}: primitive {primitive} of its mesh {cause}")]
     NoSolid {
         /// The node.
@@ -128,7 +156,8 @@ pub enum Problem {
     },
     /// No such category.
     #[error(
-        "node {node}: there is no category `{category}`{}; leave it out to use the node's own name",
+        "node {node}: there is no category `{category}`{}; `actor kitchens categories` lists them; leave it out to \
+         use the node's own name",
         suggestion(.nearest.as_deref())
     )]
     UnknownCategory {
@@ -140,8 +169,17 @@ pub enum Problem {
         nearest: Option<String>,
     },
     /// Nothing can be a target.
-    #[error("nothing in it can be a target: one movable node at least must have the category {}", targets())]
-    NoTarget,
+    #[error(
+        "nothing in it can be a target: one movable node at least must have the category {}{}",
+        targets(),
+        .nearest.as_ref().map_or_else(String::new, |(node, target)| format!(
+            "; node {node} has not, did you mean `{target}`? Add category = \"{target}\" to its entry"
+        ))
+    )]
+    NoTarget {
+        /// A movable node that is nearly called like a target, and the target.
+        nearest: Option<(String, &'static str)>,
+    },
     /// Two things are the same target.
     #[error("nodes {} are all {category:?}: an episode must know which it means; give one its own category", .nodes.join(", "))]
     TwoTargets {
@@ -163,13 +201,33 @@ pub enum Problem {
     #[error("no entry has the role `surface`: targets need one to stand on")]
     NoSurface,
     /// A surface has no top to stand on.
-    #[error(
-        "node {node}: is a `surface` but has no level top of 0.15 m or more; the top must be a box along the axes (turned \
-         by right angles only) or an upright cylinder"
-    )]
+    #[error("node {node}: is a `surface`, but targets cannot stand on it: {cause}")]
     NoTop {
         /// The node.
         node: String,
+        /// Why not.
+        cause: NoTop,
+    },
+    /// Something lies on every surface.
+    #[error(
+        "targets have nothing to stand on: something fixed lies on each `surface`, or hangs less than 0.05 m above it ({}); \
+         give the role `surface` to what lies on top",
+        .nodes.join(", ")
+    )]
+    Covered {
+        /// The nodes.
+        nodes: Vec<String>,
+    },
+    /// The floor was not made in metres.
+    #[error(
+        "node {node}: is a floor of {size_m}, which no kitchen has: glTF counts in metres, and its y axis points up; scale \
+         or turn the scene, or export it anew"
+    )]
+    FloorSize {
+        /// The node.
+        node: String,
+        /// Its size.
+        size_m: Size,
     },
     /// A thing did not stay where it was put.
     #[error(
@@ -190,11 +248,24 @@ pub enum Problem {
     },
     /// The robot has no room.
     #[error(
-        "the robot can stand in {stands} poses only: leave it more free floor (it is 0.4 m wide and reaches ahead)"
+        "the robot can stand in {stands} poses only on a floor of {size_m}: leave it more free floor (the robot is 0.4 m wide \
+         and reaches ahead)"
     )]
     NoFreeFloor {
         /// How many poses.
         stands: usize,
+        /// The floor's size.
+        size_m: Size,
+    },
+    /// The arm comes to no surface.
+    #[error(
+        "the arm comes to no place on any `surface` ({}): a top must be at most 0.75 m from where the robot can stand, no \
+         higher than the arm reaches, and have room above it",
+        .nodes.join(", ")
+    )]
+    Unreachable {
+        /// The surfaces.
+        nodes: Vec<String>,
     },
     /// A target has no room.
     #[error(
@@ -213,6 +284,31 @@ pub enum Problem {
         /// The target.
         category: TargetCategory,
     },
+}
+
+/// How far something reaches along the floor's axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Size {
+    x_m: f32,
+    z_m: f32,
+}
+
+impl Size {
+    /// Between two corners.
+    pub fn of(low: Vec3, high: Vec3) -> Self {
+        Self { x_m: high.x - low.x, z_m: high.z - low.z }
+    }
+
+    /// The shorter and the longer of the two, metres.
+    pub fn sides_m(self) -> [f32; 2] {
+        [self.x_m.min(self.z_m), self.x_m.max(self.z_m)]
+    }
+}
+
+impl fmt::Display for Size {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:.2} m × {:.2} m", self.x_m, self.z_m)
+    }
 }
 
 fn suggestion(nearest: Option<&str>) -> String {

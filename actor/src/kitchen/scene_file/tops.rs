@@ -2,7 +2,7 @@
 
 use crate::kitchen::room::{Fixture, Surface};
 use crate::physics::geometry::Solid;
-use crate::shape::{Primitive, Shape};
+use crate::shape::{Part, Primitive, Shape};
 use rapier3d::math::{Pose3, Vec3};
 
 /// Tops smaller than this along an axis carry nothing, metres: legs, rails.
@@ -18,33 +18,65 @@ const LOW_M: f32 = 0.05;
 /// their top. Parts that carry other parts are left out by what lies on them ([`limit`]).
 pub fn of(shape: &Shape, world_from_body: &Pose3) -> Vec<Surface> {
     let mut tops = Vec::new();
-    for part in &shape.parts {
-        let pose = *world_from_body * part.body_from_part;
-        let half = match part.primitive {
-            Primitive::Cuboid { half_extents_m } => {
-                let turned = |axis: Vec3| (pose.rotation * axis).abs();
-                let axes = [turned(Vec3::X), turned(Vec3::Y), turned(Vec3::Z)];
-                // Each axis of the box must lie along an axis of the world.
-                if axes.iter().any(|axis| axis.max_element() < 1.0 - LEVEL) {
-                    continue;
-                }
-                axes[0] * half_extents_m.x + axes[1] * half_extents_m.y + axes[2] * half_extents_m.z
-            }
-            Primitive::Cylinder { radius_m, half_height_m } => {
-                if (pose.rotation * Vec3::Y).y.abs() < 1.0 - LEVEL {
-                    continue;
-                }
-                let side = radius_m * std::f32::consts::FRAC_1_SQRT_2;
-                Vec3::new(side, half_height_m, side)
-            }
-            Primitive::Capsule { .. } | Primitive::Sphere { .. } | Primitive::Hull { .. } => continue,
-        };
+    for part in &shape.convex_parts() {
+        let Some(half) = level_half(part, world_from_body) else { continue };
         if 2.0 * half.x.min(half.z) >= NARROW_M {
-            let (low, high) = (pose.translation - half, pose.translation + half);
+            let centre = (*world_from_body * part.body_from_part).translation;
+            let (low, high) = (centre - half, centre + half);
             tops.push(Surface { low: low.with_y(high.y), high });
         }
     }
     tops
+}
+
+/// Half of the size of a part whose top is level, along the world's axes.
+fn level_half(part: &Part, world_from_body: &Pose3) -> Option<Vec3> {
+    let rotation = (*world_from_body * part.body_from_part).rotation;
+    match part.primitive {
+        Primitive::Cuboid { half_extents_m } => {
+            let axes = Vec3::AXES.map(|axis| (rotation * axis).abs());
+            // Each axis of the box must lie along an axis of the world.
+            let along = axes.iter().all(|axis| axis.max_element() >= 1.0 - LEVEL);
+            along.then(|| axes[0] * half_extents_m.x + axes[1] * half_extents_m.y + axes[2] * half_extents_m.z)
+        }
+        Primitive::Cylinder { radius_m, half_height_m } => {
+            let side = radius_m * std::f32::consts::FRAC_1_SQRT_2;
+            ((rotation * Vec3::Y).y.abs() >= 1.0 - LEVEL).then(|| Vec3::new(side, half_height_m, side))
+        }
+        Primitive::Capsule { .. } | Primitive::Sphere { .. } | Primitive::Hull { .. } | Primitive::Concave(_) => None,
+    }
+}
+
+/// Why a body has no level top.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum NoTop {
+    /// What is level is too narrow.
+    #[error("its widest level top is {:.2} m wide, and {NARROW_M} m is the least", .width_m)]
+    Narrow {
+        /// The shorter side of the widest one, metres.
+        width_m: f32,
+    },
+    /// Boxes and cylinders there are, but turned.
+    #[error(
+        "it is turned: a top must lie level, and a box's sides along the scene's axes (turned by right angles only)"
+    )]
+    Turned,
+    /// Neither boxes nor cylinders.
+    #[error("none of its meshes is a box or a cylinder: model what things stand on as a box or an upright cylinder")]
+    NoBox,
+}
+
+/// Why a body without level tops has none.
+pub fn why_none(shape: &Shape, world_from_body: &Pose3) -> NoTop {
+    let level = || shape.convex_parts().into_iter().filter_map(|part| level_half(&part, world_from_body));
+    let flat = |primitive: &Primitive| matches!(primitive, Primitive::Cuboid { .. } | Primitive::Cylinder { .. });
+    if level().next().is_some() {
+        NoTop::Narrow { width_m: level().map(|half| 2.0 * half.x.min(half.z)).fold(0.0, f32::max) }
+    } else if shape.convex_parts().iter().any(|part| flat(&part.primitive)) {
+        NoTop::Turned
+    } else {
+        NoTop::NoBox
+    }
 }
 
 /// Sets the height below which things must stay: that of the lowest fixed part above each surface. Surfaces on which
@@ -53,7 +85,7 @@ pub fn limit(surfaces: &mut Vec<Surface>, fixtures: &[Fixture]) {
     let parts: Vec<_> = fixtures
         .iter()
         .flat_map(|fixture| {
-            let parts = fixture.shape.parts.iter().map(|part| Shape { parts: vec![part.clone()] });
+            let parts = fixture.shape.convex_parts().into_iter().map(|part| Shape { parts: vec![part] });
             parts.map(|shape| Solid::of(&shape).aabb(&fixture.pose))
         })
         .collect();
