@@ -11,11 +11,16 @@
 //! * **The original baseline** gives the belief the goal's embedding first and the visual one second. Ours is the other way
 //!   round: the columns of `weight_ih_l0` change places. (AllenAct's own configuration embeds the goal in 512 numbers;
 //!   such weights have no place here, where it is 32, as in the disturbance-free project.)
+//!
+//! The goal vector of AllenAct's sensors is object − goal while the object is held (`network.carried_goal`), which no tensor
+//! shows: the process around this refuses a configuration with the other sign.
 
 use crate::agent::{AgentState, MODEL};
-use crate::network::{OBSERVATION, Unfit, VISUAL, fits};
+use crate::network::{OBSERVATION, VISUAL, fits};
 use proto::action::{Action, ActionSpace};
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::path::Path;
 use tch::{Kind, Tensor};
 
 /// Our module path and AllenAct's, both up to and including the dot before what they have in common.
@@ -47,6 +52,52 @@ const GOAL_FIRST: &str = "relative_dist_embedding.";
 /// Ours, in files of ours.
 const OWN_WEIGHT: &str = "belief.weight_ih_l0";
 
+/// Whose names a file's weights have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Naming {
+    /// AllenAct's.
+    AllenAct,
+    /// A checkpoint's: ours, behind `model.`, among other tensors.
+    Checkpoint,
+    /// Ours.
+    Ours,
+}
+
+impl Naming {
+    /// Of these weights.
+    pub fn of(state_dict: &BTreeMap<String, Tensor>) -> Self {
+        if state_dict.contains_key(&format!("{MODEL}{OWN_WEIGHT}")) {
+            Self::Checkpoint
+        } else if state_dict.contains_key(OWN_WEIGHT) {
+            Self::Ours
+        } else {
+            Self::AllenAct
+        }
+    }
+
+    /// Our name of one of the file's; none where it is no weight.
+    fn our_name(self, theirs: &str) -> Option<String> {
+        match self {
+            Self::AllenAct => our_name(theirs),
+            Self::Checkpoint => theirs.strip_prefix(MODEL).map(str::to_owned),
+            Self::Ours => Some(theirs.to_owned()),
+        }
+    }
+
+    /// What one of ours may be called in the file: the first name is the disturbance-free project's.
+    fn their_names(self, ours: &str) -> Vec<String> {
+        match self {
+            Self::AllenAct => CORRESPONDENCES
+                .iter()
+                .filter_map(|(own, theirs)| Some(format!("{theirs}{}", ours.strip_prefix(own)?)))
+                .map(|theirs| theirs.replace("action_embedder.weight", "action_embedder.fc.weight"))
+                .collect(),
+            Self::Checkpoint => vec![format!("{MODEL}{ours}")],
+            Self::Ours => vec![ours.to_owned()],
+        }
+    }
+}
+
 /// What an import did besides copying.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Imported {
@@ -58,6 +109,22 @@ pub struct Imported {
     pub left_out: Vec<String>,
 }
 
+/// A weight as the file calls it, and as we do.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Named {
+    /// In the file.
+    pub theirs: String,
+    /// Here.
+    pub ours: String,
+}
+
+impl fmt::Display for Named {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { theirs, ours } = self;
+        if theirs == ours { write!(formatter, "`{theirs}`") } else { write!(formatter, "`{theirs}` (here `{ours}`)") }
+    }
+}
+
 /// Why a state dict is not one for this network.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
@@ -65,20 +132,36 @@ pub enum ImportError {
     #[error("`{0}` is no weight of a network of ours (ARCHITECTURE.md has the table of names)")]
     Unknown(String),
     /// Two names for the same weight.
-    #[error("`{0}` is there twice, under two names")]
-    Twice(String),
+    #[error("{0} is there twice: also as `{1}`")]
+    Twice(Named, String),
     /// A weight of ours that nothing is there for.
-    #[error("nothing is there for `{0}`{1}")]
-    Missing(String, &'static str),
+    #[error("nothing is there for `{ours}`: the file has no {}{hint}", alternatives(.theirs))]
+    Missing {
+        /// Our name.
+        ours: String,
+        /// What it could be called in the file.
+        theirs: Vec<String>,
+        /// Why it may be missing.
+        hint: &'static str,
+    },
     /// A weight that the configured network does not have.
-    #[error("there is no place for `{0}`: the configuration's network has no such weight")]
-    NoPlace(String),
+    #[error("there is no place for {0}: the configuration's network has no such weight")]
+    NoPlace(Named),
     /// Another shape, or a number that is not finite.
-    #[error(transparent)]
-    Unfit(#[from] Unfit),
+    #[error("{name} {problem}")]
+    Unfit {
+        /// Which.
+        name: Named,
+        /// What is wrong with it.
+        problem: String,
+    },
     /// Not floating-point numbers.
-    #[error("`{0}` does not hold floating-point numbers")]
-    Kind(String),
+    #[error("{0} does not hold floating-point numbers")]
+    Kind(Named),
+}
+
+fn alternatives(names: &[String]) -> String {
+    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(" or ")
 }
 
 /// Puts a state dict's weights into an agent's state. The optimiser and the beliefs stay as they are.
@@ -87,37 +170,41 @@ pub fn import(
     space: ActionSpace,
     state: &mut AgentState,
 ) -> Result<Imported, ImportError> {
-    let theirs = by_our_names(state_dict)?;
+    let naming = Naming::of(state_dict);
+    let theirs = by_our_names(state_dict, naming)?;
     let goal_first = state_dict.keys().any(|name| name.starts_with(GOAL_FIRST));
     let mut imported = Imported::default();
     let own: BTreeSet<String> =
         state.tensors.keys().filter_map(|name| name.strip_prefix(MODEL)).map(str::to_owned).collect();
-    for name in &own {
-        let place = state.tensors.get_mut(&format!("{MODEL}{name}")).expect("the name was taken from there");
-        let Some(tensor) = theirs.get(name) else {
-            if !is_auxiliary(name) {
-                let hint = if name.starts_with("previous_action_embedder") {
-                    ": these weights are of a network without the previous action (network.previous_action = false)"
+    for ours in &own {
+        let place = state.tensors.get_mut(&format!("{MODEL}{ours}")).expect("the name was taken from there");
+        let Some((theirs, tensor)) = theirs.get(ours) else {
+            if !is_auxiliary(ours) {
+                let hint = if ours.starts_with("previous_action_embedder") {
+                    ". These weights are of a network without the previous action (network.previous_action = false)"
                 } else {
                     ""
                 };
-                return Err(ImportError::Missing(name.clone(), hint));
+                return Err(ImportError::Missing { ours: ours.clone(), theirs: naming.their_names(ours), hint });
             }
-            imported.fresh.push(name.clone());
+            imported.fresh.push(ours.clone());
             continue;
         };
+        let name = || Named { theirs: theirs.clone(), ours: ours.clone() };
         if !matches!(tensor.kind(), Kind::Float | Kind::Double | Kind::Half | Kind::BFloat16) {
-            return Err(ImportError::Kind(name.clone()));
+            return Err(ImportError::Kind(name()));
         }
-        let tensor = adapt(name, &tensor.to_kind(Kind::Float), &place.size(), space, goal_first);
-        *place = fits(name, Some(&tensor), &place.size())?.contiguous();
+        let tensor = adapt(ours, &tensor.to_kind(Kind::Float), &place.size(), space, goal_first);
+        *place = fits(ours, Some(&tensor), &place.size())
+            .map_err(|unfit| ImportError::Unfit { name: name(), problem: unfit.problem })?
+            .contiguous();
         imported.taken += 1;
     }
-    for name in theirs.keys().filter(|name| !own.contains(*name)) {
-        if !is_auxiliary(name) {
-            return Err(ImportError::NoPlace(name.clone()));
+    for (ours, (theirs, _)) in theirs.iter().filter(|(ours, _)| !own.contains(*ours)) {
+        if !is_auxiliary(ours) {
+            return Err(ImportError::NoPlace(Named { theirs: theirs.clone(), ours: ours.clone() }));
         }
-        imported.left_out.push(name.clone());
+        imported.left_out.push(ours.clone());
     }
     Ok(imported)
 }
@@ -126,23 +213,23 @@ fn is_auxiliary(name: &str) -> bool {
     name.starts_with("auxiliary.")
 }
 
-/// The state dict under our names; a file of ours as it is, a checkpoint without what is not its model.
-fn by_our_names(state_dict: &BTreeMap<String, Tensor>) -> Result<BTreeMap<String, Tensor>, ImportError> {
-    let mut renamed = BTreeMap::new();
-    let checkpoint = state_dict.contains_key(&format!("{MODEL}{OWN_WEIGHT}"));
-    let ours = state_dict.contains_key(OWN_WEIGHT);
-    for (name, tensor) in state_dict {
-        let own = if checkpoint {
-            let Some(own) = name.strip_prefix(MODEL) else { continue };
-            own.to_owned()
-        } else if ours {
-            name.clone()
-        } else {
-            our_name(name).ok_or_else(|| ImportError::Unknown(name.clone()))?
+/// The state dict under our names, each with its own; of a checkpoint only what is its model.
+fn by_our_names(
+    state_dict: &BTreeMap<String, Tensor>,
+    naming: Naming,
+) -> Result<BTreeMap<String, (String, Tensor)>, ImportError> {
+    let mut renamed: BTreeMap<String, (String, Tensor)> = BTreeMap::new();
+    for (theirs, tensor) in state_dict {
+        let Some(ours) = naming.our_name(theirs) else {
+            if naming == Naming::Checkpoint {
+                continue;
+            }
+            return Err(ImportError::Unknown(theirs.clone()));
         };
-        if renamed.insert(own, tensor.shallow_clone()).is_some() {
-            return Err(ImportError::Twice(name.clone()));
+        if let Some((first, _)) = renamed.get(&ours) {
+            return Err(ImportError::Twice(Named { theirs: first.clone(), ours }, theirs.clone()));
         }
+        renamed.insert(ours, (theirs.clone(), tensor.shallow_clone()));
     }
     Ok(renamed)
 }
@@ -172,4 +259,19 @@ fn adapt(name: &str, tensor: &Tensor, size: &[i64], space: ActionSpace, goal_fir
         }
         _ => tensor.shallow_clone(),
     }
+}
+
+/// What to tell someone whose file, which is no safetensors file, is one of `torch.save`; nothing of another.
+pub fn how_to_convert(file: &Path, bytes: &[u8]) -> Option<String> {
+    // A zip archive, or of old versions a bare pickle.
+    if !(bytes.starts_with(b"PK\x03\x04") || matches!(bytes, [0x80, 2..=5, ..])) {
+        return None;
+    }
+    let (from, to) = (file.display(), file.with_extension("safetensors"));
+    Some(format!(
+        "this is a file of torch.save, not safetensors. To convert it (needs the Python packages torch and safetensors): \
+         python3 -c \"import torch, safetensors.torch as s; w = torch.load('{from}', map_location='cpu'); \
+         s.save_file({{k: v.clone().contiguous() for k, v in w.get('model_state_dict', w).items()}}, '{}')\"",
+        to.display()
+    ))
 }

@@ -5,7 +5,7 @@ mod support;
 
 use learner::agent::Agent;
 use learner::checkpoint::encode_tensors;
-use proto::config::LagrangianConfig;
+use proto::config::{CarriedGoal, LagrangianConfig};
 use proto::control::{EXIT_NON_FINITE, LearnerEvent, metric};
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
 use proto::kitchen::Split;
@@ -155,11 +155,29 @@ fn a_run_goes_on_from_the_weights_it_was_given() {
     let (good, _, complaint) = import(&scene, &from);
     assert!(!good && complaint.contains("has begun"), "{complaint}");
 
+    // The sign of its goal vector is the policy's own, and the checkpoint tells it.
+    assert!(
+        said.contains("object_to_goal while the target is held (network.carried_goal; the checkpoint's)"),
+        "{said}"
+    );
+    let mut other = tiny();
+    other.network.carried_goal = CarriedGoal::GoalToObject;
+    let scene = Scene::new("other", other);
+    let (good, _, complaint) = import(&scene, &from);
+    assert!(!good && complaint.contains("trained with network.carried_goal = \"object_to_goal\""), "{complaint}");
+
+    // A file of torch.save is a zip archive.
+    let pickled = scene.run_folder().root().join("exp.pt");
+    std::fs::write(&pickled, b"PK\x03\x04and so on").expect("a file is written");
+    let (good, _, complaint) = import(&scene, &pickled);
+    assert!(!good && complaint.contains("python3 -c \"import torch, safetensors.torch as s;"), "{complaint}");
+    assert!(complaint.contains("exp.safetensors')\""), "{complaint}");
+
     let mut wider = tiny();
     wider.network.hidden = 24;
     let scene = Scene::new("wider", wider);
     let (good, _, complaint) = import(&scene, &from);
-    assert!(!good && complaint.contains("`actor.weight` is Float [21, 16]"), "{complaint}");
+    assert!(!good && complaint.contains("`model.actor.weight` (here `actor.weight`) is Float [21, 16]"), "{complaint}");
     assert!(!scene.run_folder().checkpoint_manifest(0).exists());
 }
 
@@ -174,6 +192,56 @@ fn a_stopped_run_resumes_to_the_same_weights() {
     let ended = scene.learner(&Plan::Undisturbed);
     assert_eq!(complete(&scene, &ended), undisturbed());
     assert_eq!(trained(&ended)[0].0, 2, "nothing is trained twice");
+}
+
+/// With the other sign a policy would see its goal in the opposite direction.
+#[test]
+fn a_run_goes_on_with_the_sign_it_was_trained_with() {
+    let mut scene = Scene::new("sign", tiny());
+    let stopped = scene.learner(&Plan::StopAfter(1));
+    assert!(stopped.status.success(), "{stopped:?}");
+    let file = scene.run_folder().config();
+    let whole = std::fs::read_to_string(&file).expect("it was written");
+    std::fs::write(&file, whole.replace("\"object_to_goal\"", "\"goal_to_object\"")).expect("it is written");
+    let refused = Command::new(env!("CARGO_BIN_EXE_learner"))
+        .arg("--run")
+        .arg(scene.run_folder().root())
+        .args(["--wire", &WireAddress::new("sign", 2).to_string()])
+        .output()
+        .expect("the learner starts");
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert!(!refused.status.success() && said.contains("Set network.carried_goal = \"object_to_goal\""), "{said}");
+
+    // A run from before the key was there goes on as it was.
+    let older: Vec<&str> = whole.lines().filter(|line| !line.starts_with("carried_goal")).collect();
+    assert_eq!(older.len() + 1, whole.lines().count());
+    std::fs::write(&file, older.join("\n")).expect("it is written");
+    scene.next_incarnation(2);
+    let ended = scene.learner(&Plan::Undisturbed);
+    assert_eq!(complete(&scene, &ended), undisturbed());
+}
+
+#[test]
+fn the_sign_and_the_frames_of_the_learning_rate_reach_the_training() {
+    let mut config = tiny();
+    config.network.carried_goal = CarriedGoal::GoalToObject;
+    let mut scene = Scene::new("sensor", config);
+    let ended = scene.learner(&Plan::Undisturbed);
+    assert_ne!(complete(&scene, &ended), undisturbed());
+
+    let mut config = tiny();
+    config.ppo.learning_rate_frames = 96;
+    let start = config.ppo.learning_rate;
+    let mut scene = Scene::new("rate", config);
+    let ended = scene.learner(&Plan::Undisturbed);
+    let rate = |event: &LearnerEvent| match event {
+        LearnerEvent::RolloutTrained { metrics, .. } => Some(metrics[metric::LEARNING_RATE] / start),
+        _ => None,
+    };
+    let rates: Vec<f64> = ended.events.iter().filter_map(rate).collect();
+    // A quarter of 96 frames a rollout, and in the second stage from the start again.
+    let expected = [0.0, 0.25, 0.5, 0.0, 0.25].map(|share| 1.0 - 2.0 / 3.0 * share);
+    assert!(rates.len() == 5 && rates.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{rates:?}");
 }
 
 #[test]

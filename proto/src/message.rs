@@ -37,7 +37,8 @@ pub mod transition_flag {
 pub mod current_flag {
     /// This is the first observation of its episode: beliefs are reset before it is used.
     pub const EPISODE_START: u32 = 1;
-    /// The target is held: the goal sensor reads object→goal instead of wrist→object.
+    /// The target is held: the policy's goal vector is between object and goal (`network.carried_goal`) instead of
+    /// wrist→object.
     pub const HOLDING: u32 = 1 << 1;
     /// The recorder should keep this episode's depth frames.
     pub const RECORD_DEPTH: u32 = 1 << 2;
@@ -83,8 +84,8 @@ pub struct Transition {
     pub reserved: u32,
 }
 
-/// What the agent sees now, without the frame.
-#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+/// What the agent sees now, without the frame. The default is all zero.
+#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
 #[type_name("stillroom/Current/1")]
 #[repr(C)]
 pub struct Current {

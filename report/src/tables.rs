@@ -101,7 +101,8 @@ impl<'a> Method<'a> {
             lambda_disturb: where_used(RewardKind::DisturbanceFree).then_some(config.reward.lambda_disturb),
             multiplier: where_used(RewardKind::Lagrangian).then_some(config.reward.lagrangian.initial),
             task: config.auxiliary.task,
-            network: config.network,
+            // The same is seen with either sign.
+            network: NetworkConfig { carried_goal: NetworkConfig::default().carried_goal, ..config.network },
             episode: config.episode,
             scenes: &config.scenes,
             rewards,

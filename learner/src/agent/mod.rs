@@ -10,7 +10,7 @@
 
 mod state;
 
-pub use state::{AgentState, BELIEFS, MODEL, weights_of};
+pub use state::{AgentState, BELIEFS, MODEL, OtherSign, weights_of};
 
 use crate::auxiliary::Auxiliary;
 use crate::device;
@@ -38,7 +38,7 @@ pub struct StepInput<'a> {
     pub columns: &'a [usize],
     /// Depth frames, millimetres, row-major; may point into shared memory.
     pub frames: &'a [&'a [u16; FRAME_PIXELS]],
-    /// Wrist→object, or object→goal once the target is held; robot's frame, metres.
+    /// The goal vector as [`crate::network::goal_vector_m`] makes it; robot's frame, metres.
     pub goal_m: &'a [[f32; 3]],
     /// `A_large` index of the previous action, or `NO_ACTION`.
     pub previous_action: &'a [u8],
@@ -108,6 +108,9 @@ pub enum AgentError {
     /// A saved state does not fit this agent.
     #[error("the saved state does not fit: {0}")]
     State(#[from] Unfit),
+    /// Saved weights that were trained with the other sign of the goal vector.
+    #[error(transparent)]
+    Sign(#[from] OtherSign),
 }
 
 /// The agent.
@@ -285,8 +288,8 @@ impl Agent {
         Ok(())
     }
 
-    /// Trains on the rollout and ends it. `progress` is the share of the stage's frames trained on before it; `rollout`
-    /// its number, for the error's text. After an error the rollout is still there to be looked at or abandoned.
+    /// Trains on the rollout and ends it. `progress` is how far the learning rate has fallen; `rollout` its number, for the
+    /// error's text. After an error the rollout is still there to be looked at or abandoned.
     ///
     /// Figures: [`proto::control::metric`] from `loss/policy` on, and the auxiliary task's as `auxiliary/…`.
     ///

@@ -3,6 +3,7 @@
 use super::{Agent, AgentError};
 use crate::network::{Unfit, fits};
 use crate::rollout::Rollout;
+use proto::config::{CarriedGoal, NetworkConfig};
 use std::collections::BTreeMap;
 use tch::{Device, Tensor};
 
@@ -24,6 +25,31 @@ pub struct AgentState {
     pub adam_steps: u64,
     /// PPO-Lagrangian's multiplier.
     pub multiplier: f64,
+    /// Sign of the goal vector that the weights were trained with.
+    pub carried_goal: CarriedGoal,
+}
+
+/// Weights that were trained with the other sign of the goal vector.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the weights were trained with network.carried_goal = \"{trained}\", the configuration says \"{configured}\": while \
+     the target is held they would see their goal in the opposite direction. Set network.carried_goal = \"{trained}\""
+)]
+pub struct OtherSign {
+    /// Of the weights.
+    pub trained: CarriedGoal,
+    /// Of the configuration.
+    pub configured: CarriedGoal,
+}
+
+impl OtherSign {
+    /// Refuses weights that were trained with another sign than this network's, where it sees one.
+    pub fn refuse(trained: CarriedGoal, network: &NetworkConfig) -> Result<(), Self> {
+        match network.sign_seen() {
+            Some(configured) if configured != trained => Err(Self { trained, configured }),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// The weights among a checkpoint's tensors, by the network's own names. Nothing is copied.
@@ -43,7 +69,12 @@ impl Agent {
         tensors.insert(FIRST_MOMENT.into(), host(&self.adam.first));
         tensors.insert(SECOND_MOMENT.into(), host(&self.adam.second));
         tensors.insert(BELIEFS.into(), self.boundary_beliefs());
-        AgentState { tensors, adam_steps: self.adam.steps, multiplier: self.multiplier }
+        AgentState {
+            tensors,
+            adam_steps: self.adam.steps,
+            multiplier: self.multiplier,
+            carried_goal: self.config.network.carried_goal,
+        }
     }
 
     /// Beliefs \[columns, hidden\] as of the last rollout boundary, on the CPU.
@@ -54,7 +85,8 @@ impl Agent {
 
     /// Goes on from a saved state; a rollout in progress is forgotten. After an error nothing has changed.
     pub fn load_state(&mut self, state: &AgentState) -> Result<(), AgentError> {
-        let AgentState { tensors, adam_steps, multiplier } = state;
+        let AgentState { tensors, adam_steps, multiplier, carried_goal } = state;
+        OtherSign::refuse(*carried_goal, &self.config.network)?;
         let saved = |name: &str, place: &Tensor| fits(name, tensors.get(name), &place.size());
         let first = saved(FIRST_MOMENT, &self.adam.first)?;
         let second = saved(SECOND_MOMENT, &self.adam.second)?;
@@ -79,9 +111,9 @@ impl Agent {
         Ok(())
     }
 
-    /// Takes the weights, named as in [`AgentState::tensors`], of another run and nothing else. What else there is in
-    /// `tensors` is left alone; after an error nothing has changed.
-    pub fn load_weights(&mut self, tensors: &BTreeMap<String, Tensor>) -> Result<(), AgentError> {
-        Ok(self.network.parameters.load(&weights_of(tensors))?)
+    /// Takes the weights of another run's state and nothing else. After an error nothing has changed.
+    pub fn load_weights(&mut self, state: &AgentState) -> Result<(), AgentError> {
+        OtherSign::refuse(state.carried_goal, &self.config.network)?;
+        Ok(self.network.parameters.load(&weights_of(&state.tensors))?)
     }
 }

@@ -1,6 +1,7 @@
 //! The manifest of a checkpoint: what the tensor file must hash to, and where and under what the run stood.
 
 use crate::hex::hex;
+use proto::config::CarriedGoal;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -55,6 +56,15 @@ impl Machine {
     }
 }
 
+fn older_sign() -> CarriedGoal {
+    CarriedGoal::ObjectToGoal
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's derive calls it so")]
+fn is_older_sign(sign: &CarriedGoal) -> bool {
+    *sign == older_sign()
+}
+
 /// The manifest. Written after the tensors: a checkpoint without one does not exist.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -76,6 +86,10 @@ pub struct Manifest {
     /// PPO-Lagrangian's multiplier.
     #[serde(with = "exact")]
     pub multiplier: f64,
+    /// Sign of the goal vector that the weights were trained with. The older one is not written down: a checkpoint with
+    /// it is as it was before there were two.
+    #[serde(default = "older_sign", skip_serializing_if = "is_older_sign")]
+    pub carried_goal: CarriedGoal,
     /// File name of the tensors, in the same folder.
     pub tensors: String,
     /// Its size, bytes.

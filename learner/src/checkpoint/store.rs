@@ -131,6 +131,7 @@ impl Store {
             stage_end: snapshot.frames > 0 && position.is_none_or(|position| position.frames_in_stage == 0),
             adam_steps: snapshot.agent.adam_steps,
             multiplier: snapshot.agent.multiplier,
+            carried_goal: snapshot.agent.carried_goal,
             tensors: file_name(&tensors_path),
             tensors_bytes: bytes.len() as u64,
             tensors_sha256: sha256(&bytes),
@@ -265,10 +266,10 @@ fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
     if digest != manifest.tensors_sha256 {
         return Err(at(format!("is corrupt: its SHA-256 is {digest}, its manifest says {}", manifest.tensors_sha256)));
     }
-    let Manifest { rollout, frames, exchange, adam_steps, multiplier, .. } = *manifest;
+    let Manifest { rollout, frames, exchange, adam_steps, multiplier, carried_goal, .. } = *manifest;
     let (tensors, boundary) =
         tensors::decode(&bytes, exchange).map_err(|cause| at(format!("cannot be used: {cause}")))?;
-    let agent = AgentState { tensors, adam_steps, multiplier };
+    let agent = AgentState { tensors, adam_steps, multiplier, carried_goal };
     Ok(Snapshot { rollout, frames, agent, boundary, weights: manifest.weights.clone() })
 }
 

@@ -4,7 +4,7 @@
 use super::*;
 use crate::collector::RunningEpisode;
 use proptest::prelude::*;
-use proto::config::StageConfig;
+use proto::config::{CarriedGoal, StageConfig};
 use proto::message::EnvironmentState;
 use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
@@ -36,7 +36,12 @@ fn snapshot(rollout: u64) -> Snapshot {
         rollout,
         frames: rollout * 20,
         // A multiplier of many digits: 0.1 + 0.2 and then some.
-        agent: AgentState { tensors, adam_steps: 7, multiplier: 0.1 + 0.2 + 1e-9 * rollout as f64 },
+        agent: AgentState {
+            tensors,
+            adam_steps: 7,
+            multiplier: 0.1 + 0.2 + 1e-9 * rollout as f64,
+            carried_goal: if rollout.is_multiple_of(2) { CarriedGoal::ObjectToGoal } else { CarriedGoal::GoalToObject },
+        },
         boundary: Boundary {
             exchange: rollout * 4,
             environments: vec![state, EnvironmentState::start_of(2)],
@@ -52,6 +57,7 @@ fn snapshot(rollout: u64) -> Snapshot {
 fn same(a: &Snapshot, b: &Snapshot) -> bool {
     let tensors = |snapshot: &Snapshot| encode_tensors(&snapshot.agent.tensors).unwrap();
     (a.rollout, a.frames, a.agent.adam_steps, &a.weights) == (b.rollout, b.frames, b.agent.adam_steps, &b.weights)
+        && a.agent.carried_goal == b.agent.carried_goal
         && a.agent.multiplier.to_bits() == b.agent.multiplier.to_bits()
         && a.boundary == b.boundary
         && tensors(a) == tensors(b)

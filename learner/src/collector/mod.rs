@@ -23,8 +23,10 @@ pub use noise::{gumbel, gumbel_of};
 pub use statistics::{RolloutStatistics, RunningEpisode};
 
 use crate::agent::{Outcome, StepInput};
+use crate::network::goal_vector_m;
 use exchange::{Arrival, Half};
 use proto::action::HOLD;
+use proto::config::CarriedGoal;
 use proto::episode::EnvironmentId;
 use proto::message::{
     ActionHeader, Current, EnvironmentState, FRAME_PIXELS, ObservationHeader, RestoreHeader, Transition, current_flag,
@@ -83,6 +85,8 @@ pub struct Settings {
     pub policy_actions: usize,
     /// Step limit of an episode.
     pub max_episode_steps: u32,
+    /// Sign of the goal vector while the target is held.
+    pub carried_goal: CarriedGoal,
     /// Discount a step, of the disturbance that PPO-Lagrangian constrains.
     pub gamma: f64,
     /// Incarnation of this learner.
@@ -441,7 +445,7 @@ impl<S: HalfSample> Collector<S> {
     /// # Panics
     /// If the half's observations are not complete.
     pub fn batch_with(&self, half: u32, mut noise: impl FnMut(Place, &mut Vec<f32>)) -> Batch<'_> {
-        let Settings { layout, policy_actions, .. } = self.settings;
+        let Settings { layout, policy_actions, carried_goal, .. } = self.settings;
         let samples = self.halves[half as usize].complete().expect("a batch is made of a complete half");
         let count = layout.half(half).len() * samples.len();
         let mut batch = Batch {
@@ -455,9 +459,8 @@ impl<S: HalfSample> Collector<S> {
         for (index, sample) in (0..).zip(samples) {
             for (i, column) in layout.columns_of(index, half).enumerate() {
                 let current = sample.current(i);
-                let holding = current.flags & current_flag::HOLDING != 0;
                 batch.frames.push(sample.frame(i));
-                batch.goal_m.push(if holding { current.object_to_goal_m } else { current.wrist_to_object_m });
+                batch.goal_m.push(goal_vector_m(carried_goal, current));
                 batch.previous_action.push(current.previous_action as u8);
                 batch.episode_start.push(current.flags & current_flag::EPISODE_START != 0);
                 let environment = self.ids[column];

@@ -6,6 +6,7 @@ mod environment;
 use super::*;
 use environment::{FakeEnvironment, mix};
 use proptest::prelude::*;
+use proto::config::CarriedGoal;
 use proto::message::transition_flag;
 use proto::reward::RewardKind;
 use std::collections::VecDeque;
@@ -354,6 +355,7 @@ fn settings(layout: Layout, learner_incarnation: u32) -> Settings {
         seed: SEED,
         policy_actions: POLICY_ACTIONS,
         max_episode_steps: MAX_STEPS,
+        carried_goal: CarriedGoal::GoalToObject,
         gamma: 0.99,
         learner_incarnation,
     }
@@ -514,6 +516,26 @@ fn an_actor_that_disagrees_is_named() {
     assert_eq!(collector.receive(&hello, nothing.clone()), Ok(Received::Hello { actor: 1, actor_incarnation: 2 }));
     let (hello, _) = FakeActor::new(1, 1).hello();
     assert_eq!(collector.receive(&hello, nothing), Ok(Received::Duplicate));
+}
+
+#[test]
+fn a_batch_has_the_goal_vector_with_the_configured_sign() {
+    let layout = Layout::new(0, 1, 1);
+    for (carried_goal, sign) in [(CarriedGoal::GoalToObject, -1.0), (CarriedGoal::ObjectToGoal, 1.0)] {
+        for holding in [false, true] {
+            let settings = Settings { carried_goal, ..settings(layout, 1) };
+            let mut collector = Collector::<FakeSample>::new(settings, Boundary::start(1));
+            let mut actor = FakeActor::new(0, 1);
+            actor.restore = Some(collector.restore(0, 0));
+            let (header, mut sample) = actor.turn(layout).unwrap().remove(0);
+            let current = &mut sample.0[0].2;
+            current.flags = current_flag::EPISODE_START | if holding { current_flag::HOLDING } else { 0 };
+            let expected =
+                if holding { current.object_to_goal_m.map(|axis| sign * axis) } else { current.wrist_to_object_m };
+            collector.receive(&header, sample).unwrap();
+            assert_eq!(collector.batch(0).input().goal_m, [expected], "{carried_goal}, {holding}");
+        }
+    }
 }
 
 #[test]

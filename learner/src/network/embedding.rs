@@ -4,7 +4,8 @@ use super::initialize::Initial;
 use super::layers::Linear;
 use super::parameters::{Layout, ParameterId, Parameters};
 use proto::action::{Action, ActionSpace, NO_ACTION};
-use proto::config::GoalCoordinates;
+use proto::config::{CarriedGoal, GoalCoordinates};
+use proto::message::{Current, current_flag};
 use std::f64::consts::{FRAC_PI_2, PI};
 use tch::Tensor;
 
@@ -12,6 +13,20 @@ use tch::Tensor;
 pub const GOAL: i64 = 32;
 /// Width of the previous action's embedding.
 pub const PREVIOUS_ACTION: i64 = 16;
+
+/// The goal vector that the policy is given, robot's frame, metres: from the wrist to the object, and while the object is
+/// held between the object and the goal. Observations and recordings have that always from the object to the goal; the
+/// reference's sensor has it the other way round.
+pub fn goal_vector_m(carried: CarriedGoal, current: &Current) -> [f32; 3] {
+    if current.flags & current_flag::HOLDING == 0 {
+        return current.wrist_to_object_m;
+    }
+    match carried {
+        CarriedGoal::ObjectToGoal => current.object_to_goal_m,
+        // 0 - 0 is 0, and -(0) were -0, whose azimuth is another.
+        CarriedGoal::GoalToObject => current.object_to_goal_m.map(|coordinate| 0.0 - coordinate),
+    }
+}
 
 /// What the network is given for a goal vector in the robot's frame (x right, y up, z ahead), metres.
 ///
@@ -98,6 +113,41 @@ mod tests {
         assert!(close(polar([1.0, -1.0, -(2f32.sqrt())]), [2.0, -0.5, -0.25]));
         assert_eq!(polar([0.0; 3]), [0.0; 3]);
         assert_eq!(goal_coordinates(GoalCoordinates::Cartesian, [-1.0, 2.0, -3.0]), [1.0, 2.0, 3.0]);
+    }
+
+    /// A kitchen seen from above, and the textbook's spherical coordinates: nothing of it is the code's own way.
+    #[test]
+    fn while_it_is_held_the_goal_is_seen_with_the_configured_sign() {
+        // The object stands 1 m to the right of the goal, 0.2 m above it and 2 m nearer.
+        let mut current =
+            Current { wrist_to_object_m: [0.1, -0.2, 0.3], object_to_goal_m: [-1.0, -0.2, 2.0], ..Current::default() };
+        let seen = |current: &Current, carried| {
+            goal_coordinates(GoalCoordinates::Polar, goal_vector_m(carried, current)).map(f64::from)
+        };
+        let close = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+        let (free, held) = ([CarriedGoal::GoalToObject, CarriedGoal::ObjectToGoal], current_flag::HOLDING);
+        for carried in free {
+            assert_eq!(goal_vector_m(carried, &current), [0.1, -0.2, 0.3], "the object is not held");
+        }
+
+        current.flags = held;
+        let distance = 5.04f64.sqrt();
+        // z over the distance is the sine of the elevation; the tangent of the azimuth is y over x, here ±0.2: object −
+        // goal = (1, 0.2, -2) lies in the first quadrant of (x, y), goal − object in the third.
+        let elevation = (2.0 / distance).asin() / FRAC_PI_2;
+        let azimuth = 0.2f64.atan() / PI;
+        let expected = [distance, -elevation, azimuth];
+        assert!(close(seen(&current, CarriedGoal::GoalToObject), expected), "{expected:?}");
+        let expected = [distance, elevation, azimuth - 1.0];
+        assert!(close(seen(&current, CarriedGoal::ObjectToGoal), expected), "{expected:?}");
+        for carried in free {
+            let vector = goal_vector_m(carried, &current);
+            assert_eq!(goal_coordinates(GoalCoordinates::Cartesian, vector), [1.0, 0.2, 2.0], "no sign is seen");
+        }
+
+        // Where a coordinate is 0, object − goal is 0 and not -0: the azimuth of (-1, -0) were -π.
+        current.object_to_goal_m = [1.0, 0.0, 0.0];
+        assert!(close(seen(&current, CarriedGoal::GoalToObject), [1.0, 0.0, 1.0]));
     }
 
     #[test]

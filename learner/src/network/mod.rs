@@ -14,7 +14,7 @@ mod parameters;
 mod resnet;
 
 pub use belief::{Belief, Packing};
-pub use embedding::{goal_coordinates, table_row};
+pub use embedding::{goal_coordinates, goal_vector_m, table_row};
 pub use frame::{FramePreparation, RawFrame, Staging};
 pub use initialize::Initial;
 pub use layers::{Gru, Linear};

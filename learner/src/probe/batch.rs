@@ -1,10 +1,10 @@
 //! A batch from a file: a rollout that somebody else collected.
 
-use crate::agent::Outcome;
+use crate::agent::{MODEL, Outcome};
 use crate::checkpoint::TensorsError;
-use crate::network::{Network, RawFrame, Staging, goal_coordinates, to_vec};
+use crate::network::{Network, RawFrame, Staging, all_finite, goal_coordinates, to_vec};
 use crate::rollout::{Rollout, Step};
-use proto::config::Config;
+use proto::config::{Config, nearest};
 use proto::message::FRAME_SIDE;
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
@@ -19,6 +19,29 @@ pub struct Batch {
     pub negatives: Option<Vec<usize>>,
 }
 
+/// Every tensor that a batch may have.
+const NAMES: [&str; 16] = [
+    "frames",
+    "goal_m",
+    "goal",
+    "previous_action",
+    "episode_start",
+    "action",
+    "log_prob",
+    "value",
+    "reward",
+    "ended",
+    "time_limit",
+    "disturbed",
+    "bootstrap",
+    "beliefs",
+    "recorded",
+    "negatives",
+];
+
+/// What every name may begin with, and most names of a non-finite update's dump do.
+const ROLLOUT: &str = "rollout.";
+
 /// The tensors of a file, asked for by name and shape.
 struct Tensors<'a>(&'a BTreeMap<String, Tensor>);
 
@@ -26,9 +49,27 @@ fn wrong(name: &str, problem: String) -> TensorsError {
     TensorsError::Tensor { name: name.to_owned(), problem }
 }
 
-impl Tensors<'_> {
+impl<'a> Tensors<'a> {
+    /// A file's tensors, if each means something here. In a dump the agent's own are beside the batch.
+    fn of_batch(file: &'a BTreeMap<String, Tensor>) -> Result<Self, TensorsError> {
+        let dump = file.keys().any(|name| name.starts_with(ROLLOUT));
+        let of_agent = |name: &str| dump && (name.starts_with(MODEL) || name.starts_with("adam."));
+        for name in file.keys().filter(|name| !of_agent(name)) {
+            let bare = name.strip_prefix(ROLLOUT).unwrap_or(name);
+            if !NAMES.contains(&bare) {
+                let near = nearest(bare, NAMES.into_iter());
+                let near = near.map_or_else(String::new, |near| format!(" (did you mean `{near}`?)"));
+                return Err(wrong(name, format!("means nothing in a batch{near}")));
+            }
+            if bare != name && file.contains_key(bare) {
+                return Err(wrong(name, format!("and {bare} are both there: only one can be meant")));
+            }
+        }
+        Ok(Self(file))
+    }
+
     fn find(&self, name: &str) -> Option<&Tensor> {
-        self.0.get(name).or_else(|| self.0.get(&format!("rollout.{name}")))
+        self.0.get(name).or_else(|| self.0.get(&format!("{ROLLOUT}{name}")))
     }
 
     fn any(&self, name: &str) -> Result<&Tensor, TensorsError> {
@@ -44,7 +85,14 @@ impl Tensors<'_> {
         }
     }
 
+    /// Finite numbers.
     fn floats(&self, name: &str, size: &[i64]) -> Result<Vec<f32>, TensorsError> {
+        let values = self.any_floats(name, size)?;
+        finite(name, &values, size)?;
+        Ok(values)
+    }
+
+    fn any_floats(&self, name: &str, size: &[i64]) -> Result<Vec<f32>, TensorsError> {
         let tensor = self.of_size(name, size)?;
         match tensor.kind() {
             Kind::Float => Ok(to_vec(tensor)),
@@ -73,10 +121,44 @@ impl Tensors<'_> {
     }
 }
 
+/// Refuses a number that is not finite, and says where it is.
+fn finite(name: &str, values: &[f32], size: &[i64]) -> Result<(), TensorsError> {
+    let Some(place) = values.iter().position(|value| !value.is_finite()) else { return Ok(()) };
+    let mut rest = place as i64;
+    let mut indices: Vec<i64> = size
+        .iter()
+        .rev()
+        .map(|side| {
+            let index = rest % side;
+            rest /= side;
+            index
+        })
+        .collect();
+    indices.reverse();
+    Err(wrong(name, format!("holds {} at {indices:?}: all numbers must be finite", values[place])))
+}
+
+/// Warns where an end and the next start do not go together: advantages follow the one, beliefs the other.
+fn warn_of_contradictions(ended: &[bool], start: &[bool], columns: usize) {
+    // Every cell but those of the last step has a next one.
+    let next = start.iter().skip(columns);
+    let mut differing = ended.iter().zip(next).enumerate().filter(|(_, (ended, start))| ended != start);
+    if let Some((cell, (ended, start))) = differing.next() {
+        let (t, n) = (cell / columns, cell % columns);
+        tracing::warn!(
+            "`ended` contradicts the next step's `episode_start` in {} of the cells, first at step {t} of environment {n}: \
+             ended[{t}, {n}] is {ended}, episode_start[{}, {n}] is {start}. Advantages follow `ended`, beliefs \
+             `episode_start`",
+            1 + differing.count(),
+            t + 1,
+        );
+    }
+}
+
 impl Batch {
     /// Takes a file's tensors as a batch for this network.
     pub fn read(file: &BTreeMap<String, Tensor>, config: &Config, network: &Network) -> Result<Self, TensorsError> {
-        let file = Tensors(file);
+        let file = Tensors::of_batch(file)?;
         let actions = config.episode.action_space.actions().len() as i64;
         let hidden = network.belief.hidden();
         let (steps, columns) = match file.any("action")?.size()[..] {
@@ -116,6 +198,7 @@ impl Batch {
             [file.floats("log_prob", &cells)?, file.floats("value", &cells)?, file.floats("reward", &cells)?];
         let [ended, time_limit, disturbed] =
             [file.flags("ended", &cells)?, file.flags("time_limit", &cells)?, file.flags("disturbed", &cells)?];
+        warn_of_contradictions(&ended, &start, columns as usize);
         let every_column: Vec<usize> = (0..columns as usize).collect();
         for t in 0..shape.steps {
             let cell = |n: usize| t * columns as usize + n;
@@ -146,7 +229,9 @@ impl Batch {
             }
         }
         // A column that held in the last step has seen there what its last action led to.
-        for (n, value) in file.floats("bootstrap", &[columns])?.into_iter().enumerate().take(last as usize) {
+        let bootstrap = file.any_floats("bootstrap", &[columns])?;
+        finite("bootstrap", &bootstrap[..last as usize], &[last])?;
+        for (n, value) in bootstrap.into_iter().enumerate().take(last as usize) {
             rollout.set_bootstrap(n, value);
         }
 
@@ -169,7 +254,11 @@ fn kept_frames(file: &Tensors, [steps, columns]: [i64; 2], network: &Network) ->
     let frames = file.of_size(name, &[steps, columns, side, side])?;
     let device = network.parameters.flat().device();
     if side == pooled && pooled < raw {
-        return Ok(frames.to_kind(Kind::Float).view([-1, side, side]).to_device(device));
+        let frames = frames.to_kind(Kind::Float);
+        if !all_finite(&frames) {
+            return Err(wrong(name, "is not finite".to_owned()));
+        }
+        return Ok(frames.view([-1, side, side]).to_device(device));
     }
     let whole = frames.to_kind(Kind::Int);
     let exact = whole.to_kind(frames.kind()).equal(frames);

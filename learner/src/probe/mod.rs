@@ -14,6 +14,7 @@ use crate::auxiliary::Auxiliary;
 use crate::checkpoint::{TensorsError, decode_tensors, encode_tensors};
 use crate::device::{self, DeviceError};
 use crate::group::Peers;
+use crate::import::how_to_convert;
 use crate::network::{Judgement, Network, PrecisionError};
 use crate::optimizer::norm;
 use crate::ppo::update::{Look, SCALARS, Update, UpdateError};
@@ -31,7 +32,8 @@ use tch::{Device, Tensor};
 #[command(after_help = "\
 A batch is a rollout of T steps and N environments (bool may be u8, i64 may be any integer type):
   frames           i16, i32 or f32 (T, N, S, S)  depth, millimetres; S = 224, or 224 / input_pool for pooled ones
-  goal_m           f32 (T, N, 3)   goal vector in the robot's frame (x right, y up, z ahead), metres; or instead of it
+  goal_m           f32 (T, N, 3)   goal vector in the robot's frame (x right, y up, z ahead), metres, of the sign that the
+                                   weights were trained with (network.carried_goal); or instead of it
   goal             f32 (T, N, 3)   what the network is given for it
   previous_action  i64 (T, N)      0 = none yet, else 1 + action
   episode_start    bool (T, N)     the belief is zeroed before this observation
@@ -110,6 +112,14 @@ pub enum ProbeError {
         /// Why.
         cause: TensorsError,
     },
+    /// A file of PyTorch's own format.
+    #[error("{path}: {advice}", path = .path.display())]
+    TorchSave {
+        /// The file.
+        path: PathBuf,
+        /// How to make it one of safetensors.
+        advice: String,
+    },
     /// There is nothing to be said of the batch.
     #[error(transparent)]
     Update(#[from] UpdateError),
@@ -152,7 +162,10 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeErr
 
 fn read(path: &Path) -> Result<BTreeMap<String, Tensor>, ProbeError> {
     let bytes = std::fs::read(path).map_err(|cause| ProbeError::File { verb: "read", path: path.into(), cause })?;
-    decode_tensors(&bytes).map_err(|cause| ProbeError::Tensors { path: path.into(), cause })
+    decode_tensors(&bytes).map_err(|cause| match how_to_convert(path, &bytes) {
+        Some(advice) => ProbeError::TorchSave { path: path.into(), advice },
+        None => ProbeError::Tensors { path: path.into(), cause },
+    })
 }
 
 /// The weights among a file's tensors: a checkpoint's, or else all.

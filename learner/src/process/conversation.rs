@@ -67,6 +67,7 @@ impl<W: Write> Conversation<W> {
             seed: config.seed,
             policy_actions: config.episode.action_space.actions().len(),
             max_episode_steps: config.episode.max_steps,
+            carried_goal: config.network.carried_goal,
             gamma: config.ppo.gamma,
             learner_incarnation: incarnation,
         };

@@ -3,15 +3,16 @@
 
 use super::lock::{self, Lock};
 use super::{layout, machine};
-use crate::agent::Agent;
-use crate::checkpoint::{Snapshot, Store, decode_tensors};
+use crate::agent::{Agent, OtherSign};
+use crate::checkpoint::{Manifest, Snapshot, Store, decode_tensors};
 use crate::collector::Boundary;
+use crate::import::{Naming, how_to_convert};
 use crate::{device, import};
 use anyhow::{Context, Result, bail};
-use proto::config::Config;
+use proto::config::{CarriedGoal, Config, NetworkConfig};
 use proto::run_folder::RunFolder;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What `learner import` is asked.
 #[derive(Debug, Clone, clap::Args)]
@@ -30,7 +31,9 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
     let run = RunFolder::new(run);
     let config = Config::of_run(&run)?;
     let bytes = std::fs::read(from).with_context(|| format!("cannot read {}", from.display()))?;
-    let state_dict = decode_tensors(&bytes).with_context(|| from.display().to_string())?;
+    let state_dict = decode_tensors(&bytes)
+        .map_err(|cause| how_to_convert(from, &bytes).map_or_else(|| cause.into(), anyhow::Error::msg))
+        .with_context(|| from.display().to_string())?;
 
     let _lock = Lock::take(&run.learner_lock(0), lock::PATIENCE, || false)?;
     let device = device::choose(config.learner.device, config.learner.cpu, config.learner.threads)?;
@@ -43,6 +46,10 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
     let mut state = agent.state();
     let imported = import::import(&state_dict, config.episode.action_space, &mut state)
         .with_context(|| from.display().to_string())?;
+    let sign = sign_of(Naming::of(&state_dict), from);
+    if let Some(Sign { trained, .. }) = sign {
+        OtherSign::refuse(trained, &config.network).with_context(|| from.display().to_string())?;
+    }
     agent.load_state(&state)?;
     let snapshot = Snapshot {
         rollout: 0,
@@ -59,7 +66,41 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
             writeln!(output, "{name} {what}")?;
         }
     }
+    writeln!(output, "{}", assumed_goal(&config.network, sign))?;
     writeln!(output, "checkpoint: {checkpoint}")?;
     writeln!(output, "weights: {}", snapshot.weights)?;
     Ok(())
+}
+
+/// The sign of the goal vector that a file's weights were trained with.
+#[derive(Debug, Clone, Copy)]
+struct Sign {
+    trained: CarriedGoal,
+    whose: &'static str,
+}
+
+/// What is known of the sign; nothing of weights by our names that come without a checkpoint's manifest.
+fn sign_of(naming: Naming, from: &Path) -> Option<Sign> {
+    match naming {
+        // Its sensor is object − goal.
+        Naming::AllenAct => Some(Sign { trained: CarriedGoal::GoalToObject, whose: "AllenAct's" }),
+        Naming::Checkpoint => {
+            let manifest = Manifest::open(&std::fs::read(from.with_extension("json")).ok()?).ok()?;
+            Some(Sign { trained: manifest.carried_goal, whose: "the checkpoint's" })
+        }
+        Naming::Ours => None,
+    }
+}
+
+/// Which goal the weights are taken to have been trained on: their shapes are the same for all.
+fn assumed_goal(network: &NetworkConfig, sign: Option<Sign>) -> String {
+    let assumed = "weights do not tell";
+    match network.sign_seen() {
+        None => format!("the goal is taken to be cartesian (network.goal; {assumed})"),
+        Some(carried) => format!(
+            "the goal is taken to be polar (network.goal; {assumed}), {carried} while the target is held \
+             (network.carried_goal; {})",
+            sign.map_or(assumed, |sign| sign.whose)
+        ),
+    }
 }

@@ -9,6 +9,7 @@ use crate::agent::{Agent, AgentError};
 use crate::checkpoint::{Part, Snapshot, Store, encode_tensors};
 use crate::collector::{Reward, Task};
 use crate::group::PeerError;
+use crate::optimizer::learning_rate_progress;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::control::{LearnerEvent, Timing, metric};
@@ -96,7 +97,9 @@ impl<W: Write> Training<W> {
         while let Some(position) = position_at(&self.config.stages, self.frames) {
             let began = Instant::now();
             let stage = &self.config.stages[position.stage];
-            let (reward_kind, progress) = (stage.reward, position.frames_in_stage as f64 / stage.frames as f64);
+            let reward_kind = stage.reward;
+            let whole = self.config.ppo.learning_rate_frames;
+            let progress = learning_rate_progress(position.frames_in_stage, stage.frames, whole);
             let cut_short = self.await_and_collect(&mut state, position)?;
             let Meeting { collected, preempted, end } = self.meet(&state, cut_short)?;
             if let Some(end) = end {

@@ -9,7 +9,7 @@ use std::path::Path;
 pub fn load(agent: &mut Agent, manifest: &Path) -> Result<Manifest> {
     let (snapshot, manifest) =
         checkpoint::read(manifest).map_err(|rejected| anyhow::anyhow!("checkpoint {rejected}"))?;
-    agent.load_weights(&snapshot.agent.tensors).context("the checkpoint is of another network")?;
+    agent.load_weights(&snapshot.agent).context("the checkpoint is of another network")?;
     let weights = agent.weights_digest();
     if weights != manifest.weights {
         bail!("the weights loaded have digest {weights}, saved were {}", manifest.weights);

@@ -119,18 +119,28 @@ fn what_is_imported_and_what_is_refused() {
     };
     let zeros = |size: &[i64]| Tensor::zeros(size, (Kind::Float, Device::Cpu));
     let text = refused(&|dict| drop(dict.remove("critic.fc.bias")));
-    assert!(text.contains("nothing is there for `critic.bias`"), "{text}");
+    assert!(text.contains("nothing is there for `critic.bias`: the file has no `critic.fc.bias`"), "{text}");
+    let text = refused(&|dict| dict.retain(|name, _| !name.contains(".single_belief.rnn.bias_ih")));
+    let names = "`state_encoders.single_belief.rnn.bias_ih_l0` or `state_encoder.rnn.bias_ih_l0`";
+    assert!(text.ends_with(names), "{text}");
     let text = refused(&|dict| drop(dict.remove("prev_action_embedder.fc.weight")));
     assert!(text.contains("network.previous_action = false"), "{text}");
+    assert!(text.contains("has no `prev_action_embedder.fc.weight`."), "{text}");
     let text = refused(&|dict| drop(dict.insert("rgb_encoder.weight".into(), zeros(&[1]))));
     assert!(text.contains("`rgb_encoder.weight` is no weight of a network of ours"), "{text}");
     let text = refused(&|dict| drop(dict.insert("state_encoder.rnn.bias_hh_l0".into(), zeros(&[120]))));
-    assert!(text.contains("twice"), "{text}");
+    let twice = "`state_encoder.rnn.bias_hh_l0` (here `belief.bias_hh_l0`) is there twice: also as \
+                 `state_encoders.single_belief.rnn.bias_hh_l0`";
+    assert_eq!(text, twice);
     let text = refused(&|dict| drop(dict.insert("goal_embedder.0.0.weight".into(), zeros(&[100, 7]))));
-    assert!(text.contains("`goal_embedder.0.weight` is Float [100, 7], not Float [100, 3]"), "{text}");
+    assert_eq!(
+        text,
+        "`goal_embedder.0.0.weight` (here `goal_embedder.0.weight`) is Float [100, 7], not Float [100, 3]"
+    );
     let text = refused(&|dict| drop(dict.insert("visual_encoder.depth_cnn.fc.bias".into(), zeros(&[512]))));
-    assert!(text.contains("no place for `visual_encoder.cnn.6.bias`"), "{text}");
+    let place = "no place for `visual_encoder.depth_cnn.fc.bias` (here `visual_encoder.cnn.6.bias`)";
+    assert!(text.contains(place), "{text}");
     let counts = Tensor::zeros([1], (Kind::Int64, Device::Cpu));
     let text = refused(&|dict| drop(dict.insert("critic.fc.bias".into(), counts.shallow_clone())));
-    assert!(text.contains("floating-point"), "{text}");
+    assert!(text.contains("`critic.fc.bias` (here `critic.bias`) does not hold floating-point"), "{text}");
 }

@@ -145,6 +145,15 @@ fn what_cannot_be_probed_is_named() {
         batch
     };
     let cells = (Kind::Int64, Device::Cpu);
+    let float = (Kind::Float, Device::Cpu);
+    let at = |[t, n]: [i64; 2], number: f64| {
+        let tensor = Tensor::zeros([7, 4], float);
+        let _ = tensor.get(t).get(n).fill_(number);
+        tensor
+    };
+    // What is not there is not looked at: the last two environments bootstrap from their value in the last step.
+    let (good, text) = said(&weights, &change("bootstrap", Tensor::from_slice(&[0.5f32, 0.5, f32::NAN, f32::NAN])));
+    assert!(good && !text.contains("contradicts"), "{text}");
     for (batch, problem) in [
         (batch().into_iter().skip(1).collect(), "tensor `frames` is missing"),
         (change("action", Tensor::full([7, 4], 13, cells)), "`action` holds 13, outside 0..13"),
@@ -154,6 +163,16 @@ fn what_cannot_be_probed_is_named() {
         (change("frames", Tensor::zeros([7, 4, 100, 100], cells)), "`frames` has sides of 100 pixels"),
         (change("frames", Tensor::full([7, 4, 224, 224], -1, cells)), "whole millimetres from 0"),
         (change("goal", Tensor::zeros([7, 4, 3], (Kind::Float, Device::Cpu))), "only one can be meant"),
+        (
+            change("belief", Tensor::zeros([4, 32], float)),
+            "`belief` means nothing in a batch (did you mean `beliefs`?)",
+        ),
+        (change("model.critic.bias", Tensor::zeros([1], float)), "`model.critic.bias` means nothing in a batch"),
+        (change("rollout.value", Tensor::zeros([7, 4], float)), "`rollout.value` and value are both there"),
+        (change("reward", at([5, 2], f64::NAN)), "`reward` holds NaN at [5, 2]: all numbers must be finite"),
+        (change("value", at([6, 3], f64::NEG_INFINITY)), "`value` holds -inf at [6, 3]"),
+        (change("bootstrap", Tensor::from_slice(&[0.5f32, f32::INFINITY, 0.0, 0.0])), "`bootstrap` holds inf at [1]"),
+        (change("frames", Tensor::full([7, 4, 56, 56], f64::NAN, float)), "`frames` is not finite"),
     ] {
         let (good, text) = said(&weights, &batch);
         assert!(!good && text.contains(problem) && text.contains("batch: "), "{problem}: {text}");
@@ -177,6 +196,51 @@ fn what_cannot_be_probed_is_named() {
     fewer.push(("model.critic.bias".to_owned(), Tensor::zeros([1], (Kind::Float, Device::Cpu))));
     fewer.push(("model.other".to_owned(), Tensor::zeros([1], (Kind::Float, Device::Cpu))));
     assert!(said(&fewer, &batch()).1.contains("`other` has no place in this network"));
+}
+
+/// A dump has the agent's own tensors beside the batch, and is both files.
+#[test]
+fn the_dump_of_a_run_is_weights_and_batch() {
+    let agent = Agent::new(&small_config(), Device::Cpu).expect("a fresh agent");
+    let folder = tempfile::tempdir().expect("a folder for the files");
+    let mut dump: Vec<(String, Tensor)> = agent.state().tensors.into_iter().collect();
+    dump.retain(|(name, _)| name != "beliefs");
+    for (name, tensor) in probe_batch("disturb", 13, 32) {
+        dump.push((if name == "beliefs" { name.to_owned() } else { format!("rollout.{name}") }, tensor));
+    }
+    Tensor::write_safetensors(&dump, folder.path().join("dump")).expect("a dump is written");
+    let run = Command::new(env!("CARGO_BIN_EXE_learner"))
+        .args(["probe", "--weights", "dump", "--batch", "dump", "--out", "out"])
+        .current_dir(folder.path())
+        .output()
+        .expect("the learner starts");
+    assert!(run.status.success(), "{run:?}");
+}
+
+/// Ends without starts ran without a word.
+#[test]
+fn an_end_that_the_next_step_does_not_follow_is_warned_of() {
+    let agent = Agent::new(&small_config(), Device::Cpu).expect("a fresh agent");
+    let folder = tempfile::tempdir().expect("a folder for the files");
+    let path = |name: &str| folder.path().join(name);
+    let weights: Vec<(String, Tensor)> = agent.state().tensors.into_iter().collect();
+    Tensor::write_safetensors(&weights, path("weights")).expect("weights are written");
+    let batch = probe_batch("disturb", 13, 32);
+    let start = &batch.iter().find(|(name, _)| *name == "episode_start").expect("it is there").1;
+    // Two starts are turned around; the first step's has nothing before it.
+    for (t, n) in [(0, 3), (3, 1), (5, 0)] {
+        let mut cell = start.get(t).get(n);
+        let _ = cell.logical_not_();
+    }
+    Tensor::write_safetensors(&batch, path("batch")).expect("a batch is written");
+    let run = Command::new(env!("CARGO_BIN_EXE_learner"))
+        .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out"])
+        .current_dir(folder.path())
+        .output()
+        .expect("the learner starts");
+    let said = String::from_utf8_lossy(&run.stderr);
+    let warning = "contradicts the next step's `episode_start` in 2 of the cells, first at step 2 of environment 1";
+    assert!(run.status.success() && said.contains(warning), "{said}");
 }
 
 /// It computed in float32, whatever the configuration asked for.

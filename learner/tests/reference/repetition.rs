@@ -4,7 +4,7 @@ use crate::shared::{assert_close, depth_mm, doubles};
 use crate::world::{World, small_config};
 use learner::agent::{Agent, AgentError, AgentState, Outcome, StepInput};
 use learner::network::to_vec;
-use proto::config::Config;
+use proto::config::{CarriedGoal, Config};
 use proto::stage::RolloutShape;
 use tch::{Device, Tensor};
 
@@ -174,13 +174,20 @@ fn states_that_do_not_fit_are_refused() {
     }
     refuse(&|state| state.multiplier = f64::NAN, "`multiplier` is not finite");
 
+    refuse(
+        &|state| state.carried_goal = CarriedGoal::ObjectToGoal,
+        "trained with network.carried_goal = \"object_to_goal\"",
+    );
+
     // The weights alone.
-    let mut tensors = agent.state().tensors;
-    for tensor in tensors.values_mut() {
+    let mut state = agent.state();
+    for tensor in state.tensors.values_mut() {
         *tensor = &*tensor + 1.0;
     }
-    let _ = tensors["model.critic.weight"].get(0).get(3).fill_(f64::NAN);
-    let error = agent.load_weights(&tensors).expect_err("a weight is no number").to_string();
+    let other = AgentState { tensors: agent.state().tensors, carried_goal: CarriedGoal::ObjectToGoal, ..agent.state() };
+    assert!(matches!(agent.load_weights(&other), Err(AgentError::Sign(_))));
+    let _ = state.tensors["model.critic.weight"].get(0).get(3).fill_(f64::NAN);
+    let error = agent.load_weights(&state).expect_err("a weight is no number").to_string();
     assert!(error.contains("`critic.weight` is not finite"), "{error}");
     assert!(before.tensors.iter().all(|(name, tensor)| tensor.equal(&agent.state().tensors[name])));
 }

@@ -23,8 +23,8 @@ const DEFAULT_PRESET: &str = "paper";
 /// out, and those of one that the file lacks start from the seed.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  python3 -c \"import torch, safetensors.torch as s; s.save_file(torch.load('exp.pt', map_location='cpu')\\
-      ['model_state_dict'], 'exp.safetensors')\"
+  python3 -c \"import torch, safetensors.torch as s; w = torch.load('exp.pt', map_location='cpu'); \
+s.save_file({k: v.clone().contiguous() for k, v in w.get('model_state_dict', w).items()}, 'exp.safetensors')\"
   orchestrator import exp.safetensors --preset disturb-stage2-25m --run runs/theirs
   orchestrator resume runs/theirs
 

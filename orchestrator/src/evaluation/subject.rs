@@ -56,16 +56,25 @@ impl Provenance {
     }
 }
 
+/// The key of a network's table that changes no weight's shape, and what it means to change it.
+const SIGN: &str = "carried_goal";
+const SIGN_HINT: &str = " (while the target is held, those weights would see their goal in the opposite direction: give \
+                         the run their network.carried_goal, in a file for --config)";
+
 /// What keeps weights trained with one configuration from being begun with in another, as `key is X, there Y`; nothing
 /// where the networks are the same.
 pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>> {
     let network = |config: &Config| toml::Table::try_from(config.network).context("the table [network] is plain data");
     let (their_network, our_network) = (network(theirs)?, network(ours)?);
+    // Coordinates that are absolute values show no sign.
+    let same_sign = theirs.network.sign_seen() == ours.network.sign_seen();
     let mut differences: Vec<String> = our_network
         .iter()
+        .filter(|(key, _)| *key != SIGN || !same_sign)
         .filter_map(|(key, ours)| {
             let theirs = their_network.get(key)?;
-            (theirs != ours).then(|| format!("network.{key} is {ours}, there {theirs}"))
+            let hint = if key == SIGN { SIGN_HINT } else { "" };
+            (theirs != ours).then(|| format!("network.{key} is {ours}, there {theirs}{hint}"))
         })
         .collect();
     if theirs.episode.action_space != ours.episode.action_space {
@@ -134,6 +143,26 @@ fn rollout_of(path: &Path) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::config::{CarriedGoal, GoalCoordinates};
+
+    #[test]
+    fn weights_of_the_other_sign_are_those_of_another_network() {
+        let mut theirs = Config::resolve("paper", None).unwrap();
+        let ours = theirs.clone();
+        assert_eq!(network_differences(&theirs, &ours).unwrap(), Vec::<String>::new());
+        theirs.network.carried_goal = CarriedGoal::ObjectToGoal;
+        let differences = network_differences(&theirs, &ours).unwrap();
+        let expected = "network.carried_goal is \"goal_to_object\", there \"object_to_goal\" (while the target is held";
+        assert!(differences.len() == 1 && differences[0].starts_with(expected), "{differences:?}");
+
+        // Absolute values are the same with both.
+        let cartesian = |mut config: Config| {
+            config.network.goal = GoalCoordinates::Cartesian;
+            config
+        };
+        let none = network_differences(&cartesian(theirs), &cartesian(ours)).unwrap();
+        assert_eq!(none, Vec::<String>::new());
+    }
 
     #[test]
     fn a_path_means_a_checkpoint() {

@@ -141,7 +141,7 @@ pub(super) fn all() -> Vec<Preset> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{AuxiliaryTask, Config, Encoder, GoalCoordinates, preset::presets};
+    use super::super::{AuxiliaryTask, CarriedGoal, Config, Encoder, GoalCoordinates, preset::presets};
     use super::*;
     use crate::action::ActionSpace;
     use crate::reward::RewardKind;
@@ -205,5 +205,21 @@ mod tests {
         assert_eq!((lagrangian.stages[0].reward, lagrangian.stages[0].frames), (RewardKind::Lagrangian, 45_000_000));
         assert_eq!((lagrangian.stages.len(), lagrangian.auxiliary.task), (1, AuxiliaryTask::None));
         assert_eq!(config("small-disturb-two-stage").stages.len(), 2);
+    }
+
+    /// What carries the paper's constants has the reference's sign and rate; what has results of its own keeps theirs.
+    #[test]
+    fn every_row_has_the_references_sign_and_rate() {
+        let names = all().into_iter().map(|preset| preset.name).chain(["paper", "two-stage"].map(str::to_owned));
+        let reference = (CarriedGoal::GoalToObject, 30_000_000);
+        for name in names {
+            let config = config(&name);
+            assert_eq!((config.network.carried_goal, config.ppo.learning_rate_frames), reference, "{name}");
+        }
+        for name in ["demo", "short-two-stage", "short-r-only", "short-scratch"] {
+            let config = config(name);
+            let own = (CarriedGoal::ObjectToGoal, 0);
+            assert_eq!((config.network.carried_goal, config.ppo.learning_rate_frames), own, "{name}");
+        }
     }
 }

@@ -5,10 +5,12 @@
 
 mod error;
 mod experiment;
+mod network;
 mod preset;
 mod validate;
 
-pub use error::ConfigError;
+pub use error::{ConfigError, nearest};
+pub use network::{CarriedGoal, Encoder, GoalCoordinates, NetworkConfig};
 pub use preset::{Preset, overlay, presets};
 
 use crate::action::ActionSpace;
@@ -99,42 +101,6 @@ pub struct EpisodeConfig {
     pub goal_distance_max_m: f32,
 }
 
-/// Visual encoder.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Encoder {
-    /// ResNet18 with GroupNorm, base 32 planes.
-    Resnet,
-    /// The original three-layer network.
-    Cnn,
-}
-
-/// How the goal vector is given to the network.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum GoalCoordinates {
-    /// (rho, elevation / (pi/2), azimuth / pi).
-    Polar,
-    /// (|x|, |y|, |z|), the original baseline.
-    Cartesian,
-}
-
-/// The network's shape.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct NetworkConfig {
-    /// Visual encoder.
-    pub encoder: Encoder,
-    /// Side of the average pooling before the encoder: 2 for the paper's resnet, 1 for its cnn.
-    pub input_pool: u32,
-    /// Goal coordinates.
-    pub goal: GoalCoordinates,
-    /// Feed the previous action's embedding to the belief.
-    pub previous_action: bool,
-    /// Width of the belief (GRU).
-    pub hidden: u32,
-}
-
 /// DD-PPO.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -151,8 +117,12 @@ pub struct PpoConfig {
     pub entropy_coefficient: f64,
     /// Adam's learning rate at a stage's start.
     pub learning_rate: f64,
-    /// Learning rate at a stage's end as a share of the one at its start; linear in between.
+    /// What the learning rate falls to, as a share of the one at a stage's start; linear in between.
     pub learning_rate_end: f64,
+    /// Frames of a stage after which it has fallen to that; it stays there. 0 = the stage's own frames. The reference's
+    /// falls over 30M frames whatever a stage's length: 20M frames end at 0.556 of the start, 25M at 0.444. `--frames`
+    /// leaves it as it is.
+    pub learning_rate_frames: u64,
     /// Global gradient norm is clipped at this.
     pub max_gradient_norm: f64,
     /// Discount per step.
@@ -390,18 +360,6 @@ impl EpisodeConfig {
     }
 }
 
-impl Default for NetworkConfig {
-    fn default() -> Self {
-        Self {
-            encoder: Encoder::Resnet,
-            input_pool: 2,
-            goal: GoalCoordinates::Polar,
-            previous_action: true,
-            hidden: 512,
-        }
-    }
-}
-
 impl Default for PpoConfig {
     fn default() -> Self {
         Self {
@@ -412,6 +370,7 @@ impl Default for PpoConfig {
             entropy_coefficient: 0.01,
             learning_rate: 3e-4,
             learning_rate_end: 1.0 / 3.0,
+            learning_rate_frames: 30_000_000,
             max_gradient_norm: 0.5,
             gamma: 0.99,
             gae_lambda: 0.95,
@@ -524,11 +483,24 @@ impl Config {
         }
     }
 
-    /// Reads a configuration that [`Config::to_toml`] wrote.
+    /// Reads a configuration that [`Config::to_toml`] wrote, whenever that was.
     pub fn from_toml(text: &str, origin: &str) -> Result<Self, ConfigError> {
-        let config: Self = error::parse(text, origin)?;
+        let mut config: Self = error::parse(text, origin)?;
+        config.restore_the_past(&error::parse(text, origin)?);
         config.validate()?;
         Ok(config)
+    }
+
+    /// A stored configuration was written whole, so a key that it lacks did not exist yet. What held without the key
+    /// holds on: today's default may be another.
+    fn restore_the_past(&mut self, written: &toml::Table) {
+        let lacks = |table: &str, key: &str| written.get(table).and_then(|table| table.get(key)).is_none();
+        if lacks("network", "carried_goal") {
+            self.network.carried_goal = CarriedGoal::ObjectToGoal;
+        }
+        if lacks("ppo", "learning_rate_frames") {
+            self.ppo.learning_rate_frames = 0;
+        }
     }
 
     /// The whole configuration as TOML, every default included.

@@ -92,7 +92,7 @@ pub fn overlay(bottom: &mut toml::Table, top: toml::Table) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Config;
+    use super::super::{CarriedGoal, Config};
     use super::*;
 
     #[test]
@@ -107,6 +107,25 @@ mod tests {
     #[test]
     fn the_paper_preset_is_the_defaults() {
         assert_eq!(Config::resolve("paper", None).unwrap(), Config::default());
+    }
+
+    /// Runs from before these keys had the other sign and a rate that fell over the stage, whatever their preset is now.
+    #[test]
+    fn a_stored_configuration_without_a_newer_key_keeps_what_held_then() {
+        for preset in ["paper", "short-two-stage"] {
+            let config = Config::resolve(preset, None).unwrap();
+            let text = config.to_toml();
+            let newer = |line: &&str| !line.starts_with("carried_goal") && !line.starts_with("learning_rate_frames");
+            let older: Vec<&str> = text.lines().filter(newer).collect();
+            assert_eq!(older.len() + 2, text.lines().count());
+            let read = Config::from_toml(&older.join("\n"), "an older run").unwrap();
+            let mut then = config;
+            then.network.carried_goal = CarriedGoal::ObjectToGoal;
+            then.ppo.learning_rate_frames = 0;
+            assert_eq!(read, then);
+            // From now on they are written down.
+            assert_eq!(Config::from_toml(&read.to_toml(), "the same run").unwrap(), then);
+        }
     }
 
     #[test]

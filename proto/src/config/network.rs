@@ -1,0 +1,85 @@
+//! Settings of the network.
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Visual encoder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Encoder {
+    /// ResNet18 with GroupNorm, base 32 planes.
+    Resnet,
+    /// The original three-layer network.
+    Cnn,
+}
+
+/// How the goal vector is given to the network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GoalCoordinates {
+    /// (rho, elevation / (pi/2), azimuth / pi).
+    Polar,
+    /// (|x|, |y|, |z|), the original baseline.
+    Cartesian,
+}
+
+/// The goal vector while the target is held. Before that it always leads from the wrist to the object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CarriedGoal {
+    /// From the goal to the object, object − goal: the reference's.
+    GoalToObject,
+    /// From the object to the goal, goal − object.
+    ObjectToGoal,
+}
+
+impl fmt::Display for CarriedGoal {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::GoalToObject => "goal_to_object",
+            Self::ObjectToGoal => "object_to_goal",
+        })
+    }
+}
+
+/// The network's shape, and what it is given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct NetworkConfig {
+    /// Visual encoder.
+    pub encoder: Encoder,
+    /// Side of the average pooling before the encoder: 2 for the paper's resnet, 1 for its cnn.
+    pub input_pool: u32,
+    /// Goal coordinates.
+    pub goal: GoalCoordinates,
+    /// Sign of the goal vector while the target is held. A policy trained with one is none with the other. Cartesian
+    /// coordinates are absolute values and know no sign.
+    pub carried_goal: CarriedGoal,
+    /// Feed the previous action's embedding to the belief.
+    pub previous_action: bool,
+    /// Width of the belief (GRU).
+    pub hidden: u32,
+}
+
+impl Default for NetworkConfig {
+    fn default() -> Self {
+        Self {
+            encoder: Encoder::Resnet,
+            input_pool: 2,
+            goal: GoalCoordinates::Polar,
+            carried_goal: CarriedGoal::GoalToObject,
+            previous_action: true,
+            hidden: 512,
+        }
+    }
+}
+
+impl NetworkConfig {
+    /// The sign that the policy sees; none with cartesian coordinates, which are absolute values.
+    pub fn sign_seen(&self) -> Option<CarriedGoal> {
+        match self.goal {
+            GoalCoordinates::Polar => Some(self.carried_goal),
+            GoalCoordinates::Cartesian => None,
+        }
+    }
+}
