@@ -30,6 +30,11 @@ const CREASE: f32 = 0.72;
 /// Faces whose normals' cosine is below this meet in an edge.
 const CREASE_COSINE: f32 = 0.87;
 
+/// Light on an upright surface that is not looked up, as a share of that on a floor.
+const SIDE_LIGHT: f32 = 0.55;
+/// Surfaces of one body that are this near to each other are the same, metres.
+const SAME_SURFACE_M: f32 = 0.004;
+
 /// A picture before light falls on it.
 pub struct Exposure {
     width: usize,
@@ -63,6 +68,28 @@ impl Exposure {
     /// The points that wait for light, in order.
     pub fn waiting(&self) -> impl Iterator<Item = Lit> + '_ {
         self.samples.iter().filter_map(|sample| sample.lit.map(|point| Lit { point, normal: sample.normal }))
+    }
+
+    /// What falls onto each waiting point, in order: as in an earlier picture by the same camera where that shows the
+    /// same surface, else by the surface's slope alone. The soft light of a whole picture takes a second; this takes
+    /// none, and what moves is small.
+    pub fn light_as_in<'a>(&'a self, earlier: &'a Self, light: &'a [f32]) -> impl Iterator<Item = f32> + 'a {
+        let mut known = light.iter();
+        self.samples.iter().zip(&earlier.samples).filter_map(move |(here, before)| {
+            let before_light = if before.lit.is_some() { known.next().copied() } else { None };
+            here.lit?;
+            let same = here.body == before.body && (here.depth_m - before.depth_m).abs() < SAME_SURFACE_M;
+            let slope_light = SIDE_LIGHT + (1.0 - SIDE_LIGHT) * here.normal.y.max(0.0);
+            Some(before_light.filter(|_| same).unwrap_or(slope_light))
+        })
+    }
+
+    /// Depth of what is shown at the middle of each pixel, metres; where nothing is shown, far beyond everything.
+    pub fn depths_m(&self) -> Vec<f32> {
+        let middle = |x: usize, y: usize| (y * SAMPLES + SAMPLES / 2) * self.width * SAMPLES + x * SAMPLES + SAMPLES / 2;
+        (0..self.width * self.height)
+            .map(|index| self.samples[middle(index % self.width, index / self.width)].depth_m)
+            .collect()
     }
 
     /// The picture; `light` yields what falls onto each of the waiting points, in order.

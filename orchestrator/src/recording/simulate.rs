@@ -269,6 +269,7 @@ mod tests {
             start_hash: None,
             actions: vec![0; steps],
             hashes: vec![0; steps],
+            goals: vec![0; steps],
         }
     }
 
