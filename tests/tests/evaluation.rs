@@ -109,7 +109,8 @@ fn figures_are_those_of_the_table() {
     let filmed = film(&episode);
     good(&filmed);
     assert!(filmed.stdout.contains(&format!("episodes: 1\nstates compared: {}", record.length + 1)), "{filmed:#?}");
-    let films: Vec<_> = std::fs::read_dir(workshop.path("films")).unwrap().map(|file| file.unwrap().file_name()).collect();
+    let films: Vec<_> =
+        std::fs::read_dir(workshop.path("films")).unwrap().map(|file| file.unwrap().file_name()).collect();
     let outcome = match (record.end, record.success) {
         (proto::evaluation::EpisodeEnd::TimeLimit, _) => "time-limit",
         (proto::evaluation::EpisodeEnd::Done, false) => "failure",

@@ -30,7 +30,7 @@ pub struct Marks<'a, D: Fn(usize, usize) -> f32> {
 impl<'a, D: Fn(usize, usize) -> f32> Marks<'a, D> {
     /// No lines yet, for a picture of this size.
     pub fn new(camera: &'a Camera, width: usize, height: usize, depth_m: D) -> Self {
-        let line_px = (width as f32 / 220.0).max(1.0);
+        let line_px = (width as f32 / 220.0).max(1.5);
         Self { camera, depth_m, width, height, line_px, cover: vec![0.0; width * height] }
     }
 
@@ -140,7 +140,8 @@ mod tests {
         draw(&mut marks);
         let mut canvas = Canvas::new(200, 200, [0; 3]);
         marks.lay(&mut canvas, 0, 0, GOAL);
-        canvas.pixels.iter().filter(|pixel| **pixel == GOAL).count()
+        // Covered by half at least.
+        canvas.pixels.iter().filter(|pixel| 2 * u32::from(pixel[1]) > u32::from(GOAL[1])).count()
     }
 
     #[test]

@@ -42,6 +42,13 @@ pub struct Exposure {
     samples: Vec<Sample>,
 }
 
+/// The model's colours as linear light: worked out once, not for every sample.
+struct Inks {
+    bodies: Vec<[f32; 3]>,
+    sections: Vec<[f32; 3]>,
+    background: [f32; 3],
+}
+
 /// What one sample shows.
 #[derive(Clone, Copy)]
 struct Sample {
@@ -61,7 +68,13 @@ impl Exposure {
     pub fn take(model: &Model, camera: &Camera, width: usize, height: usize, background: Rgb) -> Self {
         let (columns, rows) = (width * SAMPLES, height * SAMPLES);
         let raster = Raster::draw(camera, columns, rows, (0..).zip(cut(model, camera)));
-        let samples = (0..columns * rows).map(|index| sample(model, camera, &raster, index, background)).collect();
+        let linear_of = |colours: &[Rgb]| colours.iter().map(|colour| colour.map(linear)).collect();
+        let inks = Inks {
+            bodies: linear_of(&model.colours),
+            sections: linear_of(&model.sections),
+            background: background.map(linear),
+        };
+        let samples = (0..columns * rows).map(|index| sample(model, camera, &raster, index, &inks)).collect();
         Self { width, height, samples }
     }
 
@@ -86,7 +99,8 @@ impl Exposure {
 
     /// Depth of what is shown at the middle of each pixel, metres; where nothing is shown, far beyond everything.
     pub fn depths_m(&self) -> Vec<f32> {
-        let middle = |x: usize, y: usize| (y * SAMPLES + SAMPLES / 2) * self.width * SAMPLES + x * SAMPLES + SAMPLES / 2;
+        let middle =
+            |x: usize, y: usize| (y * SAMPLES + SAMPLES / 2) * self.width * SAMPLES + x * SAMPLES + SAMPLES / 2;
         (0..self.width * self.height)
             .map(|index| self.samples[middle(index % self.width, index / self.width)].depth_m)
             .collect()
@@ -138,12 +152,12 @@ fn cut<'a>(model: &'a Model, camera: &'a Camera) -> impl Iterator<Item = [Vec3; 
     })
 }
 
-fn sample(model: &Model, camera: &Camera, raster: &Raster, index: usize, background: Rgb) -> Sample {
+fn sample(model: &Model, camera: &Camera, raster: &Raster, index: usize, inks: &Inks) -> Sample {
     let number = raster.triangle[index];
     let nothing =
         Sample { colour: [0.0; 3], body: NOTHING, normal: Vec3::ZERO, depth_m: f32::MAX, lit: None, facing: 1.0 };
     if number == NOTHING {
-        return Sample { colour: background.map(linear), ..nothing };
+        return Sample { colour: inks.background, ..nothing };
     }
     let triangle = &model.triangles[number as usize];
     let body = triangle.body;
@@ -156,11 +170,11 @@ fn sample(model: &Model, camera: &Camera, raster: &Raster, index: usize, backgro
     let facing = -(camera.camera_from_world.rotation * triangle.normal).dot(camera.ray(in_camera));
     if facing < 0.0 {
         // The inner side of a solid: a section cuts it here. Filled flat, as in a floor plan.
-        let colour = model.sections[body as usize].map(linear);
+        let colour = inks.sections[body as usize];
         return Sample { colour, body, depth_m: camera.near_m, ..nothing };
     }
     Sample {
-        colour: model.colours[body as usize].map(linear),
+        colour: inks.bodies[body as usize],
         body,
         normal: triangle.normal,
         depth_m: in_camera.z,

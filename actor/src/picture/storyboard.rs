@@ -91,7 +91,12 @@ impl<'a> Storyboard<'a> {
         let fixed = Model::fixed_of(kitchen);
         let mut model = fixed.clone();
         model.add_things(kitchen, &moments[0].things, task.target, TARGET);
-        let outside = outside::camera(&model, &points(&task, moments));
+        // Where the robot stands at first and at last it hides things, too.
+        let mut with_robot = model.clone();
+        for moment in [&moments[0], &moments[moments.len() - 1]] {
+            with_robot.add_robot(&moment.robot, true);
+        }
+        let outside = outside::camera(&with_robot, &points(&task, moments));
         let exposure = Exposure::take(&model, &outside, side, side, PAPER);
         let waiting: Vec<Lit> = exposure.waiting().collect();
         let light = sky::light(&model, &waiting);
@@ -194,13 +199,14 @@ fn text(side: usize) -> (f32, f32) {
 }
 
 /// What the outside view has to show, each point with its weight: start and goal of the target, and everybody's way.
+/// The robot's body is in the picture, but large enough to be seen behind whatever there is.
 fn points(task: &Task, moments: &[Moment]) -> Vec<(Vec3, f32)> {
     let mut points = vec![(task.goal, 3.0), (moments[0].things[task.target].translation, 3.0)];
     let step = moments.len().div_ceil(SAMPLES).max(1);
     // The last moment counts whatever the step.
     for moment in moments.iter().rev().step_by(step) {
         let [body, .., hand] = moment.robot.map(|pose| pose.translation);
-        points.extend([(moment.things[task.target].translation, 1.0), (hand, 1.0), (body, 0.5)]);
+        points.extend([(moment.things[task.target].translation, 1.0), (hand, 1.0), (body, 0.0)]);
     }
     points
 }
@@ -222,17 +228,21 @@ mod tests {
     use proto::kitchen::{KitchenId, TargetCategory};
 
     const SIDE: usize = 120;
+    /// Where the target is in the camera's frame: before all furniture.
+    const AHEAD_M: f32 = 0.45;
+    const ASIDE_M: f32 = 0.25;
 
-    /// The pictures of a target in the middle of the depth view, and of one beside it, for one place of the goal.
+    /// The pictures of a target to the right of the middle of the depth view, where the arm does not hide it, and of one
+    /// to the left; for one place of the goal.
     fn pictures(goal: Vec3) -> [Canvas; 2] {
         let kitchen = Kitchen::build(KitchenId::new(1).unwrap(), &SimulationConfig::default()).unwrap();
         let stand = kitchen.robot_stands()[0];
         let configuration = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
         let camera = world_from_camera(&configuration.posture(), configuration.camera_pitch_rad());
         let target = kitchen.target_movable(TargetCategory::Bread);
-        let moments = [0.0, 0.7].map(|aside_m| {
+        let moments = [ASIDE_M, -ASIDE_M].map(|aside_m| {
             let mut things = kitchen.settled_poses()[kitchen.movable_bodies()].to_vec();
-            things[target] = camera * Pose3::translation(aside_m, 0.0, 0.8);
+            things[target] = camera * Pose3::translation(aside_m, 0.0, AHEAD_M);
             let robot = part_poses(&configuration.posture()).unwrap();
             Moment { things, robot, world_from_camera: camera, words: Words::default() }
         });
@@ -243,24 +253,26 @@ mod tests {
 
     #[test]
     fn target_and_goal_are_marked_in_both_views_where_they_are() {
-        let [middle, aside] = pictures(Vec3::new(-0.5, 0.0, 0.8));
+        let [right, left] = pictures(Vec3::new(-0.6, 0.0, 0.8));
         let (width, height) = Storyboard::size(SIDE);
-        assert_eq!((middle.width, middle.height, width % 2, height % 2), (width, height, 0, 0));
+        assert_eq!((right.width, right.height, width % 2, height % 2), (width, height, 0, 0));
         let depth_at = |canvas: &Canvas, x: usize| canvas.pixels[(height - SIDE / 2) * width + x];
         let grey = [brightness(2_000); 3];
-        assert_eq!(depth_at(&middle, SIDE / 2), mix(grey, TARGET, TINT));
-        assert_eq!(depth_at(&aside, SIDE / 2), grey);
+        let offset_px = (ASIDE_M / AHEAD_M / TAN_HALF_FIELD_OF_VIEW * SIDE as f32 / 2.0) as usize;
+        let (at_left, at_right) = (SIDE / 2 - offset_px, SIDE / 2 + offset_px);
+        assert_eq!([at_left, at_right].map(|x| depth_at(&right, x)), [grey, mix(grey, TARGET, TINT)]);
+        assert_eq!([at_left, at_right].map(|x| depth_at(&left, x)), [mix(grey, TARGET, TINT), grey]);
         let coloured = |canvas: &Canvas, view: usize, colour: Rgb| {
             let in_view = |index: &usize| index / width >= height - SIDE && (index % width > SIDE) == (view == 1);
             (0..canvas.pixels.len()).filter(in_view).filter(|&index| canvas.pixels[index] == colour).count()
         };
         for view in [0, 1] {
             for colour in [TARGET, GOAL] {
-                assert!(coloured(&middle, view, colour) > 10, "view {view} lacks {colour:?}");
+                assert!(coloured(&right, view, colour) > 10, "view {view} lacks {colour:?}");
             }
             let changed = (height - SIDE..height).any(|y| {
                 let row = y * width + view * (SIDE + GAP);
-                middle.pixels[row..row + SIDE] != aside.pixels[row..row + SIDE]
+                right.pixels[row..row + SIDE] != left.pixels[row..row + SIDE]
             });
             assert!(changed, "view {view} does not follow the target");
         }

@@ -134,7 +134,12 @@ impl Film {
     }
 
     /// Draws and writes everything; returns the number of pictures.
-    pub fn develop(mut self, images: &ReplayImages, environment: &Environment, camera: &mut DepthCamera) -> Result<u64> {
+    pub fn develop(
+        mut self,
+        images: &ReplayImages,
+        environment: &Environment,
+        camera: &mut DepthCamera,
+    ) -> Result<u64> {
         let (kitchen, episode) = (environment.kitchen(), environment.episode());
         let count = self.moments.len() - 1;
         for (step, moment) in self.moments.iter_mut().enumerate() {

@@ -65,7 +65,8 @@ fn a_goal_vector_that_the_simulator_does_not_give_is_a_difference() {
     unknown.goals[1] = 0;
     let mut wrong = good.clone();
     wrong.goals[2] ^= 1;
-    let differences = replay(&config, None, &[good, unknown, wrong]).into_iter().map(|verdict| verdict.first_difference);
+    let differences =
+        replay(&config, None, &[good, unknown, wrong]).into_iter().map(|verdict| verdict.first_difference);
     assert_eq!(differences.collect::<Vec<_>>(), [None, None, Some(2)]);
 }
 
@@ -75,8 +76,7 @@ fn a_film_is_called_by_the_fixed_episode_and_has_a_picture_for_every_state() {
     let episode = recorded(&config, 2, &WAY);
     let fixed = config.evaluation_plan().unwrap().fixed(episode.environment, 2).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let images =
-        ReplayImages { folder: folder.path().display().to_string(), format: ImageFormat::Apng, side: 96 };
+    let images = ReplayImages { folder: folder.path().display().to_string(), format: ImageFormat::Apng, side: 96 };
     let verdict = replay(&config, Some(images), &[episode]).remove(0);
     assert_eq!((verdict.images, verdict.first_difference), (5, None));
     let files: Vec<String> = std::fs::read_dir(folder.path())

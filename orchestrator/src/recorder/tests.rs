@@ -225,7 +225,8 @@ fn an_evaluations_episodes_have_the_numbers_of_its_table() {
     let id = proto::episode::EnvironmentId { kitchen, number: 2 };
     let [third, last] = [0, 1].map(|episode| plan.fixed(id, episode).unwrap());
     let found = messages(&files[0]);
-    let starts = found["/episode/start"].iter().map(|data| EpisodeStart::decode(data.as_slice()).unwrap().fixed_episode);
+    let starts =
+        found["/episode/start"].iter().map(|data| EpisodeStart::decode(data.as_slice()).unwrap().fixed_episode);
     let ends = found["/episode/end"].iter().map(|data| EpisodeEnd::decode(data.as_slice()).unwrap().fixed_episode);
     assert_eq!(starts.collect::<Vec<_>>(), [Some(third), Some(last), None]);
     assert_eq!(ends.collect::<Vec<_>>(), [Some(third), Some(last)]);

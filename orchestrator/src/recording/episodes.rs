@@ -272,16 +272,15 @@ impl Collection {
             let path = files.first().cloned().unwrap_or_default();
             return Err(RecordingError::Foreign { path, problem: "it holds no configuration".to_owned() });
         };
-        let mut recorded =
-            Recorded {
-                config,
-                episodes: Vec::new(),
-                headless: 0,
-                broken: 0,
-                known: self.known,
-                steps: self.steps,
-                complaints,
-            };
+        let mut recorded = Recorded {
+            config,
+            episodes: Vec::new(),
+            headless: 0,
+            broken: 0,
+            known: self.known,
+            steps: self.steps,
+            complaints,
+        };
         for ((kitchen, number, episode), assembly) in self.episodes {
             if assembly.actions.is_empty() {
                 // A start without a step is an episode that had just begun; steps without the first are headless.

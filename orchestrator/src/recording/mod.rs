@@ -69,7 +69,9 @@ impl Recordings {
         let (files, bytes) = (format::counted(*files as u64, "file"), format::bytes(*bytes));
         let newest = newest.display();
         if *being_written {
-            format!("recordings: {files}, {bytes}; {newest} is being written, and readable as it is up to the last second")
+            format!(
+                "recordings: {files}, {bytes}; {newest} is being written, and readable as it is up to the last second"
+            )
         } else {
             format!("recordings: {files}, {bytes}; the newest is {newest}")
         }

@@ -45,7 +45,10 @@ fn a_file_is_complete_after_every_flush_and_its_index_is_the_one_it_ends_with() 
         assert_eq!(indexed(&path).values().sum::<usize>(), now.len());
     }
     let live = summary();
-    assert_eq!((live.stats.as_ref().unwrap().message_start_time, live.stats.as_ref().unwrap().message_end_time), (0, 44));
+    assert_eq!(
+        (live.stats.as_ref().unwrap().message_start_time, live.stats.as_ref().unwrap().message_end_time),
+        (0, 44)
+    );
     // What a killed recorder leaves is the file as it was after the last flush.
     let left = temporary.path().join("left.mcap");
     std::fs::copy(&path, &left).unwrap();
