@@ -111,7 +111,7 @@ impl<'a, D: Fn(usize, usize) -> f32> Marks<'a, D> {
     }
 
     fn dash(&self, along_px: f32) -> bool {
-        (along_px / (DASH * self.line_px)) as usize % 2 == 0
+        ((along_px / (DASH * self.line_px)) as usize).is_multiple_of(2)
     }
 
     fn dot(&mut self, x: f32, y: f32) {

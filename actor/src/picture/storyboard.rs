@@ -248,7 +248,7 @@ mod tests {
         });
         let task = Task { target, goal: camera * goal, title: "bring the Bread".to_owned() };
         let story = Storyboard::new(&kitchen, task, &moments, SIDE);
-        moments.map(|moment| story.draw(&moment, &[2_000; SIDE * SIDE]))
+        moments.map(|moment| story.draw(&moment, &vec![2_000; SIDE * SIDE]))
     }
 
     #[test]

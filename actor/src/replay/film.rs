@@ -33,13 +33,11 @@ impl Played {
     /// those of an evaluation's table.
     fn name(self, target: TargetCategory, outcome: Outcome) -> String {
         let (kitchen, target, outcome) = (self.environment.kitchen.number(), target.name(), outcome.word());
-        match self.fixed {
-            Some(fixed) => format!("kitchen-{kitchen:02}-episode-{fixed:03}-{target}-{outcome}"),
-            None => {
-                let Self { environment: EnvironmentId { number, .. }, episode, .. } = self;
-                format!("kitchen-{kitchen:02}-environment-{number}-episode-{episode:06}-{target}-{outcome}")
-            }
-        }
+        let of = match (self.fixed, self.environment.number, self.episode) {
+            (Some(fixed), ..) => format!("episode-{fixed:03}"),
+            (None, number, episode) => format!("environment-{number}-episode-{episode:06}"),
+        };
+        format!("kitchen-{kitchen:02}-{of}-{target}-{outcome}")
     }
 
     fn title(self, target: TargetCategory) -> String {

@@ -49,32 +49,32 @@ impl Wanted {
     pub fn check(&self, known: &Known) -> Result<(), NotRecorded> {
         if let Some(kitchen) = self.kitchen {
             let kitchens = known.environments.iter().map(|(kitchen, _)| *kitchen).collect();
-            check("kitchen", kitchen.number(), &kitchens, ToString::to_string)?;
+            check("kitchen", &kitchen.number(), &kitchens, ToString::to_string)?;
         }
         if let Some(EnvironmentId { kitchen, number }) = self.environment {
             let name = |(kitchen, number): &(u8, u32)| format!("{kitchen}/{number}");
-            check("environment", (kitchen.number(), number), &known.environments, name)?;
+            check("environment", &(kitchen.number(), number), &known.environments, name)?;
         }
-        self.episodes.iter().try_for_each(|&number| check("episode", number, &known.episodes, ToString::to_string))
+        self.episodes.iter().try_for_each(|number| check("episode", number, &known.episodes, ToString::to_string))
     }
 }
 
 fn check<T: Ord>(
     what: &'static str,
-    wanted: T,
+    wanted: &T,
     known: &BTreeSet<T>,
     name: impl Fn(&T) -> String,
 ) -> Result<(), NotRecorded> {
-    if known.contains(&wanted) {
+    if known.contains(wanted) {
         return Ok(());
     }
-    let nearest = match (known.range(..&wanted).next_back(), known.range(&wanted..).next()) {
+    let nearest = match (known.range(..wanted).next_back(), known.range(wanted..).next()) {
         (Some(below), Some(above)) => format!("the nearest are {} and {}", name(below), name(above)),
         (Some(last), None) => format!("the last is {}", name(last)),
         (None, Some(first)) => format!("the first is {}", name(first)),
         (None, None) => "there are none at all".to_owned(),
     };
-    Err(NotRecorded { what, name: name(&wanted), nearest })
+    Err(NotRecorded { what, name: name(wanted), nearest })
 }
 
 #[cfg(test)]
