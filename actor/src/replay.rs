@@ -1,8 +1,10 @@
 //! `actor replay`: proves that recorded episodes happen again, and draws them.
 //!
 //! Input and output are the lines of [`proto::replay`]. Nothing but the configuration and the actions of an episode
-//! is needed to simulate it; every state hash on the way is compared with the recorded one.
+//! is needed to simulate it; every state hash on the way is compared with the recorded one, and the goal vector before
+//! each action.
 
+mod film;
 mod picture;
 
 use crate::depth::DepthCamera;
@@ -11,14 +13,13 @@ use crate::episodes::Programme;
 use crate::kitchen::{Kitchen, source};
 use crate::process::whereabouts;
 use anyhow::{Context, Result, ensure};
-use picture::Pictures;
+use film::{Film, Played};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::transition_flag;
-use proto::replay::{RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict};
-use rapier3d::math::Pose3;
+use proto::message::{current_flag, transition_flag};
+use proto::replay::{RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict, goal_digest};
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -70,6 +71,12 @@ impl Theatre {
             recorded.actions.len(),
             recorded.hashes.len()
         );
+        ensure!(
+            recorded.goals.is_empty() || recorded.goals.len() == recorded.actions.len(),
+            "{} actions but {} goals were recorded",
+            recorded.actions.len(),
+            recorded.goals.len()
+        );
         if !self.kitchens.contains_key(&id.kitchen) {
             let kitchen = source::of_run(id.kitchen, &self.config, &self.folder)?;
             let camera = DepthCamera::new(kitchen.bodies());
@@ -91,32 +98,44 @@ impl Theatre {
             first_difference: None,
             images: 0,
         };
-        let mut pictures = match &self.images {
-            Some(images) => Some(Pictures::begin(images, recorded)?),
-            None => None,
-        };
-        let mut poses = Vec::new();
+        let played =
+            Played { environment: id, episode: recorded.episode, fixed: programme.fixed(id, recorded.episode) };
+        let mut film = self.images.as_ref().map(|_| Film::new(played));
         if let Some(hash) = recorded.start_hash {
             compare(&mut verdict, 0, hash, environment.state_hash());
         }
-        photograph(&mut pictures, camera, environment, &mut poses)?;
+        if let Some(film) = &mut film {
+            film.keep(environment, None);
+        }
         for (step, (&index, &hash)) in recorded.actions.iter().zip(&recorded.hashes).enumerate() {
             let action =
                 Action::from_index(index).with_context(|| format!("step {step}: there is no action {index}"))?;
+            if recorded.goals.get(step).is_some_and(|&goal| goal != 0 && goal != goal_of(environment)) {
+                verdict.first_difference.get_or_insert(step as u64);
+            }
             let transition = environment.step(action);
             compare(&mut verdict, step as u64 + 1, hash, transition.state_hash);
-            photograph(&mut pictures, camera, environment, &mut poses)?;
+            if let Some(film) = &mut film {
+                film.keep(environment, Some(transition));
+            }
             if transition.flags & transition_flag::ENDED != 0 && step + 1 < recorded.actions.len() {
                 // The recorded episode went on: whatever comes now differs.
                 verdict.first_difference.get_or_insert(step as u64 + 2);
                 break;
             }
         }
-        if let Some(pictures) = pictures {
-            verdict.images = pictures.finish()?;
+        if let (Some(film), Some(images)) = (film, &self.images) {
+            verdict.images = film.develop(images, environment, camera)?;
         }
         Ok(verdict)
     }
+}
+
+/// Digest of what the goal sensor reads now.
+fn goal_of(environment: &Environment) -> u32 {
+    let current = environment.current();
+    let holding = current.flags & current_flag::HOLDING != 0;
+    goal_digest(holding, if holding { current.object_to_goal_m } else { current.wrist_to_object_m })
 }
 
 fn compare(verdict: &mut ReplayVerdict, step: u64, recorded: u64, simulated: u64) {
@@ -126,18 +145,5 @@ fn compare(verdict: &mut ReplayVerdict, step: u64, recorded: u64, simulated: u64
     }
 }
 
-fn photograph(
-    pictures: &mut Option<Pictures>,
-    camera: &mut DepthCamera,
-    environment: &Environment,
-    poses: &mut Vec<Pose3>,
-) -> Result<()> {
-    if let Some(pictures) = pictures {
-        environment.world_from_bodies(poses);
-        let frame = pictures.frame();
-        let side = frame.side;
-        camera.render(poses, environment.world_from_camera(), side, frame.depth_mm);
-        pictures.keep()?;
-    }
-    Ok(())
-}
+#[cfg(test)]
+mod tests;

@@ -12,29 +12,40 @@ pub struct ReplaySetup {
     /// The run folder, which the configuration's scenes are named relative to; none where it is not known.
     #[serde(default)]
     pub folder: Option<String>,
-    /// Folder for depth images; none = compare hashes only.
+    /// How to draw the episodes; none = compare hashes only.
     pub images: Option<ReplayImages>,
 }
 
-/// How to write depth images.
+/// How to draw the episodes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReplayImages {
     /// Folder, created if missing.
     pub folder: String,
     /// Still pictures or one moving picture an episode.
     pub format: ImageFormat,
-    /// Width and height in pixels.
+    /// Width and height of a still, or of each of a moving picture's two views, pixels.
     pub side: u32,
 }
 
-/// Format of depth images.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+/// Format of the pictures.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ImageFormat {
-    /// 16-bit PNG a frame, millimetres.
+    /// Depth alone: a 16-bit PNG a frame, millimetres.
     Png,
-    /// One animated PNG an episode, 8-bit, near is bright: plays in any browser.
-    Video,
+    /// One animated PNG an episode, in colour: plays in any browser.
+    Apng,
+    /// One MP4 an episode, in colour.
+    Mp4(Ffmpeg),
+}
+
+/// The program that encodes films.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Ffmpeg {
+    /// Where it is.
+    pub program: String,
+    /// Its H.264 encoder, e.g. `libx264`.
+    pub encoder: String,
 }
 
 /// Every further line of the input: one recorded episode, possibly cut off at its end.
@@ -50,6 +61,16 @@ pub struct RecordedEpisode {
     pub actions: Vec<u8>,
     /// State hash after each action; as many as `actions`.
     pub hashes: Vec<u64>,
+    /// [`goal_digest`] of what the policy saw before each action, 0 where the recording does not hold it; as many as
+    /// `actions`, or none.
+    #[serde(default)]
+    pub goals: Vec<u32>,
+}
+
+/// Digest of a goal vector, and of which of its two kinds it is: FNV-1a over its bits. Never 0.
+pub fn goal_digest(holding: bool, goal_m: [f32; 3]) -> u32 {
+    let bytes = goal_m.into_iter().flat_map(f32::to_le_bytes).chain([u8::from(holding)]);
+    bytes.fold(0x811C_9DC5_u32, |digest, byte| (digest ^ u32::from(byte)).wrapping_mul(0x0100_0193)).max(1)
 }
 
 /// Every line of the output: the verdict on one episode, in input order.
@@ -61,7 +82,7 @@ pub struct ReplayVerdict {
     pub episode: u32,
     /// States compared, the first one included.
     pub compared: u64,
-    /// First step (0 = the start state) whose hash differs, if any.
+    /// First step (0 = the start state) whose hash differs, or whose goal vector does, if any.
     pub first_difference: Option<u64>,
     /// Images written.
     pub images: u64,

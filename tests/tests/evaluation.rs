@@ -97,6 +97,32 @@ fn figures_are_those_of_the_table() {
     let replay = complete(workshop.orchestrator(&["replay", "out"]));
     good(&replay);
     assert!(replay.stdout.contains("differences: 0"), "{replay:#?}");
+
+    // An episode is called for, and its film called, by its line in the table.
+    let record = &records[3];
+    let (kitchen, episode) = (record.kitchen.to_string(), record.episode.to_string());
+    let film = |episode: &str| {
+        let chosen = ["--kitchen", &kitchen, "--episode", episode];
+        let drawn = ["--images", "films", "--format", "apng", "--side", "64"];
+        complete(workshop.orchestrator(&[&["replay", "out"][..], &chosen, &drawn].concat()))
+    };
+    let filmed = film(&episode);
+    good(&filmed);
+    assert!(filmed.stdout.contains(&format!("episodes: 1\nstates compared: {}", record.length + 1)), "{filmed:#?}");
+    let films: Vec<_> =
+        std::fs::read_dir(workshop.path("films")).unwrap().map(|file| file.unwrap().file_name()).collect();
+    let outcome = match (record.end, record.success) {
+        (proto::evaluation::EpisodeEnd::TimeLimit, _) => "time-limit",
+        (proto::evaluation::EpisodeEnd::Done, false) => "failure",
+        (proto::evaluation::EpisodeEnd::Done, true) if record.disturbance_m < 0.01 => "success-without-disturbance",
+        (proto::evaluation::EpisodeEnd::Done, true) => "success",
+    };
+    let category = record.category.name();
+    let name = format!("kitchen-{:02}-episode-{:03}-{category}-{outcome}.png", record.kitchen.number(), record.episode);
+    assert_eq!(films, [std::ffi::OsString::from(name)]);
+    let last = records.iter().map(|record| record.episode).max().unwrap();
+    let refused = film(&format!("{episode},{}", last + 1));
+    assert!(!refused.success && refused.stderr.contains(&format!("the last is {last}")), "{refused:#?}");
 }
 
 /// `orchestrator eval --json` with these arguments: the result as it is printed, and all that was printed.

@@ -39,6 +39,12 @@ fn a_run_ends_on_its_budget_and_its_recording_holds_every_step() {
     assert!(replay.success, "{replay:#?}");
     assert!(walk(&images).iter().any(|path| path.extension().is_some_and(|end| end == "png")), "{replay:#?}");
 
+    let stills = "kitchen-01-environment-0-episode-000000-";
+    assert!(walk(&images).iter().all(|path| path.to_str().unwrap().contains(stills)), "{replay:#?}");
+
+    let status = complete(workshop.orchestrator(&["status", "run"]));
+    assert!(status.stdout.contains("recordings: 1 file, "), "{status:#?}");
+
     let again = complete(workshop.resume("run"));
     assert_eq!(again.result(), printed.result(), "a complete run only prints its summary again");
 }

@@ -58,6 +58,11 @@ impl Programme {
         }
     }
 
+    /// In an evaluation: the fixed episode that an environment plays as its episode with this number.
+    pub fn fixed(&self, id: EnvironmentId, number: u32) -> Option<u32> {
+        self.fixed.as_ref().and_then(|(plan, _)| plan.fixed(id, number))
+    }
+
     /// Resets an environment to the start of its episode with this number.
     pub fn start(&self, environment: &mut Environment, id: EnvironmentId, number: u32) {
         match &self.planned {

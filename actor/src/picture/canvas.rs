@@ -34,6 +34,12 @@ impl Canvas {
         }
     }
 
+    /// Mixes a colour into one pixel.
+    pub fn blend(&mut self, x: usize, y: usize, colour: Rgb, share: f32) {
+        let pixel = &mut self.pixels[y * self.width + x];
+        *pixel = mix(*pixel, colour, share);
+    }
+
     /// Fills a rectangle; what does not fit is left out.
     pub fn fill(&mut self, x: usize, y: usize, width: usize, height: usize, colour: Rgb) {
         for row in y..(y + height).min(self.height) {
@@ -89,7 +95,8 @@ fn font() -> FontRef<'static> {
     FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).expect("the crate ships a sound font")
 }
 
-fn mix(below: Rgb, above: Rgb, share: f32) -> Rgb {
+/// `share` of one colour over another.
+pub fn mix(below: Rgb, above: Rgb, share: f32) -> Rgb {
     std::array::from_fn(|i| {
         let (below, above) = (f32::from(below[i]), f32::from(above[i]));
         (below + (above - below) * share.clamp(0.0, 1.0)).round() as u8

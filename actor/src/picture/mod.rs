@@ -1,4 +1,4 @@
-//! Pictures of kitchens for people: shaded, labelled, on one sheet.
+//! Pictures of kitchens and of episodes in them for people: shaded, labelled.
 //!
 //! ```text
 //! palette  a colour for each category
@@ -10,18 +10,26 @@
 //! view     the two pictures of a kitchen: floor plan, and what the robot sees
 //! canvas   a picture in memory: text, rectangles, PNG
 //! sheet    all kitchens side by side
+//! outside  from where an episode is seen best
+//! marks    lines over a picture: ring about the target, box about the goal
+//! storyboard   a moment of an episode: depth, the room from outside, words
 //! ```
 //!
 //! None of this is part of the simulator: nothing here is fed back, and nothing but the poses comes from it.
 
 mod camera;
 mod canvas;
+mod marks;
 mod model;
+mod outside;
 pub mod palette;
 mod raster;
 mod shade;
 mod sheet;
 mod sky;
+mod storyboard;
 mod view;
 
+pub use canvas::Canvas;
 pub use sheet::{SheetOptions, Subject, sheet};
+pub use storyboard::{Moment, Storyboard, Task, Words};

@@ -44,6 +44,29 @@ impl Model {
         model
     }
 
+    /// What never moves in a kitchen, without its ceiling.
+    pub fn fixed_of(kitchen: &Kitchen) -> Self {
+        let mut model = Self::default();
+        let fixed = kitchen.static_bodies();
+        for (body, pose) in kitchen.bodies()[fixed.clone()].iter().zip(&kitchen.settled_poses()[fixed]) {
+            if body.category != "Ceiling" {
+                model.add(&body.shape, pose, palette::colour(&body.category), false);
+            }
+        }
+        model
+    }
+
+    /// Adds the kitchen's movable things in these poses; the target, by its place among them, has a colour of its own.
+    /// Returns the target's number among the bodies.
+    pub fn add_things(&mut self, kitchen: &Kitchen, poses: &[Pose3], target: usize, colour: [u8; 3]) -> u32 {
+        let first = self.colours.len();
+        for (index, (body, pose)) in kitchen.bodies()[kitchen.movable_bodies()].iter().zip(poses).enumerate() {
+            let colour = if index == target { colour } else { palette::colour(&body.category) };
+            self.add(&body.shape, pose, colour, true);
+        }
+        (first + target) as u32
+    }
+
     /// Adds the robot's arm in these poses, with the body or without: the head camera sits inside it.
     pub fn add_robot(&mut self, poses: &PartPoses, with_body: bool) {
         for (shape, pose) in part_shapes().iter().zip(poses).skip(usize::from(!with_body)) {

@@ -30,11 +30,23 @@ const CREASE: f32 = 0.72;
 /// Faces whose normals' cosine is below this meet in an edge.
 const CREASE_COSINE: f32 = 0.87;
 
+/// Light on an upright surface that is not looked up, as a share of that on a floor.
+const SIDE_LIGHT: f32 = 0.55;
+/// Surfaces of one body that are this near to each other are the same, metres.
+const SAME_SURFACE_M: f32 = 0.004;
+
 /// A picture before light falls on it.
 pub struct Exposure {
     width: usize,
     height: usize,
     samples: Vec<Sample>,
+}
+
+/// The model's colours as linear light: worked out once, not for every sample.
+struct Inks {
+    bodies: Vec<[f32; 3]>,
+    sections: Vec<[f32; 3]>,
+    background: [f32; 3],
 }
 
 /// What one sample shows.
@@ -56,13 +68,42 @@ impl Exposure {
     pub fn take(model: &Model, camera: &Camera, width: usize, height: usize, background: Rgb) -> Self {
         let (columns, rows) = (width * SAMPLES, height * SAMPLES);
         let raster = Raster::draw(camera, columns, rows, (0..).zip(cut(model, camera)));
-        let samples = (0..columns * rows).map(|index| sample(model, camera, &raster, index, background)).collect();
+        let linear_of = |colours: &[Rgb]| colours.iter().map(|colour| colour.map(linear)).collect();
+        let inks = Inks {
+            bodies: linear_of(&model.colours),
+            sections: linear_of(&model.sections),
+            background: background.map(linear),
+        };
+        let samples = (0..columns * rows).map(|index| sample(model, camera, &raster, index, &inks)).collect();
         Self { width, height, samples }
     }
 
     /// The points that wait for light, in order.
     pub fn waiting(&self) -> impl Iterator<Item = Lit> + '_ {
         self.samples.iter().filter_map(|sample| sample.lit.map(|point| Lit { point, normal: sample.normal }))
+    }
+
+    /// What falls onto each waiting point, in order: as in an earlier picture by the same camera where that shows the
+    /// same surface, else by the surface's slope alone. The soft light of a whole picture takes a second; this takes
+    /// none, and what moves is small.
+    pub fn light_as_in<'a>(&'a self, earlier: &'a Self, light: &'a [f32]) -> impl Iterator<Item = f32> + 'a {
+        let mut known = light.iter();
+        self.samples.iter().zip(&earlier.samples).filter_map(move |(here, before)| {
+            let before_light = if before.lit.is_some() { known.next().copied() } else { None };
+            here.lit?;
+            let same = here.body == before.body && (here.depth_m - before.depth_m).abs() < SAME_SURFACE_M;
+            let slope_light = SIDE_LIGHT + (1.0 - SIDE_LIGHT) * here.normal.y.max(0.0);
+            Some(before_light.filter(|_| same).unwrap_or(slope_light))
+        })
+    }
+
+    /// Depth of what is shown at the middle of each pixel, metres; where nothing is shown, far beyond everything.
+    pub fn depths_m(&self) -> Vec<f32> {
+        let middle =
+            |x: usize, y: usize| (y * SAMPLES + SAMPLES / 2) * self.width * SAMPLES + x * SAMPLES + SAMPLES / 2;
+        (0..self.width * self.height)
+            .map(|index| self.samples[middle(index % self.width, index / self.width)].depth_m)
+            .collect()
     }
 
     /// The picture; `light` yields what falls onto each of the waiting points, in order.
@@ -111,12 +152,12 @@ fn cut<'a>(model: &'a Model, camera: &'a Camera) -> impl Iterator<Item = [Vec3; 
     })
 }
 
-fn sample(model: &Model, camera: &Camera, raster: &Raster, index: usize, background: Rgb) -> Sample {
+fn sample(model: &Model, camera: &Camera, raster: &Raster, index: usize, inks: &Inks) -> Sample {
     let number = raster.triangle[index];
     let nothing =
         Sample { colour: [0.0; 3], body: NOTHING, normal: Vec3::ZERO, depth_m: f32::MAX, lit: None, facing: 1.0 };
     if number == NOTHING {
-        return Sample { colour: background.map(linear), ..nothing };
+        return Sample { colour: inks.background, ..nothing };
     }
     let triangle = &model.triangles[number as usize];
     let body = triangle.body;
@@ -129,11 +170,11 @@ fn sample(model: &Model, camera: &Camera, raster: &Raster, index: usize, backgro
     let facing = -(camera.camera_from_world.rotation * triangle.normal).dot(camera.ray(in_camera));
     if facing < 0.0 {
         // The inner side of a solid: a section cuts it here. Filled flat, as in a floor plan.
-        let colour = model.sections[body as usize].map(linear);
+        let colour = inks.sections[body as usize];
         return Sample { colour, body, depth_m: camera.near_m, ..nothing };
     }
     Sample {
-        colour: model.colours[body as usize].map(linear),
+        colour: inks.bodies[body as usize],
         body,
         normal: triangle.normal,
         depth_m: in_camera.z,

@@ -1,118 +1,174 @@
-//! Depth frames as PNG files: 16-bit stills, or one animated picture an episode.
+//! Pictures as files: a folder of depth stills, an animated PNG, or a film that `ffmpeg` encodes.
 
-use anyhow::{Context, Result};
-use proto::replay::{ImageFormat, RecordedEpisode, ReplayImages};
+use crate::picture::{Canvas, Storyboard};
+use anyhow::{Context, Result, ensure};
+use proto::replay::{Ffmpeg, ImageFormat, ReplayImages};
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
 
-/// Depth that is drawn black in an animated picture, millimetres.
-const BLACK_MM: u32 = 5_000;
-/// Frames a second of an animated picture.
-const FRAMES_PER_SECOND: u16 = 10;
+/// Moments a second.
+const MOMENTS_PER_SECOND: u16 = 5;
+/// How much longer the last moment is shown: its caption says how the episode ended.
+const LAST_MOMENT_FACTOR: u16 = 10;
 
 /// Where the pictures of one episode go.
-pub struct Pictures {
-    side: usize,
-    depth_mm: Vec<u16>,
-    bytes: Vec<u8>,
-    kept: u64,
-    sink: Sink,
+pub struct Sink {
+    total: usize,
+    kept: usize,
+    kind: Kind,
 }
 
-enum Sink {
+enum Kind {
     /// A folder of stills.
     Stills(PathBuf),
-    /// A file, open until all frames are there.
-    Animation(PathBuf, png::Writer<BufWriter<File>>),
+    /// A file, open until all pictures are there, and the picture before.
+    Animation(PathBuf, png::Writer<BufWriter<File>>, Option<Canvas>),
+    /// A process that encodes, and the file it writes.
+    Film(PathBuf, Encoder),
 }
 
-/// A frame to be rendered into.
-pub struct Frame<'a> {
-    /// Width and height, pixels.
-    pub side: usize,
-    /// Row-major from the top left, millimetres.
-    pub depth_mm: &'a mut [u16],
-}
-
-impl Pictures {
-    /// Makes the folder, and the file if there is to be one.
-    pub fn begin(images: &ReplayImages, recorded: &RecordedEpisode) -> Result<Self> {
-        let id = recorded.environment;
-        let name =
-            format!("kitchen-{:02}-environment-{}-episode-{:06}", id.kitchen.number(), id.number, recorded.episode);
-        let path = Path::new(&images.folder).join(name);
-        let sink = match images.format {
-            ImageFormat::Png => {
-                std::fs::create_dir_all(&path).with_context(|| format!("cannot make folder {}", path.display()))?;
-                Sink::Stills(path)
-            }
-            ImageFormat::Video => {
-                std::fs::create_dir_all(&images.folder)
-                    .with_context(|| format!("cannot make folder {}", images.folder))?;
-                let path = path.with_extension("png");
-                let mut encoder = encoder(&path, images.side, png::BitDepth::Eight)?;
-                let frames = recorded.actions.len() as u32 + 1;
+impl Sink {
+    /// Makes the folder, and the file if there is to be one, for `total` pictures.
+    pub fn create(images: &ReplayImages, folder: &Path, name: &str, total: usize) -> Result<Self> {
+        let stills = folder.join(name);
+        let made = if images.format == ImageFormat::Png { stills.as_path() } else { folder };
+        std::fs::create_dir_all(made).with_context(|| format!("cannot make folder {}", made.display()))?;
+        let (width, height) = Storyboard::size(images.side as usize);
+        let kind = match &images.format {
+            ImageFormat::Png => Kind::Stills(stills),
+            ImageFormat::Apng => {
+                let path = folder.join(format!("{name}.png"));
+                let mut encoder = png_file(&path, width, height, png::ColorType::Rgba, png::BitDepth::Eight)?;
                 encoder
-                    .set_animated(frames, 0)
-                    .and_then(|()| encoder.set_frame_delay(1, FRAMES_PER_SECOND))
+                    .set_animated(total as u32, 0)
+                    .and_then(|()| encoder.set_frame_delay(1, MOMENTS_PER_SECOND))
+                    // A pixel that is the same as in the picture before is left transparent: that packs well.
+                    .and_then(|()| encoder.set_blend_op(png::BlendOp::Over))
                     .context("cannot animate")?;
                 let writer = encoder.write_header().with_context(|| format!("cannot write {}", path.display()))?;
-                Sink::Animation(path, writer)
+                Kind::Animation(path, writer, None)
+            }
+            ImageFormat::Mp4(ffmpeg) => {
+                let path = folder.join(format!("{name}.mp4"));
+                let encoder = Encoder::start(ffmpeg, &path, width, height)?;
+                Kind::Film(path, encoder)
             }
         };
-        let side = images.side as usize;
-        Ok(Self { side, depth_mm: vec![0; side * side], bytes: Vec::new(), kept: 0, sink })
+        Ok(Self { total, kept: 0, kind })
     }
 
-    /// The frame to render into next.
-    pub fn frame(&mut self) -> Frame<'_> {
-        Frame { side: self.side, depth_mm: &mut self.depth_mm }
+    /// Writes a depth frame, row-major, millimetres: a still.
+    pub fn depth(&mut self, side: usize, depth_mm: &[u16]) -> Result<()> {
+        let Kind::Stills(folder) = &self.kind else { return Ok(()) };
+        let path = folder.join(format!("step-{:03}.png", self.kept));
+        let failed = || format!("cannot write {}", path.display());
+        let bytes: Vec<u8> = depth_mm.iter().flat_map(|depth| depth.to_be_bytes()).collect();
+        let encoder = png_file(&path, side, side, png::ColorType::Grayscale, png::BitDepth::Sixteen)?;
+        let mut writer = encoder.write_header().with_context(failed)?;
+        writer.write_image_data(&bytes).and_then(|()| writer.finish()).with_context(failed)?;
+        self.kept += 1;
+        Ok(())
     }
 
-    /// Writes the frame that was rendered.
-    pub fn keep(&mut self) -> Result<()> {
-        self.bytes.clear();
-        match &mut self.sink {
-            Sink::Stills(folder) => {
-                self.bytes.extend(self.depth_mm.iter().flat_map(|depth| depth.to_be_bytes()));
-                let path = folder.join(format!("step-{:03}.png", self.kept));
+    /// Writes the picture of a moment.
+    pub fn moment(&mut self, canvas: &Canvas) -> Result<()> {
+        let last = self.kept + 1 == self.total;
+        match &mut self.kind {
+            Kind::Stills(_) => return Ok(()),
+            Kind::Animation(path, writer, before) => {
                 let failed = || format!("cannot write {}", path.display());
-                let mut writer =
-                    encoder(&path, self.side as u32, png::BitDepth::Sixteen)?.write_header().with_context(failed)?;
-                writer.write_image_data(&self.bytes).with_context(failed)?;
-                writer.finish().with_context(failed)?;
+                if last {
+                    writer.set_frame_delay(LAST_MOMENT_FACTOR, MOMENTS_PER_SECOND).with_context(failed)?;
+                }
+                writer.write_image_data(&changes(canvas, before.as_ref())).with_context(failed)?;
+                *before = Some(canvas.clone());
             }
-            Sink::Animation(path, writer) => {
-                self.bytes.extend(self.depth_mm.iter().map(|&depth| brightness(depth)));
-                writer.write_image_data(&self.bytes).with_context(|| format!("cannot write {}", path.display()))?;
+            Kind::Film(_, encoder) => {
+                for _ in 0..if last { LAST_MOMENT_FACTOR } else { 1 } {
+                    encoder.write(canvas.pixels.as_flattened())?;
+                }
             }
         }
         self.kept += 1;
         Ok(())
     }
 
-    /// Completes the file; returns the number of frames.
+    /// Completes the file; returns the number of pictures.
     pub fn finish(self) -> Result<u64> {
-        if let Sink::Animation(path, writer) = self.sink {
-            writer.finish().with_context(|| format!("cannot complete {}", path.display()))?;
+        match self.kind {
+            Kind::Stills(_) => {}
+            Kind::Animation(path, writer, _) => {
+                writer.finish().with_context(|| format!("cannot complete {}", path.display()))?;
+            }
+            Kind::Film(path, encoder) => encoder.finish(&path)?,
         }
-        Ok(self.kept)
+        Ok(self.kept as u64)
     }
 }
 
-/// Near is bright; nothing, and everything far, is black.
-fn brightness(depth_mm: u16) -> u8 {
-    match u32::from(depth_mm) {
-        0 => 0,
-        depth => (255 * BLACK_MM.saturating_sub(depth) / BLACK_MM) as u8,
+/// The picture as RGBA; what is as in the one before is transparent.
+fn changes(canvas: &Canvas, before: Option<&Canvas>) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(canvas.pixels.len() * 4);
+    for (index, &[r, g, b]) in canvas.pixels.iter().enumerate() {
+        let same = before.is_some_and(|before| before.pixels[index] == [r, g, b]);
+        bytes.extend(if same { [0; 4] } else { [r, g, b, 255] });
+    }
+    bytes
+}
+
+/// An `ffmpeg` that takes pictures on its standard input.
+struct Encoder {
+    child: Child,
+}
+
+impl Encoder {
+    fn start(ffmpeg: &Ffmpeg, path: &Path, width: usize, height: usize) -> Result<Self> {
+        let (size, rate) = (format!("{width}x{height}"), MOMENTS_PER_SECOND.to_string());
+        let child = Command::new(&ffmpeg.program)
+            .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", &size, "-r", &rate])
+            .args(["-i", "-", "-c:v", &ffmpeg.encoder, "-pix_fmt", "yuv420p", "-movflags", "+faststart"])
+            .arg(path)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .spawn()
+            .with_context(|| format!("cannot start {}", ffmpeg.program))?;
+        Ok(Self { child })
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        let input = self.child.stdin.as_mut().context("ffmpeg has no standard input")?;
+        input.write_all(bytes).context("ffmpeg takes no more pictures; its last words are above")
+    }
+
+    fn finish(mut self, path: &Path) -> Result<()> {
+        // The end of its input.
+        drop(self.child.stdin.take());
+        let status = self.child.wait().context("cannot wait for ffmpeg")?;
+        ensure!(status.success(), "ffmpeg did not write {}: {status}; its last words are above", path.display());
+        Ok(())
     }
 }
 
-fn encoder(path: &Path, side: u32, depth: png::BitDepth) -> Result<png::Encoder<'static, BufWriter<File>>> {
+impl Drop for Encoder {
+    fn drop(&mut self) {
+        // After a failure; a process that has ended is left alone.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn png_file(
+    path: &Path,
+    width: usize,
+    height: usize,
+    colour: png::ColorType,
+    depth: png::BitDepth,
+) -> Result<png::Encoder<'static, BufWriter<File>>> {
     let file = File::create(path).with_context(|| format!("cannot create {}", path.display()))?;
-    let mut encoder = png::Encoder::new(BufWriter::new(file), side, side);
-    encoder.set_color(png::ColorType::Grayscale);
+    let mut encoder = png::Encoder::new(BufWriter::new(file), width as u32, height as u32);
+    encoder.set_color(colour);
     encoder.set_depth(depth);
     Ok(encoder)
 }
@@ -120,33 +176,24 @@ fn encoder(path: &Path, side: u32, depth: png::BitDepth) -> Result<png::Encoder<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proto::episode::EnvironmentId;
-    use proto::kitchen::KitchenId;
-
-    fn episode(actions: usize) -> RecordedEpisode {
-        RecordedEpisode {
-            environment: EnvironmentId { kitchen: KitchenId::new(3).unwrap(), number: 1 },
-            episode: 4,
-            start_hash: None,
-            actions: vec![0; actions],
-            hashes: vec![0; actions],
-        }
-    }
 
     fn images(folder: &Path, format: ImageFormat) -> ReplayImages {
-        ReplayImages { folder: folder.join("new").display().to_string(), format, side: 3 }
+        ReplayImages { folder: folder.join("new").display().to_string(), format, side: 40 }
+    }
+
+    fn decoder(path: &Path) -> png::Reader<std::io::BufReader<File>> {
+        png::Decoder::new(std::io::BufReader::new(File::open(path).unwrap())).read_info().unwrap()
     }
 
     #[test]
     fn a_still_holds_the_millimetres() {
         let folder = tempfile::tempdir().unwrap();
-        let mut pictures = Pictures::begin(&images(folder.path(), ImageFormat::Png), &episode(0)).unwrap();
+        let new = folder.path().join("new");
+        let mut sink = Sink::create(&images(folder.path(), ImageFormat::Png), &new, "episode", 1).unwrap();
         let depths = [0u16, 1, 255, 256, 1000, 2000, 3000, 30000, 32766];
-        pictures.frame().depth_mm.copy_from_slice(&depths);
-        pictures.keep().unwrap();
-        assert_eq!(pictures.finish().unwrap(), 1);
-        let path = folder.path().join("new/kitchen-03-environment-1-episode-000004/step-000.png");
-        let mut reader = png::Decoder::new(std::io::BufReader::new(File::open(path).unwrap())).read_info().unwrap();
+        sink.depth(3, &depths).unwrap();
+        assert_eq!(sink.finish().unwrap(), 1);
+        let mut reader = decoder(&new.join("episode/step-000.png"));
         let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
         let info = reader.next_frame(&mut bytes).unwrap();
         assert_eq!((info.width, info.height, info.bit_depth), (3, 3, png::BitDepth::Sixteen));
@@ -155,21 +202,36 @@ mod tests {
     }
 
     #[test]
-    fn an_animation_holds_every_frame() {
+    fn an_animation_holds_every_picture_and_of_each_what_has_changed() {
         let folder = tempfile::tempdir().unwrap();
-        let mut pictures = Pictures::begin(&images(folder.path(), ImageFormat::Video), &episode(2)).unwrap();
-        for depth in [0u16, 100, 6000] {
-            pictures.frame().depth_mm.fill(depth);
-            pictures.keep().unwrap();
+        let new = folder.path().join("new");
+        let mut sink = Sink::create(&images(folder.path(), ImageFormat::Apng), &new, "episode", 3).unwrap();
+        let (width, height) = Storyboard::size(40);
+        let mut canvas = Canvas::new(width, height, [9, 9, 9]);
+        for index in 0..3 {
+            canvas.pixels[index] = [200, 0, 0];
+            sink.moment(&canvas).unwrap();
         }
-        assert_eq!(pictures.finish().unwrap(), 3);
-        let path = folder.path().join("new/kitchen-03-environment-1-episode-000004.png");
-        let mut reader = png::Decoder::new(std::io::BufReader::new(File::open(path).unwrap())).read_info().unwrap();
+        assert_eq!(sink.finish().unwrap(), 3);
+        let mut reader = decoder(&new.join("episode.png"));
         assert_eq!(reader.info().animation_control().unwrap().num_frames, 3);
         let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
-        for expected in [0, 249, 0] {
+        for (frame, opaque) in [(0, width * height), (1, 1), (2, 1)] {
             reader.next_frame(&mut bytes).unwrap();
-            assert!(bytes.iter().all(|&byte| byte == expected), "{bytes:?}");
+            assert_eq!(bytes.chunks_exact(4).filter(|pixel| pixel[3] == 255).count(), opaque, "frame {frame}");
+            assert_eq!(bytes[4 * frame..4 * frame + 4], [200, 0, 0, 255]);
         }
+    }
+
+    #[test]
+    fn an_encoder_that_cannot_be_started_or_fails_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let film = |program: &str| {
+            let ffmpeg = Ffmpeg { program: program.to_owned(), encoder: "libx264".to_owned() };
+            let images = images(folder.path(), ImageFormat::Mp4(ffmpeg));
+            Sink::create(&images, &folder.path().join("new"), "episode", 1).and_then(Sink::finish)
+        };
+        assert!(film("/no/ffmpeg").unwrap_err().to_string().contains("cannot start /no/ffmpeg"));
+        assert!(film("false").unwrap_err().to_string().contains("ffmpeg did not write"));
     }
 }

@@ -3,39 +3,50 @@
 //! What is to be compared comes from [`crate::recording::episodes`]; how, is in [`crate::recording::simulate`].
 
 use crate::format::counted;
-use crate::recording::episodes::{Recorded, Wanted, gather};
-use crate::recording::files_at;
+use crate::recording::episodes::{Recorded, gather};
+use crate::recording::reader::RecordingError;
 use crate::recording::simulate::simulate;
+use crate::recording::wanted::Wanted;
+use crate::recording::{ffmpeg, files_at};
 use crate::terminal;
 use anyhow::{Context, Result, bail, ensure};
+use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::replay::{ImageFormat, ReplayImages, ReplaySetup};
 use proto::run_folder::RunFolder;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Simulate recorded episodes again: compare every state, draw depth images if asked.
+/// Simulate recorded episodes again: compare every state, draw pictures if asked.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  orchestrator replay runs/RUN                                     # every recorded episode, every state
+  orchestrator replay runs/RUN --environment 3/0 --episode 12,40 --images films --format video
+  orchestrator replay EVALUATION --kitchen 26 --episode 2,7 --images films --format video   # numbers of episodes.csv")]
 pub struct ReplayArgs {
-    /// Recordings (.mcap), or a run folder: all its recordings.
+    /// Recordings (.mcap), or the folder of a run or an evaluation: all its recordings.
     #[arg(required = true, value_name = "FILE|RUN")]
     paths: Vec<PathBuf>,
-    /// Write depth images into this folder.
+    /// Write pictures into this folder; their names say kitchen, episode, target and outcome.
     #[arg(long, value_name = "DIR")]
     images: Option<PathBuf>,
-    /// png: a 16-bit picture (millimetres) a frame; video: an animated PNG an episode, near is bright.
+    /// png: depth alone, a 16-bit picture (millimetres) a frame; video: one film an episode, depth and the room with
+    /// target and goal marked, as mp4 if there is an ffmpeg on the PATH, else as apng (an animated PNG).
     #[arg(long, default_value = "png", requires = "images")]
     format: Format,
-    /// Width and height of the images in pixels.
-    #[arg(long, default_value_t = 224, value_parser = clap::value_parser!(u32).range(8..=4096), requires = "images")]
-    side: u32,
+    /// Width and height of a png, or of each of a film's two views, in pixels [default: 224; films 448].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(8..=4096), requires = "images")]
+    side: Option<u32>,
+    /// Only this kitchen.
+    #[arg(long, value_name = "K", value_parser = kitchen)]
+    kitchen: Option<KitchenId>,
     /// Only this environment: kitchen number and environment number within the kitchen.
     #[arg(long, value_name = "K/N")]
     environment: Option<EnvironmentChoice>,
-    /// Only episodes of this number.
-    #[arg(long, value_name = "I")]
-    episode: Option<u32>,
+    /// Only episodes of these numbers: within their environment, in an evaluation those of episodes.csv.
+    #[arg(long, value_name = "I,...", value_delimiter = ',')]
+    episode: Vec<u32>,
     /// At most this many episodes.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     limit: Option<u64>,
@@ -45,17 +56,47 @@ pub struct ReplayArgs {
 enum Format {
     Png,
     Video,
+    Mp4,
+    Apng,
+}
+
+impl Format {
+    fn image_format(self) -> Result<ImageFormat> {
+        match (self, if matches!(self, Self::Video | Self::Mp4) { ffmpeg::find() } else { None }) {
+            (Self::Png, _) => Ok(ImageFormat::Png),
+            (Self::Apng, _) => Ok(ImageFormat::Apng),
+            (_, Some(ffmpeg)) => Ok(ImageFormat::Mp4(ffmpeg)),
+            (Self::Video, None) => {
+                terminal::note(
+                    "films are animated PNGs, which browsers play: for MP4, install an ffmpeg with libx264 on the PATH",
+                );
+                Ok(ImageFormat::Apng)
+            }
+            (Self::Mp4, None) => {
+                bail!("there is no ffmpeg with libx264 on the PATH: install one, or use --format apng")
+            }
+        }
+    }
+
+    fn side(self) -> u32 {
+        if matches!(self, Self::Png) { 224 } else { 448 }
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
 struct EnvironmentChoice(EnvironmentId);
 
+fn kitchen(text: &str) -> Result<KitchenId, String> {
+    let number = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
+    KitchenId::new(number).map_err(|error| error.to_string())
+}
+
 impl FromStr for EnvironmentChoice {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || format!("`{text}` is not an environment (expected e.g. 1/0: kitchen 1, environment 0)");
-        let (kitchen, number) = text.split_once('/').ok_or_else(wrong)?;
-        let kitchen = KitchenId::new(kitchen.parse().map_err(|_| wrong())?).map_err(|error| error.to_string())?;
+        let (number_of_kitchen, number) = text.split_once('/').ok_or_else(wrong)?;
+        let kitchen = kitchen(number_of_kitchen).map_err(|error| format!("{error}; {}", wrong()))?;
         Ok(Self(EnvironmentId { kitchen, number: number.parse().map_err(|_| wrong())? }))
     }
 }
@@ -64,13 +105,18 @@ impl FromStr for EnvironmentChoice {
 pub fn run(args: &ReplayArgs) -> Result<()> {
     let mut files = Vec::new();
     for path in &args.paths {
-        files.extend(files_at(path)?);
+        files.extend(recordings_at(path)?);
     }
-    let wanted = Wanted { environment: args.environment.map(|choice| choice.0), episode: args.episode };
-    let Recorded { config, mut episodes, headless, broken, steps, complaints } = gather(&files, wanted)?;
+    let wanted = Wanted {
+        kitchen: args.kitchen,
+        environment: args.environment.map(|choice| choice.0),
+        episodes: args.episode.clone(),
+    };
+    let Recorded { config, mut episodes, headless, broken, known, steps, complaints } = gather(&files, wanted.clone())?;
     for complaint in complaints {
         tracing::warn!("{complaint}");
     }
+    wanted.check(&known)?;
     if headless > 0 {
         tracing::warn!("left out, because begun before these recordings: {}", counted(headless, "episode"));
     }
@@ -82,7 +128,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     }
     ensure!(
         !episodes.is_empty(),
-        "there is no such episode in {} with {steps} steps",
+        "no episode from its first step on in {} with {steps} steps",
         if files.len() == 1 { files[0].display().to_string() } else { format!("{} recordings", files.len()) }
     );
 
@@ -92,11 +138,8 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         let folder = std::path::absolute(folder)?;
         Ok(ReplayImages {
             folder: folder.to_str().context("the folder of images has a name that is not text")?.to_owned(),
-            format: match args.format {
-                Format::Png => ImageFormat::Png,
-                Format::Video => ImageFormat::Video,
-            },
-            side: args.side,
+            format: args.format.image_format()?,
+            side: args.side.unwrap_or_else(|| args.format.side()),
         })
     });
     let run = files.first().and_then(|file| RunFolder::of_recording(file));
@@ -119,6 +162,17 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     }
 }
 
+/// The recordings of a path; an evaluation that has none is told how to get them.
+fn recordings_at(path: &Path) -> Result<Vec<PathBuf>> {
+    let files = files_at(path);
+    if let Err(RecordingError::NoRecordings(_)) = &files
+        && Config::of_run(&RunFolder::new(path)).is_ok_and(|config| config.evaluation.is_some())
+    {
+        bail!("{} is an evaluation without recordings: make it again with `--record all`", path.display());
+    }
+    Ok(files?)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,6 +182,7 @@ mod tests {
         let EnvironmentChoice(id) = "13/2".parse().unwrap();
         assert_eq!((id.kitchen.number(), id.number), (13, 2));
         assert!("28/0".parse::<EnvironmentChoice>().unwrap_err().contains("no kitchen 28"));
+        assert!("x/0".parse::<EnvironmentChoice>().unwrap_err().contains("expected e.g. 1/0"));
         assert!("3".parse::<EnvironmentChoice>().unwrap_err().contains("expected e.g. 1/0"));
     }
 }

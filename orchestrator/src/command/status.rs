@@ -7,6 +7,7 @@ use crate::format;
 use crate::identity::{Held, Identity, Incarnation, holder, state};
 use crate::metrics::History;
 use crate::progress::{figures_line, frames_line};
+use crate::recording::Recordings;
 use crate::suite;
 use crate::summary::{Summary, table};
 use crate::terminal;
@@ -38,6 +39,7 @@ struct Status {
     preset: String,
     seed: u64,
     incarnations: Vec<Incarnation>,
+    recordings: Option<Recordings>,
     #[serde(flatten)]
     work: Work,
 }
@@ -121,6 +123,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         preset: config.preset.clone(),
         seed: config.seed,
         incarnations: identity.incarnations,
+        recordings: Recordings::of(&folder),
         work,
     };
     if args.json {
@@ -131,7 +134,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         Held::By(holder) => format!(" (pid {} on {})", holder.pid, holder.host),
         Held::Free | Held::Unsigned => String::new(),
     };
-    let Status { id, state, preset, seed, incarnations, work } = status;
+    let Status { id, state, preset, seed, incarnations, recordings, work } = status;
     terminal::out(&format!("{} {id} {state}{by}: preset {preset}, seed {seed}", work.name()));
     if let Some(last) = incarnations.last() {
         terminal::out(&format!("start {} at {}", last.number, format::date(last.started_unix_s)));
@@ -141,6 +144,9 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     }
     for line in work.lines(&config, held != Held::Free) {
         terminal::out(&line);
+    }
+    if let Some(recordings) = recordings {
+        terminal::out(&recordings.line());
     }
     // An evaluation is not gone on with.
     if held == Held::Free && !work.is_complete() && matches!(work, Work::Training { .. }) {

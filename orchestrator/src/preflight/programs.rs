@@ -16,6 +16,11 @@ pub fn find(name: &str) -> Result<PathBuf> {
     bail!("the program `{name}` is neither{place} on the PATH; `make build` compiles it")
 }
 
+/// The first executable called `name` on the PATH.
+pub fn on_path(name: &str) -> Option<PathBuf> {
+    find_in(name, std::env::split_paths(&std::env::var_os("PATH").unwrap_or_default()))
+}
+
 fn find_in(name: &str, folders: impl Iterator<Item = PathBuf>) -> Option<PathBuf> {
     folders.map(|folder| folder.join(name)).find(|path| is_program(path))
 }

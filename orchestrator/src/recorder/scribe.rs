@@ -3,12 +3,14 @@
 use crate::recorder::camera::{self, FrameNames};
 use crate::recorder::segment::{SegmentError, Segments, Topic};
 use crate::schema::foxglove::{FrameTransforms, Log, RawImage, log};
-use crate::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, StageSwitch, Step, Validation};
+use crate::schema::stillroom::step::Goal;
+use crate::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVector, StageSwitch, Step, Validation};
 use prost::Message;
 use prost_types::Timestamp;
 use proto::config::Config;
 use proto::control::{Timing, metric};
 use proto::episode::EnvironmentId;
+use proto::evaluation::Plan;
 use proto::message::{
     Current, FRAME_SIDE, Halves, Observation, ObservationHeader, Transition, current_flag, transition_flag,
 };
@@ -56,6 +58,8 @@ pub struct Scribe {
     incarnation: u32,
     lambda_disturb: f32,
     failures_only: bool,
+    /// Which fixed episodes are played, in an evaluation.
+    plan: Option<Plan>,
     counts: Counts,
     frames_before: Option<u64>,
     /// Reused for every message.
@@ -83,6 +87,8 @@ struct Environment {
     calibration: Topic,
     /// Observation that was last described, so that one that comes back after a HOLD is not described again.
     described: Option<(u32, u32, u32)>,
+    /// What the goal sensor reads in that observation.
+    goal: Option<Goal>,
     /// Transition that was last accounted for: learner incarnation, episode, step. An actor that is restarted during a
     /// HOLD knows nothing of the HOLD and sends the action before it again, as the next exchange.
     taken: Option<(u32, u32, u32)>,
@@ -136,6 +142,7 @@ impl Scribe {
                     depth,
                     calibration,
                     described: None,
+                    goal: None,
                     taken: None,
                     returns: None,
                     held: Vec::new(),
@@ -157,6 +164,7 @@ impl Scribe {
             incarnation,
             lambda_disturb: config.reward.lambda_disturb,
             failures_only: config.recording.failures_only,
+            plan: config.evaluation_plan(),
             counts: Counts::default(),
             frames_before: None,
             buffer: Vec::new(),
@@ -194,6 +202,7 @@ impl Scribe {
                 continue;
             }
             self.environments[environment].described = described;
+            self.environments[environment].goal = Some(goal_of(current));
             if current.flags & current_flag::EPISODE_START != 0 {
                 self.episode_start(time_ns, header, environment, current)?;
             }
@@ -294,6 +303,9 @@ impl Scribe {
         let reward_r_prime = transition.reward.compose(RewardKind::DisturbanceFree, self.lambda_disturb);
         let known = &mut self.environments[environment];
         known.add_rewards(header.learner_incarnation, transition, reward_r, reward_r_prime);
+        // The action was chosen from the observation that was described last.
+        let chosen_from = Some((header.learner_incarnation, transition.episode, transition.step));
+        let goal = if known.described == chosen_from { known.goal } else { None };
         let message = Step {
             kitchen: known.id.kitchen.number().into(),
             environment: known.id.number,
@@ -326,6 +338,8 @@ impl Scribe {
             disturbed_objects: transition.disturbed_objects,
             wrist_object_m: transition.wrist_object_m,
             object_goal_m: transition.object_goal_m,
+            fixed_episode: fixed(self.plan.as_ref(), known.id, transition.episode),
+            goal,
         };
         self.write_of(environment, self.topics.step, time_ns, &message)
     }
@@ -349,6 +363,7 @@ impl Scribe {
             depth_recorded: current.flags & current_flag::RECORD_DEPTH != 0,
             wrist_object_m: length_m(current.wrist_to_object_m),
             object_goal_m: length_m(current.object_to_goal_m),
+            fixed_episode: fixed(self.plan.as_ref(), id, current.episode),
         };
         // What is still held is of an episode that will never end: a learner or an actor has come back.
         self.environments[environment].held.clear();
@@ -385,6 +400,7 @@ impl Scribe {
             object_goal_m: transition.object_goal_m,
             return_r: returns.as_ref().map(|returns| returns.r),
             return_r_prime: returns.as_ref().map(|returns| returns.r_prime),
+            fixed_episode: fixed(self.plan.as_ref(), known.id, transition.episode),
         };
         self.write_of(environment, self.topics.episode_end, time_ns, &message)?;
         self.release(environment, message.success)
@@ -473,6 +489,21 @@ impl Environment {
 /// A wall-clock time as protobuf writes it.
 pub fn timestamp(time_ns: u64) -> Timestamp {
     Timestamp { seconds: (time_ns / 1_000_000_000) as i64, nanos: (time_ns % 1_000_000_000) as i32 }
+}
+
+/// What the goal sensor reads, and which of its two readings that is.
+fn goal_of(current: &Current) -> Goal {
+    let vector = |[x, y, z]: [f32; 3]| RobotVector { x, y, z };
+    if current.flags & current_flag::HOLDING != 0 {
+        Goal::ObjectToGoalM(vector(current.object_to_goal_m))
+    } else {
+        Goal::WristToObjectM(vector(current.wrist_to_object_m))
+    }
+}
+
+/// The fixed episode that an environment's episode is, in an evaluation.
+fn fixed(plan: Option<&Plan>, environment: EnvironmentId, episode: u32) -> Option<u32> {
+    plan.and_then(|plan| plan.fixed(environment, episode))
 }
 
 fn length_m([x, y, z]: [f32; 3]) -> f32 {

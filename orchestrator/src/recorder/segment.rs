@@ -1,9 +1,12 @@
 //! MCAP files on disk: one segment after another, each complete in itself.
 //!
 //! A segment begins with the run's configuration and identity, so that any one file can be replayed alone. Chunks go
-//! to disk whole ([`WriteOptions::disable_seeking`]) and at least each second, so that a killed recorder leaves a
-//! file that is good up to its last chunk. One segment is one file and never appended to.
+//! to disk whole ([`WriteOptions::disable_seeking`]) and at least each second, with an index and an end mark after
+//! them ([`LiveFile`]), so that every reader can open the file while it grows, and after the recorder was killed. One
+//! segment is one file and never appended to.
 
+use super::index::Index;
+use super::live::LiveFile;
 use crate::schema::{PROTOBUF, descriptor_of};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
@@ -11,10 +14,9 @@ use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use std::borrow::Cow;
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -40,6 +42,10 @@ pub mod identity {
 
 /// Target size of a chunk before compression, bytes.
 const CHUNK_BYTES: u64 = 1 << 20;
+/// Data that is held in memory at most, bytes; what comes between two flushes is seldom so much.
+const PENDING_BYTES_MAX: u64 = 8 << 20;
+/// Chunks of a segment at most: its index is written again with each flush. With one a second half an hour.
+const CHUNKS_MAX: u32 = 2048;
 
 /// A recording that could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -93,10 +99,14 @@ pub struct Segments {
     folder: RunFolder,
     preamble: Preamble,
     topics: Vec<TopicEntry>,
-    open: Option<Writer<CountedFile>>,
+    open: Option<Writer<LiveFile>>,
     files: Vec<PathBuf>,
     finished_bytes: u64,
     open_bytes: Rc<Cell<u64>>,
+    /// Bytes of the open segment when it was flushed last.
+    flushed_bytes: u64,
+    /// Of the open segment.
+    index: Rc<RefCell<Index>>,
 }
 
 impl Segments {
@@ -112,6 +122,8 @@ impl Segments {
             files: Vec::new(),
             finished_bytes: 0,
             open_bytes: Rc::default(),
+            flushed_bytes: 0,
+            index: Rc::default(),
         };
         segments.begin(time_ns)?;
         Ok(segments)
@@ -125,9 +137,13 @@ impl Segments {
 
     /// Writes one encoded message; begins the next segment when this one is full.
     pub fn write(&mut self, topic: Topic, time_ns: u64, data: &[u8]) -> Result<(), SegmentError> {
-        if self.open_bytes.get() >= self.preamble.config.recording.segment_bytes {
+        if self.open_bytes.get() >= self.preamble.config.recording.segment_bytes
+            || self.index.borrow().chunk_count() >= CHUNKS_MAX
+        {
             self.finish()?;
             self.begin(time_ns)?;
+        } else if self.open_bytes.get() - self.flushed_bytes >= PENDING_BYTES_MAX {
+            self.flush()?;
         }
         let channel = match self.topics[topic.0].channel {
             Some(channel) => channel,
@@ -140,16 +156,18 @@ impl Segments {
         self.writing(|writer| writer.write_to_known_channel(&header, data))
     }
 
-    /// Hands everything written so far to the operating system.
+    /// Hands everything written so far to the operating system, as a complete file.
     pub fn flush(&mut self) -> Result<(), SegmentError> {
-        self.writing(Writer::flush)
+        self.writing(Writer::flush)?;
+        self.flushed_bytes = self.open_bytes.get();
+        Ok(())
     }
 
     /// Completes the open segment: index, end mark, and all of it on the disk.
     pub fn finish(&mut self) -> Result<(), SegmentError> {
         let Some(mut writer) = self.open.take() else { return Ok(()) };
         let path = self.path().to_path_buf();
-        let finished = writer.finish().and_then(|_| Ok(writer.into_inner().sync()?));
+        let finished = writer.finish().and_then(|_| Ok(writer.into_inner().close()?));
         // The folder too, or the file may have no name after a power cut.
         let finished = finished.and_then(|()| Ok(File::open(self.folder.recordings())?.sync_all()?));
         self.finished_bytes += self.open_bytes.take();
@@ -158,9 +176,8 @@ impl Segments {
 
     /// Gives the open segment up after a failure: nothing more is written, not even by its destructor.
     pub fn abandon(mut self) {
-        if let Some(writer) = self.open.take() {
-            writer.into_inner().discard();
-        }
+        // Taken out of its writer, whose destructor would write an end.
+        drop(self.open.take().map(Writer::into_inner));
     }
 
     /// All segments so far, in order.
@@ -182,7 +199,9 @@ impl Segments {
         }
         let config = self.preamble.config.to_toml();
         let metadata = self.identity(segment);
-        let begun = CountedFile::create(&path, self.open_bytes.clone()).map_err(McapError::from).and_then(|file| {
+        self.index = Rc::default();
+        let file = LiveFile::create(&path, self.index.clone(), self.open_bytes.clone());
+        let begun = file.map_err(McapError::from).and_then(|file| {
             let mut writer = write_options().create(file)?;
             writer.write_metadata(&metadata)?;
             writer.attach(&Attachment {
@@ -196,6 +215,7 @@ impl Segments {
             Ok(writer)
         });
         self.open = Some(begun.map_err(|cause| SegmentError { path, cause })?);
+        self.flushed_bytes = self.open_bytes.get();
         Ok(())
     }
 
@@ -216,17 +236,22 @@ impl Segments {
     fn announce(&mut self, topic: Topic) -> Result<u16, SegmentError> {
         let TopicEntry { name, message, .. } = &self.topics[topic.0];
         let (name, message) = (name.clone(), *message);
-        let channel = self.writing(|writer| {
-            let schema = writer.add_schema(message, PROTOBUF, &descriptor_of(message))?;
-            writer.add_channel(schema, &name, PROTOBUF, &BTreeMap::new())
+        let descriptor = descriptor_of(message);
+        let (schema, channel) = self.writing(|writer| {
+            let schema = writer.add_schema(message, PROTOBUF, &descriptor)?;
+            Ok((schema, writer.add_channel(schema, &name, PROTOBUF, &BTreeMap::new())?))
         })?;
+        let mut index = self.index.borrow_mut();
+        index.schema(schema, message, PROTOBUF, &descriptor);
+        index.channel(channel, schema, &name, PROTOBUF);
+        drop(index);
         self.topics[topic.0].channel = Some(channel);
         Ok(channel)
     }
 
     fn writing<T>(
         &mut self,
-        write: impl FnOnce(&mut Writer<CountedFile>) -> Result<T, McapError>,
+        write: impl FnOnce(&mut Writer<LiveFile>) -> Result<T, McapError>,
     ) -> Result<T, SegmentError> {
         let written = match &mut self.open {
             Some(writer) => write(writer),
@@ -237,48 +262,5 @@ impl Segments {
 
     fn path(&self) -> &Path {
         self.files.last().expect("the first segment is begun on creation")
-    }
-}
-
-/// A new file that counts the bytes it is given.
-struct CountedFile {
-    buffer: BufWriter<File>,
-    bytes: Rc<Cell<u64>>,
-}
-
-impl CountedFile {
-    /// Refuses to replace a file: a segment is written once.
-    fn create(path: &Path, bytes: Rc<Cell<u64>>) -> std::io::Result<Self> {
-        let file = File::options().write(true).create_new(true).open(path)?;
-        // Tells `recover` to leave it alone. Where the file system has no locks there is none.
-        let _ = file.try_lock();
-        Ok(Self { buffer: BufWriter::with_capacity(CHUNK_BYTES as usize, file), bytes })
-    }
-
-    fn sync(self) -> std::io::Result<()> {
-        self.buffer.into_inner().map_err(std::io::IntoInnerError::into_error)?.sync_all()
-    }
-
-    fn discard(self) {
-        // `into_parts` does not flush, dropping the buffer itself would.
-        drop(self.buffer.into_parts());
-    }
-}
-
-impl Write for CountedFile {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        let written = self.buffer.write(bytes)?;
-        self.bytes.set(self.bytes.get() + written as u64);
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        self.buffer.flush()
-    }
-}
-
-impl Seek for CountedFile {
-    fn seek(&mut self, position: SeekFrom) -> std::io::Result<u64> {
-        self.buffer.seek(position)
     }
 }

@@ -1,11 +1,15 @@
 //! The recorder against real shared memory, read back by the code that replays.
 
+mod live;
+
 use super::testing::{EPISODE_STEPS, FakeActor, action, hash};
 use super::*;
-use crate::recording::episodes::{Wanted, gather};
+use crate::recording::episodes::gather;
 use crate::recording::reader::{End, RecordingError, read};
 use crate::recording::repair::{Repair, repair};
-use crate::schema::stillroom::{EpisodeEnd, LearnerMetrics, Step};
+use crate::recording::wanted::Wanted;
+use crate::schema::stillroom::step::Goal;
+use crate::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVector, Step};
 use mcap::records::Record;
 use proptest::prelude::*;
 use prost::Message;
@@ -164,6 +168,82 @@ fn a_hold_is_not_recorded() {
 }
 
 #[test]
+fn a_step_holds_the_goal_of_the_observation_that_its_action_was_chosen_from() {
+    let bench = Bench::new("goal");
+    let recorder = bench.start();
+    let [actor, _] = bench.actors();
+    // The target is held from the third observation of each episode on.
+    let send = |learner: u32, step: u64, shift_m: f32| {
+        actor.send(1, learner, step, |observation| {
+            observation.current.wrist_to_object_m[0] += shift_m;
+            if observation.current.step >= 2 {
+                observation.current.flags |= current_flag::HOLDING;
+            }
+        });
+    };
+    (0..=6).for_each(|step| send(1, step, 0.0));
+    // The learner goes back to exchange 5, where episode 1 begins: what it saw then counts, not what was seen before.
+    (5..=6).for_each(|step| send(2, step, 0.5));
+    let summary = recorder.finish().unwrap();
+    let steps: Vec<Step> =
+        messages(&summary.files[0])["/step"].iter().map(|data| Step::decode(data.as_slice()).unwrap()).collect();
+    let wrist = |x: f32, y: f32| Some(Goal::WristToObjectM(RobotVector { x, y, z: 0.4 }));
+    let held = |y: f32, z: f32| Some(Goal::ObjectToGoalM(RobotVector { x: 0.0, y, z }));
+    let expected = [
+        wrist(0.3, 0.0),
+        wrist(0.3, 0.01),
+        held(0.0, 0.02),
+        held(0.0, 0.03),
+        held(0.0, 0.04),
+        wrist(0.3, 0.0),
+        wrist(0.8, 0.0),
+    ];
+    assert_eq!(steps.iter().map(|step| step.goal).collect::<Vec<_>>(), expected);
+    assert!(steps.iter().all(|step| step.fixed_episode.is_none()), "a run has no fixed episodes");
+}
+
+#[test]
+fn an_evaluations_episodes_have_the_numbers_of_its_table() {
+    let mut bench = Bench::new("fixed");
+    bench.config.evaluation = Some(proto::evaluation::EvaluationConfig {
+        split: proto::kitchen::Split::Test,
+        objects: proto::evaluation::ObjectSet::Novel,
+        episodes: 6,
+        deterministic: false,
+        checkpoint: None,
+    });
+    bench.config.actors = proto::config::ActorsConfig { count: 5, environments_per_actor: 3 };
+    let recorder = bench.start();
+    let [actor, _] = bench.actors();
+    // Environment 2 of the first test kitchen: of the six novel episodes the third and the last are its.
+    for step in 0..=2 * u64::from(EPISODE_STEPS) {
+        actor.send(1, 1, step, |_| {});
+    }
+    let files = recorder.finish().unwrap().files;
+    let plan = bench.config.evaluation_plan().unwrap();
+    let kitchen = plan.kitchens()[0];
+    let id = proto::episode::EnvironmentId { kitchen, number: 2 };
+    let [third, last] = [0, 1].map(|episode| plan.fixed(id, episode).unwrap());
+    let found = messages(&files[0]);
+    let starts =
+        found["/episode/start"].iter().map(|data| EpisodeStart::decode(data.as_slice()).unwrap().fixed_episode);
+    let ends = found["/episode/end"].iter().map(|data| EpisodeEnd::decode(data.as_slice()).unwrap().fixed_episode);
+    assert_eq!(starts.collect::<Vec<_>>(), [Some(third), Some(last), None]);
+    assert_eq!(ends.collect::<Vec<_>>(), [Some(third), Some(last)]);
+    let step = Step::decode(found["/step"][5].as_slice()).unwrap();
+    assert_eq!((step.episode, step.fixed_episode), (1, Some(last)));
+
+    let wanted = Wanted { kitchen: Some(kitchen), episodes: vec![last], ..Wanted::default() };
+    let recorded = gather(&files, wanted.clone()).unwrap();
+    assert_eq!(recorded.episodes.iter().map(|episode| episode.episode).collect::<Vec<_>>(), [1]);
+    assert_eq!(recorded.known.episodes.iter().copied().collect::<Vec<_>>(), [third, last]);
+    assert!(wanted.check(&recorded.known).is_ok());
+    let wrong = Wanted { episodes: vec![last + 1], ..Wanted::default() };
+    let refused = wrong.check(&gather(&files, wrong.clone()).unwrap().known).unwrap_err().to_string();
+    assert!(refused.ends_with(&format!("the last is {last}")), "{refused}");
+}
+
+#[test]
 fn only_failures_are_kept_where_that_is_asked() {
     let mut bench = Bench::new("failures");
     bench.config.recording.failures_only = true;
@@ -261,7 +341,7 @@ fn a_rewind_is_recorded_again_and_readers_take_the_newest() {
     let last = Step::decode(found["/step"].last().unwrap().as_slice()).unwrap();
     assert_eq!((last.learner_incarnation, last.exchange, last.kitchen, last.environment), (2, 8, 1, 2));
 
-    let recorded = gather(&summary.files, Wanted { episode: Some(1), ..Wanted::default() }).unwrap();
+    let recorded = gather(&summary.files, Wanted { episodes: vec![1], ..Wanted::default() }).unwrap();
     assert_eq!(recorded.episodes.len(), 1);
     assert_eq!(recorded.episodes[0].actions, [action(1, 0) as u8, action(1, 1) as u8, 20]);
     assert_eq!(recorded.episodes[0].hashes[2], 8);

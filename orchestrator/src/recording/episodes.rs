@@ -1,29 +1,24 @@
 //! Recorded episodes, put together from the steps of one or more segments.
 //!
 //! An episode can run over several segments, and after a learner went back to its checkpoint a part of it is recorded
-//! twice. Files are read in the order of time, however they are given, and steps of a newer learner incarnation replace what they redo, with
-//! everything after it.
+//! twice. Files are read in the order of time, however they are given, and steps of a newer learner incarnation replace
+//! what they redo, with everything after it.
 
 use super::reader::{Extent, RecordingError, read};
+use super::wanted::{Known, Wanted};
 use crate::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, identity};
-use crate::schema::stillroom::{EpisodeStart, Step};
+use crate::schema::stillroom::step::Goal;
+use crate::schema::stillroom::{EpisodeStart, RobotVector, Step};
 use mcap::records::{Metadata, Record};
 use prost::Message;
 use proto::SCHEMA_VERSION;
+use proto::config::Config;
 use proto::episode::EnvironmentId;
+use proto::evaluation::Plan;
 use proto::kitchen::KitchenId;
-use proto::replay::RecordedEpisode;
+use proto::replay::{RecordedEpisode, goal_digest};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
-
-/// Which episodes are wanted.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Wanted {
-    /// Only of this environment.
-    pub environment: Option<EnvironmentId>,
-    /// Only of this number.
-    pub episode: Option<u32>,
-}
 
 /// What a set of recordings holds.
 #[derive(Debug)]
@@ -37,6 +32,8 @@ pub struct Recorded {
     pub headless: u64,
     /// Episodes with a hole; they are kept up to it.
     pub broken: u64,
+    /// What there is to choose from.
+    pub known: Known,
     /// Steps read, those that were done again included.
     pub steps: u64,
     /// What was wrong with which file.
@@ -55,11 +52,20 @@ struct Assembly {
     start_hash: Option<u64>,
     actions: Vec<u8>,
     hashes: Vec<u64>,
+    goals: Vec<u32>,
     gap: bool,
 }
 
+/// What one step says of its episode.
+#[derive(Debug, Clone, Copy)]
+struct Taken {
+    action: u8,
+    hash: u64,
+    goal: u32,
+}
+
 impl Assembly {
-    fn step(&mut self, generation: Generation, step: usize, action: u8, hash: u64) {
+    fn step(&mut self, generation: Generation, step: usize, taken: Taken) {
         if generation < self.generation {
             // Void: a newer learner has gone on from an earlier point, and that has been read already.
             return;
@@ -69,12 +75,14 @@ impl Assembly {
             self.generation = generation;
             self.actions.truncate(step);
             self.hashes.truncate(step);
+            self.goals.truncate(step);
             self.gap = false;
         }
         match step.cmp(&self.actions.len()) {
             std::cmp::Ordering::Equal => {
-                self.actions.push(action);
-                self.hashes.push(hash);
+                self.actions.push(taken.action);
+                self.hashes.push(taken.hash);
+                self.goals.push(taken.goal);
             }
             std::cmp::Ordering::Greater => self.gap = true,
             // Recorded twice under the same learner: a segment was given twice.
@@ -128,8 +136,11 @@ fn place(path: &Path) -> Result<Option<(u32, u32)>, RecordingError> {
 #[derive(Default)]
 struct Collection {
     wanted: Wanted,
+    known: Known,
     run_id: Option<String>,
     config: Option<String>,
+    /// Which fixed episodes were played, in an evaluation.
+    plan: Option<Plan>,
     episodes: BTreeMap<Key, Assembly>,
     steps: u64,
 }
@@ -155,7 +166,7 @@ impl Collection {
                 Record::Attachment { header, data, .. } if header.name == CONFIG_ATTACHMENT => {
                     let config = String::from_utf8(data.into_owned())
                         .map_err(|_| foreign("its configuration is not text".to_owned()))?;
-                    self.config.get_or_insert(config);
+                    self.configure(config).map_err(foreign)?;
                 }
                 Record::Channel(channel) => {
                     if !identified {
@@ -184,6 +195,17 @@ impl Collection {
         })
     }
 
+    fn configure(&mut self, config: String) -> Result<(), String> {
+        // All files of one run have the same.
+        if self.config.is_none() {
+            // Only read: whether it can be run is for those to say who run it.
+            let read: Config = toml::from_str(&config).map_err(|cause| format!("{CONFIG_ATTACHMENT}: {cause}"))?;
+            self.plan = read.evaluation_plan();
+            self.config = Some(config);
+        }
+        Ok(())
+    }
+
     fn identify(&mut self, metadata: &BTreeMap<String, String>) -> Result<(), String> {
         let version = metadata.get(identity::SCHEMA_VERSION).map_or("none", String::as_str);
         if version != SCHEMA_VERSION.to_string() {
@@ -206,7 +228,8 @@ impl Collection {
         let action = u8::try_from(step.action).map_err(|_| format!("there is no action {}", step.action))?;
         let generation = (step.incarnation, step.learner_incarnation);
         if let Some(assembly) = self.assembly(step.kitchen, step.environment, step.episode)? {
-            assembly.step(generation, step.step as usize, action, step.state_hash);
+            let taken = Taken { action, hash: step.state_hash, goal: digest(step.goal.as_ref()) };
+            assembly.step(generation, step.step as usize, taken);
         }
         Ok(())
     }
@@ -225,9 +248,20 @@ impl Collection {
             .and_then(|number| KitchenId::new(number).ok())
             .ok_or_else(|| format!("there is no kitchen {kitchen}"))?;
         let of = EnvironmentId { kitchen, number: environment };
-        if self.wanted.environment.is_some_and(|wanted| wanted != of)
-            || self.wanted.episode.is_some_and(|wanted| wanted != episode)
-        {
+        // In an evaluation episodes are called by the numbers of its table; an environment that has run out plays none.
+        let number = match &self.plan {
+            None => episode,
+            Some(plan) => match plan.fixed(of, episode) {
+                Some(fixed) => fixed,
+                None => return Ok(None),
+            },
+        };
+        self.known.environments.insert((kitchen.number(), environment));
+        if !self.wanted.is_of(of) {
+            return Ok(None);
+        }
+        self.known.episodes.insert(number);
+        if !self.wanted.has_number(number) {
             return Ok(None);
         }
         Ok(Some(self.episodes.entry((kitchen.number(), environment, episode)).or_default()))
@@ -238,8 +272,15 @@ impl Collection {
             let path = files.first().cloned().unwrap_or_default();
             return Err(RecordingError::Foreign { path, problem: "it holds no configuration".to_owned() });
         };
-        let mut recorded =
-            Recorded { config, episodes: Vec::new(), headless: 0, broken: 0, steps: self.steps, complaints };
+        let mut recorded = Recorded {
+            config,
+            episodes: Vec::new(),
+            headless: 0,
+            broken: 0,
+            known: self.known,
+            steps: self.steps,
+            complaints,
+        };
         for ((kitchen, number, episode), assembly) in self.episodes {
             if assembly.actions.is_empty() {
                 // A start without a step is an episode that had just begun; steps without the first are headless.
@@ -254,9 +295,19 @@ impl Collection {
                 start_hash: assembly.start_hash,
                 actions: assembly.actions,
                 hashes: assembly.hashes,
+                goals: assembly.goals,
             });
         }
         Ok(recorded)
+    }
+}
+
+/// Digest of what the goal sensor read; 0 where that was not recorded.
+fn digest(goal: Option<&Goal>) -> u32 {
+    match goal {
+        None => 0,
+        Some(Goal::WristToObjectM(RobotVector { x, y, z })) => goal_digest(false, [*x, *y, *z]),
+        Some(Goal::ObjectToGoalM(RobotVector { x, y, z })) => goal_digest(true, [*x, *y, *z]),
     }
 }
 
@@ -264,6 +315,10 @@ impl Collection {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    fn taken(action: u8, hash: u64) -> Taken {
+        Taken { action, hash, goal: u32::from(action) }
+    }
 
     proptest! {
         /// A reference by brute force: of every step, the newest generation counts, and nothing older lies beyond
@@ -280,20 +335,22 @@ mod tests {
                 for step in from..from + length {
                     let (action, hash) = ((generation * 3 + step) as u8, (generation * 1000 + step) as u64);
                     reference.push((action, hash));
-                    assembly.step((1, generation as u32 + 1), step, action, hash);
+                    assembly.step((1, generation as u32 + 1), step, taken(action, hash));
                 }
             }
             prop_assert!(!assembly.gap);
             let got: Vec<_> = assembly.actions.iter().copied().zip(assembly.hashes.iter().copied()).collect();
             prop_assert_eq!(got, reference);
+            let goals: Vec<u32> = assembly.actions.iter().map(|&action| u32::from(action)).collect();
+            prop_assert_eq!(assembly.goals, goals);
         }
     }
 
     #[test]
     fn an_older_learner_adds_nothing_to_a_newer_one() {
         let mut assembly = Assembly::default();
-        assembly.step((2, 1), 0, 1, 10);
-        assembly.step((1, 1), 1, 9, 90);
+        assembly.step((2, 1), 0, taken(1, 10));
+        assembly.step((1, 1), 1, taken(9, 90));
         assert!(!assembly.gap);
         assert_eq!((assembly.actions, assembly.hashes), (vec![1], vec![10]));
     }
@@ -302,12 +359,12 @@ mod tests {
     fn a_hole_ends_an_episode_and_a_rewind_mends_it() {
         let mut assembly = Assembly::default();
         for step in [0, 1, 3, 4] {
-            assembly.step((1, 1), step, step as u8, 0);
+            assembly.step((1, 1), step, taken(step as u8, 0));
         }
         assert!(assembly.gap);
         assert_eq!(assembly.actions, [0, 1]);
         for step in [1, 2, 3] {
-            assembly.step((2, 1), step, 10 + step as u8, 0);
+            assembly.step((2, 1), step, taken(10 + step as u8, 0));
         }
         assert!(!assembly.gap);
         assert_eq!(assembly.actions, [0, 11, 12, 13]);

@@ -1,12 +1,19 @@
 //! Reading recordings back: [`reader`] goes through a file however it ends, [`episodes`] puts together what can be
-//! re-simulated, [`simulate`] does so, [`repair`] makes a whole file of a cut one.
+//! re-simulated, [`wanted`] chooses among it, [`simulate`] simulates it, [`repair`] makes a whole file of a cut one.
+//! [`ffmpeg`] is looked for where films are to be made.
 
 pub mod episodes;
+pub mod ffmpeg;
 pub mod reader;
 pub mod repair;
 pub mod simulate;
+pub mod wanted;
 
+use crate::format;
+use proto::run_folder::RunFolder;
 use reader::RecordingError;
+use serde::Serialize;
+use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 
 /// The recordings meant by `path`: a file itself; of a run folder or a folder of recordings, all segments in order.
@@ -15,7 +22,7 @@ pub fn files_at(path: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     if !std::fs::metadata(path).map_err(unreadable)?.is_dir() {
         return Ok(vec![path.to_path_buf()]);
     }
-    let recordings = proto::run_folder::RunFolder::new(path).recordings();
+    let recordings = RunFolder::new(path).recordings();
     let folder = if recordings.is_dir() { recordings } else { path.to_path_buf() };
     let mut files = Vec::new();
     for entry in std::fs::read_dir(&folder).map_err(unreadable)? {
@@ -30,4 +37,43 @@ pub fn files_at(path: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     // Names hold incarnation and segment with leading zeros: their order is that of time.
     files.sort();
     Ok(files)
+}
+
+/// How a run's recordings stand.
+#[derive(Debug, PartialEq, Eq, Serialize)]
+pub struct Recordings {
+    /// Files.
+    pub files: usize,
+    /// Their size together.
+    pub bytes: u64,
+    /// The last one.
+    pub newest: PathBuf,
+    /// A recorder writes the last one at this moment.
+    pub being_written: bool,
+}
+
+impl Recordings {
+    /// Those of a run folder; none if there are none.
+    pub fn of(folder: &RunFolder) -> Option<Self> {
+        let files = files_at(&folder.recordings()).ok()?;
+        let newest = files.last()?.clone();
+        let bytes = files.iter().filter_map(|file| Some(std::fs::metadata(file).ok()?.len())).sum();
+        let locked = |file: File| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
+        let being_written = File::open(&newest).is_ok_and(locked);
+        Some(Self { files: files.len(), bytes, newest, being_written })
+    }
+
+    /// As people read it.
+    pub fn line(&self) -> String {
+        let Self { files, bytes, newest, being_written } = self;
+        let (files, bytes) = (format::counted(*files as u64, "file"), format::bytes(*bytes));
+        let newest = newest.display();
+        if *being_written {
+            format!(
+                "recordings: {files}, {bytes}; {newest} is being written, and readable as it is up to the last second"
+            )
+        } else {
+            format!("recordings: {files}, {bytes}; the newest is {newest}")
+        }
+    }
 }

@@ -19,6 +19,8 @@ use std::time::{Duration, Instant};
 /// An actor that says nothing for so long hangs: an episode takes well under a second, the first also builds its
 /// kitchen.
 const SILENCE_DEADLINE: Duration = Duration::from_mins(5);
+/// The same where it draws: a film of two hundred steps takes a minute, a large one on a busy machine many.
+const DRAWING_DEADLINE: Duration = Duration::from_hours(1);
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
 const PROGRESS_LINE_INTERVAL: Duration = Duration::from_secs(10);
 
@@ -61,6 +63,7 @@ enum Report {
 /// Simulates the episodes as `setup` says, showing progress; an error if an actor fails or hangs.
 pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<Totals> {
     let total = episodes.len();
+    let deadline = if setup.images.is_some() { DRAWING_DEADLINE } else { SILENCE_DEADLINE };
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let (reports, inbox) = channel();
     let mut actors = Actors(Vec::new());
@@ -87,11 +90,7 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
                 outcome?;
             }
             Err(RecvTimeoutError::Timeout) => {
-                ensure!(
-                    heard.elapsed() < SILENCE_DEADLINE,
-                    "no actor has answered for {} s: giving up",
-                    SILENCE_DEADLINE.as_secs()
-                );
+                ensure!(heard.elapsed() < deadline, "no actor has answered for {} s: giving up", deadline.as_secs());
             }
             Err(RecvTimeoutError::Disconnected) => bail!("an actor's reader ended without a word"),
         }
@@ -269,6 +268,7 @@ mod tests {
             start_hash: None,
             actions: vec![0; steps],
             hashes: vec![0; steps],
+            goals: vec![0; steps],
         }
     }
 

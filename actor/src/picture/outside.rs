@@ -1,0 +1,91 @@
+//! A kitchen from outside, for a whole episode: one place from which the way of robot and target is seen best.
+
+use super::camera::{Camera, Projection};
+use super::model::Model;
+use super::raster::Raster;
+use crate::physics::geometry::{rotation_x, rotation_y};
+use rapier3d::math::{Pose3, Vec3};
+use std::f32::consts::TAU;
+
+/// Tangent of half the field of view.
+const TAN_HALF_WIDTH: f32 = 0.42;
+/// Directions that are tried.
+const DIRECTIONS: usize = 16;
+/// Angles at which it may look down, radians, the best liked first.
+const PITCHES: [f32; 3] = [0.75, 0.6, 1.05];
+/// What a less liked angle must show more, as a share of all points.
+const PREFERENCE: f32 = 0.06;
+/// Room around the points, and the smallest scene, metres.
+const MARGIN_M: f32 = 0.3;
+const RADIUS_LEAST_M: f32 = 1.2;
+/// Side of a trial, pixels.
+const TRIAL_SIDE: usize = 160;
+/// A point counts as seen through what is less than this before it, metres: what it stands on or in.
+const SLACK_M: f32 = 0.1;
+
+/// The camera from which most of the points are seen, each with its weight. What stands between it and the scene is cut
+/// away.
+pub fn camera(model: &Model, points: &[(Vec3, f32)]) -> Camera {
+    let (low, high) = points.iter().fold((Vec3::splat(f32::MAX), Vec3::splat(f32::MIN)), |(low, high), (point, _)| {
+        (low.min(*point), high.max(*point))
+    });
+    let centre = 0.5 * (low + high);
+    let radius_m = (0.5 * (high - low).length() + MARGIN_M).max(RADIUS_LEAST_M);
+    let total: f32 = points.iter().map(|(_, weight)| weight).sum();
+    let mut best: Option<(f32, Camera)> = None;
+    for (rank, pitch_rad) in PITCHES.into_iter().enumerate() {
+        for direction in 0..DIRECTIONS {
+            let yaw_rad = TAU * direction as f32 / DIRECTIONS as f32;
+            let camera = looking_at(centre, radius_m, yaw_rad, pitch_rad);
+            let score = seen(model, &camera, points) / total - PREFERENCE * rank as f32;
+            if best.as_ref().is_none_or(|(highest, _)| score > *highest) {
+                best = Some((score, camera));
+            }
+        }
+    }
+    best.expect("there are directions").1
+}
+
+/// A camera that looks down at a ball and sees all of it.
+fn looking_at(centre: Vec3, radius_m: f32, yaw_rad: f32, pitch_rad: f32) -> Camera {
+    let rotation = rotation_y(yaw_rad) * rotation_x(pitch_rad);
+    let distance_m = radius_m * (1.0 + TAN_HALF_WIDTH * TAN_HALF_WIDTH).sqrt() / TAN_HALF_WIDTH;
+    let pose = Pose3::from_parts(centre - rotation * Vec3::Z * distance_m, rotation);
+    Camera::new(pose, Projection::Central { tan_half_width: TAN_HALF_WIDTH }, distance_m - radius_m)
+}
+
+/// Weight of the points that are seen.
+fn seen(model: &Model, camera: &Camera, points: &[(Vec3, f32)]) -> f32 {
+    let raster = Raster::draw(camera, TRIAL_SIDE, TRIAL_SIDE, (0..).zip(model.corners()));
+    let is_seen = |point: Vec3| {
+        let point = camera.camera_from_world * point;
+        let pixel = camera.project(point, TRIAL_SIDE, TRIAL_SIDE);
+        let at = |px: f32| (px.max(0.0) as usize).min(TRIAL_SIDE - 1);
+        let nearest_m = 1.0 / raster.nearness[at(pixel.y) * TRIAL_SIDE + at(pixel.x)];
+        // Nothing at all is infinitely near in the other direction.
+        nearest_m <= 0.0 || nearest_m > point.z - SLACK_M
+    };
+    points.iter().filter(|(point, _)| is_seen(*point)).map(|(_, weight)| weight).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shape::{Primitive, Shape};
+
+    #[test]
+    fn it_looks_from_where_nothing_stands_before_the_points() {
+        let mut model = Model::default();
+        let block = |x: f32, y: f32, z: f32| Shape::of(Primitive::Cuboid { half_extents_m: Vec3::new(x, y, z) });
+        // Walls of a niche that is open towards +x; high, and inside the scene, so that they are not cut away.
+        model.add(&block(0.05, 1.0, 0.5), &Pose3::translation(-0.3, 1.0, 0.0), [255; 3], false);
+        for z in [-0.3, 0.3] {
+            model.add(&block(0.5, 1.0, 0.05), &Pose3::translation(0.0, 1.0, z), [255; 3], false);
+        }
+        let points = [(Vec3::new(0.0, 0.2, 0.0), 1.0), (Vec3::new(0.05, 0.3, 0.0), 1.0)];
+        let camera = camera(&model, &points);
+        let eye = camera.camera_from_world.inverse().translation;
+        assert!(eye.x > eye.z.abs() && eye.y > 0.5, "looks from {eye}");
+        assert!((seen(&model, &camera, &points) - 2.0).abs() < 1e-6);
+    }
+}

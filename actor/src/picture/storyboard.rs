@@ -1,0 +1,295 @@
+//! An episode in pictures: what the robot's depth camera sees, the room from outside, and what happens in words.
+
+use super::camera::{Camera, Projection};
+use super::canvas::{Canvas, Rgb, mix};
+use super::marks::{GOAL, Marks, TARGET};
+use super::model::Model;
+use super::outside;
+use super::raster::{NOTHING, Raster};
+use super::shade::Exposure;
+use super::sky::{self, Lit};
+use crate::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
+use crate::episode::GOAL_TOLERANCE_M;
+use crate::kitchen::Kitchen;
+use crate::robot::links::PartPoses;
+use rapier3d::math::{Pose3, Vec3};
+
+const PAPER: Rgb = [250, 250, 248];
+const INK: Rgb = [34, 38, 44];
+const FAINT: Rgb = [112, 118, 126];
+const GOOD: Rgb = [0, 128, 64];
+const BAD: Rgb = [196, 40, 28];
+/// Depth that is drawn black, millimetres.
+const BLACK_MM: u32 = 5_000;
+/// How much of the target's colour lies over it in the depth picture.
+const TINT: f32 = 0.7;
+/// Radius of the ring about a target at least, metres.
+const RING_M: f32 = 0.09;
+/// Room between the two views, pixels.
+const GAP: usize = 4;
+/// Moments whose places the outside camera is chosen for.
+const SAMPLES: usize = 12;
+
+/// What an episode is about, as far as pictures of it go.
+#[derive(Debug, Clone)]
+pub struct Task {
+    /// Place of the target among the kitchen's movable things.
+    pub target: usize,
+    /// Where it is to be brought, metres.
+    pub goal: Vec3,
+    /// Which episode, and what is to be brought.
+    pub title: String,
+}
+
+/// One moment of an episode.
+#[derive(Debug, Clone)]
+pub struct Moment {
+    /// Poses of the kitchen's movable things.
+    pub things: Vec<Pose3>,
+    /// Poses of the robot's parts.
+    pub robot: PartPoses,
+    /// Pose of the head camera.
+    pub world_from_camera: Pose3,
+    /// What happens.
+    pub words: Words,
+}
+
+/// What is said below the title.
+#[derive(Debug, Clone, Default)]
+pub struct Words {
+    /// The step, and the action that led here.
+    pub action: String,
+    /// What is to be noted of it: failed, picked up.
+    pub remark: String,
+    /// How far the wrist is from the target, or that it is held.
+    pub target: String,
+    /// How far the target is from the goal.
+    pub goal: String,
+    /// What was disturbed.
+    pub disturbance: String,
+    /// How the episode ended, and whether well; none before its last moment.
+    pub outcome: Option<(String, bool)>,
+}
+
+/// What stays the same in all pictures of an episode.
+pub struct Storyboard<'a> {
+    kitchen: &'a Kitchen,
+    task: Task,
+    side: usize,
+    fixed: Model,
+    outside: Camera,
+    /// The first moment without the robot, and the light on it.
+    lit: (Exposure, Vec<f32>),
+}
+
+impl<'a> Storyboard<'a> {
+    /// Chooses where to look from, for all `moments`; `side`: width and height of each of the two views, pixels.
+    ///
+    /// # Panics
+    /// If there is no moment.
+    pub fn new(kitchen: &'a Kitchen, task: Task, moments: &[Moment], side: usize) -> Self {
+        let fixed = Model::fixed_of(kitchen);
+        let mut model = fixed.clone();
+        model.add_things(kitchen, &moments[0].things, task.target, TARGET);
+        // Where the robot stands at first and at last it hides things, too.
+        let mut with_robot = model.clone();
+        for moment in [&moments[0], &moments[moments.len() - 1]] {
+            with_robot.add_robot(&moment.robot, true);
+        }
+        let outside = outside::camera(&with_robot, &points(&task, moments));
+        let exposure = Exposure::take(&model, &outside, side, side, PAPER);
+        let waiting: Vec<Lit> = exposure.waiting().collect();
+        let light = sky::light(&model, &waiting);
+        Self { kitchen, task, side, fixed, outside, lit: (exposure, light) }
+    }
+
+    /// Width and height of every picture; both even, which video encoders demand.
+    pub fn size(side: usize) -> (usize, usize) {
+        let (text_px, _) = text(side);
+        (2 * side + GAP, (side + 4 * text_px as usize).next_multiple_of(2))
+    }
+
+    /// The picture of one moment; `depth_mm`: what the depth camera sees, side × side, millimetres.
+    pub fn draw(&self, moment: &Moment, depth_mm: &[u16]) -> Canvas {
+        let (width, height) = Self::size(self.side);
+        let mut canvas = Canvas::new(width, height, PAPER);
+        let mut model = self.fixed.clone();
+        let target = model.add_things(self.kitchen, &moment.things, self.task.target, TARGET);
+        let mut seen = model.clone();
+        seen.add_robot(&moment.robot, false);
+        model.add_robot(&moment.robot, true);
+        let top = height - self.side;
+        self.draw_depth(&mut canvas, top, moment, &seen, target, depth_mm);
+        self.draw_outside(&mut canvas, top, moment, &model);
+        write(&mut canvas, self.side, &self.task.title, &moment.words);
+        canvas
+    }
+
+    fn draw_depth(
+        &self,
+        canvas: &mut Canvas,
+        top: usize,
+        moment: &Moment,
+        model: &Model,
+        target: u32,
+        depth_mm: &[u16],
+    ) {
+        let projection = Projection::Central { tan_half_width: TAN_HALF_FIELD_OF_VIEW };
+        let camera = Camera::new(moment.world_from_camera, projection, NEAR_M);
+        let raster = Raster::draw(&camera, self.side, self.side, (0..).zip(model.corners()));
+        for (index, (&depth, &triangle)) in depth_mm.iter().zip(&raster.triangle).enumerate() {
+            let (x, y) = (index % self.side, top + index / self.side);
+            let grey = [brightness(depth); 3];
+            let is_target = triangle != NOTHING && model.triangles[triangle as usize].body == target;
+            canvas.pixels[y * canvas.width + x] = if is_target { mix(grey, TARGET, TINT) } else { grey };
+        }
+        let depth_m = |x: usize, y: usize| match depth_mm[y * self.side + x] {
+            0 => f32::MAX,
+            depth => f32::from(depth) / 1000.0,
+        };
+        self.mark(canvas, (0, top), &camera, moment, depth_m);
+    }
+
+    fn draw_outside(&self, canvas: &mut Canvas, top: usize, moment: &Moment, model: &Model) {
+        let exposure = Exposure::take(model, &self.outside, self.side, self.side, PAPER);
+        let (before, light) = &self.lit;
+        let light: Vec<f32> = exposure.light_as_in(before, light).collect();
+        let depths_m = exposure.depths_m();
+        canvas.place(&exposure.develop(&mut light.into_iter()), self.side + GAP, top);
+        self.mark(canvas, (self.side + GAP, top), &self.outside, moment, |x, y| depths_m[y * self.side + x]);
+    }
+
+    fn mark(
+        &self,
+        canvas: &mut Canvas,
+        (x, y): (usize, usize),
+        camera: &Camera,
+        moment: &Moment,
+        depth_m: impl Fn(usize, usize) -> f32,
+    ) {
+        let mut goal = Marks::new(camera, self.side, self.side, &depth_m);
+        goal.cube(self.task.goal, GOAL_TOLERANCE_M);
+        goal.lay(canvas, x, y, GOAL);
+        let mut target = Marks::new(camera, self.side, self.side, &depth_m);
+        target.ring(moment.things[self.task.target].translation, RING_M);
+        target.lay(canvas, x, y, TARGET);
+    }
+}
+
+/// Title and outcome, then the action, then the distances in the colours of the marks.
+fn write(canvas: &mut Canvas, side: usize, title: &str, words: &Words) {
+    let (text_px, left) = text(side);
+    let line = |number: f32| 1.15 * text_px * number;
+    let space = 1.2 * text_px;
+    let end = canvas.text(title, text_px, left, line(1.0), INK);
+    if let Some((outcome, good)) = &words.outcome {
+        canvas.text(outcome, text_px, end + space, line(1.0), if *good { GOOD } else { BAD });
+    }
+    let end = canvas.text(&words.action, text_px, left, line(2.0), INK);
+    canvas.text(&words.remark, text_px, end + 0.4 * text_px, line(2.0), BAD);
+    let end = canvas.text(&words.target, text_px, left, line(3.0), TARGET);
+    let end = canvas.text(&words.goal, text_px, end + space, line(3.0), GOAL);
+    canvas.text(&words.disturbance, text_px, end + space, line(3.0), FAINT);
+}
+
+/// Height of the text and its distance from the left edge, pixels.
+fn text(side: usize) -> (f32, f32) {
+    let text_px = (side as f32 / 21.0).round().clamp(11.0, 40.0);
+    (text_px, 0.5 * text_px)
+}
+
+/// What the outside view has to show, each point with its weight: start and goal of the target, and everybody's way.
+/// The robot's body is in the picture, but large enough to be seen behind whatever there is.
+fn points(task: &Task, moments: &[Moment]) -> Vec<(Vec3, f32)> {
+    let mut points = vec![(task.goal, 3.0), (moments[0].things[task.target].translation, 3.0)];
+    let step = moments.len().div_ceil(SAMPLES).max(1);
+    // The last moment counts whatever the step.
+    for moment in moments.iter().rev().step_by(step) {
+        let [body, .., hand] = moment.robot.map(|pose| pose.translation);
+        points.extend([(moment.things[task.target].translation, 1.0), (hand, 1.0), (body, 0.0)]);
+    }
+    points
+}
+
+/// Near is bright; nothing, and everything far, is black.
+fn brightness(depth_mm: u16) -> u8 {
+    match u32::from(depth_mm) {
+        0 => 0,
+        depth => (255 * BLACK_MM.saturating_sub(depth) / BLACK_MM) as u8,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::configuration::Configuration;
+    use crate::robot::links::{part_poses, world_from_camera};
+    use proto::config::SimulationConfig;
+    use proto::kitchen::{KitchenId, TargetCategory};
+
+    const SIDE: usize = 120;
+    /// Where the target is in the camera's frame: before all furniture.
+    const AHEAD_M: f32 = 0.45;
+    const ASIDE_M: f32 = 0.25;
+
+    /// The pictures of a target to the right of the middle of the depth view, where the arm does not hide it, and of one
+    /// to the left; for one place of the goal.
+    fn pictures(goal: Vec3) -> [Canvas; 2] {
+        let kitchen = Kitchen::build(KitchenId::new(1).unwrap(), &SimulationConfig::default()).unwrap();
+        let stand = kitchen.robot_stands()[0];
+        let configuration = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
+        let camera = world_from_camera(&configuration.posture(), configuration.camera_pitch_rad());
+        let target = kitchen.target_movable(TargetCategory::Bread);
+        let moments = [ASIDE_M, -ASIDE_M].map(|aside_m| {
+            let mut things = kitchen.settled_poses()[kitchen.movable_bodies()].to_vec();
+            things[target] = camera * Pose3::translation(aside_m, 0.0, AHEAD_M);
+            let robot = part_poses(&configuration.posture()).unwrap();
+            Moment { things, robot, world_from_camera: camera, words: Words::default() }
+        });
+        let task = Task { target, goal: camera * goal, title: "bring the Bread".to_owned() };
+        let story = Storyboard::new(&kitchen, task, &moments, SIDE);
+        moments.map(|moment| story.draw(&moment, &vec![2_000; SIDE * SIDE]))
+    }
+
+    #[test]
+    fn target_and_goal_are_marked_in_both_views_where_they_are() {
+        let [right, left] = pictures(Vec3::new(-0.6, 0.0, 0.8));
+        let (width, height) = Storyboard::size(SIDE);
+        assert_eq!((right.width, right.height, width % 2, height % 2), (width, height, 0, 0));
+        let depth_at = |canvas: &Canvas, x: usize| canvas.pixels[(height - SIDE / 2) * width + x];
+        let grey = [brightness(2_000); 3];
+        let offset_px = (ASIDE_M / AHEAD_M / TAN_HALF_FIELD_OF_VIEW * SIDE as f32 / 2.0) as usize;
+        let (at_left, at_right) = (SIDE / 2 - offset_px, SIDE / 2 + offset_px);
+        assert_eq!([at_left, at_right].map(|x| depth_at(&right, x)), [grey, mix(grey, TARGET, TINT)]);
+        assert_eq!([at_left, at_right].map(|x| depth_at(&left, x)), [mix(grey, TARGET, TINT), grey]);
+        let coloured = |canvas: &Canvas, view: usize, colour: Rgb| {
+            let in_view = |index: &usize| index / width >= height - SIDE && (index % width > SIDE) == (view == 1);
+            (0..canvas.pixels.len()).filter(in_view).filter(|&index| canvas.pixels[index] == colour).count()
+        };
+        for view in [0, 1] {
+            for colour in [TARGET, GOAL] {
+                assert!(coloured(&right, view, colour) > 10, "view {view} lacks {colour:?}");
+            }
+            let changed = (height - SIDE..height).any(|y| {
+                let row = y * width + view * (SIDE + GAP);
+                right.pixels[row..row + SIDE] != left.pixels[row..row + SIDE]
+            });
+            assert!(changed, "view {view} does not follow the target");
+        }
+        // The goal behind the robot: no box in the depth view.
+        let [behind, _] = pictures(Vec3::new(0.0, 0.0, -0.8));
+        assert_eq!(coloured(&behind, 0, GOAL), 0);
+    }
+
+    #[test]
+    fn a_caption_shows_its_words_in_their_colours() {
+        let (width, height) = Storyboard::size(448);
+        let mut canvas = Canvas::new(width, height, PAPER);
+        let words = Words { remark: "failed".to_owned(), goal: "goal 1.00 m".to_owned(), ..Words::default() };
+        write(&mut canvas, 448, "Kitchen 26", &words);
+        let has = |colour: Rgb| canvas.pixels.contains(&colour);
+        assert!(has(INK) && has(BAD) && has(GOAL) && !has(TARGET));
+        let below = &canvas.pixels[(height - 448) * width..];
+        assert!(below.iter().all(|pixel| *pixel == PAPER), "words reach into the views");
+    }
+}

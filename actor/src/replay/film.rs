@@ -1,0 +1,234 @@
+//! An episode as it is simulated again, kept moment by moment, and its pictures.
+//!
+//! Pictures are drawn when the episode is over: its file is called by the outcome, and the view from outside is chosen
+//! for the whole way.
+
+use super::picture::Sink;
+use crate::depth::DepthCamera;
+use crate::environment::Environment;
+use crate::picture::{Moment, Storyboard, Task, Words};
+use anyhow::Result;
+use proto::action::Action;
+use proto::episode::EnvironmentId;
+use proto::kitchen::TargetCategory;
+use proto::message::{Transition, transition_flag};
+use proto::replay::{ImageFormat, ReplayImages};
+use proto::reward::UNDISTURBED_THRESHOLD_M;
+use rapier3d::math::{Pose3, Vec3};
+use std::path::Path;
+
+/// Who played the episode: its name, without target and outcome.
+#[derive(Debug, Clone, Copy)]
+pub struct Played {
+    /// Environment it ran in.
+    pub environment: EnvironmentId,
+    /// Episode number within the environment.
+    pub episode: u32,
+    /// In an evaluation: number of the fixed episode, as in the table of episodes.
+    pub fixed: Option<u32>,
+}
+
+impl Played {
+    /// Name of the file or folder of its pictures, without an ending: kitchen, episode, target, outcome. The words are
+    /// those of an evaluation's table.
+    fn name(self, target: TargetCategory, outcome: Outcome) -> String {
+        let (kitchen, target, outcome) = (self.environment.kitchen.number(), target.name(), outcome.word());
+        let of = match (self.fixed, self.environment.number, self.episode) {
+            (Some(fixed), ..) => format!("episode-{fixed:03}"),
+            (None, number, episode) => format!("environment-{number}-episode-{episode:06}"),
+        };
+        format!("kitchen-{kitchen:02}-{of}-{target}-{outcome}")
+    }
+
+    fn title(self, target: TargetCategory) -> String {
+        let (kitchen, target) = (self.environment.kitchen, target.name());
+        match self.fixed {
+            Some(fixed) => format!("Kitchen {kitchen}, episode {fixed}: bring the {target}"),
+            None => {
+                format!(
+                    "Kitchen {kitchen}, environment {}, episode {}: bring the {target}",
+                    self.environment.number, self.episode
+                )
+            }
+        }
+    }
+}
+
+/// How an episode ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Outcome {
+    SuccessWithoutDisturbance,
+    Success,
+    /// Done was declared elsewhere than at the goal.
+    Failure,
+    TimeLimit,
+    /// The recording stops before its end.
+    Unfinished,
+}
+
+impl Outcome {
+    fn of(last: Option<&Transition>) -> Self {
+        let Some(last) = last else { return Self::Unfinished };
+        let is = |flag: u32| last.flags & flag != 0;
+        if is(transition_flag::SUCCESS) && last.disturbance_m < UNDISTURBED_THRESHOLD_M {
+            Self::SuccessWithoutDisturbance
+        } else if is(transition_flag::SUCCESS) {
+            Self::Success
+        } else if is(transition_flag::DONE) {
+            Self::Failure
+        } else if is(transition_flag::TIME_LIMIT) {
+            Self::TimeLimit
+        } else {
+            Self::Unfinished
+        }
+    }
+
+    fn word(self) -> &'static str {
+        match self {
+            Self::SuccessWithoutDisturbance => "success-without-disturbance",
+            Self::Success => "success",
+            Self::Failure => "failure",
+            Self::TimeLimit => "time-limit",
+            Self::Unfinished => "unfinished",
+        }
+    }
+
+    /// For the caption, and whether it is good news.
+    fn words(self) -> (String, bool) {
+        let words = match self {
+            Self::SuccessWithoutDisturbance => "success, nothing disturbed",
+            Self::Success => "success, with disturbance",
+            Self::Failure => "failure: Done away from the goal",
+            Self::TimeLimit => "failure: time limit",
+            Self::Unfinished => "the recording ends here",
+        };
+        (words.to_owned(), matches!(self, Self::SuccessWithoutDisturbance | Self::Success))
+    }
+}
+
+/// The moments of one episode.
+pub struct Film {
+    played: Played,
+    moments: Vec<Moment>,
+    last: Option<Transition>,
+}
+
+impl Film {
+    /// An episode that is about to be simulated.
+    pub fn new(played: Played) -> Self {
+        Self { played, moments: Vec::new(), last: None }
+    }
+
+    /// Keeps the moment that the environment is in; `transition`: what led there, none at the start.
+    pub fn keep(&mut self, environment: &Environment, transition: Option<Transition>) {
+        let simulation = environment.simulation();
+        self.last = transition.or(self.last);
+        self.moments.push(Moment {
+            things: simulation.things().poses().to_vec(),
+            robot: *simulation.part_poses(),
+            world_from_camera: environment.world_from_camera(),
+            words: words(environment, transition.as_ref()),
+        });
+    }
+
+    /// Draws and writes everything; returns the number of pictures.
+    pub fn develop(
+        mut self,
+        images: &ReplayImages,
+        environment: &Environment,
+        camera: &mut DepthCamera,
+    ) -> Result<u64> {
+        let (kitchen, episode) = (environment.kitchen(), environment.episode());
+        let count = self.moments.len() - 1;
+        for (step, moment) in self.moments.iter_mut().enumerate() {
+            moment.words.action = match step {
+                0 => format!("step 0 of {count}"),
+                _ => format!("step {step} of {count}: {}", moment.words.action),
+            };
+        }
+        let outcome = Outcome::of(self.last.as_ref());
+        if let Some(last) = self.moments.last_mut() {
+            last.words.outcome = Some(outcome.words());
+        }
+        let side = images.side as usize;
+        let name = self.played.name(episode.category, outcome);
+        let mut sink = Sink::create(images, Path::new(&images.folder), &name, self.moments.len())?;
+        let story = (images.format != ImageFormat::Png).then(|| {
+            let target = kitchen.target_movable(episode.category);
+            let task = Task { target, goal: episode.goal, title: self.played.title(episode.category) };
+            Storyboard::new(kitchen, task, &self.moments, side)
+        });
+        let mut depth_mm = vec![0; side * side];
+        let mut bodies: Vec<Pose3> = Vec::new();
+        for moment in &self.moments {
+            bodies.clear();
+            bodies.extend_from_slice(&kitchen.settled_poses()[kitchen.static_bodies()]);
+            bodies.extend_from_slice(&moment.things);
+            // The robot's body is not drawn: the camera sits inside it.
+            bodies.extend_from_slice(&moment.robot[1..]);
+            camera.render(&bodies, moment.world_from_camera, side, &mut depth_mm);
+            match &story {
+                Some(story) => sink.moment(&story.draw(moment, &depth_mm))?,
+                None => sink.depth(side, &depth_mm)?,
+            }
+        }
+        sink.finish()
+    }
+}
+
+/// What is to be said of a moment but its number and the episode's end.
+fn words(environment: &Environment, transition: Option<&Transition>) -> Words {
+    let current = environment.current();
+    let is = |flag: u32| transition.is_some_and(|transition| transition.flags & flag != 0);
+    let action = transition.and_then(|transition| Action::from_index(u8::try_from(transition.action).ok()?));
+    let remark = if is(transition_flag::PICKED_UP) {
+        "picked up"
+    } else if is(transition_flag::ACTION_FAILED) {
+        "failed"
+    } else {
+        ""
+    };
+    let category = environment.episode().category.name();
+    let target = if environment.simulation().holding() {
+        format!("{category} in hand")
+    } else {
+        format!("{category} {:.2} m from the wrist", Vec3::from(current.wrist_to_object_m).length())
+    };
+    Words {
+        action: action.map_or_else(String::new, |action| action.name().to_owned()),
+        remark: remark.to_owned(),
+        target,
+        goal: format!("goal {:.2} m from the {category}", Vec3::from(current.object_to_goal_m).length()),
+        disturbance: format!("disturbance {:.3} m", environment.disturbance_m()),
+        outcome: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::kitchen::KitchenId;
+
+    #[test]
+    fn files_are_called_by_kitchen_episode_target_and_outcome() {
+        let environment = EnvironmentId { kitchen: KitchenId::new(26).unwrap(), number: 1 };
+        let mut played = Played { environment, episode: 4, fixed: Some(7) };
+        let flags = |flags: u32, disturbance_m: f32| Transition { flags, disturbance_m, ..Transition::default() };
+        let done = transition_flag::ENDED | transition_flag::DONE;
+        let cases = [
+            (Some(flags(done | transition_flag::SUCCESS, 0.0)), "success-without-disturbance"),
+            (Some(flags(done | transition_flag::SUCCESS, 0.02)), "success"),
+            (Some(flags(done, 0.0)), "failure"),
+            (Some(flags(transition_flag::ENDED | transition_flag::TIME_LIMIT, 0.0)), "time-limit"),
+            (Some(flags(transition_flag::VALID, 0.0)), "unfinished"),
+            (None, "unfinished"),
+        ];
+        for (last, outcome) in cases {
+            let name = played.name(TargetCategory::SoapBottle, Outcome::of(last.as_ref()));
+            assert_eq!(name, format!("kitchen-26-episode-007-SoapBottle-{outcome}"));
+        }
+        played.fixed = None;
+        let name = played.name(TargetCategory::Mug, Outcome::Failure);
+        assert_eq!(name, "kitchen-26-environment-1-episode-000004-Mug-failure");
+    }
+}

@@ -1,0 +1,92 @@
+//! Episodes as `actor replay` is given them.
+
+use super::*;
+use proto::message::Current;
+use proto::replay::ImageFormat;
+
+/// An evaluation of one novel episode a kitchen, or a run.
+fn config(evaluation: bool) -> Config {
+    let mut config = Config::default();
+    if evaluation {
+        config.evaluation = Some(proto::evaluation::EvaluationConfig {
+            split: proto::kitchen::Split::Test,
+            objects: proto::evaluation::ObjectSet::Novel,
+            episodes: 6,
+            deterministic: false,
+            checkpoint: None,
+        });
+        config.actors = proto::config::ActorsConfig { count: 5, environments_per_actor: 1 };
+    }
+    config
+}
+
+fn first_kitchen(config: &Config) -> EnvironmentId {
+    EnvironmentId { kitchen: config.kitchens().of_actor(0), number: 0 }
+}
+
+/// An episode as the recorder would have recorded it.
+fn recorded(config: &Config, episode: u32, actions: &[Action]) -> RecordedEpisode {
+    let id = first_kitchen(config);
+    let kitchen = Arc::new(source::of_run(id.kitchen, config, &PathBuf::new()).unwrap());
+    let programme = Programme::of(config, &kitchen).unwrap();
+    let mut environment = programme.environment(&kitchen, id, config).unwrap();
+    programme.start(&mut environment, id, episode);
+    let start_hash = Some(environment.state_hash());
+    let (mut hashes, mut goals) = (Vec::new(), Vec::new());
+    for &action in actions {
+        let Current { flags, wrist_to_object_m, object_to_goal_m, .. } = environment.current();
+        let holding = flags & current_flag::HOLDING != 0;
+        goals.push(goal_digest(holding, if holding { object_to_goal_m } else { wrist_to_object_m }));
+        hashes.push(environment.step(action).state_hash);
+    }
+    let actions = actions.iter().map(|action| action.index()).collect();
+    RecordedEpisode { environment: id, episode, start_hash, actions, hashes, goals }
+}
+
+fn replay(config: &Config, images: Option<ReplayImages>, episodes: &[RecordedEpisode]) -> Vec<ReplayVerdict> {
+    let setup = ReplaySetup { config: config.to_toml(), folder: None, images };
+    let mut input = serde_json::to_string(&setup).unwrap();
+    for episode in episodes {
+        input = format!("{input}\n{}", serde_json::to_string(episode).unwrap());
+    }
+    let mut output = Vec::new();
+    run(input.as_bytes(), &mut output).unwrap();
+    String::from_utf8(output).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+const WAY: [Action; 4] =
+    [Action::RotateRightContinuous, Action::MoveAheadContinuous, Action::LookDown, Action::DoneMidLevel];
+
+#[test]
+fn a_goal_vector_that_the_simulator_does_not_give_is_a_difference() {
+    let config = config(false);
+    let good = recorded(&config, 3, &WAY);
+    let mut unknown = good.clone();
+    unknown.goals[1] = 0;
+    let mut wrong = good.clone();
+    wrong.goals[2] ^= 1;
+    let differences =
+        replay(&config, None, &[good, unknown, wrong]).into_iter().map(|verdict| verdict.first_difference);
+    assert_eq!(differences.collect::<Vec<_>>(), [None, None, Some(2)]);
+}
+
+#[test]
+fn a_film_is_called_by_the_fixed_episode_and_has_a_picture_for_every_state() {
+    let config = config(true);
+    let episode = recorded(&config, 2, &WAY);
+    let fixed = config.evaluation_plan().unwrap().fixed(episode.environment, 2).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let images = ReplayImages { folder: folder.path().display().to_string(), format: ImageFormat::Apng, side: 96 };
+    let verdict = replay(&config, Some(images), &[episode]).remove(0);
+    assert_eq!((verdict.images, verdict.first_difference), (5, None));
+    let files: Vec<String> = std::fs::read_dir(folder.path())
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    let target = proto::evaluation::category_of(fixed).name();
+    let kitchen = config.kitchens().of_actor(0).number();
+    assert_eq!(files, [format!("kitchen-{kitchen:02}-episode-{fixed:03}-{target}-failure.png")]);
+    let file = std::fs::File::open(folder.path().join(&files[0])).unwrap();
+    let reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().unwrap();
+    assert_eq!(reader.info().animation_control().unwrap().num_frames, 5);
+}
