@@ -8,7 +8,7 @@ use crate::identity::unix_now;
 use crate::lifeline;
 use crate::session::{Tools, preflight};
 use anyhow::{Result, ensure};
-use proto::config::{Config, DeviceChoice, ValidationConfig};
+use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{EvaluationConfig, ObjectSet, Plan};
 use proto::kitchen::{KitchenId, Split};
 use proto::run_folder::RunFolder;
@@ -39,6 +39,9 @@ pub struct EvalArgs {
     /// TOML file whose keys replace the preset's
     #[arg(long, value_name = "FILE", requires = "preset")]
     config: Option<PathBuf>,
+    /// One key of the configuration, over the preset and --config, as `orchestrator up` takes it; repeat it for more
+    #[arg(long, value_name = "KEY=VALUE", requires = "preset")]
+    set: Vec<Setting>,
     /// Kitchens
     #[arg(long, value_enum, default_value = "test")]
     split: SplitChoice,
@@ -169,7 +172,7 @@ fn subject(args: &EvalArgs) -> Result<(Config, Origin, Option<String>)> {
         return Ok((found.config, origin, Some(manifest)));
     }
     let preset = args.preset.as_deref().unwrap_or("demo");
-    let config = Config::resolve(preset, args.config.as_deref())?;
+    let config = Config::resolve_set(preset, args.config.as_deref(), &args.set)?;
     let seed = args.seed.unwrap_or(config.seed);
     Ok((config, Origin { preset: preset.to_owned(), seed, run: None }, None))
 }

@@ -17,6 +17,11 @@ use std::str::FromStr;
 
 /// Simulate recorded episodes again: compare every state, draw depth images if asked.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  orchestrator replay runs/a                                        every recorded episode, every state compared
+  orchestrator replay runs/a --images frames --format video --limit 3   three episodes to look at in a browser
+  orchestrator replay runs/a --images frames --environment 1/0 --side 448   kitchen 1, environment 0, larger pictures
+  orchestrator replay runs/a/recordings/incarnation-001.000.mcap --episode 7")]
 pub struct ReplayArgs {
     /// Recordings (.mcap), or a run folder: all its recordings.
     #[arg(required = true, value_name = "FILE|RUN")]
