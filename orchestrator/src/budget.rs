@@ -1,8 +1,8 @@
 //! Another frame budget for a run that has begun: `orchestrator resume --frames`.
 //!
-//! Two files say how far a run goes: `config.toml` has the budget, and `summary.json` says that it is reached. The summary
-//! goes first and the configuration is replaced after it, so a crash leaves the run with its old budget, which the next
-//! resume finds reached and sums up again, or with the new one.
+//! Two files say how far a run goes: `config.toml` has the budget, and `summary.json` says that it is reached. The
+//! summary is removed first and the configuration replaced after it. So a crash leaves the run with its old budget, which
+//! the next resume finds reached and sums up again, or with the new one.
 
 use crate::evaluation::subject::Provenance;
 use crate::format;

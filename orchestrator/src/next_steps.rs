@@ -1,4 +1,4 @@
-//! What can be done next with a run, as commands to paste: they name the program as it was called, and the run's folder.
+//! What can be done next with a run, as commands to paste: they name the program as it was called, and the run folder.
 
 use crate::supervisor::event::End;
 use proto::run_folder::RunFolder;

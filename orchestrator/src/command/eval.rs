@@ -37,10 +37,10 @@ pub struct EvalArgs {
     #[arg(long, value_name = "P", conflicts_with = "subject")]
     preset: Option<String>,
     /// TOML file whose keys replace the preset's
-    #[arg(long, value_name = "FILE", requires = "preset")]
+    #[arg(long, value_name = "FILE", requires = "preset", conflicts_with = "subject")]
     config: Option<PathBuf>,
     /// One key of the configuration, over the preset and --config, as `orchestrator up` takes it; repeat it for more
-    #[arg(long, value_name = "KEY=VALUE", requires = "preset")]
+    #[arg(long, value_name = "KEY=VALUE", requires = "preset", conflicts_with = "subject")]
     set: Vec<Setting>,
     /// Kitchens
     #[arg(long, value_enum, default_value = "test")]

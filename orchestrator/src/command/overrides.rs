@@ -1,5 +1,5 @@
-//! Options that `up`, `import`, `config` and `doctor` share: what the user lays over a preset. Later ones lie over earlier
-//! ones: preset, `--config`, `--set`, the other flags.
+//! Options that `up`, `import`, `config` and `doctor` share: what the user lays over a preset. Each lies over those before
+//! it: preset, `--config`, `--set`, the other flags.
 
 use crate::preflight::libtorch::Torch;
 use anyhow::{Context, Result};

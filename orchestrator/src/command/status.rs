@@ -20,8 +20,8 @@ use std::path::PathBuf;
 
 /// Show how a run or an evaluation stands
 ///
-/// Wall time is counted from the beginning of each start to its end, not in between; a start that was killed counts until
-/// the last rollout that it trained.
+/// Wall time is counted from the beginning of each start to its end, not in between; a start that was killed counts
+/// until the last rollout that it trained.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator status runs/20261121-020423-demo-1
