@@ -142,18 +142,18 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
 /// The same call.
 fn again(args: &SuiteArgs) -> String {
     let path = |path: &Path| quoted(&path.display().to_string());
-    let mut call = format!("{} suite {}", program(), path(&args.file));
+    let mut call = vec![program(), "suite".to_owned(), path(&args.file)];
     if let Some(out) = &args.out {
-        call += &format!(" --out {}", path(out));
+        call.extend(["--out".to_owned(), path(out)]);
     }
     if !args.gpus.is_empty() {
-        call += &format!(" --gpus {}", quoted(&args.gpus.join(",")));
+        call.extend(["--gpus".to_owned(), quoted(&args.gpus.join(","))]);
     }
     if !args.seed.is_empty() {
         let seeds: Vec<String> = args.seed.iter().map(u64::to_string).collect();
-        call += &format!(" --seed {}", seeds.join(","));
+        call.extend(["--seed".to_owned(), seeds.join(",")]);
     }
-    call
+    call.join(" ")
 }
 
 /// Refuses GPUs that torch does not find, in one sentence instead of one a run.

@@ -223,7 +223,9 @@ impl Planned {
         let mut entries = Vec::new();
         for Point { suffix, settings } in points(&self.grid, RUNS_MAX)? {
             let mut keys = keys.clone();
-            settings.iter().for_each(|setting| setting.lay_over(&mut keys));
+            for setting in &settings {
+                setting.lay_over(&mut keys);
+            }
             let name = format!("{name}{suffix}");
             ensure!(
                 name.len() <= NAME_BYTES_MAX,

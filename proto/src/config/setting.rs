@@ -39,8 +39,8 @@ pub enum SettingError {
     WrongType(String),
 }
 
-/// One key of the configuration with its value. The key exists, and the value is of its type; whether it is in its range
-/// can depend on other settings.
+/// One key of the configuration with its value. The key exists, and the value is of its type; whether it is in its
+/// range can depend on other settings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setting(Table);
 
