@@ -1,6 +1,7 @@
 //! `orchestrator`: starts and supervises a run, shows how it stands, stops it, goes on with it, replays what it
 //! recorded. Each command is a file in [`command`].
 
+mod budget;
 mod command;
 mod evaluation;
 mod figures;
@@ -11,6 +12,7 @@ mod json_lines;
 mod lifeline;
 mod log_line;
 mod metrics;
+mod next_steps;
 mod preflight;
 mod progress;
 mod recorder;
@@ -27,6 +29,7 @@ mod supervisor;
 mod terminal;
 mod training;
 mod validation;
+mod wall;
 
 use clap::{Parser, Subcommand};
 use rustix::process::Signal;

@@ -1,8 +1,9 @@
 //! One sitting of a run that trains, from the note that it began to its last line: what `up` and `resume` share.
 
-use crate::format::counted;
+use crate::format::{self, counted};
 use crate::identity::{Ended, Identity, RunLock, unix_now};
 use crate::metrics::History;
+use crate::next_steps;
 use crate::preflight::{device, disk, memory, processor, shared_memory};
 pub use crate::sitting::Tools;
 use crate::sitting::{EXIT_INTERRUPTED, Sitting};
@@ -10,10 +11,12 @@ use crate::summary::Summary;
 use crate::supervisor::event::{End, Outcome};
 use crate::terminal;
 use crate::training::Training;
+use crate::wall::{Last, Wall};
 use anyhow::{Context, Result};
 use proto::config::{ActorsConfig, Config};
 use proto::fault;
 use proto::run_folder::RunFolder;
+use proto::stage::total_frames;
 use proto::wire::WireAddress;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -74,11 +77,12 @@ impl Session {
         let sitting = Sitting { folder, config, incarnation, address, tools };
         sitting.begin_log()?;
         tracing::info!(
-            "run {} in {}, start {incarnation}; {}, seed {}",
+            "run {} in {}, start {incarnation}; {}, seed {}, {} frames",
             identity.id,
             folder.root().display(),
             shape(config),
-            config.seed
+            config.seed,
+            format::count(total_frames(&config.stages))
         );
         fault::reach("orchestrator.after_lock");
         let mut training = Training::open(folder, config, incarnation)?;
@@ -99,19 +103,15 @@ impl Session {
             End::Complete | End::Stopped | End::Interrupted => None,
         };
         let saved = outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.as_str()));
-        let incarnations = self.identity.incarnations.len() as u32;
-        let summary =
-            saved.map(|saved| Summary::of(&self.folder, &self.config, history, &self.identity.id, incarnations, saved));
+        let wall = Wall::read(&self.folder, &self.identity, Last::Took(wall))?;
+        let summary = saved.map(|saved| Summary::of(&self.folder, &self.config, history, &self.identity, wall, saved));
         fault::reach("orchestrator.before_summary");
         if let Some(summary) = summary.as_ref().filter(|_| outcome.end == End::Complete) {
             summary.write(&self.folder)?;
         }
         self.note_end(how, outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.clone())), reason);
-        if outcome.end != End::Complete {
-            terminal::note(&format!("go on with: orchestrator resume {}", self.folder.root().display()));
-        }
         if let Some(summary) = &summary {
-            for line in summary.lines(&self.folder, &outcome.end, Some(wall)) {
+            for line in summary.lines(&self.folder, &outcome.end) {
                 terminal::out(&line);
             }
         } else if let End::Stopped | End::Interrupted = outcome.end {
@@ -119,6 +119,11 @@ impl Session {
         }
         if let Err(error) = recording {
             tracing::error!("the recording is incomplete: {error:#}");
+        }
+        let recorded = summary.is_some_and(|summary| !summary.recordings.is_empty());
+        let preset = &self.config.preset;
+        for line in next_steps::lines(&next_steps::program(), &self.folder, &outcome.end, preset, recorded) {
+            terminal::note(&line);
         }
         Ok(match outcome.end {
             End::Complete | End::Stopped if recording.is_ok() => ExitCode::SUCCESS,

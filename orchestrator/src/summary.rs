@@ -3,9 +3,11 @@
 
 use crate::figures::{EpisodeFigures, StageFigures, by_stage};
 use crate::format;
+use crate::identity::Identity;
 use crate::metrics::{History, total_s};
 use crate::progress::reward_symbol;
 use crate::supervisor::event::End;
+use crate::wall::Wall;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
@@ -39,6 +41,10 @@ pub struct Summary {
     pub training_s: f64,
     /// Frames a second of that time.
     pub frames_per_s: f64,
+    /// Wall time from the beginning of each start to its end; a start that was killed counts until its last rollout.
+    /// None in summaries of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wall: Option<Wall>,
     /// How often an orchestrator was started on it.
     pub incarnations: u32,
     /// Recordings, relative to the run folder.
@@ -51,15 +57,15 @@ impl Summary {
         folder: &RunFolder,
         config: &Config,
         history: &History,
-        id: &str,
-        incarnations: u32,
+        identity: &Identity,
+        wall: Wall,
         (frames, weights): (u64, &str),
     ) -> Self {
         let training_s: f64 = history.iter().map(|trained| total_s(&trained.timing)).sum();
         let budget = proto::stage::total_frames(&config.stages);
         Self {
             schema_version: SCHEMA_VERSION,
-            id: id.to_owned(),
+            id: identity.id.clone(),
             preset: config.preset.clone(),
             seed: config.seed,
             complete: frames == budget,
@@ -69,7 +75,8 @@ impl Summary {
             stages: by_stage(&config.stages, history),
             training_s,
             frames_per_s: if training_s > 0.0 { frames as f64 / training_s } else { 0.0 },
-            incarnations,
+            wall: Some(wall),
+            incarnations: identity.incarnations.len() as u32,
             recordings: recordings(folder),
         }
     }
@@ -92,9 +99,8 @@ impl Summary {
         }
     }
 
-    /// As people read it. `wall` is how long this sitting took. A failed run has no result, so the two lines for
-    /// scripts are missing then.
-    pub fn lines(&self, folder: &RunFolder, end: &End, wall: Option<Duration>) -> Vec<String> {
+    /// As people read it. A failed run has no result, so the two lines for scripts are missing then.
+    pub fn lines(&self, folder: &RunFolder, end: &End) -> Vec<String> {
         let state = end.word();
         let mut lines = vec![format!(
             "run {} {state}: preset {}, seed {}, {} of {} frames",
@@ -109,10 +115,9 @@ impl Summary {
             stage.multiplier.map(|multiplier| format!("stage {}: multiplier λ {multiplier:.4}", stage.name))
         }));
         let training = Duration::try_from_secs_f64(self.training_s).unwrap_or_default();
-        let wall = wall.map_or_else(String::new, |wall| format!(", wall time {}", format::duration(wall)));
-        let starts = if self.incarnations > 1 { format!(" over {} starts", self.incarnations) } else { String::new() };
+        let wall = self.wall.map_or_else(String::new, |wall| format!(", {}", wall.text(self.incarnations)));
         lines.push(format!(
-            "training time {}{starts}{wall}, {} frames/s",
+            "training time {}{wall}, {} frames/s",
             format::duration(training),
             format::rate(self.frames_per_s)
         ));
@@ -176,12 +181,16 @@ mod tests {
     fn summary() -> Summary {
         let config = Config { stages: stages(), ..Config::default() };
         let folder = RunFolder::new("/nowhere/run");
-        Summary::of(&folder, &config, &history(30), "0a1b", 2, (1500, &"f".repeat(64)))
+        let mut identity = Identity { id: "0a1b".to_owned(), ..Identity::new().unwrap() };
+        identity.begin_incarnation();
+        identity.begin_incarnation();
+        let wall = Wall { all_starts_s: 75.0, last_start_s: 61.0 };
+        Summary::of(&folder, &config, &history(30), &identity, wall, (1500, &"f".repeat(64)))
     }
 
     #[test]
     fn the_last_lines_are_weights_and_frames() {
-        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &End::Stopped, Some(Duration::from_secs(61)));
+        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &End::Stopped);
         assert!(lines[0].starts_with("run 0a1b stopped: "), "{}", lines[0]);
         assert_eq!(lines[lines.len() - 2], format!("weights: {}", "f".repeat(64)));
         assert_eq!(lines[lines.len() - 1], "frames: 1500");
@@ -193,12 +202,15 @@ mod tests {
                 "II     r′         500        20  20.00 -> 29.00    50.0%      –      0.250 m",
             ]
         );
-        assert_eq!(lines[4], "training time 1 min 00 s over 2 starts, wall time 1 min 01 s, 25.0 frames/s");
+        assert_eq!(
+            lines[4],
+            "training time 1 min 00 s, wall time 1 min 15 s over 2 starts (the last 1 min 01 s), 25.0 frames/s"
+        );
     }
 
     #[test]
     fn a_failed_run_is_called_so_and_has_no_result() {
-        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &End::Failed("disk full".to_owned()), None);
+        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &End::Failed("disk full".to_owned()));
         assert!(lines[0].starts_with("run 0a1b failed: "), "{}", lines[0]);
         assert!(!lines.iter().any(|line| line.starts_with("weights:") || line.starts_with("frames:")));
     }
@@ -210,6 +222,14 @@ mod tests {
         assert_eq!(Summary::read(&folder).unwrap(), None);
         let summary = summary();
         summary.write(&folder).unwrap();
-        assert_eq!(Summary::read(&folder).unwrap(), Some(summary));
+        assert_eq!(Summary::read(&folder).unwrap(), Some(summary.clone()));
+        // One of an older version: nobody knows how long it took.
+        let text = std::fs::read_to_string(folder.summary()).unwrap();
+        let mut older: serde_json::Value = serde_json::from_str(&text).unwrap();
+        older.as_object_mut().unwrap().remove("wall").unwrap();
+        std::fs::write(folder.summary(), older.to_string()).unwrap();
+        let older = Summary::read(&folder).unwrap().unwrap();
+        assert_eq!(older, Summary { wall: None, ..summary });
+        assert!(!older.lines(&folder, &End::Complete).iter().any(|line| line.contains("wall")));
     }
 }

@@ -3,7 +3,7 @@
 //! ```text
 //! RUN/
 //!   run.toml               identity of the run: id, schema version, incarnations so far
-//!   config.toml            effective configuration, written once
+//!   config.toml            effective configuration; only `orchestrator resume --frames` replaces it
 //!   orchestrator.lock      held (flock) by the orchestrator that runs it
 //!   learner-0.lock, ...    held by the learner of that rank while it lives
 //!   scenes/000/            copies of the scenes it trains in, if it has its own

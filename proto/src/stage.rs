@@ -99,6 +99,77 @@ pub fn scale_to(stages: &[StageConfig], total: u64) -> Result<Vec<StageConfig>, 
     Ok(scaled)
 }
 
+/// The stages of a run that has trained `trained` frames, with new budgets that sum to `total`. Stages that have ended
+/// keep theirs, the others share the rest in proportion: before the first stage has ended, that is [`scale_to`]. The
+/// last stage never counts as ended, so a complete run goes on in it.
+///
+/// Errors if frames that are trained would lie beyond the end of their stage.
+pub fn rebudget(stages: &[StageConfig], trained: u64, total: u64) -> Result<Vec<StageConfig>, BudgetError> {
+    if total < trained {
+        return Err(BudgetError::Trained { total, trained });
+    }
+    let last = stages.len().saturating_sub(1);
+    let (mut current, mut start) = (0, 0);
+    while current < last && start + stages[current].frames <= trained {
+        start += stages[current].frames;
+        current += 1;
+    }
+    let (ended, open) = stages.split_at(current);
+    let mut result = ended.to_vec();
+    let too_few = |_| BudgetError::TooFew { total, left: total - start, stages: open.len() };
+    result.extend(scale_to(open, total - start).map_err(too_few)?);
+    let (old, new) = (stages[current].frames, result[current].frames);
+    let trained_in_stage = trained - start;
+    if new < trained_in_stage {
+        // The smallest total whose share for this stage, rounded down, is enough.
+        let share = u128::from(trained_in_stage) * u128::from(total_frames(open));
+        let least = start + share.div_ceil(u128::from(old.max(1))) as u64;
+        let stage = stages[current].name.clone();
+        return Err(BudgetError::StageTrained { total, stage, end: start + new, trained, least });
+    }
+    Ok(result)
+}
+
+/// A frame budget that a run cannot have any more.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum BudgetError {
+    /// More is trained.
+    #[error("--frames {total}: the run has trained {trained} frames already, and a budget cannot take them back")]
+    Trained {
+        /// Frames asked for.
+        total: u64,
+        /// Frames trained on.
+        trained: u64,
+    },
+    /// More is trained in the stage that is in progress.
+    #[error(
+        "--frames {total}: stage {stage} would have ended at {end} frames, and the run has trained {trained}, all in \
+         stages up to this one; ask for {least} or more"
+    )]
+    StageTrained {
+        /// Frames asked for.
+        total: u64,
+        /// The stage in progress.
+        stage: String,
+        /// Where it would end.
+        end: u64,
+        /// Frames trained on.
+        trained: u64,
+        /// The smallest budget that is enough for it.
+        least: u64,
+    },
+    /// A stage would get no frame.
+    #[error("--frames {total} leaves {left} frames, too few for the {stages} stages that have not ended: ask for more")]
+    TooFew {
+        /// Frames asked for.
+        total: u64,
+        /// Frames for the stages that have not ended.
+        left: u64,
+        /// How many these are.
+        stages: usize,
+    },
+}
+
 /// A frame budget that leaves a stage empty.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 #[error("{total} frames cannot be divided over {stages} stages: ask for more with --frames")]
@@ -171,12 +242,67 @@ mod tests {
             prop_assert_eq!(whole.part(0..environments), whole);
         }
 
+        /// What is trained stays where it is, the sum is what was asked for, and the least that an error names is enough.
+        #[test]
+        fn a_new_budget_leaves_what_is_trained(
+            budgets in prop::collection::vec(100u64..3_000, 1..4), at in any::<prop::sample::Index>(),
+            total in 0u64..20_000,
+        ) {
+            let stage = |&frames: &u64| StageConfig { name: "I".into(), reward: RewardKind::Task, frames };
+            let stages: Vec<StageConfig> = budgets.iter().map(stage).collect();
+            let trained = at.index(total_frames(&stages) as usize + 1) as u64;
+            match rebudget(&stages, trained, total) {
+                Ok(new) => {
+                    prop_assert_eq!(total_frames(&new), total);
+                    let stage = |stages: &[StageConfig]| position_at(stages, trained).map(|position| position.stage);
+                    let before = stage(&stages).unwrap_or(stages.len() - 1);
+                    prop_assert_eq!(&new[..before], &stages[..before]);
+                    // Unless the stage ends with the last trained frame, the run goes on in it.
+                    let ends = total_frames(&new[..=before]) == trained;
+                    prop_assert!(ends || stage(&new) == Some(before), "{trained} lie in {new:?}");
+                    prop_assert!(total_frames(&new[..=before]) >= trained);
+                    prop_assert_eq!(rebudget(&stages, trained, total_frames(&stages)).unwrap(), stages);
+                }
+                Err(BudgetError::Trained { .. }) => prop_assert!(total < trained),
+                Err(BudgetError::StageTrained { least, .. }) => {
+                    prop_assert!(least > total);
+                    let enough = rebudget(&stages, trained, least);
+                    prop_assert!(!matches!(enough, Err(BudgetError::StageTrained { .. })), "{least} is not enough");
+                    prop_assert!(rebudget(&stages, trained, least - 1).is_err());
+                }
+                Err(BudgetError::TooFew { .. }) => prop_assert!(total < trained + 3 * 3_000),
+            }
+        }
+
         #[test]
         fn scaling_keeps_the_total(first in 1u64..50_000_000, second in 1u64..50_000_000, total in 2u64..100_000_000) {
             if let Ok(scaled) = scale_to(&two(first, second), total) {
                 prop_assert_eq!(total_frames(&scaled), total);
             }
         }
+    }
+
+    #[test]
+    fn a_new_budget_is_shared_by_the_stages_that_have_not_ended() {
+        let frames = |trained, total| {
+            let new = rebudget(&two(400, 500), trained, total).map_err(|error| error.to_string())?;
+            Ok::<_, String>((new[0].frames, new[1].frames))
+        };
+        assert_eq!(frames(0, 1800), Ok((800, 1000)), "as `up --frames` would have had it");
+        assert_eq!(frames(300, 1800), Ok((800, 1000)));
+        assert_eq!(frames(400, 1800), Ok((400, 1400)), "stage I has ended");
+        assert_eq!(frames(900, 1800), Ok((400, 1400)), "a complete run goes on in its last stage");
+        assert_eq!(frames(700, 700), Ok((400, 300)), "it can end where it is");
+        let passed = frames(300, 600).unwrap_err();
+        assert!(
+            passed.contains("stage I would have ended at 266 frames") && passed.contains("675 or more"),
+            "{passed}"
+        );
+        assert_eq!(frames(300, 675), Ok((300, 375)));
+        let none = frames(400, 400).unwrap_err();
+        assert!(none.contains("--frames 400 leaves 0 frames, too few for the 1 stages"), "{none}");
+        let back = frames(700, 699).unwrap_err();
+        assert!(back.contains("--frames 699") && back.contains("trained 700 frames already"), "{back}");
     }
 
     #[test]

@@ -16,6 +16,12 @@ fn mistakes_on_the_command_line() {
     refused(&complete(workshop.orchestrator(&["up", "--preset", "demmo"])), "did you mean `demo`?");
     refused(&complete(workshop.orchestrator(&["up", "--actors", "0"])), "actors");
     refused(&complete(workshop.orchestrator(&["up", "--frames", "0"])), "frames");
+    let set = complete(workshop.orchestrator(&["up", "--preset", "demo", "--set", "ppo.lerning_rate=1e-3"]));
+    refused(&set, "'--set <KEY=VALUE>': unknown key `lerning_rate` (did you mean `learning_rate`?)");
+    // A run has its configuration.
+    refused(&complete(workshop.orchestrator(&["eval", "runs/a", "--set", "ppo.clip=0.2"])), "cannot be used with");
+    refused(&complete(workshop.orchestrator(&["eval", "runs/a", "--config", "tiny.toml"])), "cannot be used with");
+    refused(&complete(workshop.orchestrator(&["up", "--seed", "1,2,3"])), "`orchestrator suite FILE --seed 1,2,3`");
     refused(&complete(workshop.orchestrator(&["resume", "nowhere"])), "nowhere");
     refused(&complete(workshop.orchestrator(&["stop", "nowhere"])), "nowhere");
     refused(&complete(workshop.orchestrator(&["replay", "nothing.mcap"])), "nothing.mcap");

@@ -323,7 +323,7 @@ fn a_stop_while_the_last_validation_is_waited_for_leaves_it_to_resume() {
     let printed = finish(child);
     let (_, frames) = printed.result();
     assert_eq!(frames, 300);
-    assert!(printed.stderr.contains("go on with: orchestrator resume run"), "{printed:#?}");
+    assert!(printed.stderr.contains("orchestrator resume run\n"), "{printed:#?}");
     assert!(!workshop.path("run/summary.json").exists() && validated(&workshop, "run").is_empty());
     assert_eq!(complete(workshop.resume("run")).result(), printed.result());
     let lines = validated(&workshop, "run");

@@ -89,7 +89,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     second.wait_for_rollouts(4);
     signal(child.id(), rustix::process::Signal::INT);
     let printed = finish(child);
-    assert!(printed.success && printed.stderr.contains("go on with: orchestrator suite suite.toml"), "{printed:#?}");
+    assert!(printed.success && printed.stderr.contains("orchestrator suite suite.toml --out "), "{printed:#?}");
     second.assert_nothing_left();
 
     // Killed when all is done but the last file of the report.

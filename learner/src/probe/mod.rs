@@ -19,7 +19,7 @@ use crate::network::{Judgement, Network, PrecisionError};
 use crate::optimizer::norm;
 use crate::ppo::update::{Look, SCALARS, Update, UpdateError};
 use batch::Batch;
-use proto::config::{Config, ConfigError, DeviceChoice};
+use proto::config::{Config, ConfigError, DeviceChoice, Setting};
 use proto::control::metric;
 use proto::run_folder::write_atomically;
 use std::collections::BTreeMap;
@@ -68,6 +68,9 @@ pub struct Arguments {
     /// TOML file whose keys replace the preset's
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// One key of the configuration over both, for example network.goal=cartesian; repeat it for more
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<Setting>,
     /// Where to compute: cpu, cuda or auto
     #[arg(long, value_name = "D", default_value = "cpu", value_parser = device_choice)]
     device: DeviceChoice,
@@ -130,7 +133,7 @@ pub enum ProbeError {
 
 /// Runs the command: writes the file and prints every figure, a line each.
 pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeError> {
-    let mut config = Config::resolve(&arguments.preset, arguments.config.as_deref())?;
+    let mut config = Config::resolve_set(&arguments.preset, arguments.config.as_deref(), &arguments.set)?;
     let device = device::choose(arguments.device, config.learner.cpu, config.learner.threads)?;
     let weights = model(read(&arguments.weights)?);
     let in_weights = |cause| ProbeError::Tensors { path: arguments.weights.clone(), cause };

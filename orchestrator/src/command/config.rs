@@ -7,17 +7,22 @@ use anyhow::Result;
 
 /// Print the effective configuration as TOML, every default included
 ///
-/// The output is itself a valid configuration file.
+/// The output is itself a valid configuration file. It is, later over earlier: the preset, --config, --set, the other
+/// flags.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator config paper
-  orchestrator config demo --config mine.toml --frames 20000 > effective.toml")]
+  orchestrator config demo --config mine.toml --frames 20000 > effective.toml
+  orchestrator config demo --set ppo.epochs=2 --json | jq .ppo")]
 pub struct ConfigArgs {
     /// Preset [default: the one that `up` would take]
     #[arg(value_name = "PRESET")]
     preset: Option<String>,
     #[command(flatten)]
     overrides: Overrides,
+    /// Print one JSON object instead
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command.
@@ -25,6 +30,8 @@ pub fn run(args: &ConfigArgs) -> Result<()> {
     // Without a learner that starts there is no CUDA either.
     let default = || Ok(Tools::find().map_or("demo", |tools| default_preset(&tools.torch)));
     let preset = args.overrides.preset(args.preset.as_deref(), default)?;
-    terminal::out(args.overrides.resolve(&preset)?.to_toml().trim_end());
+    let config = args.overrides.resolve(&preset)?;
+    let text = if args.json { serde_json::to_string(&config)? } else { config.to_toml() };
+    terminal::out(text.trim_end());
     Ok(())
 }

@@ -6,6 +6,7 @@ use crate::remains::survey;
 use crate::terminal;
 use crate::{format, scenes, session};
 use anyhow::Result;
+use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -15,7 +16,8 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator doctor
-  orchestrator doctor --preset two-stage --actors 38 --run /data/runs/a")]
+  orchestrator doctor --preset two-stage --actors 38 --run /data/runs/a
+  orchestrator doctor --json | jq -r '.checks[] | select(.status != \"ok\") | .text'")]
 pub struct DoctorArgs {
     /// Preset to check for [default: the one that `up` would take]
     #[arg(long, value_name = "P")]
@@ -25,11 +27,14 @@ pub struct DoctorArgs {
     /// Run folder to check for
     #[arg(long, value_name = "DIR", default_value = "runs")]
     run: PathBuf,
+    /// Print one JSON object: `good`, and `checks` with `name`, `status` (ok, warning, problem) and `text`
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
-    let mut table = Table::default();
+    let mut table = Table { json: args.json, rows: Vec::new() };
     table.row("processor", processor::check());
     let [learner, actor] = ["learner", "actor"].map(|program| {
         let found = programs::find(program);
@@ -84,28 +89,83 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         let text = format!("{bytes} in /dev/shm from {runs}; `orchestrator clean` frees it");
         table.row("remains", Finding::Warning(text));
     }
-    Ok(if table.problems == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    table.end();
+    Ok(if table.is_good() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 fn finding(result: std::result::Result<String, &anyhow::Error>) -> Finding {
     result.map_or_else(|error| Finding::Problem(format!("{error:#}")), Finding::Good)
 }
 
-#[derive(Debug, Default)]
+/// What is found, printed as it is found, or as JSON at the end.
+#[derive(Debug)]
 struct Table {
-    problems: usize,
+    json: bool,
+    rows: Vec<Row>,
+}
+
+#[derive(Debug, PartialEq, Eq, Serialize)]
+struct Row {
+    name: String,
+    status: Status,
+    text: String,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Status {
+    Ok,
+    Warning,
+    Problem,
 }
 
 impl Table {
     fn row(&mut self, name: &str, finding: Finding) {
-        let (mark, text) = match finding {
-            Finding::Good(text) => ("ok", text),
-            Finding::Warning(text) => ("warning", text),
-            Finding::Problem(text) => {
-                self.problems += 1;
-                ("PROBLEM", text)
-            }
+        let (status, mark, text) = match finding {
+            Finding::Good(text) => (Status::Ok, "ok", text),
+            Finding::Warning(text) => (Status::Warning, "warning", text),
+            Finding::Problem(text) => (Status::Problem, "PROBLEM", text),
         };
-        terminal::out(&format!("{name:14} {mark:8} {text}"));
+        if !self.json {
+            terminal::out(&format!("{name:14} {mark:8} {text}"));
+        }
+        self.rows.push(Row { name: name.to_owned(), status, text });
+    }
+
+    fn is_good(&self) -> bool {
+        self.rows.iter().all(|row| row.status != Status::Problem)
+    }
+
+    fn end(&self) {
+        if self.json {
+            terminal::out(&self.to_json().to_string());
+        }
+    }
+
+    fn to_json(&self) -> serde_json::Value {
+        serde_json::json!({ "good": self.is_good(), "checks": self.rows })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_problem_is_one_in_json_too() {
+        let mut table = Table { json: true, rows: Vec::new() };
+        table.row("processor", Finding::Good("AVX2".to_owned()));
+        table.row("disk", Finding::Warning("little".to_owned()));
+        assert!(table.is_good());
+        table.row("libtorch", Finding::Problem("none".to_owned()));
+        let expected = serde_json::json!({
+            "good": false,
+            "checks": [
+                { "name": "processor", "status": "ok", "text": "AVX2" },
+                { "name": "disk", "status": "warning", "text": "little" },
+                { "name": "libtorch", "status": "problem", "text": "none" },
+            ],
+        });
+        assert_eq!(table.to_json(), expected);
     }
 }

@@ -10,9 +10,9 @@ use crate::scenes;
 use crate::session::{Tools, preflight};
 use crate::terminal;
 use anyhow::{Result, ensure};
-use proto::config::{Config, DeviceChoice, ValidationConfig};
+use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan};
-use proto::kitchen::{Split, TargetCategory};
+use proto::kitchen::{KitchenId, Split, TargetCategory};
 use proto::run_folder::RunFolder;
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};
@@ -43,8 +43,11 @@ pub struct EvalArgs {
     #[arg(long, value_name = "P", conflicts_with = "subject")]
     preset: Option<String>,
     /// TOML file whose keys replace the preset's
-    #[arg(long, value_name = "FILE", requires = "preset")]
+    #[arg(long, value_name = "FILE", requires = "preset", conflicts_with = "subject")]
     config: Option<PathBuf>,
+    /// One key of the configuration, over the preset and --config, as `orchestrator up` takes it; repeat it for more
+    #[arg(long, value_name = "KEY=VALUE", requires = "preset", conflicts_with = "subject")]
+    set: Vec<Setting>,
     /// Kitchens [default: test; of a run in scenes of its own: those scenes]
     #[arg(long, value_enum)]
     split: Option<SplitChoice>,
@@ -203,7 +206,7 @@ fn subject(args: &EvalArgs) -> Result<(Config, Origin, Option<String>)> {
         return Ok((found.config, origin, Some(manifest)));
     }
     let preset = args.preset.as_deref().unwrap_or("demo");
-    let config = Config::resolve(preset, args.config.as_deref())?;
+    let config = Config::resolve_set(preset, args.config.as_deref(), &args.set)?;
     let seed = args.seed.unwrap_or(config.seed);
     Ok((config, Origin { preset: preset.to_owned(), seed, run: None }, None))
 }

@@ -1,9 +1,10 @@
-//! Options that `up`, `import`, `config` and `doctor` share: what the user lays over a preset.
+//! Options that `up`, `import`, `config` and `doctor` share: what the user lays over a preset. Each lies over those before
+//! it: preset, `--config`, `--set`, the other flags.
 
 use crate::preflight::libtorch::Torch;
 use anyhow::{Context, Result};
 use clap::Args;
-use proto::config::Config;
+use proto::config::{Config, Setting};
 use proto::stage::scale_to;
 use std::path::PathBuf;
 
@@ -13,6 +14,10 @@ pub struct Overrides {
     /// TOML file whose keys replace the preset's (`orchestrator config` shows them all)
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// One key of the configuration, for example ppo.learning_rate=1e-3; repeat it for more. The value is TOML, a single
+    /// word can do without quotes. It wins over preset and --config; the flags below win over it
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<Setting>,
     /// Actor processes; actor i simulates training kitchen i, beyond 19 kitchens repeat [default: 19]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=512))]
     pub actors: Option<u32>,
@@ -23,7 +28,7 @@ pub struct Overrides {
     #[arg(long, value_name = "E", value_parser = clap::value_parser!(u32).range(1..=256))]
     pub envs_per_actor: Option<u32>,
     /// Seed of everything random
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = one_seed)]
     pub seed: Option<u64>,
     /// Frames of the whole run; all stages are scaled in proportion
     #[arg(long, value_name = "F", value_parser = clap::value_parser!(u64).range(1..))]
@@ -33,7 +38,7 @@ pub struct Overrides {
 impl Overrides {
     /// The effective configuration.
     pub fn resolve(&self, preset: &str) -> Result<Config> {
-        let mut config = Config::resolve(preset, self.config.as_deref())?;
+        let mut config = Config::resolve_set(preset, self.config.as_deref(), &self.set)?;
         if let Some(actors) = self.actors {
             config.actors.count = actors;
         }
@@ -75,6 +80,14 @@ impl Overrides {
     }
 }
 
+/// A run has one seed.
+fn one_seed(text: &str) -> Result<u64, String> {
+    if text.contains(',') {
+        return Err(format!("a run has one seed; `orchestrator suite FILE --seed {text}` trains a run with each"));
+    }
+    text.parse().map_err(|error| format!("{error}"))
+}
+
 /// The preset to use when nobody asks for one.
 pub fn default_preset(torch: &Torch) -> &'static str {
     if torch.has_cuda() { "two-stage" } else { "demo" }
@@ -89,14 +102,22 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("mine.toml");
         std::fs::write(&path, "preset = \"paper\"\nseed = 5\n[actors]\ncount = 3\n").unwrap();
-        let overrides = Overrides { config: Some(path), actors: Some(2), ..Overrides::default() };
+        let set = ["actors.count=7", "actors.environments_per_actor=3"].map(|set| set.parse().unwrap()).to_vec();
+        let overrides = Overrides { config: Some(path), set, actors: Some(2), ..Overrides::default() };
         let unused = || -> Result<&'static str> { anyhow::bail!("nobody needs a default") };
         assert_eq!(overrides.preset(None, unused).unwrap(), "paper");
         assert_eq!(overrides.preset(Some("demo"), unused).unwrap(), "demo");
         assert_eq!(Overrides::default().preset(None, || Ok("two-stage")).unwrap(), "two-stage");
         let config = overrides.resolve("demo").unwrap();
         assert_eq!((config.preset.as_str(), config.seed, config.actors.count), ("demo", 5, 2));
-        assert_eq!(config.actors.environments_per_actor, 4);
+        assert_eq!(config.actors.environments_per_actor, 3);
+    }
+
+    #[test]
+    fn several_seeds_are_a_suite() {
+        assert_eq!(one_seed("7"), Ok(7));
+        assert!(one_seed("1,2,3").unwrap_err().contains("`orchestrator suite FILE --seed 1,2,3`"));
+        assert!(one_seed("x").unwrap_err().contains("invalid digit"));
     }
 
     #[test]

@@ -21,9 +21,11 @@ use std::str::FromStr;
 /// Simulate recorded episodes again: compare every state, draw pictures if asked.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator replay runs/RUN                                     # every recorded episode, every state
-  orchestrator replay runs/RUN --environment 3/0 --episode 12,40 --images films --format video
-  orchestrator replay EVALUATION --kitchen 26 --episode 2,7 --images films --format video   # numbers of episodes.csv")]
+  orchestrator replay runs/a                                        every recorded episode, every state compared
+  orchestrator replay runs/a --images films --format video --limit 3   three films to look at
+  orchestrator replay runs/a --images films --environment 3/0 --episode 12,40 --format video
+  orchestrator replay EVALUATION --kitchen 26 --episode 2,7 --images films --format video   numbers of episodes.csv
+  orchestrator replay runs/a/recordings/incarnation-001.000.mcap --episode 7")]
 pub struct ReplayArgs {
     /// Recordings (.mcap), or the folder of a run or an evaluation: all its recordings.
     #[arg(required = true, value_name = "FILE|RUN")]

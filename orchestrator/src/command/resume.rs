@@ -1,7 +1,9 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
+use crate::budget::Budget;
 use crate::format;
 use crate::identity::{Identity, RunLock, host_name, is_evaluation, wait_for_learners};
+use crate::next_steps;
 use crate::remains;
 use crate::session::{Session, Tools, preflight};
 use crate::suite;
@@ -23,14 +25,26 @@ const ACTORS_LEAVE: Duration = Duration::from_secs(5);
 /// Go on with a run that was stopped, or whose machine or orchestrator died
 ///
 /// Continues from the last good checkpoint with the configuration in the run folder. On the CPU the result is the same,
-/// bit for bit, as that of a run that was never interrupted. A run that is complete only prints its summary.
+/// bit for bit, as that of a run that was never interrupted. A run that is complete only prints its summary, unless
+/// `--frames` asks for more.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:
-  orchestrator resume runs/20261121-020423-demo-1")]
+#[command(after_help = "Examples:
+  orchestrator resume runs/20261121-020423-demo-1
+  orchestrator resume runs/20261121-020423-demo-1 --frames 720000   trains on: 720 000 frames in all
+
+With --frames, stages that have ended keep their frames, and those that have not share the rest in proportion; of a
+complete run the last stage goes on, with its optimiser and episodes. Before the first stage has ended, the stages are
+those of `up --frames`. The result is not that of a run that had this budget from its beginning: the learning rate falls
+over the length of a stage (unless ppo.learning_rate_end = 1), and what is trained was trained under the old length; and
+the last rollout of a complete run is shorter, to end on the old budget.")]
 pub struct ResumeArgs {
     /// Run folder
     #[arg(value_name = "RUN")]
     run: PathBuf,
+    /// Another budget: frames of the whole run, those included that are trained. It is written into the run's
+    /// configuration
+    #[arg(long, value_name = "F", value_parser = clap::value_parser!(u64).range(1..))]
+    frames: Option<u64>,
 }
 
 /// Runs the command.
@@ -48,21 +62,45 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     let lock = RunLock::acquire(&folder)?;
     // Only now nobody else writes it.
     let identity = Identity::read(&folder)?;
-    if let Some(summary) = Summary::read(&folder)? {
-        terminal::note("this run is complete");
-        for line in summary.lines(&folder, &End::Complete, None) {
-            terminal::out(&line);
-        }
-        return Ok(ExitCode::SUCCESS);
+    let summary = Summary::read(&folder)?;
+    if let (None, Some(summary)) = (args.frames, &summary) {
+        return Ok(show(summary, &folder));
     }
-    let config = Config::of_run(&folder)?;
+    let mut config = Config::of_run(&folder)?;
     let tools = Tools::find()?;
     settle(&folder, &identity, config.learner.count, Policy::of(&config).silence)?;
-    preflight(&config, &folder, &tools)?;
+    // Only now nobody trains any more.
+    let budget = args.frames.map(|frames| Budget::of(&folder, &config, frames)).transpose()?;
+    let budget = budget.filter(|budget| !budget.is_old());
+    if let (None, Some(summary)) = (&budget, &summary) {
+        return Ok(show(summary, &folder));
+    }
+    if let Some(budget) = budget {
+        let new = budget.lay_over(&config);
+        preflight(&new, &folder, &tools)?;
+        budget.announce(&config);
+        budget.write(&folder, &config)?;
+        config = new;
+    } else {
+        preflight(&config, &folder, &tools)?;
+    }
     for path in [folder.logs(), folder.checkpoints(), folder.recordings()] {
         std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
     }
     Session { folder, config, identity, lock, tools }.run()
+}
+
+/// Shows a complete run as it was shown when it ended.
+fn show(summary: &Summary, folder: &RunFolder) -> ExitCode {
+    terminal::note("this run is complete");
+    for line in summary.lines(folder, &End::Complete) {
+        terminal::out(&line);
+    }
+    let recorded = !summary.recordings.is_empty();
+    for line in next_steps::lines(&next_steps::program(), folder, &End::Complete, &summary.preset, recorded) {
+        terminal::note(&line);
+    }
+    ExitCode::SUCCESS
 }
 
 /// Waits until nothing of an earlier incarnation runs any more, and removes what it left. Learners that outlived their

@@ -4,13 +4,15 @@
 use crate::evaluation::standing::Standing;
 use crate::figures::{Recent, StageFigures, by_stage, recent};
 use crate::format;
-use crate::identity::{Held, Identity, Incarnation, holder, state};
+use crate::identity::{Held, Identity, Incarnation, holder, state, unix_now};
 use crate::metrics::History;
+use crate::next_steps;
 use crate::progress::{figures_line, frames_line};
 use crate::recording::Recordings;
 use crate::suite;
 use crate::summary::{Summary, table};
 use crate::terminal;
+use crate::wall::{Last, Wall};
 use anyhow::Result;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -18,6 +20,9 @@ use serde::Serialize;
 use std::path::PathBuf;
 
 /// Show how a run or an evaluation stands
+///
+/// Wall time is counted from the beginning of each start to its end, not in between; a start that was killed counts
+/// until the last rollout that it trained.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator status runs/20261121-020423-demo-1
@@ -52,6 +57,7 @@ enum Work {
         recent: Recent,
         stages: Vec<StageFigures>,
         weights: Option<String>,
+        wall: Wall,
     },
     /// An evaluation trains nothing: its configuration's stages are its run's.
     Evaluation {
@@ -60,15 +66,17 @@ enum Work {
 }
 
 impl Work {
-    fn read(folder: &RunFolder, config: &Config) -> Result<Self> {
+    fn read(folder: &RunFolder, config: &Config, identity: &Identity, held: &Held) -> Result<Self> {
         if let Some(evaluation) = Standing::read(folder, config)? {
             return Ok(Self::Evaluation { evaluation });
         }
         let history = History::read(folder)?;
+        let last = if *held == Held::Free { Last::AsNoted } else { Last::Until(unix_now()) };
         Ok(Self::Training {
             recent: recent(&config.stages, &history),
             stages: by_stage(&config.stages, &history),
             weights: Summary::read(folder)?.map(|summary| summary.weights),
+            wall: Wall::read(folder, identity, last)?,
         })
     }
 
@@ -86,14 +94,17 @@ impl Work {
         }
     }
 
-    /// As people read it. `goes_on`: whether somebody works on it.
-    fn lines(&self, config: &Config, goes_on: bool) -> Vec<String> {
+    /// As people read it. `goes_on`: whether somebody works on it. `starts`: how often somebody began to.
+    fn lines(&self, config: &Config, goes_on: bool, starts: usize) -> Vec<String> {
         match self {
-            Self::Training { recent, stages, .. } => {
+            Self::Training { recent, stages, wall, .. } => {
                 let mut lines = vec![frames_line(&config.stages, recent)];
                 lines.extend(Some(figures_line(recent)).filter(|figures| !figures.is_empty()));
                 if !stages.is_empty() {
                     lines.extend(table(stages));
+                }
+                if starts > 0 {
+                    lines.push(wall.text(starts as u32));
                 }
                 lines
             }
@@ -116,7 +127,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     let identity = Identity::read(&folder)?;
     let config = Config::of_run(&folder)?;
     let held = holder(&folder)?;
-    let work = Work::read(&folder, &config)?;
+    let work = Work::read(&folder, &config, &identity, &held)?;
     let status = Status {
         id: identity.id.clone(),
         state: state(&identity, &held, work.is_complete()),
@@ -142,7 +153,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
             terminal::out(reason);
         }
     }
-    for line in work.lines(&config, held != Held::Free) {
+    for line in work.lines(&config, held != Held::Free, incarnations.len()) {
         terminal::out(&line);
     }
     if let Some(recordings) = recordings {
@@ -150,7 +161,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     }
     // An evaluation is not gone on with.
     if held == Held::Free && !work.is_complete() && matches!(work, Work::Training { .. }) {
-        terminal::out(&format!("go on with: orchestrator resume {}", folder.root().display()));
+        terminal::out(&format!("go on with: {}", next_steps::resume(&next_steps::program(), folder.root())));
     }
     Ok(())
 }

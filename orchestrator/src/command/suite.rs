@@ -2,6 +2,7 @@
 
 use crate::format::counted;
 use crate::gather::gather;
+use crate::next_steps::{program, quoted};
 use crate::preflight::{device, libtorch, programs};
 use crate::report_files;
 use crate::sitting::EXIT_INTERRUPTED;
@@ -36,6 +37,13 @@ config.ppo.learning_rate = 1e-4   # optional: keys laid over preset and suite
 [[runs]]
 preset = "disturb-stage2-25m"
 from = "disturb-stage1-20m"       # optional: a run further up; each seed begins with the weights of that one's
+
+[[runs]]
+preset = "lambda-15"
+name = "rates"
+# optional: every combination is a run, here four with the seed 1, rates-clip=0.1-learning_rate=0.001-1 and so on
+grid = { "ppo.clip" = [0.1, 0.2], "ppo.learning_rate" = [3e-4, 1e-3] }
+seeds = [1]
 "#;
 
 fn after_help() -> String {
@@ -45,6 +53,7 @@ fn after_help() -> String {
 Examples:
   orchestrator suite table-1.toml                  into runs/table-1
   orchestrator suite table-1.toml --gpus 0,1,2,3
+  orchestrator suite table-1.toml --seed 4,5,6     with other seeds than those in the file
   orchestrator suite table-1.toml --check          says what it would do",
         example.collect::<Vec<_>>().join("\n")
     )
@@ -68,6 +77,9 @@ pub struct SuiteArgs {
     /// GPUs, separated by commas: one run at a time on each [default: one run at a time]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     gpus: Vec<String>,
+    /// Seeds, separated by commas, of every run, in the place of those in the file
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    seed: Vec<u64>,
     /// Only judge the file and print its runs
     #[arg(long)]
     check: bool,
@@ -75,8 +87,9 @@ pub struct SuiteArgs {
 
 /// Runs the command.
 pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
-    let (suite, text) = Suite::read(&args.file)?;
     check_gpus(&args.gpus)?;
+    check_seeds(&args.seed)?;
+    let (suite, text) = Suite::read(&args.file, &args.seed)?;
     let root = match &args.out {
         Some(out) => out.clone(),
         None => Path::new("runs").join(args.file.file_stem().context("the suite's file has no name")?),
@@ -101,7 +114,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         terminal::out(&line);
     }
     if let Outcome::Stopped | Outcome::Interrupted = outcome {
-        terminal::note(&format!("go on with: orchestrator suite {}", args.file.display()));
+        terminal::note(&format!("go on with: {}", again(args)));
         let stopped = outcome == Outcome::Stopped;
         return Ok(if stopped { ExitCode::SUCCESS } else { ExitCode::from(EXIT_INTERRUPTED) });
     }
@@ -126,6 +139,23 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     Ok(ExitCode::FAILURE)
 }
 
+/// The same call.
+fn again(args: &SuiteArgs) -> String {
+    let path = |path: &Path| quoted(&path.display().to_string());
+    let mut call = vec![program(), "suite".to_owned(), path(&args.file)];
+    if let Some(out) = &args.out {
+        call.extend(["--out".to_owned(), path(out)]);
+    }
+    if !args.gpus.is_empty() {
+        call.extend(["--gpus".to_owned(), quoted(&args.gpus.join(","))]);
+    }
+    if !args.seed.is_empty() {
+        let seeds: Vec<String> = args.seed.iter().map(u64::to_string).collect();
+        call.extend(["--seed".to_owned(), seeds.join(",")]);
+    }
+    call.join(" ")
+}
+
 /// Refuses GPUs that torch does not find, in one sentence instead of one a run.
 fn find_gpus(gpus: &[String]) -> Result<()> {
     let mut environment = libtorch::environment()?;
@@ -142,6 +172,13 @@ fn check_gpus(gpus: &[String]) -> Result<()> {
     Ok(())
 }
 
+fn check_seeds(seeds: &[u64]) -> Result<()> {
+    for (index, seed) in seeds.iter().enumerate() {
+        ensure!(!seeds[..index].contains(seed), "--seed: {seed} stands twice");
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -152,7 +189,32 @@ mod tests {
         let names: Vec<&str> = suite.entries.iter().map(|entry| entry.name.as_str()).collect();
         let with_seeds = |name: &'static str| (1..=3).map(move |seed| format!("{name}-{seed}"));
         let stages = with_seeds("disturb-stage1-20m").chain(["small-steps-1".to_owned()]);
-        assert!(names.iter().copied().eq(stages.chain(with_seeds("disturb-stage2-25m"))), "{names:?}");
+        let grid = ["0.1", "0.2"]
+            .into_iter()
+            .flat_map(|clip| ["0.0003", "0.001"].map(|rate| format!("rates-clip={clip}-learning_rate={rate}-1")));
+        let expected = stages.chain(with_seeds("disturb-stage2-25m")).chain(grid);
+        assert!(names.iter().copied().eq(expected), "{names:?}");
+    }
+
+    #[test]
+    fn what_goes_on_is_the_same_call() {
+        let args = SuiteArgs {
+            file: "my suites/a.toml".into(),
+            out: Some("runs/all".into()),
+            gpus: vec!["0".to_owned(), "1".to_owned()],
+            seed: vec![3, 4],
+            check: false,
+        };
+        let call = again(&args);
+        assert!(call.ends_with(" suite 'my suites/a.toml' --out runs/all --gpus 0,1 --seed 3,4"), "{call}");
+        let bare = SuiteArgs { file: "a.toml".into(), out: None, gpus: vec![], seed: vec![], check: false };
+        assert!(again(&bare).ends_with(" suite a.toml"), "{}", again(&bare));
+    }
+
+    #[test]
+    fn a_seed_stands_once() {
+        check_seeds(&[1, 2]).unwrap();
+        assert!(check_seeds(&[1, 2, 1]).unwrap_err().to_string().contains("--seed: 1 stands twice"));
     }
 
     #[test]

@@ -26,7 +26,10 @@ use std::process::ExitCode;
   orchestrator up --preset demo --actors 4 --envs-per-actor 2 --frames 20000 --run runs/small
   orchestrator up --preset two-stage --actors 38 --learners 2               a learner on each of two GPUs
   orchestrator up --config mine.toml               some settings of your own over the default preset
-  orchestrator up --preset disturb-stage2-25m --from runs/stage-1           stage II as a run of its own")]
+  orchestrator up --preset demo --set ppo.learning_rate=1e-3 --set network.encoder=resnet      single settings
+  orchestrator up --preset disturb-stage2-25m --from runs/stage-1           stage II as a run of its own
+
+The configuration, later over earlier: the preset, --config, --set, the other flags. `orchestrator config` prints it.")]
 pub struct UpArgs {
     /// Named configuration (`orchestrator presets`) [default: demo without a CUDA device, two-stage with one]
     #[arg(long, value_name = "P")]

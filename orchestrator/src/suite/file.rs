@@ -1,9 +1,10 @@
 //! The file of a suite: which presets with which seeds, and how they are evaluated. Judged whole before anything starts.
 
+use super::grid::{Point, points};
 use crate::evaluation::subject::network_differences;
 use crate::format::counted;
 use anyhow::{Context, Result, bail, ensure};
-use proto::config::{Config, ConfigError, overlay};
+use proto::config::{Config, check_settings, overlay};
 use proto::stage::{TooFewFrames, scale_to};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -12,6 +13,8 @@ use toml::{Table, Value};
 
 /// Runs of one suite at most.
 const RUNS_MAX: usize = 1000;
+/// Longest name of a run without its seed: file systems allow 255 bytes, and its folders and files add to it.
+const NAME_BYTES_MAX: usize = 200;
 
 /// The file as it is written.
 #[derive(Debug, Deserialize)]
@@ -44,6 +47,9 @@ struct Planned {
     /// Keys laid over the preset, and over the suite's own.
     #[serde(default)]
     config: Table,
+    /// Keys, each with a list of values: every combination is a run, over the configuration.
+    #[serde(default)]
+    grid: Table,
 }
 
 /// Kitchens of an evaluation.
@@ -100,7 +106,7 @@ pub struct Asked {
 /// One run of the suite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
-    /// Name of its folder: `NAME-SEED`.
+    /// Name of its folder: `NAME-SEED`, of a grid's `NAME-KEY=VALUE-SEED`.
     pub name: String,
     /// Preset.
     pub preset: String,
@@ -153,10 +159,13 @@ impl Asked {
 }
 
 impl Suite {
-    /// Reads and judges a file.
-    pub fn read(path: &Path) -> Result<(Self, String)> {
+    /// Reads and judges a file. If there are `seeds`, they take the place of all in the file, in the text that is
+    /// returned as well.
+    pub fn read(path: &Path, seeds: &[u64]) -> Result<(Self, String)> {
         let text = std::fs::read_to_string(path).with_context(|| format!("cannot read suite {}", path.display()))?;
-        let suite = Self::parse(&text).with_context(|| path.display().to_string())?;
+        let named = || path.display().to_string();
+        let text = if seeds.is_empty() { text } else { with_seeds(&text, seeds).with_context(named)? };
+        let suite = Self::parse(&text).with_context(named)?;
         Ok((suite, text))
     }
 
@@ -211,8 +220,36 @@ impl Planned {
         check_keys(&self.config)?;
         let mut keys = file.config.clone();
         overlay(&mut keys, self.config.clone());
-        let overrides = toml::to_string(&keys).context("config")?;
-        let frames = self.frames.or(file.frames);
+        let mut entries = Vec::new();
+        for Point { suffix, settings } in points(&self.grid, RUNS_MAX)? {
+            let mut keys = keys.clone();
+            for setting in &settings {
+                setting.lay_over(&mut keys);
+            }
+            let name = format!("{name}{suffix}");
+            ensure!(
+                name.len() <= NAME_BYTES_MAX,
+                "{name} is too long for a folder's name: give the run a shorter `name`"
+            );
+            let more = self.with_keys(&name, &keys, seeds, file.frames, before);
+            // Without a grid the name says nothing that is not said already.
+            let more = if suffix.is_empty() { more } else { more.with_context(|| format!("grid: {name}")) };
+            entries.extend(more?);
+        }
+        Ok(entries)
+    }
+
+    /// Its runs with these keys laid over the preset, one for each seed.
+    fn with_keys(
+        &self,
+        name: &str,
+        keys: &Table,
+        seeds: &[u64],
+        frames: Option<u64>,
+        before: &[Entry],
+    ) -> Result<Vec<Entry>> {
+        let overrides = toml::to_string(keys).context("config")?;
+        let frames = self.frames.or(frames);
         let mut config = Config::resolve_with(&self.preset, Some((&overrides, "config")))?;
         if let Some(frames) = frames {
             let too_few = |TooFewFrames { total, stages }| {
@@ -252,19 +289,23 @@ fn check_keys(keys: &Table) -> Result<()> {
         }
     }
     for (path, alone) in leaves(keys) {
-        let text = toml::to_string(&alone).context("config")?;
-        let Err(error) = Config::resolve_with("paper", Some((&text, "config"))) else { continue };
-        match error {
-            ConfigError::UnknownKey { key, nearest, .. } => {
-                let nearest = nearest.map_or_else(String::new, |nearest| format!(" (did you mean `{nearest}`?)"));
-                bail!("config.{path}: unknown key `{key}`{nearest}");
-            }
-            ConfigError::Invalid { problem, .. } => bail!("config.{path}: {problem}"),
-            // Whether a value is in its range may depend on the preset and on other keys.
-            _ => {}
-        }
+        // Whether a value is in its range may depend on the preset and on other keys.
+        check_settings(&alone).with_context(|| format!("config.{path}"))?;
     }
     Ok(())
+}
+
+/// The text of a suite's file with these seeds in the place of all that it has. Comments are not kept.
+fn with_seeds(text: &str, seeds: &[u64]) -> Result<String> {
+    let mut file: Table = toml::from_str(text)?;
+    let numbers = seeds.iter().map(|&seed| i64::try_from(seed).map(Value::Integer)).collect::<Result<_, _>>();
+    let numbers = numbers.context("--seed: TOML has no number as large")?;
+    file.insert("seeds".to_owned(), Value::Array(numbers));
+    let runs = file.get_mut("runs").and_then(Value::as_array_mut).into_iter().flatten();
+    for run in runs.filter_map(Value::as_table_mut) {
+        run.remove("seeds");
+    }
+    toml::to_string(&file).context("the suite with --seed")
 }
 
 /// Each value with its dotted path, alone in a table.
@@ -360,6 +401,69 @@ mod tests {
         // What the child is given comes to the same.
         let again = Config::resolve_with("demo", Some((&wide.overrides, "file"))).unwrap();
         assert_eq!(Config { stages: wide.config.stages.clone(), seed: 7, ..again }, wide.config);
+    }
+
+    #[test]
+    fn a_grid_is_a_run_for_each_combination_and_seed() {
+        let text = r#"
+            seeds = [1, 2]
+            config.ppo.clip = 0.3
+            [[runs]]
+            preset = "demo"
+            name = "first"
+            config.ppo.epochs = 3
+            grid = { "ppo.learning_rate" = [3e-4, 1e-3], "ppo.clip" = [0.1] }
+            [[runs]]
+            preset = "demo"
+            name = "second"
+            from = "first-clip=0.1-learning_rate=0.001"
+            [runs.grid]
+            ppo.epochs = [7, 8]
+            "#;
+        let suite = Suite::parse(text).unwrap();
+        let names: Vec<&str> = suite.entries.iter().map(|entry| entry.name.as_str()).collect();
+        assert_eq!(
+            names,
+            [
+                "first-clip=0.1-learning_rate=0.0003-1",
+                "first-clip=0.1-learning_rate=0.0003-2",
+                "first-clip=0.1-learning_rate=0.001-1",
+                "first-clip=0.1-learning_rate=0.001-2",
+                "second-epochs=7-1",
+                "second-epochs=7-2",
+                "second-epochs=8-1",
+                "second-epochs=8-2",
+            ]
+        );
+        let third = &suite.entries[2];
+        let ppo = third.config.ppo;
+        assert_eq!((ppo.learning_rate, ppo.clip, ppo.epochs, third.seed), (1e-3, 0.1, 3, 1));
+        assert_eq!((suite.entries[6].from, suite.entries[7].from), (Some(2), Some(3)));
+        // What the child is given comes to the same.
+        let again = Config::resolve_with("demo", Some((&third.overrides, "file"))).unwrap();
+        assert_eq!(Config { seed: 1, ..again }, third.config);
+
+        let unknown = problem(&text.replace("ppo.clip\" = [0.1]", "ppo.clib\" = [0.1]"));
+        assert!(unknown.contains("`first`, preset `demo`: grid.ppo.clib: unknown key `clib`"), "{unknown}");
+        let range = problem(&text.replace("[7, 8]", "[7, 0]"));
+        assert!(range.contains("grid: second-epochs=0: configuration: ppo.epochs = 0"), "{range}");
+    }
+
+    #[test]
+    fn seeds_of_the_command_line_take_the_place_of_the_files() {
+        let text = "seeds = [1, 2]\n[[runs]]\npreset = \"demo\"\n[[runs]]\npreset = \"paper\"\nseeds = [9]\n";
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("suite.toml");
+        std::fs::write(&path, text).unwrap();
+        let names = |suite: &Suite| suite.entries.iter().map(|entry| entry.name.clone()).collect::<Vec<_>>();
+        let (suite, written) = Suite::read(&path, &[7, 8]).unwrap();
+        assert_eq!(names(&suite), ["demo-7", "demo-8", "paper-7", "paper-8"]);
+        assert_eq!(names(&Suite::parse(&written).unwrap()), names(&suite), "the text goes on with the same runs");
+        let (suite, written) = Suite::read(&path, &[]).unwrap();
+        assert_eq!((names(&suite).len(), written.as_str()), (3, text));
+        // A file without seeds is made whole by them.
+        std::fs::write(&path, "[[runs]]\npreset = \"demo\"\n").unwrap();
+        assert_eq!(names(&Suite::read(&path, &[3]).unwrap().0), ["demo-3"]);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 
 mod file;
 mod folder;
+mod grid;
 mod state;
 
 pub use file::Suite;

@@ -1,17 +1,20 @@
 //! The configuration of a run: data, validated, written whole into every run folder.
 //!
 //! The effective configuration is: the defaults in this file, overlaid by a named preset (and the preset it extends),
-//! overlaid by the user's TOML file, overlaid by command-line flags. [`Config::resolve`] does the first three.
+//! overlaid by the user's TOML file, overlaid by single settings (`--set`), overlaid by command-line flags.
+//! [`Config::resolve_set`] does all but the last.
 
 mod error;
 mod experiment;
 mod network;
 mod preset;
+mod setting;
 mod validate;
 
 pub use error::{ConfigError, nearest};
 pub use network::{CarriedGoal, Encoder, GoalCoordinates, NetworkConfig};
 pub use preset::{Preset, overlay, presets};
+pub use setting::{Setting, SettingError, check_settings};
 
 use crate::action::ActionSpace;
 use crate::evaluation::{EvaluationConfig, ObjectSet, Plan};
@@ -441,19 +444,31 @@ impl ValidationConfig {
 impl Config {
     /// Defaults, overlaid by a preset, overlaid by a TOML file if one is given; validated.
     pub fn resolve(preset: &str, file: Option<&Path>) -> Result<Self, ConfigError> {
-        let Some(path) = file else { return Self::resolve_with(preset, None) };
-        let text = std::fs::read_to_string(path)
-            .map_err(|cause| ConfigError::Unreadable { path: path.to_path_buf(), cause })?;
-        Self::resolve_with(preset, Some((&text, &path.display().to_string())))
+        Self::resolve_set(preset, file, &[])
     }
 
-    /// The same with the overlay as TOML text, and what errors call it.
+    /// The same, overlaid by single settings, in their order.
+    pub fn resolve_set(preset: &str, file: Option<&Path>, settings: &[Setting]) -> Result<Self, ConfigError> {
+        let Some(path) = file else { return Self::build(preset, None, settings) };
+        let text = std::fs::read_to_string(path)
+            .map_err(|cause| ConfigError::Unreadable { path: path.to_path_buf(), cause })?;
+        Self::build(preset, Some((&text, &path.display().to_string())), settings)
+    }
+
+    /// A preset with an overlay as TOML text, and what errors call it.
     pub fn resolve_with(preset: &str, overlay: Option<(&str, &str)>) -> Result<Self, ConfigError> {
+        Self::build(preset, overlay, &[])
+    }
+
+    fn build(preset: &str, overlay: Option<(&str, &str)>, settings: &[Setting]) -> Result<Self, ConfigError> {
         let mut value = preset::merged(preset)?;
         if let Some((text, origin)) = overlay {
             // Parsed on its own first: this is what finds an unknown key with its line.
             error::parse::<Self>(text, origin)?;
             preset::overlay(&mut value, error::parse(text, origin)?);
+        }
+        for setting in settings {
+            setting.lay_over(&mut value);
         }
         let mut config: Self = value.try_into().map_err(|cause: toml::de::Error| ConfigError::Invalid {
             origin: format!("preset {preset}"),

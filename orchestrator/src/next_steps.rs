@@ -1,0 +1,85 @@
+//! What can be done next with a run, as commands to paste: they name the program as it was called, and the run folder.
+
+use crate::supervisor::event::End;
+use proto::run_folder::RunFolder;
+use std::path::Path;
+
+/// A word as a shell reads it: quoted where it has to be.
+pub fn quoted(word: &str) -> String {
+    let plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./=+:,@%".contains(letter);
+    if !word.is_empty() && word.chars().all(plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+/// This program as a shell finds it: `orchestrator` where it was found by its name, else the path it was called by.
+pub fn program() -> String {
+    let called = std::env::args().next().filter(|called| called.contains('/'));
+    called.map_or_else(|| "orchestrator".to_owned(), |called| quoted(&called))
+}
+
+/// The command that goes on with a run.
+pub fn resume(program: &str, run: &Path) -> String {
+    format!("{program} resume {}", quoted(&run.display().to_string()))
+}
+
+/// One line a command after a run has ended like this. `recorded`: whether there is a recording to look at.
+pub fn lines(program: &str, folder: &RunFolder, end: &End, preset: &str, recorded: bool) -> Vec<String> {
+    let line = |what: &str, command: String| format!("{what:<12}{command}");
+    if *end != End::Complete {
+        return vec![line("go on with", resume(program, folder.root()))];
+    }
+    let run = quoted(&folder.root().display().to_string());
+    let mut lines = Vec::new();
+    if recorded {
+        let images = quoted(&folder.root().join("images").display().to_string());
+        lines.push(line("look", format!("{program} replay {run} --images {images} --format video --limit 3")));
+    }
+    lines.push(line("evaluate", format!("{program} eval {run}")));
+    lines.push(line("report", format!("{program} report {run}")));
+    if preset == "demo" {
+        lines.push(line("full run", format!("{program} up --preset paper")));
+        lines.push(line("on a GPU", format!("{program} up --preset two-stage")));
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_complete_run_is_looked_at_evaluated_and_reported() {
+        let folder = RunFolder::new("runs/my run");
+        let lines = |preset, recorded| lines("./orchestrator", &folder, &End::Complete, preset, recorded);
+        let expected = [
+            "look        ./orchestrator replay 'runs/my run' --images 'runs/my run/images' --format video --limit 3",
+            "evaluate    ./orchestrator eval 'runs/my run'",
+            "report      ./orchestrator report 'runs/my run'",
+            "full run    ./orchestrator up --preset paper",
+            "on a GPU    ./orchestrator up --preset two-stage",
+        ];
+        assert_eq!(lines("demo", true), expected);
+        assert_eq!(lines("paper", false), expected[1..3], "nothing was recorded, and this was the full run");
+    }
+
+    #[test]
+    fn any_other_run_is_gone_on_with() {
+        let folder = RunFolder::new("runs/a");
+        for end in [End::Stopped, End::Interrupted, End::Failed("disk full".to_owned())] {
+            assert_eq!(lines("orchestrator", &folder, &end, "demo", true), ["go on with  orchestrator resume runs/a"]);
+        }
+    }
+
+    #[test]
+    fn a_shell_reads_quoted_words_as_they_were() {
+        let words = ["runs/a-1_b.c", "two words", "it's", "", "$HOME", "läuft"];
+        for word in words {
+            let printed =
+                std::process::Command::new("sh").args(["-c", &format!("printf %s {}", quoted(word))]).output();
+            assert_eq!(String::from_utf8(printed.unwrap().stdout).unwrap(), word);
+        }
+        assert_eq!(quoted("runs/a-1_b.c"), "runs/a-1_b.c");
+    }
+}

@@ -1,0 +1,175 @@
+//! Single settings, as `--set ppo.learning_rate=1e-3` gives them: any key of the configuration, each judged alone.
+
+use super::Config;
+use super::error::{self, ConfigError, suggestion};
+use super::preset::overlay;
+use std::str::FromStr;
+use toml::{Table, Value};
+
+/// What is wrong with a setting.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SettingError {
+    /// There is no `=`.
+    #[error("it has no value: expected KEY=VALUE, for example ppo.learning_rate=1e-3")]
+    NoValue,
+    /// The part before `=` is no dotted key.
+    #[error("`{0}` is no key: expected names with dots between them, for example ppo.learning_rate")]
+    NoKey(String),
+    /// The part after `=` is neither TOML nor a bare word.
+    #[error("`{0}` is neither TOML nor a single word; quote any other text twice, for example KEY='\"two words\"'")]
+    BadValue(String),
+    /// The key is said in another way.
+    #[error("`{key}` is no setting: {instead} says it")]
+    SaidElsewhere {
+        /// The key.
+        key: &'static str,
+        /// How it is said.
+        instead: &'static str,
+    },
+    /// A key that no configuration has.
+    #[error("unknown key `{key}`{}", suggestion(.nearest.as_deref()))]
+    UnknownKey {
+        /// The last part of the key that is unknown.
+        key: String,
+        /// The closest valid key.
+        nearest: Option<String>,
+    },
+    /// A value of the wrong type.
+    #[error("{0}")]
+    WrongType(String),
+}
+
+/// One key of the configuration with its value. The key exists, and the value is of its type; whether it is in its
+/// range can depend on other settings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Setting(Table);
+
+impl Setting {
+    /// The setting of a dotted key.
+    pub fn new(key: &str, value: Value) -> Result<Self, SettingError> {
+        let sound = |name: &str| {
+            let letter = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-';
+            !name.is_empty() && name.bytes().all(letter)
+        };
+        if !key.split('.').all(sound) {
+            return Err(SettingError::NoKey(key.to_owned()));
+        }
+        let nested = key.rsplit('.').fold(value, |inner, name| Table::from_iter([(name.to_owned(), inner)]).into());
+        let Value::Table(table) = nested else { return Err(SettingError::NoKey(key.to_owned())) };
+        check_settings(&table)?;
+        Ok(Self(table))
+    }
+
+    /// Lays it over a table of settings.
+    pub fn lay_over(&self, bottom: &mut Table) {
+        overlay(bottom, self.0.clone());
+    }
+}
+
+impl FromStr for Setting {
+    type Err = SettingError;
+
+    fn from_str(text: &str) -> Result<Self, SettingError> {
+        let (key, value) = text.split_once('=').ok_or(SettingError::NoValue)?;
+        let key = key.trim();
+        let elsewhere = [
+            ("preset", "`--preset`"),
+            ("from", "`orchestrator up --from`"),
+            ("evaluation", "the command line of `orchestrator eval`"),
+        ];
+        let first = key.split('.').next().unwrap_or_default();
+        if let Some(&(key, instead)) = elsewhere.iter().find(|(key, _)| *key == first) {
+            return Err(SettingError::SaidElsewhere { key, instead });
+        }
+        Self::new(key, value_of(value)?)
+    }
+}
+
+/// The value as TOML; a bare word that is no TOML is a string.
+fn value_of(text: &str) -> Result<Value, SettingError> {
+    let text = text.trim();
+    let bad = || SettingError::BadValue(text.to_owned());
+    if let Ok(mut table) = toml::from_str::<Table>(&format!("value = {text}")) {
+        // A second line would be a second key.
+        let value = table.remove("value").ok_or_else(bad)?;
+        return if table.is_empty() { Ok(value) } else { Err(bad()) };
+    }
+    let bare = |letter: char| letter.is_alphanumeric() || "_-+./:@~".contains(letter);
+    if text.is_empty() || !text.chars().all(bare) {
+        return Err(bad());
+    }
+    Ok(Value::String(text.to_owned()))
+}
+
+/// Refuses keys that no configuration has, and values of the wrong type; each value is best judged alone, so that it is
+/// clear which one is meant.
+pub fn check_settings(table: &Table) -> Result<(), SettingError> {
+    let text = toml::to_string(table).map_err(|cause| SettingError::WrongType(cause.to_string()))?;
+    match error::parse::<Config>(&text, "settings") {
+        Ok(_) => Ok(()),
+        Err(ConfigError::UnknownKey { key, nearest, .. }) => Err(SettingError::UnknownKey { key, nearest }),
+        Err(ConfigError::Invalid { problem, .. }) => Err(SettingError::WrongType(problem)),
+        Err(other) => Err(SettingError::WrongType(other.to_string())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{DeviceChoice, Encoder};
+    use super::*;
+
+    fn setting(text: &str) -> Setting {
+        text.parse().unwrap_or_else(|error| panic!("{text}: {error}"))
+    }
+
+    fn problem(text: &str) -> String {
+        text.parse::<Setting>().expect_err(text).to_string()
+    }
+
+    #[test]
+    fn values_are_toml_or_a_bare_word() {
+        let settings = [
+            "ppo.learning_rate=1e-3",
+            " ppo.epochs = 2 ",
+            "ppo.normalize_advantages=true",
+            "learner.device=cpu",
+            "network.encoder=\"cnn\"",
+            "scenes=[\"a b/scene.toml\"]",
+            "reward.lagrangian={ initial = 2 }",
+            "stages=[{ name = \"I\", reward = \"r\", frames = 10 }]",
+        ];
+        let config = Config::resolve_set("demo", None, &settings.map(setting)).unwrap();
+        assert_eq!((config.ppo.learning_rate, config.ppo.epochs, config.ppo.normalize_advantages), (1e-3, 2, true));
+        assert_eq!((config.learner.device, config.network.encoder), (DeviceChoice::Cpu, Encoder::Cnn));
+        assert_eq!((config.scenes, config.reward.lagrangian.initial), (vec!["a b/scene.toml".to_owned()], 2.0));
+        assert_eq!((config.stages.len(), config.stages[0].frames), (1, 10));
+    }
+
+    #[test]
+    fn settings_lie_over_the_file_and_a_later_one_over_an_earlier() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mine.toml");
+        std::fs::write(&path, "[ppo]\nepochs = 2\nclip = 0.3\n").unwrap();
+        let settings = [setting("ppo.epochs=3"), setting("ppo.epochs=5")];
+        let config = Config::resolve_set("demo", Some(&path), &settings).unwrap();
+        let demo = Config::resolve("demo", None).unwrap();
+        assert_eq!((config.ppo.epochs, config.ppo.clip, config.ppo.gamma), (5, 0.3, demo.ppo.gamma));
+        let out_of_range = Config::resolve_set("demo", None, &[setting("ppo.clip=0")]).unwrap_err().to_string();
+        assert!(out_of_range.contains("ppo.clip = 0"), "{out_of_range}");
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        assert_eq!(problem("ppo.lerning_rate=1"), "unknown key `lerning_rate` (did you mean `learning_rate`?)");
+        assert_eq!(problem("ppoo.epochs=1"), "unknown key `ppoo` (did you mean `ppo`?)");
+        assert!(problem("ppo.epochs=four").starts_with("invalid type: string \"four\""));
+        assert!(problem("ppo=4").starts_with("invalid type: integer `4`"));
+        assert!(problem("ppo.epochs").contains("KEY=VALUE"));
+        assert!(problem("=4").contains("no key") && problem("ppo..clip=4").contains("no key"));
+        for value in ["", "two words", "[1, 2", "1\nseed = 2", "a,b"] {
+            assert!(problem(&format!("ppo.epochs={value}")).contains("neither TOML nor a single word"), "{value}");
+        }
+        assert!(problem("preset=paper").contains("`--preset` says it"));
+        assert!(problem("from.frames=3").contains("`orchestrator up --from` says it"));
+    }
+}
