@@ -99,7 +99,7 @@ impl Theatre {
             images: 0,
         };
         let played =
-            Played { environment: id, episode: recorded.episode, fixed: programme.fixed(id, recorded.episode) };
+            Played { environment: id, episode: recorded.episode, fixed: programme.dealt(id, recorded.episode) };
         let mut film = self.images.as_ref().map(|_| Film::new(played));
         if let Some(hash) = recorded.start_hash {
             compare(&mut verdict, 0, hash, environment.state_hash());

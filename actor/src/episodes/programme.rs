@@ -58,9 +58,9 @@ impl Programme {
         }
     }
 
-    /// In an evaluation: the fixed episode that an environment plays as its episode with this number.
-    pub fn fixed(&self, id: EnvironmentId, number: u32) -> Option<u32> {
-        self.fixed.as_ref().and_then(|(plan, _)| plan.fixed(id, number))
+    /// In an evaluation: the number in its table of the episode that an environment plays as its episode `number`.
+    pub fn dealt(&self, id: EnvironmentId, number: u32) -> Option<u32> {
+        self.planned.as_ref().and_then(|planned| planned.plan.dealt(id, number))
     }
 
     /// Resets an environment to the start of its episode with this number.

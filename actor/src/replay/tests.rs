@@ -12,6 +12,8 @@ fn config(evaluation: bool) -> Config {
             split: proto::kitchen::Split::Test,
             objects: proto::evaluation::ObjectSet::Novel,
             episodes: 6,
+            distribution: proto::evaluation::Distribution::Fixed,
+            scene_targets: vec![],
             deterministic: false,
             checkpoint: None,
         });
@@ -74,7 +76,7 @@ fn a_goal_vector_that_the_simulator_does_not_give_is_a_difference() {
 fn a_film_is_called_by_the_fixed_episode_and_has_a_picture_for_every_state() {
     let config = config(true);
     let episode = recorded(&config, 2, &WAY);
-    let fixed = config.evaluation_plan().unwrap().fixed(episode.environment, 2).unwrap();
+    let fixed = config.evaluation_plan().unwrap().dealt(episode.environment, 2).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let images = ReplayImages { folder: folder.path().display().to_string(), format: ImageFormat::Apng, side: 96 };
     let verdict = replay(&config, Some(images), &[episode]).remove(0);

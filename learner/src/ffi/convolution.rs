@@ -39,7 +39,7 @@ pub fn convolution(
     [stride, padding]: [i64; 2],
 ) -> Result<Tensor, TchError> {
     let mut y = std::ptr::null_mut();
-    let bias = bias.map_or(std::ptr::null(), |bias| bias.as_ptr());
+    let bias = bias.map_or(std::ptr::null(), Tensor::as_ptr);
     guarded(|message, capacity| {
         // SAFETY: the tensors live through the call, the out-pointer and the message's room are ours.
         unsafe {

@@ -12,7 +12,7 @@ use crate::terminal;
 use anyhow::{Result, ensure};
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan};
-use proto::kitchen::{KitchenId, Split, TargetCategory};
+use proto::kitchen::{Split, TargetCategory};
 use proto::run_folder::RunFolder;
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};

@@ -501,9 +501,9 @@ fn goal_of(current: &Current) -> Goal {
     }
 }
 
-/// The fixed episode that an environment's episode is, in an evaluation.
+/// The number in an evaluation's table of an environment's episode.
 fn fixed(plan: Option<&Plan>, environment: EnvironmentId, episode: u32) -> Option<u32> {
-    plan.and_then(|plan| plan.fixed(environment, episode))
+    plan.and_then(|plan| plan.dealt(environment, episode))
 }
 
 fn length_m([x, y, z]: [f32; 3]) -> f32 {

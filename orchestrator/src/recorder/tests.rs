@@ -211,6 +211,8 @@ fn an_evaluations_episodes_have_the_numbers_of_its_table() {
         episodes: 6,
         deterministic: false,
         checkpoint: None,
+        distribution: proto::evaluation::Distribution::Fixed,
+        scene_targets: vec![],
     });
     bench.config.actors = proto::config::ActorsConfig { count: 5, environments_per_actor: 3 };
     let recorder = bench.start();
@@ -221,9 +223,9 @@ fn an_evaluations_episodes_have_the_numbers_of_its_table() {
     }
     let files = recorder.finish().unwrap().files;
     let plan = bench.config.evaluation_plan().unwrap();
-    let kitchen = plan.kitchens()[0];
+    let kitchen = plan.episodes().next().expect("the plan has episodes").0;
     let id = proto::episode::EnvironmentId { kitchen, number: 2 };
-    let [third, last] = [0, 1].map(|episode| plan.fixed(id, episode).unwrap());
+    let [third, last] = [0, 1].map(|episode| plan.dealt(id, episode).unwrap());
     let found = messages(&files[0]);
     let starts =
         found["/episode/start"].iter().map(|data| EpisodeStart::decode(data.as_slice()).unwrap().fixed_episode);

@@ -251,7 +251,7 @@ impl Collection {
         // In an evaluation episodes are called by the numbers of its table; an environment that has run out plays none.
         let number = match &self.plan {
             None => episode,
-            Some(plan) => match plan.fixed(of, episode) {
+            Some(plan) => match plan.dealt(of, episode) {
                 Some(fixed) => fixed,
                 None => return Ok(None),
             },
