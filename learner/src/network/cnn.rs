@@ -24,7 +24,8 @@ impl Cnn {
         for (index, (outputs, size, stride)) in CONVOLUTIONS.into_iter().enumerate() {
             // Every second entry of PyTorch's Sequential is a rectifier.
             let path = format!("{path}.cnn.{}", 2 * index);
-            convolutions.push(Convolution::new(layout, &path, [channels, outputs], size, [stride, 0], true));
+            convolutions
+                .push(Convolution::new(layout, &path, [channels, outputs], size, [stride, 0], true).as_products());
             channels = outputs;
             side = (side - size) / stride + 1;
         }

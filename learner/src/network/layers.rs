@@ -41,6 +41,7 @@ pub struct Convolution {
     bias: Option<ParameterId>,
     pub(super) stride: i64,
     pub(super) padding: i64,
+    as_products: bool,
 }
 
 impl Convolution {
@@ -59,13 +60,21 @@ impl Convolution {
             bias: bias.then(|| layout.add(format!("{path}.bias"), &[outputs], Initial::Constant(0.0))),
             stride,
             padding,
+            as_products: false,
         }
+    }
+
+    /// Computed as products of matrices on a CPU (`ffi/patches.cpp`). Where a map has few channels and windows are large
+    /// that takes half of oneDNN's time; elsewhere oneDNN is quicker, and as reproducible.
+    #[must_use]
+    pub fn as_products(self) -> Self {
+        Self { as_products: true, ..self }
     }
 
     /// \[rows, inputs, height, width\] → \[rows, outputs, height', width'\].
     pub fn forward(&self, parameters: &Parameters, x: &Tensor) -> Tensor {
         let bias = self.bias.map(|id| &parameters[id]);
-        if x.device() == Device::Cpu && is_reproducible() {
+        if self.as_products && x.device() == Device::Cpu && is_reproducible() {
             return convolution(x, &parameters[self.weight], bias, [self.stride, self.padding])
                 .expect("the layer was declared for maps of this many channels");
         }

