@@ -1,6 +1,6 @@
 //! Training as curves: each run's rollouts in bins of equal frames, then the mean over the runs of a group.
 
-use crate::study::{Group, Rollout, Run};
+use crate::study::{Group, Rollout, Run, Validated};
 use proto::control::metric;
 use proto::stage::total_frames;
 use serde::Serialize;
@@ -50,12 +50,10 @@ impl Curve {
 
     /// A figure of the evaluations during training; none where there were none. Only where every seed that was evaluated
     /// has a point: a run skips an evaluation when the next one is due, and a mean over other seeds is another mean.
-    pub fn of_validation(group: &Group<'_>, name: &str, figure: impl Fn(&Run) -> Vec<(u64, f64)>) -> Option<Self> {
-        let seeds: Vec<Vec<(u64, f64, f64)>> = group
-            .runs
-            .iter()
-            .map(|run| figure(run).into_iter().map(|(frames, value)| (frames, frames as f64, value)).collect())
-            .collect();
+    pub fn of_validation(group: &Group<'_>, name: &str, figure: impl Fn(&Validated) -> f64) -> Option<Self> {
+        let point = |point: &Validated| (point.frames, point.frames as f64, figure(point));
+        let seeds: Vec<Vec<(u64, f64, f64)>> =
+            group.runs.iter().map(|run| run.validation.iter().map(point).collect()).collect();
         let evaluated = seeds.iter().filter(|seed| !seed.is_empty()).count();
         let mut curve = Self::over(name, &seeds)?;
         curve.points.retain(|point| point.seeds == evaluated);
@@ -136,7 +134,7 @@ fn bins(rollouts: &[Rollout], name: &str, width: f64) -> Vec<(u64, f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::{Validated, groups, tests::run};
+    use crate::study::{groups, tests::run};
     use proto::evaluation::Distribution;
     use std::collections::BTreeMap;
 
@@ -199,8 +197,7 @@ mod tests {
         runs[0].validation = at(&[100, 200, 300], 0.2);
         runs[1].validation = at(&[100, 300, 400], 0.4);
         let groups = groups(&runs).unwrap();
-        let figure = |run: &Run| run.validation.iter().map(|point| (point.frames, point.success)).collect();
-        let curve = Curve::of_validation(&groups[0], "success", figure).unwrap();
+        let curve = Curve::of_validation(&groups[0], "success", |point| point.success).unwrap();
         let points: Vec<(f64, usize)> = curve.points.iter().map(|point| (point.frames, point.seeds)).collect();
         // The third has no validations at all.
         assert_eq!(points, [(100.0, 2), (300.0, 2)]);

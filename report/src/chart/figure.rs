@@ -1,24 +1,13 @@
-//! Figures of one family: SVG written by hand, from which PNG is drawn. A [`Figure`] is a grid of panels under a shared
-//! legend; a panel is a line plot, an interval plot or a heat map.
+//! A figure: a grid of panels under a shared legend.
 
-mod heat;
-mod interval_plot;
-mod line_plot;
-pub mod palette;
-mod raster;
-mod scale;
-mod svg;
-mod text;
-
-pub use heat::HeatMap;
-pub use interval_plot::{IntervalPlot, IntervalRow};
-pub use line_plot::{LinePlot, Mark, Markers, Series};
-pub use raster::RasterError;
-pub use scale::{Axis, Unit};
-pub use svg::escape;
-
-use palette::Style;
-use svg::{Anchor, Canvas};
+use super::heat_map::HeatMap;
+use super::interval_plot::IntervalPlot;
+use super::line_plot::LinePlot;
+use super::palette::Style;
+use super::place::{LABEL, Rect};
+use super::png::{self, PngError};
+use super::svg::{Anchor, Canvas};
+use super::text;
 
 /// Width of every figure, pixels.
 const WIDTH: f64 = 820.0;
@@ -26,29 +15,9 @@ const WIDTH: f64 = 820.0;
 const MARGIN: f64 = 12.0;
 /// Space between panels.
 const GAP: f64 = 22.0;
-/// Size of labels, pixels.
-const LABEL: f64 = 12.0;
 /// Size of panel titles, pixels.
 const TITLE: f64 = 13.0;
 const LEGEND_ROW: f64 = 20.0;
-
-/// A rectangle on the canvas, pixels; y grows downwards.
-#[derive(Debug, Clone, Copy)]
-struct Frame {
-    left: f64,
-    top: f64,
-    width: f64,
-    height: f64,
-}
-
-impl Frame {
-    fn right(self) -> f64 {
-        self.left + self.width
-    }
-    fn bottom(self) -> f64 {
-        self.top + self.height
-    }
-}
 
 /// What a panel shows.
 #[derive(Debug, Clone)]
@@ -117,13 +86,13 @@ impl Figure {
         let width = self.panel_width();
         for (index, panel) in self.panels.iter().enumerate() {
             let (row, column) = (index / columns, index % columns);
-            let frame = Frame {
+            let rect = Rect {
                 left: MARGIN + column as f64 * (width + GAP),
                 top: MARGIN + legend_height + row as f64 * (self.panel_height + GAP),
                 width,
                 height: self.panel_height,
             };
-            self.draw_panel(&mut canvas, panel, frame);
+            self.draw_panel(&mut canvas, panel, rect);
         }
         canvas.finish()
     }
@@ -133,8 +102,8 @@ impl Figure {
         let (width, height) = (self.panel_width(), self.panel_height);
         let panel = |panel: &Panel| {
             let mut canvas = Canvas::new(width + GAP, height + GAP, &panel.title);
-            let frame = Frame { left: 0.5 * GAP, top: 0.5 * GAP, width, height };
-            self.draw_panel(&mut canvas, panel, frame);
+            let rect = Rect { left: 0.5 * GAP, top: 0.5 * GAP, width, height };
+            self.draw_panel(&mut canvas, panel, rect);
             canvas.finish()
         };
         self.panels.iter().map(panel).collect()
@@ -156,10 +125,10 @@ impl Figure {
     }
 
     /// Draws a panel. Panels that have an axis in common have it over the same range.
-    fn draw_panel(&self, canvas: &mut Canvas, panel: &Panel, frame: Frame) {
-        canvas.text(frame.left, frame.top + TITLE, TITLE, Anchor::Start, &panel.title);
+    fn draw_panel(&self, canvas: &mut Canvas, panel: &Panel, rect: Rect) {
+        canvas.text(rect.left, rect.top + TITLE, TITLE, Anchor::Start, &panel.title);
         let title = if panel.title.is_empty() { 0.0 } else { TITLE + 10.0 };
-        let below = Frame { top: frame.top + title, height: frame.height - title, ..frame };
+        let below = Rect { top: rect.top + title, height: rect.height - title, ..rect };
         match &panel.content {
             Content::Lines(plot) => {
                 let plots = || self.panels.iter().filter_map(|panel| panel.content.lines());
@@ -177,8 +146,8 @@ impl Figure {
     }
 
     /// The figure as a PNG file of twice the size in pixels.
-    pub fn png(&self) -> Result<Vec<u8>, RasterError> {
-        raster::png(&self.svg())
+    pub fn png(&self) -> Result<Vec<u8>, PngError> {
+        png::encode(&self.svg())
     }
 
     /// Where each legend entry begins, row by row: (left, index).
@@ -201,6 +170,7 @@ impl Figure {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chart::{Axis, Mark, Markers, Series, Unit};
 
     fn figure() -> Figure {
         let plot = LinePlot {

@@ -1,9 +1,10 @@
 //! Points with their intervals, one row each, over a common axis: what rliable's interval plots show.
 
 use super::palette::Style;
+use super::place::{LABEL, Rect};
 use super::scale::{Axis, Unit};
 use super::svg::{AXIS, Anchor, Canvas, GRID, Stroke};
-use super::{Frame, LABEL, text};
+use super::text;
 
 /// One row.
 #[derive(Debug, Clone)]
@@ -47,14 +48,14 @@ impl IntervalPlot {
     }
 
     /// Draws it over a scale that holds all `values`: its own, and those of plots beside it.
-    pub(super) fn draw(&self, canvas: &mut Canvas, frame: Frame, values: &[f64]) {
-        let most = frame.width * 0.46;
+    pub(super) fn draw(&self, canvas: &mut Canvas, rect: Rect, values: &[f64]) {
+        let most = rect.width * 0.46;
         let names = self.rows.iter().map(|row| text::width(&row.name, LABEL)).fold(0.0, f64::max).min(most);
-        let plot = Frame {
-            left: frame.left + names + 12.0,
-            top: frame.top + 2.0,
-            width: frame.width - names - 12.0 - 18.0,
-            height: frame.height - 2.0 - 38.0,
+        let plot = Rect {
+            left: rect.left + names + 12.0,
+            top: rect.top + 2.0,
+            width: rect.width - names - 12.0 - 18.0,
+            height: rect.height - 2.0 - 38.0,
         };
         let scale = Axis::new(&self.label, Unit::Percent).scale(values.iter().copied(), false);
         let across = |value: f64| plot.left + scale.place(value) * plot.width;

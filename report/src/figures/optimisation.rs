@@ -1,8 +1,11 @@
 //! How the optimiser fared: entropy, steps of the policy, losses, gradients, and how long it all took.
 
-use super::{Subject, in_parts, legend, measured, stages, trained};
+use super::parts::{in_parts, legend};
+use super::series::{measured, trained};
+use super::stages;
 use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Series, Unit};
 use crate::curves::Curve;
+use crate::entry::Entry;
 use crate::study::{ELAPSED_S, FRAMES_PER_S};
 use proto::control::metric;
 
@@ -25,20 +28,20 @@ fn measures() -> [(&'static str, &'static str, Axis); 9] {
 }
 
 /// The optimiser's figures over training; those that no run has are left out.
-pub fn optimisation(subjects: &[Subject<'_>]) -> Vec<Figure> {
-    let with: Vec<&Subject<'_>> = subjects
+pub fn optimisation(entries: &[Entry<'_>]) -> Vec<Figure> {
+    let with: Vec<&Entry<'_>> = entries
         .iter()
-        .filter(|subject| measures().iter().any(|(_, metric, _)| trained(subject, metric).is_some()))
+        .filter(|entry| measures().iter().any(|(_, metric, _)| trained(entry, metric).is_some()))
         .collect();
     in_parts(&with, "optimisation", |name, part| {
         let panels = measures().into_iter().filter_map(|(title, metric, mut y)| {
             // Time only grows: it is not smoothed.
-            let of_time = |subject: &Subject<'_>| {
-                let curve = Curve::of_training(subject.group, metric)?;
-                Some(Series { markers: Markers::Some, ..measured(subject, &curve) })
+            let of_time = |entry: &Entry<'_>| {
+                let curve = Curve::of_training(entry.group, metric)?;
+                Some(Series { markers: Markers::Some, ..measured(entry, &curve) })
             };
-            let drawn = |subject: &&Subject<'_>| {
-                if metric == ELAPSED_S { of_time(subject) } else { trained(subject, metric) }
+            let drawn = |entry: &&Entry<'_>| {
+                if metric == ELAPSED_S { of_time(entry) } else { trained(entry, metric) }
             };
             let mut series: Vec<Series> = part.iter().filter_map(drawn).collect();
             if series.is_empty() {

@@ -1,23 +1,22 @@
-//! Validation during training, and how well disturbances are foretold.
+//! Validation during training.
 
-use super::{Subject, in_parts, legend, measured, stages, trained};
+use super::parts::{in_parts, legend};
+use super::series::measured;
+use super::stages;
 use crate::chart::{Axis, Content, Figure, LinePlot, Panel, Unit};
 use crate::curves::Curve;
+use crate::entry::Entry;
+use crate::study::Validated;
 
 /// SR and `SRwoD` on validation episodes over training.
-pub fn validation(subjects: &[Subject<'_>]) -> Vec<Figure> {
-    let with: Vec<&Subject<'_>> =
-        subjects.iter().filter(|subject| subject.group.runs.iter().any(|run| !run.validation.is_empty())).collect();
+pub fn validation(entries: &[Entry<'_>]) -> Vec<Figure> {
+    let with: Vec<&Entry<'_>> =
+        entries.iter().filter(|entry| entry.group.runs.iter().any(|run| !run.validation.is_empty())).collect();
     in_parts(&with, "validation", |name, part| {
-        let panel = |title: &str, label: &str, without_disturbance: bool| {
-            let curves = part.iter().filter_map(|subject| {
-                let curve = Curve::of_validation(subject.group, label, |run| {
-                    let figure = |point: &crate::study::Validated| {
-                        if without_disturbance { point.success_without_disturbance } else { point.success }
-                    };
-                    run.validation.iter().map(|point| (point.frames, figure(point))).collect()
-                })?;
-                Some(measured(subject, &curve))
+        let panel = |title: &str, label: &str, figure: fn(&Validated) -> f64| {
+            let curves = part.iter().filter_map(|entry| {
+                let curve = Curve::of_validation(entry.group, label, figure)?;
+                Some(measured(entry, &curve))
             });
             let mut plot = LinePlot {
                 x: Axis::new("frames", Unit::Count),
@@ -37,44 +36,9 @@ pub fn validation(subjects: &[Subject<'_>]) -> Vec<Figure> {
             columns: 2,
             panel_height: 250.0,
             panels: vec![
-                panel("success (SR)", "success rate", false),
-                panel("success without disturbance (SRwoD)", "SRwoD", true),
+                panel("success (SR)", "success rate", |point| point.success),
+                panel("success without disturbance (SRwoD)", "SRwoD", |point| point.success_without_disturbance),
             ],
-        }
-    })
-}
-
-/// Title, metric of the `disturb` task, axis: precision and recall have one axis.
-const PREDICTION: [(&str, &str, &str); 4] = [
-    ("precision", "auxiliary/precision", "share of such steps"),
-    ("recall of disturbing steps", "auxiliary/recall_disturb", "share of such steps"),
-    ("recall of quiet steps", "auxiliary/recall_no_disturb", "share of such steps"),
-    ("steps that disturb", "auxiliary/label_rate", "share of all steps"),
-];
-
-/// Precision and recall of disturbance prediction over training.
-pub fn prediction(subjects: &[Subject<'_>]) -> Vec<Figure> {
-    // The rate of the label is told with every rollout; shares of nothing are not.
-    let with: Vec<&Subject<'_>> =
-        subjects.iter().filter(|subject| Curve::of_training(subject.group, PREDICTION[3].1).is_some()).collect();
-    in_parts(&with, "prediction", |name, part| {
-        let panels = PREDICTION.map(|(title, metric, label)| {
-            let series = part.iter().filter_map(|subject| trained(subject, metric)).collect();
-            let (x, y) = (Axis::new("frames", Unit::Count), Axis::new(label, Unit::Percent));
-            let mut plot = LinePlot { x, y, series, marks: Vec::new() };
-            stages::mark(&mut plot, part);
-            Panel { title: title.to_owned(), content: Content::Lines(plot) }
-        });
-        Figure {
-            name,
-            caption: "The auxiliary head that is trained with the focal loss: of the steps foretold to disturb, those \
-                      that did (precision); of the steps that did, those foretold (recall); the same recall for quiet \
-                      steps; and how rare disturbing steps are. Precision is missing where nothing was foretold."
-                .into(),
-            legend: legend(part),
-            columns: 2,
-            panel_height: 230.0,
-            panels: panels.into(),
         }
     })
 }

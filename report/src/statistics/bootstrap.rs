@@ -2,7 +2,7 @@
 //! score of a seed drawn with replacement in the same kitchen. That is rliable's `get_interval_estimates` with
 //! `method='percentile'` and without resampling of tasks.
 
-use super::Scores;
+use super::scores::Scores;
 use proto::random::{Key, Purpose};
 use serde::Serialize;
 

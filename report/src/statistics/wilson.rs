@@ -1,7 +1,7 @@
 //! The score interval of a share (Wilson, *Probable inference, the law of succession, and statistical inference*, 1927):
 //! what one policy's success over a number of episodes says about its rate. It knows nothing about other seeds.
 
-use super::Interval;
+use super::bootstrap::Interval;
 
 /// 97.5% point of the normal distribution.
 const Z: f64 = 1.959_963_984_540_054;

@@ -1,175 +1,9 @@
-//! What a report is made from: runs as their folders tell of them, put together in groups that differ in the seed only.
+//! Runs of one configuration with different seeds.
 
-use proto::config::Config;
-use proto::evaluation::{Conditions, Distribution, EpisodeRecord, Evaluation, ObjectSet};
-use proto::kitchen::Split;
-use std::collections::BTreeMap;
+use super::run::{Origin, Run};
+use super::settings::{differences, settings_of};
 use std::path::Path;
-use toml::{Table, Value};
-
-/// One run, or weights that were evaluated without one.
-#[derive(Debug, Clone)]
-pub struct Run {
-    /// Its folder, as the user named it.
-    pub name: String,
-    /// `complete`, `running`, `stopped`, ...; [`UNTRAINED`] of weights that no run has trained, [`NOT_GIVEN`] of weights
-    /// whose run is not in the study, [`UNKNOWN`] of weights whose run cannot be found.
-    pub state: String,
-    /// Its configuration.
-    pub config: Config,
-    /// What was trained, in order.
-    pub rollouts: Vec<Rollout>,
-    /// Its evaluations.
-    pub evaluations: Vec<Evaluated>,
-    /// Evaluations during training, in order of frames.
-    pub validation: Vec<Validated>,
-}
-
-/// One trained rollout.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Rollout {
-    /// Frames trained on, this rollout included.
-    pub frames: u64,
-    /// Figures: see [`proto::control::metric`]; and [`FRAMES_PER_S`] and [`ELAPSED_S`].
-    pub metrics: BTreeMap<String, f64>,
-}
-
-/// Metric of a rollout: frames trained on a second, simulation, inference and update together.
-pub const FRAMES_PER_S: &str = "time/frames_per_second";
-/// Metric of a rollout: seconds trained until its end.
-pub const ELAPSED_S: &str = "time/elapsed_s";
-
-/// One evaluation.
-#[derive(Debug, Clone)]
-pub struct Evaluated {
-    /// Its folder, as far as it is not the run's.
-    pub name: String,
-    /// Its result file.
-    pub result: Evaluation,
-    /// Its table.
-    pub episodes: Vec<EpisodeRecord>,
-}
-
-/// One evaluation during training.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Validated {
-    /// Frames trained on.
-    pub frames: u64,
-    /// Fixed episodes, or drawn as the run draws its own.
-    pub distribution: Distribution,
-    /// SR.
-    pub success: f64,
-    /// `SRwoD`.
-    pub success_without_disturbance: f64,
-}
-
-/// Which kind of episodes. Only the fixed ones are the paper's kind.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Source {
-    /// The fixed ones of validation and test kitchens.
-    Fixed,
-    /// Drawn within the run's distances, in the kitchens of a split.
-    Drawn,
-    /// Drawn within the run's distances, in scenes of the run's own.
-    Scenes,
-}
-
-impl Source {
-    fn of(conditions: &Conditions) -> Self {
-        match conditions.distribution {
-            _ if !conditions.scenes.is_empty() => Self::Scenes,
-            Distribution::Fixed => Self::Fixed,
-            Distribution::Run => Self::Drawn,
-        }
-    }
-}
-
-/// Which episodes a table is about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Field {
-    /// Kitchens.
-    pub split: Split,
-    /// Targets: novel or seen.
-    pub objects: ObjectSet,
-    /// Fixed or drawn.
-    pub source: Source,
-}
-
-impl Field {
-    /// All that can be evaluated, the paper's first table first.
-    pub const ALL: [Self; 12] = [
-        Self::new(Split::Test, ObjectSet::Novel, Source::Fixed),
-        Self::new(Split::Test, ObjectSet::Seen, Source::Fixed),
-        Self::new(Split::Validation, ObjectSet::Novel, Source::Fixed),
-        Self::new(Split::Validation, ObjectSet::Seen, Source::Fixed),
-        Self::new(Split::Test, ObjectSet::Novel, Source::Drawn),
-        Self::new(Split::Test, ObjectSet::Seen, Source::Drawn),
-        Self::new(Split::Validation, ObjectSet::Novel, Source::Drawn),
-        Self::new(Split::Validation, ObjectSet::Seen, Source::Drawn),
-        Self::new(Split::Train, ObjectSet::Novel, Source::Drawn),
-        Self::new(Split::Train, ObjectSet::Seen, Source::Drawn),
-        Self::new(Split::Train, ObjectSet::Novel, Source::Scenes),
-        Self::new(Split::Train, ObjectSet::Seen, Source::Scenes),
-    ];
-
-    /// These episodes.
-    pub const fn new(split: Split, objects: ObjectSet, source: Source) -> Self {
-        Self { split, objects, source }
-    }
-
-    /// `test, novel objects`, or `test, novel objects, drawn episodes`
-    pub fn name(self) -> String {
-        let drawn = if self.source == Source::Fixed { "" } else { ", drawn episodes" };
-        format!("{}, {} objects{drawn}", self.place(), self.objects.name())
-    }
-
-    /// `test-novel`, or `test-novel-drawn`, for file names.
-    pub fn key(self) -> String {
-        let drawn = if self.source == Source::Drawn { "-drawn" } else { "" };
-        format!("{}-{}{drawn}", self.place(), self.objects.name())
-    }
-
-    fn place(self) -> &'static str {
-        match self.split {
-            _ if self.source == Source::Scenes => "scenes",
-            Split::Train => "training",
-            Split::Validation => "validation",
-            Split::Test => "test",
-        }
-    }
-}
-
-impl Evaluated {
-    /// Its episodes in a field.
-    pub fn episodes_in(&self, field: Field) -> impl Iterator<Item = &EpisodeRecord> {
-        let conditions = &self.result.conditions;
-        let in_field = conditions.split == field.split && Source::of(conditions) == field.source;
-        self.episodes.iter().filter(move |record| in_field && field.objects.contains(record.category))
-    }
-}
-
-impl Run {
-    /// The evaluation that stands for this run in a field: of the newest checkpoint that was evaluated there, by frames;
-    /// of that with sampled actions before the most probable ones, then the one with the most episodes, then the newest.
-    pub fn evaluation_in(&self, field: Field) -> Option<&Evaluated> {
-        let rank = |evaluated: &&Evaluated| {
-            let sampled = !evaluated.result.conditions.deterministic;
-            let frames = evaluated.result.subject.frames;
-            (frames, sampled, evaluated.episodes_in(field).count(), evaluated.result.cost.at_unix_s)
-        };
-        self.evaluations_in(field).max_by_key(rank)
-    }
-
-    /// Evaluations in a field of older checkpoints than the one that counts.
-    pub fn older_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
-        let newest = self.evaluation_in(field).map_or(0, |evaluated| evaluated.result.subject.frames);
-        self.evaluations_in(field).filter(move |evaluated| evaluated.result.subject.frames < newest)
-    }
-
-    fn evaluations_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
-        self.evaluations.iter().filter(move |evaluated| evaluated.episodes_in(field).next().is_some())
-    }
-}
+use toml::Table;
 
 /// Runs of one configuration with different seeds.
 #[derive(Debug, Clone)]
@@ -210,23 +44,20 @@ pub enum StudyError {
     },
 }
 
-/// Settings that say what a run is called, where and how it computes and what it keeps, not what it learns.
-const INCIDENTAL: [&str; 7] = ["preset", "seed", "learner", "checkpoint", "recording", "validation", "evaluation"];
-
 /// Groups of `runs`, in the order in which their first runs are given.
 pub fn groups(runs: &[Run]) -> Result<Vec<Group<'_>>, StudyError> {
     let mut groups: Vec<Group<'_>> = Vec::new();
     for run in runs {
-        let mut settings = settings_of(&run.config);
-        // A policy that nobody has trained is no run of its preset; nor is one that was trained who knows how.
-        let trained = [UNTRAINED, UNKNOWN].into_iter().find(|state| run.state == *state).unwrap_or("trained");
-        settings.insert(TRAINED.into(), Value::String(trained.into()));
-        match groups.iter_mut().find(|group| group.settings == settings) {
+        let settings = settings_of(&run.config);
+        // A policy that nobody has trained is no run of its preset; nor is one of which nobody knows how it was trained.
+        let alike =
+            |group: &Group<'_>| group.settings == settings && group.runs[0].origin.trained() == run.origin.trained();
+        match groups.iter_mut().find(|group| alike(group)) {
             Some(group) => group.runs.push(run),
             None => groups.push(Group {
                 label: String::new(),
                 preset: run.config.preset.clone(),
-                differences: differences(run),
+                differences: differences(&run.config),
                 runs: vec![run],
                 settings,
             }),
@@ -261,12 +92,12 @@ impl Group<'_> {
 
     /// Its weights are fresh: no run has trained them.
     pub fn untrained(&self) -> bool {
-        self.runs.iter().all(|run| run.state == UNTRAINED)
+        self.runs.iter().all(|run| run.origin == Origin::Untrained)
     }
 
     /// How its weights were trained is not known: their run cannot be found.
     pub fn unknown(&self) -> bool {
-        self.runs.iter().all(|run| run.state == UNKNOWN)
+        self.runs.iter().all(|run| run.origin == Origin::Unknown)
     }
 
     /// A label with this name.
@@ -294,15 +125,6 @@ impl Group<'_> {
     }
 }
 
-/// Key of the one thing in a group's settings that is no setting.
-const TRAINED: &str = "trained";
-/// State of weights that no run has trained.
-pub const UNTRAINED: &str = "untrained";
-/// State of weights whose run is not in the study: its configuration is known, and nothing of its training.
-pub const NOT_GIVEN: &str = "its run was not given";
-/// State of weights whose run cannot be found.
-pub const UNKNOWN: &str = "its run cannot be found";
-
 fn label(groups: &mut [Group<'_>]) {
     let names: Vec<String> = groups.iter().map(|group| group.named(&group.preset)).collect();
     let labels: Vec<String> = groups
@@ -329,77 +151,17 @@ fn label(groups: &mut [Group<'_>]) {
     }
 }
 
-/// What must be equal in all runs of a group. One experiment may go by the names of two presets.
-fn settings_of(config: &Config) -> Table {
-    let mut table = table_of(config);
-    for key in INCIDENTAL {
-        table.remove(key);
-    }
-    // Each seed begins with weights of its own; how long those were trained is what seeds have in common.
-    if let Some(from) = table.get_mut("from").and_then(Value::as_table_mut) {
-        from.retain(|key, _| key == "frames");
-    }
-    table
-}
-
-fn table_of(config: &Config) -> Table {
-    Table::try_from(config).expect("a configuration is plain numbers, strings and tables")
-}
-
-/// Settings of a run that its preset does not have, as `key = value`.
-fn differences(run: &Run) -> Vec<String> {
-    match Config::resolve(&run.config.preset, None) {
-        Ok(preset) => differences_between(&preset, &run.config),
-        Err(_) => vec!["the preset is unknown to this version".into()],
-    }
-}
-
-/// What the second configuration has learn otherwise than the first, as `key = value` of the second.
-pub fn differences_between(first: &Config, second: &Config) -> Vec<String> {
-    let mut found = Vec::new();
-    compare("", &settings_of(first), &settings_of(second), &mut found);
-    found
-}
-
-fn compare(path: &str, preset: &Table, run: &Table, found: &mut Vec<String>) {
-    for (key, value) in run {
-        let key_path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-        match (preset.get(key), value) {
-            (Some(before), value) if before == value => {}
-            (Some(Value::Table(before)), Value::Table(value)) => compare(&key_path, before, value, found),
-            (_, value) if key_path == "from" => {
-                let frames = value.get("frames").and_then(Value::as_integer).unwrap_or(0).unsigned_abs();
-                found.push(format!("begun with weights after {} frames", crate::format::count(frames)));
-            }
-            (_, Value::Array(stages)) if key_path == "stages" => found.push(stages_text(stages)),
-            (_, value) => found.push(format!("{key_path} = {value}")),
-        }
-    }
-    for key in preset.keys().filter(|key| !run.contains_key(*key)) {
-        found.push(format!("{path}{}{key} unset", if path.is_empty() { "" } else { "." }));
-    }
-}
-
-/// `stages: r 5 000 000, r_prime 5 000 000`
-fn stages_text(stages: &[Value]) -> String {
-    let text = |stage: &Value| {
-        let reward = stage.get("reward").and_then(Value::as_str).unwrap_or("?");
-        let frames = stage.get("frames").and_then(Value::as_integer).unwrap_or(0);
-        format!("{reward} {}", crate::format::count(frames.unsigned_abs()))
-    };
-    format!("stages: {} frames", stages.iter().map(text).collect::<Vec<_>>().join(", then "))
-}
-
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use proto::config::FromConfig;
+    use crate::study::RunState;
+    use proto::config::{Config, FromConfig};
 
     pub fn run(name: &str, preset: &str, seed: u64) -> Run {
         let config = Config { seed, ..Config::resolve(preset, None).unwrap() };
         Run {
             name: name.into(),
-            state: "complete".into(),
+            origin: Origin::Run(RunState::Complete),
             config,
             rollouts: Vec::new(),
             evaluations: Vec::new(),
@@ -415,15 +177,15 @@ pub(crate) mod tests {
         short.config.stages[0].frames = 5000;
         let mut shorter = short.clone();
         shorter.config.stages[0].frames = 4000;
-        let with_state = |name: &str, state: &str| Run { state: state.into(), ..run(name, "demo", 1) };
+        let with_origin = |name: &str, origin: Origin| Run { origin, ..run(name, "demo", 1) };
         let runs = [
             run("a", "demo", 2),
             run("b", "demo", 1),
             threads,
             short,
             shorter,
-            with_state("e", UNTRAINED),
-            with_state("g", UNKNOWN),
+            with_origin("e", Origin::Untrained),
+            with_origin("g", Origin::Unknown),
             run("f", "paper", 1),
         ];
         let groups = groups(&runs).unwrap();

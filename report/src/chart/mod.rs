@@ -1,0 +1,24 @@
+//! Figures of one family: SVG, from which PNG is drawn. A [`Figure`] is a grid of panels under a shared legend; a panel is
+//! a line plot, an interval plot or a heat map.
+//!
+//! By hand: a plotting crate has neither strokes across single curves nor ranges that panels share, and would bring
+//! fonts and back-ends of its own.
+
+mod figure;
+mod heat_map;
+mod interval_plot;
+mod line_plot;
+mod palette;
+mod place;
+mod png;
+mod scale;
+mod svg;
+mod text;
+
+pub use figure::{Content, Figure, Panel};
+pub use heat_map::HeatMap;
+pub use interval_plot::{IntervalPlot, IntervalRow};
+pub use line_plot::{LinePlot, Mark, Markers, Series};
+pub use palette::STYLES;
+pub use png::PngError;
+pub use scale::{Axis, Unit};

@@ -1,0 +1,200 @@
+//! A run as its folder tells of it.
+
+use super::field::{Field, Source};
+use proto::config::Config;
+use proto::evaluation::{Distribution, EpisodeRecord, Evaluation};
+use serde::{Serialize, Serializer};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::str::FromStr;
+
+/// One run, or weights that were evaluated without one.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// Its folder, as the user named it.
+    pub name: String,
+    /// Who trained its weights, and how that run stands.
+    pub origin: Origin,
+    /// Its configuration.
+    pub config: Config,
+    /// What was trained, in order.
+    pub rollouts: Vec<Rollout>,
+    /// Its evaluations.
+    pub evaluations: Vec<Evaluated>,
+    /// Evaluations during training, in order of frames.
+    pub validation: Vec<Validated>,
+}
+
+/// Who trained the weights of a [`Run`]. It is written as its words: `complete`, ..., `untrained`, ...
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// The run itself, which stands so.
+    Run(RunState),
+    /// A run that is not in the study: its configuration is known, and nothing of its training.
+    NotGiven,
+    /// Nobody: the weights are fresh.
+    Untrained,
+    /// A run that cannot be found.
+    Unknown,
+}
+
+/// How a run stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RunState {
+    /// An orchestrator holds its folder.
+    Running,
+    /// It has trained all its frames.
+    Complete,
+    /// Somebody stopped it.
+    Stopped,
+    /// Somebody stopped it twice: it goes on from its last checkpoint.
+    Interrupted,
+    /// It could not go on.
+    Failed,
+    /// Its orchestrator was killed.
+    CutOff,
+}
+
+impl Origin {
+    /// Whether a run has trained the weights; none where nobody knows.
+    pub(crate) fn trained(self) -> Option<bool> {
+        match self {
+            Self::Run(_) | Self::NotGiven => Some(true),
+            Self::Untrained => Some(false),
+            Self::Unknown => None,
+        }
+    }
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Run(state) => state.fmt(f),
+            Self::NotGiven => f.write_str("its run was not given"),
+            Self::Untrained => f.write_str("untrained"),
+            Self::Unknown => f.write_str("its run cannot be found"),
+        }
+    }
+}
+
+impl Serialize for Origin {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl RunState {
+    /// Each with its word.
+    const WORDS: [(Self, &str); 6] = [
+        (Self::Running, "running"),
+        (Self::Complete, "complete"),
+        (Self::Stopped, "stopped"),
+        (Self::Interrupted, "interrupted"),
+        (Self::Failed, "failed"),
+        (Self::CutOff, "cut off"),
+    ];
+}
+
+impl fmt::Display for RunState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let word = Self::WORDS.iter().find(|(state, _)| state == self).map(|(_, word)| *word);
+        f.write_str(word.expect("every state has a word"))
+    }
+}
+
+/// A word that is no state of a run.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("a run cannot be \"{0}\"")]
+pub struct UnknownState(String);
+
+impl FromStr for RunState {
+    type Err = UnknownState;
+
+    fn from_str(word: &str) -> Result<Self, UnknownState> {
+        let known = Self::WORDS.iter().find(|(_, known)| *known == word);
+        known.map(|(state, _)| *state).ok_or_else(|| UnknownState(word.to_owned()))
+    }
+}
+
+/// One trained rollout.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rollout {
+    /// Frames trained on, this rollout included.
+    pub frames: u64,
+    /// Figures: see [`proto::control::metric`]; and [`FRAMES_PER_S`] and [`ELAPSED_S`].
+    pub metrics: BTreeMap<String, f64>,
+}
+
+/// Metric of a rollout: frames trained on a second, simulation, inference and update together.
+pub const FRAMES_PER_S: &str = "time/frames_per_second";
+/// Metric of a rollout: seconds trained until its end.
+pub const ELAPSED_S: &str = "time/elapsed_s";
+
+/// One evaluation.
+#[derive(Debug, Clone)]
+pub struct Evaluated {
+    /// Its folder, as far as it is not the run's.
+    pub name: String,
+    /// Its result file.
+    pub result: Evaluation,
+    /// Its table.
+    pub episodes: Vec<EpisodeRecord>,
+}
+
+/// One evaluation during training.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Validated {
+    /// Frames trained on.
+    pub frames: u64,
+    /// Fixed episodes, or drawn as the run draws its own.
+    pub distribution: Distribution,
+    /// SR.
+    pub success: f64,
+    /// `SRwoD`.
+    pub success_without_disturbance: f64,
+}
+
+impl Evaluated {
+    /// Its episodes in a field.
+    pub fn episodes_in(&self, field: Field) -> impl Iterator<Item = &EpisodeRecord> {
+        let conditions = &self.result.conditions;
+        let in_field = conditions.split == field.split && Source::of(conditions) == field.source;
+        self.episodes.iter().filter(move |record| in_field && field.objects.contains(record.category))
+    }
+}
+
+impl Run {
+    /// The evaluation that stands for this run in a field: of the newest checkpoint that was evaluated there, by frames;
+    /// of that with sampled actions before the most probable ones, then the one with the most episodes, then the newest.
+    pub fn evaluation_in(&self, field: Field) -> Option<&Evaluated> {
+        let rank = |evaluated: &&Evaluated| {
+            let sampled = !evaluated.result.conditions.deterministic;
+            let frames = evaluated.result.subject.frames;
+            (frames, sampled, evaluated.episodes_in(field).count(), evaluated.result.cost.at_unix_s)
+        };
+        self.evaluations_in(field).max_by_key(rank)
+    }
+
+    /// Evaluations in a field of older checkpoints than the one that counts.
+    pub fn older_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
+        let newest = self.evaluation_in(field).map_or(0, |evaluated| evaluated.result.subject.frames);
+        self.evaluations_in(field).filter(move |evaluated| evaluated.result.subject.frames < newest)
+    }
+
+    fn evaluations_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
+        self.evaluations.iter().filter(move |evaluated| evaluated.episodes_in(field).next().is_some())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_state_reads_back_from_its_word() {
+        for (state, word) in RunState::WORDS {
+            assert_eq!((word.parse(), Origin::Run(state).to_string().as_str()), (Ok(state), word));
+        }
+        assert_eq!("done".parse::<RunState>().unwrap_err().to_string(), "a run cannot be \"done\"");
+    }
+}

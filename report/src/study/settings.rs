@@ -1,0 +1,69 @@
+//! What configurations have in common, and what not.
+
+use crate::format::count;
+use proto::config::Config;
+use toml::{Table, Value};
+
+/// Settings that say what a run is called, where and how it computes and what it keeps, not what it learns.
+const INCIDENTAL: [&str; 7] = ["preset", "seed", "learner", "checkpoint", "recording", "validation", "evaluation"];
+
+/// What must be equal in all runs of a group. One experiment may go by the names of two presets.
+pub(super) fn settings_of(config: &Config) -> Table {
+    let mut table = table_of(config);
+    for key in INCIDENTAL {
+        table.remove(key);
+    }
+    // Each seed begins with weights of its own; how long those were trained is what seeds have in common.
+    if let Some(from) = table.get_mut("from").and_then(Value::as_table_mut) {
+        from.retain(|key, _| key == "frames");
+    }
+    table
+}
+
+fn table_of(config: &Config) -> Table {
+    Table::try_from(config).expect("a configuration is plain numbers, strings and tables")
+}
+
+/// Settings that the configuration's preset does not have, as `key = value`.
+pub(super) fn differences(config: &Config) -> Vec<String> {
+    match Config::resolve(&config.preset, None) {
+        Ok(preset) => differences_between(&preset, config),
+        Err(_) => vec!["the preset is unknown to this version".into()],
+    }
+}
+
+/// What the second configuration has learn otherwise than the first, as `key = value` of the second.
+pub fn differences_between(first: &Config, second: &Config) -> Vec<String> {
+    let mut found = Vec::new();
+    compare("", &settings_of(first), &settings_of(second), &mut found);
+    found
+}
+
+fn compare(path: &str, preset: &Table, run: &Table, found: &mut Vec<String>) {
+    for (key, value) in run {
+        let key_path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+        match (preset.get(key), value) {
+            (Some(before), value) if before == value => {}
+            (Some(Value::Table(before)), Value::Table(value)) => compare(&key_path, before, value, found),
+            (_, value) if key_path == "from" => {
+                let frames = value.get("frames").and_then(Value::as_integer).unwrap_or(0).unsigned_abs();
+                found.push(format!("begun with weights after {} frames", count(frames)));
+            }
+            (_, Value::Array(stages)) if key_path == "stages" => found.push(stages_text(stages)),
+            (_, value) => found.push(format!("{key_path} = {value}")),
+        }
+    }
+    for key in preset.keys().filter(|key| !run.contains_key(*key)) {
+        found.push(format!("{path}{}{key} unset", if path.is_empty() { "" } else { "." }));
+    }
+}
+
+/// `stages: r 5 000 000, r_prime 5 000 000`
+fn stages_text(stages: &[Value]) -> String {
+    let text = |stage: &Value| {
+        let reward = stage.get("reward").and_then(Value::as_str).unwrap_or("?");
+        let frames = stage.get("frames").and_then(Value::as_integer).unwrap_or(0);
+        format!("{reward} {}", count(frames.unsigned_abs()))
+    };
+    format!("stages: {} frames", stages.iter().map(text).collect::<Vec<_>>().join(", then "))
+}
