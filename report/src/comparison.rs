@@ -56,7 +56,7 @@ pub struct Ours {
 }
 
 /// The paper's tables with ours beside them, in its order.
-pub fn comparisons(entries: &[Entry<'_>]) -> Vec<Comparison> {
+pub(crate) fn comparisons(entries: &[Entry<'_>]) -> Vec<Comparison> {
     let results = |name: &str, title: &str, field: Field, rows: &[ResultRow]| Comparison {
         name: name.to_owned(),
         title: title.to_owned(),

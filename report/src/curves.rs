@@ -41,7 +41,7 @@ pub struct TrainingPoint {
 impl Curve {
     /// The metric as the learner told it with every rollout; none where no run has it. Episode figures weigh as many
     /// episodes as ended.
-    pub fn of_training(group: &Group<'_>, name: &str) -> Option<Self> {
+    pub(crate) fn of_training(group: &Group<'_>, name: &str) -> Option<Self> {
         let budget = group.runs.iter().map(|run| total_frames(&run.config.stages)).max()?;
         let width = (budget as f64 / BINS as f64).max(1.0);
         let seeds: Vec<Vec<(u64, f64, f64)>> = group.runs.iter().map(|run| bins(&run.rollouts, name, width)).collect();
@@ -50,7 +50,7 @@ impl Curve {
 
     /// A figure of the evaluations during training; none where there were none. Only where every seed that was evaluated
     /// has a point: a run skips an evaluation when the next one is due, and a mean over other seeds is another mean.
-    pub fn of_validation(group: &Group<'_>, name: &str, figure: impl Fn(&Validated) -> f64) -> Option<Self> {
+    pub(crate) fn of_validation(group: &Group<'_>, name: &str, figure: impl Fn(&Validated) -> f64) -> Option<Self> {
         let point = |point: &Validated| (point.frames, point.frames as f64, figure(point));
         let seeds: Vec<Vec<(u64, f64, f64)>> =
             group.runs.iter().map(|run| run.validation.iter().map(point).collect()).collect();
@@ -84,14 +84,14 @@ impl Curve {
 }
 
 /// A run's own metric over training, in bins finer than those of a group's curve: what lies behind the smoothed one.
-pub fn of_run(run: &Run, name: &str) -> Vec<(f64, f64)> {
+pub(crate) fn of_run(run: &Run, name: &str) -> Vec<(f64, f64)> {
     let width = (total_frames(&run.config.stages) as f64 / FINE_BINS as f64).max(1.0);
     bins(&run.rollouts, name, width).into_iter().map(|(_, frames, value)| (frames, value)).collect()
 }
 
 /// The running mean of a curve over its neighbours, which weigh less the farther they are. What lies beyond one of the
 /// `breaks` has no part in it: another stage is another task. A stage of a few points stays as it is.
-pub fn smoothed(points: &[(f64, f64)], breaks: &[f64]) -> Vec<(f64, f64)> {
+pub(crate) fn smoothed(points: &[(f64, f64)], breaks: &[f64]) -> Vec<(f64, f64)> {
     let part = |frames: f64| breaks.iter().filter(|&&end| end < frames).count();
     let mean = |(index, &(frames, _)): (usize, &(f64, f64))| {
         if points.iter().filter(|(at, _)| part(*at) == part(frames)).count() < SMOOTHED_LEAST {

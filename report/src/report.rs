@@ -1,6 +1,6 @@
 //! The report as a whole: what is computed once, and then written down as page, numbers and figures.
 
-use crate::chart::Figure;
+use crate::chart::{Figure, share_axes};
 use crate::comparison::{Comparison, comparisons};
 use crate::curves::Curve;
 use crate::entry::Entry;
@@ -121,6 +121,11 @@ impl FigureSet {
         let Self { intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions } = self;
         [intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions].into_iter().flatten()
     }
+
+    fn sections(&mut self) -> [&mut Vec<Figure>; 8] {
+        let Self { intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions } = self;
+        [intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions]
+    }
 }
 
 /// What the user may choose.
@@ -155,7 +160,7 @@ impl Made {
             .map(|(style, group)| Entry { style, group, results: results(group, options, &mut notes) })
             .collect();
         let sweeps = figures::sweeps(&entries);
-        let figures = FigureSet {
+        let mut figures = FigureSet {
             intervals: Field::ALL.iter().filter_map(|&field| figures::intervals(&entries, field)).collect(),
             learning: [figures::learning(&entries), figures::multiplier(&entries)].concat(),
             optimisation: figures::optimisation(&entries),
@@ -165,6 +170,7 @@ impl Made {
             sweep: figures::sweep_figure(&sweeps).into_iter().collect(),
             actions: figures::action_maps(&entries),
         };
+        figures.sections().into_iter().for_each(|figures| share_axes(figures));
         let report = Report {
             schema_version: proto::SCHEMA_VERSION,
             paper: paper().source.clone(),

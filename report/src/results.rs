@@ -94,7 +94,7 @@ pub struct ActionShares {
 
 /// What keeps a group from having a result.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Missing {
+pub(crate) enum Missing {
     /// No run has an evaluation in the field.
     NotEvaluated,
     /// Evaluations cannot be put into one matrix.

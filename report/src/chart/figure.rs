@@ -6,6 +6,7 @@ use super::line_plot::LinePlot;
 use super::palette::Style;
 use super::place::{LABEL, Rect};
 use super::png::{self, PngError};
+use super::scale::Axis;
 use super::svg::{Anchor, Canvas};
 use super::text;
 
@@ -31,12 +32,37 @@ pub enum Content {
 }
 
 impl Content {
-    fn lines(&self) -> Option<&LinePlot> {
-        if let Self::Lines(plot) = self { Some(plot) } else { None }
+    /// Its axes, each with the lowest and the highest value that is drawn there. The colours of heat maps have an axis
+    /// that is the same for all.
+    fn axes(&mut self) -> Vec<(&mut Axis, Option<(f64, f64)>)> {
+        match self {
+            Self::Lines(plot) => {
+                let (across, up) = (plot.x.range(plot.across()), plot.y.range(plot.up()));
+                vec![(&mut plot.x, across), (&mut plot.y, up)]
+            }
+            Self::Intervals(plot) => {
+                let values = plot.axis.range(plot.values());
+                vec![(&mut plot.axis, values)]
+            }
+            Self::Heat(_) => Vec::new(),
+        }
     }
+}
 
-    fn intervals(&self) -> Option<&IntervalPlot> {
-        if let Self::Intervals(plot) = self { Some(plot) } else { None }
+/// Gives the axes of one quantity the same range in all panels of these figures, which stand beside each other.
+pub fn share_axes(figures: &mut [Figure]) {
+    let mut ranges: Vec<(Axis, (f64, f64))> = Vec::new();
+    let mut axes: Vec<_> =
+        figures.iter_mut().flat_map(|figure| &mut figure.panels).flat_map(|panel| panel.content.axes()).collect();
+    for (axis, range) in &axes {
+        let Some((low, high)) = *range else { continue };
+        match ranges.iter_mut().find(|(known, _)| known == *axis) {
+            Some((_, range)) => *range = (range.0.min(low), range.1.max(high)),
+            None => ranges.push(((*axis).clone(), (low, high))),
+        }
+    }
+    for (axis, _) in &mut axes {
+        axis.reach = ranges.iter().find(|(known, _)| known == *axis).map(|(_, range)| *range);
     }
 }
 
@@ -98,7 +124,7 @@ impl Figure {
     }
 
     /// Each panel as an SVG document of its own: a page places them as its width allows.
-    pub fn panel_svgs(&self) -> Vec<String> {
+    pub(crate) fn panel_svgs(&self) -> Vec<String> {
         let (width, height) = (self.panel_width(), self.panel_height);
         let panel = |panel: &Panel| {
             let mut canvas = Canvas::new(width + GAP, height + GAP, &panel.title);
@@ -110,7 +136,7 @@ impl Figure {
     }
 
     /// The legend for a page: the sample of each style as an SVG document, and its name.
-    pub fn legend_keys(&self) -> Vec<(String, &str)> {
+    pub(crate) fn legend_keys(&self) -> Vec<(String, &str)> {
         let key = |style: usize, name: &str| {
             let mut canvas = Canvas::new(28.0, 14.0, name);
             Style::of(style).key(&mut canvas, 0.0, 7.0);
@@ -124,23 +150,13 @@ impl Figure {
         (WIDTH - 2.0 * MARGIN - (columns - 1.0) * GAP) / columns
     }
 
-    /// Draws a panel. Panels that have an axis in common have it over the same range.
     fn draw_panel(&self, canvas: &mut Canvas, panel: &Panel, rect: Rect) {
         canvas.text(rect.left, rect.top + TITLE, TITLE, Anchor::Start, &panel.title);
         let title = if panel.title.is_empty() { 0.0 } else { TITLE + 10.0 };
         let below = Rect { top: rect.top + title, height: rect.height - title, ..rect };
         match &panel.content {
-            Content::Lines(plot) => {
-                let plots = || self.panels.iter().filter_map(|panel| panel.content.lines());
-                let across: Vec<f64> = plots().filter(|other| other.x == plot.x).flat_map(LinePlot::across).collect();
-                let up: Vec<f64> = plots().filter(|other| other.y == plot.y).flat_map(LinePlot::up).collect();
-                plot.draw(canvas, below, &across, &up);
-            }
-            Content::Intervals(plot) => {
-                let plots = self.panels.iter().filter_map(|panel| panel.content.intervals());
-                let beside = plots.filter(|other| other.label == plot.label);
-                plot.draw(canvas, below, &beside.flat_map(IntervalPlot::values).collect::<Vec<f64>>());
-            }
+            Content::Lines(plot) => plot.draw(canvas, below),
+            Content::Intervals(plot) => plot.draw(canvas, below),
             Content::Heat(map) => map.draw(canvas, below),
         }
     }
@@ -170,7 +186,7 @@ impl Figure {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chart::{Axis, Mark, Markers, Series, Unit};
+    use crate::chart::{Mark, Markers, Series, Unit};
 
     fn figure() -> Figure {
         let plot = LinePlot {
@@ -216,20 +232,24 @@ mod tests {
     }
 
     #[test]
-    fn panels_with_one_axis_have_one_range() {
-        let mut figure = figure();
-        let mut higher = figure.panels[0].clone();
-        let Content::Lines(plot) = &mut higher.content else { panic!("a line plot") };
-        plot.series[0].points[1].1 = 0.9;
-        figure.panels.push(higher.clone());
-        let same = ticks(&figure);
-        assert_eq!(same[0], same[1], "success beside success");
-        assert!(same[0].contains(&"90%".to_owned()) || same[0].contains(&"100%".to_owned()), "{same:?}");
+    fn one_quantity_has_one_range_in_all_panels_of_all_figures() {
+        let higher = |axis: &str| {
+            let mut figure = figure();
+            let Content::Lines(plot) = &mut figure.panels[0].content else { panic!("a line plot") };
+            plot.series[0].points[1].1 = 0.9;
+            plot.y = Axis::new(axis, Unit::Percent);
+            figure
+        };
+        let mut figures = [figure(), higher("success")];
+        figures[0].panels.extend(higher("success").panels);
+        share_axes(&mut figures);
+        let [first, second] = figures.each_ref().map(ticks);
+        assert!(first[0] == first[1] && first[0] == second[0], "{first:?} {second:?}");
+        assert!(first[0].contains(&"90%".to_owned()) || first[0].contains(&"100%".to_owned()), "{first:?}");
         // Another quantity has its own.
-        let Content::Lines(plot) = &mut figure.panels[1].content else { panic!("a line plot") };
-        plot.y = Axis::new("precision", Unit::Percent);
-        let apart = ticks(&figure);
-        assert_ne!(apart[0], apart[1]);
+        let mut figures = [figure(), higher("precision")];
+        share_axes(&mut figures);
+        assert_ne!(ticks(&figures[0]), ticks(&figures[1]));
     }
 
     #[test]

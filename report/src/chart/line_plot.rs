@@ -81,10 +81,10 @@ impl LinePlot {
         })
     }
 
-    /// Draws it over scales that hold all values of `across` and `up`: its own, and those of plots beside it.
-    pub(super) fn draw(&self, canvas: &mut Canvas, rect: Rect, across: &[f64], up: &[f64]) {
-        let x = self.x.scale(across.iter().copied(), true);
-        let y = self.y.scale(up.iter().copied(), false);
+    /// Draws it.
+    pub(super) fn draw(&self, canvas: &mut Canvas, rect: Rect) {
+        let x = self.x.scale(self.across(), true);
+        let y = self.y.scale(self.up(), false);
         let plot = axes(canvas, rect, (&self.x, &x), (&self.y, &y));
         let at = |(a, b): (f64, f64)| (plot.left + x.place(a) * plot.width, plot.bottom() - y.place(b) * plot.height);
         for mark in &self.marks {

@@ -15,7 +15,7 @@ mod scale;
 mod svg;
 mod text;
 
-pub use figure::{Content, Figure, Panel};
+pub use figure::{Content, Figure, Panel, share_axes};
 pub use heat_map::HeatMap;
 pub use interval_plot::{IntervalPlot, IntervalRow};
 pub use line_plot::{LinePlot, Mark, Markers, Series};

@@ -1,6 +1,6 @@
 //! What groups came to in a field, with how far it can be trusted.
 
-use crate::chart::{Content, Figure, IntervalPlot, IntervalRow, Panel};
+use crate::chart::{Axis, Content, Figure, IntervalPlot, IntervalRow, Panel, Unit};
 use crate::entry::Entry;
 use crate::method::published;
 use crate::results::FieldResult;
@@ -29,8 +29,8 @@ pub fn intervals(entries: &[Entry<'_>], field: Field) -> Option<Figure> {
                 published,
             }
         });
-        let label = "interquartile mean".to_owned();
-        Panel { title: title.to_owned(), content: Content::Intervals(IntervalPlot { label, rows: rows.collect() }) }
+        let axis = Axis::new("interquartile mean", Unit::Percent);
+        Panel { title: title.to_owned(), content: Content::Intervals(IntervalPlot { axis, rows: rows.collect() }) }
     };
     Some(Figure {
         name: format!("results-{}", field.key()),

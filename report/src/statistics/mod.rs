@@ -9,6 +9,7 @@ mod scores;
 mod wilson;
 
 pub use aggregate::{Aggregate, Estimate};
-pub use bootstrap::{CURVE_RESAMPLES, Interval, RESAMPLES, intervals, intervals_over};
+pub(crate) use bootstrap::{CURVE_RESAMPLES, RESAMPLES};
+pub use bootstrap::{Interval, intervals_over};
 pub use scores::{Scores, ScoresError, interquartile_mean};
-pub use wilson::wilson;
+pub(crate) use wilson::wilson;

@@ -7,7 +7,7 @@ use super::bootstrap::Interval;
 const Z: f64 = 1.959_963_984_540_054;
 
 /// The 95% interval of a rate seen `successes` times in `trials`; none over no trials.
-pub fn wilson(successes: u64, trials: u64) -> Option<Interval> {
+pub(crate) fn wilson(successes: u64, trials: u64) -> Option<Interval> {
     if trials == 0 {
         return None;
     }

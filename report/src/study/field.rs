@@ -37,7 +37,7 @@ pub struct Field {
 
 impl Field {
     /// All that can be evaluated, the paper's first table first.
-    pub const ALL: [Self; 12] = [
+    pub(crate) const ALL: [Self; 12] = [
         Self::new(Split::Test, ObjectSet::Novel, Source::Fixed),
         Self::new(Split::Test, ObjectSet::Seen, Source::Fixed),
         Self::new(Split::Validation, ObjectSet::Novel, Source::Fixed),
@@ -53,18 +53,18 @@ impl Field {
     ];
 
     /// These episodes.
-    pub const fn new(split: Split, objects: ObjectSet, source: Source) -> Self {
+    pub(crate) const fn new(split: Split, objects: ObjectSet, source: Source) -> Self {
         Self { split, objects, source }
     }
 
     /// `test, novel objects`, or `test, novel objects, drawn episodes`
-    pub fn name(self) -> String {
+    pub(crate) fn name(self) -> String {
         let drawn = if self.source == Source::Fixed { "" } else { ", drawn episodes" };
         format!("{}, {} objects{drawn}", self.place(), self.objects.name())
     }
 
     /// `test-novel`, or `test-novel-drawn`, for file names.
-    pub fn key(self) -> String {
+    pub(crate) fn key(self) -> String {
         let drawn = if self.source == Source::Drawn { "-drawn" } else { "" };
         format!("{}-{}{drawn}", self.place(), self.objects.name())
     }

@@ -86,17 +86,17 @@ pub fn groups(runs: &[Run]) -> Result<Vec<Group<'_>>, StudyError> {
 
 impl Group<'_> {
     /// Its runs began with another run's weights.
-    pub fn continued(&self) -> bool {
+    pub(crate) fn continued(&self) -> bool {
         self.runs.iter().any(|run| run.config.from.is_some())
     }
 
     /// Its weights are fresh: no run has trained them.
-    pub fn untrained(&self) -> bool {
+    pub(crate) fn untrained(&self) -> bool {
         self.runs.iter().all(|run| run.origin == Origin::Untrained)
     }
 
     /// How its weights were trained is not known: their run cannot be found.
-    pub fn unknown(&self) -> bool {
+    pub(crate) fn unknown(&self) -> bool {
         self.runs.iter().all(|run| run.origin == Origin::Unknown)
     }
 

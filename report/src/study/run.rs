@@ -156,7 +156,7 @@ pub struct Validated {
 
 impl Evaluated {
     /// Its episodes in a field.
-    pub fn episodes_in(&self, field: Field) -> impl Iterator<Item = &EpisodeRecord> {
+    pub(crate) fn episodes_in(&self, field: Field) -> impl Iterator<Item = &EpisodeRecord> {
         let conditions = &self.result.conditions;
         let in_field = conditions.split == field.split && Source::of(conditions) == field.source;
         self.episodes.iter().filter(move |record| in_field && field.objects.contains(record.category))
@@ -166,7 +166,7 @@ impl Evaluated {
 impl Run {
     /// The evaluation that stands for this run in a field: of the newest checkpoint that was evaluated there, by frames;
     /// of that with sampled actions before the most probable ones, then the one with the most episodes, then the newest.
-    pub fn evaluation_in(&self, field: Field) -> Option<&Evaluated> {
+    pub(crate) fn evaluation_in(&self, field: Field) -> Option<&Evaluated> {
         let rank = |evaluated: &&Evaluated| {
             let sampled = !evaluated.result.conditions.deterministic;
             let frames = evaluated.result.subject.frames;
@@ -176,7 +176,7 @@ impl Run {
     }
 
     /// Evaluations in a field of older checkpoints than the one that counts.
-    pub fn older_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
+    pub(crate) fn older_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
         let newest = self.evaluation_in(field).map_or(0, |evaluated| evaluated.result.subject.frames);
         self.evaluations_in(field).filter(move |evaluated| evaluated.result.subject.frames < newest)
     }
