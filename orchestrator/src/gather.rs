@@ -102,7 +102,7 @@ fn same_run(known: &Run, other: &Run) -> bool {
         // By what it learned, too: another run may have taken the place of one that was removed.
         (Some(place), Some(other_place)) => {
             place == other_place
-                && (known.config.seed, known.origin) == (other.config.seed, other.origin)
+                && (known.config.seed, &known.origin) == (other.config.seed, &other.origin)
                 && differences_between(&known.config, &other.config).is_empty()
         }
         _ => false,
@@ -151,7 +151,7 @@ fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
     let history = History::read(&folder)?;
     Ok(Run {
         name: path.display().to_string(),
-        origin: Origin::Run(state(&identity, &holder(&folder)?, complete).parse()?),
+        origin: Origin::Run(state(&identity, &holder(&folder)?, complete)),
         config: Config::of_run(&folder)?,
         rollouts: rollouts(&history),
         evaluations: evaluations_of(&folder, notes)?,
@@ -421,9 +421,9 @@ mod tests {
             evaluate(&at(&format!("trained/{name}")), split, Some(&at("gone")), "b");
         }
         let gathered = gather(&[at("fresh"), at("trained")]).unwrap();
-        let origins: Vec<(Origin, usize)> =
-            gathered.runs.iter().map(|run| (run.origin, run.evaluations.len())).collect();
-        assert_eq!(origins, [(Origin::Untrained, 2), (Origin::Unknown, 2)]);
+        let origins: Vec<(&Origin, usize)> =
+            gathered.runs.iter().map(|run| (&run.origin, run.evaluations.len())).collect();
+        assert_eq!(origins, [(&Origin::Untrained, 2), (&Origin::Unknown, 2)]);
         assert_eq!(groups(&gathered.runs).unwrap().len(), 2);
         // Nobody knows how these weights were trained: they are no row of the paper, and that is said.
         assert!(rows(&gathered).is_empty(), "{:?}", rows(&gathered));

@@ -39,8 +39,7 @@ pub struct TrainingPoint {
 }
 
 impl Curve {
-    /// The metric as the learner told it with every rollout; none where no run has it. Episode figures weigh as many
-    /// episodes as ended.
+    /// The metric over the rollouts; none where no run has it. Figures of episodes are weighted by how many ended.
     pub(crate) fn of_training(group: &Group<'_>, name: &str) -> Option<Self> {
         let budget = group.runs.iter().map(|run| total_frames(&run.config.stages)).max()?;
         let width = (budget as f64 / BINS as f64).max(1.0);

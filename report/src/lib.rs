@@ -1,15 +1,15 @@
-//! What runs came to: statistics over seeds, figures, tables beside the paper's, one page.
+//! Reports on runs: statistics over seeds, figures, tables beside the paper's, one page.
 //!
-//! A [`study::Run`] is what a run's folder tells; [`Made::of`] puts runs of one configuration together, computes
-//! everything once, and is then written down as `report.json`, as a page and as figures. This crate reads and writes no
-//! files: `orchestrator report` does.
+//! A [`study::Run`] is the content of a run's folder. [`Made::of`] groups runs of one configuration and computes
+//! everything once; its result becomes `report.json`, the page and the figures. This crate reads and writes no files:
+//! `orchestrator report` does.
 //!
 //! Two seeds of one preset as plain data, and the page about them:
 //!
 //! ```
 //! use proto::config::Config;
 //! use proto::control::metric;
-//! use report::study::{Origin, Rollout, Run, RunState};
+//! use report::study::{Origin, Rollout, Run};
 //! use report::{Made, Options};
 //!
 //! let run = |seed: u64| {
@@ -22,7 +22,7 @@
 //!     };
 //!     Run {
 //!         name: format!("runs/demo-{seed}"),
-//!         origin: Origin::Run(RunState::Complete),
+//!         origin: Origin::Run("complete".into()),
 //!         config,
 //!         rollouts: (1..=100).map(rollout).collect(),
 //!         evaluations: Vec::new(),

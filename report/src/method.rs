@@ -57,9 +57,9 @@ pub fn row_presets() -> &'static BTreeMap<String, Config> {
     &PRESETS
 }
 
-/// Names of the rows of the paper that a group stands beside: those of its method. Where rows differ in what a method
-/// leaves open, those whose advantages are alike, then those of the nearest budget. Runs that began with other weights
-/// are no row of the paper, nor are weights of which nobody knows how they were trained.
+/// Names of the paper's rows that a group is compared with: those of its method. Of several rows, those that treat
+/// advantages alike, then those of the nearest budget. Runs that began with other weights match no row, nor do weights
+/// whose training is unknown.
 pub fn rows_beside(group: &Group<'_>) -> BTreeSet<&'static str> {
     if group.untrained() || group.unknown() || group.continued() {
         return BTreeSet::new();

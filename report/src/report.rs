@@ -1,4 +1,4 @@
-//! The report as a whole: what is computed once, and then written down as page, numbers and figures.
+//! The whole report: computed once, then written as numbers, page and figures.
 
 use crate::chart::{Figure, share_axes};
 use crate::comparison::{Comparison, comparisons};
@@ -15,7 +15,7 @@ use proto::evaluation::{DISTURBANCE_THRESHOLDS_M, Distribution, describe};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Everything that is said: serialised, it is `report.json`. Rates are shares 0..=1.
+/// The numbers: serialised, they are `report.json`. Rates are shares 0..=1.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
     /// [`proto::SCHEMA_VERSION`] of the writer.
@@ -32,7 +32,7 @@ pub struct Report {
     pub comparisons: Vec<Comparison>,
     /// Groups that differ in `λ_disturb` only.
     pub sweeps: Vec<Sweep>,
-    /// What a reader has to know before trusting the figures.
+    /// Remarks that a reader needs to judge the figures.
     pub notes: Vec<String>,
     /// Names of the figures, without ending.
     pub figures: Vec<String>,
@@ -73,7 +73,7 @@ pub struct GroupReport {
 pub struct RunReport {
     /// Its folder.
     pub name: String,
-    /// How it stands, or why nothing is known of its training; a word.
+    /// How it stands, or why its training is not known.
     pub state: Origin,
     /// Seed.
     pub seed: u64,
@@ -88,7 +88,7 @@ pub struct RunReport {
 /// A report with its figures.
 #[derive(Debug)]
 pub struct Made {
-    /// What is said.
+    /// The numbers.
     pub report: Report,
     /// Drawn.
     pub figures: FigureSet,
@@ -142,7 +142,7 @@ impl Default for Options {
 }
 
 impl Made {
-    /// The report on these runs. `notes`: what a reader has to know that the runs do not tell.
+    /// The report on these runs. `notes`: remarks that do not follow from the runs.
     pub fn of(runs: &[Run], options: &Options, mut notes: Vec<String>) -> Result<Self, StudyError> {
         let groups = groups(runs)?;
         notes.extend(groups.iter().filter(|group| group.unknown()).map(|group| {
@@ -186,7 +186,7 @@ impl Made {
     }
 }
 
-/// Which episodes the groups' figures are of: each kind, and who was evaluated on it.
+/// Which episodes the groups' figures are of: each kind, with the groups that were evaluated on it.
 fn episodes_of(groups: &[Group<'_>]) -> Vec<String> {
     let mut found: BTreeMap<(bool, String), BTreeSet<&str>> = BTreeMap::new();
     for group in groups {
@@ -255,7 +255,7 @@ fn note_older(group: &Group<'_>, field: Field, notes: &mut Vec<String>) {
     }
 }
 
-/// What a figure does not say of itself.
+/// Remarks on how the episodes of a result were made.
 fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes: &mut Vec<String>) {
     let (label, is_fixed, field) = (&group.label, field.source == Source::Fixed, field.name());
     if result.seeds.iter().any(|seed| seed.deterministic) {
@@ -309,7 +309,7 @@ impl RunReport {
     fn of(run: &Run) -> Self {
         Self {
             name: run.name.clone(),
-            state: run.origin,
+            state: run.origin.clone(),
             seed: run.config.seed,
             frames: run.rollouts.last().map_or_else(|| evaluated_frames(run), |rollout| rollout.frames),
             budget: proto::stage::total_frames(&run.config.stages),

@@ -81,15 +81,15 @@ pub struct Figure {
     /// File name without its ending.
     pub name: String,
     /// What one sees, for the page.
-    pub caption: String,
-    /// Numbers of styles, and what is drawn in them; empty when the panels say it themselves.
-    pub legend: Vec<(usize, String)>,
+    pub(crate) caption: String,
+    /// Numbers of styles, and what is drawn in them; empty when the panels need none.
+    pub(crate) legend: Vec<(usize, String)>,
     /// Panels in a row.
-    pub columns: usize,
+    pub(crate) columns: usize,
     /// Height of a panel with its axis labels, pixels.
-    pub panel_height: f64,
+    pub(crate) panel_height: f64,
     /// Panels, row by row.
-    pub panels: Vec<Panel>,
+    pub(crate) panels: Vec<Panel>,
 }
 
 impl Figure {

@@ -15,10 +15,11 @@ mod scale;
 mod svg;
 mod text;
 
-pub use figure::{Content, Figure, Panel, share_axes};
-pub use heat_map::HeatMap;
-pub use interval_plot::{IntervalPlot, IntervalRow};
-pub use line_plot::{LinePlot, Mark, Markers, Series};
-pub use palette::STYLES;
+pub use figure::Figure;
+pub(crate) use figure::{Content, Panel, share_axes};
+pub(crate) use heat_map::HeatMap;
+pub(crate) use interval_plot::{IntervalPlot, IntervalRow};
+pub(crate) use line_plot::{LinePlot, Mark, Markers, Series};
+pub(crate) use palette::STYLES;
 pub use png::PngError;
-pub use scale::{Axis, Unit};
+pub(crate) use scale::{Axis, Unit};

@@ -1,4 +1,4 @@
-//! How well disturbances are foretold.
+//! How well disturbances are predicted.
 
 use super::parts::{in_parts, legend};
 use super::series::trained;
@@ -17,7 +17,7 @@ const PREDICTION: [(&str, &str, &str); 4] = [
 
 /// Precision and recall of disturbance prediction over training.
 pub fn prediction(entries: &[Entry<'_>]) -> Vec<Figure> {
-    // The rate of the label is told with every rollout; shares of nothing are not.
+    // Every rollout has the rate of the label; precision and recall are missing where there is nothing to divide by.
     let with: Vec<&Entry<'_>> =
         entries.iter().filter(|entry| Curve::of_training(entry.group, PREDICTION[3].1).is_some()).collect();
     in_parts(&with, "prediction", |name, part| {

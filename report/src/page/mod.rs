@@ -133,8 +133,8 @@ impl Made {
     }
 }
 
-/// Why there is no figure about training: where a run is not there but evaluations of its weights are, nobody has said
-/// what it trained.
+/// Why there is no figure about training. Where evaluations of a run are there and the run is not, its training is not
+/// known, which differs from a run that has trained nothing.
 fn of_training<'a>(report: &Report, otherwise: &'a str) -> &'a str {
     let mut runs = report.groups.iter().flat_map(|group| &group.runs);
     if runs.any(|run| matches!(run.state, Origin::NotGiven | Origin::Unknown)) {

@@ -21,7 +21,7 @@ pub fn section(report: &Report, figures: &FigureSet) -> Markup {
     let fields = Field::ALL.map(|field| (field, in_field(field)));
     let evaluated: Vec<_> = fields.iter().filter(|(_, found)| !found.is_empty()).collect();
     html! {
-        // The groups and what each field says of them, side by side where the page is wide enough.
+        // The groups and their results in each field, side by side where the page is wide enough.
         div.tables {
             div {
                 h3 { "Groups" }

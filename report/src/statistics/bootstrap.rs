@@ -36,7 +36,7 @@ pub(super) fn intervals(scores: &Scores, resamples: u32) -> [Interval; 2] {
     intervals_over(scores, draws)
 }
 
-/// The same over given resamples: each says for every entry, seed by seed, which seed's score stands there.
+/// The same over given resamples. Each holds, for every entry of the matrix, the seed whose score it takes.
 ///
 /// # Panics
 /// If there are no resamples, or one does not have the matrix's shape.

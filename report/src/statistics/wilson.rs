@@ -1,5 +1,5 @@
 //! The score interval of a share (Wilson, *Probable inference, the law of succession, and statistical inference*, 1927):
-//! what one policy's success over a number of episodes says about its rate. It knows nothing about other seeds.
+//! the interval of one policy's success rate over a number of episodes. It says nothing about other seeds.
 
 use super::bootstrap::Interval;
 

@@ -49,7 +49,7 @@ pub fn groups(runs: &[Run]) -> Result<Vec<Group<'_>>, StudyError> {
     let mut groups: Vec<Group<'_>> = Vec::new();
     for run in runs {
         let settings = settings_of(&run.config);
-        // A policy that nobody has trained is no run of its preset; nor is one of which nobody knows how it was trained.
+        // An untrained policy is not a run of its preset, nor is one whose training is unknown.
         let alike =
             |group: &Group<'_>| group.settings == settings && group.runs[0].origin.trained() == run.origin.trained();
         match groups.iter_mut().find(|group| alike(group)) {
@@ -154,14 +154,13 @@ fn label(groups: &mut [Group<'_>]) {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::study::RunState;
     use proto::config::{Config, FromConfig};
 
     pub fn run(name: &str, preset: &str, seed: u64) -> Run {
         let config = Config { seed, ..Config::resolve(preset, None).unwrap() };
         Run {
             name: name.into(),
-            origin: Origin::Run(RunState::Complete),
+            origin: Origin::Run("complete".into()),
             config,
             rollouts: Vec::new(),
             evaluations: Vec::new(),

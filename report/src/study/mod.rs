@@ -1,4 +1,4 @@
-//! What a report is made from: runs as their folders tell of them, put together in groups that differ in the seed only.
+//! Input of a report: runs as they are read from their folders, in groups that differ only in the seed.
 
 mod field;
 mod group;
@@ -7,7 +7,7 @@ mod settings;
 
 pub use field::{Field, Source};
 pub use group::{Group, StudyError, groups};
-pub use run::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, RunState, UnknownState, Validated};
+pub use run::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated};
 pub use settings::differences_between;
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! A run as its folder tells of it.
+//! A run as it is read from its folder.
 
 use super::field::{Field, Source};
 use proto::config::Config;
@@ -6,7 +6,6 @@ use proto::evaluation::{Distribution, EpisodeRecord, Evaluation};
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt;
-use std::str::FromStr;
 
 /// One run, or weights that were evaluated without one.
 #[derive(Debug, Clone)]
@@ -25,12 +24,12 @@ pub struct Run {
     pub validation: Vec<Validated>,
 }
 
-/// Who trained the weights of a [`Run`]. It is written as its words: `complete`, ..., `untrained`, ...
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Who trained the weights of a [`Run`]. Its words are those of the page and of `report.json`.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Origin {
-    /// The run itself, which stands so.
-    Run(RunState),
-    /// A run that is not in the study: its configuration is known, and nothing of its training.
+    /// The run itself, with the word for how it stands: `complete`, `running`, `stopped`, ...
+    Run(String),
+    /// A run that is not in the study: only its configuration is known.
     NotGiven,
     /// Nobody: the weights are fresh.
     Untrained,
@@ -38,26 +37,9 @@ pub enum Origin {
     Unknown,
 }
 
-/// How a run stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RunState {
-    /// An orchestrator holds its folder.
-    Running,
-    /// It has trained all its frames.
-    Complete,
-    /// Somebody stopped it.
-    Stopped,
-    /// Somebody stopped it twice: it goes on from its last checkpoint.
-    Interrupted,
-    /// It could not go on.
-    Failed,
-    /// Its orchestrator was killed.
-    CutOff,
-}
-
 impl Origin {
-    /// Whether a run has trained the weights; none where nobody knows.
-    pub(crate) fn trained(self) -> Option<bool> {
+    /// Whether a run has trained the weights; none where that is not known.
+    pub(crate) fn trained(&self) -> Option<bool> {
         match self {
             Self::Run(_) | Self::NotGiven => Some(true),
             Self::Untrained => Some(false),
@@ -68,51 +50,18 @@ impl Origin {
 
 impl fmt::Display for Origin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Run(state) => state.fmt(f),
-            Self::NotGiven => f.write_str("its run was not given"),
-            Self::Untrained => f.write_str("untrained"),
-            Self::Unknown => f.write_str("its run cannot be found"),
-        }
+        f.write_str(match self {
+            Self::Run(state) => state,
+            Self::NotGiven => "its run was not given",
+            Self::Untrained => "untrained",
+            Self::Unknown => "its run cannot be found",
+        })
     }
 }
 
 impl Serialize for Origin {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
-    }
-}
-
-impl RunState {
-    /// Each with its word.
-    const WORDS: [(Self, &str); 6] = [
-        (Self::Running, "running"),
-        (Self::Complete, "complete"),
-        (Self::Stopped, "stopped"),
-        (Self::Interrupted, "interrupted"),
-        (Self::Failed, "failed"),
-        (Self::CutOff, "cut off"),
-    ];
-}
-
-impl fmt::Display for RunState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let word = Self::WORDS.iter().find(|(state, _)| state == self).map(|(_, word)| *word);
-        f.write_str(word.expect("every state has a word"))
-    }
-}
-
-/// A word that is no state of a run.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("a run cannot be \"{0}\"")]
-pub struct UnknownState(String);
-
-impl FromStr for RunState {
-    type Err = UnknownState;
-
-    fn from_str(word: &str) -> Result<Self, UnknownState> {
-        let known = Self::WORDS.iter().find(|(_, known)| *known == word);
-        known.map(|(state, _)| *state).ok_or_else(|| UnknownState(word.to_owned()))
     }
 }
 
@@ -183,18 +132,5 @@ impl Run {
 
     fn evaluations_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
         self.evaluations.iter().filter(move |evaluated| evaluated.episodes_in(field).next().is_some())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_state_reads_back_from_its_word() {
-        for (state, word) in RunState::WORDS {
-            assert_eq!((word.parse(), Origin::Run(state).to_string().as_str()), (Ok(state), word));
-        }
-        assert_eq!("done".parse::<RunState>().unwrap_err().to_string(), "a run cannot be \"done\"");
     }
 }

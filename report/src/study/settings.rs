@@ -1,7 +1,8 @@
-//! What configurations have in common, and what not.
+//! In what two configurations differ.
 
 use crate::format::count;
-use proto::config::Config;
+use proto::config::{Config, StageConfig};
+use proto::reward::RewardKind;
 use toml::{Table, Value};
 
 /// Settings that say what a run is called, where and how it computes and what it keeps, not what it learns.
@@ -32,24 +33,22 @@ pub(super) fn differences(config: &Config) -> Vec<String> {
     }
 }
 
-/// What the second configuration has learn otherwise than the first, as `key = value` of the second.
+/// The settings of the second configuration that change what is learned against the first, as `key = value`.
 pub fn differences_between(first: &Config, second: &Config) -> Vec<String> {
     let mut found = Vec::new();
-    compare("", &settings_of(first), &settings_of(second), &mut found);
+    compare("", &settings_of(first), &settings_of(second), second, &mut found);
     found
 }
 
-fn compare(path: &str, preset: &Table, run: &Table, found: &mut Vec<String>) {
+/// Adds what differs between two tables at `path` of a configuration. `config` is the configuration of `run`.
+fn compare(path: &str, preset: &Table, run: &Table, config: &Config, found: &mut Vec<String>) {
     for (key, value) in run {
         let key_path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
         match (preset.get(key), value) {
             (Some(before), value) if before == value => {}
-            (Some(Value::Table(before)), Value::Table(value)) => compare(&key_path, before, value, found),
-            (_, value) if key_path == "from" => {
-                let frames = value.get("frames").and_then(Value::as_integer).unwrap_or(0).unsigned_abs();
-                found.push(format!("begun with weights after {} frames", count(frames)));
-            }
-            (_, Value::Array(stages)) if key_path == "stages" => found.push(stages_text(stages)),
+            (Some(Value::Table(before)), Value::Table(value)) => compare(&key_path, before, value, config, found),
+            _ if key_path == "from" => found.push(from_text(config)),
+            _ if key_path == "stages" => found.push(stages_text(config)),
             (_, value) => found.push(format!("{key_path} = {value}")),
         }
     }
@@ -58,12 +57,21 @@ fn compare(path: &str, preset: &Table, run: &Table, found: &mut Vec<String>) {
     }
 }
 
-/// `stages: r 5 000 000, r_prime 5 000 000`
-fn stages_text(stages: &[Value]) -> String {
-    let text = |stage: &Value| {
-        let reward = stage.get("reward").and_then(Value::as_str).unwrap_or("?");
-        let frames = stage.get("frames").and_then(Value::as_integer).unwrap_or(0);
-        format!("{reward} {}", count(frames.unsigned_abs()))
+/// `begun with weights after 9 000 frames`
+fn from_text(config: &Config) -> String {
+    let frames = config.from.as_ref().map_or(0, |from| from.frames);
+    format!("begun with weights after {} frames", count(frames))
+}
+
+/// `stages: r 5 000 000, then r_prime 5 000 000 frames`
+fn stages_text(config: &Config) -> String {
+    let text = |stage: &StageConfig| {
+        let reward = match stage.reward {
+            RewardKind::Task => "r",
+            RewardKind::DisturbanceFree => "r_prime",
+            RewardKind::Lagrangian => "lagrangian",
+        };
+        format!("{reward} {}", count(stage.frames))
     };
-    format!("stages: {} frames", stages.iter().map(text).collect::<Vec<_>>().join(", then "))
+    format!("stages: {} frames", config.stages.iter().map(text).collect::<Vec<_>>().join(", then "))
 }
