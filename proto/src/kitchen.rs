@@ -1,4 +1,4 @@
-//! Kitchen numbers, the splits they fall into, and the target categories (SPEC section 1).
+//! Kitchen numbers, their splits, and the target categories (`docs/method.md`, Task).
 
 use serde::{Deserialize, Serialize};
 use std::fmt;

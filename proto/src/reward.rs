@@ -1,4 +1,4 @@
-//! The reward, in the one place it is written down (SPEC section 2; paper equations 1 and 2).
+//! The reward, defined here only (`docs/method.md`, Reward; paper equations 1 and 2).
 //!
 //! Actors send [`RewardParts`]; the learner composes r or r′ from them with the stage in force, so a stage switch
 //! never reaches the simulator.

@@ -56,7 +56,7 @@ pub struct Room {
     pub floor: (Vec3, Vec3),
 }
 
-/// What is heavier than this does not move, kilograms (SPEC section 1).
+/// Heavier things do not move, kilograms (`docs/method.md`, Task).
 pub const MOVABLE_MASS_MAX_KG: f32 = 10.0;
 
 impl Surface {

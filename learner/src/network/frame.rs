@@ -8,7 +8,7 @@ use crate::ffi;
 use proto::message::{FRAME_PIXELS, FRAME_SIDE};
 use tch::{Device, Kind, Tensor};
 
-/// Subtracted from a depth in metres before division (SPEC section 1).
+/// Subtracted from a depth in metres before the division (`docs/method.md`, Observation).
 const MEAN_M: f64 = 0.5;
 /// Divides a depth in metres.
 const DEVIATION_M: f64 = 0.25;

@@ -7,9 +7,9 @@ use crate::schema::foxglove::{CameraCalibration, FrameTransform, Quaternion, Vec
 use prost_types::Timestamp;
 use proto::message::{Current, FRAME_SIDE};
 
-/// Horizontal field of view, degrees (SPEC section 1).
+/// Horizontal field of view, degrees (`docs/method.md`, Observation).
 const HORIZONTAL_FIELD_OF_VIEW_DEG: f64 = 100.0;
-/// Height of the head camera over the floor, metres; it sits on the body's axis (SPEC section 1).
+/// Height of the head camera above the floor, metres, on the body's axis (`docs/method.md`, Robot and camera).
 const HEAD_HEIGHT_M: f64 = 1.58;
 
 /// Names of the frames of one environment. Every kitchen is a world of its own.

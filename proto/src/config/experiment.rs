@@ -1,5 +1,5 @@
-//! The paper's experiments as presets: every row of its tables by name (SPEC section 6), composed from what the rows
-//! have in common instead of being written out.
+//! The paper's experiments as presets: every row of its tables by name (`docs/method.md`, Experiments), composed from
+//! what the rows have in common.
 //!
 //! ```text
 //! {original, none, cpca16, inverse-dynamics, disturb} - {stage1-20m, stage1-45m, scratch-45m, two-stage, stage2-25m}

@@ -25,7 +25,7 @@ use crate::shares::Shares;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Everything that determines a run. The defaults are the paper's constants (SPEC sections 1 to 4).
+/// Everything that determines a run. The defaults are the paper's constants (`docs/method.md`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {

@@ -1,4 +1,4 @@
-//! The figures of a set of episodes (SPEC section 5).
+//! The figures of a set of episodes (`docs/method.md`, Metrics).
 
 use super::record::{EpisodeEnd, EpisodeRecord};
 use crate::reward::UNDISTURBED_THRESHOLD_M;
