@@ -17,8 +17,8 @@ use proto::episode::EnvironmentId;
 
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
-use proto::message::transition_flag;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::step::transition_flag;
 use rapier3d::math::Vec3;
 use std::sync::{Arc, OnceLock};
 
