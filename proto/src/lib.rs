@@ -12,8 +12,10 @@
 
 pub mod action;
 pub mod camera;
+pub mod checkpoint;
 pub mod config;
 pub mod device;
+pub mod digest;
 pub mod episode;
 pub mod evaluation;
 pub mod event;

@@ -4,6 +4,7 @@
 use super::*;
 use crate::collector::RunningEpisode;
 use proptest::prelude::*;
+use proto::checkpoint::{Machine, Manifest};
 use proto::config::{CarriedGoal, StageConfig};
 use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
