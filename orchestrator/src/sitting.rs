@@ -11,6 +11,7 @@ use crate::supervisor::shell::{Audience, Shell, Signals};
 use crate::{remains, terminal};
 use anyhow::{Context, Result};
 use proto::config::Config;
+use proto::device::Torch;
 use proto::run_folder::RunFolder;
 use std::fs::OpenOptions;
 use std::time::Duration;
@@ -26,7 +27,7 @@ pub struct Tools {
     /// Where they are.
     pub programs: Programs,
     /// What the learner computes with.
-    pub torch: libtorch::Torch,
+    pub torch: Torch,
 }
 
 impl Tools {

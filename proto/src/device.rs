@@ -1,4 +1,32 @@
-//! Which of a machine's GPUs a process sees.
+//! What a learner computes on: the libtorch that it finds, and which of a machine's GPUs it sees.
+
+use serde::{Deserialize, Serialize};
+
+/// What `learner check` prints, one line of JSON: the libtorch that is loaded and what it can do here.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Torch {
+    /// Version of libtorch.
+    #[serde(rename = "torch")]
+    pub version: String,
+    /// Path of the loaded library.
+    pub library: String,
+    /// Devices it can compute on: `cuda:0`, ..., `cpu`.
+    pub devices: Vec<String>,
+    /// The CPU's arithmetic: `reproducible`, or the instruction set of libtorch's kernels.
+    pub arithmetic: String,
+}
+
+impl Torch {
+    /// Whether it can compute on a GPU.
+    pub fn has_cuda(&self) -> bool {
+        self.cuda_devices() > 0
+    }
+
+    /// How many GPUs it can compute on.
+    pub fn cuda_devices(&self) -> usize {
+        self.devices.iter().filter(|device| device.starts_with("cuda")).count()
+    }
+}
 
 /// The variable that says which CUDA devices a process sees: numbers or UUIDs, separated by commas. The orchestrator sets
 /// it for its learners.

@@ -1,8 +1,8 @@
 //! Whether there is a device for every learner.
 
 use super::Finding;
-use super::libtorch::Torch;
 use proto::config::{Config, DeviceChoice};
+use proto::device::Torch;
 
 /// Checks that each of `gpus` is there. `torch`: what it finds where [`VISIBLE_DEVICES`](proto::device::VISIBLE_DEVICES) is their list, which CUDA reads up
 /// to the first that it does not know.
