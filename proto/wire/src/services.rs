@@ -2,12 +2,12 @@
 //!
 //! | service | pattern | from → to | payload |
 //! |---|---|---|---|
-//! | `observations/RANK` | publish-subscribe | a learner's actors → it, recorder, one more tap | `[Observation]` of one half |
+//! | `observations/RANK` | publish-subscribe | a learner's actors → it, recorder | `[Observation]` of one half |
 //! | `observations-ready/RANK` | event, id = actor | a learner's actors → the same | |
 //! | `restore/ACTOR` | publish-subscribe | learner → one actor | `[EnvironmentState]` of all its environments |
 //! | `actions/ACTOR` | publish-subscribe | learner → one actor | `[u8]`, one action an environment of the half |
 //! | `actions-ready/ACTOR` | event | learner → one actor | |
-//! | `stage` | publish-subscribe, history 1 | orchestrator → learners, one more tap | `StageAnnouncement` |
+//! | `stage` | publish-subscribe, history 1 | orchestrator → learners | `StageAnnouncement` |
 //!
 //! Each learner has observations of its own: none is woken by, or holds a queue for, what another one's actors send.
 //!
@@ -62,9 +62,9 @@ pub type Wakeup = Listener<Ipc>;
 /// Raises events.
 pub type Bell = Notifier<Ipc>;
 
-/// Subscribers of observations: learner, recorder, one more tap. The services have room for one more, a killed learner
+/// Subscribers of observations: learner and recorder. The services have room for one more, a killed learner
 /// that is not swept yet when its successor comes.
-const OBSERVATION_SUBSCRIBERS: usize = 3;
+const OBSERVATION_SUBSCRIBERS: usize = 2;
 /// Samples that wait for one subscriber: one for each half.
 const OBSERVATION_BUFFER: usize = 2;
 /// Samples a subscriber may look at at once: one for each half.
@@ -98,8 +98,8 @@ impl WireShape {
     }
 
     fn nodes(self) -> usize {
-        // Actors, learners, orchestrator, recorder, tap; each possibly next to its dead predecessor.
-        (self.shares.actors() as usize + self.shares.learners() as usize + 3) * RESTART_MARGIN
+        // Actors, learners, orchestrator, recorder; each possibly next to its dead predecessor.
+        (self.shares.actors() as usize + self.shares.learners() as usize + 2) * RESTART_MARGIN
     }
 }
 
@@ -348,8 +348,7 @@ impl Wire {
             .subscriber_max_borrowed_samples(1)
             .history_size(1)
             .max_publishers(1)
-            // The learners and one more tap.
-            .max_subscribers((self.shape.shares.learners() as usize + 1) * RESTART_MARGIN)
+            .max_subscribers(self.shape.shares.learners() as usize * RESTART_MARGIN)
             .max_nodes(self.shape.nodes()))
     }
 }
