@@ -4,19 +4,22 @@
 //! overlaid by the user's TOML file, overlaid by single settings (`--set`), overlaid by command-line flags.
 //! [`Config::resolve_set`] does all but the last.
 
+mod episode;
 mod error;
 mod experiment;
 mod network;
 mod preset;
+mod presets;
 mod setting;
 mod validate;
 
+pub use episode::EpisodeConfig;
 pub use error::{ConfigError, nearest};
 pub use network::{CarriedGoal, Encoder, GoalCoordinates, NetworkConfig};
-pub use preset::{Preset, overlay, presets};
+pub use preset::{Preset, overlay};
+pub use presets::presets;
 pub use setting::{Setting, SettingError, check_settings};
 
-use crate::action::ActionSpace;
 use crate::evaluation::{EvaluationConfig, ObjectSet, Plan};
 use crate::kitchen::Kitchens;
 use crate::reward::RewardKind;
@@ -88,20 +91,6 @@ pub struct SimulationConfig {
     pub timestep_s: f32,
     /// Sub-steps of one action.
     pub substeps: u32,
-}
-
-/// What an episode is.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct EpisodeConfig {
-    /// Horizon T: an episode ends after this many actions.
-    pub max_steps: u32,
-    /// Actions the policy may choose from.
-    pub action_space: ActionSpace,
-    /// Robot starts at most this far from the target on the floor plane, metres; 0 = anywhere in the kitchen.
-    pub start_distance_max_m: f32,
-    /// Goal lies at most this far from the target's start, metres; 0 = anywhere in the kitchen.
-    pub goal_distance_max_m: f32,
 }
 
 /// DD-PPO.
@@ -350,19 +339,6 @@ impl Default for SimulationConfig {
     }
 }
 
-impl Default for EpisodeConfig {
-    fn default() -> Self {
-        Self { max_steps: 200, action_space: ActionSpace::Large, start_distance_max_m: 0.0, goal_distance_max_m: 0.0 }
-    }
-}
-
-impl EpisodeConfig {
-    /// Robot and goal may be anywhere in the kitchen.
-    pub fn is_full(&self) -> bool {
-        self.start_distance_max_m == 0.0 && self.goal_distance_max_m == 0.0
-    }
-}
-
 impl Default for PpoConfig {
     fn default() -> Self {
         Self {
@@ -461,7 +437,7 @@ impl Config {
     }
 
     fn build(preset: &str, overlay: Option<(&str, &str)>, settings: &[Setting]) -> Result<Self, ConfigError> {
-        let mut value = preset::merged(preset)?;
+        let mut value = presets::merged(preset)?;
         if let Some((text, origin)) = overlay {
             // Parsed on its own first: this is what finds an unknown key with its line.
             error::parse::<Self>(text, origin)?;

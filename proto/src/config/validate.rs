@@ -199,13 +199,9 @@ mod tests {
             config.actors.count = actors;
             config.scenes = vec!["scenes/000/scene.toml".to_owned(); scenes];
             config.evaluation = Some(EvaluationConfig {
-                split,
-                objects: ObjectSet::Novel,
-                episodes: 1,
                 distribution,
                 scene_targets: vec![TargetCategory::SEEN.to_vec(); scenes],
-                deterministic: false,
-                checkpoint: None,
+                ..EvaluationConfig::fixed(split, ObjectSet::Novel, 1)
             });
             let read = Config::from_toml(&config.to_toml(), "an evaluation");
             read.map(|read| assert_eq!(read, config)).map_err(|error| error.to_string())

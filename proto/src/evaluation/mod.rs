@@ -6,13 +6,15 @@
 //! becomes an [`EpisodeRecord`]; [`Figures`] sum up any set of records; [`Evaluation`] is the result file.
 //! `docs/evaluation.md` describes both files for people.
 
+mod confusion;
 mod distribution;
 mod figures;
 mod plan;
 mod record;
 
+pub use confusion::Confusion;
 pub use distribution::{Distribution, describe};
-pub use figures::{Confusion, DISTURBANCE_THRESHOLDS_M, Figures, OBJECT_COUNTS};
+pub use figures::{DISTURBANCE_THRESHOLDS_M, Figures, OBJECT_COUNTS};
 pub use plan::{EPISODES_PER_CATEGORY, EPISODES_PER_KITCHEN, Plan, category_of};
 pub use record::{EpisodeEnd, EpisodeRecord, read_table, write_table};
 
@@ -83,6 +85,20 @@ pub struct EvaluationConfig {
 }
 
 impl EvaluationConfig {
+    /// The first `episodes` fixed episodes of each kitchen of a split (0 = all), with sampled actions and the weights
+    /// that a fresh run begins with.
+    pub fn fixed(split: Split, objects: ObjectSet, episodes: u32) -> Self {
+        Self {
+            split,
+            objects,
+            episodes,
+            distribution: Distribution::Fixed,
+            scene_targets: Vec::new(),
+            deterministic: false,
+            checkpoint: None,
+        }
+    }
+
     /// Kitchens whose episodes are played.
     pub fn kitchens(&self) -> Kitchens {
         match self.scene_targets.len() {

@@ -95,21 +95,12 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::Distribution;
     use crate::kitchen::{Kitchens, Split};
     use proptest::prelude::*;
     use std::collections::{BTreeMap, BTreeSet};
 
     fn config(objects: ObjectSet, episodes: u32) -> EvaluationConfig {
-        EvaluationConfig {
-            split: Split::Test,
-            objects,
-            episodes,
-            distribution: Distribution::Fixed,
-            scene_targets: Vec::new(),
-            deterministic: false,
-            checkpoint: None,
-        }
+        EvaluationConfig::fixed(Split::Test, objects, episodes)
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! What came of one episode, and the table of all of them.
 
-use super::{Confusion, Distribution, ObjectSet};
+use super::ObjectSet;
+use super::confusion::Confusion;
+use super::distribution::Distribution;
 use crate::kitchen::{KitchenId, TargetCategory};
 use crate::reward::UNDISTURBED_THRESHOLD_M;
 use serde::{Deserialize, Serialize};
