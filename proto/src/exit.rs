@@ -1,4 +1,4 @@
-//! Statuses with which a learner exits and which the orchestrator acts on. Any other than 0 is a crash.
+//! Statuses with which a learner exits and which the orchestrator acts on.
 
 /// Status with which a learner exits on a non-finite loss, gradient, observation or answer of the network.
 pub const EXIT_NON_FINITE: i32 = 3;

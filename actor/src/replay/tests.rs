@@ -1,6 +1,8 @@
 //! Episodes as `actor replay` is given them.
 
 use super::*;
+use proto::evaluation::{EvaluationConfig, ObjectSet};
+use proto::kitchen::Split;
 use proto::replay::ImageFormat;
 use proto::step::Current;
 
@@ -8,15 +10,7 @@ use proto::step::Current;
 fn config(evaluation: bool) -> Config {
     let mut config = Config::default();
     if evaluation {
-        config.evaluation = Some(proto::evaluation::EvaluationConfig {
-            split: proto::kitchen::Split::Test,
-            objects: proto::evaluation::ObjectSet::Novel,
-            episodes: 6,
-            distribution: proto::evaluation::Distribution::Fixed,
-            scene_targets: vec![],
-            deterministic: false,
-            checkpoint: None,
-        });
+        config.evaluation = Some(EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 6));
         config.actors = proto::config::ActorsConfig { count: 5, environments_per_actor: 1 };
     }
     config

@@ -13,7 +13,9 @@ use crate::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVe
 use mcap::records::Record;
 use proptest::prelude::*;
 use prost::Message;
+use proto::evaluation::{EvaluationConfig, ObjectSet};
 use proto::event::Timing;
+use proto::kitchen::Split;
 use proto::metric;
 use proto::shares::Shares;
 use proto::step::{current_flag, transition_flag};
@@ -206,15 +208,7 @@ fn a_step_holds_the_goal_of_the_observation_that_its_action_was_chosen_from() {
 #[test]
 fn an_evaluations_episodes_have_the_numbers_of_its_table() {
     let mut bench = Bench::new("fixed");
-    bench.config.evaluation = Some(proto::evaluation::EvaluationConfig {
-        split: proto::kitchen::Split::Test,
-        objects: proto::evaluation::ObjectSet::Novel,
-        episodes: 6,
-        deterministic: false,
-        checkpoint: None,
-        distribution: proto::evaluation::Distribution::Fixed,
-        scene_targets: vec![],
-    });
+    bench.config.evaluation = Some(EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 6));
     bench.config.actors = proto::config::ActorsConfig { count: 5, environments_per_actor: 3 };
     let recorder = bench.start();
     let [actor, _] = bench.actors();
