@@ -7,16 +7,16 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
 /// Reward of every step.
-pub const STEP: f32 = -0.01;
+const STEP: f32 = -0.01;
 /// Added when the action failed.
-pub const FAILED_ACTION: f32 = -0.03;
+const FAILED_ACTION: f32 = -0.03;
 /// Added once, when the target is picked up.
 pub const PICK_UP: f32 = 5.0;
 /// Added when Done is declared with the target at its goal.
 pub const GOAL_SUCCESS: f32 = 10.0;
 /// Total displacement that rises by at least this in one step is a disturbance: threshold of the auxiliary label,
 /// metres.
-pub const DISTURBANCE_LABEL_THRESHOLD_M: f32 = 0.001;
+const DISTURBANCE_LABEL_THRESHOLD_M: f32 = 0.001;
 /// An episode with less total displacement than this is "without disturbance" (`SRwoD`), metres.
 pub const UNDISTURBED_THRESHOLD_M: f32 = 0.01;
 /// Displacement of one object counts at most this much, metres.

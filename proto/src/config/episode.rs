@@ -27,7 +27,7 @@ impl Default for EpisodeConfig {
 
 impl EpisodeConfig {
     /// Robot and goal may be anywhere in the kitchen.
-    pub fn is_full(&self) -> bool {
+    fn is_full(&self) -> bool {
         self.start_distance_max_m == 0.0 && self.goal_distance_max_m == 0.0
     }
 

@@ -10,7 +10,7 @@ use std::fmt::Display;
 const MAX_ENVIRONMENTS_PER_ACTOR: u32 = 256;
 
 /// Actor processes of one machine at most.
-pub const MAX_ACTORS: u32 = 512;
+const MAX_ACTORS: u32 = 512;
 
 impl Config {
     /// Checks every setting against its range.

@@ -1,11 +1,11 @@
 //! Which episode is played where: dealt out beforehand, so that no result depends on who is faster.
 
-use super::{EvaluationConfig, ObjectSet};
+use super::asked::{EvaluationConfig, ObjectSet};
 use crate::episode::EnvironmentId;
 use crate::kitchen::{KitchenId, TargetCategory};
 
 /// Episodes of one category in one kitchen, fixed or drawn.
-pub const EPISODES_PER_CATEGORY: u32 = 60;
+const EPISODES_PER_CATEGORY: u32 = 60;
 /// Episodes in one kitchen.
 pub const EPISODES_PER_KITCHEN: u32 = EPISODES_PER_CATEGORY * TargetCategory::ALL.len() as u32;
 
