@@ -1,8 +1,8 @@
 //! The contract between Stillroom's processes, and between them and their files.
 //!
 //! Everything that two processes, or a process and a file, must agree on lives here and nowhere else: the actions,
-//! episodes, stages, the reward, what an environment says of a step, the camera, the configuration, the records of
-//! evaluations, what a learner tells, and the layout of a run folder. This crate knows neither physics nor tensors, and
+//! episodes, stages, the reward, what an environment reports of a step, the camera, the configuration, the records of
+//! evaluations, the events of a learner, and the layout of a run folder. This crate knows neither physics nor tensors, and
 //! no transport: what crosses shared memory, and how, is the crate `wire`.
 //!
 //! # Axes and units
@@ -30,5 +30,6 @@ pub mod shares;
 pub mod stage;
 pub mod step;
 
-/// Version of everything that crosses a process boundary or is written to a file. Raised on any incompatible change.
+/// Version of everything that is written to a file or told between processes. Raised on any incompatible change. Each
+/// payload in shared memory has a number of its own besides, in the name of its type.
 pub const SCHEMA_VERSION: u32 = 3;

@@ -1,7 +1,7 @@
-//! What an environment says of one step: what the action did, and what is seen now.
+//! What an environment reports of one step: what the action did, and what is seen now.
 //!
-//! The two types lie in shared memory as they are here. So they are `repr(C)`, their sizes are fixed, and every byte
-//! belongs to a field: `Pod` does not compile for a type with hidden padding.
+//! Both types lie in shared memory exactly as they are declared here. Therefore they are `repr(C)`, their sizes are
+//! fixed, and every byte belongs to a field: `Pod` cannot be derived for a type with hidden padding.
 
 use crate::reward::RewardParts;
 use bytemuck::{Pod, Zeroable};

@@ -1,13 +1,13 @@
-//! What joins Stillroom's processes: the payloads and services in shared memory, and what each process does in the same
-//! way (it holds a lifeline, writes logs, looks at its processor, dies at a fault point).
+//! What joins Stillroom's processes: payloads and services in shared memory, and what every process does in the same way
+//! (log, hold its lifeline, check its processor, pass fault points).
 //!
-//! What the payloads mean is the crate `proto`; this one is how they get from process to process.
+//! The crate `proto` says what the processes exchange; this one carries it from process to process.
 //!
 //! ```
 //! use bytemuck::Zeroable;
 //! use proto::action::Action;
 //! use proto::shares::Shares;
-//! use wire::message::{Observation, ObservationHeader};
+//! use wire::message::Observation;
 //! use wire::{Wire, WireAddress, WireHost, WireShape};
 //!
 //! // The orchestrator creates all services; one actor with two environments and one learner join.

@@ -1,7 +1,7 @@
 //! Payloads in shared memory. All are `repr(C)` and have their sizes asserted at compile time.
 //!
-//! All are [`Pod`], too. The compiler thereby proves that they hold no pointers and that every byte belongs to a field:
-//! equal messages have equal bytes.
+//! All are [`Pod`], too: the compiler thereby proves that they hold no pointers and no hidden padding. Equal messages
+//! have equal bytes.
 
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
@@ -26,8 +26,8 @@ pub struct Observation {
     pub depth_mm: [u16; FRAME_PIXELS],
 }
 
-// SAFETY: an Observation is `Pod`: `repr(C)`, self-contained, without pointers. (The derive would want the trait of its
-// fields, too, and those are types of `proto`, which knows no transport.)
+// SAFETY: an Observation is `Pod`: `repr(C)`, self-contained, without pointers. (The derive asks for this trait on every
+// field, and two of them are types of `proto`, which knows no transport.)
 unsafe impl ZeroCopySend for Observation {
     unsafe fn type_name() -> &'static str {
         "stillroom/Observation/3"
