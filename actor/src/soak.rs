@@ -9,8 +9,8 @@ use proto::action::{Action, ActionSpace};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::transition_flag;
 use proto::random::{Key, Purpose};
+use proto::step::transition_flag;
 use std::io::Write;
 use std::sync::Arc;
 

@@ -8,7 +8,7 @@ mod support;
 
 use actor::environment::Environment;
 use proto::action::NO_ACTION;
-use proto::message::{Transition, current_flag};
+use proto::step::{Transition, current_flag};
 use support::{environment, kitchen, random_action, run};
 
 const STEPS: u32 = 200;

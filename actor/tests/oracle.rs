@@ -17,8 +17,8 @@ use proto::episode::EnvironmentId;
 
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
-use proto::message::transition_flag;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::step::transition_flag;
 use rapier3d::math::Vec3;
 use std::sync::{Arc, OnceLock};
 
@@ -121,15 +121,7 @@ fn an_evaluations_environments_play_what_its_plan_says() {
     let mut config = Config::default();
     config.actors.count = 10;
     config.actors.environments_per_actor = 2;
-    config.evaluation = Some(EvaluationConfig {
-        split: Split::Test,
-        objects: ObjectSet::Seen,
-        episodes: 6,
-        distribution: Distribution::Fixed,
-        scene_targets: Vec::new(),
-        deterministic: false,
-        checkpoint: None,
-    });
+    config.evaluation = Some(EvaluationConfig::fixed(Split::Test, ObjectSet::Seen, 6));
     let fixed = episodes::fixed(kitchen).unwrap();
     let programme = Programme::of(&config, kitchen).unwrap();
     let id = EnvironmentId { kitchen: kitchen.id(), number: 1 };
@@ -183,13 +175,8 @@ fn an_evaluation_in_a_training_kitchen_plays_drawn_episodes() {
     let mut config = Config::default();
     let kitchen = Arc::new(Kitchen::build(id, &config.simulation).unwrap());
     config.evaluation = Some(EvaluationConfig {
-        split: Split::Train,
-        objects: ObjectSet::Novel,
-        episodes: 3,
         distribution: Distribution::Run,
-        scene_targets: Vec::new(),
-        deterministic: false,
-        checkpoint: None,
+        ..EvaluationConfig::fixed(Split::Train, ObjectSet::Novel, 3)
     });
     let programme = Programme::of(&config, &kitchen).unwrap();
     let id = EnvironmentId { kitchen: id, number: 0 };

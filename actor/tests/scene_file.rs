@@ -13,7 +13,7 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::transition_flag;
+use proto::step::transition_flag;
 use rapier3d::geometry::Aabb;
 use std::path::Path;
 use std::sync::Arc;

@@ -33,7 +33,7 @@ impl DepthCamera {
         Self {
             scene: Scene::new(bodies),
             roles: roles(bodies),
-            raster: Raster::new(proto::message::FRAME_SIDE),
+            raster: Raster::new(proto::camera::FRAME_SIDE),
             outline: Outline::default(),
             polyhedra: PolyhedronBrush::new(),
             rounds: RoundBrush::new(),

@@ -5,9 +5,9 @@ use crate::depth::DepthCamera;
 use crate::environment::{Environment, EnvironmentError};
 use crate::kitchen::Kitchen;
 use crate::simulation::Substep;
+use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::message::{FRAME_PIXELS, FRAME_SIDE};
 use rapier3d::math::Pose3;
 use std::sync::Arc;
 

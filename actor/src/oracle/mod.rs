@@ -25,7 +25,7 @@ use crate::robot::configuration::Configuration;
 use moment::Moment;
 use plan::{Carriage, Stands};
 use proto::action::Action;
-use proto::message::transition_flag;
+use proto::step::transition_flag;
 use rapier3d::math::Vec3;
 use space::{Care, Space};
 use std::collections::VecDeque;

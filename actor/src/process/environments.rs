@@ -7,14 +7,16 @@ use crate::episodes::Programme;
 use crate::kitchen::Kitchen;
 use anyhow::{Context, Result, bail, ensure};
 use proto::action::{Action, HOLD};
+use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::{EnvironmentState, FRAME_SIDE, Observation, Transition, transition_flag};
+use proto::step::{Transition, transition_flag};
 use rapier3d::math::Pose3;
 use std::mem::MaybeUninit;
 use std::ops::Range;
 use std::sync::Arc;
+use wire::message::{EnvironmentState, Observation};
 
 /// All environments of an actor and the camera they share.
 pub struct Environments {

@@ -11,9 +11,9 @@ use anyhow::Result;
 use proto::action::Action;
 use proto::episode::EnvironmentId;
 use proto::kitchen::TargetCategory;
-use proto::message::{Transition, transition_flag};
 use proto::replay::{ImageFormat, ReplayImages};
 use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::step::{Transition, transition_flag};
 use rapier3d::math::{Pose3, Vec3};
 use std::path::Path;
 

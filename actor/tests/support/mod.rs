@@ -6,8 +6,8 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::Transition;
 use proto::random::{Key, Purpose};
+use proto::step::Transition;
 use std::sync::Arc;
 
 /// A built-in kitchen as it is by default.

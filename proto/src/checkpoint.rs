@@ -1,14 +1,10 @@
-//! The manifest of a checkpoint: what the tensor file must hash to, and where and under what the run stood.
+//! The manifest of a checkpoint: what the tensor file must hash to, and where and under what the run stood. A learner
+//! writes it; learner and orchestrator read it.
 
-use crate::hex::hex;
-use proto::config::CarriedGoal;
+use crate::config::CarriedGoal;
+use crate::digest::sha256;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
-
-/// SHA-256 as 64 hex digits.
-pub fn sha256(bytes: &[u8]) -> String {
-    hex(Sha256::digest(bytes))
-}
+use std::path::Path;
 
 /// What the last bits of a result depend on. A resume under another environment goes on, but not bit for bit.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -69,7 +65,7 @@ fn is_older_sign(sign: &CarriedGoal) -> bool {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
-    /// [`proto::SCHEMA_VERSION`] of the writer.
+    /// [`crate::SCHEMA_VERSION`] of the writer.
     pub schema_version: u32,
     /// First rollout that is not in it.
     pub rollout: u64,
@@ -127,11 +123,14 @@ mod exact {
 /// Why a file is not a manifest.
 #[derive(Debug, thiserror::Error)]
 pub enum ManifestError {
+    /// The file cannot be read.
+    #[error("cannot be read: {0}")]
+    Unreadable(#[from] std::io::Error),
     /// Not the JSON of a manifest.
     #[error("is not a manifest: {0}")]
     Json(#[from] serde_json::Error),
     /// Another version.
-    #[error("has schema version {found}; this program reads {}", proto::SCHEMA_VERSION)]
+    #[error("has schema version {found}; this program reads {}", crate::SCHEMA_VERSION)]
     Version {
         /// The version found.
         found: u64,
@@ -148,12 +147,17 @@ impl Manifest {
         self.to_json()
     }
 
+    /// Reads and verifies a file that [`Manifest::seal`] made. Whether the tensors are whole is another question.
+    pub fn read(path: &Path) -> Result<Self, ManifestError> {
+        Self::open(&std::fs::read(path)?)
+    }
+
     /// Reads and verifies what [`Manifest::seal`] wrote.
     pub fn open(bytes: &[u8]) -> Result<Self, ManifestError> {
         let value: serde_json::Value = serde_json::from_slice(bytes)?;
         // The version comes first: another one may have other fields.
         if let Some(found) = value.get("schema_version").and_then(serde_json::Value::as_u64)
-            && found != u64::from(proto::SCHEMA_VERSION)
+            && found != u64::from(crate::SCHEMA_VERSION)
         {
             return Err(ManifestError::Version { found });
         }

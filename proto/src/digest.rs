@@ -1,5 +1,6 @@
 //! Digests as text.
 
+use sha2::{Digest, Sha256};
 use std::fmt::Write;
 
 /// Bytes as lower-case hex digits, two each.
@@ -9,4 +10,9 @@ pub fn hex(bytes: impl AsRef<[u8]>) -> String {
         let _ = write!(text, "{byte:02x}");
         text
     })
+}
+
+/// SHA-256 as 64 hex digits.
+pub fn sha256(bytes: &[u8]) -> String {
+    hex(Sha256::digest(bytes))
 }
