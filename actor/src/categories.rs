@@ -1,12 +1,12 @@
 //! `actor kitchens categories`: every category of movable things, for whoever describes a scene of their own.
 
-use super::{CATEGORIES, Category, Material, Place, Presence};
-use crate::physics::geometry::Solid;
-use crate::shape::{Primitive, Shape};
 use anyhow::Result;
 use proto::kitchen::TargetCategory;
 use rapier3d::math::Pose3;
 use serde::Serialize;
+use simulator::kitchen::catalogue::{CATEGORIES, Category, Material, Place, Presence};
+use simulator::physics::geometry::Solid;
+use simulator::shape::{Primitive, Shape};
 use std::io::Write;
 
 /// What is said of one category.

@@ -1,11 +1,13 @@
 //! `actor kitchens report`: our kitchens beside iTHOR's, in figures.
 
-use super::check::is_small;
-use super::{Kitchen, NOT_THINGS, ithor};
 use anyhow::{Result, ensure};
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use rapier3d::math::Vec3;
+use simulator::kitchen::Kitchen;
+use simulator::kitchen::catalogue::{CATEGORIES, Place};
+use simulator::kitchen::ithor::{self, NOT_THINGS};
+use simulator::kitchen::layout::Plan;
 use std::io::Write;
 
 /// Furthest that a decile of the nearest-neighbour distance may be off iTHOR's, as a share of it.
@@ -42,7 +44,7 @@ impl Figures {
     }
 
     fn add(&mut self, kitchen: &Kitchen) {
-        let plan = kitchen.plan().map_or("", super::layout::Plan::name);
+        let plan = kitchen.plan().map_or("", Plan::name);
         self.kitchens.push((kitchen.id(), plan, kitchen.thing_count()));
         let things = || {
             kitchen
@@ -173,6 +175,12 @@ fn quantile(values: &[f32], share: f32) -> f32 {
     let below = (at as usize).min(last);
     let above = (below + 1).min(last);
     sorted[below] + (sorted[above] - sorted[below]) * (at - below as f32)
+}
+
+/// Whether a category is a small thing: movable, and stands on surfaces.
+fn is_small(category: &str) -> bool {
+    !NOT_THINGS.contains(&category)
+        && CATEGORIES.iter().any(|known| known.name == category && !matches!(known.place, Place::Seat | Place::Floor))
 }
 
 #[cfg(test)]

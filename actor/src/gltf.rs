@@ -4,12 +4,7 @@
 //! hold `role` (`fixed` or `movable`), `category`, and for movable things `mass_kg` and `friction`. The ceiling is
 //! nearly transparent, so that a viewer can look in from above. The robot is left out.
 
-use super::mirror;
-use crate::depth::triangles_of;
-use crate::kitchen::scene_file::{Convex, Entry, Role, SceneFile, tops};
-use crate::kitchen::{BodyRole, Kitchen};
 use crate::picture::{Subject, palette};
-use crate::shape::{Part, Primitive, Shape};
 use ::gltf::binary::{Glb, Header};
 use ::gltf::json::accessor::{ComponentType, GenericComponentType, Type};
 use ::gltf::json::buffer::Target;
@@ -20,6 +15,11 @@ use ::gltf::json::validation::{Checked, USize64};
 use ::gltf::json::{Index, Root, scene::UnitQuaternion};
 use anyhow::{Context, Result};
 use rapier3d::math::Vec3;
+use simulator::gltf::mirror;
+use simulator::kitchen::{BodyRole, Kitchen};
+use simulator::mesh::triangles_of;
+use simulator::scene_file::{Convex, Entry, Role, SceneFile, tops};
+use simulator::shape::{Part, Primitive, Shape};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
@@ -260,7 +260,7 @@ fn smooth(triangles: &[[Vec3; 3]]) -> Vec<(Vec3, Vec3)> {
     corners
 }
 
-/// What a round part is, in the file's axes: read back by [`super::solid`].
+/// What a round part is, in the file's axes: read back by [`simulator::gltf::solid`].
 fn solid_extras(part: &Part) -> Option<Box<RawValue>> {
     let mut extras = match part.primitive {
         Primitive::Cylinder { radius_m, half_height_m } => {

@@ -1,8 +1,10 @@
 //! One environment: an episode of the task in a kitchen. What an action did becomes a [`Transition`], what is seen now
 //! a [`Current`].
 
+use crate::depth::{Backdrop, DepthCamera, as_unwritten};
 use crate::episode::{Episode, at_goal};
 use crate::kitchen::Kitchen;
+use crate::physics::geometry::rotation_y;
 use crate::robot::configuration::Configuration;
 use crate::robot::links::world_from_camera;
 use crate::simulation::{Simulation, Substep};
@@ -13,6 +15,7 @@ use proto::message::{Current, Transition, current_flag, transition_flag};
 use proto::random::{Key, Purpose};
 use proto::reward::{OBJECT_DISPLACEMENT_CAP_M, RewardParts};
 use rapier3d::math::{Pose3, Vec3};
+use std::mem::MaybeUninit;
 use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -60,6 +63,9 @@ pub struct Environment {
     peak_farthest_m: f32,
     // The revision of the things' poses that the disturbance was counted in.
     counted_revision: u32,
+    // What the camera has seen stand still, and the bodies' poses of the last frame. Empty until the first.
+    backdrop: Backdrop,
+    world_from_bodies: Vec<Pose3>,
 }
 
 /// How far everything movable but the target is from where it stood at step 0.
@@ -133,6 +139,8 @@ impl Environment {
             peak_disturbance_m: 0.0,
             peak_farthest_m: 0.0,
             counted_revision: 0,
+            backdrop: Backdrop::default(),
+            world_from_bodies: Vec::new(),
         };
         environment.begin_counting();
         environment
@@ -178,24 +186,7 @@ impl Environment {
         assert!(!self.ended, "the episode has ended: start the next one before the next action");
         let was_holding = self.simulation.holding();
         let mut flags = transition_flag::VALID;
-        let succeeded = match action {
-            Action::PickUpMidLevel => self.simulation.pick_up(self.target),
-            Action::DoneMidLevel => {
-                self.simulation.idle();
-                was_holding && at_goal(self.target_position(), self.episode.goal)
-            }
-            Action::LookUp | Action::LookDown => match self.simulation.configuration().after(action) {
-                Some(next) => {
-                    self.simulation.look(next);
-                    true
-                }
-                None => self.stand_still(),
-            },
-            _ => match self.simulation.configuration().after(action) {
-                Some(next) => self.simulation.perform(next),
-                None => self.stand_still(),
-            },
-        };
+        let succeeded = self.act(action);
         let holding = self.simulation.holding();
         let picked_up = holding && !was_holding;
         let goal_success = action == Action::DoneMidLevel && succeeded;
@@ -263,7 +254,7 @@ impl Environment {
     pub fn current(&self) -> Current {
         let configuration = self.simulation.configuration();
         let (wrist, target, goal) = (self.simulation.wrist(), self.target_position(), self.episode.goal);
-        let robot_from_world = crate::physics::geometry::rotation_y(-configuration.yaw_rad());
+        let robot_from_world = rotation_y(-configuration.yaw_rad());
         let mut flags = 0;
         for (set, flag) in [
             (self.step == 0, current_flag::EPISODE_START),
@@ -321,6 +312,33 @@ impl Environment {
             bytes.copy_from_slice(&word.to_le_bytes());
         }
         xxh3_64(&bytes)
+    }
+
+    /// Renders what the head camera sees now into `depth_mm`: `side` × `side` pixels, row-major from the top left, depth
+    /// along the camera's axis in millimetres, 0 where nothing is hit. The camera is one of this kitchen's bodies, and
+    /// may serve all environments in it.
+    ///
+    /// # Panics
+    /// If the frame has another size, or the camera is one of other bodies.
+    pub fn look(&mut self, camera: &mut DepthCamera, side: usize, depth_mm: &mut [u16]) {
+        self.look_into(camera, side, as_unwritten(depth_mm));
+    }
+
+    /// The same into memory that need not be initialised; returns it initialised.
+    ///
+    /// # Panics
+    /// If the frame has another size, or the camera is one of other bodies.
+    pub fn look_into<'a>(
+        &mut self,
+        camera: &mut DepthCamera,
+        side: usize,
+        depth_mm: &'a mut [MaybeUninit<u16>],
+    ) -> &'a [u16] {
+        let mut world_from_bodies = std::mem::take(&mut self.world_from_bodies);
+        self.world_from_bodies(&mut world_from_bodies);
+        let world_from_camera = self.world_from_camera();
+        self.world_from_bodies = world_from_bodies;
+        camera.render_over(&mut self.backdrop, &self.world_from_bodies, world_from_camera, side, depth_mm)
     }
 
     /// Pose of the head camera: x right, y up, looks along +z.
@@ -381,6 +399,29 @@ impl Environment {
     /// The robot's way since the last call, see [`Simulation::take_substeps`].
     pub fn take_substeps(&mut self) -> Vec<Substep> {
         self.simulation.take_substeps()
+    }
+
+    /// Carries an action out; whether it succeeded.
+    fn act(&mut self, action: Action) -> bool {
+        match action {
+            Action::PickUpMidLevel => self.simulation.pick_up(self.target),
+            Action::DoneMidLevel => {
+                let holding = self.simulation.holding();
+                self.simulation.idle();
+                holding && at_goal(self.target_position(), self.episode.goal)
+            }
+            Action::LookUp | Action::LookDown => match self.simulation.configuration().after(action) {
+                Some(next) => {
+                    self.simulation.look(next);
+                    true
+                }
+                None => self.stand_still(),
+            },
+            _ => match self.simulation.configuration().after(action) {
+                Some(next) => self.simulation.perform(next),
+                None => self.stand_still(),
+            },
+        }
     }
 
     fn target_position(&self) -> Vec3 {

@@ -5,7 +5,6 @@
 //! it. The camera draws boxes and hulls from these meshes, and round things by their formula; others (exporters,
 //! comparisons) get them as triangles.
 
-use super::view::Sphere;
 use crate::shape::{Concave, Primitive, Shape};
 use rapier3d::math::Vec3;
 use rapier3d::parry::transformation::try_convex_hull;
@@ -54,6 +53,15 @@ pub struct Edge {
     pub ends: [u16; 2],
     /// The two faces.
     pub faces: [u16; 2],
+}
+
+/// A sphere around something.
+#[derive(Debug, Clone, Copy)]
+pub struct Sphere {
+    /// Its centre, metres.
+    pub centre: [f32; 3],
+    /// Its radius, metres.
+    pub radius_m: f32,
 }
 
 /// The finest mesh of a shape: triangles in the body's frame, metres, whose corners a, b, c run so that

@@ -29,6 +29,8 @@ use std::sync::Arc;
 const MAX_TRAVEL_PER_SUBSTEP_M: f32 = 0.03;
 /// The robot may touch fixed things this deeply, metres.
 pub const CONTACT_TOLERANCE_M: f32 = 0.001;
+/// Setting the target down moves nothing else further than this, metres: what it wakes comes to rest where it stood.
+pub const OTHERS_DRIFT_M: f32 = 1e-4;
 /// A held thing may touch fixed things this deeply, metres: it was picked up from among them.
 const HELD_TOLERANCE_M: f32 = 0.006;
 /// A thing that the robot has entered this deeply, or that has been pushed this deep into another or into the room, is
@@ -198,7 +200,7 @@ impl Simulation {
 
     /// Keeps an eye on every sub-step from now on.
     pub fn watch(&mut self) {
-        self.watch = Some(Box::new(Watch::new(&self.kitchen, self.world.timestep_s(), self.things.poses())));
+        self.watch = Some(Box::new(Watch::new(self.kitchen.extent(), self.world.timestep_s(), self.things.poses())));
     }
 
     /// The worst since [`watch`](Self::watch); none if nobody watched.
@@ -451,7 +453,7 @@ impl Simulation {
             self.things.disturb(thing);
             if let Some(watch) = &mut self.watch {
                 let body = self.world.body(self.kitchen.movables[thing]);
-                watch.note(&self.kitchen, thing, body.position(), body.linvel());
+                watch.note(&self.kitchen.scene, thing, &self.kitchen.solids[thing], body.position(), body.linvel());
             }
         }
         if let Some(watch) = &mut self.watch {

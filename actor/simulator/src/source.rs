@@ -1,7 +1,7 @@
 //! Where a run's kitchens come from: the generator, or the scene files that its configuration names.
 
-use super::scene_file::{self, SceneError};
-use super::{Kitchen, KitchenError};
+use crate::kitchen::{Kitchen, KitchenError};
+use crate::scene_file::{self, SceneError};
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use std::path::Path;

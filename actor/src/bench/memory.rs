@@ -2,13 +2,13 @@
 
 use super::player::Player;
 use super::policy::PolicyKind;
-use crate::depth::DepthCamera;
-use crate::kitchen::Kitchen;
 use anyhow::{Context, Result, ensure};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::message::FRAME_PIXELS;
+use simulator::depth::DepthCamera;
+use simulator::kitchen::Kitchen;
 use std::mem::MaybeUninit;
 use std::process::Command;
 use std::sync::Arc;
@@ -36,7 +36,7 @@ pub fn run(kitchen: KitchenId) -> Result<()> {
     let config = Config::default();
     let built = Arc::new(Kitchen::build(kitchen, &config.simulation)?);
     let mut camera = DepthCamera::new(built.bodies());
-    let (mut poses, mut frame) = (Vec::new(), vec![MaybeUninit::uninit(); FRAME_PIXELS]);
+    let mut frame = vec![MaybeUninit::uninit(); FRAME_PIXELS];
     let mut players: Vec<Player> = Vec::new();
     let mut resident = Vec::new();
     for count in COUNTS {
@@ -44,7 +44,7 @@ pub fn run(kitchen: KitchenId) -> Result<()> {
             let mut player = Player::new(&built, EnvironmentId { kitchen, number }, &config, PolicyKind::Random, 1)?;
             for _ in 0..STEPS {
                 player.step();
-                player.look(&mut camera, &mut poses, &mut frame);
+                player.look(&mut camera, &mut frame);
             }
             players.push(player);
         }

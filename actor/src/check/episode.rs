@@ -3,21 +3,20 @@
 //! Resting places are tried in the physics, reach and paths by the planner of [`crate::oracle`] among what is fixed.
 //! Nothing here depends on how a policy, be it the oracle, fares in the episode.
 
-use crate::episode::{Episode, at_goal};
-use crate::kitchen::Kitchen;
 use crate::oracle::{self, Leg};
-use crate::robot::configuration::Configuration;
-use crate::simulation::{CONTACT_TOLERANCE_M, Simulation};
+use crate::parallel::in_parallel;
 use proto::config::Config;
 use rapier3d::math::Vec3;
+use simulator::episode::{Episode, at_goal};
+use simulator::kitchen::Kitchen;
+use simulator::robot::configuration::Configuration;
+use simulator::simulation::{CONTACT_TOLERANCE_M, OTHERS_DRIFT_M, Simulation};
 use std::sync::Arc;
 
 /// A target that is set down comes to rest within this distance, metres.
 const REST_DRIFT_M: f32 = 0.01;
 /// Least cosine of the angle by which it leans then: 3 degrees.
 const UPRIGHT_COSINE: f32 = 0.998_6;
-/// Setting the target down moves nothing else further than this, metres: what it wakes comes to rest where it stood.
-pub const OTHERS_DRIFT_M: f32 = 1e-4;
 
 /// What is wrong with an episode.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -87,6 +86,11 @@ pub fn check(kitchen: &Arc<Kitchen>, config: &Config, episode: &Episode) -> Resu
         Some(Leg::ToTarget) => Err(Problem::TargetOutOfReach(episode.start)),
         Some(Leg::ToGoal) => Err(Problem::GoalOutOfReach(episode.goal)),
     }
+}
+
+/// Checks episodes, on all processors.
+pub fn verdicts(kitchen: &Arc<Kitchen>, config: &Config, episodes: &[Episode]) -> Vec<Result<(), Problem>> {
+    in_parallel(episodes.len(), |index| check(kitchen, config, &episodes[index]))
 }
 
 /// Whether the target rests where it was set down and nothing else has moved.

@@ -1,25 +1,24 @@
 //! Everything that a kitchen must satisfy, and `actor check`, which goes through it.
 
-use super::catalogue::{CATEGORIES, Place};
-use super::{CONNECTED_LEAST, Kitchen, NOT_THINGS, SPOTS_LEAST, ithor};
-use crate::environment::Environment;
-use crate::episode::Episode;
-use crate::episodes::{self, EpisodesError};
-use crate::physics::gap::gap_m;
-use crate::physics::geometry::Solid;
+use super::episode;
 use anyhow::{Result, ensure};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Split, TargetCategory};
-use rapier3d::geometry::{Aabb, SharedShape};
-use rapier3d::math::{Pose3, Vec3};
+use rapier3d::geometry::Aabb;
+use rapier3d::math::Vec3;
 use rapier3d::parry::bounding_volume::BoundingVolume;
+use simulator::environment::Environment;
+use simulator::episode::Episode;
+use simulator::episodes::{self, EpisodesError};
+use simulator::kitchen::layout::Plan;
+use simulator::kitchen::overlap::{Overlap, overlaps};
+use simulator::kitchen::{CONNECTED_LEAST, Kitchen, SPOTS_LEAST, ithor};
+use simulator::physics::geometry::Solid;
 use std::io::Write;
 use std::sync::Arc;
 
-/// Things may touch this deeply, metres: what the contact solver leaves.
-const PENETRATION_MAX_M: f32 = 0.001;
 /// Steps of standing still.
 const STILL_STEPS: u32 = 200;
 /// Sampled episodes of a training kitchen that are checked.
@@ -33,15 +32,8 @@ const CLEAR_HEIGHT_M: f32 = 1.3;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Problem {
     /// Two bodies stand in each other.
-    #[error("{one} stands {depth_mm:.1} mm deep in {other}")]
-    Interpenetration {
-        /// A movable thing.
-        one: String,
-        /// Another body.
-        other: String,
-        /// How deeply, millimetres.
-        depth_mm: f32,
-    },
+    #[error(transparent)]
+    Overlap(#[from] Overlap),
     /// Something is awake in the settled kitchen.
     #[error("{0} is awake")]
     Awake(String),
@@ -78,7 +70,7 @@ pub enum Problem {
         /// The episode.
         episode: usize,
         /// What is wrong with it.
-        problem: episodes::check::Problem,
+        problem: episode::Problem,
     },
     /// A kitchen has not the fixed episodes it should have.
     #[error("{0}")]
@@ -92,7 +84,7 @@ pub enum Problem {
 /// tests go through this list.
 pub fn problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
     let mut found = Vec::new();
-    interpenetrations(kitchen, &mut found);
+    overlapping(kitchen, &mut found);
     awake(kitchen, &mut found);
     restless(kitchen, config, &mut found);
     if kitchen.connected_share() < CONNECTED_LEAST {
@@ -127,7 +119,7 @@ pub fn episode_problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem>
             Err(error) => return vec![error.into()],
         }
     };
-    let verdicts = episodes::command::verdicts(kitchen, config, &episodes).into_iter().enumerate();
+    let verdicts = episode::verdicts(kitchen, config, &episodes).into_iter().enumerate();
     verdicts
         .filter_map(|(episode, verdict)| verdict.err().map(|problem| Problem::Episode { episode, problem }))
         .collect()
@@ -136,7 +128,7 @@ pub fn episode_problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem>
 /// What is wrong with a scene of the user's own, of what is wrong in any room.
 pub fn scene_problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
     let mut found = Vec::new();
-    interpenetrations(kitchen, &mut found);
+    overlapping(kitchen, &mut found);
     awake(kitchen, &mut found);
     restless(kitchen, config, &mut found);
     found
@@ -152,7 +144,7 @@ pub fn run(kitchens: &[KitchenId], mut out: impl Write) -> Result<()> {
                 let kitchen = Arc::new(kitchen);
                 things += kitchen.thing_count();
                 let least = TargetCategory::ALL.map(|category| kitchen.target_spots(category).len()).into_iter().min();
-                let plan = kitchen.plan().map_or("", super::layout::Plan::name);
+                let plan = kitchen.plan().map_or("", Plan::name);
                 let summary = format!(
                     "{plan:<9} {:3} things, {:2} movable, {:4} robot poses, at least {:4} positions a target",
                     kitchen.thing_count(),
@@ -177,50 +169,14 @@ pub fn run(kitchens: &[KitchenId], mut out: impl Write) -> Result<()> {
     Ok(())
 }
 
-/// Movable things that stand in others, or in fixtures.
-pub(super) fn interpenetrations(kitchen: &Kitchen, found: &mut Vec<Problem>) {
-    /// A convex part where it is in the world.
-    type Part = (SharedShape, Pose3, Aabb);
-    let bodies: Vec<(Aabb, Vec<Part>)> = kitchen.bodies()[..kitchen.movable_bodies().end]
-        .iter()
-        .zip(kitchen.settled_poses())
-        .map(|(body, pose)| {
-            let solid = Solid::of(&body.shape);
-            let aabb = solid.aabb(pose);
-            let parts = solid.parts.into_iter().map(|(shape, body_from_part)| {
-                let pose = *pose * body_from_part;
-                let aabb = shape.compute_aabb(&pose);
-                (shape, pose, aabb)
-            });
-            (aabb, parts.collect())
-        })
-        .collect();
-    for movable in kitchen.movable_bodies() {
-        let (aabb, parts) = &bodies[movable];
-        for (other, (other_aabb, other_parts)) in bodies[..movable].iter().enumerate() {
-            if !aabb.intersects(other_aabb) {
-                continue;
-            }
-            let mut deepest = 0.0_f32;
-            for (shape, pose, aabb) in parts {
-                for (other_shape, other_pose, _) in other_parts.iter().filter(|(.., other)| other.intersects(aabb)) {
-                    deepest = deepest.max(-gap_m(pose, shape, other_pose, other_shape));
-                }
-            }
-            if deepest > PENETRATION_MAX_M {
-                found.push(Problem::Interpenetration {
-                    one: kitchen.bodies()[movable].name.clone(),
-                    other: kitchen.bodies()[other].name.clone(),
-                    depth_mm: deepest * 1000.0,
-                });
-            }
-        }
-    }
+fn overlapping(kitchen: &Kitchen, found: &mut Vec<Problem>) {
+    let overlaps = overlaps(kitchen.bodies(), kitchen.settled_poses(), kitchen.movable_bodies());
+    found.extend(overlaps.into_iter().map(Problem::from));
 }
 
 fn awake(kitchen: &Kitchen, found: &mut Vec<Problem>) {
-    for (index, &handle) in kitchen.movable_bodies().zip(&kitchen.movables) {
-        let body = kitchen.world.body(handle);
+    for (index, &handle) in kitchen.movable_bodies().zip(kitchen.movables()) {
+        let body = kitchen.world().body(handle);
         if !body.is_sleeping() || body.linvel() != Vec3::ZERO || body.angvel() != Vec3::ZERO {
             found.push(Problem::Awake(kitchen.bodies()[index].name.clone()));
         }
@@ -279,40 +235,26 @@ fn lonely_chairs(kitchen: &Kitchen, found: &mut Vec<Problem>) {
     }
 }
 
-/// Whether a category is a small thing: movable, and stands on surfaces.
-pub(super) fn is_small(category: &str) -> bool {
-    !NOT_THINGS.contains(&category)
-        && CATEGORIES.iter().any(|known| known.name == category && !matches!(known.place, Place::Seat | Place::Floor))
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::{DEMANDS, draw, quota};
     use super::*;
-    use crate::kitchen::room::Fixture;
-    use crate::shape::{Primitive, Shape};
-    use proto::random::{Key, Purpose};
+    use rapier3d::math::Pose3;
+    use simulator::kitchen::draw;
+    use simulator::kitchen::room::Fixture;
+    use simulator::shape::{Primitive, Shape};
 
     /// The first draw of a room with a chair that comes to rest after `change`.
     fn spoilt(change: impl Fn(&mut Vec<Fixture>, Vec3)) -> Arc<Kitchen> {
         let config = Config::default();
         for id in KitchenId::all() {
-            let key = Key {
-                seed: quota::SEED,
-                purpose: Purpose::Kitchen,
-                kitchen: id.number(),
-                environment: 0,
-                episode: 0,
-                step: 0,
-            };
-            let Ok((mut room, plan, kept_clear)) = draw(id, &mut key.stream()) else { continue };
-            if !room.things.iter().any(|thing| thing.category == "Chair") {
+            let Ok(mut drawn) = draw(id, 0) else { continue };
+            if !drawn.room.things.iter().any(|thing| thing.category == "Chair") {
                 continue;
             }
-            let before_a_run = 0.5 * (kept_clear[0].low + kept_clear[0].high);
-            change(&mut room.fixtures, before_a_run);
-            if let Ok(kitchen) = Kitchen::assemble(id, config.simulation.timestep_s, room, &DEMANDS) {
-                return Arc::new(Kitchen { plan: Some(plan), kept_clear, ..kitchen });
+            let before_a_run = 0.5 * (drawn.kept_clear[0].low + drawn.kept_clear[0].high);
+            change(&mut drawn.room.fixtures, before_a_run);
+            if let Ok(kitchen) = drawn.settle(id, config.simulation.timestep_s) {
+                return Arc::new(kitchen);
             }
         }
         panic!("no kitchen comes to rest");

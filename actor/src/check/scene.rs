@@ -1,10 +1,10 @@
 //! `actor check --scene`: everything that a scene must satisfy, in one line, and a copy of its files.
 
-use super::{load, read};
-use crate::kitchen::check;
+use super::kitchens::scene_problems;
 use anyhow::{Context, Result, ensure};
 use proto::config::Config;
 use proto::kitchen::{KitchenId, TargetCategory};
+use simulator::scene_file::{load, read};
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ pub fn run(path: &Path, copy: Option<&Path>, targets_only: bool, mut out: impl W
     let config = Config::default();
     let id = KitchenId::scene(0).context("there is a first scene")?;
     let kitchen = Arc::new(load(path, id, &config.simulation)?);
-    let found: Vec<String> = check::scene_problems(&kitchen, &config).iter().map(ToString::to_string).collect();
+    let found: Vec<String> = scene_problems(&kitchen, &config).iter().map(ToString::to_string).collect();
     ensure!(found.is_empty(), "{}:\n  {}", path.display(), found.join("\n  "));
     let targets = TargetCategory::ALL.into_iter().filter(|&target| !kitchen.target_spots(target).is_empty());
     if targets_only {

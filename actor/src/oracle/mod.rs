@@ -18,15 +18,15 @@ mod search;
 mod space;
 pub mod table;
 
-use crate::environment::Environment;
-use crate::episode::Episode;
-use crate::kitchen::Kitchen;
-use crate::robot::configuration::Configuration;
 use moment::Moment;
 use plan::{Carriage, Stands};
 use proto::action::Action;
 use proto::message::transition_flag;
 use rapier3d::math::Vec3;
+use simulator::environment::Environment;
+use simulator::episode::Episode;
+use simulator::kitchen::Kitchen;
+use simulator::robot::configuration::Configuration;
 use space::{Care, Space};
 use std::collections::VecDeque;
 

@@ -1,7 +1,7 @@
 //! A colour for each category: the catalogue's for movable things, ours for fixed ones.
 
 use super::canvas::Rgb;
-use crate::kitchen::catalogue::CATEGORIES;
+use simulator::kitchen::catalogue::CATEGORIES;
 
 /// The robot's colour.
 pub const ROBOT: Rgb = [238, 106, 36];

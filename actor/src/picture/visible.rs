@@ -8,7 +8,7 @@ pub const NOTHING: u32 = u32::MAX;
 
 /// A picture of triangle numbers and nearness.
 #[derive(Debug, Clone)]
-pub struct Raster {
+pub struct Visible {
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -19,7 +19,7 @@ pub struct Raster {
     pub triangle: Vec<u32>,
 }
 
-impl Raster {
+impl Visible {
     /// Draws triangles (world, metres), numbered in their order.
     pub fn draw(
         camera: &Camera,
@@ -27,7 +27,7 @@ impl Raster {
         height: usize,
         triangles: impl Iterator<Item = (u32, [Vec3; 3])>,
     ) -> Self {
-        let mut raster = Self {
+        let mut visible = Self {
             width,
             height,
             nearness: vec![f32::NEG_INFINITY; width * height],
@@ -38,10 +38,10 @@ impl Raster {
             let (polygon, count) = clip_near(corners, camera.near_m);
             let pixels = polygon.map(|corner| camera.project(corner, width, height));
             for k in 2..count {
-                raster.fill(number, [pixels[0], pixels[k - 1], pixels[k]]);
+                visible.fill(number, [pixels[0], pixels[k - 1], pixels[k]]);
             }
         }
-        raster
+        visible
     }
 
     /// Fills the pixels whose centres lie in the triangle, row by row.
@@ -127,11 +127,11 @@ mod tests {
     #[test]
     fn a_triangle_covers_its_area_and_hides_what_is_behind() {
         let at = |z: f32| [Vec3::new(-1.0, -1.0, z), Vec3::new(1.0, -1.0, z), Vec3::new(-1.0, 1.0, z)];
-        let raster = Raster::draw(&camera(0.1), 100, 100, [(0, at(2.0)), (1, at(1.0)), (2, at(3.0))].into_iter());
-        let shown = raster.triangle.iter().filter(|&&number| number == 1).count();
+        let visible = Visible::draw(&camera(0.1), 100, 100, [(0, at(2.0)), (1, at(1.0)), (2, at(3.0))].into_iter());
+        let shown = visible.triangle.iter().filter(|&&number| number == 1).count();
         assert!((shown as i32 - 5000).abs() <= 100, "{shown} pixels of 5000");
-        assert_eq!(raster.triangle.iter().filter(|&&number| number == NOTHING).count(), 10_000 - shown);
-        assert!(raster.nearness.iter().all(|&nearness| nearness == f32::NEG_INFINITY || nearness == -1.0));
+        assert_eq!(visible.triangle.iter().filter(|&&number| number == NOTHING).count(), 10_000 - shown);
+        assert!(visible.nearness.iter().all(|&nearness| nearness == f32::NEG_INFINITY || nearness == -1.0));
     }
 
     #[test]
@@ -141,8 +141,8 @@ mod tests {
             [Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, -1.0, 2.0), Vec3::new(-1.0, 1.0, 0.0)],
             [Vec3::new(1.0, -1.0, 2.0), Vec3::new(1.0, 1.0, 2.0), Vec3::new(-1.0, 1.0, 0.0)],
         ];
-        let raster = Raster::draw(&camera(1.0), 100, 100, (0..).zip(slope));
-        for (index, &number) in raster.triangle.iter().enumerate() {
+        let visible = Visible::draw(&camera(1.0), 100, 100, (0..).zip(slope));
+        for (index, &number) in visible.triangle.iter().enumerate() {
             assert_eq!(number == NOTHING, index % 100 < 50, "pixel {index}");
         }
     }

@@ -18,7 +18,6 @@ pub mod protocol;
 mod shm;
 pub mod whereabouts;
 
-use crate::kitchen::source;
 use anyhow::{Context, Result};
 use environments::Environments;
 use link::Link;
@@ -27,6 +26,7 @@ use proto::fault;
 use proto::kitchen::KitchenId;
 use proto::wire::{WireAddress, WireShape};
 use protocol::{Protocol, Todo, Verdict};
+use simulator::source;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;

@@ -1,15 +1,12 @@
 //! The generated kitchens: nothing is wrong with any of them, and together they are like iTHOR's.
 
-// Helpers of tests are tests too, which clippy's own exception does not see.
-#![allow(clippy::unwrap_used)]
-
-use actor::kitchen::Kitchen;
-use actor::kitchen::check::problems;
-use actor::kitchen::layout::{Layout, Plan};
-use actor::kitchen::report::Figures;
+use actor::check::kitchens::problems;
+use actor::figures::Figures;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
+use simulator::kitchen::Kitchen;
+use simulator::kitchen::layout::{FittedRoom, Plan};
 use std::sync::Arc;
 
 #[test]
@@ -52,7 +49,7 @@ fn layouts_do_not_repeat() {
     let draw = |id: KitchenId, attempt| {
         let key =
             Key { seed: 0, purpose: Purpose::Kitchen, kitchen: id.number(), environment: attempt, episode: 0, step: 0 };
-        Layout::draw(id, &mut key.stream())
+        FittedRoom::draw(id, &mut key.stream())
     };
     let mut sinks = Vec::new();
     for id in KitchenId::all() {

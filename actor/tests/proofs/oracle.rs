@@ -1,19 +1,17 @@
 //! The task can be solved in our kitchens, and care pays: a planner plays some of the fixed episodes.
 
-// Helpers of tests are tests too, which clippy's own exception does not see.
-#![allow(clippy::unwrap_used)]
-
-use actor::environment::Environment;
-use actor::episode::{Episode, at_goal};
-use actor::episodes::drawn::drawn;
-use actor::episodes::{self, EPISODES_PER_KITCHEN, EpisodesError, Programme, check};
-use actor::kitchen::Kitchen;
-use actor::kitchen::spots::Stand;
 use actor::oracle::Variant;
-use actor::oracle::table::{Outcome, in_parallel, play};
+use actor::oracle::table::{Outcome, play};
+use actor::check::episode as check;
+use actor::parallel::in_parallel;
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
+use simulator::environment::Environment;
+use simulator::episode::{Episode, at_goal};
+use simulator::episodes::{self, EPISODES_PER_KITCHEN, EpisodesError, Programme, drawn};
+use simulator::kitchen::Kitchen;
+use simulator::kitchen::spots::Stand;
 
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
 use proto::kitchen::{KitchenId, Split, TargetCategory};

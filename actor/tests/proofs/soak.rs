@@ -1,12 +1,9 @@
 //! Random actions in a few kitchens, watched at every sub-step: `actor soak` in small.
 
-// Helpers of tests are tests too, which clippy's own exception does not see.
-#![allow(clippy::unwrap_used)]
-
-use actor::kitchen::Kitchen;
 use actor::soak::{DEPTH_LIMIT_M, Report, SPEED_LIMIT_M_PER_S, soak};
 use proto::config::Config;
 use proto::kitchen::KitchenId;
+use simulator::kitchen::Kitchen;
 use std::sync::Arc;
 
 #[test]

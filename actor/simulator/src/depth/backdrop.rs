@@ -8,7 +8,7 @@ use super::scene::pose_bits;
 use crate::kitchen::{Body, BodyRole};
 use rapier3d::math::Pose3;
 
-/// The unmoving part of one environment's picture: about 0.1 MB at 224 × 224.
+/// The unmoving part of one environment's picture: about 0.1 MB at 224 × 224, nothing until the first.
 #[derive(Debug, Clone, Default)]
 pub struct Backdrop {
     /// The camera's pose, and the image's side, that it was drawn for.
@@ -37,11 +37,6 @@ pub(super) enum Redraw {
 }
 
 impl Backdrop {
-    /// A backdrop that nothing has been drawn on.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Whether a body is part of the backdrop.
     pub(super) fn holds(&self, body: usize) -> bool {
         self.bodies[body].in_backdrop

@@ -1,9 +1,9 @@
 //! The walk over what is in view.
 
 use super::backdrop::{Backdrop, Redraw, roles};
+use super::depth_buffer::DepthBuffer;
 use super::outline::Outline;
 use super::polyhedron::{Placed, PolyhedronBrush};
-use super::raster::Raster;
 use super::round::{RoundBrush, sphere};
 use super::scene::{Form, Scene};
 use super::simd::{LANES, Lanes, as_unwritten};
@@ -18,7 +18,7 @@ use std::mem::MaybeUninit;
 pub struct DepthCamera {
     scene: Scene,
     roles: Vec<BodyRole>,
-    raster: Raster,
+    buffer: DepthBuffer,
     outline: Outline,
     polyhedra: PolyhedronBrush,
     rounds: RoundBrush,
@@ -33,7 +33,7 @@ impl DepthCamera {
         Self {
             scene: Scene::new(bodies),
             roles: roles(bodies),
-            raster: Raster::new(proto::message::FRAME_SIDE),
+            buffer: DepthBuffer::new(proto::message::FRAME_SIDE),
             outline: Outline::default(),
             polyhedra: PolyhedronBrush::new(),
             rounds: RoundBrush::new(),
@@ -42,13 +42,13 @@ impl DepthCamera {
         }
     }
 
-    /// Triangles of all bodies at their finest ([`super::triangles_of`]).
+    /// Triangles of all bodies at their finest ([`crate::mesh::triangles_of`]).
     pub fn triangles(&self) -> usize {
         (0..self.scene.body_count()).map(|body| self.scene.triangles(body)).sum()
     }
 
     /// Triangles of the view set of the last image: all bodies of which a part met the view volume, whole, at their
-    /// finest ([`super::triangles_of`]).
+    /// finest ([`crate::mesh::triangles_of`]).
     pub fn view_set_triangles(&self) -> usize {
         self.view_set_triangles
     }
@@ -58,33 +58,18 @@ impl DepthCamera {
     /// # Panics
     /// If there is not one pose a body, or the frame has another size.
     pub fn render(&mut self, world_from_bodies: &[Pose3], world_from_camera: Pose3, side: usize, depth_mm: &mut [u16]) {
-        let frame = as_unwritten(depth_mm);
-        self.render_into(world_from_bodies, world_from_camera, side, frame);
-    }
-
-    /// Renders into memory that need not be initialised, and returns it initialised.
-    ///
-    /// # Panics
-    /// If there is not one pose a body, or the frame has another size.
-    pub fn render_into<'a>(
-        &mut self,
-        world_from_bodies: &[Pose3],
-        world_from_camera: Pose3,
-        side: usize,
-        depth_mm: &'a mut [MaybeUninit<u16>],
-    ) -> &'a [u16] {
         let view = self.set_up(world_from_bodies, &world_from_camera, side);
         self.view_set_triangles = self.draw(&view, |_| true);
-        self.raster.finish(depth_mm)
+        self.buffer.finish(as_unwritten(depth_mm));
     }
 
-    /// Renders the same frame as [`Self::render_into`], bit for bit, and remembers in `backdrop` what is likely to be
-    /// the same in the next one. One backdrop belongs to one environment; what it remembers is checked, so that a
-    /// wrong one costs time and nothing else.
+    /// Renders the same frame as [`Self::render`], bit for bit, into memory that need not be initialised, and returns it
+    /// initialised. `backdrop` remembers what is likely to be the same in the next one. One backdrop belongs to one
+    /// environment; what it remembers is checked, so that a wrong one costs time and nothing else.
     ///
     /// # Panics
     /// If there is not one pose a body, or the frame has another size.
-    pub fn render_over<'a>(
+    pub(crate) fn render_over<'a>(
         &mut self,
         backdrop: &mut Backdrop,
         world_from_bodies: &[Pose3],
@@ -95,16 +80,16 @@ impl DepthCamera {
         let view = self.set_up(world_from_bodies, &world_from_camera, side);
         if backdrop.prepare(&self.roles, world_from_bodies, &world_from_camera, side) == Redraw::Everything {
             backdrop.view_set_triangles = self.draw(&view, |body| backdrop.holds(body));
-            self.raster.finish(as_unwritten(&mut backdrop.frame_mm));
+            self.buffer.finish(as_unwritten(&mut backdrop.frame_mm));
         }
         let before = self.draw(&view, |body| !backdrop.holds(body));
         self.view_set_triangles = backdrop.view_set_triangles + before;
-        self.raster.finish_over(&backdrop.frame_mm, depth_mm)
+        self.buffer.finish_over(&backdrop.frame_mm, depth_mm)
     }
 
     fn set_up(&mut self, world_from_bodies: &[Pose3], world_from_camera: &Pose3, side: usize) -> View {
-        if self.raster.side() != side {
-            self.raster = Raster::new(side);
+        if self.buffer.side() != side {
+            self.buffer = DepthBuffer::new(side);
         }
         self.scene.place(world_from_bodies);
         View::new(Lens::of(side), world_from_camera)
@@ -113,7 +98,7 @@ impl DepthCamera {
     /// Draws those bodies in view that are `wanted`; returns how many triangles they have at their finest.
     fn draw(&mut self, view: &View, wanted: impl Fn(usize) -> bool) -> usize {
         self.find_in_view(view);
-        let Self { scene, raster, outline, polyhedra, rounds, in_view, .. } = self;
+        let Self { scene, buffer, outline, polyhedra, rounds, in_view, .. } = self;
         let mut triangles = 0;
         let mut last_body = u32::MAX;
         for &(index, centre) in &*in_view {
@@ -137,21 +122,21 @@ impl DepthCamera {
                         half_spaces: &scene.half_spaces[part.half_spaces.clone()],
                         world_from_part: &part.world_from_part,
                     };
-                    polyhedra.draw(raster, outline, view, &placed);
+                    polyhedra.draw(buffer, outline, view, &placed);
                 }
                 _ if centre[2] - model.bounds.radius_m <= NEAR_M => {
                     let camera_from_part = view.camera_from_world.after(&part.world_from_part);
-                    polyhedra.clipped(raster, view.lens, &model.mesh, &camera_from_part);
+                    polyhedra.clipped(buffer, view.lens, &model.mesh, &camera_from_part);
                 }
-                Form::Sphere(round) => sphere(raster, view.lens, centre, round),
-                Form::Cylinder(round) => rounds.cylinder(raster, outline, view.lens, centre, axis(), round),
+                Form::Sphere(round) => sphere(buffer, view.lens, centre, round),
+                Form::Cylinder(round) => rounds.cylinder(buffer, outline, view.lens, centre, axis(), round),
                 Form::Capsule { mantle, ends } => {
                     let axis = axis();
                     for along_m in [mantle.half_height_m, -mantle.half_height_m] {
                         let end = [0, 1, 2].map(|i| centre[i] + along_m * axis[i]);
-                        sphere(raster, view.lens, end, ends);
+                        sphere(buffer, view.lens, end, ends);
                     }
-                    rounds.cylinder(raster, outline, view.lens, centre, axis, mantle);
+                    rounds.cylinder(buffer, outline, view.lens, centre, axis, mantle);
                 }
             }
         }

@@ -4,7 +4,7 @@
 //! right (or below): polygons that share an edge neither overlap nor leave a gap, because both compute the edge from
 //! its upper to its lower end.
 
-use super::outline::first_centres;
+use super::centres::{first_centre, first_centres, least, most};
 use super::simd::{LANES, Lanes, assume_written};
 use super::surface::{Plane, Planes, Surface};
 use std::mem::MaybeUninit;
@@ -40,7 +40,7 @@ pub struct Extent {
 
 /// The image while it is drawn: the largest inverse depth so far at each pixel, 0 where nothing was drawn.
 #[derive(Debug, Clone)]
-pub struct Raster {
+pub struct DepthBuffer {
     side: usize,
     /// Groups of pixels in a row: rows are padded to a multiple of [`LANES`].
     groups: usize,
@@ -55,7 +55,7 @@ pub struct Raster {
 /// Nothing was drawn in any row.
 const NO_ROWS: [usize; 2] = [usize::MAX, 0];
 
-impl Raster {
+impl DepthBuffer {
     /// An empty image.
     pub fn new(side: usize) -> Self {
         let groups = side.div_ceil(LANES);
@@ -214,21 +214,6 @@ fn millimetres(inverse_m: Lanes) -> [u16; LANES] {
     (depth + round - round).only(Lanes::splat(0.0).less(inverse_m)).to_u16()
 }
 
-/// Index of the first pixel whose centre lies at or beyond `position`, limited to 0..=limit.
-fn first_centre(position: f32, limit: f32) -> f32 {
-    least(most((position - 0.5).ceil(), 0.0), limit)
-}
-
-/// The smaller of two numbers: unlike `f32::min` one instruction, because neither is NaN.
-fn least(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
-}
-
-/// The larger of two numbers, neither of them NaN.
-fn most(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
-}
-
 /// Notes where an edge crosses each row of pixel centres between its ends; `upper` is the one with the smaller y.
 fn edge(upper: Corner, lower: Corner, limit: f32, crossing: &mut [f32]) {
     let slope = (lower.x_px - upper.x_px) / (lower.y_px - upper.y_px);
@@ -250,24 +235,24 @@ mod tests {
         Corner::new(x_px, y_px, 0.5, side)
     }
 
-    fn image(raster: &mut Raster) -> Vec<u16> {
-        let mut frame = vec![MaybeUninit::uninit(); raster.side() * raster.side()];
-        raster.finish(&mut frame).to_vec()
+    fn image(buffer: &mut DepthBuffer) -> Vec<u16> {
+        let mut frame = vec![MaybeUninit::uninit(); buffer.side() * buffer.side()];
+        buffer.finish(&mut frame).to_vec()
     }
 
     #[test]
     fn a_rectangle_covers_the_centres_inside_it() {
-        let mut raster = Raster::new(12);
+        let mut buffer = DepthBuffer::new(12);
         let rectangle = [(2.5, 3.0), (10.5, 3.0), (10.5, 4.5), (2.5, 4.5)].map(|(x, y)| corner(x, y, 12));
-        raster.fill(&rectangle, FLAT);
-        let image = image(&mut raster);
+        buffer.fill(&rectangle, FLAT);
+        let image = image(&mut buffer);
         for y in 0..12 {
             for x in 0..12 {
                 let expected = if y == 3 && (2..10).contains(&x) { 2000 } else { 0 };
                 assert_eq!(image[y * 12 + x], expected, "({x}, {y})");
             }
         }
-        assert!(self::image(&mut raster).iter().all(|&depth| depth == 0), "cleared");
+        assert!(self::image(&mut buffer).iter().all(|&depth| depth == 0), "cleared");
     }
 
     #[test]
@@ -294,9 +279,9 @@ mod tests {
             }
             let mut count = vec![0; 400];
             for i in 0..rim.len() {
-                let mut raster = Raster::new(20);
-                raster.fill(&[corner(cx, cy, 20), rim[i], rim[(i + 1) % rim.len()]], FLAT);
-                for (count, depth) in count.iter_mut().zip(image(&mut raster)) {
+                let mut buffer = DepthBuffer::new(20);
+                buffer.fill(&[corner(cx, cy, 20), rim[i], rim[(i + 1) % rim.len()]], FLAT);
+                for (count, depth) in count.iter_mut().zip(image(&mut buffer)) {
                     *count += i32::from(depth > 0);
                 }
             }

@@ -1,16 +1,16 @@
 //! The depth camera: a software rasteriser for unions of parts, convex ones above all.
 //!
 //! ```text
-//! mesh        the finest mesh of a shape: convex polyhedra with planar faces
-//! scene       all parts placed in the world, side by side for the vector unit
-//! view        projection, near plane and view volume
-//! outline     which pixels of a row a convex figure covers
-//! surface     inverse depth within an outline: planes, mantles, balls
-//! raster      the image while it is drawn
-//! polyhedron  boxes and hulls
-//! round       spheres and cylinders
-//! camera      the walk over what is in view
-//! backdrop    what stays the same while the camera stands still
+//! scene         all parts placed in the world, side by side for the vector unit
+//! view          projection, near plane and view volume
+//! centres       which pixel's centre comes first
+//! outline       which pixels of a row a convex figure covers
+//! surface       inverse depth within an outline: planes, mantles, balls
+//! depth_buffer  the image while it is drawn
+//! polyhedron    boxes and hulls
+//! round         spheres and cylinders
+//! camera        the walk over what is in view
+//! backdrop      what stays the same while the camera stands still
 //! ```
 //!
 //! # What is drawn
@@ -36,10 +36,10 @@
 
 mod backdrop;
 mod camera;
-mod mesh;
+mod centres;
+mod depth_buffer;
 mod outline;
 mod polyhedron;
-mod raster;
 mod round;
 mod scene;
 mod simd;
@@ -48,8 +48,8 @@ mod surface;
 mod tests;
 mod view;
 
-pub use backdrop::Backdrop;
+pub(crate) use backdrop::Backdrop;
 pub use camera::DepthCamera;
-pub use mesh::triangles_of;
-pub use raster::DEPTH_MAX_MM;
+pub use depth_buffer::DEPTH_MAX_MM;
+pub(crate) use simd::as_unwritten;
 pub use view::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};

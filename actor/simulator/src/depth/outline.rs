@@ -4,7 +4,8 @@
 //! for the lines as they go on beyond their ends, so eight rows are found at once with nothing but multiplications,
 //! additions and comparisons.
 
-use super::raster::Raster;
+use super::centres::first_centres;
+use super::depth_buffer::DepthBuffer;
 use super::simd::{LANES, Lanes};
 
 /// Corners in the image, [`LANES`] of them.
@@ -27,12 +28,6 @@ struct Line {
 pub struct Outline {
     left: Vec<Line>,
     right: Vec<Line>,
-}
-
-/// First pixel whose centre lies at or beyond each position, limited to 0..=limit.
-#[inline(always)]
-pub fn first_centres(position: Lanes, limit: f32) -> Lanes {
-    (position - Lanes::splat(0.5)).ceil().max(Lanes::splat(0.0)).min(Lanes::splat(limit))
 }
 
 impl Outline {
@@ -81,8 +76,8 @@ impl Outline {
 
     /// Notes the figure's interval in each row from `top` to before `bottom`.
     #[inline(always)]
-    pub fn mark(&self, raster: &mut Raster, top: usize, bottom: usize) {
-        let limit = raster.side() as f32;
+    pub fn mark(&self, buffer: &mut DepthBuffer, top: usize, bottom: usize) {
+        let limit = buffer.side() as f32;
         let ramp = Lanes::ramp();
         for row in (top..bottom).step_by(LANES) {
             let y_px = Lanes::splat(row as f32 + 0.5) + ramp;
@@ -90,7 +85,7 @@ impl Outline {
                 |line: &Line| Lanes::splat(line.x_px) + (y_px - Lanes::splat(line.y_px)) * Lanes::splat(line.slope);
             let left = self.left.iter().fold(Lanes::splat(0.0), |left, line| left.max(at(line)));
             let right = self.right.iter().fold(Lanes::splat(limit), |right, line| right.min(at(line)));
-            mark_rows(raster, row, [left, right]);
+            mark_rows(buffer, row, [left, right]);
         }
     }
 }
@@ -98,9 +93,9 @@ impl Outline {
 /// Notes the intervals of [`LANES`] rows: from the first pixel whose centre lies at or beyond the left position to
 /// the last before the right one.
 #[inline(always)]
-pub fn mark_rows(raster: &mut Raster, row: usize, [left, right]: [Lanes; 2]) {
-    let limit = raster.side() as f32;
-    for (rows, position) in [(&mut raster.left, left), (&mut raster.right, right)] {
+pub fn mark_rows(buffer: &mut DepthBuffer, row: usize, [left, right]: [Lanes; 2]) {
+    let limit = buffer.side() as f32;
+    for (rows, position) in [(&mut buffer.left, left), (&mut buffer.right, right)] {
         let rows = rows[row..].first_chunk_mut().expect("there is room for LANES rows from any row on");
         first_centres(position, limit).store(rows);
     }
@@ -125,7 +120,7 @@ mod tests {
                     [x + radius * cos, y + radius * sin]
                 })
                 .collect();
-            let mut raster = Raster::new(SIDE);
+            let mut buffer = DepthBuffer::new(SIDE);
             let mut outline = Outline::default();
             let (mut x_px, mut y_px) = ([0.0; 40], [0.0; 40]);
             for (i, corner) in corners.iter().enumerate() {
@@ -139,7 +134,7 @@ mod tests {
                 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
             ]);
             let [top, bottom, ..] = first_centres(rows, SIDE as f32).to_array();
-            outline.mark(&mut raster, top as usize, bottom as usize);
+            outline.mark(&mut buffer, top as usize, bottom as usize);
             for row in 0..SIDE {
                 for column in 0..SIDE {
                     let (px, py) = (column as f32 + 0.5, row as f32 + 0.5);
@@ -149,8 +144,8 @@ mod tests {
                         (dx * (py - ay) - dy * (px - ax)) / (dx * dx + dy * dy).sqrt()
                     }).fold(f32::MAX, f32::min);
                     let covered = (top as usize..bottom as usize).contains(&row)
-                        && raster.left[row] <= column as f32
-                        && (column as f32) < raster.right[row];
+                        && buffer.left[row] <= column as f32
+                        && (column as f32) < buffer.right[row];
                     if insideness.abs() > 1e-3 {
                         prop_assert_eq!(covered, insideness > 0.0, "({}, {}): {}", column, row, insideness);
                     }

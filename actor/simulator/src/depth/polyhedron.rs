@@ -1,13 +1,13 @@
 //! Boxes and hulls, drawn from their planes: the outline of the faces that look at the eye, and within it the least of
 //! those faces' inverse depths.
 
-use super::mesh::{Edge, Face, Mesh};
+use super::depth_buffer::{Corner, DepthBuffer, Extent, rectangle};
 use super::outline::{Corners, Outline};
-use super::raster::{Corner, Extent, Raster, rectangle};
 use super::scene::{HalfSpaces, Points};
 use super::simd::{LANES, Lanes, Mask};
 use super::surface::{ManyPlanes, Plane, Planes};
 use super::view::{LEAST_HEIGHT_M, Lens, NEAR_M, Rigid, TAN_HALF_FIELD_OF_VIEW, View, clip_near, dot};
+use crate::mesh::{Edge, Face, Mesh};
 use crate::shape::Primitive;
 use rapier3d::math::Vec3;
 
@@ -75,12 +75,12 @@ impl PolyhedronBrush {
     }
 
     /// Draws a convex mesh.
-    pub fn draw(&mut self, raster: &mut Raster, outline: &mut Outline, view: &View, placed: &Placed) {
-        let side = raster.side() as f32;
+    pub fn draw(&mut self, buffer: &mut DepthBuffer, outline: &mut Outline, view: &View, placed: &Placed) {
+        let side = buffer.side() as f32;
         let (extent, groups, last) = match self.project(view, placed.vertices, side) {
             Seen::Outside => return,
             Seen::Cut => {
-                self.clipped(raster, view.lens, placed.mesh, &view.camera_from_world.after(placed.world_from_part));
+                self.clipped(buffer, view.lens, placed.mesh, &view.camera_from_world.after(placed.world_from_part));
                 return;
             }
             Seen::Whole { extent, groups, last } => (extent, groups, last),
@@ -100,16 +100,16 @@ impl PolyhedronBrush {
             }
             Some(edges) if groups < FACE_BY_FACE_GROUPS => self.add_outline(outline, edges, side),
             _ => {
-                self.face_by_face(raster, placed.mesh);
+                self.face_by_face(buffer, placed.mesh);
                 return;
             }
         }
-        outline.mark(raster, extent.top, extent.bottom);
+        outline.mark(buffer, extent.top, extent.bottom);
         match count {
-            1 => raster.sweep(extent, &mut Planes::<1>::new(self.planes.first())),
-            2 => raster.sweep(extent, &mut Planes::<2>::new(self.planes.first())),
-            3 => raster.sweep(extent, &mut Planes::<3>::new(self.planes.first())),
-            _ => raster.sweep(extent, &mut self.planes),
+            1 => buffer.sweep(extent, &mut Planes::<1>::new(self.planes.first())),
+            2 => buffer.sweep(extent, &mut Planes::<2>::new(self.planes.first())),
+            3 => buffer.sweep(extent, &mut Planes::<3>::new(self.planes.first())),
+            _ => buffer.sweep(extent, &mut self.planes),
         }
     }
 
@@ -219,22 +219,22 @@ impl PolyhedronBrush {
     }
 
     /// Draws the faces that look at the eye one by one.
-    fn face_by_face(&mut self, raster: &mut Raster, mesh: &Mesh) {
+    fn face_by_face(&mut self, buffer: &mut DepthBuffer, mesh: &Mesh) {
         let (x_px, y_px) = (self.x_px.as_flattened(), self.y_px.as_flattened());
         let inverse_m = self.inverse_m.as_flattened();
         for (number, &face) in self.front_faces.iter().enumerate() {
             let corners = corners_of(mesh, mesh.faces[usize::from(face)]).iter().map(|&i| {
                 let i = usize::from(i);
-                Corner::new(x_px[i], y_px[i], inverse_m[i], raster.side())
+                Corner::new(x_px[i], y_px[i], inverse_m[i], buffer.side())
             });
             self.corners.clear();
             self.corners.extend(corners);
-            raster.fill(&self.corners, self.planes.get(number));
+            buffer.fill(&self.corners, self.planes.get(number));
         }
     }
 
     /// Draws a convex mesh face by face, cut at the near plane.
-    pub fn clipped(&mut self, raster: &mut Raster, lens: Lens, mesh: &Mesh, camera_from_part: &Rigid) {
+    pub fn clipped(&mut self, buffer: &mut DepthBuffer, lens: Lens, mesh: &Mesh, camera_from_part: &Rigid) {
         let eye = camera_from_part.origin_of_target();
         for &face in &mesh.faces {
             let n = face.normal;
@@ -252,7 +252,7 @@ impl PolyhedronBrush {
             }
             self.corners.clear();
             self.corners.extend(self.clipped.iter().map(|&p| lens.project(p)));
-            raster.fill(&self.corners, lens.plane(camera_from_part.vector(n), height_m));
+            buffer.fill(&self.corners, lens.plane(camera_from_part.vector(n), height_m));
         }
     }
 }

@@ -4,8 +4,9 @@
 //! Their radius lies halfway between the circles within and about the finest mesh, so that no point of that mesh is
 //! further off than half of what separates the circles.
 
-use super::outline::{Outline, first_centres, mark_rows};
-use super::raster::{Extent, Raster, rectangle};
+use super::centres::first_centres;
+use super::depth_buffer::{DepthBuffer, Extent, rectangle};
+use super::outline::{Outline, mark_rows};
 use super::simd::{LANES, Lanes};
 use super::surface::{Ball, Mantle, Planes};
 use super::view::{LEAST_HEIGHT_M, Lens, NEAR_M};
@@ -101,7 +102,7 @@ impl RoundBrush {
     /// frame.
     pub fn cylinder(
         &mut self,
-        raster: &mut Raster,
+        buffer: &mut DepthBuffer,
         outline: &mut Outline,
         lens: Lens,
         centre: [f32; 3],
@@ -152,7 +153,7 @@ impl RoundBrush {
                 corners.y_px.store(y_px[block..].first_chunk_mut().expect("counts are multiples"));
             }
         }
-        let Some([_, _, first_row, end_row]) = rectangle(low, high, raster.side() as f32) else { return };
+        let Some([_, _, first_row, end_row]) = rectangle(low, high, buffer.side() as f32) else { return };
         let (first_row, end_row) = (first_row as usize, end_row as usize);
 
         // Sides turn away from the eye beyond ± some number of the one that faces it.
@@ -189,31 +190,31 @@ impl RoundBrush {
             }
         }
         outline.clear();
-        outline.add_polygon(&mut self.x_px, &mut self.y_px, used, raster.side() as f32);
-        outline.mark(raster, first_row, end_row);
+        outline.add_polygon(&mut self.x_px, &mut self.y_px, used, buffer.side() as f32);
+        outline.mark(buffer, first_row, end_row);
         // The mantle is bent: it comes nearer than the ring's corners by less than its radius.
         let inverse_m = [farthest.smallest(), nearest.largest() / (1.0 - radius_m * nearest.largest()).max(0.5)];
         let extent = Extent { top: first_row, bottom: end_row, inverse_m };
         let outside_m2 = away_m * away_m - radius_m * radius_m;
         match cap {
-            Some(cap) if facing == 0 || outside_m2 <= 0.0 => raster.sweep(extent, &mut Planes::new([cap])),
+            Some(cap) if facing == 0 || outside_m2 <= 0.0 => buffer.sweep(extent, &mut Planes::new([cap])),
             cap => {
                 let scale = 1.0 / outside_m2;
                 let tangent_m = outside_m2.sqrt();
                 let outside = lens.over_image(u.map(|v| v * (-away_m * scale)));
                 let root = [-tangent_m, tangent_m]
                     .map(|tangent_m| lens.over_image([0, 1, 2].map(|i| (radius_m * u[i] + tangent_m * v[i]) * scale)));
-                raster.sweep(extent, &mut Mantle::new(outside, root, cap));
+                buffer.sweep(extent, &mut Mantle::new(outside, root, cap));
             }
         }
     }
 }
 
 /// Draws a sphere that lies beyond the near plane; its centre in the camera's frame.
-pub fn sphere(raster: &mut Raster, lens: Lens, centre: [f32; 3], round: Round) {
+pub fn sphere(buffer: &mut DepthBuffer, lens: Lens, centre: [f32; 3], round: Round) {
     let radius_m = round.radius_m;
     let [x, y, z] = centre;
-    let side = raster.side() as f32;
+    let side = buffer.side() as f32;
     // Tangent planes through the eye that are level: y / z of where the sphere is seen highest and lowest.
     let square = radius_m * radius_m;
     let reach = radius_m * (y * y + z * z - square).max(0.0).sqrt();
@@ -245,10 +246,10 @@ pub fn sphere(raster: &mut Raster, lens: Lens, centre: [f32; 3], round: Round) {
     let mut ball = Ball::new(outside, centre_px, quadratic);
     for row in (top..bottom).step_by(LANES) {
         let interval = ball.interval(row as f32 + 0.5);
-        mark_rows(raster, row, interval);
+        mark_rows(buffer, row, interval);
     }
     let inverse_m = [1.0 / (z + radius_m), 1.0 / (z - radius_m)];
-    raster.sweep(Extent { top, bottom, inverse_m }, &mut ball);
+    buffer.sweep(Extent { top, bottom, inverse_m }, &mut ball);
 }
 
 /// Some unit vector at right angles to a unit vector.

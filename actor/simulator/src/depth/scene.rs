@@ -2,11 +2,11 @@
 //!
 //! A part is placed anew only when its body's pose has changed, bit for bit; most never move.
 
-use super::mesh::{Edge, Mesh, sides, sides_of_sphere, triangles_of};
 use super::round::Round;
 use super::simd::{LANES, Lanes};
-use super::view::{Rigid, Sphere};
+use super::view::Rigid;
 use crate::kitchen::Body;
+use crate::mesh::{Edge, Mesh, Sphere, sides, sides_of_sphere, triangles_of};
 use crate::shape::Primitive;
 use rapier3d::math::Pose3;
 use std::ops::Range;

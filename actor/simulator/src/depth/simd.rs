@@ -289,7 +289,7 @@ pub fn assume_written(frame: &mut [MaybeUninit<u16>]) -> &mut [u16] {
 
 /// Written memory as memory that need not be.
 pub fn as_unwritten(frame: &mut [u16]) -> &mut [MaybeUninit<u16>] {
-    // SAFETY: MaybeUninit<u16> has the layout of u16. This module's callers only write initialised values to it.
+    // SAFETY: MaybeUninit<u16> has the layout of u16. This crate's callers only write initialised values to it.
     unsafe { &mut *(std::ptr::from_mut(frame) as *mut [MaybeUninit<u16>]) }
 }
 

@@ -1,8 +1,9 @@
 //! The depth camera against an independent ray caster (parry's, on the same convex solids), against scenes whose
 //! depth is known in closed form, and against itself on other machines.
 
-use super::{Backdrop, DEPTH_MAX_MM, DepthCamera, NEAR_M, TAN_HALF_FIELD_OF_VIEW, triangles_of};
+use super::{Backdrop, DEPTH_MAX_MM, DepthCamera, NEAR_M, TAN_HALF_FIELD_OF_VIEW};
 use crate::kitchen::{Body, BodyRole};
+use crate::mesh::triangles_of;
 use crate::physics::geometry::rotation_x;
 use crate::shape::{Concave, Part, Primitive, Shape};
 use proto::random::{Key, Purpose, Random};
@@ -227,7 +228,7 @@ fn a_frame_over_a_backdrop_has_the_same_bits_as_a_full_redraw() {
     }
     let (mut camera, mut reference) = (DepthCamera::new(&bodies), DepthCamera::new(&bodies));
     // Two environments with one camera, in turn.
-    let mut environments: Vec<_> = (0..2).map(|_| (Backdrop::new(), settled.clone(), Pose3::identity())).collect();
+    let mut environments: Vec<_> = (0..2).map(|_| (Backdrop::default(), settled.clone(), Pose3::identity())).collect();
     let mut expected = vec![0; 224 * 224];
     for step in 0..300 {
         let mut random = random(5000 + step);

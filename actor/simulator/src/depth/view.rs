@@ -2,8 +2,8 @@
 //!
 //! Camera frame: x right, y up, z ahead. Image frame: x to the right and y *down*, in pixels, from the centre.
 
+use super::depth_buffer::Corner;
 use super::outline::Corners;
-use super::raster::Corner;
 use super::simd::Lanes;
 use super::surface::Plane;
 
@@ -165,13 +165,6 @@ impl View {
 #[inline(always)]
 pub fn dot(a: [Lanes; 3], b: [Lanes; 3]) -> Lanes {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// A sphere around something.
-#[derive(Debug, Clone, Copy)]
-pub struct Sphere {
-    pub centre: [f32; 3],
-    pub radius_m: f32,
 }
 
 /// Which of eight spheres, centres in the camera's frame, meet the view volume.

@@ -1,6 +1,6 @@
 //! Drawn episodes of an evaluation: as training draws its own, but the same for every policy and every seed.
 
-use super::category;
+use super::fixed::category;
 use crate::episode::Episode;
 use crate::kitchen::Kitchen;
 use proto::config::EpisodeConfig;

@@ -1,28 +1,15 @@
-//! The episodes of evaluations: the fixed ones of the validation and test kitchens, 12 categories times 60 in each of
-//! the ten, and as many in any kitchen that are [`drawn`].
+//! The fixed episodes of the validation and test kitchens, as they lie in the program.
 //!
-//! [`draw`] makes them from a fixed seed, [`check`] says what an episode must satisfy, [`format`] is the file they are
-//! kept in. The file is part of the program; its hash is [`FILE_HASH`], and each kitchen's section carries the
-//! fingerprint of the kitchen it was drawn for: episodes name places by number, which mean nothing in another room.
+//! Episodes name places by number, which mean nothing in another room: each kitchen's section of the file carries the
+//! fingerprint of the kitchen it was drawn for.
 
-pub mod check;
-pub mod command;
-mod draw;
-pub mod drawn;
-mod format;
-mod programme;
-
-pub use programme::Programme;
-
+use super::format::{File, FormatError, Record};
 use crate::episode::Episode;
 use crate::kitchen::Kitchen;
-use format::{File, FormatError};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
 use std::sync::OnceLock;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
-/// Episodes in one kitchen.
-pub const EPISODES_PER_KITCHEN: usize = proto::evaluation::EPISODES_PER_KITCHEN as usize;
 /// XXH3 (64 bits) of the file: a file of other episodes is noticed before a figure is compared with an older one.
 pub const FILE_HASH: u64 = 0x97fb_f224_55a4_1711;
 /// The file, as `actor episodes generate` wrote it.
@@ -87,7 +74,34 @@ pub fn fixed(kitchen: &Kitchen) -> Result<Vec<Episode>, EpisodesError> {
         return Err(EpisodesError::WrongFile { found });
     }
     let file = PARSED.get_or_init(|| File::parse(FILE)).as_ref().map_err(Clone::clone)?;
-    file.episodes(kitchen)
+    of_file(file, kitchen)
+}
+
+/// A file's episodes of a kitchen that looks as it did when they were drawn.
+fn of_file(file: &File, kitchen: &Kitchen) -> Result<Vec<Episode>, EpisodesError> {
+    let id = kitchen.id();
+    let section = file.sections.iter().find(|section| section.kitchen == id);
+    let section = section.ok_or(EpisodesError::NotFixed(id))?;
+    let found = fingerprint(kitchen);
+    if found != section.fingerprint {
+        return Err(EpisodesError::OtherKitchen { kitchen: id, drawn_for: section.fingerprint, found });
+    }
+    let episodes = section.records.iter().enumerate().map(|(number, record)| {
+        episode_of(*record, kitchen, number).ok_or(EpisodesError::NoSuchPlace { kitchen: id, episode: number })
+    });
+    episodes.collect()
+}
+
+/// The episode that a record with this number means in a kitchen; none if a place is not there.
+pub fn episode_of(record: Record, kitchen: &Kitchen, number: usize) -> Option<Episode> {
+    let category = category(number);
+    let spots = kitchen.target_spots(category);
+    Some(Episode {
+        category,
+        start: *spots.get(usize::from(record.start))?,
+        goal: *spots.get(usize::from(record.goal))?,
+        stand: *kitchen.robot_stands().get(usize::from(record.stand))?,
+    })
 }
 
 /// Category of the episode with this number.

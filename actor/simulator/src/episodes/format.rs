@@ -4,10 +4,10 @@
 //! zeros, its fingerprint u64, and 720 records {start u16, goal u16, stand u16}: numbers among the category's spots and
 //! among the kitchen's robot stands. The category follows from the record's number.
 
-use super::{EPISODES_PER_KITCHEN, EpisodesError, category, fingerprint};
-use crate::episode::Episode;
-use crate::kitchen::Kitchen;
 use proto::kitchen::KitchenId;
+
+/// Episodes in one kitchen.
+pub const EPISODES_PER_KITCHEN: usize = proto::evaluation::EPISODES_PER_KITCHEN as usize;
 
 const MAGIC: &[u8; 8] = b"STLEPISO";
 const VERSION: u16 = 1;
@@ -126,35 +126,6 @@ impl File {
             }
         }
         bytes
-    }
-
-    /// The episodes of a kitchen that looks as it did when they were drawn.
-    pub fn episodes(&self, kitchen: &Kitchen) -> Result<Vec<Episode>, EpisodesError> {
-        let id = kitchen.id();
-        let section = self.sections.iter().find(|section| section.kitchen == id);
-        let section = section.ok_or(EpisodesError::NotFixed(id))?;
-        let found = fingerprint(kitchen);
-        if found != section.fingerprint {
-            return Err(EpisodesError::OtherKitchen { kitchen: id, drawn_for: section.fingerprint, found });
-        }
-        let episodes = section.records.iter().enumerate().map(|(number, record)| {
-            record.episode(kitchen, number).ok_or(EpisodesError::NoSuchPlace { kitchen: id, episode: number })
-        });
-        episodes.collect()
-    }
-}
-
-impl Record {
-    /// The episode that this record with this number means in a kitchen; none if a place is not there.
-    pub fn episode(self, kitchen: &Kitchen, number: usize) -> Option<Episode> {
-        let category = category(number);
-        let spots = kitchen.target_spots(category);
-        Some(Episode {
-            category,
-            start: *spots.get(usize::from(self.start))?,
-            goal: *spots.get(usize::from(self.goal))?,
-            stand: *kitchen.robot_stands().get(usize::from(self.stand))?,
-        })
     }
 }
 

@@ -1,6 +1,7 @@
 //! Which episodes a run's environments play: sampled ones, or in an evaluation those of its plan, fixed or drawn.
 
-use super::{EpisodesError, category, drawn::drawn, fixed};
+use super::drawn::drawn;
+use super::fixed::{EpisodesError, category, fixed};
 use crate::environment::{Environment, EnvironmentError};
 use crate::episode::Episode;
 use crate::kitchen::Kitchen;

@@ -3,16 +3,15 @@
 //!
 //! All of it is single-precision arithmetic in a fixed order: the same mesh gives the same pieces on every machine.
 
+use super::convex;
 use super::document::Piece;
-use super::solid::{NoSolid, part_of};
+use super::no_solid::{NoSolid, TRIANGLES_MOST};
 use crate::shape::{Concave, Part};
 use rapier3d::math::Vec3;
 use rapier3d::parry::transformation::vhacd::{VHACD, VHACDParameters};
 use rapier3d::parry::transformation::voxelization::FillMode;
 use std::collections::BTreeMap;
 
-/// Triangles of a mesh at most: with three vertices each, their numbers still fit into 16 bits.
-pub const TRIANGLES_MOST: usize = 20_000;
 /// Voxels along the longest side of the mesh.
 const RESOLUTION: u32 = 64;
 /// A piece is cut again while its hull holds more than this that is not mesh, as a share of the whole hull's volume.
@@ -80,7 +79,7 @@ pub fn concave(mesh: Closed) -> Result<Concave, NoSolid> {
     let mut pieces: Vec<Part> = Vec::new();
     for (points, corners) in cut.compute_exact_convex_hulls(&vertices, &triangles) {
         let hull = Piece { vertices: points, triangles: corners, extras: None };
-        match part_of(&hull, None) {
+        match convex::part_of(&hull) {
             _ if hull.volume_m3() < SLIVER * volume_m3 => {}
             Ok(part) => pieces.push(part),
             Err(NoSolid::Flat) => {}
@@ -128,7 +127,7 @@ fn welded(vertices: &[Vec3]) -> (Vec<Vec3>, Vec<u32>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kitchen::scene_file::Convex;
+    use crate::gltf::solid::{Convex, part_of};
     use crate::physics::geometry::Solid;
     use crate::physics::world::World;
     use crate::shape::{Primitive, Shape};

@@ -1,19 +1,20 @@
-//! Scenes of other programs: glTF 2.0 out and in.
+//! Scenes of other programs: glTF 2.0 in.
 //!
 //! ```text
 //! mirror    between glTF's right-handed axes and ours
-//! export    a settled kitchen as a binary glTF file
 //! document  a glTF file's nodes as triangles in our axes
-//! solid     which solid a mesh is
+//! convex    which convex solid a mesh is
 //! decompose a dented mesh as convex pieces
+//! solid     which solid a mesh is: convex, or in pieces
+//! no_solid  why it is none
 //! ```
 //!
-//! What a body looks like to other programs is what it is here: each part of a shape is one primitive of the mesh, and a
-//! mesh's primitive becomes one part again. Round parts also say in their `extras` what they are,
-//! so that they come back as exact as they went.
+//! A mesh's primitive becomes one part of a body's shape. Whoever writes our shapes as glTF makes each part one primitive
+//! and says of round parts in their `extras` what they are, so that they come back as exact as they went.
 
+mod convex;
 mod decompose;
 pub mod document;
-pub mod export;
-mod mirror;
+pub mod mirror;
+pub mod no_solid;
 pub mod solid;

@@ -31,6 +31,10 @@ pub const HEIGHTS_M: [(f32, f32, u32); 14] = [
     (1.8, 2.0, 2),
 ];
 
+/// Categories that are not counted as things: iTHOR has no objects for them.
+pub const NOT_THINGS: [&str; 10] =
+    ["Wall", "Ceiling", "Robot", "Door", "Filler", "CornerUnit", "DrawerUnit", "StoveOven", "Dishwasher", "RangeHood"];
+
 /// Categories: name, kitchens of 30 that have it, how many those have on average.
 pub const CATEGORIES: [(&str, u32, f32); 63] = [
     ("StoveBurner", 30, 4.1),

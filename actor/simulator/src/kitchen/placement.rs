@@ -8,7 +8,7 @@
 use super::catalogue::{CATEGORIES, Category, Place, Presence};
 use super::density;
 use super::layout::floor_plan::Rectangle;
-use super::layout::{Layout, Seat, Worktop, WorktopKind};
+use super::layout::{FittedRoom, Seat, Worktop, WorktopKind};
 use super::quota;
 use super::room::Thing;
 use crate::physics::geometry::{Solid, rotation_y};
@@ -33,7 +33,7 @@ struct Site {
 
 /// The kitchen as it fills.
 struct Furnishing<'a> {
-    layout: &'a Layout,
+    layout: &'a FittedRoom,
     scene: &'a Scene,
     sites: Vec<Site>,
     things: Vec<Thing>,
@@ -50,7 +50,7 @@ struct Furnishing<'a> {
 /// Draws which things a kitchen holds and where they stand. The error is the category that found no room.
 pub fn place(
     kitchen: KitchenId,
-    layout: &Layout,
+    layout: &FittedRoom,
     scene: &Scene,
     random: &mut Random,
 ) -> Result<Vec<Thing>, &'static str> {
@@ -83,7 +83,7 @@ fn extras(random: &mut Random) -> Vec<usize> {
 }
 
 impl<'a> Furnishing<'a> {
-    fn new(layout: &'a Layout, scene: &'a Scene) -> Self {
+    fn new(layout: &'a FittedRoom, scene: &'a Scene) -> Self {
         let sites = layout
             .worktops
             .iter()

@@ -1,6 +1,7 @@
 //! The worst that physics has done, looked for at every sub-step: how fast, how deep, how far out.
 
-use crate::kitchen::Kitchen;
+use super::geometry::Solid;
+use super::scene::Scene;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::bounding_volume::BoundingVolume;
@@ -45,10 +46,10 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Watches things that stand here now.
-    pub fn new(kitchen: &Kitchen, timestep_s: f32, poses: &[Pose3]) -> Self {
+    /// Watches things that stand here now, in a room of this extent.
+    pub fn new(room: Aabb, timestep_s: f32, poses: &[Pose3]) -> Self {
         Self {
-            room: room(kitchen).loosened(LEFT_ROOM_M),
+            room: room.loosened(LEFT_ROOM_M),
             timestep_s,
             positions: poses.iter().map(|pose| pose.translation).collect(),
             outside: vec![false; poses.len()],
@@ -61,8 +62,8 @@ impl Watch {
         self.extremes.substeps += 1;
     }
 
-    /// A thing after a sub-step, which it spent awake.
-    pub fn note(&mut self, kitchen: &Kitchen, thing: usize, pose: &Pose3, velocity: Vec3) {
+    /// A thing after a sub-step, which it spent awake, among what is fixed.
+    pub fn note(&mut self, fixed: &Scene, thing: usize, solid: &Solid, pose: &Pose3, velocity: Vec3) {
         let position = pose.translation;
         if !(position.is_finite() && pose.rotation.is_finite() && velocity.is_finite()) {
             self.extremes.not_finite += 1;
@@ -71,7 +72,7 @@ impl Watch {
         let before = std::mem::replace(&mut self.positions[thing], position);
         let speed = ((position - before).length() / self.timestep_s).max(velocity.length());
         self.extremes.fastest_m_per_s = self.extremes.fastest_m_per_s.max(speed);
-        let depth_m = kitchen.scene.deepest_penetration_m(&kitchen.solids[thing], pose);
+        let depth_m = fixed.deepest_penetration_m(solid, pose);
         self.extremes.deepest_in_fixed_m = self.extremes.deepest_in_fixed_m.max(depth_m);
         if !self.room.contains_local_point(position) && !std::mem::replace(&mut self.outside[thing], true) {
             self.extremes.left_room += 1;
@@ -82,15 +83,4 @@ impl Watch {
     pub fn extremes(&self) -> &Extremes {
         &self.extremes
     }
-}
-
-/// The room up to the backs of its walls; where there are no walls, up to where fixed things end.
-fn room(kitchen: &Kitchen) -> Aabb {
-    let mut room = Aabb::new_invalid();
-    let bodies = || kitchen.static_bodies().map(|index| (&kitchen.bodies()[index], &kitchen.settled_poses()[index]));
-    let walled = bodies().any(|(body, _)| body.category == "Wall");
-    for (body, pose) in bodies().filter(|(body, _)| !walled || body.category == "Wall") {
-        room.merge(&crate::physics::geometry::Solid::of(&body.shape).aabb(pose));
-    }
-    room
 }

@@ -1,7 +1,8 @@
 //! What stands in `scene.toml`.
 
+use super::likeness::nearest;
 use super::problem::Problem;
-use super::roles::nearest;
+use crate::gltf::solid::Convex;
 use serde::{Deserialize, Serialize};
 use std::path::{Component, Path, PathBuf};
 
@@ -52,16 +53,6 @@ pub enum Role {
     Movable,
     /// Is not there.
     Ignore,
-}
-
-/// What to do with a mesh that is not convex.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Convex {
-    /// Take its convex hull.
-    Hull,
-    /// Cut it into convex pieces for physics; the camera sees the mesh.
-    Decompose,
 }
 
 /// What the parser found wrong, with what was probably meant.

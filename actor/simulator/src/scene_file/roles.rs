@@ -1,6 +1,7 @@
 //! Which node is what: entries and nodes brought together.
 
 use super::file::{Entry, Role, SceneFile};
+use super::likeness::{likeness, nearest};
 use super::problem::Problem;
 use crate::gltf::document::Document;
 use crate::kitchen::catalogue::CATEGORIES;
@@ -151,20 +152,6 @@ fn without_number(name: &str) -> &str {
     }
     let stem = letters.strip_suffix(['-', '.', '_']).unwrap_or(letters);
     if stem.is_empty() { name } else { stem }
-}
-
-/// How alike two names are, 0 to 1; capitals do not matter.
-fn likeness(a: &str, b: &str) -> f64 {
-    strsim::jaro_winkler(&a.to_lowercase(), &b.to_lowercase())
-}
-
-/// The candidate closest to `word`, if any is close.
-pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Option<String> {
-    candidates
-        .map(|candidate| (likeness(word, candidate), candidate))
-        .filter(|(score, _)| *score > 0.7)
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, candidate)| candidate.to_owned())
 }
 
 #[cfg(test)]

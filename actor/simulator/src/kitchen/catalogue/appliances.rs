@@ -1,10 +1,10 @@
 //! Machines of the counter top.
 
-use super::Material::{Plastic, Rubber};
-use super::Place::{Counter, Shelf};
+use super::category::Material::{Plastic, Rubber};
+use super::category::Place::{Counter, Shelf};
+use super::category::{Category, thing};
 use super::colour::{BLACK, CREAM, GREY, RED, STEEL, WHITE};
 use super::forms::{along_x, along_z, block, capsule, cuboid, cylinder, handle, lathe, rolled, spun, upright};
-use super::{Category, thing};
 use crate::shape::Shape;
 
 /// Appliances of less than 10 kg. They stand on rubber feet.

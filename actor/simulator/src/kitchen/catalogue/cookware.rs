@@ -1,12 +1,12 @@
 //! What one cooks and bakes in.
 
-use super::Material::{Ceramic, Metal, Rubber};
-use super::Place::{Counter, Stove};
+use super::category::Material::{Ceramic, Metal, Rubber};
+use super::category::Place::{Counter, Stove};
+use super::category::{Category, thing};
 use super::colour::{BLACK, CREAM, GREY, IRON, ORANGE, RED, STEEL};
 use super::forms::{
     along_x, along_z, basin, capsule, cuboid, cylinder, handle, lathe, open_box, oval, rolled, spun, upright,
 };
-use super::{Category, thing};
 use crate::shape::Shape;
 
 /// Pots, pans, tins.

@@ -1,10 +1,10 @@
 //! What one eats and carves with, lying flat: heads and blades along +x, handles along -x.
 
-use super::Material::{Metal, Wood};
-use super::Place::{Counter, Surface, Table};
+use super::category::Material::{Metal, Wood};
+use super::category::Place::{Counter, Surface, Table};
+use super::category::{Category, thing};
 use super::colour::{DARK_WOOD, STEEL, WOOD};
 use super::forms::{block, cuboid, cylinder, oval, prism};
-use super::{Category, thing};
 use crate::shape::Shape;
 use rapier3d::math::{Pose3, Vec3};
 use std::f32::consts::PI;

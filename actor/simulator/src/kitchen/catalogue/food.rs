@@ -1,10 +1,10 @@
 //! Fruit, vegetables, bread and what else lies about to be eaten.
 
-use super::Material::Food;
-use super::Place::{Counter, Surface, Table};
+use super::category::Material::Food;
+use super::category::Place::{Counter, Surface, Table};
+use super::category::{Category, thing};
 use super::colour::{BROWN, CREAM, DARK_GREEN, GREEN, ORANGE, PINK, PURPLE, RED, WHITE, YELLOW};
 use super::forms::{along_x, ball, block, capsule, cuboid, cylinder, fruit, lathe, oval, prism, rolled, spun, upright};
-use super::{Category, thing};
 use crate::shape::Shape;
 use std::f32::consts::PI;
 

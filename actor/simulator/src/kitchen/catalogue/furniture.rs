@@ -1,10 +1,10 @@
 //! What stands on the floor: seats, bins, baskets.
 
-use super::Material::{Metal, Plastic, Wood};
-use super::Place::{Floor, Seat};
+use super::category::Material::{Metal, Plastic, Wood};
+use super::category::Place::{Floor, Seat};
+use super::category::{Category, Material, thing};
 use super::colour::{BLACK, CREAM, DARK_WOOD, GREY, RED, STEEL, WHITE, WICKER, WOOD};
 use super::forms::{basin, block, cuboid, cylinder, lathe, legs, open_box, spun, upright};
-use super::{Category, Material, thing};
 use crate::shape::Shape;
 
 /// Furniture that a person or a robot can push about.

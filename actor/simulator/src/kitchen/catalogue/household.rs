@@ -1,7 +1,8 @@
 //! Cleaning things, papers, plants, decoration.
 
-use super::Material::{Ceramic, Cloth, Glass, Metal, Paper, Plastic, Wood};
-use super::Place::{Counter, Floor, Shelf, Sink, Surface, Table};
+use super::category::Material::{Ceramic, Cloth, Glass, Metal, Paper, Plastic, Wood};
+use super::category::Place::{Counter, Floor, Shelf, Sink, Surface, Table};
+use super::category::{Category, thing};
 use super::colour::{
     BLACK, BLUE, COPPER, CREAM, DARK_GREEN, DARK_WOOD, GREEN, GREY, PINK, RED, STEEL, TERRACOTTA, WHITE, WICKER, WOOD,
     YELLOW,
@@ -10,7 +11,6 @@ use super::forms::{
     along_x, along_z, ball, block, capsule, cuboid, cylinder, handle, lathe, open_box, oval, pitched, rolled, spun,
     upright,
 };
-use super::{Category, thing};
 use crate::shape::Shape;
 
 /// What a kitchen holds that has little to do with cooking.
@@ -85,13 +85,13 @@ pub const HOUSEHOLD: &[Category] = &[
         block(0.22, 0.15, 0.08).turned(capsule(0.008, 0.09), along_x(0.0, 0.165, 0.0))
     }),
     thing("PiggyBank", 0.5, Ceramic, PINK, Shelf, piggy_bank),
-    thing("Doorstop", 0.3, super::Material::Rubber, BLACK, Floor, doorstop),
+    thing("Doorstop", 0.3, super::category::Material::Rubber, BLACK, Floor, doorstop),
     thing("Dustpan", 0.3, Plastic, BLUE, Floor, dustpan),
     thing("ShoppingBag", 1.2, Paper, super::colour::KRAFT, Floor, || open_box(0.30, 0.34, 0.17, 0.008)),
     thing("ToolBox", 4.5, Metal, RED, Floor, tool_box),
 ];
 
-use super::Place::Stove;
+use super::category::Place::Stove;
 
 fn paper_towel_roll() -> Shape {
     upright(0.075, 0.012)

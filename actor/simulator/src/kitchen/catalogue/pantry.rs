@@ -1,12 +1,12 @@
 //! Bottles, jars, cans, packets: what food and soap are kept in.
 
-use super::Material::{Ceramic, Glass, Metal, Paper, Plastic, Wood};
-use super::Place::{Counter, Shelf, Sink, Stove, Surface, Table};
+use super::category::Material::{Ceramic, Glass, Metal, Paper, Plastic, Wood};
+use super::category::Place::{Counter, Shelf, Sink, Stove, Surface, Table};
+use super::category::{Category, thing};
 use super::colour::{
     AMBER_GLASS, BLUE, BROWN, CREAM, GLASS, GREEN, GREEN_GLASS, GREY, KRAFT, ORANGE, RED, STEEL, WHITE, WOOD, YELLOW,
 };
 use super::forms::{along_x, basin, block, bottle, capsule, cuboid, cylinder, jar, lathe, prism, spun, upright, yawed};
-use super::{Category, thing};
 use crate::shape::Shape;
 
 /// Full ones, mostly.
@@ -76,7 +76,7 @@ pub const PANTRY: &[Category] = &[
     thing("DishwasherTablets", 0.8, Paper, BLUE, Shelf, || block(0.16, 0.19, 0.08)),
     thing("SpiceRack", 1.9, Wood, WOOD, Counter, spice_rack),
     thing("UtensilCrock", 1.1, Ceramic, CREAM, Stove, utensil_crock),
-    thing("PetFoodBag", 2.1, Paper, RED, super::Place::Floor, || paper_bag(0.22, 0.36, 0.11)),
+    thing("PetFoodBag", 2.1, Paper, RED, super::category::Place::Floor, || paper_bag(0.22, 0.36, 0.11)),
 ];
 
 fn soap_bottle() -> Shape {

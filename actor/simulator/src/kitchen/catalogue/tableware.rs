@@ -1,12 +1,12 @@
 //! What one eats from and drinks from.
 
-use super::Material::{Ceramic, Glass, Metal, Plastic, Wood};
-use super::Place::{Shelf, Surface, Table};
+use super::category::Material::{Ceramic, Glass, Metal, Plastic, Wood};
+use super::category::Place::{Shelf, Surface, Table};
+use super::category::{Category, thing};
 use super::colour::{BLUE, CREAM, DARK_WOOD, GLASS, STEEL, WHITE, WOOD};
 use super::forms::{
     basin, block, capsule, cuboid, cylinder, handle, jar, lathe, open_box, oval, rolled, spun, upright,
 };
-use super::{Category, thing};
 use crate::shape::Shape;
 
 /// Plates, bowls, cups, glasses, and what is served in.

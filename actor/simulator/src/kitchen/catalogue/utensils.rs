@@ -1,12 +1,12 @@
 //! What one cooks with: most of it lies flat, heads along +x, handles along -x.
 
-use super::Material::{Metal, Plastic, Rubber, Wood};
-use super::Place::{Counter, Stove, Surface};
+use super::category::Material::{Metal, Plastic, Rubber, Wood};
+use super::category::Place::{Counter, Stove, Surface};
+use super::category::{Category, thing};
 use super::colour::{BLACK, GREY, RED, STEEL, WHITE, WOOD};
 use super::forms::{
     along_x, ball, basin, block, capsule, cuboid, cylinder, handle, lathe, oval, rolled, spun, upright,
 };
-use super::{Category, thing};
 use crate::shape::{Primitive, Shape};
 
 /// Utensils.
@@ -37,13 +37,13 @@ pub const UTENSILS: &[Category] = &[
     thing("KitchenScissors", 0.12, Metal, BLACK, Counter, scissors),
     thing("GarlicPress", 0.25, Metal, STEEL, Counter, garlic_press),
     thing("Funnel", 0.05, Plastic, WHITE, Counter, funnel),
-    thing("Mortar", 1.6, super::Material::Ceramic, GREY, Counter, mortar),
+    thing("Mortar", 1.6, super::category::Material::Ceramic, GREY, Counter, mortar),
     thing("PepperMill", 0.3, Wood, WOOD, Surface, pepper_mill),
     thing("LemonSqueezer", 0.2, Plastic, WHITE, Counter, lemon_squeezer),
     thing("KitchenTimer", 0.1, Plastic, RED, Counter, || {
         lathe(&[(0.024, 0.0), (0.032, 0.02), (0.028, 0.05), (0.012, 0.06)])
     }),
-    thing("SpoonRest", 0.2, super::Material::Ceramic, WHITE, Stove, spoon_rest),
+    thing("SpoonRest", 0.2, super::category::Material::Ceramic, WHITE, Stove, spoon_rest),
 ];
 
 /// A round handle from x = 0 backwards, on a strip that bears.

@@ -1,8 +1,8 @@
 //! A layout in the making: what has been built so far, and the style that all of it shares.
 
 use super::floor_plan::{FloorPlan, Rectangle};
-use super::frame::{Assembly, Frame, Span};
-use super::shell::Opening;
+use super::frame::{Assembly, Span};
+use super::wall::Wall;
 use crate::kitchen::room::{Fixture, Surface};
 use proto::random::Random;
 use rapier3d::math::Vec3;
@@ -61,16 +61,6 @@ pub(super) struct Style {
     pub toe_kick_m: f32,
 }
 
-/// A wall: its frame begins in the corner where one stands when it is to the left, or to the right.
-#[derive(Debug, Clone)]
-pub(super) struct Wall {
-    pub frame: Frame,
-    pub length_m: f32,
-    /// Where something stands before it, hangs on it or goes through it.
-    pub taken: Vec<Span>,
-    pub openings: Vec<Opening>,
-}
-
 /// The layout so far.
 pub(super) struct Draft<'a> {
     pub random: &'a mut Random,
@@ -104,47 +94,9 @@ impl Style {
     }
 }
 
-impl Wall {
-    pub fn new(frame: Frame, length_m: f32) -> Self {
-        Self { frame, length_m, taken: Vec::new(), openings: Vec::new() }
-    }
-
-    /// Lengths of this wall that nothing takes, in order.
-    pub fn free(&self) -> Vec<Span> {
-        let mut taken = self.taken.clone();
-        taken.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        let mut free = Vec::new();
-        let mut at = 0.0;
-        for [from, to] in taken {
-            if from > at {
-                free.push([at, from]);
-            }
-            at = f32::max(at, to);
-        }
-        if at < self.length_m {
-            free.push([at, self.length_m]);
-        }
-        free
-    }
-}
-
 impl Draft<'_> {
     /// Puts a finished body into the room.
     pub fn fix(&mut self, category: &str, body: Assembly) {
         self.fixtures.push(body.fixture(category));
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_is_not_taken_is_free() {
-        let frame = Frame { origin: Vec3::ZERO, along: Vec3::X, out: Vec3::Z };
-        let mut wall = Wall::new(frame, 5.0);
-        assert_eq!(wall.free(), [[0.0, 5.0]]);
-        wall.taken = vec![[3.0, 4.0], [0.0, 1.0], [0.5, 1.5]];
-        assert_eq!(wall.free(), [[1.5, 3.0], [4.0, 5.0]]);
     }
 }

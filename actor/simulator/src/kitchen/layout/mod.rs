@@ -9,6 +9,7 @@
 //! furniture   tables, shelves, what stands and hangs at free walls
 //! floor_plan  where furniture stands and where it must not
 //! frame       a wall's coordinates, bodies made of parts
+//! wall        what of a wall's length is taken; holes in it
 //! draft       the layout in the making
 //! ```
 //!
@@ -24,11 +25,12 @@ mod furniture;
 mod plan;
 mod run;
 mod shell;
+mod wall;
 
 use super::ithor;
 use super::quota;
 use super::room::{Fixture, Surface};
-use draft::{Draft, Style, Wall};
+use draft::{Draft, Style};
 pub use draft::{Seat, Worktop, WorktopKind};
 use floor_plan::{FloorPlan, Rectangle, WORKING_DEPTH_M};
 use frame::{Assembly, Frame, Span};
@@ -39,6 +41,7 @@ use proto::random::Random;
 use rapier3d::math::Vec3;
 use run::{CORNER_M, COUNTER_DEPTH_M, Run, Slot, Unit, divide};
 use shell::{Drapery, ROOM_HEIGHT_M};
+use wall::Wall;
 
 /// Longest runs, metres: nobody walks further between sink and fridge.
 const MAIN_LONGEST_M: f32 = 4.7;
@@ -62,9 +65,9 @@ const MICROWAVE_ABOVE_SHARE: f32 = 0.25;
 /// Rooms smaller than this always have it there: their counters are needed, square metres.
 const SMALL_ROOM_M2: f32 = 16.0;
 
-/// A laid-out room, before small things stand in it.
+/// A room with all that is fixed in it, before small things stand there.
 #[derive(Debug, Clone)]
-pub struct Layout {
+pub struct FittedRoom {
     /// How its runs lie.
     pub plan: Plan,
     /// Fixed bodies: floor, four walls, ceiling, then furniture.
@@ -91,7 +94,7 @@ pub struct Layout {
     pub kept_clear: Vec<Rectangle>,
 }
 
-impl Layout {
+impl FittedRoom {
     /// Lays a kitchen out. The error is what found no place.
     pub fn draw(kitchen: KitchenId, random: &mut Random) -> Result<Self, &'static str> {
         let programme = Programme::of(kitchen);
@@ -391,8 +394,8 @@ impl Draft<'_> {
         }
     }
 
-    /// The layout, with the shell before all else.
-    fn finish(mut self, programme: &Programme) -> Layout {
+    /// The room, with the shell before all else.
+    fn finish(mut self, programme: &Programme) -> FittedRoom {
         for top in std::mem::take(&mut self.tops) {
             self.fix("CounterTop", top);
         }
@@ -408,7 +411,7 @@ impl Draft<'_> {
                     .map(|span| (wall.frame.at(span[0], 0.0, 0.0), wall.frame.at(span[1], 0.0, 0.0), wall.frame.out))
             })
             .collect();
-        Layout {
+        FittedRoom {
             plan: programme.plan,
             fixtures,
             worktops: self.worktops,

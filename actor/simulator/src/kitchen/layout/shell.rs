@@ -1,8 +1,9 @@
 //! The shell of a room: floor, ceiling, walls with real openings, and what fills the openings: door and windows.
 
-use super::draft::{Draft, Wall};
+use super::draft::Draft;
 use super::floor_plan::Rectangle;
 use super::frame::{Assembly, Frame, Span};
+use super::wall::{Opening, Wall};
 use crate::kitchen::room::Fixture;
 use rapier3d::math::Vec3;
 
@@ -20,13 +21,6 @@ const DOOR_SWING_M: f32 = 0.95;
 const TRIES: u32 = 30;
 /// Height of a window's opening, metres.
 pub(super) const WINDOW_M: Span = [1.12, 2.08];
-
-/// A hole in a wall.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Opening {
-    pub along: Span,
-    pub up: Span,
-}
 
 /// What hangs at a window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

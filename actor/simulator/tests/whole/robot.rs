@@ -1,19 +1,16 @@
 //! The robot as a whole: the arm against an independent implementation of its published chain, and its links against
 //! the robot's own body.
 
-// Helpers of tests are tests too, which clippy's own exception does not see.
-#![allow(clippy::unwrap_used)]
-
-use actor::physics::gap::gap_m;
-use actor::physics::geometry::Solid;
-use actor::robot::arm::{self, Joints};
-use actor::robot::configuration::{Configuration, Posture};
-use actor::robot::dimensions::{FOREARM_LENGTH_M, SCALE, UPPER_ARM_LENGTH_M, WRIST_LENGTH_M};
-use actor::robot::links::{HAND, Motion, PartPoses, part_poses, part_shapes};
 use proptest::prelude::*;
 use proto::action::Action;
 use rapier3d::math::{Pose3, Vec3};
 use serde_json::Value;
+use simulator::physics::gap::gap_m;
+use simulator::physics::geometry::Solid;
+use simulator::robot::arm::{self, Joints};
+use simulator::robot::configuration::{Configuration, Posture};
+use simulator::robot::dimensions::{FOREARM_LENGTH_M, SCALE, UPPER_ARM_LENGTH_M, WRIST_LENGTH_M};
+use simulator::robot::links::{HAND, Motion, PartPoses, part_poses, part_shapes};
 
 fn numbers<const N: usize>(value: &Value) -> [f32; N] {
     let numbers: Vec<f32> = value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap() as f32).collect();
@@ -135,7 +132,7 @@ fn no_point_of_a_link_outruns_the_origins() {
     assert!(compared > 2000, "{compared} motions");
 }
 
-/// Not a test: a figure for the notes. `cargo test --release -p actor --test robot -- --ignored --nocapture speed`
+/// Not a test: a figure for the notes. `cargo test --release -p simulator --test whole -- --ignored --nocapture speed`
 #[test]
 #[ignore = "a measurement"]
 fn speed() {

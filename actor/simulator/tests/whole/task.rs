@@ -1,16 +1,6 @@
 //! The simulator as a whole: kitchens at rest, and the task itself.
 
-// Helpers of tests are tests too, which clippy's own exception does not see.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
-use actor::environment::Environment;
-use actor::episode::{Episode, GOAL_TOLERANCE_M};
-use actor::episodes::check::OTHERS_DRIFT_M;
-use actor::kitchen::BodyRole;
-use actor::kitchen::spots::Stand;
-use actor::simulation::CONTACT_TOLERANCE_M;
+use super::support::{environment, kitchen, random_action, run};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -18,9 +8,13 @@ use proto::kitchen::{KitchenId, TargetCategory};
 use proto::message::{Transition, transition_flag};
 use proto::reward::{GOAL_SUCCESS, PICK_UP};
 use rapier3d::math::Vec3;
+use simulator::environment::Environment;
+use simulator::episode::{Episode, GOAL_TOLERANCE_M};
+use simulator::kitchen::BodyRole;
+use simulator::kitchen::spots::Stand;
+use simulator::simulation::{CONTACT_TOLERANCE_M, OTHERS_DRIFT_M};
 use std::f32::consts::FRAC_PI_4;
 use std::sync::Arc;
-use support::{environment, kitchen, random_action, run};
 
 fn config() -> Config {
     Config::default()
@@ -276,7 +270,7 @@ fn the_arm_does_not_enter_what_is_fixed() {
     assert!(stopped.iter().all(|&count| count >= 10), "stopped downwards, outwards, ahead: {stopped:?} times");
 }
 
-/// Not a test: figures for the notes. `cargo test --release -p actor --test simulator -- --ignored --nocapture speed`
+/// Not a test: figures for the notes. `cargo test --release -p simulator --test whole -- --ignored --nocapture speed`
 #[test]
 #[ignore = "a measurement"]
 fn speed() {

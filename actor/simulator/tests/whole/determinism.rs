@@ -1,15 +1,10 @@
 //! The same kitchen, episode and actions give the same state at each step, bit for bit: whoever else is simulated in the
 //! process, whatever came before, on every x86-64 machine, in debug and release (`make check-determinism`).
 
-// Helpers of tests are tests too, which clippy's own exception does not see.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
-use actor::environment::Environment;
+use super::support::{environment, kitchen, random_action, run};
 use proto::action::NO_ACTION;
 use proto::message::{Transition, current_flag};
-use support::{environment, kitchen, random_action, run};
+use simulator::environment::Environment;
 
 const STEPS: u32 = 200;
 

@@ -1,13 +1,13 @@
 //! Kitchens, environments and a random policy for tests.
 
-use actor::environment::Environment;
-use actor::kitchen::Kitchen;
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::message::Transition;
 use proto::random::{Key, Purpose};
+use simulator::environment::Environment;
+use simulator::kitchen::Kitchen;
 use std::sync::Arc;
 
 /// A built-in kitchen as it is by default.
