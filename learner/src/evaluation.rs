@@ -3,9 +3,9 @@
 use crate::collector::{Layout, Place, gumbel_of};
 use proto::action::HOLD;
 use proto::evaluation::{Confusion, EpisodeEnd, EpisodeRecord, Plan, category_of};
-use proto::message::{Transition, transition_flag};
 use proto::random::{Key, Purpose};
 use proto::reward::RewardKind;
+use proto::step::{Transition, transition_flag};
 
 /// The episode that a column plays.
 #[derive(Debug, Clone, Default)]

@@ -6,17 +6,19 @@ mod support;
 use learner::agent::Agent;
 use learner::checkpoint::encode_tensors;
 use proto::config::{CarriedGoal, LagrangianConfig};
-use proto::control::{EXIT_NON_FINITE, LearnerEvent, metric};
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
+use proto::event::LearnerEvent;
+use proto::exit::EXIT_NON_FINITE;
 use proto::kitchen::Split;
+use proto::metric;
 use proto::reward::RewardKind;
-use proto::wire::WireAddress;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 use std::sync::OnceLock;
 use support::{Ended, Plan, Scene, tiny};
 use tch::Device;
+use wire::WireAddress;
 
 /// Weights of the run that nothing happened to.
 fn undisturbed() -> &'static str {

@@ -9,10 +9,10 @@ use crate::format;
 use crate::terminal;
 use anyhow::{Context, Result};
 use proto::config::{Config, StageConfig};
-use proto::fault;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::stage::{position_at, rebudget, total_frames};
 use std::fs::File;
+use wire::fault;
 
 /// A new budget that a run can have.
 #[derive(Debug, Clone, PartialEq)]

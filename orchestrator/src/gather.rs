@@ -292,10 +292,10 @@ mod tests {
     use super::*;
     use crate::evaluation::uneventful;
     use proto::config::FromConfig;
-    use proto::control::Timing;
     use proto::evaluation::{
         Conditions, Cost, Distribution, EpisodeRecord, EvaluationConfig, ObjectSet, Subject, category_of, write_table,
     };
+    use proto::event::Timing;
     use proto::kitchen::{KitchenId, Split};
     use report::study::groups;
     use report::{Made, Options};

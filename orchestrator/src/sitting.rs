@@ -11,11 +11,11 @@ use crate::supervisor::shell::{Audience, Shell, Signals};
 use crate::{remains, terminal};
 use anyhow::{Context, Result};
 use proto::config::Config;
-use proto::fault;
 use proto::run_folder::RunFolder;
-use proto::wire::{WireAddress, WireHost, WireShape};
 use std::fs::OpenOptions;
 use std::time::Duration;
+use wire::fault;
+use wire::{WireAddress, WireHost, WireShape};
 
 /// Status after a second Ctrl-C: what a shell reports for a program that SIGINT ended.
 pub const EXIT_INTERRUPTED: u8 = 130;

@@ -20,13 +20,13 @@ use proto::config::Config;
 use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
 use proto::run_folder::RunFolder;
 use proto::stage::total_frames;
-use proto::wire::WireAddress;
 use serde::{Deserialize, Serialize};
 use std::fs::OpenOptions;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
+use wire::WireAddress;
 
 /// Time that an evaluation has to stop its processes.
 const STOPS: Duration = Duration::from_secs(10);
@@ -247,7 +247,7 @@ impl Validation {
         if validation.episodes > 0 {
             command.args(["--episodes", &validation.episodes.to_string()]);
         }
-        command.arg("--out").arg(&result).env_remove(proto::fault::VARIABLE);
+        command.arg("--out").arg(&result).env_remove(wire::fault::VARIABLE);
         // A group of its own: Ctrl-C reaches the run alone, which decides.
         command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log).process_group(0);
         let child = command.spawn().context("cannot start `orchestrator eval`")?;

@@ -3,7 +3,7 @@
 //! Actors send [`RewardParts`]; the learner composes r or r′ from them with the stage in force, so a stage switch
 //! never reaches the simulator.
 
-use iceoryx2::prelude::ZeroCopySend;
+use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
 /// Reward of every step.
@@ -37,8 +37,7 @@ pub enum RewardKind {
 }
 
 /// What one step contributed, before any weighting.
-#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
-#[type_name("stillroom/RewardParts/1")]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct RewardParts {
     /// Previous minus current wrist-object distance, metres; 0 at an episode's first step.

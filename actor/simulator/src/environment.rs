@@ -11,9 +11,9 @@ use crate::simulation::{Simulation, Substep};
 use proto::action::{Action, NO_ACTION};
 use proto::config::{Config, EpisodeConfig};
 use proto::episode::EnvironmentId;
-use proto::message::{Current, Transition, current_flag, transition_flag};
 use proto::random::{Key, Purpose};
 use proto::reward::{OBJECT_DISPLACEMENT_CAP_M, RewardParts};
+use proto::step::{Current, Transition, current_flag, transition_flag};
 use rapier3d::math::{Pose3, Vec3};
 use std::mem::MaybeUninit;
 use std::sync::Arc;
@@ -280,7 +280,7 @@ impl Environment {
             wrist_position_m: wrist.to_array(),
             target_position_m: target.to_array(),
             goal_position_m: goal.to_array(),
-            reserved: 0,
+            reserved: [0; 2],
         }
     }
 

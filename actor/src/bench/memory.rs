@@ -3,10 +3,10 @@
 use super::player::Player;
 use super::policy::PolicyKind;
 use anyhow::{Context, Result, ensure};
+use proto::camera::FRAME_PIXELS;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::FRAME_PIXELS;
 use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
 use std::mem::MaybeUninit;

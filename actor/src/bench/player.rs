@@ -2,9 +2,10 @@
 
 use super::policy::{PolicyKind, script};
 use proto::action::Action;
+use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::message::{FRAME_SIDE, transition_flag};
+use proto::step::transition_flag;
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
 use simulator::environment::{Environment, EnvironmentError};

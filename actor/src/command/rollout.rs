@@ -3,9 +3,9 @@
 use actor::process;
 use anyhow::{Context, Result, ensure};
 use proto::kitchen::KitchenId;
-use proto::lifeline;
-use proto::wire::WireAddress;
 use std::path::PathBuf;
+use wire::WireAddress;
+use wire::lifeline;
 
 /// Which actor, of which run.
 #[derive(Debug, clap::Args)]

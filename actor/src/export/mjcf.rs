@@ -12,7 +12,7 @@
 //! World axes are used as they are, y up: rigid-body physics does not know left-handed from right-handed axes. A
 //! picture does: it comes out mirrored.
 
-use proto::message::FRAME_SIDE;
+use proto::camera::{FIELD_OF_VIEW_DEG, FRAME_SIDE};
 use rapier3d::math::{Pose3, Rot3, Vec3};
 use simulator::depth::NEAR_M;
 use simulator::kitchen::{Body, BodyRole, Kitchen};
@@ -33,7 +33,6 @@ const UNSEEN_GROUP: u32 = 4;
 const SLICES: u32 = 20;
 const STACKS: u32 = 4;
 /// Vertical field of view: tan of its half is the depth camera's constant.
-const FIELD_OF_VIEW_DEG: u32 = 100;
 /// Farther than anything in a room, metres.
 const FAR_M: f32 = 30.0;
 const STRINGS_TAKE_ALL: &str = "writing to a string does not fail";

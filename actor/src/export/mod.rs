@@ -26,9 +26,9 @@ mod trace;
 
 use crate::bench::policy::PolicyKind;
 use anyhow::{Context, Result};
+use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
-use proto::message::FRAME_SIDE;
 use rapier3d::math::Pose3;
 use serde_json::{Value, json};
 use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};

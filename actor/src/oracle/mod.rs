@@ -21,7 +21,7 @@ pub mod table;
 use moment::Moment;
 use plan::{Carriage, Stands};
 use proto::action::Action;
-use proto::message::transition_flag;
+use proto::step::transition_flag;
 use rapier3d::math::Vec3;
 use simulator::environment::Environment;
 use simulator::episode::Episode;

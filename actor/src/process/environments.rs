@@ -3,10 +3,11 @@
 use super::{shm, whereabouts};
 use anyhow::{Context, Result, bail, ensure};
 use proto::action::{Action, HOLD};
+use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::{EnvironmentState, FRAME_SIDE, Observation, Transition, transition_flag};
+use proto::step::{Transition, transition_flag};
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
@@ -14,6 +15,7 @@ use simulator::kitchen::Kitchen;
 use std::mem::MaybeUninit;
 use std::ops::Range;
 use std::sync::Arc;
+use wire::message::{EnvironmentState, Observation};
 
 /// All environments of an actor and the camera they share.
 pub struct Environments {

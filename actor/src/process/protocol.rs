@@ -13,8 +13,8 @@
 //! Everything is idempotent because every message names its exchange: a duplicate, a batch of another learner
 //! incarnation or one for another step changes nothing.
 
-use proto::message::{ActionHeader, Halves, ObservationHeader, RestoreHeader, observation_kind};
 use std::time::Duration;
+use wire::message::{ActionHeader, Halves, ObservationHeader, RestoreHeader, observation_kind};
 
 /// Time between two HELLOs while nobody has answered.
 pub const HELLO_INTERVAL: Duration = Duration::from_millis(200);

@@ -1,8 +1,8 @@
 //! Episodes as `actor replay` is given them.
 
 use super::*;
-use proto::message::Current;
 use proto::replay::ImageFormat;
+use proto::step::Current;
 
 /// An evaluation of one novel episode a kitchen, or a run.
 fn config(evaluation: bool) -> Config {

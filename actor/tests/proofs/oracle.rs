@@ -1,8 +1,8 @@
 //! The task can be solved in our kitchens, and care pays: a planner plays some of the fixed episodes.
 
+use actor::check::episode as check;
 use actor::oracle::Variant;
 use actor::oracle::table::{Outcome, play};
-use actor::check::episode as check;
 use actor::parallel::in_parallel;
 use proto::action::Action;
 use proto::config::Config;
@@ -15,8 +15,8 @@ use simulator::kitchen::spots::Stand;
 
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
 use proto::kitchen::{KitchenId, Split, TargetCategory};
-use proto::message::transition_flag;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::step::transition_flag;
 use rapier3d::math::Vec3;
 use std::sync::{Arc, OnceLock};
 

@@ -5,7 +5,7 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::transition_flag;
+use proto::step::transition_flag;
 use rapier3d::geometry::Aabb;
 use simulator::environment::Environment;
 use simulator::kitchen::{BodyRole, Kitchen};

@@ -115,7 +115,7 @@ impl Store {
     /// Writes a checkpoint, then deletes those that need not be kept. Returns the manifest's path relative to the run
     /// folder. After an error everything that was there before is still there.
     pub fn save(&self, snapshot: &Snapshot) -> Result<String, CheckpointError> {
-        proto::fault::reach("learner.before_checkpoint");
+        wire::fault::reach("learner.before_checkpoint");
         let folder = self.run.checkpoints();
         std::fs::create_dir_all(&folder).map_err(|cause| CheckpointError::Folder { path: folder.clone(), cause })?;
         let tensors_path = self.run.checkpoint_tensors(snapshot.rollout);
@@ -141,9 +141,9 @@ impl Store {
             manifest_sha256: String::new(),
         };
         write(&tensors_path, &bytes)?;
-        proto::fault::reach("learner.after_tensors");
+        wire::fault::reach("learner.after_tensors");
         write(&manifest_path, &manifest.seal())?;
-        proto::fault::reach("learner.after_manifest");
+        wire::fault::reach("learner.after_manifest");
         self.prune(snapshot.rollout);
         Ok(relative(&self.run, &manifest_path))
     }

@@ -5,7 +5,7 @@
 //! 16-bit numbers over 1, 4 or 16 pixels is exact in f32, so the CPU's and the GPU's way give the same bits.
 
 use crate::ffi;
-use proto::message::{FRAME_PIXELS, FRAME_SIDE};
+use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use tch::{Device, Kind, Tensor};
 
 /// Subtracted from a depth in metres before division (SPEC section 1).

@@ -23,10 +23,9 @@ mod tests;
 use crate::schema::foxglove::log::Level;
 use crate::schema::stillroom::{StageSwitch, Validation};
 use proto::config::Config;
-use proto::control::LearnerEvent;
+use proto::event::LearnerEvent;
 use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
-use proto::wire::{WireAddress, WireError, WireShape};
 use scribe::Trained;
 use segment::SegmentError;
 use std::path::PathBuf;
@@ -34,6 +33,7 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use wire::{WireAddress, WireError, WireShape};
 
 /// How long the thread may take to create the first segment and its subscriber.
 const START_DEADLINE: Duration = Duration::from_secs(30);

@@ -1,10 +1,13 @@
 //! Ranges of every setting: what cannot work is refused before a process is started.
 
 use super::{Config, ConfigError, ValidationConfig};
+use crate::episode::MAX_EPISODE_STEPS;
 use crate::evaluation::{Distribution, EvaluationConfig};
 use crate::kitchen::{KitchenId, Split};
-use crate::message::{MAX_ENVIRONMENTS_PER_ACTOR, MAX_EPISODE_STEPS};
 use std::fmt::Display;
+
+/// Environments of one actor at most.
+const MAX_ENVIRONMENTS_PER_ACTOR: u32 = 256;
 
 /// Actor processes of one machine at most.
 pub const MAX_ACTORS: u32 = 512;
@@ -25,7 +28,7 @@ impl Config {
         check(
             "actors.environments_per_actor",
             actors.environments_per_actor,
-            (1..=MAX_ENVIRONMENTS_PER_ACTOR as u32).contains(&actors.environments_per_actor),
+            (1..=MAX_ENVIRONMENTS_PER_ACTOR).contains(&actors.environments_per_actor),
             "must be 1 to 256",
         )?;
         check(

@@ -33,7 +33,7 @@ impl DepthCamera {
         Self {
             scene: Scene::new(bodies),
             roles: roles(bodies),
-            buffer: DepthBuffer::new(proto::message::FRAME_SIDE),
+            buffer: DepthBuffer::new(proto::camera::FRAME_SIDE),
             outline: Outline::default(),
             polyhedra: PolyhedronBrush::new(),
             rounds: RoundBrush::new(),

@@ -159,36 +159,12 @@ impl RoundBrush {
         // Sides turn away from the eye beyond ± some number of the one that faces it.
         let turned = ring.side_radius * radius_m;
         let facing = ring.middle_cos[..=ring.count / 4].iter().take_while(|&&cos| turned < away_m * cos).count();
-        let count = ring.count;
-        let mut used = 0;
-        let mut take = |from_top: bool, index: usize| {
-            let (x_px, y_px) = if from_top { (&top_x, &top_y) } else { (&bottom_x, &bottom_y) };
-            self.x_px[used] = x_px[index];
-            self.y_px[used] = y_px[index];
-            used += 1;
-        };
-        if facing == 0 {
-            // Only a cap is seen.
-            if cap.is_none() {
-                return;
-            }
-            let from_top = above_top_m > 0.0;
-            (0..count).for_each(|i| take(from_top, if from_top { i } else { count - 1 - i }));
-        } else {
-            // From the corner before the first side that faces the eye to the one after the last: along the bottom,
-            // and back along the top; along the side that is nearer where that bounds the figure.
-            let (first, last) = (count - facing, facing - 1);
-            if eye_along_m > -half_height_m {
-                (first..count).chain(0..=last).for_each(|i| take(false, i));
-            } else {
-                (last..=first).rev().for_each(|i| take(false, i));
-            }
-            if eye_along_m < half_height_m {
-                (first..count).chain(0..=last).rev().for_each(|i| take(true, i));
-            } else {
-                (last..=first).for_each(|i| take(true, i));
-            }
+        // Only a cap is seen, if any.
+        if facing == 0 && cap.is_none() {
+            return;
         }
+        let rings = [[&top_x, &top_y], [&bottom_x, &bottom_y]];
+        let used = self.silhouette(ring.count, facing, rings, eye_along_m, half_height_m);
         outline.clear();
         outline.add_polygon(&mut self.x_px, &mut self.y_px, used, buffer.side() as f32);
         outline.mark(buffer, first_row, end_row);
@@ -207,6 +183,46 @@ impl RoundBrush {
                 buffer.sweep(extent, &mut Mantle::new(outside, root, cap));
             }
         }
+    }
+
+    /// Lists the corners about the figure, clockwise on the screen, and returns their number. The mantle has `count` sides;
+    /// those less than `facing` sides away from the one that faces the eye are seen. The corners of the top's and the
+    /// bottom's ring are given as they lie in the image.
+    #[inline(always)]
+    fn silhouette(
+        &mut self,
+        count: usize,
+        facing: usize,
+        [top, bottom]: [[&[f32; RING_MOST]; 2]; 2],
+        eye_along_m: f32,
+        half_height_m: f32,
+    ) -> usize {
+        let mut used = 0;
+        let mut take = |from_top: bool, index: usize| {
+            let [x_px, y_px] = if from_top { top } else { bottom };
+            self.x_px[used] = x_px[index];
+            self.y_px[used] = y_px[index];
+            used += 1;
+        };
+        if facing == 0 {
+            let from_top = eye_along_m - half_height_m > 0.0;
+            (0..count).for_each(|i| take(from_top, if from_top { i } else { count - 1 - i }));
+        } else {
+            // From the corner before the first side that faces the eye to the one after the last: along the bottom,
+            // and back along the top; along the side that is nearer where that bounds the figure.
+            let (first, last) = (count - facing, facing - 1);
+            if eye_along_m > -half_height_m {
+                (first..count).chain(0..=last).for_each(|i| take(false, i));
+            } else {
+                (last..=first).rev().for_each(|i| take(false, i));
+            }
+            if eye_along_m < half_height_m {
+                (first..count).chain(0..=last).rev().for_each(|i| take(true, i));
+            } else {
+                (last..=first).for_each(|i| take(true, i));
+            }
+        }
+        used
     }
 }
 

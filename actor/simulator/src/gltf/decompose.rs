@@ -127,7 +127,6 @@ fn welded(vertices: &[Vec3]) -> (Vec<Vec3>, Vec<u32>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gltf::solid::{Convex, part_of};
     use crate::physics::geometry::Solid;
     use crate::physics::world::World;
     use crate::shape::{Primitive, Shape};
@@ -178,7 +177,7 @@ mod tests {
         }
         assert!(filled > 1500 && empty > 1300, "{filled} {empty}");
         // Unlike its hull.
-        let hull = part_of(&l(), Some(Convex::Hull)).unwrap();
+        let hull = convex::hull_of(&l()).unwrap();
         let hull = Solid::of(&Shape { parts: vec![hull] });
         assert_eq!(hull.distance_to_point_m(&Pose3::identity(), Vec3::new(0.15, 0.15, 0.0)), 0.0);
     }
@@ -232,10 +231,11 @@ mod tests {
             assert!(world.settle(&[u, cube], 600), "it comes to rest");
             world.body(cube).position().translation
         };
-        let inside = rests_at(part_of(&u, Some(Convex::Decompose)).unwrap());
+        let pieces = Primitive::Concave(Arc::new(concave(closed(&u).unwrap()).unwrap()));
+        let inside = rests_at(Part { primitive: pieces, body_from_part: Pose3::identity() });
         // Its floor is at 0.05 m, its walls are 0.2 m apart.
         assert!((inside.y - 0.09).abs() < 0.003 && (inside.x - 0.15).abs() < 0.06, "{inside}");
-        let above = rests_at(part_of(&u, Some(Convex::Hull)).unwrap());
+        let above = rests_at(convex::hull_of(&u).unwrap());
         assert!(above.y > 0.23, "{above}");
     }
 

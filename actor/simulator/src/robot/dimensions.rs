@@ -19,8 +19,8 @@ use std::f32::consts::PI;
 pub const BODY_RADIUS_M: f32 = 0.2;
 /// Height of the body, metres (AI2-THOR's default agent).
 pub const BODY_HEIGHT_M: f32 = 1.8;
-/// Height of the head camera on the body's axis, metres (`ManipulaTHOR`).
-pub const CAMERA_HEIGHT_M: f32 = 1.58;
+/// Height of the head camera on the body's axis, metres.
+pub const CAMERA_HEIGHT_M: f32 = proto::camera::HEIGHT_M as f32;
 /// Reach from shoulder to wrist, metres (`ManipulaTHOR`).
 pub const REACH_M: f32 = 0.6335;
 

@@ -3,7 +3,7 @@
 
 use super::support::{environment, kitchen, random_action, run};
 use proto::action::NO_ACTION;
-use proto::message::{Transition, current_flag};
+use proto::step::{Transition, current_flag};
 use simulator::environment::Environment;
 
 const STEPS: u32 = 200;

@@ -1,5 +1,6 @@
 use super::*;
 use crate::physics::world::World;
+use crate::shape::Shape;
 use proto::kitchen::TargetCategory;
 use rapier3d::math::Vec3;
 use std::collections::BTreeSet;

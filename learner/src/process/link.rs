@@ -5,15 +5,14 @@ use anyhow::{Context, Result};
 use iceoryx2::port::ReceiveError;
 use iceoryx2::port::listener::ListenerWaitError;
 use iceoryx2::sample::Sample as IoxSample;
-use proto::message::{
-    Current, EnvironmentState, FRAME_PIXELS, Observation, ObservationHeader, RestoreHeader, StageAnnouncement,
-    Transition,
-};
-use proto::wire::{
+use proto::camera::FRAME_PIXELS;
+use proto::step::{Current, Transition};
+use std::time::Duration;
+use wire::message::{EnvironmentState, Observation, ObservationHeader, RestoreHeader, StageAnnouncement};
+use wire::{
     ActionPublisher, Bell, Ipc, ObservationSubscriber, RestorePublisher, StageSubscriber, Wakeup, Wire, WireAddress,
     WireShape,
 };
-use std::time::Duration;
 
 /// A received sample: borrowed from shared memory until it is dropped. A subscriber may hold two of each actor.
 #[derive(Debug)]

@@ -55,6 +55,6 @@ mod tests {
 
     #[test]
     fn an_unarmed_point_does_nothing() {
-        reach("proto.test");
+        reach("wire.test");
     }
 }

@@ -10,26 +10,6 @@ use crate::evaluation::EpisodeRecord;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Status with which a learner exits on a non-finite loss, gradient, observation or answer of the network.
-pub const EXIT_NON_FINITE: i32 = 3;
-
-/// Status with which a learner exits because another of the run's learners is gone or cannot go on: that one's end is the
-/// reason, and on its way.
-pub const EXIT_LOST_PEERS: i32 = 4;
-
-/// The variable that says which CUDA devices a process sees: numbers or UUIDs, separated by commas. The orchestrator sets
-/// it for its learners.
-pub const VISIBLE_DEVICES: &str = "CUDA_VISIBLE_DEVICES";
-
-/// What the machine calls device `index` of those that are `visible`; all are where nothing is said. Empty where there are
-/// not so many: no device rather than another's.
-pub fn device_name(index: usize, visible: Option<&str>) -> String {
-    match visible {
-        None => index.to_string(),
-        Some(visible) => visible.split(',').nth(index).unwrap_or_default().trim().to_owned(),
-    }
-}
-
 /// One line of a learner's standard output.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
@@ -147,61 +127,4 @@ pub struct Timing {
     pub update_s: f64,
     /// Everything else: waiting for announcements and other learners, checkpoints.
     pub other_s: f64,
-}
-
-/// Names of the metrics in [`LearnerEvent::RolloutTrained`]. Episode figures are means over the episodes that ended
-/// in the rollout and are absent when none did.
-pub mod metric {
-    /// Episodes that ended in this rollout.
-    pub const EPISODES: &str = "episode/count";
-    /// Undiscounted return under the stage's reward.
-    pub const RETURN: &str = "episode/return";
-    /// Length in steps.
-    pub const LENGTH: &str = "episode/length";
-    /// Success rate, 0..1.
-    pub const SUCCESS: &str = "episode/success";
-    /// Rate of success without disturbance (d < 0.01 m), 0..1.
-    pub const SUCCESS_UNDISTURBED: &str = "episode/success_without_disturbance";
-    /// Rate of episodes in which the target was picked up, 0..1.
-    pub const PICKED_UP: &str = "episode/picked_up";
-    /// Total displacement at the end, metres.
-    pub const DISTURBANCE: &str = "episode/disturbance_m";
-    /// Σ `γ^t` (`d_t` - d_{t-1}) of an episode, metres: what PPO-Lagrangian constrains.
-    pub const DISCOUNTED_DISTURBANCE: &str = "episode/discounted_disturbance_m";
-    /// Learners that ended this rollout early, because most others had finished (DD-PPO); absent where there is one
-    /// learner, or nobody is ever hurried.
-    pub const PREEMPTED: &str = "rollout/preempted_learners";
-    /// Mean reward a step over the rollout.
-    pub const REWARD: &str = "rollout/reward";
-    /// Clipped policy loss.
-    pub const POLICY_LOSS: &str = "loss/policy";
-    /// Value loss (before its coefficient).
-    pub const VALUE_LOSS: &str = "loss/value";
-    /// Policy entropy, nats.
-    pub const ENTROPY: &str = "policy/entropy";
-    /// Share of samples whose ratio was clipped.
-    pub const CLIP_FRACTION: &str = "policy/clip_fraction";
-    /// Mean of (ratio - 1) - ln(ratio).
-    pub const APPROXIMATE_KL: &str = "policy/approximate_kl";
-    /// Global gradient norm before clipping, mean over epochs.
-    pub const GRADIENT_NORM: &str = "optimizer/gradient_norm";
-    /// Learning rate of the update.
-    pub const LEARNING_RATE: &str = "optimizer/learning_rate";
-    /// PPO-Lagrangian's multiplier after the update; only in its stages.
-    pub const MULTIPLIER: &str = "lagrangian/multiplier";
-    /// Auxiliary loss (before its weight); `auxiliary/…` holds the task's other figures.
-    pub const AUXILIARY_LOSS: &str = "loss/auxiliary";
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn devices_are_those_that_are_given() {
-        let names = |visible| [0, 1].map(|index| device_name(index, visible));
-        assert_eq!(names(None), ["0", "1"]);
-        assert_eq!(names(Some("3, 5,6")), ["3", "5"]);
-        assert_eq!(names(Some("GPU-3cdeb329")), ["GPU-3cdeb329", ""]);
-    }
 }

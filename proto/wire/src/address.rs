@@ -1,6 +1,6 @@
 //! Where the services of one incarnation live, and how that place is swept.
 
-use super::WireError;
+use crate::error::WireError;
 use iceoryx2::config::Config;
 use iceoryx2::prelude::{Path as IoxPath, SemanticString};
 use std::fmt::Display;

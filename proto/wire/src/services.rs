@@ -16,15 +16,11 @@
 //! orchestrator uses names of its own ([`WireAddress`]), so nothing of a dead one is ever met again, and sweeping it
 //! is deleting one folder and one prefix in /dev/shm.
 
-mod address;
-
-pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress};
-
-use crate::SCHEMA_VERSION;
+use crate::address::WireAddress;
+use crate::error::WireError;
 use crate::message::{
     ActionHeader, EnvironmentState, Halves, Observation, ObservationHeader, RestoreHeader, StageAnnouncement,
 };
-use crate::shares::Shares;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
@@ -39,6 +35,8 @@ use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::builder::event::Builder as EventBuilder;
 use iceoryx2::service::builder::publish_subscribe::Builder as PublishSubscribeBuilder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribe;
+use proto::SCHEMA_VERSION;
+use proto::shares::Shares;
 use std::fmt::Debug;
 
 /// The flavour of iceoryx2 in use: between processes, ports stay on the thread that made them.
@@ -74,50 +72,6 @@ const OBSERVATION_BORROWED: usize = 2;
 /// Ports that a restarted process may need while its dead predecessor's are not swept yet.
 const RESTART_MARGIN: usize = 2;
 
-/// A failure of the shared-memory layer. The text names the service and says what to do where something can be done.
-#[derive(Debug, thiserror::Error)]
-pub enum WireError {
-    /// The node could not be created.
-    #[error(
-        "cannot join the run's shared memory at {root}: {cause}; check that /dev/shm and {root} exist and are writable"
-    )]
-    Node {
-        /// Root folder of the incarnation.
-        root: String,
-        /// What iceoryx2 said.
-        cause: String,
-    },
-    /// A service could not be created or opened.
-    #[error("cannot {verb} service `{service}`: {cause}")]
-    Service {
-        /// `create` or `open`.
-        verb: &'static str,
-        /// Name of the service.
-        service: String,
-        /// What iceoryx2 said.
-        cause: String,
-    },
-    /// A port could not be made.
-    #[error(
-        "cannot make a port on service `{service}`: {cause}; if /dev/shm is full, `orchestrator clean` frees what dead runs left"
-    )]
-    Port {
-        /// Name of the service.
-        service: String,
-        /// What iceoryx2 said.
-        cause: String,
-    },
-    /// Events are sockets, and a socket's path is limited to 108 bytes.
-    #[error("the temporary folder {root} has too long a name for sockets: set TMPDIR to a shorter one, such as /tmp")]
-    TooLong {
-        /// Root folder of the incarnation.
-        root: String,
-    },
-    /// The address is not one that iceoryx2 accepts.
-    #[error("`{0}` is not a wire address (expected PREFIX@FOLDER)")]
-    Address(String),
-}
-
 /// How many processes and environments share one machine's services.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WireShape {
@@ -129,7 +83,7 @@ pub struct WireShape {
 
 impl WireShape {
     /// The shape of a configuration's processes.
-    pub fn of(config: &crate::config::Config) -> Self {
+    pub fn of(config: &proto::config::Config) -> Self {
         Self { shares: config.shares(), environments_per_actor: config.actors.environments_per_actor }
     }
 
@@ -530,7 +484,9 @@ fn port(service: &str, cause: &dyn Debug) -> WireError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::SHARED_MEMORY;
     use crate::message::observation_kind;
+    use bytemuck::Zeroable;
     use std::time::Duration;
 
     fn address(test: &str) -> WireAddress {
@@ -554,14 +510,9 @@ mod tests {
             let mut sample = publisher.loan_slice_uninit(2).unwrap();
             *sample.user_header_mut() =
                 ObservationHeader { actor: 2, kind: observation_kind::OBSERVATIONS, ..Default::default() };
-            for slot in sample.payload_mut() {
-                // SAFETY: all-zero bytes are a valid Observation: it holds integers and floats only.
-                unsafe { slot.as_mut_ptr().write_bytes(0, 1) };
-                // SAFETY: just initialised.
-                unsafe { slot.assume_init_mut() }.depth_mm[7] = 1234;
-            }
-            // SAFETY: every element was written.
-            assert_eq!(unsafe { sample.assume_init() }.send().unwrap(), 1);
+            let mut observation = Observation::zeroed();
+            observation.depth_mm[7] = 1234;
+            assert_eq!(sample.write_from_fn(|_| observation).send().unwrap(), 1);
             bell.notify().unwrap();
             let mut rung = vec![];
             wakeup.timed_wait(|event| rung.push(event.id.as_value()), Duration::from_secs(5)).unwrap();
