@@ -17,7 +17,7 @@ fn numbers<const N: usize>(value: &Value) -> [f32; N] {
     numbers.try_into().unwrap()
 }
 
-/// `tests/reference/gen3_chain.py` wrote the fixture.
+/// `tests/whole/reference/gen3_chain.py` wrote the fixture.
 #[test]
 fn forward_kinematics_is_that_of_the_published_chain() {
     let fixture: Value = serde_json::from_str(include_str!("reference/gen3_chain.json")).unwrap();
