@@ -72,7 +72,7 @@ impl Figures {
     }
 
     /// Deciles 1 to 9 of the nearest-neighbour distance, metres.
-    pub fn deciles_m(&self) -> [f32; 9] {
+    fn deciles_m(&self) -> [f32; 9] {
         std::array::from_fn(|index| quantile(&self.nearest_m, (index + 1) as f32 / 10.0))
     }
 

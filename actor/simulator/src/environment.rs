@@ -20,7 +20,7 @@ use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// An object that moved further than this on some axis is disturbed, metres (reference).
-pub const DISTURBED_AXIS_M: f32 = 0.01;
+const DISTURBED_AXIS_M: f32 = 0.01;
 
 /// Why an environment could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -93,7 +93,7 @@ impl Environment {
     }
 
     /// An environment at the start of a given episode, if this is its kitchen.
-    pub fn checked(
+    pub(crate) fn checked(
         kitchen: Arc<Kitchen>,
         id: EnvironmentId,
         config: &Config,
@@ -314,12 +314,12 @@ impl Environment {
         xxh3_64(&bytes)
     }
 
-    /// Renders what the head camera sees now into `depth_mm`: `side` × `side` pixels, row-major from the top left, depth
-    /// along the camera's axis in millimetres, 0 where nothing is hit. The camera is one of this kitchen's bodies, and
-    /// may serve all environments in it.
+    /// Renders what the head camera sees now into `depth_mm`: `side` × `side` pixels, row-major from the top left,
+    /// depth along the camera's axis in millimetres, 0 where nothing is hit. The camera is made for this kitchen's
+    /// bodies, and may serve all environments in it.
     ///
     /// # Panics
-    /// If the frame has another size, or the camera is one of other bodies.
+    /// If the frame has another size, or the camera was made for another number of bodies.
     pub fn look(&mut self, camera: &mut DepthCamera, side: usize, depth_mm: &mut [u16]) {
         self.look_into(camera, side, as_unwritten(depth_mm));
     }
@@ -327,7 +327,7 @@ impl Environment {
     /// The same into memory that need not be initialised; returns it initialised.
     ///
     /// # Panics
-    /// If the frame has another size, or the camera is one of other bodies.
+    /// If the frame has another size, or the camera was made for another number of bodies.
     pub fn look_into<'a>(
         &mut self,
         camera: &mut DepthCamera,

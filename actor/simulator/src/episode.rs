@@ -51,7 +51,12 @@ impl Episode {
     ///
     /// # Panics
     /// If the kitchen has no such target.
-    pub fn about(kitchen: &Kitchen, config: &EpisodeConfig, category: TargetCategory, random: &mut Random) -> Self {
+    pub(crate) fn about(
+        kitchen: &Kitchen,
+        config: &EpisodeConfig,
+        category: TargetCategory,
+        random: &mut Random,
+    ) -> Self {
         let spots = kitchen.target_spots(category);
         let start = spots[random.below(spots.len() as u32) as usize];
         let goal = goal(spots, start, config.goal_distance_max_m, random);

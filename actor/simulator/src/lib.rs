@@ -1,8 +1,8 @@
-//! The simulator: kitchens, robot, physics, a depth camera, and the environment of the task. A library without processes:
-//! the rollout actor is one user of it, what proves, shows and measures is another.
+//! The simulator: kitchens, robot, physics, a depth camera, and the environment of the task. A library without
+//! processes: the rollout actor is one user of it, what proves, shows and measures is another.
 //!
-//! [`environment::Environment`] is the whole surface of the task. It is made in a kitchen, begins episodes, takes actions,
-//! says what they did, and looks through the head camera:
+//! [`environment::Environment`] is the whole surface of the task. It is made in a kitchen, begins episodes, takes
+//! actions, returns what they did, and renders what the head camera sees:
 //!
 //! ```
 //! use proto::{action::Action, config::Config, episode::EnvironmentId, kitchen::KitchenId};

@@ -87,7 +87,7 @@ pub fn sides(radius_m: f32) -> usize {
 }
 
 /// Number of sides of a sphere or capsule of this radius: bent both ways, it deviates twice as far from its faces.
-pub fn sides_of_sphere(radius_m: f32) -> usize {
+pub(crate) fn sides_of_sphere(radius_m: f32) -> usize {
     sides(2.0 * radius_m)
 }
 

@@ -108,7 +108,7 @@ impl Shape {
 
     /// Adds another shape's parts, moved by this much.
     #[must_use]
-    pub fn joined(mut self, other: Self, x_m: f32, y_m: f32, z_m: f32) -> Self {
+    pub(crate) fn joined(mut self, other: Self, x_m: f32, y_m: f32, z_m: f32) -> Self {
         self.parts.extend(other.parts.into_iter().map(|mut part| {
             part.body_from_part.translation += Vec3::new(x_m, y_m, z_m);
             part

@@ -18,7 +18,8 @@ use crate::physics::things::Things;
 use crate::physics::watch::{Extremes, Watch};
 use crate::physics::world::World;
 use crate::robot::configuration::{Configuration, Posture};
-use crate::robot::links::{HAND, MAGNET_RADIUS_M, Motion, PART_COUNT, PartPoses, part_poses};
+use crate::robot::dimensions::MAGNET_RADIUS_M;
+use crate::robot::links::{HAND, Motion, PART_COUNT, PartPoses, part_poses};
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::bounding_volume::BoundingVolume;
@@ -226,7 +227,7 @@ impl Simulation {
     }
 
     /// Switches the magnet on. True if `movable` is held afterwards.
-    pub fn pick_up(&mut self, movable: usize) -> bool {
+    pub(crate) fn pick_up(&mut self, movable: usize) -> bool {
         let pose = *self.movable_pose(movable);
         let gap_m = self.kitchen.solids[movable].distance_to_point_m(&pose, self.wrist());
         if self.holding() || gap_m > MAGNET_RADIUS_M {

@@ -19,7 +19,7 @@ const COUNTS: [u32; 2] = [32, 64];
 const STEPS: u32 = 50;
 
 /// Asks a fresh process of this program: megabytes (10⁶ bytes) of resident memory for each further environment.
-pub fn further_environment_mb(kitchen: KitchenId) -> Result<f64> {
+pub(crate) fn further_environment_mb(kitchen: KitchenId) -> Result<f64> {
     let program = std::env::current_exe().context("cannot find this program's own file")?;
     let output = Command::new(program)
         .args(["bench-memory", "--kitchen", &kitchen.to_string()])

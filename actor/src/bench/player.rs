@@ -15,7 +15,7 @@ use std::mem::MaybeUninit;
 use std::sync::Arc;
 
 /// One environment, from one episode into the next, and after the last into the first again.
-pub struct Player {
+pub(crate) struct Player {
     /// What is played.
     pub environment: Environment,
     /// Actions of each episode.

@@ -109,7 +109,7 @@ pub fn problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
 
 /// What is wrong with a kitchen's episodes: all fixed ones of an evaluation kitchen, the first sampled ones of a
 /// training kitchen. Not among [`problems`]: it takes seconds a kitchen.
-pub fn episode_problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
+fn episode_problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
     let id = EnvironmentId { kitchen: kitchen.id(), number: 0 };
     let episodes = if kitchen.id().split() == Split::Train {
         (0..SAMPLED_EPISODES).map(|n| Episode::sample(kitchen, &config.episode, config.seed, id, n)).collect()
@@ -126,7 +126,7 @@ pub fn episode_problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem>
 }
 
 /// What is wrong with a scene of the user's own, of what is wrong in any room.
-pub fn scene_problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
+pub(crate) fn scene_problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
     let mut found = Vec::new();
     overlapping(kitchen, &mut found);
     awake(kitchen, &mut found);

@@ -10,8 +10,8 @@ use simulator::physics::geometry::{Solid, rotation_y};
 use simulator::robot::configuration::{
     ARM_HEIGHT_MAX_M, ARM_HEIGHT_MIN_M, ARM_HEIGHT_TICKS, Configuration, WRIST_STEP_M,
 };
-use simulator::robot::dimensions::REACH_M;
-use simulator::robot::links::{ARM_BASE_AHEAD_M, HAND, MAGNET_RADIUS_M, part_poses, world_from_robot};
+use simulator::robot::dimensions::{ARM_BASE_AHEAD_M, MAGNET_RADIUS_M, REACH_M};
+use simulator::robot::links::{HAND, part_poses, world_from_robot};
 
 /// The magnet reaches for the target with this much to spare, metres.
 const MAGNET_SPARE_M: f32 = 0.006;

@@ -30,6 +30,6 @@ mod storyboard;
 mod view;
 mod visible;
 
-pub use canvas::Canvas;
+pub(crate) use canvas::Canvas;
 pub use sheet::{SheetOptions, Subject, sheet};
-pub use storyboard::{Moment, Storyboard, Task, Words};
+pub(crate) use storyboard::{Moment, Storyboard, Task, Words};

@@ -4,10 +4,10 @@ use super::canvas::Rgb;
 use simulator::kitchen::catalogue::CATEGORIES;
 
 /// The robot's colour.
-pub const ROBOT: Rgb = [238, 106, 36];
+pub(crate) const ROBOT: Rgb = [238, 106, 36];
 
 /// Where a section cuts something.
-pub const SECTION: Rgb = [74, 78, 86];
+pub(crate) const SECTION: Rgb = [74, 78, 86];
 
 /// sRGB colours of fixed things: pale, so that movable ones stand out.
 const FIXED: [(&str, Rgb); 30] = [

@@ -63,9 +63,9 @@ impl DepthCamera {
         self.buffer.finish(as_unwritten(depth_mm));
     }
 
-    /// Renders the same frame as [`Self::render`], bit for bit, into memory that need not be initialised, and returns it
-    /// initialised. `backdrop` remembers what is likely to be the same in the next one. One backdrop belongs to one
-    /// environment; what it remembers is checked, so that a wrong one costs time and nothing else.
+    /// Renders the same frame as [`Self::render`], bit for bit, into memory that need not be initialised, and returns
+    /// it initialised. `backdrop` keeps what is likely to be the same in the next frame. One backdrop belongs to one
+    /// environment; what it keeps is checked, so that a wrong one costs time and nothing else.
     ///
     /// # Panics
     /// If there is not one pose a body, or the frame has another size.

@@ -16,7 +16,7 @@
 //! # What is drawn
 //! A square image with a horizontal and vertical field of view of 100°. A pixel holds the depth *along the camera's
 //! axis* (not along the ray) of the nearest surface on the ray through its centre, in millimetres, rounded; 0 where
-//! nothing is hit; at most [`DEPTH_MAX_MM`]. What lies nearer than [`NEAR_M`] is clipped away.
+//! nothing is hit; at most [`depth_buffer::DEPTH_MAX_MM`]. What lies nearer than [`NEAR_M`] is clipped away.
 //!
 //! # Why it is fast
 //! Nearly everything is convex (dented meshes of users' scenes are drawn face by face). A ray enters a convex solid
@@ -50,6 +50,5 @@ mod view;
 
 pub(crate) use backdrop::Backdrop;
 pub use camera::DepthCamera;
-pub use depth_buffer::DEPTH_MAX_MM;
 pub(crate) use simd::as_unwritten;
 pub use view::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};

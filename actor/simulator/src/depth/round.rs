@@ -185,9 +185,9 @@ impl RoundBrush {
         }
     }
 
-    /// Lists the corners about the figure, clockwise on the screen, and returns their number. The mantle has `count` sides;
-    /// those less than `facing` sides away from the one that faces the eye are seen. The corners of the top's and the
-    /// bottom's ring are given as they lie in the image.
+    /// Lists the corners about the figure, clockwise on the screen, and returns their number. The mantle has `count`
+    /// sides; those less than `facing` sides away from the one that faces the eye are seen. The corners of the top's
+    /// and the bottom's ring are given as they lie in the image.
     #[inline(always)]
     fn silhouette(
         &mut self,

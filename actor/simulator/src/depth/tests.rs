@@ -1,7 +1,8 @@
 //! The depth camera against an independent ray caster (parry's, on the same convex solids), against scenes whose
 //! depth is known in closed form, and against itself on other machines.
 
-use super::{Backdrop, DEPTH_MAX_MM, DepthCamera, NEAR_M, TAN_HALF_FIELD_OF_VIEW};
+use super::depth_buffer::DEPTH_MAX_MM;
+use super::{Backdrop, DepthCamera, NEAR_M, TAN_HALF_FIELD_OF_VIEW};
 use crate::kitchen::{Body, BodyRole};
 use crate::mesh::triangles_of;
 use crate::physics::geometry::rotation_x;

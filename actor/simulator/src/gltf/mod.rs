@@ -9,12 +9,12 @@
 //! no_solid  why it is none
 //! ```
 //!
-//! A mesh's primitive becomes one part of a body's shape. Whoever writes our shapes as glTF makes each part one primitive
-//! and says of round parts in their `extras` what they are, so that they come back as exact as they went.
+//! A primitive of a mesh becomes one part of a body's shape. The export makes each part one primitive and writes into the
+//! `extras` of round parts what they are, so that they come back as exact as they went.
 
 mod convex;
 mod decompose;
-pub mod document;
+pub(crate) mod document;
 pub mod mirror;
-pub mod no_solid;
-pub mod solid;
+pub(crate) mod no_solid;
+pub(crate) mod solid;

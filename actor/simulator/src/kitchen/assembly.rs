@@ -1,5 +1,5 @@
-//! How a furnished room becomes a kitchen: its physics world is built and comes to rest, then the places are found where
-//! episodes can begin and end.
+//! How a furnished room becomes a kitchen: its physics world is built and comes to rest, then the places are found
+//! where episodes can begin and end.
 
 use super::body::{Body, BodyRole, number_names};
 use super::reach::Reach;

@@ -103,7 +103,7 @@ pub const CATEGORIES: [(&str, u32, f32); 63] = [
 ];
 
 /// Share of the kitchens that have a category, and how many those have on average; 0 of what iTHOR does not have.
-pub fn share_and_mean(category: &str) -> (f32, f32) {
+pub(crate) fn share_and_mean(category: &str) -> (f32, f32) {
     CATEGORIES
         .iter()
         .find(|(name, ..)| *name == category)

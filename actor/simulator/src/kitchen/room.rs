@@ -61,7 +61,7 @@ pub const MOVABLE_MASS_MAX_KG: f32 = 10.0;
 
 impl Surface {
     /// Its area, square metres.
-    pub fn area_m2(&self) -> f32 {
+    pub(crate) fn area_m2(&self) -> f32 {
         (self.high.x - self.low.x) * (self.high.z - self.low.z)
     }
 

@@ -7,7 +7,8 @@ use crate::physics::gap::gap_m;
 use crate::physics::geometry::Solid;
 use crate::physics::scene::Scene;
 use crate::robot::configuration::Configuration;
-use crate::robot::links::{BODY_HEIGHT_M, BODY_RADIUS_M, PART_COUNT, part_poses};
+use crate::robot::dimensions::{BODY_HEIGHT_M, BODY_RADIUS_M};
+use crate::robot::links::{PART_COUNT, part_poses};
 use rapier3d::geometry::{Aabb, SharedShape};
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::bounding_volume::BoundingVolume;
@@ -127,7 +128,7 @@ fn largest_component(free: &[bool], columns: usize) -> Vec<usize> {
 
 /// Points of a grid over the surfaces that the robot's arm comes to: surface and position on it. Points of one square
 /// are judged by its middle.
-pub fn reachable_points<'a>(surfaces: &'a [Surface], reach: &Reach) -> Vec<(&'a Surface, Vec3)> {
+pub(crate) fn reachable_points<'a>(surfaces: &'a [Surface], reach: &Reach) -> Vec<(&'a Surface, Vec3)> {
     let mut points = Vec::new();
     for surface in surfaces {
         let columns = ((surface.high.x - surface.low.x) / SPOT_GRID_M) as usize;

@@ -73,19 +73,19 @@ impl Solid {
     }
 
     /// Volume of the parts, cubic metres, in their order.
-    pub fn volumes_m3(&self) -> Vec<f32> {
+    pub(crate) fn volumes_m3(&self) -> Vec<f32> {
         let own = |shape: &SharedShape| shape.mass_properties(1.0).mass();
         let parts = self.parts.iter().zip(&self.given_masses);
         parts.map(|((shape, _), given)| given.as_ref().map_or_else(|| own(shape), MassProperties::mass)).collect()
     }
 
     /// What a part weighs at density 1 and how that is spread, in the part's frame; none if it is solid itself.
-    pub fn given_mass(&self, part: usize) -> Option<MassProperties> {
+    pub(crate) fn given_mass(&self, part: usize) -> Option<MassProperties> {
         self.given_masses[part]
     }
 
     /// Whether another solid comes nearer than this.
-    pub fn nearer_than(&self, pose: &Pose3, other: &Self, other_pose: &Pose3, distance_m: f32) -> bool {
+    pub(crate) fn nearer_than(&self, pose: &Pose3, other: &Self, other_pose: &Pose3, distance_m: f32) -> bool {
         self.parts.iter().any(|(shape, body_from_part)| {
             let pose = *pose * *body_from_part;
             other.parts.iter().any(|(other_shape, other_from_part)| {
@@ -123,7 +123,7 @@ fn convex(primitive: &Primitive) -> SharedShape {
 
 /// Moves a shape's parts so that the centre of its bounding box is its origin.
 #[must_use]
-pub fn centred(mut shape: Shape) -> Shape {
+pub(crate) fn centred(mut shape: Shape) -> Shape {
     let centre = Solid::of(&shape).aabb(&Pose3::identity()).center();
     for part in &mut shape.parts {
         part.body_from_part.translation -= centre;
@@ -144,7 +144,7 @@ pub fn rotation_y(angle_rad: f32) -> Rot3 {
 }
 
 /// Rotation about the z axis, the same bits on every machine.
-pub fn rotation_z(angle_rad: f32) -> Rot3 {
+pub(crate) fn rotation_z(angle_rad: f32) -> Rot3 {
     let (sin, cos) = libm::sincosf(0.5 * angle_rad);
     Rot3::from_xyzw(0.0, 0.0, sin, cos)
 }

@@ -3,8 +3,8 @@
 
 pub mod gap;
 pub mod geometry;
-pub mod scene;
-pub mod sweep;
-pub mod things;
+pub(crate) mod scene;
+pub(crate) mod sweep;
+pub(crate) mod things;
 pub mod watch;
 pub mod world;

@@ -37,7 +37,7 @@ impl Extremes {
 
 /// Keeps [`Extremes`] of one episode.
 #[derive(Debug, Clone)]
-pub struct Watch {
+pub(crate) struct Watch {
     room: Aabb,
     timestep_s: f32,
     positions: Vec<Vec3>,
@@ -58,12 +58,12 @@ impl Watch {
     }
 
     /// One sub-step has passed.
-    pub fn count_substep(&mut self) {
+    pub(crate) fn count_substep(&mut self) {
         self.extremes.substeps += 1;
     }
 
     /// A thing after a sub-step, which it spent awake, among what is fixed.
-    pub fn note(&mut self, fixed: &Scene, thing: usize, solid: &Solid, pose: &Pose3, velocity: Vec3) {
+    pub(crate) fn note(&mut self, fixed: &Scene, thing: usize, solid: &Solid, pose: &Pose3, velocity: Vec3) {
         let position = pose.translation;
         if !(position.is_finite() && pose.rotation.is_finite() && velocity.is_finite()) {
             self.extremes.not_finite += 1;

@@ -95,7 +95,7 @@ impl World {
     }
 
     /// Adds a body that never moves.
-    pub fn add_fixed(&mut self, solid: &Solid, pose: Pose3) -> RigidBodyHandle {
+    pub(crate) fn add_fixed(&mut self, solid: &Solid, pose: Pose3) -> RigidBodyHandle {
         let handle = self.bodies.insert(RigidBodyBuilder::fixed().pose(pose));
         self.add_colliders(handle, solid, None, FRICTION);
         handle
@@ -103,7 +103,7 @@ impl World {
 
     /// Adds a dynamic body of this mass, spread over its parts by volume, and Coulomb friction coefficient. Dynamic
     /// bodies are numbered in the order in which they are added.
-    pub fn add_movable(&mut self, solid: &Solid, pose: Pose3, mass_kg: f32, friction: f32) -> RigidBodyHandle {
+    pub(crate) fn add_movable(&mut self, solid: &Solid, pose: Pose3, mass_kg: f32, friction: f32) -> RigidBodyHandle {
         let mut body = RigidBodyBuilder::dynamic()
             .pose(pose)
             .angular_damping(ANGULAR_DAMPING)
@@ -122,7 +122,7 @@ impl World {
     }
 
     /// Adds a body that goes where it is told.
-    pub fn add_kinematic(&mut self, solid: &Solid, pose: Pose3) -> RigidBodyHandle {
+    pub(crate) fn add_kinematic(&mut self, solid: &Solid, pose: Pose3) -> RigidBodyHandle {
         let handle = self.bodies.insert(RigidBodyBuilder::kinematic_position_based().pose(pose));
         self.add_colliders(handle, solid, None, FRICTION);
         handle
@@ -204,7 +204,7 @@ impl World {
     }
 
     /// A body, to be changed.
-    pub fn body_mut(&mut self, handle: RigidBodyHandle) -> &mut RigidBody {
+    pub(crate) fn body_mut(&mut self, handle: RigidBodyHandle) -> &mut RigidBody {
         &mut self.bodies[handle]
     }
 
@@ -216,7 +216,7 @@ impl World {
     }
 
     /// From now on a movable body goes where it is told. What it was near to wakes up.
-    pub fn take_hold(&mut self, handle: RigidBodyHandle) {
+    pub(crate) fn take_hold(&mut self, handle: RigidBodyHandle) {
         self.rouse_neighbours(handle);
         let body = &mut self.bodies[handle];
         body.set_linvel(Vec3::ZERO, false);
@@ -240,7 +240,7 @@ impl World {
     }
 
     /// Numbers of the dynamic bodies that are awake.
-    pub fn awake_movables(&self) -> impl Iterator<Item = usize> {
+    pub(crate) fn awake_movables(&self) -> impl Iterator<Item = usize> {
         self.islands
             .active_bodies()
             .map(|handle| &self.bodies[handle])
@@ -259,7 +259,7 @@ impl World {
     }
 
     /// Steps until all these bodies sleep, at most `limit` times.
-    pub fn run_until_asleep(&mut self, handles: &[RigidBodyHandle], limit: u32) {
+    pub(crate) fn run_until_asleep(&mut self, handles: &[RigidBodyHandle], limit: u32) {
         let mut steps = 0;
         while steps < limit && !self.asleep(handles) {
             self.step();
@@ -277,7 +277,7 @@ impl World {
     }
 
     /// Stops these bodies where they are.
-    pub fn put_to_sleep(&mut self, handles: &[RigidBodyHandle]) {
+    pub(crate) fn put_to_sleep(&mut self, handles: &[RigidBodyHandle]) {
         for &handle in handles {
             // Asked through a shared reference: a mutable one would mark the body as modified.
             let body = &self.bodies[handle];
@@ -289,7 +289,7 @@ impl World {
     }
 
     /// Deepest penetration between a body and whatever it touches, fixed things included, metres; 0 if none.
-    pub fn deepest_contact_m(&self, handle: RigidBodyHandle) -> f32 {
+    pub(crate) fn deepest_contact_m(&self, handle: RigidBodyHandle) -> f32 {
         let mut deepest = 0.0_f32;
         for &collider in self.bodies[handle].colliders() {
             for pair in self.narrow_phase.contact_pairs_with(collider) {

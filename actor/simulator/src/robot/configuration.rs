@@ -10,13 +10,13 @@ use std::f32::consts::PI;
 /// Distance of one `MoveAhead`, metres (reference).
 pub const MOVE_AHEAD_M: f32 = 0.2;
 /// Angle of one turn of the body, radians (reference).
-pub const TURN_RAD: f32 = PI / 4.0;
+pub(crate) const TURN_RAD: f32 = PI / 4.0;
 /// Wrist travel of one arm motion, metres (reference).
 pub const WRIST_STEP_M: f32 = 0.05;
 /// Turn of wrist or elbow, radians (reference).
-pub const JOINT_STEP_RAD: f32 = PI / 12.0;
+const JOINT_STEP_RAD: f32 = PI / 12.0;
 /// Pitch of one look, radians (AI2-THOR).
-pub const LOOK_STEP_RAD: f32 = PI / 6.0;
+const LOOK_STEP_RAD: f32 = PI / 6.0;
 /// Lowest height of the arm's base, metres (ManipulaTHOR).
 pub const ARM_HEIGHT_MIN_M: f32 = 0.4510;
 /// Highest height of the arm's base, metres (ManipulaTHOR).
@@ -24,13 +24,13 @@ pub const ARM_HEIGHT_MAX_M: f32 = 1.8010;
 /// Ticks of the arm's height range: 0.05 of it each.
 pub const ARM_HEIGHT_TICKS: i32 = 20;
 /// Arm height at an episode's start: 0.8 of the range (reference).
-pub const ARM_HEIGHT_START_TICKS: i32 = 16;
+const ARM_HEIGHT_START_TICKS: i32 = 16;
 /// Wrist position at an episode's start, in wrist steps: (0, 0, 0.35) m (reference).
-pub const WRIST_START_TICKS: [i32; 3] = [0, 0, 7];
+const WRIST_START_TICKS: [i32; 3] = [0, 0, 7];
 /// Furthest the camera looks up, in look steps (AI2-THOR: 30 degrees).
-pub const LOOK_UP_LIMIT: i32 = -1;
+const LOOK_UP_LIMIT: i32 = -1;
 /// Furthest the camera looks down, in look steps (AI2-THOR: 60 degrees).
-pub const LOOK_DOWN_LIMIT: i32 = 2;
+const LOOK_DOWN_LIMIT: i32 = 2;
 
 /// The robot's whole configuration at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -16,11 +16,11 @@
 use std::f32::consts::PI;
 
 /// Radius of the body, metres (AI2-THOR's default agent).
-pub const BODY_RADIUS_M: f32 = 0.2;
+pub(crate) const BODY_RADIUS_M: f32 = 0.2;
 /// Height of the body, metres (AI2-THOR's default agent).
-pub const BODY_HEIGHT_M: f32 = 1.8;
+pub(crate) const BODY_HEIGHT_M: f32 = 1.8;
 /// Height of the head camera on the body's axis, metres.
-pub const CAMERA_HEIGHT_M: f32 = proto::camera::HEIGHT_M as f32;
+pub(crate) const CAMERA_HEIGHT_M: f32 = proto::camera::HEIGHT_M as f32;
 /// Reach from shoulder to wrist, metres (`ManipulaTHOR`).
 pub const REACH_M: f32 = 0.6335;
 
@@ -49,24 +49,24 @@ pub const WRIST_LENGTH_M: f32 = SCALE * GEN3_WRIST_M;
 /// The shoulder is this far ahead of the body's axis, metres: the whole length of the arm's base.
 pub const ARM_BASE_AHEAD_M: f32 = SCALE * GEN3_BASE_M;
 /// Radius of shoulder, upper arm and forearm, metres.
-pub const LINK_RADIUS_M: f32 = SCALE * LARGE_RADIUS_M;
+pub(crate) const LINK_RADIUS_M: f32 = SCALE * LARGE_RADIUS_M;
 /// Radius of the forearm's thinner end, metres.
-pub const WRIST_RADIUS_M: f32 = SCALE * SMALL_RADIUS_M;
+pub(crate) const WRIST_RADIUS_M: f32 = SCALE * SMALL_RADIUS_M;
 /// Radius of the magnet sphere about the wrist, metres (AI2-THOR's default): what it touches can be picked up.
 pub const MAGNET_RADIUS_M: f32 = 0.06;
 /// Radius of the hand's solid core, metres (chosen). Smaller than the magnet, so that touching need not push.
-pub const HAND_RADIUS_M: f32 = 0.035;
+pub(crate) const HAND_RADIUS_M: f32 = 0.035;
 
 /// Joint 2, upper arm against the base's axis, either way (Gen3).
-pub const SHOULDER_LIMIT_RAD: f32 = 128.9 * PI / 180.0;
+pub(crate) const SHOULDER_LIMIT_RAD: f32 = 128.9 * PI / 180.0;
 /// Joint 3, the elbow's bend from straight (Gen3).
-pub const ELBOW_LIMIT_RAD: f32 = 147.8 * PI / 180.0;
+pub(crate) const ELBOW_LIMIT_RAD: f32 = 147.8 * PI / 180.0;
 /// Joint 5, hand against forearm (Gen3). Yaw and pitch of the hand each keep to it; the angle between the two axes,
 /// whose cosine is the product of their cosines, then does so too.
-pub const WRIST_LIMIT_RAD: f32 = 120.3 * PI / 180.0;
+pub(crate) const WRIST_LIMIT_RAD: f32 = 120.3 * PI / 180.0;
 /// The shoulder-wrist line rises or falls at most this much over its run on the floor plane: the tangent of 80 degrees
 /// (chosen). On a steep line "above it" turns about with the least motion of the wrist; upright it means nothing.
-pub const LINE_STEEPNESS_LIMIT: f32 = 5.671_282;
+pub(crate) const LINE_STEEPNESS_LIMIT: f32 = 5.671_282;
 
 #[cfg(test)]
 mod tests {

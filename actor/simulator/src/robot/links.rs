@@ -5,20 +5,19 @@
 
 use super::arm::{self, Unreachable};
 use super::configuration::Posture;
+use super::dimensions::{
+    ARM_BASE_AHEAD_M, BODY_HEIGHT_M, BODY_RADIUS_M, CAMERA_HEIGHT_M, FOREARM_LENGTH_M, HAND_RADIUS_M, LINK_RADIUS_M,
+    UPPER_ARM_LENGTH_M, WRIST_LENGTH_M, WRIST_RADIUS_M,
+};
 use crate::physics::geometry::{rotation_x, rotation_y};
 use crate::shape::{Part, Primitive, Shape};
 use rapier3d::math::{Pose3, Rot3, Vec3};
 use std::f32::consts::FRAC_1_SQRT_2;
 
-pub use super::dimensions::{
-    ARM_BASE_AHEAD_M, BODY_HEIGHT_M, BODY_RADIUS_M, CAMERA_HEIGHT_M, HAND_RADIUS_M, MAGNET_RADIUS_M,
-};
-use super::dimensions::{FOREARM_LENGTH_M, LINK_RADIUS_M, UPPER_ARM_LENGTH_M, WRIST_LENGTH_M, WRIST_RADIUS_M};
-
 /// Collision bodies: the body itself, then the arm's links in the order of [`LINK_NAMES`].
 pub const PART_COUNT: usize = 6;
 /// The arm's links, which the camera sees. The body is not among them: the camera sits inside it.
-pub const LINK_NAMES: [&str; PART_COUNT - 1] = ["Shoulder", "UpperArm", "Forearm", "Wrist", "Hand"];
+pub(crate) const LINK_NAMES: [&str; PART_COUNT - 1] = ["Shoulder", "UpperArm", "Forearm", "Wrist", "Hand"];
 /// Index of the hand among the collision bodies.
 pub const HAND: usize = 5;
 

@@ -86,7 +86,7 @@ impl SceneFile {
     }
 
     /// The glTF file, relative to this one's folder and inside it: a scene's files travel together.
-    pub fn gltf_path(&self) -> Result<PathBuf, Problem> {
+    pub(crate) fn gltf_path(&self) -> Result<PathBuf, Problem> {
         let path = PathBuf::from(&self.gltf);
         if path.components().all(|component| matches!(component, Component::Normal(_))) && !self.gltf.is_empty() {
             Ok(path)

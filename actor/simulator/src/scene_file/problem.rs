@@ -300,7 +300,7 @@ impl Size {
     }
 
     /// The shorter and the longer of the two, metres.
-    pub fn sides_m(self) -> [f32; 2] {
+    pub(crate) fn sides_m(self) -> [f32; 2] {
         [self.x_m.min(self.z_m), self.x_m.max(self.z_m)]
     }
 }

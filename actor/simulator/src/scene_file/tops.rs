@@ -67,7 +67,7 @@ pub enum NoTop {
 }
 
 /// Why a body without level tops has none.
-pub fn why_none(shape: &Shape, world_from_body: &Pose3) -> NoTop {
+pub(crate) fn why_none(shape: &Shape, world_from_body: &Pose3) -> NoTop {
     let level = || shape.convex_parts().into_iter().filter_map(|part| level_half(&part, world_from_body));
     let flat = |primitive: &Primitive| matches!(primitive, Primitive::Cuboid { .. } | Primitive::Cylinder { .. });
     if level().next().is_some() {

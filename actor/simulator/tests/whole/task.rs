@@ -303,6 +303,7 @@ fn speed() {
     println!("build {:.0} ms", build_s / 5.0 * 1e3);
     println!("reset {:.0} µs", reset_s / f64::from(resets) * 1e6);
     println!("step {:.0} µs", step_s / f64::from(steps) * 1e6);
+    assert!(step_s / f64::from(steps) < 0.01, "a step takes microseconds to few milliseconds");
 }
 
 #[test]

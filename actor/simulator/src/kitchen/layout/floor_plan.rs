@@ -4,7 +4,7 @@
 use rapier3d::math::Vec3;
 
 /// Room in front of a run of counters, for whoever works at it and for open doors and drawers, metres.
-pub const WORKING_DEPTH_M: f32 = 0.95;
+pub(crate) const WORKING_DEPTH_M: f32 = 0.95;
 /// Width of a way between pieces of furniture, metres.
 pub(super) const WALKWAY_M: f32 = 0.80;
 
@@ -59,14 +59,14 @@ impl Rectangle {
 
 impl FloorPlan {
     /// Whether furniture may stand here: nothing does, nothing has to be kept clear, and ways around it stay open.
-    pub fn admits(&self, place: &Rectangle) -> bool {
+    pub(crate) fn admits(&self, place: &Rectangle) -> bool {
         let around = place.grown(WALKWAY_M);
         !self.kept_clear.iter().any(|clear| clear.overlaps(place))
             && !self.occupied.iter().any(|other| other.overlaps(&around))
     }
 
     /// Whether a place is free of furniture and of what is to be kept clear.
-    pub fn is_free(&self, place: &Rectangle) -> bool {
+    pub(crate) fn is_free(&self, place: &Rectangle) -> bool {
         !self.kept_clear.iter().chain(&self.occupied).any(|other| other.overlaps(place))
     }
 }
