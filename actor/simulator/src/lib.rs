@@ -5,7 +5,7 @@
 //! actions, returns what they did, and renders what the head camera sees:
 //!
 //! ```
-//! use proto::{action::Action, config::Config, episode::EnvironmentId, kitchen::KitchenId};
+//! use proto::{action::Action, camera::FRAME_SIDE, config::Config, episode::EnvironmentId, kitchen::KitchenId};
 //! use simulator::{depth::DepthCamera, environment::Environment, kitchen::Kitchen};
 //!
 //! let config = Config::default();
@@ -14,10 +14,11 @@
 //! let mut camera = DepthCamera::new(kitchen.bodies());
 //! let mut environment = Environment::new(kitchen, id, &config)?;
 //! environment.start_episode(3);
-//! let transition = environment.step(Action::RotateRightMidLevel);
-//! let mut depth_mm = vec![0; 224 * 224];
-//! environment.look(&mut camera, 224, &mut depth_mm);
-//! assert!(transition.step == 0 && depth_mm.iter().all(|&pixel_mm| pixel_mm < 15_000), "a kitchen is a room");
+//! let transition = environment.step(Action::RotateRightContinuous);
+//! let mut depth_mm = vec![0; FRAME_SIDE * FRAME_SIDE];
+//! environment.look(&mut camera, FRAME_SIDE, &mut depth_mm);
+//! let nearest_mm = depth_mm.into_iter().filter(|&pixel_mm| pixel_mm > 0).min();
+//! assert!(transition.step == 0 && nearest_mm.is_some_and(|mm| mm < 5000), "a kitchen is not empty");
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!

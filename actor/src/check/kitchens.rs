@@ -239,7 +239,7 @@ fn lonely_chairs(kitchen: &Kitchen, found: &mut Vec<Problem>) {
 mod tests {
     use super::*;
     use rapier3d::math::Pose3;
-    use simulator::kitchen::draw;
+    use simulator::kitchen::draw_room;
     use simulator::kitchen::room::Fixture;
     use simulator::shape::{Primitive, Shape};
 
@@ -247,7 +247,7 @@ mod tests {
     fn spoilt(change: impl Fn(&mut Vec<Fixture>, Vec3)) -> Arc<Kitchen> {
         let config = Config::default();
         for id in KitchenId::all() {
-            let Ok(mut drawn) = draw(id, 0) else { continue };
+            let Ok(mut drawn) = draw_room(id, 0) else { continue };
             if !drawn.room.things.iter().any(|thing| thing.category == "Chair") {
                 continue;
             }

@@ -8,7 +8,7 @@ use super::centres::first_centres;
 use super::depth_buffer::{DepthBuffer, Extent, rectangle};
 use super::outline::{Outline, mark_rows};
 use super::simd::{LANES, Lanes};
-use super::surface::{Ball, Mantle, Planes};
+use super::surface::{Ball, Mantle, Plane, Planes};
 use super::view::{LEAST_HEIGHT_M, Lens, NEAR_M};
 use std::f64::consts::PI;
 
@@ -116,14 +116,7 @@ impl RoundBrush {
         let away_m = dot(away, away).sqrt();
         let u = if away_m > LEAST_HEIGHT_M { away.map(|v| v / away_m) } else { any_across(axis) };
         let v = cross(axis, u);
-        let (above_top_m, below_bottom_m) = (eye_along_m - half_height_m, -eye_along_m - half_height_m);
-        let cap = if above_top_m > LEAST_HEIGHT_M {
-            Some(lens.plane(axis, above_top_m))
-        } else if below_bottom_m > LEAST_HEIGHT_M {
-            Some(lens.plane(axis.map(|v| -v), below_bottom_m))
-        } else {
-            None
-        };
+        let cap = cap_seen(lens, axis, eye_along_m, half_height_m);
 
         let nearest_m = centre[2] - (radius_m + half_height_m);
         let nearest_m = if nearest_m > NEAR_M { nearest_m } else { NEAR_M };
@@ -223,6 +216,19 @@ impl RoundBrush {
             }
         }
         used
+    }
+}
+
+/// The plane of the cap that looks at the eye, if one of the two does.
+#[inline(always)]
+fn cap_seen(lens: Lens, axis: [f32; 3], eye_along_m: f32, half_height_m: f32) -> Option<Plane> {
+    let (above_top_m, below_bottom_m) = (eye_along_m - half_height_m, -eye_along_m - half_height_m);
+    if above_top_m > LEAST_HEIGHT_M {
+        Some(lens.plane(axis, above_top_m))
+    } else if below_bottom_m > LEAST_HEIGHT_M {
+        Some(lens.plane(axis.map(|v| -v), below_bottom_m))
+    } else {
+        None
     }
 }
 

@@ -45,7 +45,7 @@ pub enum KitchenError {
 
 /// A room as the generator draws it: furnished, not yet at rest.
 #[derive(Debug, Clone)]
-pub struct Drawn {
+pub struct DrawnRoom {
     /// The furnished room.
     pub room: Room,
     /// How its runs of counters lie.
@@ -55,7 +55,7 @@ pub struct Drawn {
 }
 
 /// Draws a kitchen's room, for the `attempt`th time from 0, and furnishes it; the error is what found no place.
-pub fn draw(id: KitchenId, attempt: u32) -> Result<Drawn, String> {
+pub fn draw_room(id: KitchenId, attempt: u32) -> Result<DrawnRoom, String> {
     let key = Key {
         seed: quota::SEED,
         purpose: Purpose::Kitchen,
@@ -77,10 +77,10 @@ pub fn draw(id: KitchenId, attempt: u32) -> Result<Drawn, String> {
         surfaces: fitted.worktops.iter().map(|worktop| worktop.surface).collect(),
         floor: (fitted.floor.low, fitted.floor.high),
     };
-    Ok(Drawn { room, plan: fitted.plan, kept_clear: fitted.kept_clear })
+    Ok(DrawnRoom { room, plan: fitted.plan, kept_clear: fitted.kept_clear })
 }
 
-impl Drawn {
+impl DrawnRoom {
     /// Lets the room come to rest. The error says what is wrong with it; it is never empty.
     pub fn settle(self, id: KitchenId, timestep_s: f32) -> Result<Kitchen, Vec<Flaw>> {
         let Self { room, plan, kept_clear } = self;
@@ -97,7 +97,7 @@ impl Kitchen {
         }
         let mut reason = String::new();
         for attempt in 0..ATTEMPTS {
-            let outcome = draw(id, attempt).and_then(|drawn| {
+            let outcome = draw_room(id, attempt).and_then(|drawn| {
                 let flaw = |flaws: Vec<Flaw>| flaws.first().map_or_else(String::new, ToString::to_string);
                 drawn.settle(id, simulation.timestep_s).map_err(flaw)?.acceptable()
             });

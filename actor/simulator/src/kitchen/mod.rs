@@ -34,5 +34,5 @@ pub mod spots;
 
 pub use assembly::{Demands, Flaw};
 pub use body::{Body, BodyRole};
-pub use generate::{CONNECTED_LEAST, Drawn, KitchenError, SPOTS_LEAST, draw};
+pub use generate::{CONNECTED_LEAST, DrawnRoom, KitchenError, SPOTS_LEAST, draw_room};
 pub use settled::{Kitchen, Matter};
