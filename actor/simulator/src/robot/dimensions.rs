@@ -3,8 +3,8 @@
 //! *Published*: the six-joint Kinova Gen3, distances between joints as in the maker's URDF description
 //! (`kortex_description`, arms/gen3/6dof), ranges of joints as in the user guide (the URDF rounds them down by half a
 //! degree). The URDF's frames also step sideways along the joints' axes by 5.4, 6.4 and 0.2 mm. These steps are left
-//! out, which moves the wrist by about a centimetre at most (`tests/whole/reference/gen3_chain.py` says so): without
-//! them shoulder, elbow and wrist lie in one plane, and the inverse is a triangle.
+//! out, which moves the wrist by about a centimetre at most (`tests/behaviour/reference/gen3_chain.py` says so).
+//! Without them shoulder, elbow and wrist lie in one plane, and the inverse is a triangle.
 //!
 //! *Scaled*: every published length, by [`SCALE`], so that the stretched arm measures `ManipulaTHOR`'s reach.
 //!

@@ -17,7 +17,7 @@ fn numbers<const N: usize>(value: &Value) -> [f32; N] {
     numbers.try_into().unwrap()
 }
 
-/// `tests/whole/reference/gen3_chain.py` wrote the fixture.
+/// `tests/behaviour/reference/gen3_chain.py` wrote the fixture.
 #[test]
 fn forward_kinematics_is_that_of_the_published_chain() {
     let fixture: Value = serde_json::from_str(include_str!("reference/gen3_chain.json")).unwrap();
@@ -132,7 +132,7 @@ fn no_point_of_a_link_outruns_the_origins() {
     assert!(compared > 2000, "{compared} motions");
 }
 
-/// Not a test: a figure for the notes. `cargo test --release -p simulator --test whole -- --ignored --nocapture speed`
+/// Not a test: a figure for the notes, by `--test behaviour -- --ignored --nocapture speed`
 #[test]
 #[ignore = "a measurement"]
 fn speed() {

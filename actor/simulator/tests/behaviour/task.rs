@@ -270,7 +270,7 @@ fn the_arm_does_not_enter_what_is_fixed() {
     assert!(stopped.iter().all(|&count| count >= 10), "stopped downwards, outwards, ahead: {stopped:?} times");
 }
 
-/// Not a test: figures for the notes. `cargo test --release -p simulator --test whole -- --ignored --nocapture speed`
+/// Not a test: figures for the notes, by `--test behaviour -- --ignored --nocapture speed`
 #[test]
 #[ignore = "a measurement"]
 fn speed() {
