@@ -18,13 +18,13 @@ pub mod protocol;
 mod shm;
 pub mod whereabouts;
 
-use crate::kitchen::source;
 use anyhow::{Context, Result};
 use environments::Environments;
 use link::Link;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use protocol::{Protocol, Todo, Verdict};
+use simulator::source;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
