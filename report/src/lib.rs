@@ -8,7 +8,7 @@
 //!
 //! ```
 //! use proto::config::Config;
-//! use proto::control::metric;
+//! use proto::metric;
 //! use report::study::{Origin, Rollout, Run};
 //! use report::{Made, Options};
 //!

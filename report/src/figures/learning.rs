@@ -6,7 +6,7 @@ use super::stages;
 use crate::chart::{Axis, Content, Figure, LinePlot, Panel, Unit};
 use crate::curves::Curve;
 use crate::entry::Entry;
-use proto::control::metric;
+use proto::metric;
 
 /// Title, metric, axis.
 fn measures() -> [(&'static str, &'static str, Axis); 4] {

@@ -7,7 +7,7 @@ use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Series, Unit
 use crate::curves::Curve;
 use crate::entry::Entry;
 use crate::study::{ELAPSED_S, FRAMES_PER_S};
-use proto::control::metric;
+use proto::metric;
 
 /// A longer training time is given in hours.
 const MINUTES_MOST: f64 = 180.0;
