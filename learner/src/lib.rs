@@ -1,6 +1,6 @@
 //! The learner: one process per GPU (or CPU) that infers for all actors of its machine, collects rollouts and trains.
 //!
-//! The algorithm knows neither processes nor files: [`agent::Agent`] is network, beliefs, rollout and optimiser behind
+//! The algorithm is [`ppo`], on one page. It uses neither processes nor files: [`agent::Agent`] is network, beliefs, rollout and optimiser behind
 //! one struct.
 
 pub mod agent;

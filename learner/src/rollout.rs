@@ -35,6 +35,19 @@ pub struct Step {
     pub disturbed: bool,
 }
 
+/// What an action led to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outcome {
+    /// Reward under the stage in force.
+    pub reward: f32,
+    /// The episode ended, for whatever reason.
+    pub ended: bool,
+    /// It ended by the step limit.
+    pub time_limit: bool,
+    /// Label of the auxiliary task: this action disturbed something.
+    pub disturbed: bool,
+}
+
 /// A rollout.
 #[derive(Debug)]
 pub struct Rollout {
@@ -112,7 +125,7 @@ impl Rollout {
     }
 
     /// Records what action t of a column led to.
-    pub fn record(&mut self, t: usize, column: usize, outcome: crate::agent::Outcome) {
+    pub fn record(&mut self, t: usize, column: usize, outcome: Outcome) {
         assert!(self.is_valid(t, column), "step {t} of column {column} is no frame of this rollout");
         let index = self.index(t, column);
         let step = &mut self.steps[index];
@@ -229,7 +242,6 @@ impl Rollout {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::Outcome;
     use crate::network::to_vec;
     use tch::Kind;
 

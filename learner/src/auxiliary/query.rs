@@ -34,8 +34,8 @@ pub struct Query {
     pub offset: i64,
     /// Row of the packing that lies there.
     pub later: i64,
-    /// Row that a contrastive task shows as what does not lie there; `later` itself where none is shown.
-    pub elsewhere: i64,
+    /// Row of the negative sample of a contrastive task; `later` itself where there is none.
+    pub negative: i64,
 }
 
 impl Epoch {
@@ -102,7 +102,7 @@ fn all(packing: &Packing, horizon: usize) -> Vec<Query> {
     (1..=horizon)
         .flat_map(|offset| {
             (0i64..).zip(packing.later(offset)).filter_map(move |(row, later)| {
-                later.map(|later| Query { row, offset: offset as i64, later, elsewhere: later })
+                later.map(|later| Query { row, offset: offset as i64, later, negative: later })
             })
         })
         .collect()

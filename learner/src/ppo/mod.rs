@@ -1,31 +1,47 @@
-//! The update: a few epochs over the rollout, one optimiser step each.
+//! Proximal policy optimisation (Schulman et al. 2017) as DD-PPO runs it (Wijmans et al. 2020), on one page.
 //!
-//! An epoch may go through the network in several passes over parts of the columns, which bounds memory; their
-//! gradients add up to the whole batch's. What is written down here is the order of things: forward, loss, backward,
-//! add up over learners, clip, step.
+//! Acting fills a rollout of T steps × N environments ([`crate::agent::Agent::step`]). [`Update::run`] trains on it:
+//!
+//! ```text
+//! targets: advantages and returns by GAE          gae.rs
+//! minibatches                                     minibatch.rs
+//! for each epoch:
+//!     for each minibatch:
+//!         forward: encoder, GRU, actor, critic    network/
+//!         loss: policy, value, entropy            loss.rs
+//!               + auxiliary task                  auxiliary/
+//!         backward
+//!     sum of the gradients over learners          group.rs
+//!     clip, Adam                                  optimizer.rs
+//! ```
+//! An epoch is one step of the optimiser with the gradient of the whole batch, as in the reference. Minibatches only
+//! bound memory (`ppo.environments_per_pass`): their gradients add up before the step.
+//!
+//! Shapes in comments: T steps, N environments of this learner, B rows of a minibatch, A actions, H width of the
+//! belief, W weights. A batch is the frames of all learners.
+//!
+//! Beside the update: the multiplier of PPO-Lagrangian ([`lagrangian`]), the rule for stragglers ([`preemption`]), the
+//! figures ([`metrics`]).
 
-use super::gae::{Targets, estimate};
-use super::loss::{Experience, Terms, terms};
-use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, Tally, count};
+pub mod gae;
+pub mod lagrangian;
+pub mod loss;
+pub mod metrics;
+pub mod minibatch;
+pub mod preemption;
+
+use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, count};
 use crate::group::{PeerError, Peers};
-use crate::network::{Embedded, Network, OBSERVATION, Observations, Packing, all_finite, to_vec};
+use crate::network::{Embedded, Network, OBSERVATION, Packing, all_finite};
 use crate::optimizer::{Adam, clip, norm};
 use crate::rollout::Rollout;
+use loss::{Terms, terms};
+use metrics::{EpochMetrics, UpdateMetrics};
+use minibatch::Minibatch;
 use proto::config::{AuxiliaryConfig, PpoConfig};
 use proto::control::metric;
 use std::collections::BTreeMap;
 use tch::Tensor;
-
-/// Why there is no update.
-#[derive(Debug, thiserror::Error)]
-pub enum UpdateError {
-    /// A number is not finite; which, in words. All learners say the same.
-    #[error("{0} is not finite")]
-    NonFinite(String),
-    /// The other learners are gone.
-    #[error(transparent)]
-    Peers(#[from] PeerError),
-}
 
 /// Everything an update works on.
 #[derive(Debug, Clone, Copy)]
@@ -52,68 +68,30 @@ pub struct Update<'a> {
     pub rollout_number: u64,
 }
 
-/// A part of the batch that goes through the network at once.
-struct Share {
-    packing: Packing,
-    experience: Experience,
-    /// What was seen, when one share is the whole batch: then it is made once, not in every epoch, and is little beside
-    /// what the pass itself keeps. Of several shares each makes its own anew: they are there to save memory.
-    observations: Option<Observations>,
+/// Why there is no update.
+#[derive(Debug, thiserror::Error)]
+pub enum UpdateError {
+    /// A number is not finite; which, in words. All learners say the same.
+    #[error("{0} is not finite")]
+    NonFinite(String),
+    /// The other learners are gone.
+    #[error(transparent)]
+    Peers(#[from] PeerError),
 }
 
-/// What the auxiliary task asks of a pass.
-#[derive(Clone, Copy)]
-struct Asked<'a> {
-    queries: &'a [Query],
-    /// Queries of all passes of the epoch, at all learners.
-    count: u64,
+/// What losses are divided by to be means over the batch: counts over all learners.
+#[derive(Debug, Clone, Copy)]
+pub struct Totals {
+    /// Frames of the batch.
+    pub frames: u64,
+    /// Queries to the auxiliary task in this epoch.
+    pub queries: u64,
 }
 
-/// What the whole batch has of which this learner has a part.
-#[derive(Clone, Copy)]
-struct Whole {
-    frames: u64,
-    /// Queries of an epoch.
-    queries: u64,
-}
-
-/// What the whole batch says of the weights as they are.
-#[derive(Debug)]
-pub struct BatchGradient {
-    /// Of the loss, flat, in the order of the weights; before clipping.
-    pub gradient: Tensor,
-    /// Means over the batch, named by [`SCALARS`].
-    pub scalars: [f64; SCALARS.len()],
-    /// Sums that the auxiliary task's figures are made of.
-    pub tally: Tally,
-}
-
-/// A look at a batch: see [`Update::look`].
-#[derive(Debug)]
-pub struct Look {
-    /// Which (step, column) each row is.
-    pub packing: Packing,
-    /// Advantages and returns.
-    pub targets: Targets,
-    /// What the auxiliary task was asked.
-    pub queries: Vec<Query>,
-    /// Losses and gradient.
-    pub batch: BatchGradient,
-}
-
-/// Names of the scalars of a pass, in the order in which they are read back from the device.
-pub const SCALARS: [&str; 6] = [
-    metric::POLICY_LOSS,
-    metric::VALUE_LOSS,
-    metric::ENTROPY,
-    metric::AUXILIARY_LOSS,
-    metric::CLIP_FRACTION,
-    metric::APPROXIMATE_KL,
-];
-
-impl Update<'_> {
-    /// Runs all epochs. On an error weights and moments are as they were before.
+impl<'a> Update<'a> {
+    /// Runs all epochs and returns the figures by name. On an error weights and moments are as they were before.
     pub fn run(&self, adam: &mut Adam) -> Result<BTreeMap<String, f64>, UpdateError> {
+        // [W], the network's own storage: writing to it changes the weights.
         let mut weights = self.network.parameters.flat();
         let (weights_before, adam_before) = (weights.copy(), adam.copy());
         self.epochs(&mut weights, adam).inspect_err(|_| {
@@ -123,171 +101,99 @@ impl Update<'_> {
     }
 
     fn epochs(&self, weights: &mut Tensor, adam: &mut Adam) -> Result<BTreeMap<String, f64>, UpdateError> {
-        let targets = estimate(self.rollout, self.ppo, self.peers)?;
-        let shares = self.shares(&targets);
-        let packings: Vec<&Packing> = shares.iter().map(|share| &share.packing).collect();
+        // Advantages and returns, [T, N].
+        let targets = gae::estimate(self.rollout, self.ppo, self.peers)?;
+        let minibatches = Minibatch::divide(self.rollout, &targets, self.ppo.environments_per_pass);
+        let packings: Vec<&Packing> = minibatches.iter().map(|minibatch| &minibatch.packing).collect();
         let frames = self.peers.total(self.rollout.shape().frames)?;
-        let mut sums = [0.0; SCALARS.len()];
-        let mut gradient_norms = 0.0;
-        let mut tally = Tally::default();
+        let mut metrics = UpdateMetrics::default();
 
         for epoch in 0..self.ppo.epochs {
+            // Forward, loss, backward, and the sum over learners: the gradient of the whole batch, [W].
             let queries = self.auxiliary.queries(&packings, self.epoch(epoch), self.peers)?;
-            let whole = Whole { frames, queries: self.peers.total(count(&queries))? };
-            let mut batch = self.gradient(&shares, &queries, whole);
-            self.add_up(&mut batch)?;
-            for ((sum, scalar), name) in sums.iter_mut().zip(batch.scalars).zip(SCALARS) {
-                if !scalar.is_finite() {
-                    return Err(UpdateError::NonFinite(name.to_owned()));
-                }
-                *sum += scalar;
+            let totals = Totals { frames, queries: self.peers.total(count(&queries))? };
+            let (mut gradient, epoch_metrics) = self.gradient(&minibatches, &queries, totals)?;
+            if let Some(name) = epoch_metrics.first_non_finite() {
+                return Err(UpdateError::NonFinite(name.to_owned()));
             }
-            tally.merge(&batch.tally);
-            let mut gradient = batch.gradient;
             if !all_finite(&gradient) {
                 let name = self.network.parameters.first_non_finite(&gradient).unwrap_or("the sum");
                 return Err(UpdateError::NonFinite(format!("gradient of {name}")));
             }
-            let mut length = norm(&gradient);
-            // Unlike GPUs may add its squares up in unlike order: all clip by the same number.
-            self.peers.first(&mut length)?;
-            gradient_norms += length;
-            clip(&mut gradient, length, self.ppo.max_gradient_norm);
+
+            // Clip. GPUs of unlike kinds may sum the squares in unlike orders: all clip by the first learner's norm.
+            let mut gradient_norm = norm(&gradient);
+            self.peers.first(&mut gradient_norm)?;
+            clip(&mut gradient, gradient_norm, self.ppo.max_gradient_norm);
+
+            // Adam.
             adam.step(weights, &gradient, self.learning_rate);
+            metrics.add_epoch(&epoch_metrics, gradient_norm);
         }
+
         if let Some(name) = self.network.parameters.first_non_finite(weights) {
             return Err(UpdateError::NonFinite(format!("weight {name}")));
         }
-
-        let epochs = f64::from(self.ppo.epochs);
-        let mut metrics = self.auxiliary.figures(&tally);
-        metrics.extend(SCALARS.iter().zip(sums).map(|(name, sum)| ((*name).to_owned(), sum / epochs)));
-        if matches!(self.auxiliary, Auxiliary::None) {
-            metrics.remove(metric::AUXILIARY_LOSS);
-        }
-        metrics.insert(metric::GRADIENT_NORM.to_owned(), gradient_norms / epochs);
-        metrics.insert(metric::LEARNING_RATE.to_owned(), self.learning_rate);
-        Ok(metrics)
+        let mut means = metrics.means(self.ppo.epochs, self.auxiliary);
+        means.insert(metric::LEARNING_RATE.to_owned(), self.learning_rate);
+        Ok(means)
     }
 
-    fn epoch(&self, epoch: u32) -> Epoch {
-        Epoch { seed: self.seed, rollout: self.rollout_number, epoch, first_column: self.first_column }
-    }
-
-    /// Makes one learner's part of a batch the whole.
-    fn add_up(&self, batch: &mut BatchGradient) -> Result<(), PeerError> {
-        let names = self.auxiliary.sums();
-        let mut numbers = batch.scalars.to_vec();
-        numbers.extend(names.iter().map(|name| batch.tally.sum(name)));
-        self.peers.sum(&mut numbers)?;
-        let (scalars, sums) = numbers.split_at(SCALARS.len());
-        batch.scalars.copy_from_slice(scalars);
-        batch.tally = Tally::default();
-        for (name, sum) in names.iter().zip(sums) {
-            batch.tally.add(name, *sum);
-        }
-        self.peers.sum_gradients(&mut batch.gradient)
-    }
-
-    /// Losses and gradient of the first epoch, weights left alone: what an update would begin with. All columns go
-    /// through the network at once, whatever the configuration says. `revise` may change what the auxiliary task asks.
-    pub fn look(&self, revise: impl FnOnce(&Packing, &mut Vec<Query>)) -> Result<Look, UpdateError> {
-        let ppo = PpoConfig { environments_per_pass: 0, ..*self.ppo };
-        let at_once = Update { ppo: &ppo, ..*self };
-        let targets = estimate(self.rollout, &ppo, self.peers)?;
-        let shares = at_once.shares(&targets);
-        let packing = self.rollout.packing(0..self.rollout.columns());
-        let mut queries = self.auxiliary.queries(&[&packing], self.epoch(0), self.peers)?.pop().unwrap_or_default();
-        revise(&packing, &mut queries);
-        let whole = Whole {
-            frames: self.peers.total(self.rollout.shape().frames)?,
-            queries: self.peers.total(queries.len() as u64)?,
-        };
-        let mut batch = at_once.gradient(&shares, std::slice::from_ref(&queries), whole);
-        self.add_up(&mut batch)?;
-        Ok(Look { packing, targets, queries, batch })
-    }
-
-    /// Forward and backward of this learner's part of the batch.
-    fn gradient(&self, shares: &[Share], queries: &[Vec<Query>], whole: Whole) -> BatchGradient {
-        let mut batch = BatchGradient {
-            gradient: self.network.parameters.flat().zeros_like(),
-            scalars: [0.0; SCALARS.len()],
-            tally: Tally::default(),
-        };
-        for (share, queries) in shares.iter().zip(queries) {
-            let asked = Asked { queries, count: whole.queries };
-            let (loss, embedded, scalars) = self.forward(share, asked, whole.frames, &mut batch.tally);
-            for (sum, scalar) in batch.scalars.iter_mut().zip(scalars) {
-                *sum += f64::from(scalar);
-            }
-            let _ = batch.gradient.g_add_(&self.network.gradient_of(&loss, embedded));
-        }
-        batch
-    }
-
-    /// The columns, divided as the configuration says.
-    fn shares(&self, targets: &Targets) -> Vec<Share> {
-        let columns = self.rollout.columns();
-        let width = match self.ppo.environments_per_pass {
-            0 => columns,
-            width => width as usize,
-        };
-        (0..columns)
-            .step_by(width)
-            .map(|first| {
-                let packing = self.rollout.packing(first..columns.min(first + width));
-                let device = self.rollout.beliefs_at_start().device();
-                let target = |of: &dyn Fn((usize, usize)) -> f32| {
-                    let values: Vec<f32> = packing.rows.iter().map(|&row| of(row)).collect();
-                    Tensor::from_slice(&values).to_device(device)
-                };
-                let experience = Experience {
-                    actions: self.rollout.gather(&packing, |step| step.action),
-                    log_probs: self.rollout.gather(&packing, |step| step.log_prob),
-                    values: self.rollout.gather(&packing, |step| step.value),
-                    advantages: target(&|row| targets.advantage(row)),
-                    returns: target(&|row| targets.value_target(row)),
-                };
-                let observations = (width >= columns).then(|| self.rollout.observations(&packing));
-                Share { packing, experience, observations }
-            })
-            // In a rollout of one step, columns that hold have no rows.
-            .filter(|share| !share.packing.rows.is_empty())
-            .collect()
-    }
-
-    /// The loss of one pass, what it was made of, and its scalars in the order of [`SCALARS`].
-    fn forward(
+    /// Gradient of the batch's loss under the weights as they are, \[W\], before clipping, and the epoch's figures; both
+    /// summed over minibatches and learners. `queries` has a list for each minibatch.
+    pub fn gradient(
         &self,
-        share: &Share,
-        asked: Asked,
-        batch_frames: u64,
-        tally: &mut Tally,
-    ) -> (Tensor, Embedded, Vec<f32>) {
-        let Share { packing, experience, observations } = share;
-        let Self { network, rollout, .. } = self;
-        let embedded = match observations {
-            Some(observations) => network.embed_to_train(observations),
-            None => network.embed_to_train(&rollout.observations(packing)),
-        };
+        minibatches: &[Minibatch],
+        queries: &[Vec<Query>],
+        totals: Totals,
+    ) -> Result<(Tensor, EpochMetrics), PeerError> {
+        let mut gradient = self.network.parameters.flat().zeros_like();
+        let mut metrics = EpochMetrics::default();
+        for (minibatch, queries) in minibatches.iter().zip(queries) {
+            let (loss, embedded) = self.loss(minibatch, queries, totals, &mut metrics);
+            let _ = gradient.g_add_(&self.network.gradient_of(&loss, embedded));
+        }
+        metrics.sum_over_learners(self.auxiliary, self.peers)?;
+        self.peers.sum_gradients(&mut gradient)?;
+        Ok((gradient, metrics))
+    }
+
+    /// Forward pass and loss of a minibatch: its part of the batch's mean. The backward pass needs the embedding, too.
+    fn loss(
+        &self,
+        minibatch: &Minibatch,
+        queries: &[Query],
+        totals: Totals,
+        metrics: &mut EpochMetrics,
+    ) -> (Tensor, Embedded<'a>) {
+        let Self { network, rollout, ppo, .. } = *self;
+        let Minibatch { packing, experience, .. } = minibatch;
+
+        // Forward: embeddings [B, 512 + 32 + 16] → beliefs [B, H] → log-probabilities [B, A] and values [B].
+        let embedded = minibatch.embed(network, rollout);
         let beliefs = network.belief.unroll(&network.parameters, &embedded.rows, packing, rollout.beliefs_at_start());
-        let judgement = network.judge(&beliefs);
+        let output = network.actor_critic(&beliefs);
 
+        // Loss: the clipped surrogate, the clipped value loss, the entropy bonus.
         let Terms { policy, value, entropy, clip_fraction, approximate_kl } =
-            terms(&judgement, experience, self.ppo.clip, batch_frames);
-        let mut loss = &policy + &value * self.ppo.value_coefficient - &entropy * self.ppo.entropy_coefficient;
+            terms(&output, experience, ppo.clip, totals.frames);
+        let mut loss = &policy + &value * ppo.value_coefficient - &entropy * ppo.entropy_coefficient;
 
+        // The auxiliary loss.
         let embeddings = embedded.rows.narrow(1, 0, OBSERVATION);
         let pass = Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &experience.actions };
         let mut auxiliary = policy.zeros_like();
-        let Asked { queries, count } = asked;
-        if let Some(answer) = self.auxiliary.loss(&network.parameters, &pass, queries, count) {
-            loss += &answer.loss * self.auxiliary_config.weight;
-            auxiliary = answer.loss;
-            tally.merge(&answer.tally);
+        if let Some(task) = self.auxiliary.loss(&network.parameters, &pass, queries, totals.queries) {
+            loss += &task.loss * self.auxiliary_config.weight;
+            auxiliary = task.loss;
+            metrics.tally.merge(&task.tally);
         }
-        let scalars = [policy, value, entropy, auxiliary, clip_fraction, approximate_kl];
-        (loss, embedded, to_vec(&Tensor::stack(&scalars, 0)))
+        metrics.add_pass(&[policy, value, entropy, auxiliary, clip_fraction, approximate_kl]);
+        (loss, embedded)
+    }
+
+    /// An epoch of this update, by which the auxiliary task's queries are drawn.
+    pub fn epoch(&self, epoch: u32) -> Epoch {
+        Epoch { seed: self.seed, rollout: self.rollout_number, epoch, first_column: self.first_column }
     }
 }

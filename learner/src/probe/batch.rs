@@ -1,9 +1,9 @@
 //! A batch from a file: a rollout that somebody else collected.
 
-use crate::agent::{MODEL, Outcome};
+use crate::agent::MODEL;
 use crate::checkpoint::TensorsError;
 use crate::network::{Network, RawFrame, Staging, all_finite, goal_coordinates, to_vec};
-use crate::rollout::{Rollout, Step};
+use crate::rollout::{Outcome, Rollout, Step};
 use proto::config::{Config, nearest};
 use proto::message::FRAME_SIDE;
 use proto::stage::RolloutShape;

@@ -2,15 +2,15 @@
 
 use crate::shared::{assert_close, assert_probes, doubles, fixture, noise, noise_f32, noise_tensor, weight_values};
 use crate::world::small_config;
-use learner::agent::{Agent, Outcome};
-use learner::auxiliary::{Answer, Cpca, InverseDynamics, Pass, Query, focal_loss};
+use learner::agent::Agent;
+use learner::auxiliary::{Cpca, InverseDynamics, Pass, Query, Sizes, Task, TaskLoss, focal_loss};
 use learner::collector::{RolloutStatistics, RunningEpisode};
 use learner::group::Peers;
-use learner::network::{Judgement, Layout, Packing, Parameters, goal_coordinates};
+use learner::network::{ActorCriticOutput, Layout, Packing, Parameters, goal_coordinates};
 use learner::optimizer::{Adam, clip, learning_rate, norm};
 use learner::ppo::gae;
 use learner::ppo::loss::{Experience, terms};
-use learner::rollout::{Rollout, Step};
+use learner::rollout::{Outcome, Rollout, Step};
 use proto::config::{GoalCoordinates, LagrangianConfig};
 use proto::message::Transition;
 use proto::reward::{RewardKind, RewardParts};
@@ -77,7 +77,7 @@ fn the_losses_and_their_gradients_are_the_formulas() {
     let mut loss = Tensor::zeros([] as [i64; 0], (Kind::Float, Device::Cpu));
     for (first, count) in [(0, 15), (15, 25)] {
         let cut = |tensor: &Tensor| tensor.narrow(0, first, count);
-        let judgement = Judgement { log_probs: cut(&logits).log_softmax(-1, None), values: cut(&values) };
+        let output = ActorCriticOutput { log_probs: cut(&logits).log_softmax(-1, None), values: cut(&values) };
         let part = Experience {
             actions: cut(&experience.actions),
             log_probs: cut(&experience.log_probs),
@@ -85,7 +85,7 @@ fn the_losses_and_their_gradients_are_the_formulas() {
             advantages: cut(&experience.advantages),
             returns: cut(&experience.returns),
         };
-        let terms = terms(&judgement, &part, 0.1, rows as u64);
+        let terms = terms(&output, &part, 0.1, rows as u64);
         loss += &terms.policy + &terms.value * 0.5 - &terms.entropy * 0.01;
         let scalars = [terms.policy, terms.value, terms.entropy, terms.clip_fraction, terms.approximate_kl];
         sums += Tensor::stack(&scalars, 0).detach();
@@ -213,7 +213,7 @@ fn auxiliary_tasks_are_their_definitions() {
                 later
                     .filter(|&(_, &cell)| chosen[cell as usize] > 0.4)
                     .filter_map(|((row, later), _)| {
-                        Some(Query { row, offset: offset as i64, later: later?, elsewhere: 0 })
+                        Some(Query { row, offset: offset as i64, later: later?, negative: 0 })
                     })
                     .collect::<Vec<_>>()
             })
@@ -244,7 +244,7 @@ fn auxiliary_tasks_are_their_definitions() {
         actions: &actions_taken,
     };
     let expected = fixture("auxiliary");
-    let check = |name: &str, parameters: &Parameters, asked: usize, answer: Answer| {
+    let check = |name: &str, parameters: &Parameters, asked: usize, answer: TaskLoss| {
         let loss = doubles(&expected[&format!("{name}.loss")]);
         assert_eq!(asked as f64, loss[1], "{name}: questions");
         let ours = answer.loss.double_value(&[]);
@@ -277,18 +277,18 @@ fn auxiliary_tasks_are_their_definitions() {
     };
 
     let mut layout = Layout::default();
-    let inverse = InverseDynamics::new(&mut layout, [hidden, actions]);
+    let inverse = InverseDynamics::new(&mut layout, Sizes { hidden, actions }, 1.0);
     let parameters = weights(layout);
     let asked = queries(1);
     let answer = inverse.loss(&parameters, &pass, &asked, asked.len() as u64);
     check("inverse_dynamics", &parameters, asked.len(), answer);
 
     let mut layout = Layout::default();
-    let cpca = Cpca::new(&mut layout, [hidden, actions]);
+    let cpca = Cpca::new(&mut layout, Sizes { hidden, actions }, 1.0);
     let parameters = weights(layout);
     let mut asked = queries(16);
     for query in &mut asked {
-        query.elsewhere = negatives[query.later as usize];
+        query.negative = negatives[query.later as usize];
     }
     let answer = cpca.loss(&parameters, &pass, &asked, asked.len() as u64);
     check("cpca16", &parameters, asked.len(), answer);

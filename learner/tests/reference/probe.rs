@@ -3,9 +3,9 @@
 use crate::shared::{assert_close, assert_probes, depth_mm, doubles, fixture, goal_m, noise_tensor, weight_values};
 use crate::world::small_config;
 use learner::agent::Agent;
-use learner::auxiliary::Auxiliary;
+use learner::auxiliary::{Auxiliary, Sizes};
 use learner::network::Network;
-use learner::ppo::update::SCALARS;
+use learner::ppo::metrics::SCALARS;
 use proto::action::ActionSpace;
 use proto::config::{AuxiliaryTask, Config, Encoder, EncoderPrecision};
 use proto::control::metric;
@@ -73,7 +73,7 @@ fn a_probe_finds_what_the_reference_finds() {
         config.auxiliary.task = auxiliary;
         let actions = space.actions().len() as i64;
         let (network, _) = Network::new(&config, Device::Cpu, |layout, hidden| {
-            Auxiliary::new(&config.auxiliary, layout, hidden, actions)
+            Auxiliary::new(&config.auxiliary, layout, Sizes { hidden, actions })
         });
         let weights: Vec<(String, Tensor)> =
             network.parameters.named().map(|(name, w)| (name.to_owned(), weight_values(name, &w.size()))).collect();

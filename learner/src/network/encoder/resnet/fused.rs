@@ -5,12 +5,13 @@
 //! pass reads is kept, and autograd never sees the encoder: it ends at the visual embedding, whose gradient
 //! [`Fused::backward`] takes from there.
 
-use super::super::layers::{Convolution, GroupNorm};
-use super::super::parameters::{ParameterId, Parameters};
-use super::{BASE, Block, COMPRESSED, Resnet};
+use super::super::visual::Gradients;
+use super::plain::{BASE, Block, COMPRESSED, Resnet};
 use crate::ffi::convolution::convolution_backward;
 use crate::ffi::cuda::CudaError;
 use crate::ffi::kernels::{Affine, Kernels, NormGradients, Statistics, Winners, channels_last};
+use crate::network::layers::{Convolution, GroupNorm};
+use crate::network::parameters::Parameters;
 use std::cell::RefCell;
 use tch::{Kind, Tensor};
 
@@ -73,9 +74,6 @@ pub struct Tape {
     compressed: Tensor,
     visual: Tensor,
 }
-
-/// Gradients by parameter, each of its parameter's shape.
-pub type Gradients = Vec<(ParameterId, Tensor)>;
 
 impl Fused {
     /// Compiles the kernels. libtorch must have made a tensor on the device before.
@@ -143,6 +141,7 @@ impl Fused {
     ///
     /// # Panics
     /// If the weights have changed since the forward pass.
+    // Long because: it undoes the forward pass step by step, in one order, and reads beside it.
     pub fn backward(&self, resnet: &Resnet, parameters: &Parameters, tape: Tape, gradient: &Tensor) -> Gradients {
         let _no_grad = tch::no_grad_guard();
         let rounded = self.rounded.borrow();
