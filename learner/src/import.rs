@@ -54,7 +54,7 @@ const OWN_WEIGHT: &str = "belief.weight_ih_l0";
 
 /// Whose names a file's weights have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Naming {
+pub(crate) enum Naming {
     /// AllenAct's.
     AllenAct,
     /// A checkpoint's: ours, behind `model.`, among other tensors.
@@ -234,7 +234,7 @@ fn by_our_names(
 }
 
 /// Our name of one of AllenAct's.
-pub fn our_name(theirs: &str) -> Option<String> {
+pub(crate) fn our_name(theirs: &str) -> Option<String> {
     let (ours, rest) = correspondences().find_map(|(ours, prefix)| Some((ours, theirs.strip_prefix(prefix)?)))?;
     // An embedding is wrapped in a module of its own there.
     Some(format!("{ours}{}", rest.replace("action_embedder.fc.", "action_embedder.")))
@@ -261,7 +261,7 @@ fn adapt(name: &str, tensor: &Tensor, size: &[i64], space: ActionSpace, goal_fir
 }
 
 /// What to tell someone whose file, which is no safetensors file, is one of `torch.save`; nothing of another.
-pub fn how_to_convert(file: &Path, bytes: &[u8]) -> Option<String> {
+pub(crate) fn how_to_convert(file: &Path, bytes: &[u8]) -> Option<String> {
     // A zip archive, or of old versions a bare pickle.
     if !(bytes.starts_with(b"PK\x03\x04") || matches!(bytes, [0x80, 2..=5, ..])) {
         return None;

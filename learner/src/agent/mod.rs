@@ -13,7 +13,8 @@ mod error;
 mod state;
 
 pub use error::{AgentError, OtherSign};
-pub use state::{AgentState, BELIEFS, MODEL, weights_of};
+pub use state::AgentState;
+pub(crate) use state::{BELIEFS, MODEL, weights_of};
 
 use crate::auxiliary::{Auxiliary, Sizes};
 use crate::device;
@@ -343,7 +344,7 @@ impl Agent {
     }
 
     /// Trainable parameters.
-    pub fn parameter_count(&self) -> u64 {
+    pub(crate) fn parameter_count(&self) -> u64 {
         self.network.parameters.count() as u64
     }
 
@@ -365,7 +366,7 @@ impl Agent {
     }
 
     /// Beliefs \[columns, hidden\] as of the last rollout boundary, on the CPU.
-    pub fn boundary_beliefs(&self) -> Tensor {
+    pub(crate) fn boundary_beliefs(&self) -> Tensor {
         let beliefs = self.rollout.as_ref().map_or(&self.beliefs, Rollout::beliefs_at_start);
         beliefs.detach().to_device(Device::Cpu).copy()
     }

@@ -5,14 +5,14 @@ use std::collections::BTreeMap;
 use tch::Tensor;
 
 /// What the names of weights begin with in [`AgentState::tensors`], and so in a checkpoint.
-pub const MODEL: &str = "model.";
+pub(crate) const MODEL: &str = "model.";
 
 /// Adam's mean of the gradient there.
-pub const FIRST_MOMENT: &str = "adam.first";
+pub(crate) const FIRST_MOMENT: &str = "adam.first";
 /// Adam's mean of its square there.
-pub const SECOND_MOMENT: &str = "adam.second";
+pub(crate) const SECOND_MOMENT: &str = "adam.second";
 /// What the beliefs are called there.
-pub const BELIEFS: &str = "beliefs";
+pub(crate) const BELIEFS: &str = "beliefs";
 
 /// Everything of an agent that a checkpoint keeps, on the CPU.
 #[derive(Debug)]
@@ -29,7 +29,7 @@ pub struct AgentState {
 }
 
 /// The weights among a checkpoint's tensors, by the network's own names. Nothing is copied.
-pub fn weights_of(tensors: &BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
+pub(crate) fn weights_of(tensors: &BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
     let weight =
         |(name, tensor): (&String, &Tensor)| Some((name.strip_prefix(MODEL)?.to_owned(), tensor.shallow_clone()));
     tensors.iter().filter_map(weight).collect()

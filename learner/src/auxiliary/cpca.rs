@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
 
 /// Its line in the registry.
-pub const ENTRY: Entry = Entry {
+pub(crate) const ENTRY: Entry = Entry {
     task: AuxiliaryTask::Cpca16,
     name: "cpca16",
     allenact: Some("aux_models.CPCA_16."),

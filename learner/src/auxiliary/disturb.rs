@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
 
 /// Its line in the registry.
-pub const ENTRY: Entry = Entry {
+pub(crate) const ENTRY: Entry = Entry {
     task: AuxiliaryTask::Disturb,
     name: "disturb",
     allenact: Some("aux_models.Disturb_Pred.classifier."),

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
 
 /// Its line in the registry.
-pub const ENTRY: Entry = Entry {
+pub(crate) const ENTRY: Entry = Entry {
     task: AuxiliaryTask::InverseDynamics,
     name: "inverse_dynamics",
     allenact: Some("aux_models.InvDyn.decoder."),

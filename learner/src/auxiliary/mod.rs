@@ -15,8 +15,10 @@ mod task;
 pub use cpca::Cpca;
 pub use disturb::{Disturb, focal_loss};
 pub use inverse_dynamics::InverseDynamics;
-pub use query::{Epoch, Query, count};
-pub use task::{Entry, Pass, Sizes, Tally, Task, TaskLoss};
+pub(crate) use query::count;
+pub use query::{Epoch, Query};
+pub(crate) use task::Entry;
+pub use task::{Pass, Sizes, Tally, Task, TaskLoss};
 
 use crate::group::{PeerError, Peers};
 use crate::network::{Layout, Packing, Parameters};
@@ -25,7 +27,7 @@ use std::collections::BTreeMap;
 use tch::Tensor;
 
 /// Every task.
-pub const TASKS: [Entry; 3] = [disturb::ENTRY, inverse_dynamics::ENTRY, cpca::ENTRY];
+pub(crate) const TASKS: [Entry; 3] = [disturb::ENTRY, inverse_dynamics::ENTRY, cpca::ENTRY];
 
 /// The task that a run trains, or none.
 #[derive(Debug)]

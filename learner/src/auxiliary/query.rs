@@ -41,7 +41,7 @@ pub struct Query {
 impl Epoch {
     /// What a task asks of each of these passes: up to `horizon` steps ahead, `share` of all valid questions (all of
     /// them if that would be few, counted over all learners).
-    pub fn queries(
+    pub(crate) fn queries(
         self,
         packings: &[&Packing],
         horizon: usize,
@@ -68,7 +68,7 @@ impl Epoch {
     }
 
     /// A random permutation of a pass's rows.
-    pub fn permutation(self, packing: &Packing) -> Vec<i64> {
+    pub(crate) fn permutation(self, packing: &Packing) -> Vec<i64> {
         let keys: Vec<f64> =
             packing.rows.iter().map(|&row| self.draws(Purpose::AuxiliaryNegatives, row, 1)[0]).collect();
         let mut order: Vec<i64> = (0..keys.len() as i64).collect();
@@ -93,7 +93,7 @@ impl Epoch {
 }
 
 /// Queries of several passes.
-pub fn count(queries: &[Vec<Query>]) -> u64 {
+pub(crate) fn count(queries: &[Vec<Query>]) -> u64 {
     queries.iter().map(|queries| queries.len() as u64).sum()
 }
 

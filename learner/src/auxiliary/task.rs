@@ -33,7 +33,7 @@ pub trait Task: fmt::Debug {
 
 /// A task's line in the registry.
 #[derive(Debug, Clone, Copy)]
-pub struct Entry {
+pub(crate) struct Entry {
     /// The configuration's variant.
     pub task: AuxiliaryTask,
     /// The configuration's name for it. Its weights are named `auxiliary.NAME.…`.
@@ -71,7 +71,7 @@ pub struct Pass<'a> {
 
 impl Pass<'_> {
     /// One number a query, i64 \[queries\], on the pass's device.
-    pub fn of_queries(&self, queries: &[Query], number: impl Fn(&Query) -> i64) -> Tensor {
+    pub(crate) fn of_queries(&self, queries: &[Query], number: impl Fn(&Query) -> i64) -> Tensor {
         Tensor::from_slice(&queries.iter().map(number).collect::<Vec<i64>>()).to_device(self.beliefs.device())
     }
 }

@@ -13,12 +13,14 @@ mod layers;
 mod parameters;
 
 pub use belief::{Belief, Packing};
-pub use embedding::{goal_coordinates, goal_vector_m, table_row};
-pub use encoder::{ENCODERS, VISUAL};
+pub use embedding::goal_coordinates;
+pub(crate) use embedding::{goal_vector_m, table_row};
+pub(crate) use encoder::{ENCODERS, VISUAL};
 pub use frame::{FramePreparation, RawFrame, Staging};
 pub use initialize::Initial;
-pub use layers::{Gru, Linear};
-pub use parameters::{Layout, ParameterId, Parameters, Unfit, all_finite, fits, to_vec};
+pub(crate) use layers::{Gru, Linear};
+pub use parameters::{Layout, ParameterId, Parameters, Unfit, to_vec};
+pub(crate) use parameters::{all_finite, fits};
 
 use embedding::{ActionEmbedding, GoalEmbedding};
 use encoder::{Backward, VisualEncoder};
@@ -28,7 +30,7 @@ use tch::{Device, Tensor};
 
 /// Width of what an observation says by itself: visual embedding and goal embedding. They come first in the rows of
 /// [`Network::embed`].
-pub const OBSERVATION: i64 = VISUAL + embedding::GOAL;
+pub(crate) const OBSERVATION: i64 = VISUAL + embedding::GOAL;
 
 /// Frames that go through the encoder at once on the CPU. What a few hundred leave behind stays near the cache and is
 /// recycled by the allocator; with thousands at once the small encoder took twice as long.
@@ -76,7 +78,7 @@ pub struct Network {
 pub struct PrecisionError(String);
 
 /// Embedded observations, and what their backward pass needs.
-pub struct Embedded<'a> {
+pub(crate) struct Embedded<'a> {
     /// One row an observation, see [`Network::embed`].
     pub rows: Tensor,
     /// Where autograd does not see the encoder: the visual embedding, at which autograd ends, and the encoder's own
@@ -120,7 +122,7 @@ impl Network {
     }
 
     /// Has the encoder compute in bfloat16 where that is asked for, or can be had and nothing else is asked for.
-    pub fn choose_precision(&mut self, asked: EncoderPrecision) -> Result<(), PrecisionError> {
+    pub(crate) fn choose_precision(&mut self, asked: EncoderPrecision) -> Result<(), PrecisionError> {
         let possible = if !self.encoder.has_kernels() {
             Err("only network.encoder \"resnet\" has kernels for it".to_owned())
         } else if self.parameters.flat().device().is_cuda() {
@@ -142,7 +144,7 @@ impl Network {
     }
 
     /// Whether the encoder computes in bfloat16.
-    pub fn is_fused(&self) -> bool {
+    pub(crate) fn is_fused(&self) -> bool {
         self.encoder.is_fused()
     }
 
@@ -152,7 +154,7 @@ impl Network {
     }
 
     /// The same, for [`Network::gradient_of`] a loss that is made of it.
-    pub fn embed_to_train(&self, observations: &Observations) -> Embedded<'_> {
+    pub(crate) fn embed_to_train(&self, observations: &Observations) -> Embedded<'_> {
         let frames = &observations.frames;
         let (visual, fused) = match self.encoder.forward_fused(&self.parameters, frames, FramePreparation::SCALE_OFFSET)
         {
@@ -178,7 +180,7 @@ impl Network {
     }
 
     /// Gradient of a loss, flat, in the order of [`Parameters::flat`]. `embedded` is what the loss was made of.
-    pub fn gradient_of(&self, loss: &Tensor, embedded: Embedded) -> Tensor {
+    pub(crate) fn gradient_of(&self, loss: &Tensor, embedded: Embedded) -> Tensor {
         let Embedded { rows, fused } = embedded;
         match fused {
             Some((visual, backward)) => {

@@ -6,7 +6,7 @@
 use crate::network::ActorCriticOutput;
 use tch::{Kind, Tensor};
 
-/// What the loss compares the network's output with; all \[rows\], in the rows' order.
+/// What the loss compares the network's output with, \[B\] each, in the order of the minibatch's packing.
 #[derive(Debug)]
 pub struct Experience {
     /// Policy indices of the actions taken, i64.
@@ -36,7 +36,7 @@ pub struct Terms {
     pub approximate_kl: Tensor,
 }
 
-/// The terms of some rows of a batch that has `batch_rows` in all.
+/// The terms of the B rows of a minibatch, of a batch that has `batch_rows` in all.
 pub fn terms(output: &ActorCriticOutput, experience: &Experience, clip: f64, batch_rows: u64) -> Terms {
     let share = 1.0 / batch_rows as f64;
     let mean = |per_row: Tensor| per_row.sum(Kind::Float) * share;

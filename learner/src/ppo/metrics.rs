@@ -19,7 +19,7 @@ pub const SCALARS: [&str; 6] = [
 
 /// Figures of one epoch.
 #[derive(Debug, Default)]
-pub struct EpochMetrics {
+pub(crate) struct EpochMetrics {
     /// Means over the batch, named by [`SCALARS`]: each pass adds its part.
     pub scalars: [f64; SCALARS.len()],
     /// Sums that the auxiliary task's figures are made of.
@@ -28,14 +28,14 @@ pub struct EpochMetrics {
 
 impl EpochMetrics {
     /// Adds a pass's scalars, in the order of [`SCALARS`].
-    pub fn add_pass(&mut self, scalars: &[Tensor; SCALARS.len()]) {
+    pub(crate) fn add_pass(&mut self, scalars: &[Tensor; SCALARS.len()]) {
         for (sum, scalar) in self.scalars.iter_mut().zip(to_vec(&Tensor::stack(scalars, 0))) {
             *sum += f64::from(scalar);
         }
     }
 
     /// Sums them over all learners.
-    pub fn sum_over_learners(&mut self, auxiliary: &Auxiliary, peers: &Peers) -> Result<(), PeerError> {
+    pub(crate) fn sum_over_learners(&mut self, auxiliary: &Auxiliary, peers: &Peers) -> Result<(), PeerError> {
         let names = auxiliary.sums();
         let mut numbers = self.scalars.to_vec();
         numbers.extend(names.iter().map(|name| self.tally.sum(name)));
@@ -50,14 +50,14 @@ impl EpochMetrics {
     }
 
     /// Name of the first scalar that is not finite.
-    pub fn first_non_finite(&self) -> Option<&'static str> {
+    pub(crate) fn first_non_finite(&self) -> Option<&'static str> {
         self.scalars.iter().zip(SCALARS).find(|(scalar, _)| !scalar.is_finite()).map(|(_, name)| name)
     }
 }
 
 /// Figures of an update: sums over its epochs.
 #[derive(Debug, Default)]
-pub struct UpdateMetrics {
+pub(crate) struct UpdateMetrics {
     scalars: [f64; SCALARS.len()],
     tally: Tally,
     gradient_norms: f64,
@@ -65,7 +65,7 @@ pub struct UpdateMetrics {
 
 impl UpdateMetrics {
     /// Adds an epoch, with its gradient's norm before clipping.
-    pub fn add_epoch(&mut self, epoch: &EpochMetrics, gradient_norm: f64) {
+    pub(crate) fn add_epoch(&mut self, epoch: &EpochMetrics, gradient_norm: f64) {
         for (sum, scalar) in self.scalars.iter_mut().zip(epoch.scalars) {
             *sum += scalar;
         }
@@ -74,7 +74,7 @@ impl UpdateMetrics {
     }
 
     /// Means over the epochs, by name; the auxiliary task's figures are over all queries of all epochs.
-    pub fn means(&self, epochs: u32, auxiliary: &Auxiliary) -> BTreeMap<String, f64> {
+    pub(crate) fn means(&self, epochs: u32, auxiliary: &Auxiliary) -> BTreeMap<String, f64> {
         let epochs = f64::from(epochs);
         let mut metrics = auxiliary.figures(&self.tally);
         metrics.extend(SCALARS.iter().zip(self.scalars).map(|(name, sum)| ((*name).to_owned(), sum / epochs)));

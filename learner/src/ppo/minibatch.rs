@@ -8,7 +8,7 @@ use tch::Tensor;
 
 /// Rows of the batch that go through the network in one pass: those of some columns.
 #[derive(Debug)]
-pub struct Minibatch {
+pub(crate) struct Minibatch {
     /// Which (step, column) each row is.
     pub packing: Packing,
     /// What the loss compares the network's output with.
@@ -20,7 +20,7 @@ pub struct Minibatch {
 
 impl Minibatch {
     /// Divides a rollout into minibatches of this many columns; 0 = all in one.
-    pub fn divide(rollout: &Rollout, targets: &Targets, columns_each: u32) -> Vec<Self> {
+    pub(crate) fn divide(rollout: &Rollout, targets: &Targets, columns_each: u32) -> Vec<Self> {
         let columns = rollout.columns();
         let width = match columns_each {
             0 => columns,
@@ -51,7 +51,7 @@ impl Minibatch {
     }
 
     /// Embeds its observations, to train: \[rows, 512 + 32 + 16\].
-    pub fn embed<'a>(&self, network: &'a Network, rollout: &Rollout) -> Embedded<'a> {
+    pub(crate) fn embed<'a>(&self, network: &'a Network, rollout: &Rollout) -> Embedded<'a> {
         match &self.observations {
             Some(observations) => network.embed_to_train(observations),
             None => network.embed_to_train(&rollout.observations(&self.packing)),

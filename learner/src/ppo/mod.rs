@@ -24,11 +24,11 @@
 //! figures ([`metrics`]).
 
 pub mod gae;
-pub mod lagrangian;
+pub(crate) mod lagrangian;
 pub mod loss;
 pub mod metrics;
-pub mod minibatch;
-pub mod preemption;
+pub(crate) mod minibatch;
+pub(crate) mod preemption;
 
 use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, count};
 use crate::group::{PeerError, Peers};
@@ -45,7 +45,7 @@ use tch::Tensor;
 
 /// Everything an update works on.
 #[derive(Debug, Clone, Copy)]
-pub struct Update<'a> {
+pub(crate) struct Update<'a> {
     /// The network; its weights change.
     pub network: &'a Network,
     /// The auxiliary task.
@@ -81,7 +81,7 @@ pub enum UpdateError {
 
 /// What losses are divided by to be means over the batch: counts over all learners.
 #[derive(Debug, Clone, Copy)]
-pub struct Totals {
+pub(crate) struct Totals {
     /// Frames of the batch.
     pub frames: u64,
     /// Queries to the auxiliary task in this epoch.
@@ -90,7 +90,7 @@ pub struct Totals {
 
 impl<'a> Update<'a> {
     /// Runs all epochs and returns the figures by name. On an error weights and moments are as they were before.
-    pub fn run(&self, adam: &mut Adam) -> Result<BTreeMap<String, f64>, UpdateError> {
+    pub(crate) fn run(&self, adam: &mut Adam) -> Result<BTreeMap<String, f64>, UpdateError> {
         // [W], the network's own storage: writing to it changes the weights.
         let mut weights = self.network.parameters.flat();
         let (weights_before, adam_before) = (weights.copy(), adam.copy());
@@ -113,13 +113,7 @@ impl<'a> Update<'a> {
             let queries = self.auxiliary.queries(&packings, self.epoch(epoch), self.peers)?;
             let totals = Totals { frames, queries: self.peers.total(count(&queries))? };
             let (mut gradient, epoch_metrics) = self.gradient(&minibatches, &queries, totals)?;
-            if let Some(name) = epoch_metrics.first_non_finite() {
-                return Err(UpdateError::NonFinite(name.to_owned()));
-            }
-            if !all_finite(&gradient) {
-                let name = self.network.parameters.first_non_finite(&gradient).unwrap_or("the sum");
-                return Err(UpdateError::NonFinite(format!("gradient of {name}")));
-            }
+            self.check_finite(&epoch_metrics, &gradient)?;
 
             // Clip. GPUs of unlike kinds may sum the squares in unlike orders: all clip by the first learner's norm.
             let mut gradient_norm = norm(&gradient);
@@ -141,7 +135,7 @@ impl<'a> Update<'a> {
 
     /// Gradient of the batch's loss under the weights as they are, \[W\], before clipping, and the epoch's figures; both
     /// summed over minibatches and learners. `queries` has a list for each minibatch.
-    pub fn gradient(
+    pub(crate) fn gradient(
         &self,
         minibatches: &[Minibatch],
         queries: &[Vec<Query>],
@@ -150,9 +144,11 @@ impl<'a> Update<'a> {
         let mut gradient = self.network.parameters.flat().zeros_like();
         let mut metrics = EpochMetrics::default();
         for (minibatch, queries) in minibatches.iter().zip(queries) {
+            // Forward and loss, then backward.
             let (loss, embedded) = self.loss(minibatch, queries, totals, &mut metrics);
             let _ = gradient.g_add_(&self.network.gradient_of(&loss, embedded));
         }
+        // The sum over learners.
         metrics.sum_over_learners(self.auxiliary, self.peers)?;
         self.peers.sum_gradients(&mut gradient)?;
         Ok((gradient, metrics))
@@ -174,12 +170,12 @@ impl<'a> Update<'a> {
         let beliefs = network.belief.unroll(&network.parameters, &embedded.rows, packing, rollout.beliefs_at_start());
         let output = network.actor_critic(&beliefs);
 
-        // Loss: the clipped surrogate, the clipped value loss, the entropy bonus.
+        // Loss: clipped surrogate + c₁ · clipped value loss − c₂ · entropy, scalars.
         let Terms { policy, value, entropy, clip_fraction, approximate_kl } =
             terms(&output, experience, ppo.clip, totals.frames);
         let mut loss = &policy + &value * ppo.value_coefficient - &entropy * ppo.entropy_coefficient;
 
-        // The auxiliary loss.
+        // + c₃ · the auxiliary task's loss, from what each observation gives by itself and from the beliefs.
         let embeddings = embedded.rows.narrow(1, 0, OBSERVATION);
         let pass = Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &experience.actions };
         let mut auxiliary = policy.zeros_like();
@@ -192,8 +188,19 @@ impl<'a> Update<'a> {
         (loss, embedded)
     }
 
+    fn check_finite(&self, metrics: &EpochMetrics, gradient: &Tensor) -> Result<(), UpdateError> {
+        if let Some(name) = metrics.first_non_finite() {
+            return Err(UpdateError::NonFinite(name.to_owned()));
+        }
+        if all_finite(gradient) {
+            return Ok(());
+        }
+        let name = self.network.parameters.first_non_finite(gradient).unwrap_or("the sum");
+        Err(UpdateError::NonFinite(format!("gradient of {name}")))
+    }
+
     /// An epoch of this update, by which the auxiliary task's queries are drawn.
-    pub fn epoch(&self, epoch: u32) -> Epoch {
+    pub(crate) fn epoch(&self, epoch: u32) -> Epoch {
         Epoch { seed: self.seed, rollout: self.rollout_number, epoch, first_column: self.first_column }
     }
 }

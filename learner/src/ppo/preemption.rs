@@ -15,7 +15,7 @@ const LEAST_STEPS: f64 = 0.25;
 
 /// Whether a learner that has taken `steps` of `planned` steps ends its rollout now. `share` is that of the learners that
 /// must have finished; 0 = never.
-pub fn ends_early(share: f64, [steps, planned]: [usize; 2], others: Finished) -> bool {
+pub(crate) fn ends_early(share: f64, [steps, planned]: [usize; 2], others: Finished) -> bool {
     let most_have_finished = f64::from(others.finished) >= share * f64::from(others.learners);
     let worth_an_update = steps as f64 >= LEAST_STEPS * planned as f64;
     share > 0.0 && others.finished > 0 && most_have_finished && worth_an_update && (1..planned).contains(&steps)

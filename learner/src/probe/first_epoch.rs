@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use tch::{Device, Tensor};
 
 /// What a probe finds.
-pub struct Probed {
+pub(super) struct Probed {
     /// Tables by cell, gradients by weight, and the figures as single numbers.
     pub tensors: BTreeMap<String, Tensor>,
     /// Losses and other figures.
@@ -25,7 +25,12 @@ pub struct Probed {
 
 /// Computes what an update with this batch begins with. All columns go through the network at once, whatever the
 /// configuration gives; weights stay as they are.
-pub fn probe(config: &Config, network: &Network, auxiliary: &Auxiliary, batch: &Batch) -> Result<Probed, UpdateError> {
+pub(super) fn probe(
+    config: &Config,
+    network: &Network,
+    auxiliary: &Auxiliary,
+    batch: &Batch,
+) -> Result<Probed, UpdateError> {
     let Batch { rollout, negatives } = batch;
     let update = Update {
         network,

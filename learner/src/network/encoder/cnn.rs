@@ -8,7 +8,7 @@ use proto::config::Encoder;
 use tch::Tensor;
 
 /// Its line in the registry.
-pub const ENTRY: Entry = Entry {
+pub(crate) const ENTRY: Entry = Entry {
     encoder: Encoder::Cnn,
     linear: "visual_encoder.cnn.6",
     features,
@@ -26,7 +26,7 @@ const CONVOLUTIONS: [(i64, i64, i64); 3] = [(32, 8, 4), (64, 4, 2), (32, 3, 1)];
 
 /// The encoder.
 #[derive(Debug)]
-pub struct Cnn {
+struct Cnn {
     convolutions: Vec<Convolution>,
     linear: Linear,
 }

@@ -5,18 +5,18 @@ mod cnn;
 mod resnet;
 mod visual;
 
-pub use visual::{Backward, Entry, VISUAL, VisualEncoder};
+pub(crate) use visual::{Backward, Entry, VISUAL, VisualEncoder};
 
 use proto::config::Encoder;
 
 /// Every encoder.
-pub const ENCODERS: [Entry; 2] = [resnet::ENTRY, cnn::ENTRY];
+pub(crate) const ENCODERS: [Entry; 2] = [resnet::ENTRY, cnn::ENTRY];
 
 /// The encoder that the configuration names.
 ///
 /// # Panics
 /// If it has no line in [`ENCODERS`].
-pub fn entry(encoder: Encoder) -> Entry {
+pub(crate) fn entry(encoder: Encoder) -> Entry {
     let found = ENCODERS.into_iter().find(|entry| entry.encoder == encoder);
     found.unwrap_or_else(|| panic!("{encoder:?} has no line in ENCODERS"))
 }

@@ -9,20 +9,20 @@ use std::fmt;
 use tch::Tensor;
 
 /// Width of the visual embedding.
-pub const VISUAL: i64 = 512;
+pub(crate) const VISUAL: i64 = 512;
 
 /// Where the names of an encoder's weights begin.
-pub const PATH: &str = "visual_encoder";
+pub(crate) const PATH: &str = "visual_encoder";
 
 /// Gradients by parameter, each of its parameter's shape.
-pub type Gradients = Vec<(ParameterId, Tensor)>;
+pub(crate) type Gradients = Vec<(ParameterId, Tensor)>;
 
 /// The backward pass of an encoder that autograd does not see: gradient of the embedding \[rows, 512\] → gradients of
 /// all of the encoder's parameters.
-pub type Backward<'a> = Box<dyn FnOnce(&Tensor) -> Gradients + 'a>;
+pub(crate) type Backward<'a> = Box<dyn FnOnce(&Tensor) -> Gradients + 'a>;
 
 /// A visual encoder.
-pub trait VisualEncoder: fmt::Debug {
+pub(crate) trait VisualEncoder: fmt::Debug {
     /// The network's input \[rows, 1, side, side\] → \[rows, 512\], through autograd, in float32.
     fn forward(&self, parameters: &Parameters, frames: &Tensor) -> Tensor;
 
@@ -58,7 +58,7 @@ pub trait VisualEncoder: fmt::Debug {
 
 /// An encoder's line in the registry.
 #[derive(Debug, Clone, Copy)]
-pub struct Entry {
+pub(crate) struct Entry {
     /// The configuration's name for it.
     pub encoder: config::Encoder,
     /// Its last layer, which no other encoder has.
@@ -72,6 +72,6 @@ pub struct Entry {
 }
 
 /// A linear layer from a flattened feature map to the visual embedding, initialised as the encoders' convolutions.
-pub fn visual_linear(layout: &mut Layout, path: &str, inputs: i64) -> Linear {
+pub(crate) fn visual_linear(layout: &mut Layout, path: &str, inputs: i64) -> Linear {
     Linear::new(layout, path, [inputs, VISUAL], Initial::kaiming_normal(inputs), Initial::Constant(0.0))
 }

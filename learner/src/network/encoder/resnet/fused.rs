@@ -17,7 +17,7 @@ use tch::{Kind, Tensor};
 
 /// The means to run the encoder this way.
 #[derive(Debug)]
-pub struct Fused {
+pub(super) struct Fused {
     kernels: Kernels,
     rounded: RefCell<Option<Rounded>>,
 }
@@ -63,7 +63,7 @@ struct BlockTape {
 
 /// What a forward pass leaves for its backward pass.
 #[derive(Debug)]
-pub struct Tape {
+pub(super) struct Tape {
     stem_input: Tensor,
     stem: Normed,
     winners: Winners,
@@ -77,13 +77,13 @@ pub struct Tape {
 
 impl Fused {
     /// Compiles the kernels. libtorch must have made a tensor on the device before.
-    pub fn new() -> Result<Self, CudaError> {
+    pub(super) fn new() -> Result<Self, CudaError> {
         Ok(Self { kernels: Kernels::compile()?, rounded: RefCell::new(None) })
     }
 
     /// Kept frames \[rows, side, side\] → visual embedding \[rows, 512\], f32 and outside autograd. The network sees
     /// `frame · scale + offset`.
-    pub fn forward(
+    pub(super) fn forward(
         &self,
         resnet: &Resnet,
         parameters: &Parameters,
@@ -142,7 +142,13 @@ impl Fused {
     /// # Panics
     /// If the weights have changed since the forward pass.
     // Long because: it undoes the forward pass step by step, in one order, and reads beside it.
-    pub fn backward(&self, resnet: &Resnet, parameters: &Parameters, tape: Tape, gradient: &Tensor) -> Gradients {
+    pub(super) fn backward(
+        &self,
+        resnet: &Resnet,
+        parameters: &Parameters,
+        tape: Tape,
+        gradient: &Tensor,
+    ) -> Gradients {
         let _no_grad = tch::no_grad_guard();
         let rounded = self.rounded.borrow();
         let weights = rounded.as_ref().expect("a forward pass rounds the weights");

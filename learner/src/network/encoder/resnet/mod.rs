@@ -13,7 +13,7 @@ use proto::config::Encoder;
 use tch::Tensor;
 
 /// Its line in the registry.
-pub const ENTRY: Entry = Entry {
+pub(crate) const ENTRY: Entry = Entry {
     encoder: Encoder::Resnet,
     linear: "visual_encoder.fc.1",
     features: plain::features,
