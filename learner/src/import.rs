@@ -25,8 +25,8 @@ use std::fmt;
 use std::path::Path;
 use tch::{Kind, Tensor};
 
-/// Our module path and AllenAct's, both up to and including the dot before what they have in common. Those of an encoder
-/// or an auxiliary task are in its own file: see [`correspondences`].
+/// Our module path and AllenAct's, both up to and including the dot before what they have in common. Those of an
+/// encoder or an auxiliary task are in its own file: see [`correspondences`].
 const COMMON: [(&str, &str); 9] = [
     ("goal_embedder.0.", "goal_embedder.0.0."),
     ("goal_embedder.2.", "goal_embedder.1.0."),

@@ -44,8 +44,8 @@ pub(crate) trait VisualEncoder: fmt::Debug {
         false
     }
 
-    /// Kept frames \[rows, side, side\] → \[rows, 512\], f32 and outside autograd, with the backward pass that belongs to
-    /// it. The network's input is `frame · scale + offset`. `None` before [`VisualEncoder::fuse`].
+    /// Kept frames \[rows, side, side\] → \[rows, 512\], f32 and outside autograd, and the backward pass to it. The
+    /// network's input is `frame · scale + offset`. `None` before [`VisualEncoder::fuse`].
     fn forward_fused<'a>(
         &'a self,
         _parameters: &'a Parameters,
