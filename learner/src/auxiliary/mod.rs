@@ -1,4 +1,5 @@
-//! Auxiliary tasks: a loss on the belief besides those of policy and value. A run trains one of them or none.
+//! Auxiliary tasks: a loss on the belief besides those of policy and value (`docs/method.md`, Auxiliary tasks). A run
+//! trains one of them or none.
 //!
 //! To add one: a file here with its [`Task`] and its `ENTRY`, a line in [`TASKS`], and its variant in
 //! `proto::config::AuxiliaryTask`.

@@ -3,7 +3,7 @@
 use crate::auxiliary::{Auxiliary, Tally};
 use crate::group::{PeerError, Peers};
 use crate::network::to_vec;
-use proto::control::metric;
+use proto::metric;
 use std::collections::BTreeMap;
 use tch::Tensor;
 

@@ -39,7 +39,7 @@ use loss::{Terms, terms};
 use metrics::{EpochMetrics, UpdateMetrics};
 use minibatch::Minibatch;
 use proto::config::{AuxiliaryConfig, PpoConfig};
-use proto::control::metric;
+use proto::metric;
 use std::collections::BTreeMap;
 use tch::Tensor;
 

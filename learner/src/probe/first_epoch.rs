@@ -11,7 +11,7 @@ use crate::ppo::minibatch::Minibatch;
 use crate::ppo::{Totals, Update, UpdateError};
 use crate::rollout::Rollout;
 use proto::config::Config;
-use proto::control::metric;
+use proto::metric;
 use std::collections::BTreeMap;
 use tch::{Device, Tensor};
 

@@ -4,8 +4,8 @@ use crate::auxiliary::TASKS;
 use crate::checkpoint::TensorsError;
 use crate::network::ENCODERS;
 use proto::action::ActionSpace;
+use proto::camera::FRAME_SIDE;
 use proto::config::{AuxiliaryTask, Config};
-use proto::message::FRAME_SIDE;
 use std::collections::BTreeMap;
 use tch::Tensor;
 
