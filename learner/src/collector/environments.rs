@@ -216,10 +216,10 @@ fn check_transition(state: &EnvironmentState, action: u8, transition: &Transitio
 
 /// What of a report is not finite, if something is.
 fn not_finite(transition: Option<&Transition>, current: &Current) -> Option<String> {
-    if let Some(Transition { reward: parts, disturbance_m, episode, step, .. }) = transition {
-        if !(parts.is_finite() && disturbance_m.is_finite()) {
-            return Some(format!("its reward at episode {episode}, step {step} is not finite: {parts:?}"));
-        }
+    if let Some(Transition { reward: parts, disturbance_m, episode, step, .. }) = transition
+        && !(parts.is_finite() && disturbance_m.is_finite())
+    {
+        return Some(format!("its reward at episode {episode}, step {step} is not finite: {parts:?}"));
     }
     let Current { wrist_to_object_m, object_to_goal_m, episode, step, .. } = current;
     let finite = wrist_to_object_m.iter().chain(object_to_goal_m).all(|value| value.is_finite());
