@@ -2,9 +2,10 @@
 //! magnitude: on a linear scale nearly all of a map is dark.
 
 use super::palette::heat;
+use super::place::{LABEL, Rect};
 use super::scale::{Axis, Unit};
 use super::svg::{AXIS, Anchor, Canvas, Stroke};
-use super::{Frame, LABEL, text};
+use super::text;
 
 /// Shares by row and column.
 #[derive(Debug, Clone)]
@@ -29,14 +30,14 @@ impl HeatMap {
         rows as f64 * 15.0 + 70.0
     }
 
-    pub(super) fn draw(&self, canvas: &mut Canvas, frame: Frame) {
+    pub(super) fn draw(&self, canvas: &mut Canvas, rect: Rect) {
         let size = LABEL - 1.0;
         let names = self.rows.iter().map(|name| text::width(name, size)).fold(0.0, f64::max);
-        let plot = Frame {
-            left: frame.left + names + 10.0,
-            top: frame.top + 2.0,
-            width: frame.width - names - 10.0 - 92.0,
-            height: frame.height - 2.0 - 38.0,
+        let plot = Rect {
+            left: rect.left + names + 10.0,
+            top: rect.top + 2.0,
+            width: rect.width - names - 10.0 - 92.0,
+            height: rect.height - 2.0 - 38.0,
         };
         let columns = self.values.iter().map(Vec::len).max().unwrap_or(0).max(1);
         // The same for every map, so that colours mean the same on all of them.
@@ -72,7 +73,7 @@ impl HeatMap {
         }
         canvas.text(plot.left + plot.width / 2.0, plot.bottom() + 34.0, LABEL, Anchor::Middle, &self.x_label);
 
-        let bar = Frame { left: plot.right() + 18.0, width: 14.0, ..plot };
+        let bar = Rect { left: plot.right() + 18.0, width: 14.0, ..plot };
         let step = bar.height / f64::from(BAR_STEPS);
         for level in 0..BAR_STEPS {
             let share = (f64::from(level) + 0.5) / f64::from(BAR_STEPS);
@@ -84,6 +85,6 @@ impl HeatMap {
             canvas.text(bar.right() + 4.0, height + 4.0, size, Anchor::Start, label);
         }
         let middle = bar.top + bar.height / 2.0;
-        canvas.rotated_text(frame.right() - 3.0, middle, size, Anchor::Middle, -90.0, &self.scale_label);
+        canvas.rotated_text(rect.right() - 3.0, middle, size, Anchor::Middle, -90.0, &self.scale_label);
     }
 }

@@ -1,8 +1,11 @@
 //! Learning curves.
 
-use super::{Subject, in_parts, legend, stages, trained};
+use super::parts::{in_parts, legend};
+use super::series::trained;
+use super::stages;
 use crate::chart::{Axis, Content, Figure, LinePlot, Panel, Unit};
 use crate::curves::Curve;
+use crate::entry::Entry;
 use proto::metric;
 
 /// Title, metric, axis.
@@ -21,12 +24,12 @@ fn measures() -> [(&'static str, &'static str, Axis); 4] {
 }
 
 /// Return, success, success without disturbance and disturbance over training.
-pub fn learning(subjects: &[Subject<'_>]) -> Vec<Figure> {
-    let begun: Vec<&Subject<'_>> =
-        subjects.iter().filter(|subject| subject.group.runs.iter().any(|run| !run.rollouts.is_empty())).collect();
+pub fn learning(entries: &[Entry<'_>]) -> Vec<Figure> {
+    let begun: Vec<&Entry<'_>> =
+        entries.iter().filter(|entry| entry.group.runs.iter().any(|run| !run.rollouts.is_empty())).collect();
     in_parts(&begun, "learning", |name, part| {
         let panels = measures().map(|(title, metric, y)| {
-            let series = part.iter().filter_map(|subject| trained(subject, metric)).collect();
+            let series = part.iter().filter_map(|entry| trained(entry, metric)).collect();
             let mut plot = LinePlot { x: Axis::new("frames", Unit::Count), y, series, marks: Vec::new() };
             stages::mark(&mut plot, part);
             Panel { title: title.to_owned(), content: Content::Lines(plot) }
@@ -46,11 +49,11 @@ pub fn learning(subjects: &[Subject<'_>]) -> Vec<Figure> {
 }
 
 /// PPO-Lagrangian's multiplier over training.
-pub fn multiplier(subjects: &[Subject<'_>]) -> Vec<Figure> {
-    let with: Vec<&Subject<'_>> =
-        subjects.iter().filter(|subject| Curve::of_training(subject.group, metric::MULTIPLIER).is_some()).collect();
+pub fn multiplier(entries: &[Entry<'_>]) -> Vec<Figure> {
+    let with: Vec<&Entry<'_>> =
+        entries.iter().filter(|entry| Curve::of_training(entry.group, metric::MULTIPLIER).is_some()).collect();
     in_parts(&with, "multiplier", |name, part| {
-        let curves = part.iter().filter_map(|subject| trained(subject, metric::MULTIPLIER));
+        let curves = part.iter().filter_map(|entry| trained(entry, metric::MULTIPLIER));
         let plot = LinePlot {
             x: Axis::new("frames", Unit::Count),
             y: Axis::new("λ", Unit::Number),

@@ -10,7 +10,7 @@ const SCALE: f32 = 2.0;
 
 /// A figure that could not be drawn.
 #[derive(Debug, thiserror::Error)]
-pub enum RasterError {
+pub enum PngError {
     /// Not an SVG document.
     #[error("a figure is no SVG document: {0}")]
     Svg(#[from] usvg::Error),
@@ -34,12 +34,12 @@ static FONTS: LazyLock<Arc<Database>> = LazyLock::new(|| {
 });
 
 /// The document as a PNG file.
-pub fn png(svg: &str) -> Result<Vec<u8>, RasterError> {
+pub fn encode(svg: &str) -> Result<Vec<u8>, PngError> {
     let options = Options { fontdb: Arc::clone(&FONTS), ..Options::default() };
     let tree = Tree::from_str(svg, &options)?;
     let size = tree.size();
     let [width, height] = [size.width(), size.height()].map(|length| (length * SCALE).round() as u32);
-    let mut pixels = Pixmap::new(width, height).ok_or(RasterError::Size { width, height })?;
+    let mut pixels = Pixmap::new(width, height).ok_or(PngError::Size { width, height })?;
     resvg::render(&tree, Transform::from_scale(SCALE, SCALE), &mut pixels.as_mut());
-    pixels.encode_png().map_err(|error| RasterError::Png(error.to_string()))
+    pixels.encode_png().map_err(|error| PngError::Png(error.to_string()))
 }
