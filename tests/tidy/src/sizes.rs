@@ -8,8 +8,8 @@ use syn::visit::Visit;
 const FUNCTION_LINES: usize = 80;
 /// The most lines of a source file.
 const FILE_LINES: usize = 600;
-/// What names the reason of a longer function, on a line directly above it.
-const REASON: &str = "// Long because: ";
+/// What names the reason of a longer function, in a comment directly above it.
+const REASON: &str = "Long because: ";
 /// Endings of sources that are written by hand.
 const SOURCES: [&str; 7] = [".rs", ".py", ".cpp", ".cu", ".h", ".c", ".proto"];
 
@@ -27,10 +27,12 @@ pub(crate) fn findings(tree: &Tree, sources: &Sources) -> Vec<Finding> {
                 detail: String::new(),
             });
         }
+        let lines: Vec<&str> = text.lines().collect();
+        let mut measure = Measure { path, lines: &lines, found: &mut found };
         if let Some(file) = sources.get(path) {
-            let lines: Vec<&str> = text.lines().collect();
-            let mut measure = Measure { path, lines: &lines, found: &mut found };
             measure.visit_file(file);
+        } else if path.ends_with(".py") {
+            measure.python();
         }
     }
     found
@@ -46,12 +48,29 @@ impl Measure<'_> {
     fn function(&mut self, signature: &syn::Signature, body: &syn::Block) {
         let first = signature.fn_token.span.start().line;
         let last = body.brace_token.span.close().end().line;
+        self.judge(&signature.ident.to_string(), first, last);
+    }
+
+    /// A function of Python ends before the next line that stands no further in.
+    fn python(&mut self) {
+        let indent = |line: &str| line.len() - line.trim_start().len();
+        for (index, line) in self.lines.iter().enumerate() {
+            let Some(head) = line.trim_start().strip_prefix("def ") else { continue };
+            let after = self.lines[index + 1..].iter().enumerate();
+            let within =
+                after.take_while(|(_, next)| next.is_empty() || next.starts_with(')') || indent(next) > indent(line));
+            let last = within.filter(|(_, next)| !next.is_empty()).last().map_or(0, |(ahead, _)| ahead + 1);
+            self.judge(head.split('(').next().unwrap_or_default(), index + 1, index + 1 + last);
+        }
+    }
+
+    fn judge(&mut self, name: &str, first: usize, last: usize) {
         if last + 1 - first > FUNCTION_LINES && !self.has_reason(first) {
             self.found.push(Finding {
                 path: self.path.to_owned(),
                 line: first,
                 rule: Rule::LongFunction,
-                what: format!("`{}` has more than {FUNCTION_LINES} lines", signature.ident),
+                what: format!("`{name}` has more than {FUNCTION_LINES} lines"),
                 detail: String::new(),
             });
         }
@@ -60,9 +79,10 @@ impl Measure<'_> {
     /// Looks through the comments and attributes directly above a line, counted from 1.
     fn has_reason(&self, line: usize) -> bool {
         let above = self.lines[..line - 1].iter().rev().map(|line| line.trim_start());
+        let reason = |line: &str| line.trim_start_matches(['/', '#', ' ']).strip_prefix(REASON).map(str::to_owned);
         above
-            .take_while(|line| line.starts_with("//") || line.starts_with("#["))
-            .any(|line| line.strip_prefix(REASON).is_some_and(|reason| !reason.trim().is_empty()))
+            .take_while(|line| line.starts_with("//") || line.starts_with('#'))
+            .any(|line| reason(line).is_some_and(|reason| !reason.trim().is_empty()))
     }
 }
 

@@ -100,6 +100,11 @@ fn a_function_of_ninety_lines_needs_a_reason() {
     assert_eq!(planted("shop/src/till.rs", &long_function("// Long because: it is one table.\n#[inline]\n")), []);
     assert_eq!(planted("shop/src/till.rs", &long_function("// Long because: \n")).len(), 1, "no reason is stated");
     assert_eq!(planted("shop/src/till.rs", &long_function("// Long because: far off.\n\n")).len(), 1);
+    let python = |above: &str, lines| format!("{above}def count(\n):\n{}\n\nrest = 1\n", "    pass\n".repeat(lines));
+    let found = only("docs/plot.py", &python("", 79), Rule::LongFunction);
+    assert_eq!((found.line, found.what.as_str()), (1, "`count` has more than 80 lines"));
+    assert_eq!(planted("docs/plot.py", &python("", 78)), []);
+    assert_eq!(planted("docs/plot.py", &python("# Long because: it is one table.\n", 79)), []);
 }
 
 #[test]
