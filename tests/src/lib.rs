@@ -369,3 +369,22 @@ impl Run {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[should_panic(expected = "no process to kill")]
+    fn a_process_that_is_not_there_cannot_be_killed() {
+        Workshop::new().run("nothing").kill_one("--actor ");
+    }
+
+    #[test]
+    #[should_panic(expected = "it ended before it was killed")]
+    fn a_command_that_has_ended_cannot_be_killed() {
+        let mut child = start(Command::new("true"));
+        child.wait().unwrap();
+        kill_child(child);
+    }
+}

@@ -7,7 +7,7 @@
 //! identifier. What the signature of a used item names is used with it. Names that are common (`new`) therefore always
 //! pass; what is found is certain.
 
-use crate::modules::Target;
+use crate::modules::{Place, Target};
 use crate::syntax::{Sources, attributes, for_tests, identifiers, plain};
 use crate::tree::Kind;
 use crate::{Finding, Rule};
@@ -164,7 +164,11 @@ fn items(target: &Target, sources: &Sources) -> Vec<Item> {
     let mut found = vec![];
     for (index, module) in target.modules.iter().enumerate().filter(|(_, module)| !module.test && !module.inline) {
         let Some(file) = sources.get(&module.file) else { continue };
-        let exposed = |name: &str| target.kind == Kind::Library && target.is_exposed(index, name);
+        // A method is where its type is, in whatever file it is written.
+        let exposed = |name: &str| match target.resolve(index, &[name.to_owned()]) {
+            Some(Place::Item(at)) => target.kind == Kind::Library && target.is_exposed(at, name),
+            _ => target.kind == Kind::Library && target.is_exposed(index, name),
+        };
         let first = found.len();
         for item in file.items.iter().filter(|item| !for_tests(attributes(item))) {
             match item {

@@ -170,13 +170,14 @@ impl Target {
 
     /// Whether another crate can name what module `at` defines as `name`.
     pub(crate) fn is_exposed(&self, at: usize, name: &str) -> bool {
-        let passed_on = |index: usize, used: &Use| {
-            let leads = |path: &[String]| self.resolve(index, path) == Some(Place::Item(at));
-            used.public && used.path.last().is_some_and(|last| last == name) && leads(&used.path)
-                || used.public && used.glob && self.resolve(index, &used.path) == Some(Place::Module(at))
-        };
-        let mut modules = self.modules.iter().enumerate();
-        self.is_reachable(at) || modules.any(|(index, module)| module.uses.iter().any(|used| passed_on(index, used)))
+        let passed_on = |index: usize, used: &Use| match self.resolve(index, &used.path) {
+            Some(Place::Module(module)) if used.glob => self.look_up(module, name, true, MOST_STEPS),
+            place => place,
+        } == Some(Place::Item(at));
+        let named = |used: &&Use| used.public && (used.glob || used.path.last().is_some_and(|last| last == name));
+        let mut modules = self.modules.iter().enumerate().filter(|(index, _)| self.is_reachable(*index));
+        self.is_reachable(at)
+            || modules.any(|(index, module)| module.uses.iter().filter(named).any(|used| passed_on(index, used)))
     }
 
     /// Whether a module can be reached from outside by its own path.

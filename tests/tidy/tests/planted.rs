@@ -158,6 +158,17 @@ fn a_public_item_without_a_user_outside_is_found() {
     let till =
         "//! Till.\npub fn count() { close() }\npub fn close() { stock::price::price(&stock::Shelf::new(3)); }\n";
     assert_eq!(only("shop/src/till.rs", till, Rule::UnusedPub).what, "nobody outside uses `close`");
+    // The method of a type that others can name needs others, also where its file is private.
+    let sawn = |used: &str| {
+        let mut tree = clean();
+        tree.add("stock/src/shelf/mod.rs", "mod board;\nmod saw;\npub use board::Shelf;\n");
+        tree.add("stock/src/shelf/saw.rs", "use super::Shelf;\nimpl Shelf {\n    pub fn sawn(self) {}\n}\n");
+        tree.add("stock/src/price.rs", &format!("{text}fn all(shelf: Shelf) {{ shelf.sawn() }}\n"));
+        tree.add("shop/src/main.rs", &format!("mod till;\nfn main() {{ till::count(); {used} }}\n"));
+        findings(&tree)
+    };
+    assert_eq!(sawn("stock::Shelf::new(3).sawn();"), []);
+    assert_eq!(sawn("")[0].what, "nobody outside uses `Shelf::sawn`");
     // A type that a used function hands out is used with it, and an example in the documentation is a user.
     let handed = text.replace("-> u32 { shelf.0 }", "-> Price { Price(shelf.0) }\npub struct Price(pub u32);");
     assert_eq!(planted("stock/src/price.rs", &handed), []);
