@@ -5,7 +5,7 @@ use rustix::process::Signal;
 use std::process::Command;
 use std::sync::OnceLock;
 use std::time::Duration;
-use system_tests::{Run, TINY, Workshop, complete, finish, kill, signal, start};
+use system_tests::{Run, TINY, Workshop, complete, finish, kill, kill_child, signal, start};
 
 const LEARNERS: usize = 3;
 const ACTORS: u32 = 4;
@@ -53,7 +53,7 @@ fn a_killed_learner_takes_the_others_along_and_all_go_on_from_the_checkpoint() {
         kill(learners(&run)[rank]);
         let printed = finish(child);
         assert_eq!(&printed.result(), undisturbed());
-        let deaths: Vec<&str> = printed.stderr.lines().filter(|line| line.contains(" died")).collect();
+        let deaths = printed.deaths();
         assert_eq!(deaths.len(), 1, "one death is told: {printed:#?}");
         assert!(deaths[0].contains(&format!("learner-{rank} died")), "{printed:#?}");
         assert!(!printed.stderr.contains("ERROR"), "{printed:#?}");
@@ -67,12 +67,11 @@ fn a_killed_actor_and_a_killed_orchestrator_change_nothing() {
     let child = start(up(&workshop, "orchestrator"));
     let run = workshop.run("orchestrator");
     run.wait_for_rollouts(3);
-    if let Some(actor) = run.processes("--actor 3 ").first() {
-        kill(*actor);
-    }
+    run.kill_one("--actor 3 ");
     run.wait_for_rollouts(8);
-    kill(child.id());
-    assert!(!finish(child).success);
+    let printed = kill_child(child);
+    assert!(matches!(printed.deaths()[..], [death] if death.contains("actor-03")), "{printed:#?}");
+    assert!(run.trained() < FRAMES, "the run was killed in its middle");
     assert_eq!(&complete(workshop.resume("orchestrator")).result(), undisturbed());
     run.assert_nothing_left();
 }
@@ -86,13 +85,15 @@ fn a_stopped_run_goes_on_also_with_another_number_of_learners() {
     signal(child.id(), Signal::INT);
     let printed = finish(child);
     assert!(printed.success && !printed.stderr.contains("ERROR"), "{printed:#?}");
+    assert!(run.trained() < FRAMES, "the run was stopped in its middle");
     run.assert_nothing_left();
 
     // As many again: the same run.
     let child = start(workshop.resume("stopped"));
-    run.wait_for_rollouts(9);
+    run.wait_for_rollouts(run.metrics().len() + 3);
     signal(child.id(), Signal::TERM);
     assert!(finish(child).success);
+    assert!(run.trained() < FRAMES, "the run was stopped in its middle again");
     let copy = workshop.path("copy");
     let copied = Command::new("cp").arg("-r").arg(run.folder.root()).arg(&copy).status();
     assert!(copied.is_ok_and(|status| status.success()));

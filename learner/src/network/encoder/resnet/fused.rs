@@ -5,18 +5,19 @@
 //! pass reads is kept, and autograd never sees the encoder: it ends at the visual embedding, whose gradient
 //! [`Fused::backward`] takes from there.
 
-use super::super::layers::{Convolution, GroupNorm};
-use super::super::parameters::{ParameterId, Parameters};
-use super::{BASE, Block, COMPRESSED, Resnet};
+use super::super::visual::Gradients;
+use super::plain::{BASE, Block, COMPRESSED, Resnet};
 use crate::ffi::convolution::convolution_backward;
 use crate::ffi::cuda::CudaError;
 use crate::ffi::kernels::{Affine, Kernels, NormGradients, Statistics, Winners, channels_last};
+use crate::network::layers::{Convolution, GroupNorm};
+use crate::network::parameters::Parameters;
 use std::cell::RefCell;
 use tch::{Kind, Tensor};
 
 /// The means to run the encoder this way.
 #[derive(Debug)]
-pub struct Fused {
+pub(super) struct Fused {
     kernels: Kernels,
     rounded: RefCell<Option<Rounded>>,
 }
@@ -62,7 +63,7 @@ struct BlockTape {
 
 /// What a forward pass leaves for its backward pass.
 #[derive(Debug)]
-pub struct Tape {
+pub(super) struct Tape {
     stem_input: Tensor,
     stem: Normed,
     winners: Winners,
@@ -74,18 +75,15 @@ pub struct Tape {
     visual: Tensor,
 }
 
-/// Gradients by parameter, each of its parameter's shape.
-pub type Gradients = Vec<(ParameterId, Tensor)>;
-
 impl Fused {
     /// Compiles the kernels. libtorch must have made a tensor on the device before.
-    pub fn new() -> Result<Self, CudaError> {
+    pub(super) fn new() -> Result<Self, CudaError> {
         Ok(Self { kernels: Kernels::compile()?, rounded: RefCell::new(None) })
     }
 
     /// Kept frames \[rows, side, side\] → visual embedding \[rows, 512\], f32 and outside autograd. The network sees
     /// `frame · scale + offset`.
-    pub fn forward(
+    pub(super) fn forward(
         &self,
         resnet: &Resnet,
         parameters: &Parameters,
@@ -143,7 +141,14 @@ impl Fused {
     ///
     /// # Panics
     /// If the weights have changed since the forward pass.
-    pub fn backward(&self, resnet: &Resnet, parameters: &Parameters, tape: Tape, gradient: &Tensor) -> Gradients {
+    // Long because: it undoes the forward pass step by step, in one order, and reads beside it.
+    pub(super) fn backward(
+        &self,
+        resnet: &Resnet,
+        parameters: &Parameters,
+        tape: Tape,
+        gradient: &Tensor,
+    ) -> Gradients {
         let _no_grad = tch::no_grad_guard();
         let rounded = self.rounded.borrow();
         let weights = rounded.as_ref().expect("a forward pass rounds the weights");

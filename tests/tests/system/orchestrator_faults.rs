@@ -1,7 +1,7 @@
 //! The orchestrator is killed at every named point of its protocol; `resume` ends in the weights of a run that was
 //! left alone.
 
-use system_tests::{TINY, Workshop, complete, finish, kill, start};
+use system_tests::{TINY, Workshop, complete, kill_child, start};
 
 const ACTORS: u32 = 1;
 const ENVIRONMENTS: u32 = 3;
@@ -16,7 +16,7 @@ fn killed_at(points: &[(&str, u32)]) {
         let mut command = workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES);
         command.env("STILLROOM_FAULT", format!("orchestrator.{point}:{count}"));
         let killed = complete(command);
-        assert!(!killed.success, "the point {point} is never reached: {killed:#?}");
+        assert!(killed.killed, "the point {point} is never reached: {killed:#?}");
         let resumed = complete(workshop.resume(&name)).result();
         assert_eq!(resumed, undisturbed, "killed at {point}");
         workshop.run(&name).assert_nothing_left();
@@ -33,9 +33,9 @@ fn a_learner_whose_orchestrator_is_killed_saves_what_it_has_trained() {
     let child = start(workshop.up("killed", ACTORS, ENVIRONMENTS, 10 * FRAMES));
     let run = workshop.run("killed");
     run.wait_for_rollouts(3);
-    kill(child.id());
-    finish(child);
+    kill_child(child);
     run.wait_for_end();
+    assert!(run.trained() < 10 * FRAMES, "the run was killed in its middle");
     let checkpoints = std::fs::read_dir(run.folder.checkpoints()).expect("checkpoints");
     let newest = checkpoints.map(|entry| entry.expect("an entry").file_name()).max().expect("a checkpoint");
     assert!(*newest.to_string_lossy() > *"rollout-00000002", "the last is {newest:?}");

@@ -4,7 +4,7 @@
 
 use rustix::process::Signal;
 use std::sync::OnceLock;
-use system_tests::{Run, Workshop, complete, finish, kill, signal, start};
+use system_tests::{Workshop, complete, finish, kill, kill_child, signal, start};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
@@ -42,11 +42,12 @@ fn a_killed_actor_comes_back_and_changes_nothing() {
     let run = workshop.run("actor");
     for rollouts in [1, 4, 9] {
         run.wait_for_rollouts(rollouts);
-        if let Some(actor) = run.processes("--actor ").first() {
-            kill(*actor);
-        }
+        run.kill_one("--actor ");
     }
-    assert_eq!(&finish(child).result(), undisturbed());
+    let printed = finish(child);
+    assert_eq!(&printed.result(), undisturbed());
+    assert_eq!(printed.deaths().len(), 3, "every kill is told: {printed:#?}");
+    assert!(printed.deaths().iter().all(|line| line.contains("actor-")), "{printed:#?}");
     run.assert_nothing_left();
 }
 
@@ -57,7 +58,10 @@ fn a_killed_learner_goes_on_from_its_checkpoint() {
     let run = workshop.run("learner");
     run.wait_for_rollouts(5);
     kill(run.learner());
-    assert_eq!(&finish(child).result(), undisturbed());
+    let printed = finish(child);
+    assert_eq!(&printed.result(), undisturbed());
+    assert_eq!(printed.deaths().len(), 1, "the kill is told: {printed:#?}");
+    assert!(printed.deaths()[0].contains("learner"), "{printed:#?}");
     run.assert_nothing_left();
 }
 
@@ -67,8 +71,7 @@ fn a_killed_orchestrator_is_resumed() {
     let child = start(workshop.up("orchestrator", ACTORS, ENVIRONMENTS, FRAMES));
     let run = workshop.run("orchestrator");
     run.wait_for_rollouts(5);
-    kill(child.id());
-    assert!(!finish(child).success);
+    kill_child(child);
     assert_eq!(&complete(workshop.resume("orchestrator")).result(), undisturbed());
     run.assert_nothing_left();
 }
@@ -84,13 +87,15 @@ fn a_stopped_run_is_resumed() {
     assert!(printed.success, "{printed:#?}");
     assert!(printed.stderr.contains("orchestrator resume stopped"), "{printed:#?}");
     run.assert_nothing_left();
-    assert!(trained(&run) < FRAMES, "the run was stopped in its middle");
+    let first = run.trained();
+    assert!(first < FRAMES, "the run was stopped in its middle");
 
     let child = start(workshop.resume("stopped"));
-    run.wait_for_rollouts(12);
+    run.wait_for_rollouts(run.metrics().len() + 3);
     let stop = complete(workshop.orchestrator(&["stop", "stopped"]));
     assert!(stop.success, "{stop:#?}");
-    finish(child);
+    assert!(finish(child).success);
+    assert!((first + 1..FRAMES).contains(&run.trained()), "the run went on, and was stopped in its middle again");
     assert_eq!(&complete(workshop.resume("stopped")).result(), undisturbed());
     run.assert_nothing_left();
 }
@@ -103,13 +108,9 @@ fn everything_killed_at_once_is_resumed() {
     run.wait_for_rollouts(6);
     let mut everyone = run.processes("--rank");
     everyone.extend(run.processes("--actor "));
-    everyone.push(child.id());
+    assert_eq!(everyone.len(), 1 + ACTORS as usize, "the learner and all actors run");
     everyone.into_iter().for_each(kill);
-    assert!(!finish(child).success);
+    kill_child(child);
     assert_eq!(&complete(workshop.resume("all")).result(), undisturbed());
     run.assert_nothing_left();
-}
-
-fn trained(run: &Run) -> u64 {
-    run.metrics().values().filter_map(|line| line["frames"].as_u64()).max().unwrap_or(0)
 }

@@ -4,7 +4,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::{Duration, Instant};
-use system_tests::{DEADLINE, Printed, Run, TINY, Workshop, binary, complete, finish, kill, signal, start};
+use system_tests::{DEADLINE, Printed, Run, TINY, Workshop, binary, complete, finish, kill_child, signal, start};
 
 /// Two seeds of the tiny configuration and one run more, each evaluated on 30 episodes.
 fn suite(workshop: &Workshop, frames: u64, more: &str) {
@@ -41,7 +41,7 @@ fn refused(printed: &Printed, word: &str) {
 fn killed_at(mut command: std::process::Command, point: &str) {
     command.env("STILLROOM_FAULT", point);
     let printed = complete(command);
-    assert!(!printed.success, "the point {point} is never reached: {printed:#?}");
+    assert!(printed.killed, "the point {point} is never reached: {printed:#?}");
 }
 
 fn run(workshop: &Workshop, name: &str) -> Run {
@@ -69,8 +69,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let first = run(&workshop, "tiny-5");
     first.wait_for_rollouts(4);
     refused(&complete(call(&workshop)), "already in use");
-    kill(child.id());
-    finish(child);
+    kill_child(child);
     assert_eq!(state(&workshop)["runs"]["tiny-5"]["status"], "training");
     first.assert_nothing_left();
     assert!(!first.folder.summary().exists(), "the run was killed in its middle");
@@ -79,8 +78,8 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let child = start(call(&workshop));
     let evaluation = first.folder.root().join("evaluations/suite-test-novel-6");
     wait_until("the evaluation begins", || evaluation.join("run.toml").exists());
-    kill(child.id());
-    finish(child);
+    kill_child(child);
+    assert!(!evaluation.join("evaluation.json").exists(), "the evaluation was killed in its middle");
 
     // Stopped in an orderly way while the second trains: before the first is evaluated, if the processes of the killed
     // evaluation still leave, which holds up nobody; after it otherwise.
@@ -90,6 +89,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     signal(child.id(), rustix::process::Signal::INT);
     let printed = finish(child);
     assert!(printed.success && printed.stderr.contains("orchestrator suite suite.toml --out "), "{printed:#?}");
+    assert!(!second.folder.summary().exists(), "the second run was stopped in its middle");
     second.assert_nothing_left();
 
     // Killed when all is done but the last file of the report.

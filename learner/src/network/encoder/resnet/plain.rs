@@ -3,25 +3,21 @@
 //! Sizes for the paper's 112 × 112 input: 56 after the first convolution, 28 after the pooling, then 28, 14, 7 and 4
 //! after the four stages; compression keeps 4 × 4 × 128 = 2048 numbers.
 
-mod fused;
-
-pub use fused::{Fused, Tape};
-
-use super::layers::{Convolution, GroupNorm, Linear};
-use super::parameters::{Layout, Parameters};
-use super::{VISUAL, visual_linear};
+use super::super::visual::{VISUAL, visual_linear};
+use crate::network::layers::{Convolution, GroupNorm, Linear};
+use crate::network::parameters::{Layout, Parameters};
 use tch::Tensor;
 
-const BASE: i64 = 32;
+pub(super) const BASE: i64 = 32;
 const GROUPS: i64 = 16;
-const COMPRESSED: i64 = 128;
+pub(super) const COMPRESSED: i64 = 128;
 
 /// Two 3 × 3 convolutions and a way around them.
 #[derive(Debug)]
-struct Block {
-    first: (Convolution, GroupNorm),
-    second: (Convolution, GroupNorm),
-    projection: Option<(Convolution, GroupNorm)>,
+pub(super) struct Block {
+    pub(super) first: (Convolution, GroupNorm),
+    pub(super) second: (Convolution, GroupNorm),
+    pub(super) projection: Option<(Convolution, GroupNorm)>,
 }
 
 impl Block {
@@ -58,16 +54,16 @@ fn apply(parameters: &Parameters, (convolution, norm): (Convolution, GroupNorm),
 
 /// The encoder.
 #[derive(Debug)]
-pub struct Resnet {
-    stem: (Convolution, GroupNorm),
-    blocks: Vec<Block>,
-    compression: (Convolution, GroupNorm),
-    linear: Linear,
+pub(super) struct Resnet {
+    pub(super) stem: (Convolution, GroupNorm),
+    pub(super) blocks: Vec<Block>,
+    pub(super) compression: (Convolution, GroupNorm),
+    pub(super) linear: Linear,
 }
 
 impl Resnet {
     /// Declares the encoder for square frames of this side, pixels.
-    pub fn new(layout: &mut Layout, path: &str, side: i64) -> Self {
+    pub(super) fn new(layout: &mut Layout, path: &str, side: i64) -> Self {
         let backbone = format!("{path}.backbone");
         let stem = (
             Convolution::new(layout, &format!("{backbone}.conv1.0"), [1, BASE], 7, [2, 3], false),
@@ -75,8 +71,6 @@ impl Resnet {
         );
         let mut blocks = vec![];
         let mut channels = BASE;
-        // Convolution and pooling each halve, rounding up.
-        let mut side = half(half(side));
         for stage in 0..4i64 {
             let planes = BASE << stage;
             for index in 0..2 {
@@ -84,19 +78,18 @@ impl Resnet {
                 let path = format!("{backbone}.layer{}.{index}", stage + 1);
                 blocks.push(Block::new(layout, &path, [channels, planes], stride));
                 channels = planes;
-                side = if stride == 2 { half(side) } else { side };
             }
         }
         let compression = (
             Convolution::new(layout, &format!("{path}.compression.0"), [channels, COMPRESSED], 3, [1, 1], false),
             GroupNorm::new(layout, &format!("{path}.compression.1"), 1, COMPRESSED),
         );
-        let linear = visual_linear(layout, &format!("{path}.fc.1"), COMPRESSED * side * side);
+        let linear = visual_linear(layout, &format!("{path}.fc.1"), features(side));
         Self { stem, blocks, compression, linear }
     }
 
     /// \[rows, 1, side, side\] → \[rows, 512\].
-    pub fn forward(&self, parameters: &Parameters, frames: &Tensor) -> Tensor {
+    pub(super) fn forward(&self, parameters: &Parameters, frames: &Tensor) -> Tensor {
         let x = apply(parameters, self.stem, frames).relu_();
         let mut x = x.max_pool2d([3, 3], [2, 2], [1, 1], [1, 1], false);
         for block in &self.blocks {
@@ -109,6 +102,9 @@ impl Resnet {
     }
 }
 
-fn half(side: i64) -> i64 {
-    (side + 1) / 2
+/// Numbers that the convolutions leave of a square frame. The stem's convolution and pooling and the first block of the
+/// last three stages each halve the side, rounding up.
+pub(super) fn features(side: i64) -> i64 {
+    let side = (0..5).fold(side, |side, _| (side + 1) / 2);
+    COMPRESSED * side * side
 }
