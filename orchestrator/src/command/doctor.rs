@@ -2,9 +2,11 @@
 
 use super::overrides::{Overrides, default_preset};
 use crate::preflight::{Finding, device, disk, libtorch, memory, processor, programs, shared_memory};
-use crate::remains::survey;
-use crate::terminal;
-use crate::{format, scenes, session};
+use crate::run::remains::survey;
+use crate::run::scenes;
+use crate::showing::format;
+use crate::showing::terminal;
+use crate::training::run as training;
 use anyhow::Result;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -41,7 +43,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         table.row(program, finding(found.as_ref().map(|path| path.display().to_string())));
         found.ok()
     });
-    let tools = session::Tools::find();
+    let tools = training::Tools::find();
     let torch = match &tools {
         Ok(tools) => Some(tools.torch.clone()),
         Err(error) => {
@@ -63,7 +65,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         Err(error) => table.row("configuration", Finding::Problem(format!("{error:#}"))),
         Ok(config) => {
             let frames = format::count(proto::stage::total_frames(&config.stages));
-            let shape = format!("preset {}: {}, {frames} frames", config.preset, session::shape(&config));
+            let shape = format!("preset {}: {}, {frames} frames", config.preset, training::shape(&config));
             table.row("configuration", Finding::Good(shape));
             if let Some(found) = actor.and_then(|actor| scenes::finding(&config, &actor)) {
                 table.row("scenes", found);

@@ -1,14 +1,14 @@
 //! `orchestrator eval`: success and disturbance of a policy on fixed or drawn episodes.
 
 use super::up::{check_free, create_with};
+use crate::evaluation::run::{Examination, episodes_of, place};
 use crate::evaluation::subject::{Origin, find};
-use crate::evaluation::{self, Examination};
-use crate::format;
-use crate::identity::unix_now;
-use crate::lifeline;
-use crate::scenes;
-use crate::session::{Tools, preflight};
-use crate::terminal;
+use crate::run::identity::unix_now;
+use crate::run::lifeline;
+use crate::run::scenes;
+use crate::showing::format;
+use crate::showing::terminal;
+use crate::training::run::{Tools, preflight};
 use anyhow::{Result, ensure};
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan};
@@ -253,8 +253,8 @@ fn asked(
 
 /// Which episodes are played where, and how to have others where that was not asked for.
 fn announcement(args: &EvalArgs, config: &Config, asked: &EvaluationConfig) -> String {
-    let what = evaluation::episodes_of(config, asked).0;
-    let place = evaluation::place(asked.split, asked.scene_targets.len());
+    let what = episodes_of(config, asked).0;
+    let place = place(asked.split, asked.scene_targets.len());
     let otherwise = match (args.distribution, asked.distribution, asked.split) {
         _ if !config.scenes.is_empty() => " (--split goes elsewhere)",
         (None, Distribution::Run, Split::Validation | Split::Test) => " (--distribution fixed plays the fixed ones)",

@@ -2,11 +2,11 @@
 
 use super::overrides::Overrides;
 use super::up::{check_free, prepare};
-use crate::identity::Identity;
-use crate::log_line::error_in;
-use crate::scenes;
-use crate::session::Tools;
-use crate::terminal;
+use crate::run::identity::Identity;
+use crate::run::scenes;
+use crate::showing::log_line::error_in;
+use crate::showing::terminal;
+use crate::training::run::Tools;
 use anyhow::{Context, Result, anyhow, bail};
 use proto::config::{Config, presets};
 use proto::run_folder::RunFolder;

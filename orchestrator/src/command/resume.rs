@@ -1,16 +1,16 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
-use crate::budget::Budget;
-use crate::format;
-use crate::identity::{Identity, RunLock, host_name, is_evaluation, wait_for_learners};
-use crate::next_steps;
-use crate::remains;
-use crate::session::{Session, Tools, preflight};
+use crate::run::identity::{Identity, RunLock, host_name, is_evaluation, wait_for_learners};
+use crate::run::remains;
+use crate::showing::format;
+use crate::showing::next_steps;
+use crate::showing::terminal;
 use crate::suite;
-use crate::summary::Summary;
 use crate::supervisor::event::End;
 use crate::supervisor::policy::Policy;
-use crate::terminal;
+use crate::training::budget::Budget;
+use crate::training::run::{Session, Tools, preflight};
+use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::RunFolder;

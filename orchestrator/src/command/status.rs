@@ -2,17 +2,17 @@
 //! crash.
 
 use crate::evaluation::standing::Standing;
-use crate::figures::{Recent, StageFigures, by_stage, recent};
-use crate::format;
-use crate::identity::{Held, Identity, Incarnation, holder, state, unix_now};
-use crate::metrics::History;
-use crate::next_steps;
-use crate::progress::{figures_line, frames_line};
 use crate::recording::Recordings;
+use crate::run::identity::{Held, Identity, Incarnation, holder, state, unix_now};
+use crate::showing::format;
+use crate::showing::next_steps;
+use crate::showing::progress::{figures_line, frames_line};
+use crate::showing::terminal;
 use crate::suite;
-use crate::summary::{Summary, table};
-use crate::terminal;
-use crate::wall::{Last, Wall};
+use crate::training::means::{Recent, StageFigures, by_stage, recent};
+use crate::training::metrics::History;
+use crate::training::summary::{Summary, table};
+use crate::training::wall::{Last, Wall};
 use anyhow::Result;
 use proto::config::Config;
 use proto::run_folder::RunFolder;

@@ -1,9 +1,9 @@
 //! `orchestrator stop`: an orderly stop of a run that another process runs.
 
-use crate::identity::{Held, Identity, holder, host_name, is_evaluation};
+use crate::run::identity::{Held, Identity, holder, host_name, is_evaluation};
+use crate::showing::terminal;
 use crate::suite;
 use crate::supervisor::event::FAILED;
-use crate::terminal;
 use anyhow::{Result, bail};
 use proto::run_folder::RunFolder;
 use rustix::process::{Pid, Signal, kill_process};

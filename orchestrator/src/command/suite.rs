@@ -1,13 +1,13 @@
 //! `orchestrator suite`: presets times seeds, and the report on them.
 
-use crate::format::counted;
-use crate::gather::gather;
-use crate::next_steps::{program, quoted};
 use crate::preflight::{device, libtorch, programs};
-use crate::report_files;
-use crate::sitting::EXIT_INTERRUPTED;
+use crate::reporting::files;
+use crate::reporting::gather::gather;
+use crate::run::session::EXIT_INTERRUPTED;
+use crate::showing::format::counted;
+use crate::showing::next_steps::{program, quoted};
+use crate::showing::terminal;
 use crate::suite::{Outcome, Suite, SuiteFolder, lines, run as work};
-use crate::terminal;
 use anyhow::{Context, Result, ensure};
 use proto::control::VISIBLE_DEVICES;
 use report::Options;
@@ -123,7 +123,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     if begun.is_empty() {
         terminal::note("no run could be begun: there is nothing to report on");
     } else {
-        let made = report_files::write(gather(&begun)?, &Options::default(), &folder.report())?;
+        let made = files::write(gather(&begun)?, &Options::default(), &folder.report())?;
         for note in &made.report.notes {
             terminal::note(note);
         }

@@ -2,11 +2,11 @@
 
 use super::overrides::{Overrides, default_preset};
 use crate::evaluation::subject::{Found, Provenance, find, network_differences};
-use crate::format;
-use crate::identity::{Held, Identity, RunLock, holder, is_evaluation, unix_now};
-use crate::scenes;
-use crate::session::{Session, Tools, preflight};
-use crate::terminal;
+use crate::run::identity::{Held, Identity, RunLock, holder, is_evaluation, unix_now};
+use crate::run::scenes;
+use crate::showing::format;
+use crate::showing::terminal;
+use crate::training::run::{Session, Tools, preflight};
 use anyhow::{Context, Result, bail};
 use proto::config::{Config, FromConfig};
 use proto::run_folder::{RunFolder, write_atomically};

@@ -1,7 +1,8 @@
 //! How an evaluation stands: from what is heard while it runs, or from its folder alone.
 
-use super::examiner::JOURNAL_FILE;
-use crate::{format, json_lines};
+use super::audience::JOURNAL_FILE;
+use crate::run::json_lines;
+use crate::showing::format;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::evaluation::{EpisodeRecord, Evaluation, Figures, RESULT_FILE};

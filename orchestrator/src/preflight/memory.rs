@@ -2,7 +2,7 @@
 //! afterwards the kernel kills one of them without a word.
 
 use super::Finding;
-use crate::format::{bytes, counted};
+use crate::showing::format::{bytes, counted};
 use proto::config::{Config, Encoder};
 use proto::message::FRAME_PIXELS;
 use proto::shares::Shares;

@@ -10,11 +10,11 @@ mod state;
 pub use file::Suite;
 pub use folder::{SuiteFolder, refuse};
 
-use crate::lifeline::this_program;
-use crate::log_line::error_in;
-use crate::metrics::History;
-use crate::progress::frames_line;
-use crate::terminal;
+use crate::run::lifeline::this_program;
+use crate::showing::log_line::error_in;
+use crate::showing::progress::frames_line;
+use crate::showing::terminal;
+use crate::training::metrics::History;
 use anyhow::{Context, Result};
 use file::Entry;
 use folder::{Next, Step};
@@ -318,7 +318,7 @@ impl Sitting<'_> {
                 Step::Begin | Step::Resume => match History::read(&self.folder.run(entry)) {
                     Ok(history) => {
                         let stages = &entry.config.stages;
-                        frames_line(stages, &crate::figures::recent(stages, &history))
+                        frames_line(stages, &crate::training::means::recent(stages, &history))
                     }
                     Err(_) => "training".to_owned(),
                 },

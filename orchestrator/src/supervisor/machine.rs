@@ -21,7 +21,7 @@ use super::gang::{Bereaved, Gang};
 use super::policy::Policy;
 use super::restart::{RestartHistory, Verdict};
 use super::stage::StageMachine;
-use crate::log_line::error_in;
+use crate::showing::log_line::error_in;
 use proto::config::StageConfig;
 use proto::control::{EXIT_LOST_PEERS, LearnerEvent};
 use std::collections::BTreeMap;

@@ -6,7 +6,7 @@
 //! to the terminal. A learner's standard output is its voice ([`proto::control`]).
 
 use super::event::{Event, Exit, Process};
-use crate::log_line::LogLine;
+use crate::showing::log_line::LogLine;
 use proto::control::{LearnerEvent, VISIBLE_DEVICES, device_name};
 use proto::run_folder::RunFolder;
 use proto::wire::WireAddress;

@@ -9,7 +9,7 @@ use super::machine::Supervisor;
 use super::policy::Policy;
 use super::process::{Launch, Processes};
 use super::stage::StageSwitch;
-use crate::recorder::Recorder;
+use crate::recording::recorder::Recorder;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::control::LearnerEvent;
@@ -226,7 +226,7 @@ impl Shell<'_> {
         tracing::info!(
             "stage {} ({}) is in force from {} frames, rollout {}",
             stage.name,
-            crate::progress::reward_symbol(stage.reward),
+            crate::showing::progress::reward_symbol(stage.reward),
             switch.frames,
             switch.rollout
         );

@@ -1,10 +1,12 @@
 //! From observations to messages: what is said about each step, on which topic.
 
-use crate::recorder::camera::{self, FrameNames};
-use crate::recorder::segment::{SegmentError, Segments, Topic};
-use crate::schema::foxglove::{FrameTransforms, Log, RawImage, log};
-use crate::schema::stillroom::step::Goal;
-use crate::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVector, StageSwitch, Step, Validation};
+use crate::recording::recorder::camera::{self, FrameNames};
+use crate::recording::recorder::segment::{SegmentError, Segments, Topic};
+use crate::recording::schema::foxglove::{FrameTransforms, Log, RawImage, log};
+use crate::recording::schema::stillroom::step::Goal;
+use crate::recording::schema::stillroom::{
+    EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVector, StageSwitch, Step, Validation,
+};
 use prost::Message;
 use prost_types::Timestamp;
 use proto::config::Config;

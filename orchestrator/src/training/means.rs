@@ -1,6 +1,6 @@
 //! What the metrics of many rollouts come to: the figures of a stage and the figures of the moment. Pure.
 
-use crate::metrics::{History, Trained, total_s};
+use crate::training::metrics::{History, Trained, total_s};
 use proto::config::StageConfig;
 use proto::control::{Timing, metric};
 use proto::reward::RewardKind;

@@ -1,14 +1,15 @@
 //! One sitting: from the claim on names in shared memory to the last process's end. A run's and an evaluation's alike.
 
-use crate::format::{self, counted};
-use crate::identity::RunLock;
+use super::remains;
 use crate::preflight::libtorch;
 use crate::preflight::programs;
-use crate::recorder::{Recorder, RecorderSetup};
+use crate::recording::recorder::{Recorder, RecorderSetup};
+use crate::run::identity::RunLock;
+use crate::showing::format::{self, counted};
+use crate::showing::terminal;
 use crate::supervisor::event::Outcome;
 use crate::supervisor::process::{Launch, Programs};
 use crate::supervisor::shell::{Audience, Shell, Signals};
-use crate::{remains, terminal};
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::fault;

@@ -9,12 +9,12 @@
 //! An evaluation that fails is told of and left out: the run goes on.
 
 use crate::evaluation::subject::Provenance;
-use crate::identity::Identity;
-use crate::json_lines::{self, Writer};
-use crate::lifeline::this_program;
-use crate::recorder::Recorder;
-use crate::remains;
-use crate::schema::stillroom;
+use crate::recording::recorder::Recorder;
+use crate::recording::schema::stillroom;
+use crate::run::identity::Identity;
+use crate::run::json_lines::{self, Writer};
+use crate::run::lifeline::this_program;
+use crate::run::remains;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};

@@ -5,8 +5,8 @@
 //! the next resume finds reached and sums up again, or with the new one.
 
 use crate::evaluation::subject::Provenance;
-use crate::format;
-use crate::terminal;
+use crate::showing::format;
+use crate::showing::terminal;
 use anyhow::{Context, Result};
 use proto::config::{Config, StageConfig};
 use proto::fault;
@@ -126,7 +126,7 @@ fn trained(folder: &RunFolder) -> Result<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figures::tests::stages;
+    use crate::training::means::tests::stages;
 
     /// A run of 1000 and 500 frames that has trained so many.
     fn run(trained: u64) -> (tempfile::TempDir, RunFolder, Config) {

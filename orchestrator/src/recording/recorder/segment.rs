@@ -7,7 +7,7 @@
 
 use super::index::Index;
 use super::live::LiveFile;
-use crate::schema::{PROTOBUF, descriptor_of};
+use crate::recording::schema::{PROTOBUF, descriptor_of};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use proto::SCHEMA_VERSION;

@@ -7,7 +7,7 @@
 //! A rollout can be missing: a learner whose orchestrator was killed finishes its update and saves before it leaves, and
 //! nobody hears of it. Frames, weights and what comes after are whole; its figures are lost.
 
-use crate::json_lines;
+use crate::run::json_lines;
 use anyhow::Result;
 use proto::control::Timing;
 use proto::run_folder::RunFolder;
@@ -79,7 +79,7 @@ impl History {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::json_lines::Writer;
+    use crate::run::json_lines::Writer;
     use std::fs::OpenOptions;
     use std::io::Write;
 

@@ -1,10 +1,10 @@
 //! What run folders and evaluation folders tell, for a report.
 
-use crate::format::counted;
-use crate::identity::{Identity, holder, state};
-use crate::metrics::{History, Trained, total_s};
-use crate::summary::Summary;
-use crate::validation::{Validated as Scored, read_log};
+use crate::run::identity::{Identity, holder, state};
+use crate::showing::format::counted;
+use crate::training::metrics::{History, Trained, total_s};
+use crate::training::summary::Summary;
+use crate::training::validation::{Validated as Scored, read_log};
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
@@ -290,7 +290,7 @@ impl Outside {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::uneventful;
+    use crate::evaluation::testing::uneventful;
     use proto::config::FromConfig;
     use proto::control::Timing;
     use proto::evaluation::{

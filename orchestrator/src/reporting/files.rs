@@ -1,8 +1,8 @@
 //! Writing a report down: `report.html`, `report.json`, `figures/*.svg` and `figures/*.png`.
 
-use crate::format::{self, counted};
-use crate::gather::Gathered;
-use crate::identity::unix_now;
+use crate::reporting::gather::Gathered;
+use crate::run::identity::unix_now;
+use crate::showing::format::{self, counted};
 use anyhow::{Context, Result, bail};
 use proto::fault;
 use proto::run_folder::write_atomically;

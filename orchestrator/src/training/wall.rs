@@ -3,9 +3,9 @@
 //! It is read from what survives a kill: `run.toml` has the beginning of every start, and the end of those that could
 //! note it. One that was killed counts until the last rollout that it wrote to `metrics.jsonl`, void ones included.
 
-use crate::format;
-use crate::identity::Identity;
-use crate::json_lines;
+use crate::run::identity::Identity;
+use crate::run::json_lines;
+use crate::showing::format;
 use anyhow::Result;
 use proto::run_folder::RunFolder;
 use serde::{Deserialize, Serialize};
@@ -83,8 +83,8 @@ impl Wall {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identity::Ended;
-    use crate::json_lines::Writer;
+    use crate::run::identity::Ended;
+    use crate::run::json_lines::Writer;
 
     /// Starts at 1000, 2000 and 3000 s: stopped after 100 s, killed, and the last.
     fn identity() -> Identity {

@@ -3,10 +3,10 @@
 //!
 //! This program links no physics: `actor check --scene` reads and judges them.
 
-use crate::format::counted;
-use crate::log_line::error_in;
 use crate::preflight::{Finding, programs};
-use crate::terminal;
+use crate::showing::format::counted;
+use crate::showing::log_line::error_in;
+use crate::showing::terminal;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::kitchen::TargetCategory;

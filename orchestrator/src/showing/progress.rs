@@ -1,9 +1,9 @@
 //! Live progress: two lines refreshed in place on a terminal, one line every few seconds elsewhere.
 
-use crate::figures::{EpisodeFigures, Recent, recent};
-use crate::format;
-use crate::metrics::History;
-use crate::terminal::Live;
+use crate::showing::format;
+use crate::showing::terminal::Live;
+use crate::training::means::{EpisodeFigures, Recent, recent};
+use crate::training::metrics::History;
 use proto::config::StageConfig;
 use proto::control::LearnerEvent;
 use proto::reward::RewardKind;
@@ -141,7 +141,7 @@ pub fn reward_symbol(reward: RewardKind) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figures::tests::{history, stages};
+    use crate::training::means::tests::{history, stages};
 
     #[test]
     fn lines_read_as_they_should() {

@@ -1,17 +1,17 @@
 //! One sitting of a run that trains, from the note that it began to its last line: what `up` and `resume` share.
 
-use crate::format::{self, counted};
-use crate::identity::{Ended, Identity, RunLock, unix_now};
-use crate::metrics::History;
-use crate::next_steps;
 use crate::preflight::{device, disk, memory, processor, shared_memory};
-pub use crate::sitting::Tools;
-use crate::sitting::{EXIT_INTERRUPTED, Sitting};
-use crate::summary::Summary;
+use crate::run::identity::{Ended, Identity, RunLock, unix_now};
+pub use crate::run::session::Tools;
+use crate::run::session::{EXIT_INTERRUPTED, Sitting};
+use crate::showing::format::{self, counted};
+use crate::showing::next_steps;
+use crate::showing::terminal;
 use crate::supervisor::event::{End, Outcome};
-use crate::terminal;
-use crate::training::Training;
-use crate::wall::{Last, Wall};
+use crate::training::audience::Training;
+use crate::training::metrics::History;
+use crate::training::summary::Summary;
+use crate::training::wall::{Last, Wall};
 use anyhow::{Context, Result};
 use proto::config::{ActorsConfig, Config};
 use proto::fault;

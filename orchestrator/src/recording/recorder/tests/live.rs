@@ -1,8 +1,8 @@
 //! A recording is a complete file while it grows.
 
 use super::*;
-use crate::recorder::segment::{Preamble, Segments};
 use crate::recording::Recordings;
+use crate::recording::recorder::segment::{Preamble, Segments};
 
 /// What a program that seeks finds in a file: messages by topic, through the index at the file's end.
 fn indexed(path: &Path) -> BTreeMap<String, usize> {

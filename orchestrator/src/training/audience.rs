@@ -1,12 +1,12 @@
 //! What is kept and shown of a run that trains: `metrics.jsonl`, validation, and the live progress.
 
-use crate::identity::unix_now;
-use crate::json_lines::Writer;
-use crate::metrics::{History, Trained};
-use crate::progress::Progress;
-use crate::recorder::Recorder;
+use crate::recording::recorder::Recorder;
+use crate::run::identity::unix_now;
+use crate::run::json_lines::Writer;
+use crate::showing::progress::Progress;
 use crate::supervisor::shell::Audience;
-use crate::validation::Validation;
+use crate::training::metrics::{History, Trained};
+use crate::training::validation::Validation;
 use anyhow::Result;
 use proto::config::Config;
 use proto::control::LearnerEvent;
@@ -99,7 +99,7 @@ impl Audience for Training {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::validation::tests::run;
+    use crate::training::validation::tests::run;
     use proto::stage::total_frames;
 
     /// A learner goes on from this checkpoint; whether that is then to be evaluated.

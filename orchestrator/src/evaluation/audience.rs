@@ -1,11 +1,11 @@
 //! What is heard while episodes are played: keeps their records, and shows how it gets on.
 
 use super::standing::Standing;
-use crate::format;
-use crate::json_lines::Writer;
-use crate::recorder::Recorder;
+use crate::recording::recorder::Recorder;
+use crate::run::json_lines::Writer;
+use crate::showing::format;
+use crate::showing::terminal::Live;
 use crate::supervisor::shell::Audience;
-use crate::terminal::Live;
 use anyhow::{Result, ensure};
 use proto::control::LearnerEvent;
 use proto::evaluation::{EpisodeRecord, Plan};
@@ -149,7 +149,7 @@ impl Audience for Examiner {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::uneventful;
+    use crate::evaluation::testing::uneventful;
     use proto::config::Config;
     use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
     use proto::kitchen::Split;

@@ -3,7 +3,7 @@
 //! The simulator's world follows AI2-THOR: x right, y up, z ahead, which is left-handed. Foxglove, like ROS, is
 //! right-handed with z up. The one mapping between them is [`ros_from_world`]: ahead becomes x, left y, up z.
 
-use crate::schema::foxglove::{CameraCalibration, FrameTransform, Quaternion, Vector3};
+use crate::recording::schema::foxglove::{CameraCalibration, FrameTransform, Quaternion, Vector3};
 use prost_types::Timestamp;
 use proto::message::{Current, FRAME_SIDE};
 
@@ -144,7 +144,7 @@ mod tests {
             base_position_m: [1.0, 2.0],
             base_yaw_rad: std::f32::consts::FRAC_PI_2,
             camera_pitch_rad: FRAC_PI_6 as f32,
-            ..crate::recorder::testing::current(0, 0)
+            ..crate::recording::recorder::testing::current(0, 0)
         };
         let all = transforms(Timestamp::default(), &FrameNames::under("k"), &current);
         let (robot, camera) = (&all[0], &all[1]);

@@ -20,8 +20,8 @@ pub mod testing;
 #[cfg(test)]
 mod tests;
 
-use crate::schema::foxglove::log::Level;
-use crate::schema::stillroom::{StageSwitch, Validation};
+use crate::recording::schema::foxglove::log::Level;
+use crate::recording::schema::stillroom::{StageSwitch, Validation};
 use proto::config::Config;
 use proto::control::LearnerEvent;
 use proto::reward::RewardKind;

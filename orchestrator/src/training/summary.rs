@@ -1,13 +1,13 @@
 //! The end of a run: `summary.json` and what is printed. Its last two lines are for scripts: `weights: ` and 64 hex
 //! digits, `frames: ` and a count; a run that failed has neither.
 
-use crate::figures::{EpisodeFigures, StageFigures, by_stage};
-use crate::format;
-use crate::identity::Identity;
-use crate::metrics::{History, total_s};
-use crate::progress::reward_symbol;
+use crate::run::identity::Identity;
+use crate::showing::format;
+use crate::showing::progress::reward_symbol;
 use crate::supervisor::event::End;
-use crate::wall::Wall;
+use crate::training::means::{EpisodeFigures, StageFigures, by_stage};
+use crate::training::metrics::{History, total_s};
+use crate::training::wall::Wall;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
@@ -176,7 +176,7 @@ pub fn table(stages: &[StageFigures]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figures::tests::{history, stages};
+    use crate::training::means::tests::{history, stages};
 
     fn summary() -> Summary {
         let config = Config { stages: stages(), ..Config::default() };
