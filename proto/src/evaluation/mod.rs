@@ -10,11 +10,13 @@ mod distribution;
 mod figures;
 mod plan;
 mod record;
+mod table;
 
 pub use distribution::{Distribution, describe};
 pub use figures::{Confusion, DISTURBANCE_THRESHOLDS_M, Figures, OBJECT_COUNTS};
 pub use plan::{EPISODES_PER_CATEGORY, EPISODES_PER_KITCHEN, Plan, category_of};
-pub use record::{EpisodeEnd, EpisodeRecord, read_table, write_table};
+pub use record::{EpisodeEnd, EpisodeRecord};
+pub use table::{read_table, write_table};
 
 use crate::action::ActionSpace;
 use crate::kitchen::{KitchenId, Kitchens, Split, TargetCategory};
