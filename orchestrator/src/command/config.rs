@@ -1,8 +1,8 @@
 //! `orchestrator config`: the effective configuration.
 
 use super::overrides::{Overrides, default_preset};
+use crate::preflight::tools::Tools;
 use crate::showing::terminal;
-use crate::training::run::Tools;
 use anyhow::Result;
 
 /// Print the effective configuration as TOML, every default included

@@ -1,12 +1,13 @@
 //! `orchestrator doctor`: everything that `up` would check, all of it, as a table.
 
 use super::overrides::{Overrides, default_preset};
+use crate::preflight::tools::Tools;
 use crate::preflight::{Finding, device, disk, libtorch, memory, processor, programs, shared_memory};
 use crate::run::remains::survey;
 use crate::run::scenes;
+use crate::run::session::shape;
 use crate::showing::format;
 use crate::showing::terminal;
-use crate::training::run as training;
 use anyhow::Result;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -43,7 +44,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         table.row(program, finding(found.as_ref().map(|path| path.display().to_string())));
         found.ok()
     });
-    let tools = training::Tools::find();
+    let tools = Tools::find();
     let torch = match &tools {
         Ok(tools) => Some(tools.torch.clone()),
         Err(error) => {
@@ -65,7 +66,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         Err(error) => table.row("configuration", Finding::Problem(format!("{error:#}"))),
         Ok(config) => {
             let frames = format::count(proto::stage::total_frames(&config.stages));
-            let shape = format!("preset {}: {}, {frames} frames", config.preset, training::shape(&config));
+            let shape = format!("preset {}: {}, {frames} frames", config.preset, shape(&config));
             table.row("configuration", Finding::Good(shape));
             if let Some(found) = actor.and_then(|actor| scenes::finding(&config, &actor)) {
                 table.row("scenes", found);

@@ -1,14 +1,16 @@
 //! `orchestrator eval`: success and disturbance of a policy on fixed or drawn episodes.
 
-use super::up::{check_free, create_with};
-use crate::evaluation::run::{Examination, episodes_of, place};
+use crate::evaluation::run::EvaluationRun;
 use crate::evaluation::subject::{Origin, find};
+use crate::evaluation::words::{episodes_of, place};
+use crate::preflight::all::demand;
+use crate::preflight::tools::Tools;
+use crate::run::create::{check_free, create};
 use crate::run::identity::unix_now;
 use crate::run::lifeline;
 use crate::run::scenes;
 use crate::showing::format;
 use crate::showing::terminal;
-use crate::training::run::{Tools, preflight};
 use anyhow::{Result, ensure};
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan};
@@ -147,10 +149,10 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     terminal::note(&announcement(args, &config, &asked));
     let tools = Tools::find()?;
     let folder = RunFolder::new(args.out.clone().unwrap_or_else(|| default_folder(&origin, &asked)));
-    preflight(&config, &folder, &tools)?;
+    demand(&config, &folder, &tools)?;
     let folders = if config.recording.enabled { vec![folder.recordings()] } else { vec![] };
-    let (identity, lock) = create_with(&folder, &mut config, &folders)?;
-    Examination { folder, config, asked, json: args.json, subject: origin, identity, lock, tools }.run()
+    let (identity, lock) = create(&folder, &mut config, &folders)?;
+    EvaluationRun { folder, config, asked, json: args.json, subject: origin, identity, lock, tools }.run()
 }
 
 /// An evaluation's configuration: its run's, without what concerns training only.

@@ -1,6 +1,9 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
-use crate::run::identity::{Identity, RunLock, host_name, is_evaluation, wait_for_learners};
+use crate::preflight::all::demand;
+use crate::preflight::tools::Tools;
+use crate::run::identity::{Identity, host_name, is_evaluation};
+use crate::run::lock::{RunLock, wait_for_learners};
 use crate::run::remains;
 use crate::showing::format;
 use crate::showing::next_steps;
@@ -9,7 +12,7 @@ use crate::suite;
 use crate::supervisor::event::End;
 use crate::supervisor::policy::Policy;
 use crate::training::budget::Budget;
-use crate::training::run::{Session, Tools, preflight};
+use crate::training::run::TrainingRun;
 use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
@@ -77,17 +80,17 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     }
     if let Some(budget) = budget {
         let new = budget.lay_over(&config);
-        preflight(&new, &folder, &tools)?;
+        demand(&new, &folder, &tools)?;
         budget.announce(&config);
         budget.write(&folder, &config)?;
         config = new;
     } else {
-        preflight(&config, &folder, &tools)?;
+        demand(&config, &folder, &tools)?;
     }
     for path in [folder.logs(), folder.checkpoints(), folder.recordings()] {
         std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
     }
-    Session { folder, config, identity, lock, tools }.run()
+    TrainingRun { folder, config, identity, lock, tools }.run()
 }
 
 /// Shows a complete run as it was shown when it ended.

@@ -7,7 +7,7 @@ use crate::run::session::EXIT_INTERRUPTED;
 use crate::showing::format::counted;
 use crate::showing::next_steps::{program, quoted};
 use crate::showing::terminal;
-use crate::suite::{Outcome, Suite, SuiteFolder, lines, run as work};
+use crate::suite::{Suite, SuiteFolder, SuiteOutcome, lines, run as work};
 use anyhow::{Context, Result, ensure};
 use proto::control::VISIBLE_DEVICES;
 use report::Options;
@@ -113,9 +113,9 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     for line in lines(&suite, &folder)? {
         terminal::out(&line);
     }
-    if let Outcome::Stopped | Outcome::Interrupted = outcome {
+    if let SuiteOutcome::Stopped | SuiteOutcome::Interrupted = outcome {
         terminal::note(&format!("go on with: {}", again(args)));
-        let stopped = outcome == Outcome::Stopped;
+        let stopped = outcome == SuiteOutcome::Stopped;
         return Ok(if stopped { ExitCode::SUCCESS } else { ExitCode::from(EXIT_INTERRUPTED) });
     }
     let begun = suite.entries.iter().map(|entry| folder.run(entry)).filter(|run| run.identity().exists());
@@ -129,7 +129,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         }
         terminal::out(&format!("page: {}", folder.page().display()));
     }
-    if outcome == Outcome::Done {
+    if outcome == SuiteOutcome::Done {
         return Ok(ExitCode::SUCCESS);
     }
     terminal::note(&format!(

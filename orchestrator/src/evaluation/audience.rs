@@ -1,5 +1,6 @@
 //! What is heard while episodes are played: keeps their records, and shows how it gets on.
 
+use super::journal;
 use super::standing::Standing;
 use crate::recording::recorder::Recorder;
 use crate::run::json_lines::Writer;
@@ -14,13 +15,9 @@ use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Name of the journal in an evaluation's folder: the record of each episode played so far, a JSON object a line, so
-/// that `status` can tell how far it is. It gives way to the result.
-pub const JOURNAL_FILE: &str = "played.jsonl";
-
 /// Records of an evaluation so far.
 #[derive(Debug)]
-pub struct Examiner {
+pub struct EvaluationAudience {
     plan: Plan,
     journal: Writer,
     records: BTreeMap<(KitchenId, u32), (EpisodeRecord, Vec<u8>)>,
@@ -32,12 +29,12 @@ pub struct Examiner {
     live: Live,
 }
 
-impl Examiner {
+impl EvaluationAudience {
     /// Of an evaluation with this plan in this folder.
     pub fn new(plan: Plan, folder: &RunFolder) -> Result<Self> {
         Ok(Self {
             plan,
-            journal: Writer::open(&folder.root().join(JOURNAL_FILE))?,
+            journal: journal::open(folder)?,
             records: BTreeMap::new(),
             frames: 0,
             parameters: 0,
@@ -107,7 +104,7 @@ impl Examiner {
     }
 }
 
-impl Audience for Examiner {
+impl Audience for EvaluationAudience {
     fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()> {
         match event {
             LearnerEvent::Ready { frames, device, parameters, .. } => {
@@ -173,8 +170,8 @@ mod tests {
         });
         let plan = config.evaluation_plan().unwrap();
         let episodes: Vec<_> = plan.episodes().collect();
-        let mut examiner = Examiner::new(plan, &folder).unwrap();
-        let mut hear = |event: LearnerEvent| examiner.learner(Duration::ZERO, &event).unwrap();
+        let mut audience = EvaluationAudience::new(plan, &folder).unwrap();
+        let mut hear = |event: LearnerEvent| audience.learner(Duration::ZERO, &event).unwrap();
         let standing = || Standing::read(&folder, &config).unwrap().unwrap();
         let ready = || LearnerEvent::Ready {
             rank: 0,

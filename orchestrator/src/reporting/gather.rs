@@ -1,10 +1,12 @@
 //! What run folders and evaluation folders tell, for a report.
 
-use crate::run::identity::{Identity, holder, state};
+use crate::run::identity::Identity;
+use crate::run::lock::holder;
+use crate::run::state::RunState;
 use crate::showing::format::counted;
 use crate::training::metrics::{History, Trained, total_s};
 use crate::training::summary::Summary;
-use crate::training::validation::{Validated as Scored, read_log};
+use crate::training::validation::{Score, read_log};
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
@@ -153,7 +155,7 @@ fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
     let history = History::read(&folder)?;
     Ok(Run {
         name: path.display().to_string(),
-        state: state(&identity, &holder(&folder)?, complete),
+        state: RunState::of(&identity, &holder(&folder)?, complete).to_string(),
         config: Config::of_run(&folder)?,
         rollouts: rollouts(&history),
         evaluations: evaluations_of(&folder, notes)?,
@@ -185,7 +187,7 @@ fn rollouts(history: &History) -> Vec<Rollout> {
 fn validation_of(folder: &RunFolder) -> Result<Vec<Validated>> {
     let mut by_frames = BTreeMap::new();
     for line in read_log(&folder.validation_log())? {
-        let Scored { frames, distribution, success, success_without_disturbance, .. } = line;
+        let Score { frames, distribution, success, success_without_disturbance, .. } = line;
         by_frames.insert(frames, Validated { frames, distribution, success, success_without_disturbance });
     }
     Ok(by_frames.into_values().collect())

@@ -1,17 +1,17 @@
-//! One sitting: from the claim on names in shared memory to the last process's end. A run's and an evaluation's alike.
+//! One session: one start of the orchestrator on a run folder, from the claim on names in shared memory to the last
+//! process's end. A run's and an evaluation's alike. `run.toml` counts them as incarnations.
 
+use super::lock::RunLock;
 use super::remains;
-use crate::preflight::libtorch;
-use crate::preflight::programs;
+use crate::preflight::tools::Tools;
 use crate::recording::recorder::{Recorder, RecorderSetup};
-use crate::run::identity::RunLock;
 use crate::showing::format::{self, counted};
 use crate::showing::terminal;
 use crate::supervisor::event::Outcome;
-use crate::supervisor::process::{Launch, Programs};
+use crate::supervisor::process::Launch;
 use crate::supervisor::shell::{Audience, Shell, Signals};
 use anyhow::{Context, Result};
-use proto::config::Config;
+use proto::config::{ActorsConfig, Config};
 use proto::fault;
 use proto::run_folder::RunFolder;
 use proto::wire::{WireAddress, WireHost, WireShape};
@@ -21,29 +21,9 @@ use std::time::Duration;
 /// Status after a second Ctrl-C: what a shell reports for a program that SIGINT ended.
 pub const EXIT_INTERRUPTED: u8 = 130;
 
-/// The programs, found and proven to start.
-#[derive(Debug, Clone)]
-pub struct Tools {
-    /// Where they are.
-    pub programs: Programs,
-    /// What the learner computes with.
-    pub torch: libtorch::Torch,
-}
-
-impl Tools {
-    /// Finds both programs and has the learner load its libtorch.
-    pub fn find() -> Result<Self> {
-        let learner = programs::find("learner")?;
-        let actor = programs::find("actor")?;
-        let learner_environment = libtorch::environment()?;
-        let torch = libtorch::check(&learner, &learner_environment)?;
-        Ok(Self { programs: Programs { learner, actor, learner_environment }, torch })
-    }
-}
-
-/// What a sitting needs.
+/// What a session needs.
 #[derive(Debug)]
-pub struct Sitting<'a> {
+pub struct Session<'a> {
     /// The folder, with config.toml in it.
     pub folder: &'a RunFolder,
     /// What config.toml says.
@@ -56,7 +36,7 @@ pub struct Sitting<'a> {
     pub tools: &'a Tools,
 }
 
-impl Sitting<'_> {
+impl Session<'_> {
     /// Has the log go to the folder, too.
     pub fn begin_log(&self) -> Result<()> {
         let path = self.folder.log("orchestrator");
@@ -68,7 +48,7 @@ impl Sitting<'_> {
     /// Runs everything to its end; the second result is the recording's.
     pub fn run(&self, lock: &mut RunLock, audience: &mut impl Audience) -> Result<(Outcome, Result<()>)> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
-        let result = runtime.block_on(self.sit(lock, audience));
+        let result = runtime.block_on(self.supervise(lock, audience));
         // Whatever happened: no process and nothing in shared memory stays of this incarnation.
         drop(runtime);
         if let Err(error) = remains::sweep(self.address, Duration::from_secs(2)) {
@@ -77,7 +57,7 @@ impl Sitting<'_> {
         result
     }
 
-    async fn sit(&self, lock: &mut RunLock, audience: &mut impl Audience) -> Result<(Outcome, Result<()>)> {
+    async fn supervise(&self, lock: &mut RunLock, audience: &mut impl Audience) -> Result<(Outcome, Result<()>)> {
         let Self { folder, config, incarnation, address, tools } = *self;
         let signals = Signals::install()?;
         // `stop` signals whoever has signed: not before a signal is a request rather than the end.
@@ -124,4 +104,15 @@ impl Sitting<'_> {
         };
         Ok((outcome?, recording))
     }
+}
+
+/// The processes of a run, in words.
+pub fn shape(config: &Config) -> String {
+    let learners = match config.learner.count {
+        1 => String::new(),
+        learners => format!("{learners} learners, "),
+    };
+    let ActorsConfig { count, environments_per_actor } = config.actors;
+    let environments = counted(u64::from(environments_per_actor), "environment");
+    format!("{learners}{} of {environments}", counted(u64::from(count), "actor"))
 }

@@ -1,10 +1,12 @@
 //! Lines that our programs log, as others read them again.
 
+use tracing::Level;
+
 /// A line of a child's standard error, as `proto::logging` writes it: `2026-11-21T02:04:23.1Z  WARN text`.
 #[derive(Debug, PartialEq, Eq)]
 pub struct LogLine<'a> {
-    /// `TRACE` to `ERROR`; none of what is not a log line.
-    pub level: Option<&'a str>,
+    /// None of what is not a log line.
+    pub level: Option<Level>,
     /// What it says.
     pub text: &'a str,
 }
@@ -19,11 +21,15 @@ impl<'a> LogLine<'a> {
         }
         let rest = rest.trim_start();
         let (level, text) = rest.split_once(' ').unwrap_or((rest, ""));
-        if matches!(level, "TRACE" | "DEBUG" | "INFO" | "WARN" | "ERROR") {
-            Self { level: Some(level), text }
-        } else {
-            plain
-        }
+        let level = match level {
+            "TRACE" => Level::TRACE,
+            "DEBUG" => Level::DEBUG,
+            "INFO" => Level::INFO,
+            "WARN" => Level::WARN,
+            "ERROR" => Level::ERROR,
+            _ => return plain,
+        };
+        Self { level: Some(level), text }
     }
 }
 
@@ -41,7 +47,7 @@ mod tests {
     fn log_lines_are_told_from_cries() {
         assert_eq!(
             LogLine::parse("2026-11-21T02:04:23.123456Z  WARN it is late"),
-            LogLine { level: Some("WARN"), text: "it is late" }
+            LogLine { level: Some(Level::WARN), text: "it is late" }
         );
         let panic = "thread 'main' panicked at src/main.rs:3:5:";
         assert_eq!(LogLine::parse(panic), LogLine { level: None, text: panic });

@@ -2,11 +2,10 @@
 
 use crate::showing::format;
 use crate::showing::terminal::Live;
-use crate::training::means::{EpisodeFigures, Recent, recent};
+use crate::training::means::{EpisodeMeans, Recent, recent};
 use crate::training::metrics::History;
 use proto::config::StageConfig;
 use proto::control::LearnerEvent;
-use proto::reward::RewardKind;
 use std::time::Duration;
 
 /// What the learner does at the moment, as far as it has said.
@@ -95,8 +94,8 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     let percent = 100.0 * recent.frames as f64 / recent.budget.max(1) as f64;
     let (frames, budget) = (format::count(recent.frames), format::count(recent.budget));
     let stage = recent.stage.and_then(|stage| stages.get(stage));
-    let stage =
-        stage.map_or_else(String::new, |stage| format!("stage {} ({})  ", stage.name, reward_symbol(stage.reward)));
+    let stage = stage
+        .map_or_else(String::new, |stage| format!("stage {} ({})  ", stage.name, format::reward_symbol(stage.reward)));
     let mut parts = vec![format!("{stage}{frames} / {budget} frames  {percent:.1}%")];
     if let Some(rate) = recent.frames_per_s {
         parts.push(format!(
@@ -116,7 +115,7 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
 
 /// Return, success, disturbance; empty before the first episode has ended.
 pub fn figures_line(recent: &Recent) -> String {
-    let EpisodeFigures { episodes, mean_return, success, success_without_disturbance, disturbance_m } = recent.episodes;
+    let EpisodeMeans { episodes, mean_return, success, success_without_disturbance, disturbance_m } = recent.episodes;
     if episodes == 0 {
         return String::new();
     }
@@ -127,15 +126,6 @@ pub fn figures_line(recent: &Recent) -> String {
         format::percent(success_without_disturbance),
         format::number(disturbance_m, 3),
     )
-}
-
-/// The reward as the paper writes it.
-pub fn reward_symbol(reward: RewardKind) -> &'static str {
-    match reward {
-        RewardKind::Task => "r",
-        RewardKind::DisturbanceFree => "r′",
-        RewardKind::Lagrangian => "r-λd",
-    }
 }
 
 #[cfg(test)]

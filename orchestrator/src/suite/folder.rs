@@ -13,7 +13,7 @@
 
 use super::file::{Asked, AskedCheckpoint, Entry, Suite};
 use crate::reporting::files::PAGE;
-use crate::run::identity::{Held, holder};
+use crate::run::lock::{Held, holder};
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::RESULT_FILE;
@@ -267,7 +267,8 @@ fn remove(path: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::identity::{Identity, RunLock};
+    use crate::run::identity::Identity;
+    use crate::run::lock::RunLock;
     use proto::config::FromConfig;
 
     const TEXT: &str = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n\

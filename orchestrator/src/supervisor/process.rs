@@ -21,6 +21,7 @@ use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncRead, BufReader};
 use tokio::process::{Child, ChildStdin, Command};
 use tokio::sync::{mpsc, oneshot};
+use tracing::Level;
 
 /// Lines of a child's standard error that are kept for the report of its death.
 const LAST_WORDS: usize = 10;
@@ -241,8 +242,10 @@ async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: Fil
             tracing::warn!("the log of {process} cannot be written: {error}");
         }
         match LogLine::parse(&line) {
-            LogLine { level: Some("TRACE" | "DEBUG" | "INFO"), text } => tracing::debug!("{process}: {text}"),
-            LogLine { level: Some("ERROR"), text } => tracing::error!("{process}: {text}"),
+            LogLine { level: Some(Level::TRACE | Level::DEBUG | Level::INFO), text } => {
+                tracing::debug!("{process}: {text}")
+            }
+            LogLine { level: Some(Level::ERROR), text } => tracing::error!("{process}: {text}"),
             LogLine { text, .. } if !text.trim().is_empty() => tracing::warn!("{process}: {text}"),
             LogLine { .. } => {}
         }

@@ -15,7 +15,7 @@ use std::time::Duration;
 
 /// The audience of a training run.
 #[derive(Debug)]
-pub struct Training {
+pub struct TrainingAudience {
     /// Rollouts trained so far, in all incarnations.
     pub history: History,
     /// `metrics.jsonl`.
@@ -25,7 +25,7 @@ pub struct Training {
     validation: Option<Validation>,
 }
 
-impl Training {
+impl TrainingAudience {
     /// Goes on with what the folder holds.
     pub fn open(folder: &RunFolder, config: &Config, incarnation: u32) -> Result<Self> {
         Ok(Self {
@@ -38,7 +38,7 @@ impl Training {
     }
 }
 
-impl Audience for Training {
+impl Audience for TrainingAudience {
     fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()> {
         self.progress.learner(now, event);
         match event {
@@ -104,11 +104,11 @@ mod tests {
 
     /// A learner goes on from this checkpoint; whether that is then to be evaluated.
     fn goes_on(folder: &RunFolder, config: &Config, rollout: u64, frames: u64) -> bool {
-        let mut training = Training::open(folder, config, 2).unwrap();
+        let mut audience = TrainingAudience::open(folder, config, 2).unwrap();
         let device = "cpu".to_owned();
         let ready = LearnerEvent::Ready { rank: 0, rollout, frames, device, parameters: 1, checkpoint: None };
-        training.learner(Duration::ZERO, &ready).unwrap();
-        training.is_busy()
+        audience.learner(Duration::ZERO, &ready).unwrap();
+        audience.is_busy()
     }
 
     #[test]
@@ -118,7 +118,7 @@ mod tests {
         assert!(!goes_on(&folder, &config, 2, 200));
         assert!(goes_on(&folder, &config, 3, 300));
         // That one still waits when the next orchestrator begins; one that comes again is not due again.
-        assert!(Training::open(&folder, &config, 3).unwrap().is_busy());
+        assert!(TrainingAudience::open(&folder, &config, 3).unwrap().is_busy());
         let (_temporary, folder, _) = run(&[0]);
         assert!(!goes_on(&folder, &config, 0, 0), "a run that begins");
         // The end is always evaluated.

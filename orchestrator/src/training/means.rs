@@ -1,4 +1,4 @@
-//! What the metrics of many rollouts come to: the figures of a stage and the figures of the moment. Pure.
+//! Means of the metrics of many rollouts: of a stage, and of the moment. Pure.
 
 use crate::training::metrics::{History, Trained, total_s};
 use proto::config::StageConfig;
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 /// Episode figures over some rollouts: means over the episodes that ended in them.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct EpisodeFigures {
+pub struct EpisodeMeans {
     /// Episodes that ended.
     pub episodes: u64,
     /// Mean undiscounted return.
@@ -22,7 +22,7 @@ pub struct EpisodeFigures {
     pub disturbance_m: Option<f64>,
 }
 
-impl EpisodeFigures {
+impl EpisodeMeans {
     /// Over `rollouts`, each weighted by its episodes.
     pub fn over<'a>(rollouts: &(impl Iterator<Item = &'a Trained> + Clone)) -> Self {
         let episodes = |trained: &Trained| trained.metrics.get(metric::EPISODES).copied().unwrap_or(0.0);
@@ -48,7 +48,7 @@ impl EpisodeFigures {
 
 /// The figures of one stage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct StageFigures {
+pub struct StageMeans {
     /// Its name.
     pub name: String,
     /// The reward it optimises.
@@ -61,18 +61,18 @@ pub struct StageFigures {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub multiplier: Option<f64>,
     /// Over the whole stage.
-    pub whole: EpisodeFigures,
+    pub whole: EpisodeMeans,
     /// Over the first tenth of its budget.
-    pub first_tenth: EpisodeFigures,
+    pub first_tenth: EpisodeMeans,
     /// Over the last tenth of its budget; empty until the stage gets there.
-    pub last_tenth: EpisodeFigures,
+    pub last_tenth: EpisodeMeans,
 }
 
 /// The figures of every stage that has begun.
 ///
 /// A rollout belongs to a tenth when its middle frame does; if none does, because rollouts are longer than a tenth,
 /// the first or last rollout stands for it.
-pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageFigures> {
+pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
     let mut figures = vec![];
     let mut start = 0;
     for (index, stage) in stages.iter().enumerate() {
@@ -102,15 +102,15 @@ pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageFigures> 
         if last.is_empty() && reached == stage.frames {
             last = rollouts.last().map(|&(_, _, trained)| trained).into_iter().collect();
         }
-        figures.push(StageFigures {
+        figures.push(StageMeans {
             name: stage.name.clone(),
             reward: stage.reward,
             frames: reached,
             budget: stage.frames,
             multiplier: newest.metrics.get(metric::MULTIPLIER).copied(),
-            whole: EpisodeFigures::over(&rollouts.iter().map(|&(_, _, trained)| trained)),
-            first_tenth: EpisodeFigures::over(&first.iter().copied()),
-            last_tenth: EpisodeFigures::over(&last.iter().copied()),
+            whole: EpisodeMeans::over(&rollouts.iter().map(|&(_, _, trained)| trained)),
+            first_tenth: EpisodeMeans::over(&first.iter().copied()),
+            last_tenth: EpisodeMeans::over(&last.iter().copied()),
         });
     }
     figures
@@ -136,7 +136,7 @@ pub struct Recent {
     /// Time left at this rate, seconds.
     pub left_s: Option<f64>,
     /// Episodes that ended.
-    pub episodes: EpisodeFigures,
+    pub episodes: EpisodeMeans,
 }
 
 /// Rollouts that count as recent.
@@ -163,7 +163,7 @@ pub fn recent(stages: &[StageConfig], history: &History) -> Recent {
         infer: share(sum(|timing| timing.infer_s)),
         update: share(sum(|timing| timing.update_s)),
         left_s: frames_per_s.filter(|&rate| rate > 0.0).map(|rate| budget.saturating_sub(frames) as f64 / rate),
-        episodes: EpisodeFigures::over(&newest.iter().copied().filter(|trained| Some(trained.stage as usize) == stage)),
+        episodes: EpisodeMeans::over(&newest.iter().copied().filter(|trained| Some(trained.stage as usize) == stage)),
     }
 }
 
@@ -222,7 +222,7 @@ pub mod tests {
     fn a_stage_that_has_not_got_there_has_no_last_tenth() {
         let figures = by_stage(&stages(), &history(10));
         assert_eq!(figures.len(), 1);
-        assert_eq!(figures[0].last_tenth, EpisodeFigures::default());
+        assert_eq!(figures[0].last_tenth, EpisodeMeans::default());
         assert_eq!(figures[0].frames, 500);
     }
 

@@ -1,19 +1,19 @@
-//! One sitting of a run that trains, from the note that it began to its last line: what `up` and `resume` share.
+//! A session of a run that trains, from the note that it began to its last line: what `up` and `resume` share.
 
-use crate::preflight::{device, disk, memory, processor, shared_memory};
-use crate::run::identity::{Ended, Identity, RunLock, unix_now};
-pub use crate::run::session::Tools;
-use crate::run::session::{EXIT_INTERRUPTED, Sitting};
-use crate::showing::format::{self, counted};
+use super::audience::TrainingAudience;
+use crate::preflight::tools::Tools;
+use crate::run::identity::{Ended, Ending, Identity, unix_now};
+use crate::run::lock::RunLock;
+use crate::run::session::{EXIT_INTERRUPTED, Session, shape};
+use crate::showing::format;
 use crate::showing::next_steps;
 use crate::showing::terminal;
 use crate::supervisor::event::{End, Outcome};
-use crate::training::audience::Training;
 use crate::training::metrics::History;
 use crate::training::summary::Summary;
 use crate::training::wall::{Last, Wall};
-use anyhow::{Context, Result};
-use proto::config::{ActorsConfig, Config};
+use anyhow::Result;
+use proto::config::Config;
 use proto::fault;
 use proto::run_folder::RunFolder;
 use proto::stage::total_frames;
@@ -21,29 +21,8 @@ use proto::wire::WireAddress;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// Looks at everything that could keep this configuration from running here.
-pub fn preflight(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<()> {
-    processor::check().demand()?;
-    device::check(config, &tools.torch).demand()?;
-    let on_gpu = device::is_cuda(config, &tools.torch);
-    memory::check(config, on_gpu, memory::available().context("/proc/meminfo")?).demand()?;
-    shared_memory::check(config).demand()?;
-    disk::check(config, folder.root()).demand()
-}
-
-/// The processes of a run, in words.
-pub fn shape(config: &Config) -> String {
-    let learners = match config.learner.count {
-        1 => String::new(),
-        learners => format!("{learners} learners, "),
-    };
-    let ActorsConfig { count, environments_per_actor } = config.actors;
-    let environments = counted(u64::from(environments_per_actor), "environment");
-    format!("{learners}{} of {environments}", counted(u64::from(count), "actor"))
-}
-
-/// What a sitting starts from.
-pub struct Session {
+/// A run that trains, whose folder has been made.
+pub struct TrainingRun {
     /// The run folder, with config.toml in it.
     pub folder: RunFolder,
     /// What config.toml says.
@@ -56,26 +35,26 @@ pub struct Session {
     pub tools: Tools,
 }
 
-impl Session {
+impl TrainingRun {
     /// Runs it and reports; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
         let begin = Instant::now();
         let (incarnation, address) = self.identity.begin_incarnation();
         self.identity.write(&self.folder)?;
-        match self.sitting(incarnation, &address) {
+        match self.session(incarnation, &address) {
             Ok((outcome, recording, history)) => self.report(&outcome, &recording, &history, begin.elapsed()),
             Err(error) => {
-                self.note_end("failed", None, Some(format!("{error:#}")));
+                self.note_end(Ending::Failed, None, Some(format!("{error:#}")));
                 Err(error)
             }
         }
     }
 
     /// Everything between the note that it began and the note how it ended.
-    fn sitting(&mut self, incarnation: u32, address: &WireAddress) -> Result<(Outcome, Result<()>, History)> {
+    fn session(&mut self, incarnation: u32, address: &WireAddress) -> Result<(Outcome, Result<()>, History)> {
         let Self { folder, config, identity, lock, tools } = self;
-        let sitting = Sitting { folder, config, incarnation, address, tools };
-        sitting.begin_log()?;
+        let session = Session { folder, config, incarnation, address, tools };
+        session.begin_log()?;
         tracing::info!(
             "run {} in {}, start {incarnation}; {}, seed {}, {} frames",
             identity.id,
@@ -85,9 +64,9 @@ impl Session {
             format::count(total_frames(&config.stages))
         );
         fault::reach("orchestrator.after_lock");
-        let mut training = Training::open(folder, config, incarnation)?;
-        let (outcome, recording) = sitting.run(lock, &mut training)?;
-        Ok((outcome, recording, training.history))
+        let mut audience = TrainingAudience::open(folder, config, incarnation)?;
+        let (outcome, recording) = session.run(lock, &mut audience)?;
+        Ok((outcome, recording, audience.history))
     }
 
     fn report(
@@ -97,11 +76,8 @@ impl Session {
         history: &History,
         wall: Duration,
     ) -> Result<ExitCode> {
-        let how = outcome.end.word();
-        let reason = match &outcome.end {
-            End::Failed(reason) => Some(reason.clone()),
-            End::Complete | End::Stopped | End::Interrupted => None,
-        };
+        let how = outcome.end.ending();
+        let reason = outcome.end.reason().map(str::to_owned);
         let saved = outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.as_str()));
         let wall = Wall::read(&self.folder, &self.identity, Last::Took(wall))?;
         let summary = saved.map(|saved| Summary::of(&self.folder, &self.config, history, &self.identity, wall, saved));
@@ -132,9 +108,9 @@ impl Session {
         })
     }
 
-    fn note_end(&mut self, how: &str, saved: Option<(u64, String)>, reason: Option<String>) {
+    fn note_end(&mut self, how: Ending, saved: Option<(u64, String)>, reason: Option<String>) {
         let (frames, weights) = saved.unzip();
-        self.identity.end_incarnation(Ended { how: how.to_owned(), at_unix_s: unix_now(), frames, weights, reason });
+        self.identity.end_incarnation(Ended { how, at_unix_s: unix_now(), frames, weights, reason });
         if let Err(error) = self.identity.write(&self.folder) {
             tracing::warn!("{error:#}");
         }

@@ -3,9 +3,8 @@
 
 use crate::run::identity::Identity;
 use crate::showing::format;
-use crate::showing::progress::reward_symbol;
 use crate::supervisor::event::End;
-use crate::training::means::{EpisodeFigures, StageFigures, by_stage};
+use crate::training::means::{EpisodeMeans, StageMeans, by_stage};
 use crate::training::metrics::{History, total_s};
 use crate::training::wall::Wall;
 use anyhow::{Context, Result};
@@ -36,7 +35,7 @@ pub struct Summary {
     /// SHA-256 of the weights, 64 hex digits.
     pub weights: String,
     /// Figures of every stage that has begun.
-    pub stages: Vec<StageFigures>,
+    pub stages: Vec<StageMeans>,
     /// Time spent on the rollouts that count, seconds.
     pub training_s: f64,
     /// Frames a second of that time.
@@ -101,7 +100,7 @@ impl Summary {
 
     /// As people read it. A failed run has no result, so the two lines for scripts are missing then.
     pub fn lines(&self, folder: &RunFolder, end: &End) -> Vec<String> {
-        let state = end.word();
+        let state = end.ending();
         let mut lines = vec![format!(
             "run {} {state}: preset {}, seed {}, {} of {} frames",
             self.id,
@@ -147,15 +146,15 @@ fn recordings(folder: &RunFolder) -> Vec<PathBuf> {
 }
 
 /// One row a stage; returns are first tenth → last tenth, the other figures are of the last tenth.
-pub fn table(stages: &[StageFigures]) -> Vec<String> {
+pub fn table(stages: &[StageMeans]) -> Vec<String> {
     let header = ["stage", "reward", "frames", "episodes", "return", "success", "SRwoD", "disturbance"];
     let mut rows: Vec<[String; 8]> = vec![header.map(str::to_owned)];
     for stage in stages {
         // Before the last tenth is reached, the whole stage is what there is.
-        let late = if stage.last_tenth == EpisodeFigures::default() { stage.whole } else { stage.last_tenth };
+        let late = if stage.last_tenth == EpisodeMeans::default() { stage.whole } else { stage.last_tenth };
         rows.push([
             stage.name.clone(),
-            reward_symbol(stage.reward).to_owned(),
+            format::reward_symbol(stage.reward).to_owned(),
             format::count(stage.frames),
             format::count(stage.whole.episodes),
             format!("{} -> {}", format::number(stage.first_tenth.mean_return, 2), format::number(late.mean_return, 2)),

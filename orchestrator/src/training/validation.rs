@@ -33,7 +33,7 @@ const STOPS: Duration = Duration::from_secs(10);
 
 /// One line of `validation.jsonl`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Validated {
+pub struct Score {
     /// First rollout that is not in the checkpoint.
     pub rollout: u64,
     /// Frames that its weights were trained on.
@@ -68,7 +68,7 @@ pub struct Validated {
     pub wall_s: f64,
 }
 
-impl Validated {
+impl Score {
     fn of(rollout: u64, evaluation: &Evaluation) -> Self {
         let figures = &evaluation.overall;
         let known = |figure: Option<f64>| figure.unwrap_or(0.0);
@@ -102,7 +102,7 @@ impl Validated {
 }
 
 /// The best of these.
-fn best(scored: &[Validated]) -> Option<&Validated> {
+fn best(scored: &[Score]) -> Option<&Score> {
     scored.iter().reduce(|best, one| if one.beats(best) { one } else { best })
 }
 
@@ -118,7 +118,7 @@ struct Running {
 pub struct Validation {
     folder: RunFolder,
     config: Config,
-    scored: Vec<Validated>,
+    scores: Vec<Score>,
     /// Frames of the newest checkpoint that was due.
     reached: u64,
     waiting: Option<u64>,
@@ -134,16 +134,16 @@ impl Validation {
         let mut validation = Self {
             folder: folder.clone(),
             config: config.clone(),
-            scored: read_log(&folder.validation_log())?,
+            scores: read_log(&folder.validation_log())?,
             reached: 0,
             waiting: None,
             running: None,
         };
         std::fs::create_dir_all(folder.validations())
             .with_context(|| format!("cannot create {}", folder.validations().display()))?;
-        validation.reached = validation.scored.iter().map(|one| one.frames).max().unwrap_or(0);
+        validation.reached = validation.scores.iter().map(|one| one.frames).max().unwrap_or(0);
         for rollout in validation.pinned()? {
-            if validation.scored.iter().any(|one| one.rollout == rollout) {
+            if validation.scores.iter().any(|one| one.rollout == rollout) {
                 continue;
             }
             validation.reached = validation.reached.max(Provenance::read(&validation.manifest(rollout))?.frames);
@@ -261,13 +261,13 @@ impl Validation {
         let path = self.result(rollout).join(RESULT_FILE);
         let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
         let evaluation: Evaluation = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
-        let one = Validated::of(rollout, &evaluation);
+        let one = Score::of(rollout, &evaluation);
         let mut log = Writer::open(&self.folder.validation_log())?;
         log.append(&one)?;
         log.sync()?;
-        self.scored.push(one.clone());
+        self.scores.push(one.clone());
         self.crown()?;
-        let is_best = best(&self.scored).is_some_and(|best| best.rollout == rollout);
+        let is_best = best(&self.scores).is_some_and(|best| best.rollout == rollout);
         tracing::info!(
             "validation at {} frames, {}: success {:.1}%, SRwoD {:.1}%{}",
             one.frames,
@@ -295,7 +295,7 @@ impl Validation {
 
     /// Has `RUN/best` point to the best checkpoint, then lets go of the others that have been scored.
     fn crown(&self) -> Result<()> {
-        let Some(best) = best(&self.scored) else { return Ok(()) };
+        let Some(best) = best(&self.scores) else { return Ok(()) };
         let link = self.folder.best();
         let target = RunFolder::relative_validation(best.rollout);
         if std::fs::read_link(&link).ok().as_deref() != Some(Path::new(&target)) {
@@ -311,7 +311,7 @@ impl Validation {
                 .and_then(|()| std::fs::rename(&partial, &link))
                 .with_context(|| format!("cannot make {}", link.display()))?;
         }
-        for one in self.scored.iter().filter(|one| one.rollout != best.rollout) {
+        for one in self.scores.iter().filter(|one| one.rollout != best.rollout) {
             self.unpin(one.rollout);
         }
         Ok(())
@@ -392,7 +392,7 @@ fn clear(result: &Path) -> Result<()> {
 }
 
 /// The lines of a run's log; none when it was never validated.
-pub fn read_log(path: &Path) -> Result<Vec<Validated>> {
+pub fn read_log(path: &Path) -> Result<Vec<Score>> {
     json_lines::read(path)
 }
 
@@ -401,8 +401,8 @@ pub mod tests {
     use super::*;
     use std::io::Write;
 
-    fn validated(rollout: u64, undisturbed: f64, success: f64) -> Validated {
-        Validated {
+    fn validated(rollout: u64, undisturbed: f64, success: f64) -> Score {
+        Score {
             rollout,
             frames: rollout * 100,
             weights: "00".repeat(32),
@@ -439,7 +439,7 @@ pub mod tests {
         (temporary, folder, config)
     }
 
-    fn append(folder: &RunFolder, one: &Validated) -> Result<()> {
+    fn append(folder: &RunFolder, one: &Score) -> Result<()> {
         Writer::open(&folder.validation_log())?.append(one)
     }
 
@@ -493,7 +493,7 @@ pub mod tests {
 
         append(&folder, &validated(8, 0.3, 0.3)).unwrap();
         let again = Validation::open(&folder, &config).unwrap().unwrap();
-        assert_eq!(again.scored.iter().map(|one| one.rollout).collect::<Vec<_>>(), [3, 5, 8]);
+        assert_eq!(again.scores.iter().map(|one| one.rollout).collect::<Vec<_>>(), [3, 5, 8]);
         assert_eq!(std::fs::read_link(folder.best()).unwrap(), Path::new("validation/rollout-00000008"));
         assert_eq!(again.pinned().unwrap(), [8]);
     }

@@ -83,7 +83,7 @@ impl Wall {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::identity::Ended;
+    use crate::run::identity::{Ended, Ending};
     use crate::run::json_lines::Writer;
 
     /// Starts at 1000, 2000 and 3000 s: stopped after 100 s, killed, and the last.
@@ -92,8 +92,7 @@ mod tests {
         for number in 1..=3 {
             identity.begin_incarnation();
             identity.incarnations[number - 1].started_unix_s = number as u64 * 1000;
-            let stopped =
-                Ended { how: "stopped".to_owned(), at_unix_s: 1100, frames: None, weights: None, reason: None };
+            let stopped = Ended { how: Ending::Stopped, at_unix_s: 1100, frames: None, weights: None, reason: None };
             identity.incarnations[number - 1].ended = Some(stopped).filter(|_| number == 1);
         }
         identity

@@ -36,7 +36,7 @@ pub struct Counts {
 
 /// Figures of one trained rollout, as they arrive from the learner.
 #[derive(Debug, Clone)]
-pub struct Trained {
+pub struct RolloutMetrics {
     /// Rank in the process group.
     pub rank: u32,
     /// Number of the rollout.
@@ -216,7 +216,7 @@ impl Scribe {
     }
 
     /// Figures of a trained rollout.
-    pub fn metrics(&mut self, time_ns: u64, trained: &Trained) -> Result<(), SegmentError> {
+    pub fn metrics(&mut self, time_ns: u64, trained: &RolloutMetrics) -> Result<(), SegmentError> {
         let mut other = trained.metrics.clone();
         let mut take = |name: &str| other.remove(name);
         let timing = &trained.timing;

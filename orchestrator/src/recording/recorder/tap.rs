@@ -1,9 +1,9 @@
 //! The recorder's thread: shared memory in, messages out.
 
 use super::ledger::{Ledger, Verdict};
+use super::note::{Note, RecorderError, RecorderSetup, RecordingSummary, now_ns};
 use super::scribe::{Counts, Scribe};
 use super::segment::{Preamble, SegmentError, Segments};
-use super::{Note, RecorderError, RecorderSetup, RecordingSummary, now_ns};
 use iceoryx2::prelude::{CallbackProgression, SignalHandlingMode, WaitSetBuilder};
 use proto::message::{Halves, Observation, ObservationHeader, observation_kind};
 use proto::wire::{Ipc, ObservationSubscriber, PREFIX_MARK, Wire, WireError};

@@ -2,8 +2,8 @@
 
 mod live;
 
-use super::testing::{EPISODE_STEPS, FakeActor, action, hash};
-use super::*;
+use super::testing::{self, EPISODE_STEPS, FakeActor, action, hash};
+use super::{Recorder, RecorderSetup};
 use crate::recording::episodes::gather;
 use crate::recording::reader::{End, RecordingError, read};
 use crate::recording::repair::{Repair, repair};
@@ -13,12 +13,15 @@ use crate::recording::wanted::Wanted;
 use mcap::records::Record;
 use proptest::prelude::*;
 use prost::Message;
-use proto::control::{Timing, metric};
+use proto::config::Config;
+use proto::control::{LearnerEvent, Timing, metric};
 use proto::message::{current_flag, transition_flag};
+use proto::run_folder::RunFolder;
 use proto::shares::Shares;
-use proto::wire::WireHost;
+use proto::wire::{WireAddress, WireHost, WireShape};
 use std::collections::{BTreeMap, HashMap};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Two actors of a learner each.
 fn shape() -> WireShape {

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::recording::Recordings;
-use crate::recording::recorder::segment::{Preamble, Segments};
+use crate::recording::recorder::segment::{self, Preamble, Segments};
 
 /// What a program that seeks finds in a file: messages by topic, through the index at the file's end.
 fn indexed(path: &Path) -> BTreeMap<String, usize> {
