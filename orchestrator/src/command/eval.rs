@@ -3,7 +3,7 @@
 use crate::evaluation::run::EvaluationRun;
 use crate::evaluation::subject::{Origin, find};
 use crate::evaluation::words::{episodes_of, place};
-use crate::preflight::all::demand;
+use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
 use crate::run::create::{check_free, create};
 use crate::run::identity::unix_now;
@@ -149,7 +149,7 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     terminal::note(&announcement(args, &config, &asked));
     let tools = Tools::find()?;
     let folder = RunFolder::new(args.out.clone().unwrap_or_else(|| default_folder(&origin, &asked)));
-    demand(&config, &folder, &tools)?;
+    demand_all(&config, &folder, &tools)?;
     let folders = if config.recording.enabled { vec![folder.recordings()] } else { vec![] };
     let (identity, lock) = create(&folder, &mut config, &folders)?;
     EvaluationRun { folder, config, asked, json: args.json, subject: origin, identity, lock, tools }.run()

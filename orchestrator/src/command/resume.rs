@@ -1,6 +1,6 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
-use crate::preflight::all::demand;
+use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
 use crate::run::identity::{Identity, host_name, is_evaluation};
 use crate::run::lock::{RunLock, wait_for_learners};
@@ -80,12 +80,12 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     }
     if let Some(budget) = budget {
         let new = budget.lay_over(&config);
-        demand(&new, &folder, &tools)?;
+        demand_all(&new, &folder, &tools)?;
         budget.announce(&config);
         budget.write(&folder, &config)?;
         config = new;
     } else {
-        demand(&config, &folder, &tools)?;
+        demand_all(&config, &folder, &tools)?;
     }
     for path in [folder.logs(), folder.checkpoints(), folder.recordings()] {
         std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;

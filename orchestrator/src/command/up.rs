@@ -2,7 +2,7 @@
 
 use super::overrides::{Overrides, default_preset};
 use crate::evaluation::subject::{Found, Provenance, find, network_differences};
-use crate::preflight::all::demand;
+use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
 use crate::run::create::{check_free, create};
 use crate::run::identity::unix_now;
@@ -67,7 +67,7 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
         None => Tools::find()?,
     };
     let folder = RunFolder::new(args.run.clone().unwrap_or_else(|| default_folder(&config)));
-    demand(&config, &folder, &tools)?;
+    demand_all(&config, &folder, &tools)?;
     scenes::check(&config)?;
     introduce(&config, asked);
     if let Some(FromConfig { checkpoint, frames, .. }) = &config.from {

@@ -7,7 +7,7 @@ use proto::config::Config;
 use proto::run_folder::RunFolder;
 
 /// Looks at everything that could keep this configuration from running here.
-pub fn demand(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<()> {
+pub fn demand_all(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<()> {
     processor::check().demand()?;
     device::check(config, &tools.torch).demand()?;
     let on_gpu = device::is_cuda(config, &tools.torch);
