@@ -11,7 +11,6 @@ pub mod device;
 pub mod evaluation;
 mod ffi;
 pub mod group;
-mod hex;
 pub mod import;
 pub mod network;
 pub mod optimizer;

@@ -12,7 +12,7 @@ use crate::network::{Embedded, Network, OBSERVATION, Observations, Packing, all_
 use crate::optimizer::{Adam, clip, norm};
 use crate::rollout::Rollout;
 use proto::config::{AuxiliaryConfig, PpoConfig};
-use proto::control::metric;
+use proto::metric;
 use std::collections::BTreeMap;
 use tch::Tensor;
 

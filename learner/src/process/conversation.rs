@@ -4,16 +4,16 @@
 use super::announcements::Announcements;
 use super::control::Control;
 use super::layout;
+use super::link::{Ports, Sample};
 use super::stop::{OrchestratorGone, Stop};
-use super::wire::{Ports, Sample};
 use crate::collector::{Boundary, Collector, Received, Settings};
 use anyhow::Result;
 use proto::config::Config;
-use proto::control::LearnerEvent;
-use proto::wire::{WireAddress, WireShape};
+use proto::event::LearnerEvent;
 use std::io::Write;
 use std::ops::Range;
 use std::time::{Duration, Instant};
+use wire::{WireAddress, WireShape};
 
 /// Longest sleep without a look at lifeline and announcements.
 const LOOK: Duration = Duration::from_millis(50);

@@ -12,14 +12,14 @@ use crate::device;
 use crate::evaluation::Examination;
 use anyhow::{Result, bail};
 use proto::config::Config;
-use proto::control::LearnerEvent;
-use proto::fault;
+use proto::event::LearnerEvent;
 use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
 use proto::stage::RolloutShape;
-use proto::wire::WireAddress;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use wire::WireAddress;
+use wire::fault;
 
 /// This machine's learner is the only one.
 const RANK: u32 = 0;

@@ -1,10 +1,10 @@
 //! Why a learner stops before its budget is reached.
 
 use anyhow::{Context, Result};
-use proto::lifeline;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+use wire::lifeline;
 
 /// How often a deadline is looked at.
 const LOOK: Duration = Duration::from_millis(250);

@@ -1,14 +1,21 @@
 //! `orchestrator doctor`: everything that `up` would check, all of it, as a table.
 
 use super::overrides::{Overrides, default_preset};
+use crate::preflight::Finding;
+use crate::preflight::device;
+use crate::preflight::disk;
+use crate::preflight::memory;
+use crate::preflight::processor;
+use crate::preflight::programs;
+use crate::preflight::shared_memory;
 use crate::preflight::tools::Tools;
-use crate::preflight::{Finding, device, disk, libtorch, memory, processor, programs, shared_memory};
 use crate::run::remains::survey;
 use crate::run::scenes;
 use crate::run::session::shape;
 use crate::showing::format;
 use crate::showing::terminal;
 use anyhow::Result;
+use proto::device::Torch;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -55,7 +62,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         }
     };
     if let Some(torch) = &torch {
-        let libtorch::Torch { version, library, devices, arithmetic } = torch;
+        let Torch { version, library, devices, arithmetic } = torch;
         let text = format!("{version} from {library}, {arithmetic} on the CPU");
         table.row("libtorch", Finding::Good(text));
         table.row("devices", Finding::Good(devices.join(", ")));

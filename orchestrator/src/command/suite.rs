@@ -9,7 +9,7 @@ use crate::showing::next_steps::{program, quoted};
 use crate::showing::terminal;
 use crate::suite::{Suite, SuiteFolder, SuiteOutcome, lines, run as work};
 use anyhow::{Context, Result, ensure};
-use proto::control::VISIBLE_DEVICES;
+use proto::device::VISIBLE_DEVICES;
 use report::Options;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

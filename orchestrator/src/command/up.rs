@@ -1,16 +1,21 @@
 //! `orchestrator up`: a new run.
 
 use super::overrides::{Overrides, default_preset};
-use crate::evaluation::subject::{Found, Provenance, find, network_differences};
+use crate::evaluation::subject::Found;
+use crate::evaluation::subject::find;
+use crate::evaluation::subject::network_differences;
+use crate::evaluation::subject::read_manifest;
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
-use crate::run::create::{check_free, create};
+use crate::run::create::check_free;
+use crate::run::create::create;
 use crate::run::identity::unix_now;
 use crate::run::scenes;
 use crate::showing::format;
 use crate::showing::terminal;
 use crate::training::run::TrainingRun;
 use anyhow::{Context, Result, bail};
+use proto::checkpoint::Manifest;
 use proto::config::{Config, FromConfig};
 use proto::run_folder::RunFolder;
 use proto::stage::total_frames;
@@ -83,7 +88,7 @@ fn begin_from(found: &Found, config: &Config) -> Result<FromConfig> {
     if !differences.is_empty() {
         bail!("{} holds another network: {}", found.manifest.display(), differences.join("; "));
     }
-    let Provenance { frames, weights } = found.provenance()?;
+    let Manifest { frames, weights, .. } = read_manifest(&found.manifest)?;
     let checkpoint = found.manifest.to_str().context("the checkpoint has a name that is not text")?.to_owned();
     Ok(FromConfig { checkpoint, frames, weights })
 }

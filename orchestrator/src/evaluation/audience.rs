@@ -8,8 +8,8 @@ use crate::showing::format;
 use crate::showing::terminal::Live;
 use crate::supervisor::shell::Audience;
 use anyhow::{Result, ensure};
-use proto::control::LearnerEvent;
 use proto::evaluation::{EpisodeRecord, Plan};
+use proto::event::LearnerEvent;
 use proto::kitchen::KitchenId;
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
@@ -148,7 +148,7 @@ mod tests {
     use super::*;
     use crate::evaluation::testing::uneventful;
     use proto::config::Config;
-    use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
+    use proto::evaluation::{EvaluationConfig, ObjectSet};
     use proto::kitchen::Split;
 
     #[test]
@@ -159,15 +159,7 @@ mod tests {
         assert_eq!(Standing::read(&folder, &config).unwrap(), None, "a run");
         config.actors.count = 5;
         let (split, objects) = (Split::Test, ObjectSet::Novel);
-        config.evaluation = Some(EvaluationConfig {
-            split,
-            objects,
-            episodes: 2,
-            distribution: Distribution::Fixed,
-            scene_targets: Vec::new(),
-            deterministic: false,
-            checkpoint: None,
-        });
+        config.evaluation = Some(EvaluationConfig::fixed(split, objects, 2));
         let plan = config.evaluation_plan().unwrap();
         let episodes: Vec<_> = plan.episodes().collect();
         let mut audience = EvaluationAudience::new(plan, &folder).unwrap();

@@ -2,12 +2,13 @@
 //! afterwards the kernel kills one of them without a word.
 
 use super::Finding;
-use crate::showing::format::{bytes, counted};
+use crate::showing::format::bytes;
+use crate::showing::format::counted;
+use proto::camera::FRAME_PIXELS;
 use proto::config::{Config, Encoder};
-use proto::message::FRAME_PIXELS;
 use proto::shares::Shares;
-use proto::wire::WireShape;
 use std::path::Path;
+use wire::WireShape;
 
 /// An actor without environments: its program, its kitchen, meshes, and its ports.
 const ACTOR_BASE: u64 = 24 << 20;

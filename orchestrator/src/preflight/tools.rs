@@ -3,6 +3,7 @@
 use super::{libtorch, programs};
 use crate::supervisor::process::Programs;
 use anyhow::Result;
+use proto::device::Torch;
 
 /// The programs, found and proven to start.
 #[derive(Debug, Clone)]
@@ -10,7 +11,7 @@ pub struct Tools {
     /// Where they are.
     pub programs: Programs,
     /// What the learner computes with.
-    pub torch: libtorch::Torch,
+    pub torch: Torch,
 }
 
 impl Tools {

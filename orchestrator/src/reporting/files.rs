@@ -4,11 +4,11 @@ use crate::reporting::gather::Gathered;
 use crate::run::identity::unix_now;
 use crate::showing::format::{self, counted};
 use anyhow::{Context, Result, bail};
-use proto::fault;
 use proto::run_folder::write_atomically;
 use report::{Made, Options};
 use std::collections::BTreeSet;
 use std::path::Path;
+use wire::fault;
 
 /// Name of the page.
 pub const PAGE: &str = "report.html";

@@ -11,12 +11,13 @@ use crate::supervisor::event::Outcome;
 use crate::supervisor::process::Launch;
 use crate::supervisor::shell::{Audience, Shell, Signals};
 use anyhow::{Context, Result};
-use proto::config::{ActorsConfig, Config};
-use proto::fault;
+use proto::config::ActorsConfig;
+use proto::config::Config;
 use proto::run_folder::RunFolder;
-use proto::wire::{WireAddress, WireHost, WireShape};
 use std::fs::OpenOptions;
 use std::time::Duration;
+use wire::fault;
+use wire::{WireAddress, WireHost, WireShape};
 
 /// Status after a second Ctrl-C: what a shell reports for a program that SIGINT ended.
 pub const EXIT_INTERRUPTED: u8 = 130;

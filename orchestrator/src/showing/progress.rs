@@ -5,7 +5,7 @@ use crate::showing::terminal::Live;
 use crate::training::means::{EpisodeMeans, Recent, recent};
 use crate::training::metrics::History;
 use proto::config::StageConfig;
-use proto::control::LearnerEvent;
+use proto::event::LearnerEvent;
 use std::time::Duration;
 
 /// What the learner does at the moment, as far as it has said.

@@ -10,8 +10,7 @@ use crate::showing::terminal;
 use crate::training::means::recent;
 use crate::training::metrics::History;
 use anyhow::{Context, Result};
-use proto::control::VISIBLE_DEVICES;
-use proto::fault;
+use proto::device::VISIBLE_DEVICES;
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;
 use std::io::{Read, Seek, SeekFrom};
@@ -20,6 +19,7 @@ use std::process::{ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use tokio::process::{Child, Command};
 use tokio::signal::unix::{SignalKind, signal};
+use wire::fault;
 
 /// How often finished processes and signals are looked for, and progress is drawn.
 const TICK: Duration = Duration::from_millis(200);

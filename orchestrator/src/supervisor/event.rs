@@ -2,10 +2,10 @@
 
 use super::stage::StageSwitch;
 use crate::run::identity::Ending;
-use proto::control::LearnerEvent;
+use proto::event::LearnerEvent;
 use proto::kitchen::Kitchens;
-use proto::message::StageAnnouncement;
 use std::fmt::{Display, Formatter};
+use wire::message::StageAnnouncement;
 
 /// A process of the run, in the order in which they are started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -25,7 +25,8 @@ use super::restart::{RestartHistory, Verdict};
 use super::stage::StageMachine;
 use super::words::{given_up, quote, rewinds};
 use proto::config::StageConfig;
-use proto::control::{EXIT_LOST_PEERS, LearnerEvent};
+use proto::event::LearnerEvent;
+use proto::exit::EXIT_LOST_PEERS;
 use std::time::Duration;
 
 /// How a learner ends that has lost another.

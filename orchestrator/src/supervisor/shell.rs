@@ -13,14 +13,14 @@ use crate::recording::recorder::Recorder;
 use crate::showing::format::reward_symbol;
 use anyhow::{Context, Result};
 use proto::config::Config;
-use proto::control::LearnerEvent;
-use proto::fault;
-use proto::wire::{StagePublisher, UpdateConnections, WireHost};
+use proto::event::LearnerEvent;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
 use tokio::time::{Interval, MissedTickBehavior};
+use wire::fault;
+use wire::{StagePublisher, UpdateConnections, WireHost};
 
 /// How often deadlines are looked at, late subscribers are given the announcement, and progress is shown.
 const TICK: Duration = Duration::from_millis(250);
@@ -282,7 +282,7 @@ fn is_for_audience(event: &LearnerEvent) -> bool {
     event.rank() == 0 || matches!(event, LearnerEvent::WaitingForActor { .. })
 }
 
-fn announce(publisher: &StagePublisher, announcement: proto::message::StageAnnouncement) -> Result<()> {
+fn announce(publisher: &StagePublisher, announcement: wire::message::StageAnnouncement) -> Result<()> {
     let failed = |cause: &dyn std::fmt::Debug| anyhow::anyhow!("a stage announcement cannot be published: {cause:?}");
     publisher.update_connections().map_err(|cause| failed(&cause))?;
     publisher.send_copy(announcement).map_err(|cause| failed(&cause))?;

@@ -9,7 +9,7 @@ use crate::training::metrics::{History, Trained};
 use crate::training::validation::Validation;
 use anyhow::Result;
 use proto::config::Config;
-use proto::control::LearnerEvent;
+use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
 use std::time::Duration;
 

@@ -11,15 +11,16 @@ use crate::showing::terminal;
 use crate::supervisor::event::{End, Outcome};
 use crate::training::metrics::History;
 use crate::training::summary::Summary;
-use crate::training::wall::{Last, Wall};
+use crate::training::wall::Last;
+use crate::training::wall::Wall;
 use anyhow::Result;
 use proto::config::Config;
-use proto::fault;
 use proto::run_folder::RunFolder;
 use proto::stage::total_frames;
-use proto::wire::WireAddress;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
+use wire::WireAddress;
+use wire::fault;
 
 /// A run that trains, whose folder has been made.
 pub struct TrainingRun {

@@ -8,25 +8,26 @@
 //! Every arrow can be cut by a crash; [`Validation::open`] finds out from the folder where it was and goes on.
 //! An evaluation that fails is told of and left out: the run goes on.
 
-use crate::evaluation::subject::Provenance;
+use crate::evaluation::subject::read_manifest;
 use crate::recording::recorder::Recorder;
 use crate::recording::schema::stillroom;
 use crate::run::identity::Identity;
-use crate::run::json_lines::{self, Writer};
+use crate::run::json_lines;
+use crate::run::json_lines::Writer;
 use crate::run::lifeline::this_program;
 use crate::run::remains;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
-use proto::run_folder::RunFolder;
+use proto::run_folder::{RolloutName, RunFolder};
 use proto::stage::total_frames;
-use proto::wire::WireAddress;
 use serde::{Deserialize, Serialize};
 use std::fs::OpenOptions;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
+use wire::WireAddress;
 
 /// Time that an evaluation has to stop its processes.
 const STOPS: Duration = Duration::from_secs(10);
@@ -146,7 +147,7 @@ impl Validation {
             if validation.scores.iter().any(|one| one.rollout == rollout) {
                 continue;
             }
-            validation.reached = validation.reached.max(Provenance::read(&validation.manifest(rollout))?.frames);
+            validation.reached = validation.reached.max(read_manifest(&validation.manifest(rollout))?.frames);
             if validation.result(rollout).join(RESULT_FILE).is_file() {
                 validation.conclude(rollout, None)?;
             } else {
@@ -247,7 +248,7 @@ impl Validation {
         if validation.episodes > 0 {
             command.args(["--episodes", &validation.episodes.to_string()]);
         }
-        command.arg("--out").arg(&result).env_remove(proto::fault::VARIABLE);
+        command.arg("--out").arg(&result).env_remove(wire::fault::VARIABLE);
         // A group of its own: Ctrl-C reaches the run alone, which decides.
         command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log).process_group(0);
         let child = command.spawn().context("cannot start `orchestrator eval`")?;
@@ -339,9 +340,9 @@ impl Validation {
 
     /// Lets go of a checkpoint; its result stays.
     fn unpin(&self, rollout: u64) {
-        let manifest = self.manifest(rollout);
-        for path in [&manifest, &manifest.with_extension("safetensors")] {
-            match std::fs::remove_file(path) {
+        for name in [RolloutName::Manifest, RolloutName::Tensors] {
+            let path = self.folder.validation(rollout).join(name.of(rollout));
+            match std::fs::remove_file(&path) {
                 Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
                     tracing::warn!("cannot delete {}: {error}", path.display());
                 }
@@ -355,8 +356,7 @@ impl Validation {
         let place = self.folder.validations();
         let mut rollouts = vec![];
         for entry in std::fs::read_dir(&place).with_context(|| place.display().to_string())? {
-            let name = entry?.file_name();
-            let rollout = name.to_str().and_then(|name| name.strip_prefix("rollout-")?.parse::<u64>().ok());
+            let rollout = RolloutName::Folder.rollout_of(&entry?.path());
             rollouts.extend(rollout.filter(|&rollout| self.manifest(rollout).is_file()));
         }
         rollouts.sort_unstable();
@@ -364,8 +364,7 @@ impl Validation {
     }
 
     fn manifest(&self, rollout: u64) -> PathBuf {
-        let name = self.folder.checkpoint_manifest(rollout);
-        self.folder.validation(rollout).join(name.file_name().unwrap_or_default())
+        self.folder.validation(rollout).join(RolloutName::Manifest.of(rollout))
     }
 
     fn result(&self, rollout: u64) -> PathBuf {
@@ -399,6 +398,7 @@ pub fn read_log(path: &Path) -> Result<Vec<Score>> {
 #[cfg(test)]
 pub mod tests {
     use super::*;
+    use crate::evaluation::subject::tests::manifest;
     use std::io::Write;
 
     fn validated(rollout: u64, undisturbed: f64, success: f64) -> Score {
@@ -428,11 +428,7 @@ pub mod tests {
         std::fs::create_dir_all(folder.checkpoints()).unwrap();
         for &rollout in rollouts {
             std::fs::write(folder.checkpoint_tensors(rollout), format!("tensors {rollout}")).unwrap();
-            let manifest = format!(
-                "{{\"rollout\": {rollout}, \"frames\": {}, \"weights\": \"w\", \"tensors\": \"t\"}}",
-                rollout * 100
-            );
-            std::fs::write(folder.checkpoint_manifest(rollout), manifest).unwrap();
+            std::fs::write(folder.checkpoint_manifest(rollout), manifest(rollout, rollout * 100)).unwrap();
         }
         let mut config = Config::resolve("demo", None).unwrap();
         config.validation.every_frames = 250;

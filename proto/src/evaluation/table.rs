@@ -1,6 +1,9 @@
 //! The table of an evaluation's episodes, as CSV: a line of names, then a line an episode.
 
-use super::{Confusion, Distribution, EpisodeEnd, EpisodeRecord, ObjectSet};
+use super::asked::ObjectSet;
+use super::confusion::Confusion;
+use super::distribution::Distribution;
+use super::record::{EpisodeEnd, EpisodeRecord};
 use crate::kitchen::{KitchenId, TargetCategory};
 use crate::reward::UNDISTURBED_THRESHOLD_M;
 use csv::{ErrorKind, Reader, StringRecord, WriterBuilder};

@@ -5,7 +5,7 @@ use super::scribe::RolloutMetrics;
 use super::tap;
 use crate::recording::schema::foxglove::log::Level;
 use crate::recording::schema::stillroom::{StageSwitch, Validation};
-use proto::control::LearnerEvent;
+use proto::event::LearnerEvent;
 use proto::reward::RewardKind;
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, OnceLock};

@@ -5,8 +5,6 @@
 //! it, by the [`scribe`]; how it reaches the disk, by [`segment`]. Actors block until the recorder has taken a
 //! sample, so whatever happens to the disk, the thread goes on taking samples: after a failed write it only stops
 //! writing, and [`Recorder::failure`] says why. A segment is a complete file at every moment ([`live`], [`index`]).
-//!
-//! A second recorder (a live view, say) is another tap with another scribe; the services have room for it.
 
 mod camera;
 mod handle;

@@ -6,9 +6,9 @@ use crate::recording::schema::foxglove::log::Level;
 use crate::recording::schema::stillroom::{StageSwitch, Validation};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
-use proto::wire::{WireAddress, WireError, WireShape};
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use wire::{WireAddress, WireError, WireShape};
 
 /// How long the thread may take to create the first segment and its subscriber.
 pub const START_DEADLINE: Duration = Duration::from_secs(30);

@@ -5,11 +5,11 @@ use super::note::{Note, RecorderError, RecorderSetup, RecordingSummary, now_ns};
 use super::scribe::{Counts, Scribe};
 use super::segment::{Preamble, SegmentError, Segments};
 use iceoryx2::prelude::{CallbackProgression, SignalHandlingMode, WaitSetBuilder};
-use proto::message::{Halves, Observation, ObservationHeader, observation_kind};
-use proto::wire::{Ipc, ObservationSubscriber, PREFIX_MARK, Wire, WireError};
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
+use wire::message::{Halves, Observation, ObservationHeader, observation_kind};
+use wire::{Ipc, ObservationSubscriber, PREFIX_MARK, Wire, WireError};
 
 /// The longest it sleeps without looking at the orchestrator's notes.
 const NAP: Duration = Duration::from_millis(50);
