@@ -245,7 +245,7 @@ async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: Fil
         }
         match LogLine::parse(&line) {
             LogLine { level: Some(Level::TRACE | Level::DEBUG | Level::INFO), text } => {
-                tracing::debug!("{process}: {text}")
+                tracing::debug!("{process}: {text}");
             }
             LogLine { level: Some(Level::ERROR), text } => tracing::error!("{process}: {text}"),
             LogLine { text, .. } if !text.trim().is_empty() => tracing::warn!("{process}: {text}"),
