@@ -11,7 +11,6 @@
 use crate::ffi;
 use crate::ffi::group::ProcessGroup;
 use crate::ffi::nccl::{Communicator, Invitation, Nccl, NcclError};
-use crate::ppo::preemption::Finished;
 use std::path::Path;
 use std::time::Duration;
 use tch::{Device, Kind, TchError, Tensor};
@@ -41,6 +40,15 @@ pub struct Group {
     gloo: ProcessGroup,
     /// Between GPUs.
     gpus: Option<Communicator>,
+}
+
+/// How far the learners of a run are with the rollout in progress.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Finished {
+    /// Learners that have taken all steps of it.
+    pub finished: u32,
+    /// Learners in all, this one included.
+    pub learners: u32,
 }
 
 /// The learners cannot reach one another, or are not at the same point.

@@ -1,7 +1,7 @@
 //! The learner: one process per GPU (or CPU) that infers for all actors of its machine, collects rollouts and trains.
 //!
-//! The algorithm knows neither processes nor files: [`agent::Agent`] is network, beliefs, rollout and optimiser behind
-//! one struct.
+//! The algorithm is [`ppo`], on one page. [`agent::Agent`] is network, beliefs, rollout and optimiser behind one
+//! struct; it uses neither processes nor files. [`process`] is everything around it.
 
 pub mod agent;
 pub mod auxiliary;
