@@ -14,11 +14,11 @@ pub use state::{AgentState, BELIEFS, MODEL, OtherSign, weights_of};
 
 use crate::auxiliary::Auxiliary;
 use crate::device;
-use crate::group::{PeerError, Peers};
 use crate::network::{
     FramePreparation, Network, Observations, PrecisionError, Staging, Unfit, goal_coordinates, table_row, to_vec,
 };
 use crate::optimizer::{Adam, learning_rate};
+use crate::peers::{PeerError, Peers};
 use crate::ppo::lagrangian::ascend;
 use crate::ppo::preemption::ends_early;
 use crate::ppo::update::{Update, UpdateError};

@@ -14,8 +14,8 @@ pub use disturb::{Disturb, focal_loss};
 pub use inverse_dynamics::InverseDynamics;
 pub use query::{Epoch, Query, count};
 
-use crate::group::{PeerError, Peers};
 use crate::network::{Layout, Packing, Parameters};
+use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use proto::config::{AuxiliaryConfig, AuxiliaryTask};
 use std::collections::BTreeMap;

@@ -1,6 +1,6 @@
 //! What a rollout says about the episodes that ended in it.
 
-use crate::group::{PeerError, Peers};
+use crate::peers::{PeerError, Peers};
 use proto::control::metric;
 use proto::message::{Transition, transition_flag};
 use proto::reward::UNDISTURBED_THRESHOLD_M;

@@ -3,7 +3,7 @@
 //!
 //! Within one learner nobody can straggle: both halves of all actors are inferred together, step by step, and every
 //! column ends a rollout in the same step. So the rule is one between learners. What it needs of the others is how many
-//! have finished ([`Finished`]), and that is what [`crate::group::Peers`] knows.
+//! have finished ([`Finished`]), and that is what [`crate::peers::Peers`] knows.
 //!
 //! When the others finish is a matter of time, so a run with pre-emption is not reproducible to the last bit. It is off
 //! unless `ppo.preemption_share` says otherwise.

@@ -7,9 +7,9 @@
 use super::gae::{Targets, estimate};
 use super::loss::{Experience, Terms, terms};
 use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, Tally, count};
-use crate::group::{PeerError, Peers};
 use crate::network::{Embedded, Network, OBSERVATION, Observations, Packing, all_finite, to_vec};
 use crate::optimizer::{Adam, clip, norm};
+use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use proto::config::{AuxiliaryConfig, PpoConfig};
 use proto::control::metric;

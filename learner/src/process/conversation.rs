@@ -2,8 +2,8 @@
 //! and evaluating are two ways to lead it.
 
 use super::announcements::Announcements;
+use super::column_map;
 use super::control::Control;
-use super::layout;
 use super::stop::{OrchestratorGone, Stop};
 use super::wire::{Ports, Sample};
 use crate::collector::{Boundary, Collector, Received, Settings};
@@ -63,7 +63,7 @@ impl<W: Write> Conversation<W> {
     pub fn open(speaker: Speaker, config: &Config, boundary: Boundary, output: W) -> Result<Self> {
         let Speaker { rank, wire, incarnation, gone } = speaker;
         let settings = Settings {
-            layout: layout(rank, config),
+            column_map: column_map(rank, config),
             seed: config.seed,
             policy_actions: config.episode.action_space.actions().len(),
             max_episode_steps: config.episode.max_steps,

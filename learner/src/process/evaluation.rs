@@ -5,7 +5,7 @@
 
 use super::conversation::{Conversation, Speaker};
 use super::stop::{OrchestratorGone, Stop};
-use super::{layout, weights};
+use super::{column_map, weights};
 use crate::agent::Agent;
 use crate::collector::{Boundary, Reward, Task};
 use crate::device;
@@ -56,12 +56,12 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
             (manifest.rollout, manifest.frames)
         }
     };
-    let layout = layout(RANK, &config);
+    let column_map = column_map(RANK, &config);
     let seed = (!asked.deterministic).then_some(config.seed);
     let policy_actions = config.episode.action_space.actions().len();
-    let examination = Examination::new(plan, layout, config.reward.lambda_disturb, seed, policy_actions);
+    let examination = Examination::new(plan, column_map, config.reward.lambda_disturb, seed, policy_actions);
     let speaker = Speaker { rank: RANK, wire, incarnation, gone };
-    let boundary = Boundary::start(layout.columns());
+    let boundary = Boundary::start(column_map.columns());
     let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout())?;
     conversation.tell(&LearnerEvent::Ready {
         rank: RANK,

@@ -23,9 +23,9 @@ pub use training::NonFinite;
 
 use crate::agent::{Agent, AgentError};
 use crate::checkpoint::Store;
-use crate::collector::{Boundary, Layout, ProtocolError};
+use crate::collector::{Boundary, ColumnMap, ProtocolError};
 use crate::device;
-use crate::group::{PeerError, Peers};
+use crate::peers::{PeerError, Peers};
 use anyhow::{Context, Result, bail, ensure};
 use conversation::{Conversation, Speaker};
 use lock::Lock;
@@ -118,9 +118,10 @@ pub fn is_of_peers(error: &anyhow::Error) -> bool {
 }
 
 /// The environments of the actors that a rank serves.
-fn layout(rank: u32, config: &Config) -> Layout {
+fn column_map(rank: u32, config: &Config) -> ColumnMap {
     let actors = config.shares().actors_of(rank);
-    Layout::new(actors.start, actors.len() as u32, config.actors.environments_per_actor).in_kitchens(config.kitchens())
+    ColumnMap::new(actors.start, actors.len() as u32, config.actors.environments_per_actor)
+        .in_kitchens(config.kitchens())
 }
 
 /// Their columns in the whole run.
