@@ -124,7 +124,7 @@ impl<W: Write> Training<W> {
                 Err(error @ AgentError::NonFinite { .. }) => {
                     // All learners are here, and whoever ends first ends the others: not before all have written.
                     let dumped = self.dump(&error.into());
-                    let _ = self.agent.peers().sum(&mut [0.0]);
+                    let _ = self.agent.peers().barrier();
                     return Err(dumped.into());
                 }
                 Err(error) => return Err(error.into()),
@@ -202,7 +202,7 @@ impl<W: Write> Training<W> {
             peers.gather(&Part { beliefs: self.agent.boundary_beliefs(), boundary }.encode()?)?;
         }
         // Nobody goes on, or leaves, before it is on the disk.
-        peers.sum(&mut [0.0])?;
+        peers.barrier()?;
         self.saved = Some(self.rollout);
         state.last_save = Instant::now();
         if let Some(path) = written {
