@@ -1,7 +1,8 @@
 //! The learner: one process per GPU (or CPU) that infers for all actors of its machine, collects rollouts and trains.
 //!
-//! The algorithm knows neither processes nor files: [`agent::Agent`] is network, beliefs, rollout and optimiser behind
-//! one struct.
+//! [`agent::Agent`] is network, beliefs, rollout and optimiser behind one struct. The algorithm reads and writes no
+//! files; of other processes it knows the other learners alone, as [`peers::Peers`] that it sums over. Everything else is
+//! in [`process`].
 
 pub mod agent;
 pub mod auxiliary;

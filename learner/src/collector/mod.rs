@@ -1,4 +1,5 @@
-//! The rollout collector: a state machine without I/O, clock or tensors.
+//! The rollout collector: a state machine without I/O, clock or tensors. (Adding the statistics of several learners up,
+//! [`RolloutStatistics::over`], is the one call that speaks to other processes; the training loop makes it afterwards.)
 //!
 //! It is fed with observation samples and the agent's actions and says what to do next ([`Task`]). For each step of a
 //! rollout and each half of the environments: wait until every actor's observations are here, take in what the last
