@@ -5,6 +5,7 @@
 
 use super::conversation::{Conversation, Speaker};
 use super::stop::{OrchestratorGone, Stop};
+use super::wire::Ports;
 use super::{column_map, weights};
 use crate::agent::Agent;
 use crate::collector::{Boundary, Reward, Task};
@@ -17,7 +18,7 @@ use proto::fault;
 use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
 use proto::stage::RolloutShape;
-use proto::wire::WireAddress;
+use proto::wire::{WireAddress, WireShape};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -60,7 +61,8 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     let seed = (!asked.deterministic).then_some(config.seed);
     let policy_actions = config.episode.action_space.actions().len();
     let examination = Examination::new(plan, column_map, config.reward.lambda_disturb, seed, policy_actions);
-    let speaker = Speaker { rank: RANK, wire, incarnation, gone };
+    let ports = Ports::open(&wire, WireShape::of(&config), RANK)?;
+    let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone };
     let boundary = Boundary::start(column_map.columns());
     let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout())?;
     conversation.tell(&LearnerEvent::Ready {
@@ -75,14 +77,14 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
 }
 
 /// Where episodes are played.
-struct Room<W> {
+struct Room<'a, W> {
     config: Config,
     agent: Agent,
     examination: Examination,
-    conversation: Conversation<W>,
+    conversation: Conversation<'a, W>,
 }
 
-impl<W: Write> Room<W> {
+impl<W: Write> Room<'_, W> {
     fn run(mut self) -> Result<()> {
         let columns = self.config.environments();
         // To the collector an evaluation is one rollout without an end. No reward of it is used.

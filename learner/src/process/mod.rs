@@ -1,7 +1,7 @@
 //! The learner as a process: command line, lock, lifeline, shared memory, events, exit status.
 //!
-//! [`training`] and [`evaluation`] are loops over a [`conversation`]; everything that decides anything in them is pure and
-//! lives elsewhere: the collector ([`crate::collector`]), the checkpoint format ([`crate::checkpoint`]), [`announcements`].
+//! [`training`] and [`evaluation`] are loops over a [`conversation`]. They keep the order of things and the deadlines. What
+//! a message means is decided by pure state machines: the collector ([`crate::collector`]) and [`announcements`].
 
 mod announcements;
 mod check;
@@ -32,12 +32,13 @@ use lock::Lock;
 use proto::config::{Config, FromConfig};
 use proto::control::LearnerEvent;
 use proto::run_folder::RunFolder;
-use proto::wire::WireAddress;
+use proto::wire::{WireAddress, WireShape};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use stop::OrchestratorGone;
 use training::Training;
+use wire::Ports;
 
 /// What a learner is started with.
 #[derive(Debug, Clone)]
@@ -81,7 +82,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let Resumed { rollout, frames, boundary, checkpoint } = resumed;
     // 0 = none was found, which is not the checkpoint of rollout 0.
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
-    let speaker = Speaker { rank, wire, incarnation, gone };
+    let ports = Ports::open(&wire, WireShape::of(&config), rank)?;
+    let speaker = Speaker { rank, incarnation, ports: &ports, gone: &gone };
     let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout())?;
     conversation.tell(&LearnerEvent::Ready {
         rank,

@@ -33,7 +33,7 @@ pub struct NonFinite {
 }
 
 /// All that training needs.
-pub struct Training<W> {
+pub struct Training<'a, W> {
     /// The run's configuration.
     pub config: Config,
     /// The run's folder.
@@ -43,7 +43,7 @@ pub struct Training<W> {
     /// Network, beliefs, optimiser.
     pub agent: Agent,
     /// With actors and orchestrator.
-    pub conversation: Conversation<W>,
+    pub conversation: Conversation<'a, W>,
     /// The next rollout.
     pub rollout: u64,
     /// Frames trained on.
@@ -78,7 +78,7 @@ struct Loop {
     preempted: bool,
 }
 
-impl<W: Write> Training<W> {
+impl<W: Write> Training<'_, W> {
     /// Trains until the budget is reached or a stop; in both cases the state is saved at the end. A number that is not
     /// finite is dumped with its rollout.
     pub fn run(mut self) -> Result<()> {
@@ -285,10 +285,11 @@ impl<W: Write> Training<W> {
             if let Some(stop) = self.conversation.stop_asked()? {
                 return Ok(Err(CutShort::Stop(stop)));
             }
+            let left = ANNOUNCEMENT_DEADLINE.saturating_sub(began.elapsed());
             match self.conversation.announcements.word(&self.config.stages, self.rollout, self.frames)? {
                 Word::Begin { version } => return Ok(Ok(version)),
                 Word::Stop => return Ok(Err(CutShort::Stop(Stop::Announced))),
-                Word::Wait if began.elapsed() >= ANNOUNCEMENT_DEADLINE => {
+                Word::Wait if left.is_zero() => {
                     return Ok(Err(CutShort::Fault(anyhow::anyhow!(
                         "the orchestrator does not answer: rollout {} was not announced within {} s. The run is saved: \
                          end the orchestrator if it still runs, then `orchestrator resume {}`",
@@ -297,8 +298,7 @@ impl<W: Write> Training<W> {
                         self.run.root().display()
                     ))));
                 }
-                // Announcements ring no bell.
-                Word::Wait => self.conversation.wait(Duration::from_millis(2))?,
+                Word::Wait => self.conversation.wait(left)?,
             }
         }
     }

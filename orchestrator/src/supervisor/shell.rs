@@ -14,7 +14,7 @@ use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::control::LearnerEvent;
 use proto::fault;
-use proto::wire::{StagePublisher, UpdateConnections, WireHost};
+use proto::wire::WireHost;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 use tokio::signal::unix::{Signal, SignalKind, signal};
@@ -102,7 +102,7 @@ pub struct Shell<'a> {
 impl Shell<'_> {
     /// Runs everything to its end.
     pub async fn supervise(mut self, launch: Launch, audience: &mut impl Audience) -> Result<Outcome> {
-        let publisher = self.host.wire().stage_publisher()?;
+        let announcer = self.host.wire().announcer()?;
         let (sender, mut inbox) = mpsc::channel(QUEUE);
         let mut processes = Processes::new(launch, sender);
         let stages = if self.config.evaluation.is_some() { Vec::new() } else { self.config.stages.clone() };
@@ -135,7 +135,7 @@ impl Shell<'_> {
                     Action::Kill(process) => processes.kill(process),
                     Action::Announce(announcement) => {
                         fault::reach("orchestrator.before_announce");
-                        announce(&publisher, announcement)?;
+                        announcer.announce(announcement)?;
                         fault::reach("orchestrator.after_announce");
                     }
                     Action::SwitchStage(switch) => self.switch_stage(switch),
@@ -184,8 +184,8 @@ impl Shell<'_> {
                     }
                 }
                 Event::Tick => {
-                    if let Err(error) = publisher.update_connections() {
-                        tracing::debug!("stage announcements: {error:?}");
+                    if let Err(error) = announcer.update() {
+                        tracing::debug!("{error}");
                     }
                     if sweeps > 0 {
                         sweeps -= 1;
@@ -240,13 +240,6 @@ impl Shell<'_> {
 /// Rank 0 speaks for all learners, but each waits for actors of its own.
 fn is_for_audience(event: &LearnerEvent) -> bool {
     event.rank() == 0 || matches!(event, LearnerEvent::WaitingForActor { .. })
-}
-
-fn announce(publisher: &StagePublisher, announcement: proto::message::StageAnnouncement) -> Result<()> {
-    let failed = |cause: &dyn std::fmt::Debug| anyhow::anyhow!("a stage announcement cannot be published: {cause:?}");
-    publisher.update_connections().map_err(|cause| failed(&cause))?;
-    publisher.send_copy(announcement).map_err(|cause| failed(&cause))?;
-    Ok(())
 }
 
 #[cfg(test)]
