@@ -14,6 +14,7 @@ mod log_line;
 mod metrics;
 mod next_steps;
 mod preflight;
+mod process_end;
 mod progress;
 mod recorder;
 mod recording;

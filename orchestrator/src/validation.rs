@@ -12,6 +12,7 @@ use crate::evaluation::subject::Provenance;
 use crate::identity::Identity;
 use crate::json_lines::{self, Writer};
 use crate::lifeline::this_program;
+use crate::process_end::wait_for_child;
 use crate::recorder::Recorder;
 use crate::remains;
 use crate::schema::stillroom;
@@ -26,7 +27,7 @@ use std::fs::OpenOptions;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Time that an evaluation has to stop its processes.
 const STOPS: Duration = Duration::from_secs(10);
@@ -210,14 +211,9 @@ impl Validation {
             // Not reaped yet, so the number is still its own.
             let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
         }
-        let began = Instant::now();
-        while matches!(child.try_wait(), Ok(None)) {
-            if began.elapsed() > STOPS {
-                let _ = child.kill();
-                let _ = child.wait();
-                break;
-            }
-            std::thread::sleep(Duration::from_millis(20));
+        if !matches!(wait_for_child(&mut child, STOPS), Ok(Some(_))) {
+            let _ = child.kill();
+            let _ = child.wait();
         }
         if let Err(error) = clear(&self.result(rollout)) {
             tracing::warn!("{error:#}");

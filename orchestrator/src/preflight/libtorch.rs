@@ -4,13 +4,14 @@
 //! with CUDA: its `lib` folder then comes first for the learner.
 
 use crate::log_line::error_in;
+use crate::process_end::wait_for_child;
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use std::ffi::{OsStr, OsString};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// The series of torch that the learner speaks.
 const SERIES: &str = "2.11";
@@ -104,17 +105,10 @@ pub fn check(learner: &Path, environment: &[(OsString, OsString)]) -> Result<Tor
     let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
     let stdout = std::thread::spawn(move || read(stdout));
     let stderr = std::thread::spawn(move || read(stderr));
-    let begin = Instant::now();
-    let status = loop {
-        if let Some(status) = child.try_wait()? {
-            break status;
-        }
-        if begin.elapsed() > PATIENCE {
-            child.kill()?;
-            child.wait()?;
-            bail!("`{} check` did not answer within {} s", learner.display(), PATIENCE.as_secs());
-        }
-        std::thread::sleep(Duration::from_millis(5));
+    let Some(status) = wait_for_child(&mut child, PATIENCE)? else {
+        child.kill()?;
+        child.wait()?;
+        bail!("`{} check` did not answer within {} s", learner.display(), PATIENCE.as_secs());
     };
     let output = stdout.join().unwrap_or_default();
     let complaint = stderr.join().unwrap_or_default();
