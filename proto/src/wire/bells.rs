@@ -91,8 +91,8 @@ impl Debug for Waiting<'_> {
 }
 
 impl Waiting<'_> {
-    /// Sleeps until something has rung since the last call, at most for `longest`, rounded up to milliseconds. What a
-    /// bell announces was there before it rang: look for all of it afterwards.
+    /// Sleeps until something has rung since the last call, at most for `longest` and an hour, rounded up to
+    /// milliseconds. What a bell announces was there before it rang: look for all of it afterwards.
     pub fn wait(&self, longest: Duration) -> Result<(), WireError> {
         // A wakeup can have been rung while it was being hushed, which takes the ring but leaves it marked as rung: its
         // socket is then empty, and later rings are saved. Hushing it again finds the mark.
@@ -113,6 +113,8 @@ impl Waiting<'_> {
             }
             CallbackProgression::Continue
         };
+        // iceoryx2 counts milliseconds in 32 bits.
+        let longest = longest.min(Duration::from_hours(1));
         self.set.wait_and_process_once_with_timeout(rings, longest).map_err(|cause| failed(&cause))?;
         hushed.map(|_| ())
     }
