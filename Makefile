@@ -53,7 +53,7 @@ test: build
 # The golden hashes, which every build must reproduce: debug, release (AVX2 and fused multiply-add at hand, see
 # .cargo/config.toml), the plainest x86-64 there is, and the processor that runs here. The first two are the workspace's
 # own builds and reuse what is compiled; the others have target folders of their own, not to spoil those.
-golden_hashes := --locked --workspace --test determinism golden_hashes
+golden_hashes := --locked --workspace --test behaviour golden_hashes
 check-determinism:
 	cargo test $(golden_hashes)
 	cargo test --release $(golden_hashes)

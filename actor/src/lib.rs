@@ -1,19 +1,16 @@
-//! The simulator: kitchens, robot, physics, depth camera and the task; and the rollout actor's process.
+//! The rollout actor's process, and what proves, shows and measures the simulator.
 
+pub mod arguments;
 pub mod bench;
-pub mod depth;
-pub mod environment;
-pub mod episode;
+pub mod categories;
+pub mod check;
 pub mod episodes;
 pub mod export;
+pub mod figures;
 pub mod gltf;
-pub mod kitchen;
 pub mod oracle;
-pub mod physics;
+pub mod parallel;
 pub mod picture;
 pub mod process;
 pub mod replay;
-pub mod robot;
-pub mod shape;
-pub mod simulation;
 pub mod soak;

@@ -9,7 +9,7 @@ use clap::Parser;
 use command::{Command, RolloutArgs};
 use std::process::ExitCode;
 
-proto::require_processor!();
+wire::require_processor!();
 
 /// Simulates kitchens for Stillroom.
 ///
@@ -25,7 +25,7 @@ struct Arguments {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    proto::logging::to_stderr();
+    wire::logging::to_stderr();
     whereabouts::name_it_in_panics();
     match run(arguments) {
         Ok(()) => ExitCode::SUCCESS,

@@ -7,10 +7,6 @@
 mod film;
 mod picture;
 
-use crate::depth::DepthCamera;
-use crate::environment::Environment;
-use crate::episodes::Programme;
-use crate::kitchen::{Kitchen, source};
 use crate::process::whereabouts;
 use anyhow::{Context, Result, ensure};
 use film::{Film, Played};
@@ -18,8 +14,13 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::{current_flag, transition_flag};
 use proto::replay::{RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict, goal_digest};
+use proto::step::{current_flag, transition_flag};
+use simulator::depth::DepthCamera;
+use simulator::environment::Environment;
+use simulator::episodes::Programme;
+use simulator::kitchen::Kitchen;
+use simulator::source;
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
 use std::path::PathBuf;

@@ -1,20 +1,20 @@
 //! `actor soak`: many random actions in many kitchens, watched at every sub-step of physics. Nothing may tunnel, nothing
 //! may explode.
 
-use crate::environment::Environment;
-use crate::kitchen::Kitchen;
-use crate::physics::watch::Extremes;
 use anyhow::{Context, Result, ensure};
 use proto::action::{Action, ActionSpace};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::transition_flag;
 use proto::random::{Key, Purpose};
+use proto::step::transition_flag;
+use simulator::environment::Environment;
+use simulator::kitchen::Kitchen;
+use simulator::physics::watch::Extremes;
 use std::io::Write;
 use std::sync::Arc;
 
-/// Nothing may be faster than this, metres per second. Velocities are held below it by [`crate::physics::world`]; what
+/// Nothing may be faster than this, metres per second. Velocities are held below it by [`simulator::physics::world`]; what
 /// passes it is a thing that was put somewhere else between two sub-steps.
 pub const SPEED_LIMIT_M_PER_S: f32 = 10.0;
 /// Nothing may stand this deep in a fixed thing, metres. Pressed by the robot, which nothing can hold back, things do

@@ -6,18 +6,17 @@
 use proto::action::{ACTION_COUNT, Action, HOLD};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::message::{
-    ActionHeader, EnvironmentState, Halves, Observation, RestoreHeader, current_flag, observation_kind, transition_flag,
-};
 use proto::random::{Key, Purpose};
-use proto::wire::{
-    ActionPublisher, Bell, ObservationSubscriber, RestorePublisher, UpdateConnections, Wakeup, Wire, WireAddress,
-    WireHost, WireShape,
-};
+use proto::step::{current_flag, transition_flag};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
+use wire::message::{ActionHeader, EnvironmentState, Halves, Observation, RestoreHeader, observation_kind};
+use wire::{
+    ActionPublisher, Bell, ObservationSubscriber, RestorePublisher, UpdateConnections, Wakeup, Wire, WireAddress,
+    WireHost, WireShape,
+};
 
 const ENVIRONMENTS: u32 = 3;
 const ANSWER_DEADLINE: Duration = Duration::from_mins(1);
@@ -81,7 +80,7 @@ impl Stand {
         command.args(["--actor", "0", "--lifeline", "--incarnation", &incarnation.to_string()]);
         command.args(["--wire", &self.host.address().to_string()]).arg("--config").arg(self.config());
         if let Some(fault) = fault {
-            command.env(proto::fault::VARIABLE, fault);
+            command.env(wire::fault::VARIABLE, fault);
         }
         Actor(command.stdin(Stdio::piped()).spawn().unwrap())
     }
@@ -247,7 +246,7 @@ fn a_killed_actor_and_a_new_learner_change_no_byte() {
     const LAST: u64 = 200;
     let expected = undisturbed("calm", LAST);
     let frames: std::collections::BTreeSet<&[u8]> =
-        expected.values().map(|bytes| &bytes[proto::message::DEPTH_OFFSET..]).collect();
+        expected.values().map(|bytes| &bytes[wire::message::DEPTH_OFFSET..]).collect();
     assert!(frames.len() > 30, "the frames show what happens: {} are different", frames.len());
 
     let mut stand = Stand::new("rough");
@@ -304,7 +303,7 @@ fn hold_shows_the_same_again_without_a_transition() {
     stand.run_to(6);
     for environment in 0..ENVIRONMENTS {
         let (before, held) = (&stand.seen[&(4, environment)], &stand.seen[&(5, environment)]);
-        let transition = size_of::<proto::message::Transition>();
+        let transition = size_of::<proto::step::Transition>();
         let at = (transition..held.len()).find(|&at| before[at] != held[at]);
         assert_eq!(at, None, "what is seen stays, but for that byte");
         assert!(held[..transition].iter().all(|&byte| byte == 0), "nothing was done");

@@ -2,7 +2,7 @@
 
 use crate::ffi::{arithmetic, library, warnings};
 use proto::config::{CpuArithmetic, DeviceChoice};
-use proto::control::{VISIBLE_DEVICES, device_name};
+use proto::device::{VISIBLE_DEVICES, device_name};
 use tch::{Cuda, Device};
 
 /// Loads libtorch's CUDA half if this machine has it, so that one binary serves CPU and GPU machines.

@@ -3,9 +3,9 @@
 use crate::collector::{ColumnMap, Place, gumbel_of};
 use proto::action::HOLD;
 use proto::evaluation::{Confusion, EpisodeEnd, EpisodeRecord, Plan, category_of};
-use proto::message::{Transition, transition_flag};
 use proto::random::{Key, Purpose};
 use proto::reward::RewardKind;
+use proto::step::{Transition, transition_flag};
 
 /// The episode that a column plays.
 #[derive(Debug, Clone, Default)]
@@ -142,21 +142,13 @@ impl Examination {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
+    use proto::evaluation::{EvaluationConfig, ObjectSet};
     use proto::kitchen::{Kitchens, Split};
     use proto::reward::RewardParts;
     use std::collections::BTreeSet;
 
     fn plan(actors: u32, environments: u32) -> (Plan, ColumnMap) {
-        let config = EvaluationConfig {
-            split: Split::Test,
-            objects: ObjectSet::Novel,
-            episodes: 7,
-            distribution: Distribution::Fixed,
-            scene_targets: Vec::new(),
-            deterministic: false,
-            checkpoint: None,
-        };
+        let config = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 7);
         let column_map = ColumnMap::new(0, actors, environments).in_kitchens(Kitchens::Split(Split::Test));
         (Plan::new(&config, actors, environments), column_map)
     }

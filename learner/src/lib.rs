@@ -11,7 +11,6 @@ pub mod collector;
 pub mod device;
 pub mod evaluation;
 mod ffi;
-mod hex;
 pub mod import;
 pub mod network;
 pub mod optimizer;

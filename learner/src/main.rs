@@ -3,12 +3,12 @@
 use clap::{Parser, Subcommand};
 use learner::probe;
 use learner::process::{self, Arguments, EvaluationArguments};
-use proto::control::{EXIT_LOST_PEERS, EXIT_NON_FINITE};
-use proto::wire::WireAddress;
+use proto::exit::{EXIT_LOST_PEERS, EXIT_NON_FINITE};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use wire::WireAddress;
 
-proto::require_processor!();
+wire::require_processor!();
 
 /// Infers for its actors, collects rollouts and trains, together with the run's other learners. Started by `orchestrator`.
 #[derive(Debug, Parser)]
@@ -64,7 +64,7 @@ struct EvaluateArgs {
 fn main() -> ExitCode {
     // First: anything that asks for CUDA before its library is loaded makes it unavailable for good.
     learner::device::load_cuda();
-    proto::logging::to_stderr();
+    wire::logging::to_stderr();
     learner::device::log_warnings();
     let line = CommandLine::parse();
     let result = match line {

@@ -6,17 +6,19 @@ mod support;
 use learner::agent::Agent;
 use learner::checkpoint::encode_tensors;
 use proto::config::{CarriedGoal, LagrangianConfig};
-use proto::control::{EXIT_NON_FINITE, LearnerEvent, metric};
-use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
+use proto::evaluation::{EvaluationConfig, ObjectSet};
+use proto::event::LearnerEvent;
+use proto::exit::EXIT_NON_FINITE;
 use proto::kitchen::Split;
+use proto::metric;
 use proto::reward::RewardKind;
-use proto::wire::WireAddress;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 use std::sync::OnceLock;
 use support::{Ended, Plan, Scene, tiny};
 use tch::Device;
+use wire::WireAddress;
 
 /// Weights of the run that nothing happened to.
 fn undisturbed() -> &'static str {
@@ -367,13 +369,9 @@ fn a_number_that_is_not_finite_has_that_status_in_an_evaluation_too() {
     let mut config = tiny();
     config.actors.count = 5;
     config.evaluation = Some(EvaluationConfig {
-        split: Split::Validation,
-        objects: ObjectSet::Novel,
-        episodes: 1,
-        distribution: Distribution::Fixed,
-        scene_targets: Vec::new(),
         deterministic: true,
         checkpoint: Some(donor.run_folder().checkpoint_manifest(0).display().to_string()),
+        ..EvaluationConfig::fixed(Split::Validation, ObjectSet::Novel, 1)
     });
     let mut scene = Scene::new("examined", config);
     let failed = scene.learner(&Plan::Undisturbed);

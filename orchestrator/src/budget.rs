@@ -4,15 +4,15 @@
 //! summary is removed first and the configuration replaced after it. So a crash leaves the run with its old budget, which
 //! the next resume finds reached and sums up again, or with the new one.
 
-use crate::evaluation::subject::Provenance;
 use crate::format;
 use crate::terminal;
 use anyhow::{Context, Result};
+use proto::checkpoint::Manifest;
 use proto::config::{Config, StageConfig};
-use proto::fault;
-use proto::run_folder::{RunFolder, write_atomically};
+use proto::run_folder::{RolloutName, RunFolder, write_atomically};
 use proto::stage::{position_at, rebudget, total_frames};
 use std::fs::File;
+use wire::fault;
 
 /// A new budget that a run can have.
 #[derive(Debug, Clone, PartialEq)]
@@ -114,10 +114,10 @@ fn trained(folder: &RunFolder) -> Result<u64> {
     let mut trained = 0;
     for entry in entries {
         let path = entry.with_context(|| path.display().to_string())?.path();
-        if path.extension().is_some_and(|extension| extension == "json")
-            && let Ok(Provenance { frames, .. }) = Provenance::read(&path)
+        if RolloutName::Manifest.rollout_of(&path).is_some()
+            && let Ok(manifest) = Manifest::read(&path)
         {
-            trained = trained.max(frames);
+            trained = trained.max(manifest.frames);
         }
     }
     Ok(trained)
@@ -126,6 +126,7 @@ fn trained(folder: &RunFolder) -> Result<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evaluation::subject::tests::manifest;
     use crate::figures::tests::stages;
 
     /// A run of 1000 and 500 frames that has trained so many.
@@ -135,9 +136,8 @@ mod tests {
         let config = Config { stages: stages(), ..Config::default() };
         std::fs::write(folder.config(), config.to_toml()).unwrap();
         std::fs::create_dir_all(folder.checkpoints()).unwrap();
-        let manifest = |frames| format!("{{ \"frames\": {frames}, \"weights\": \"\" }}");
-        std::fs::write(folder.checkpoint_manifest(1), manifest(trained / 2)).unwrap();
-        std::fs::write(folder.checkpoint_manifest(2), manifest(trained)).unwrap();
+        std::fs::write(folder.checkpoint_manifest(1), manifest(1, trained / 2)).unwrap();
+        std::fs::write(folder.checkpoint_manifest(2), manifest(2, trained)).unwrap();
         std::fs::write(folder.checkpoint_manifest(3), "torn").unwrap();
         (temporary, folder, config)
     }

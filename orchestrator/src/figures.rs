@@ -2,7 +2,8 @@
 
 use crate::metrics::{History, Trained, total_s};
 use proto::config::StageConfig;
-use proto::control::{Timing, metric};
+use proto::event::Timing;
+use proto::metric;
 use proto::reward::RewardKind;
 use proto::stage::total_frames;
 use serde::{Deserialize, Serialize};

@@ -292,25 +292,17 @@ mod tests {
     use super::*;
     use crate::evaluation::uneventful;
     use proto::config::FromConfig;
-    use proto::control::Timing;
     use proto::evaluation::{
         Conditions, Cost, Distribution, EpisodeRecord, EvaluationConfig, ObjectSet, Subject, category_of, write_table,
     };
+    use proto::event::Timing;
     use proto::kitchen::{KitchenId, Split};
     use report::study::groups;
     use report::{Made, Options};
 
     /// An evaluation's folder: one episode, weights that are named by a letter.
     fn evaluate(folder: &Path, split: Split, run: Option<&Path>, weights: &str) {
-        let asked = EvaluationConfig {
-            split,
-            objects: ObjectSet::Novel,
-            episodes: 1,
-            distribution: Distribution::Fixed,
-            scene_targets: Vec::new(),
-            deterministic: false,
-            checkpoint: None,
-        };
+        let asked = EvaluationConfig::fixed(split, ObjectSet::Novel, 1);
         let mut config = Config { evaluation: Some(asked), seed: 77, ..Config::resolve("two-stage", None).unwrap() };
         config.actors.count = 5;
         let novel = (0..12).find(|&episode| ObjectSet::Novel.contains(category_of(episode))).unwrap();

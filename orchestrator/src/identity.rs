@@ -4,12 +4,12 @@ use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
-use proto::wire::WireAddress;
 use serde::{Deserialize, Serialize};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::path::Path;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use wire::WireAddress;
 
 /// `run.toml`: what a run is called and what has become of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

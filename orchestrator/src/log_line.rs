@@ -1,6 +1,6 @@
 //! Lines that our programs log, as others read them again.
 
-/// A line of a child's standard error, as `proto::logging` writes it: `2026-11-21T02:04:23.1Z  WARN text`.
+/// A line of a child's standard error, as `wire::logging` writes it: `2026-11-21T02:04:23.1Z  WARN text`.
 #[derive(Debug, PartialEq, Eq)]
 pub struct LogLine<'a> {
     /// `TRACE` to `ERROR`; none of what is not a log line.

@@ -36,7 +36,7 @@ use clap::{Parser, Subcommand};
 use rustix::process::Signal;
 use std::process::ExitCode;
 
-proto::require_processor!();
+wire::require_processor!();
 
 /// Trains mobile manipulators that leave a kitchen as they found it
 #[derive(Debug, Parser)]

@@ -9,7 +9,7 @@
 
 use crate::json_lines;
 use anyhow::Result;
-use proto::control::Timing;
+use proto::event::Timing;
 use proto::run_folder::RunFolder;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -29,7 +29,7 @@ pub struct Trained {
     pub incarnation: u32,
     /// Where the time went.
     pub timing: Timing,
-    /// Figures: see [`proto::control::metric`].
+    /// Figures: see [`proto::metric`].
     pub metrics: BTreeMap<String, f64>,
 }
 

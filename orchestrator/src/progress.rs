@@ -5,7 +5,7 @@ use crate::format;
 use crate::metrics::History;
 use crate::terminal::Live;
 use proto::config::StageConfig;
-use proto::control::LearnerEvent;
+use proto::event::LearnerEvent;
 use proto::reward::RewardKind;
 use std::time::Duration;
 

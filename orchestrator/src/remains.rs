@@ -6,7 +6,6 @@
 
 use crate::process_end::sleep_until_end;
 use anyhow::{Context, Result};
-use proto::wire::{PREFIX_MARK, SHARED_MEMORY, WireAddress};
 use rustix::process::Pid;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -15,6 +14,7 @@ use std::io::Write;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
+use wire::{PREFIX_MARK, SHARED_MEMORY, WireAddress};
 
 /// An owner file is locked and signed within this time of its creation; a younger one without an owner is left alone.
 const CLAIMING: Duration = Duration::from_secs(10);
@@ -255,7 +255,7 @@ mod tests {
     #[test]
     fn unsigned_names_are_alive_while_a_process_has_them_in_memory() {
         use proto::shares::Shares;
-        use proto::wire::{WireHost, WireShape};
+        use wire::{WireHost, WireShape};
         let address = address("mapped");
         let host =
             WireHost::create(&address, WireShape { shares: Shares::of_one(1), environments_per_actor: 1 }).unwrap();

@@ -4,11 +4,11 @@ use crate::format::{self, counted};
 use crate::gather::Gathered;
 use crate::identity::unix_now;
 use anyhow::{Context, Result, bail};
-use proto::fault;
 use proto::run_folder::write_atomically;
 use report::{Made, Options};
 use std::collections::BTreeSet;
 use std::path::Path;
+use wire::fault;
 
 /// Name of the page.
 pub const PAGE: &str = "report.html";

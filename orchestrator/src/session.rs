@@ -14,12 +14,12 @@ use crate::training::Training;
 use crate::wall::{Last, Wall};
 use anyhow::{Context, Result};
 use proto::config::{ActorsConfig, Config};
-use proto::fault;
 use proto::run_folder::RunFolder;
 use proto::stage::total_frames;
-use proto::wire::WireAddress;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
+use wire::WireAddress;
+use wire::fault;
 
 /// Looks at everything that could keep this configuration from running here.
 pub fn preflight(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<()> {

@@ -11,11 +11,12 @@ use crate::supervisor::shell::{Audience, Shell, Signals};
 use crate::{remains, terminal};
 use anyhow::{Context, Result};
 use proto::config::Config;
-use proto::fault;
+use proto::device::Torch;
 use proto::run_folder::RunFolder;
-use proto::wire::{WireAddress, WireHost, WireShape};
 use std::fs::OpenOptions;
 use std::time::Duration;
+use wire::fault;
+use wire::{WireAddress, WireHost, WireShape};
 
 /// Status after a second Ctrl-C: what a shell reports for a program that SIGINT ended.
 pub const EXIT_INTERRUPTED: u8 = 130;
@@ -26,7 +27,7 @@ pub struct Tools {
     /// Where they are.
     pub programs: Programs,
     /// What the learner computes with.
-    pub torch: libtorch::Torch,
+    pub torch: Torch,
 }
 
 impl Tools {

@@ -33,7 +33,7 @@ fn state() -> MutexGuard<'static, State> {
 /// `STILLROOM_LOG` filters both.
 pub fn init(verbose: bool) {
     let default = if verbose { "debug,iceoryx2=error" } else { "info,iceoryx2=error" };
-    let filter = EnvFilter::try_from_env(proto::logging::FILTER_VARIABLE).unwrap_or_else(|_| EnvFilter::new(default));
+    let filter = EnvFilter::try_from_env(wire::logging::FILTER_VARIABLE).unwrap_or_else(|_| EnvFilter::new(default));
     let terminal = tracing_subscriber::fmt::layer()
         .with_target(false)
         .with_timer(SinceStart(Instant::now()))

@@ -9,7 +9,7 @@ use crate::supervisor::shell::Audience;
 use crate::validation::Validation;
 use anyhow::Result;
 use proto::config::Config;
-use proto::control::LearnerEvent;
+use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
 use std::time::Duration;
 

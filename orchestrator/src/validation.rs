@@ -8,7 +8,7 @@
 //! Every arrow can be cut by a crash; [`Validation::open`] finds out from the folder where it was and goes on.
 //! An evaluation that fails is told of and left out: the run goes on.
 
-use crate::evaluation::subject::Provenance;
+use crate::evaluation::subject::read_manifest;
 use crate::identity::Identity;
 use crate::json_lines::{self, Writer};
 use crate::lifeline::this_program;
@@ -19,15 +19,15 @@ use crate::schema::stillroom;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
-use proto::run_folder::RunFolder;
+use proto::run_folder::{RolloutName, RunFolder};
 use proto::stage::total_frames;
-use proto::wire::WireAddress;
 use serde::{Deserialize, Serialize};
 use std::fs::OpenOptions;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::Duration;
+use wire::WireAddress;
 
 /// Time that an evaluation has to stop its processes.
 const STOPS: Duration = Duration::from_secs(10);
@@ -147,7 +147,7 @@ impl Validation {
             if validation.scored.iter().any(|one| one.rollout == rollout) {
                 continue;
             }
-            validation.reached = validation.reached.max(Provenance::read(&validation.manifest(rollout))?.frames);
+            validation.reached = validation.reached.max(read_manifest(&validation.manifest(rollout))?.frames);
             if validation.result(rollout).join(RESULT_FILE).is_file() {
                 validation.conclude(rollout, None)?;
             } else {
@@ -243,7 +243,7 @@ impl Validation {
         if validation.episodes > 0 {
             command.args(["--episodes", &validation.episodes.to_string()]);
         }
-        command.arg("--out").arg(&result).env_remove(proto::fault::VARIABLE);
+        command.arg("--out").arg(&result).env_remove(wire::fault::VARIABLE);
         // A group of its own: Ctrl-C reaches the run alone, which decides.
         command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log).process_group(0);
         let child = command.spawn().context("cannot start `orchestrator eval`")?;
@@ -335,9 +335,9 @@ impl Validation {
 
     /// Lets go of a checkpoint; its result stays.
     fn unpin(&self, rollout: u64) {
-        let manifest = self.manifest(rollout);
-        for path in [&manifest, &manifest.with_extension("safetensors")] {
-            match std::fs::remove_file(path) {
+        for name in [RolloutName::Manifest, RolloutName::Tensors] {
+            let path = self.folder.validation(rollout).join(name.of(rollout));
+            match std::fs::remove_file(&path) {
                 Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
                     tracing::warn!("cannot delete {}: {error}", path.display());
                 }
@@ -351,8 +351,7 @@ impl Validation {
         let place = self.folder.validations();
         let mut rollouts = vec![];
         for entry in std::fs::read_dir(&place).with_context(|| place.display().to_string())? {
-            let name = entry?.file_name();
-            let rollout = name.to_str().and_then(|name| name.strip_prefix("rollout-")?.parse::<u64>().ok());
+            let rollout = RolloutName::Folder.rollout_of(&entry?.path());
             rollouts.extend(rollout.filter(|&rollout| self.manifest(rollout).is_file()));
         }
         rollouts.sort_unstable();
@@ -360,8 +359,7 @@ impl Validation {
     }
 
     fn manifest(&self, rollout: u64) -> PathBuf {
-        let name = self.folder.checkpoint_manifest(rollout);
-        self.folder.validation(rollout).join(name.file_name().unwrap_or_default())
+        self.folder.validation(rollout).join(RolloutName::Manifest.of(rollout))
     }
 
     fn result(&self, rollout: u64) -> PathBuf {
@@ -395,6 +393,7 @@ pub fn read_log(path: &Path) -> Result<Vec<Validated>> {
 #[cfg(test)]
 pub mod tests {
     use super::*;
+    use crate::evaluation::subject::tests::manifest;
     use std::io::Write;
 
     fn validated(rollout: u64, undisturbed: f64, success: f64) -> Validated {
@@ -424,11 +423,7 @@ pub mod tests {
         std::fs::create_dir_all(folder.checkpoints()).unwrap();
         for &rollout in rollouts {
             std::fs::write(folder.checkpoint_tensors(rollout), format!("tensors {rollout}")).unwrap();
-            let manifest = format!(
-                "{{\"rollout\": {rollout}, \"frames\": {}, \"weights\": \"w\", \"tensors\": \"t\"}}",
-                rollout * 100
-            );
-            std::fs::write(folder.checkpoint_manifest(rollout), manifest).unwrap();
+            std::fs::write(folder.checkpoint_manifest(rollout), manifest(rollout, rollout * 100)).unwrap();
         }
         let mut config = Config::resolve("demo", None).unwrap();
         config.validation.every_frames = 250;

@@ -1,4 +1,4 @@
-//! The discrete actions of `ArmPointNav`, in the order of the reference implementation (SPEC section 1).
+//! The discrete actions of `ArmPointNav`, in the order of the reference implementation (`docs/method.md`, Actions).
 
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,10 @@
-//! Which environment is which: the mapping from process-local indices to the coordinates that randomness counts by.
+//! How long an episode can be, and which environment is which: the mapping from process-local indices to the coordinates that randomness counts by.
 
 use crate::kitchen::{KitchenId, Kitchens};
 use serde::{Deserialize, Serialize};
+
+/// Longest episode a configuration may ask for, steps.
+pub const MAX_EPISODE_STEPS: usize = 512;
 
 /// One environment of the run, named independently of how actors are spread over machines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]

@@ -1,4 +1,4 @@
-//! Kitchen numbers, the splits they fall into, and the target categories (SPEC section 1).
+//! Kitchen numbers, their splits, and the target categories (`docs/method.md`, Task).
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -29,9 +29,9 @@ pub enum Split {
 
 impl KitchenId {
     /// Number of a run's first scene.
-    pub const FIRST_SCENE: u8 = 128;
+    pub(crate) const FIRST_SCENE: u8 = 128;
     /// Scenes that one run can have.
-    pub const SCENES_MAX: usize = 128;
+    pub(crate) const SCENES_MAX: usize = 128;
 
     /// The kitchen with this number.
     pub fn new(number: u8) -> Result<Self, NoSuchKitchen> {
@@ -197,7 +197,8 @@ impl TargetCategory {
     /// The six categories that are targets in training.
     pub const SEEN: [Self; 6] = [Self::Apple, Self::Bread, Self::Tomato, Self::Lettuce, Self::Pot, Self::Mug];
     /// The six categories that are targets in evaluation only.
-    pub const NOVEL: [Self; 6] = [Self::Potato, Self::SoapBottle, Self::Pan, Self::Egg, Self::Spatula, Self::Cup];
+    pub(crate) const NOVEL: [Self; 6] =
+        [Self::Potato, Self::SoapBottle, Self::Pan, Self::Egg, Self::Spatula, Self::Cup];
     /// All twelve, in wire order.
     pub const ALL: [Self; 12] = [
         Self::Apple,

@@ -1,8 +1,9 @@
-//! The contract between Stillroom's processes.
+//! The contract between Stillroom's processes, and between them and their files.
 //!
-//! Everything that two processes, or a process and a file, must agree on lives here and nowhere else: payloads in
-//! shared memory, service names and their settings, the actions, episodes, stages, the reward, the configuration,
-//! and the layout of a run folder. This crate knows neither physics nor tensors.
+//! Everything that two processes, or a process and a file, must agree on lives here and nowhere else: the actions,
+//! episodes, stages, the reward, what an environment reports of a step, the camera, the configuration, the records of
+//! evaluations, the events of a learner, and the layout of a run folder. This crate knows neither physics nor tensors, and
+//! no transport: what crosses shared memory, and how, is the crate `wire`.
 //!
 //! # Axes and units
 //! World and robot frames follow AI2-THOR: **x right, y up, z ahead**, metres, radians. Yaw turns about +y; yaw 0
@@ -10,24 +11,25 @@
 //! its origin on the floor at the body's axis and turns with the body's yaw only.
 
 pub mod action;
+pub mod camera;
+pub mod checkpoint;
 pub mod config;
-pub mod control;
+pub mod device;
+pub mod digest;
 pub mod episode;
 pub mod evaluation;
-pub mod fault;
-mod ffi;
+pub mod event;
+pub mod exit;
 pub mod kitchen;
-pub mod lifeline;
-pub mod logging;
-pub mod message;
-pub mod processor;
+pub mod metric;
 pub mod random;
 pub mod replay;
 pub mod reward;
 pub mod run_folder;
 pub mod shares;
 pub mod stage;
-pub mod wire;
+pub mod step;
 
-/// Version of everything that crosses a process boundary or is written to a file. Raised on any incompatible change.
+/// Version of everything that is written to a file or told between processes. Raised on any incompatible change. Each
+/// payload in shared memory has a number of its own besides, in the name of its type.
 pub const SCHEMA_VERSION: u32 = 3;

@@ -1,22 +1,22 @@
-//! The reward, in the one place it is written down (SPEC section 2; paper equations 1 and 2).
+//! The reward, defined here only (`docs/method.md`, Reward; paper equations 1 and 2).
 //!
 //! Actors send [`RewardParts`]; the learner composes r or r′ from them with the stage in force, so a stage switch
 //! never reaches the simulator.
 
-use iceoryx2::prelude::ZeroCopySend;
+use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
 /// Reward of every step.
-pub const STEP: f32 = -0.01;
+const STEP: f32 = -0.01;
 /// Added when the action failed.
-pub const FAILED_ACTION: f32 = -0.03;
+const FAILED_ACTION: f32 = -0.03;
 /// Added once, when the target is picked up.
 pub const PICK_UP: f32 = 5.0;
 /// Added when Done is declared with the target at its goal.
 pub const GOAL_SUCCESS: f32 = 10.0;
 /// Total displacement that rises by at least this in one step is a disturbance: threshold of the auxiliary label,
 /// metres.
-pub const DISTURBANCE_LABEL_THRESHOLD_M: f32 = 0.001;
+const DISTURBANCE_LABEL_THRESHOLD_M: f32 = 0.001;
 /// An episode with less total displacement than this is "without disturbance" (`SRwoD`), metres.
 pub const UNDISTURBED_THRESHOLD_M: f32 = 0.01;
 /// Displacement of one object counts at most this much, metres.
@@ -37,8 +37,7 @@ pub enum RewardKind {
 }
 
 /// What one step contributed, before any weighting.
-#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
-#[type_name("stillroom/RewardParts/1")]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct RewardParts {
     /// Previous minus current wrist-object distance, metres; 0 at an episode's first step.

@@ -66,12 +66,12 @@ impl RunFolder {
 
     /// Tensors of the checkpoint whose first missing rollout is `rollout`.
     pub fn checkpoint_tensors(&self, rollout: u64) -> PathBuf {
-        self.checkpoints().join(format!("rollout-{rollout:08}.safetensors"))
+        self.checkpoints().join(RolloutName::Tensors.of(rollout))
     }
 
     /// Manifest of that checkpoint. It is written last: a checkpoint without one does not exist.
     pub fn checkpoint_manifest(&self, rollout: u64) -> PathBuf {
-        self.checkpoints().join(format!("rollout-{rollout:08}.json"))
+        self.checkpoints().join(RolloutName::Manifest.of(rollout))
     }
 
     /// Copy of the run's scene number `index` with all its files.
@@ -133,7 +133,7 @@ impl RunFolder {
 
     /// The same, relative to the folder: what [`RunFolder::best`] points to.
     pub fn relative_validation(rollout: u64) -> String {
-        format!("validation/rollout-{rollout:08}")
+        format!("validation/{}", RolloutName::Folder.of(rollout))
     }
 
     /// The best checkpoint so far by validation: a symbolic link to its folder.
@@ -152,6 +152,44 @@ impl RunFolder {
         self.root.join("summary.json")
     }
 }
+
+/// What is named after a rollout, wherever it lies. Such a name is made and read here alone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RolloutName {
+    /// Manifest of a checkpoint: `rollout-00000012.json`.
+    Manifest,
+    /// Its tensors, beside it: `rollout-00000012.safetensors`.
+    Tensors,
+    /// Folder of a validation: `rollout-00000012`.
+    Folder,
+}
+
+impl RolloutName {
+    /// The name for this rollout.
+    pub fn of(self, rollout: u64) -> String {
+        let dot = if self.extension().is_empty() { "" } else { "." };
+        format!("{PREFIX}{rollout:08}{dot}{}", self.extension())
+    }
+
+    /// The rollout that the last part of a path names; none where it is another kind of name.
+    pub fn rollout_of(self, path: &Path) -> Option<u64> {
+        if path.extension().unwrap_or_default() != self.extension() {
+            return None;
+        }
+        path.file_stem()?.to_str()?.strip_prefix(PREFIX)?.parse().ok()
+    }
+
+    fn extension(self) -> &'static str {
+        match self {
+            Self::Manifest => "json",
+            Self::Tensors => "safetensors",
+            Self::Folder => "",
+        }
+    }
+}
+
+/// What all names of rollouts begin with.
+const PREFIX: &str = "rollout-";
 
 /// Writes a file so that a reader finds either the old content or the new, whole: temporary file in the same folder,
 /// fsync, rename, fsync of the folder.
@@ -182,6 +220,25 @@ mod tests {
         let run = RunFolder::new("runs/a");
         assert_eq!(RunFolder::of_recording(&run.recording(1, 0)), Some(run));
         assert_eq!(RunFolder::of_recording(Path::new("somewhere/b.mcap")), None);
+    }
+
+    #[test]
+    fn a_rollouts_name_is_read_as_it_was_made() {
+        let kinds = [RolloutName::Manifest, RolloutName::Tensors, RolloutName::Folder];
+        assert_eq!(
+            kinds.map(|kind| kind.of(12)),
+            ["rollout-00000012.json", "rollout-00000012.safetensors", "rollout-00000012"]
+        );
+        for kind in kinds {
+            for rollout in [0, 12, 123_456_789] {
+                let path = Path::new("runs/a").join(kind.of(rollout));
+                let read = kinds.map(|other| other.rollout_of(&path));
+                assert_eq!(read, kinds.map(|other| (other == kind).then_some(rollout)));
+            }
+        }
+        for other in ["rollout-1.json.partial", "rollout-x.json", "best", "rollout-", ".json"] {
+            assert_eq!(kinds.map(|kind| kind.rollout_of(Path::new(other))), [None; 3], "{other}");
+        }
     }
 
     #[test]

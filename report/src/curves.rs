@@ -1,7 +1,7 @@
 //! Training as curves: each run's rollouts in bins of equal frames, then the mean over the runs of a group.
 
 use crate::study::{Group, Rollout, Run};
-use proto::control::metric;
+use proto::metric;
 use proto::stage::total_frames;
 use serde::Serialize;
 

@@ -30,7 +30,7 @@ pub struct Run {
 pub struct Rollout {
     /// Frames trained on, this rollout included.
     pub frames: u64,
-    /// Figures: see [`proto::control::metric`]; and [`FRAMES_PER_S`] and [`ELAPSED_S`].
+    /// Figures: see [`proto::metric`]; and [`FRAMES_PER_S`] and [`ELAPSED_S`].
     pub metrics: BTreeMap<String, f64>,
 }
 

@@ -1,12 +1,12 @@
 //! The whole report on made-up runs. Its files are left in the test's own temporary folder, to be looked at.
 
 use proto::config::Config;
-use proto::control::metric;
 use proto::evaluation::{
     Conditions, Confusion, Cost, Distribution, EPISODES_PER_KITCHEN, EpisodeEnd, EpisodeRecord, Evaluation, ObjectSet,
     Subject, category_of,
 };
 use proto::kitchen::{KitchenId, Split};
+use proto::metric;
 use proto::random::{Key, Purpose, Random};
 use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Rollout, Run, UNTRAINED, Validated};
 use report::{Made, Options};

@@ -317,8 +317,8 @@ impl Run {
         let identity = std::fs::read_to_string(self.folder.identity()).expect("a run has an identity");
         let identity: toml::Table = identity.parse().expect("run.toml is TOML");
         let id = identity["id"].as_str().expect("run.toml holds the run's id");
-        let prefix = format!("{}{id}_", proto::wire::PREFIX_MARK);
-        for folder in [Path::new(proto::wire::SHARED_MEMORY), &std::env::temp_dir()] {
+        let prefix = format!("{}{id}_", wire::PREFIX_MARK);
+        for folder in [Path::new(wire::SHARED_MEMORY), &std::env::temp_dir()] {
             let left: Vec<_> = std::fs::read_dir(folder)
                 .expect("a readable folder")
                 .flatten()

@@ -2,13 +2,13 @@
 
 use super::player::Player;
 use super::policy::PolicyKind;
-use crate::depth::DepthCamera;
-use crate::kitchen::Kitchen;
 use anyhow::{Context, Result, ensure};
+use proto::camera::FRAME_PIXELS;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::FRAME_PIXELS;
+use simulator::depth::DepthCamera;
+use simulator::kitchen::Kitchen;
 use std::mem::MaybeUninit;
 use std::process::Command;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ const COUNTS: [u32; 2] = [32, 64];
 const STEPS: u32 = 50;
 
 /// Asks a fresh process of this program: megabytes (10⁶ bytes) of resident memory for each further environment.
-pub fn further_environment_mb(kitchen: KitchenId) -> Result<f64> {
+pub(crate) fn further_environment_mb(kitchen: KitchenId) -> Result<f64> {
     let program = std::env::current_exe().context("cannot find this program's own file")?;
     let output = Command::new(program)
         .args(["bench-memory", "--kitchen", &kitchen.to_string()])
@@ -36,7 +36,7 @@ pub fn run(kitchen: KitchenId) -> Result<()> {
     let config = Config::default();
     let built = Arc::new(Kitchen::build(kitchen, &config.simulation)?);
     let mut camera = DepthCamera::new(built.bodies());
-    let (mut poses, mut frame) = (Vec::new(), vec![MaybeUninit::uninit(); FRAME_PIXELS]);
+    let mut frame = vec![MaybeUninit::uninit(); FRAME_PIXELS];
     let mut players: Vec<Player> = Vec::new();
     let mut resident = Vec::new();
     for count in COUNTS {
@@ -44,7 +44,7 @@ pub fn run(kitchen: KitchenId) -> Result<()> {
             let mut player = Player::new(&built, EnvironmentId { kitchen, number }, &config, PolicyKind::Random, 1)?;
             for _ in 0..STEPS {
                 player.step();
-                player.look(&mut camera, &mut poses, &mut frame);
+                player.look(&mut camera, &mut frame);
             }
             players.push(player);
         }

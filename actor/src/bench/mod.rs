@@ -11,17 +11,18 @@ pub mod player;
 pub mod policy;
 mod report;
 
-use crate::depth::DepthCamera;
-use crate::kitchen::{Kitchen, scene_file};
 use anyhow::{Result, ensure};
 use clock::seconds_per_call;
 use player::{Player, View};
 use policy::PolicyKind;
+use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::{FRAME_PIXELS, FRAME_SIDE};
-use report::Memory;
+use report::{Measurement, Memory};
+use simulator::depth::DepthCamera;
+use simulator::kitchen::Kitchen;
+use simulator::scene_file;
 use std::hint::black_box;
 use std::io::Write;
 use std::mem::MaybeUninit;
@@ -50,22 +51,6 @@ pub struct Options {
     pub memory: bool,
     /// Print JSON in place of the table.
     pub json: bool,
-}
-
-/// What was measured in one kitchen under one policy with so many environments.
-#[derive(Debug, Clone)]
-pub struct Measurement {
-    kitchen: KitchenId,
-    policy: PolicyKind,
-    environments: u32,
-    /// Processor time of a step without a frame, seconds.
-    physics_s: f64,
-    /// Processor time of a frame that is drawn whole, seconds.
-    depth_s: f64,
-    /// Processor time of a step and its frame as a rollout takes them, seconds.
-    whole_step_s: f64,
-    /// Finest triangles of the bodies in the view volume, mean over frames.
-    view_set_triangles: f64,
 }
 
 /// Measures and prints.
@@ -146,12 +131,11 @@ fn measure(
         black_box(&frame);
     });
 
-    let mut poses = Vec::new();
     let mut unwritten = vec![MaybeUninit::uninit(); FRAME_PIXELS];
     let whole_step_s = seconds_per_call(span, || {
         let player = &mut players[next()];
         player.step();
-        player.look(&mut camera, &mut poses, &mut unwritten);
+        player.look(&mut camera, &mut unwritten);
     });
     Ok(Measurement {
         kitchen: kitchen.id(),

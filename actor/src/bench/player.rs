@@ -1,24 +1,23 @@
 //! An environment that plays episodes whose actions were chosen beforehand; and what it saw on the way.
 
 use super::policy::{PolicyKind, script};
-use crate::depth::{Backdrop, DepthCamera};
-use crate::environment::{Environment, EnvironmentError};
-use crate::kitchen::Kitchen;
 use proto::action::Action;
+use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::message::{FRAME_SIDE, transition_flag};
+use proto::step::transition_flag;
 use rapier3d::math::Pose3;
+use simulator::depth::DepthCamera;
+use simulator::environment::{Environment, EnvironmentError};
+use simulator::kitchen::Kitchen;
 use std::hint::black_box;
 use std::mem::MaybeUninit;
 use std::sync::Arc;
 
 /// One environment, from one episode into the next, and after the last into the first again.
-pub struct Player {
+pub(crate) struct Player {
     /// What is played.
     pub environment: Environment,
-    /// What its camera has seen stand still.
-    backdrop: Backdrop,
     /// Actions of each episode.
     script: Vec<Vec<Action>>,
     episode: usize,
@@ -51,7 +50,7 @@ impl Player {
             written.push(script(kind, &environment, id, episode));
         }
         environment.start_episode(0);
-        Ok(Self { environment, backdrop: Backdrop::new(), script: written, episode: 0, step: 0 })
+        Ok(Self { environment, script: written, episode: 0, step: 0 })
     }
 
     /// Takes one action; after the last one of an episode the next begins.
@@ -74,16 +73,9 @@ impl Player {
     }
 
     /// Observes as a rollout does, and draws the frame over what stood still since the last one.
-    pub fn look(&mut self, camera: &mut DepthCamera, poses: &mut Vec<Pose3>, depth_mm: &mut [MaybeUninit<u16>]) {
+    pub fn look(&mut self, camera: &mut DepthCamera, depth_mm: &mut [MaybeUninit<u16>]) {
         black_box(self.environment.current());
-        self.environment.world_from_bodies(poses);
-        black_box(camera.render_over(
-            &mut self.backdrop,
-            poses,
-            self.environment.world_from_camera(),
-            FRAME_SIDE,
-            depth_mm,
-        ));
+        black_box(self.environment.look_into(camera, FRAME_SIDE, depth_mm));
     }
 
     /// What the camera sees now.

@@ -1,10 +1,10 @@
 //! Where the actions of a measurement come from.
 
-use crate::environment::Environment;
 use crate::oracle;
 use proto::action::{Action, ActionSpace};
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};
+use simulator::environment::Environment;
 use std::fmt;
 use std::str::FromStr;
 

@@ -1,8 +1,28 @@
 //! The measurements of many kitchens as a table for people, or as JSON.
 
-use super::Measurement;
+use super::policy::PolicyKind;
+use proto::kitchen::KitchenId;
 use serde_json::{Value, json};
 use std::io::{self, Write};
+
+/// What was measured in one kitchen under one policy with so many environments.
+#[derive(Debug, Clone)]
+pub struct Measurement {
+    /// Where.
+    pub kitchen: KitchenId,
+    /// Under whom.
+    pub policy: PolicyKind,
+    /// How many.
+    pub environments: u32,
+    /// Processor time of a step without a frame, seconds.
+    pub physics_s: f64,
+    /// Processor time of a frame that is drawn whole, seconds.
+    pub depth_s: f64,
+    /// Processor time of a step and its frame as a rollout takes them, seconds.
+    pub whole_step_s: f64,
+    /// Finest triangles of the bodies in the view volume, mean over frames.
+    pub view_set_triangles: f64,
+}
 
 /// The median and the worst of a figure over kitchens, where more is worse.
 #[derive(Debug, Clone, Copy, PartialEq)]

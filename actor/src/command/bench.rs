@@ -33,7 +33,7 @@ pub struct BenchArgs {
 #[derive(Debug, clap::Args)]
 pub struct BenchMemoryArgs {
     /// Kitchen.
-    #[arg(long, value_parser = actor::kitchen::numbered, value_name = "1..30")]
+    #[arg(long, value_parser = actor::arguments::numbered, value_name = "1..30")]
     kitchen: KitchenId,
 }
 

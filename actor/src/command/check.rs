@@ -1,7 +1,6 @@
 //! `actor check`.
 
-use actor::kitchen::check;
-use actor::kitchen::scene_file::inspect;
+use actor::check::{kitchens, scene};
 use anyhow::Result;
 use proto::kitchen::KitchenChoice;
 use std::path::PathBuf;
@@ -27,7 +26,7 @@ pub struct CheckArgs {
 pub fn run(args: &CheckArgs) -> Result<()> {
     let out = std::io::stdout().lock();
     match &args.scene {
-        Some(scene) => inspect::run(scene, args.copy.as_deref(), args.targets, out),
-        None => check::run(&args.kitchens.0, out),
+        Some(path) => scene::run(path, args.copy.as_deref(), args.targets, out),
+        None => kitchens::run(&args.kitchens.0, out),
     }
 }

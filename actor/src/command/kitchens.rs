@@ -1,9 +1,7 @@
 //! `actor kitchens`.
 
-use actor::gltf;
-use actor::kitchen::catalogue::list;
-use actor::kitchen::report;
 use actor::picture::{self, SheetOptions, Subject};
+use actor::{categories, figures, gltf};
 use anyhow::{Context, Result};
 use proto::kitchen::{KitchenChoice, KitchenId};
 use std::path::PathBuf;
@@ -29,7 +27,7 @@ pub enum KitchensCommand {
     /// Write a kitchen as a binary glTF scene.
     Gltf {
         /// Which.
-        #[arg(long, value_parser = actor::kitchen::numbered, value_name = "1..30", required_unless_present = "of_scene")]
+        #[arg(long, value_parser = actor::arguments::numbered, value_name = "1..30", required_unless_present = "of_scene")]
         kitchen: Option<KitchenId>,
         /// A scene of your own instead, as it came to rest: its TOML file.
         #[arg(long, value_name = "FILE.toml", conflicts_with = "kitchen")]
@@ -65,9 +63,9 @@ pub fn run(command: &KitchensCommand) -> Result<()> {
                 Some(path) => Subject::Scene(path.clone()),
                 None => Subject::BuiltIn(kitchen.context("--kitchen is missing")?),
             };
-            gltf::export::write(&subject, out, scene.as_deref())
+            gltf::write(&subject, out, scene.as_deref())
         }
-        KitchensCommand::Categories { json } => list::run(*json, std::io::stdout().lock()),
-        KitchensCommand::Report => report::run(std::io::stdout().lock()),
+        KitchensCommand::Categories { json } => categories::run(*json, std::io::stdout().lock()),
+        KitchensCommand::Report => figures::run(std::io::stdout().lock()),
     }
 }

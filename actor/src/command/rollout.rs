@@ -3,9 +3,9 @@
 use actor::process;
 use anyhow::{Context, Result, ensure};
 use proto::kitchen::KitchenId;
-use proto::lifeline;
-use proto::wire::WireAddress;
 use std::path::PathBuf;
+use wire::WireAddress;
+use wire::lifeline;
 
 /// Which actor, of which run.
 #[derive(Debug, clap::Args)]
@@ -26,7 +26,7 @@ pub struct RolloutArgs {
     #[arg(long)]
     lifeline: bool,
     /// Simulate this kitchen in place of the actor's own; not with --lifeline.
-    #[arg(long, value_parser = actor::kitchen::numbered, value_name = "1..30")]
+    #[arg(long, value_parser = actor::arguments::numbered, value_name = "1..30")]
     kitchen: Option<KitchenId>,
 }
 

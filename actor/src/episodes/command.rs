@@ -1,13 +1,12 @@
 //! `actor episodes`: draws the fixed episodes, or checks those that are part of the program.
 
-use super::check::{Problem, check};
-use super::format::File;
-use super::{EPISODES_PER_KITCHEN, FILE_HASH, draw, fixed, kitchens};
-use crate::episode::Episode;
-use crate::kitchen::Kitchen;
-use crate::oracle::table::in_parallel;
+use super::draw;
+use crate::check::episode::verdicts;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
+use simulator::episodes::format::File;
+use simulator::episodes::{EPISODES_PER_KITCHEN, FILE_HASH, fixed, kitchens};
+use simulator::kitchen::Kitchen;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -62,14 +61,9 @@ fn generate(path: &Path) -> Result<()> {
     let hash = xxh3_64(&bytes);
     writeln!(out, "{}: {} bytes, hash {hash:#018x}", path.display(), bytes.len())?;
     if hash != FILE_HASH {
-        writeln!(out, "to be put into actor/src/episodes/mod.rs as FILE_HASH (now {FILE_HASH:#018x})")?;
+        writeln!(out, "to be put into actor/simulator/src/episodes/fixed.rs as FILE_HASH (now {FILE_HASH:#018x})")?;
     }
     Ok(())
-}
-
-/// Checks episodes, on all processors.
-pub fn verdicts(kitchen: &Arc<Kitchen>, config: &Config, episodes: &[Episode]) -> Vec<Result<(), Problem>> {
-    in_parallel(episodes.len(), |index| check(kitchen, config, &episodes[index]))
 }
 
 /// Checks every fixed episode that is part of the program: a line per kitchen; an error if one is not valid.

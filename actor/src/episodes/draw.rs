@@ -1,13 +1,13 @@
 //! Draws the fixed episodes: the same for the same kitchens, for ever.
 
-use super::check::{Problem, check};
-use super::format::{Record, Section};
-use super::{EPISODES_PER_KITCHEN, category, fingerprint};
-use crate::kitchen::Kitchen;
-use crate::oracle::table::in_parallel;
+use crate::check::episode::{Problem, check};
+use crate::parallel::in_parallel;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
+use simulator::episodes::format::{Record, Section};
+use simulator::episodes::{EPISODES_PER_KITCHEN, category, episode_of, fingerprint};
+use simulator::kitchen::Kitchen;
 use std::sync::Arc;
 
 /// Seed of the fixed episodes.
@@ -60,7 +60,7 @@ fn one(kitchen: &Arc<Kitchen>, config: &Config, episode: usize) -> Result<(Recor
         let mut below = |count: usize| random.below(count.min(usize::from(u16::MAX)) as u32) as u16;
         let spots = kitchen.target_spots(category(episode)).len();
         let record = Record { start: below(spots), goal: below(spots), stand: below(kitchen.robot_stands().len()) };
-        let drawn = record.episode(kitchen, episode).expect("the numbers were drawn below the counts");
+        let drawn = episode_of(record, kitchen, episode).expect("the numbers were drawn below the counts");
         match check(kitchen, config, &drawn) {
             Ok(()) => return Ok((record, rejected)),
             Err(problem) => rejected.push(problem),

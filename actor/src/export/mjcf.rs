@@ -12,13 +12,13 @@
 //! World axes are used as they are, y up: rigid-body physics does not know left-handed from right-handed axes. A
 //! picture does: it comes out mirrored.
 
-use crate::depth::NEAR_M;
-use crate::kitchen::{Body, BodyRole, Kitchen};
-use crate::physics::world::FRICTION;
-use crate::robot::links::part_shapes;
-use crate::shape::{Primitive, Shape};
-use proto::message::FRAME_SIDE;
+use proto::camera::{FIELD_OF_VIEW_DEG, FRAME_SIDE};
 use rapier3d::math::{Pose3, Rot3, Vec3};
+use simulator::depth::NEAR_M;
+use simulator::kitchen::{Body, BodyRole, Kitchen};
+use simulator::physics::world::FRICTION;
+use simulator::robot::links::part_shapes;
+use simulator::shape::{Primitive, Shape};
 use std::f32::consts::FRAC_1_SQRT_2;
 use std::fmt::Write;
 
@@ -33,7 +33,6 @@ const UNSEEN_GROUP: u32 = 4;
 const SLICES: u32 = 20;
 const STACKS: u32 = 4;
 /// Vertical field of view: tan of its half is the depth camera's constant.
-const FIELD_OF_VIEW_DEG: u32 = 100;
 /// Farther than anything in a room, metres.
 const FAR_M: f32 = 30.0;
 const STRINGS_TAKE_ALL: &str = "writing to a string does not fail";
@@ -46,7 +45,7 @@ pub fn mjcf(kitchen: &Kitchen, timestep_s: f32) -> String {
     let mut scene = Scene::default();
     let fixed = Matter { kind: Kind::Fixed, mass_kg: 0.0, friction: 0.0 };
     let robot = Matter { kind: Kind::Robot, mass_kg: 0.0, friction: 0.0 };
-    let mut movables = kitchen.movables.iter();
+    let mut movables = kitchen.movables().iter();
     for (body, pose) in kitchen.bodies().iter().zip(kitchen.settled_poses()) {
         match body.role {
             BodyRole::Static => {
@@ -57,7 +56,7 @@ pub fn mjcf(kitchen: &Kitchen, timestep_s: f32) -> String {
             }
             BodyRole::Movable => {
                 let handle = *movables.next().expect("one rigid body for each movable body");
-                let colliders = kitchen.world.colliders(handle);
+                let colliders = kitchen.world().colliders(handle);
                 let matter: Vec<Matter> = colliders
                     .map(|collider| Matter {
                         kind: Kind::Thing,
@@ -232,7 +231,7 @@ mod tests {
         let parts: usize = kitchen.bodies().iter().map(|body| body.shape.parts.len()).sum();
         assert_eq!(geoms.len(), parts + part_shapes()[0].parts.len());
         let movables = kitchen.bodies().iter().filter(|body| body.role == BodyRole::Movable);
-        for (body, &handle) in movables.zip(&kitchen.movables) {
+        for (body, &handle) in movables.zip(kitchen.movables()) {
             let own = format!("{}/", body.name);
             let mut mass_kg = 0.0;
             for geom in geoms.iter().filter(|geom| attribute(geom, "name").unwrap().starts_with(&own)) {
@@ -242,7 +241,7 @@ mod tests {
                 );
                 mass_kg += attribute(geom, "mass").unwrap().parse::<f32>().unwrap();
             }
-            let expected_kg = kitchen.world.body(handle).mass();
+            let expected_kg = kitchen.world().body(handle).mass();
             assert!((mass_kg / expected_kg - 1.0).abs() < 1e-4, "{}: {mass_kg} for {expected_kg} kg", body.name);
         }
         let unseen = geoms.iter().filter(|geom| attribute(geom, "group").unwrap() == UNSEEN_GROUP.to_string());

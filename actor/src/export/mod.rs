@@ -25,16 +25,17 @@ mod npy;
 mod trace;
 
 use crate::bench::policy::PolicyKind;
-use crate::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW, triangles_of};
-use crate::kitchen::{BodyRole, Kitchen};
-use crate::robot::links::PART_COUNT;
-use crate::shape::Shape;
 use anyhow::{Context, Result};
+use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
-use proto::message::FRAME_SIDE;
 use rapier3d::math::Pose3;
 use serde_json::{Value, json};
+use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
+use simulator::kitchen::{BodyRole, Kitchen};
+use simulator::mesh::triangles_of;
+use simulator::robot::links::PART_COUNT;
+use simulator::shape::Shape;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -88,7 +89,7 @@ fn export(kitchen: &Arc<Kitchen>, config: &Config, options: &Options, folder: &P
     fs::write(folder.join("kitchen.xml"), mjcf::mjcf(kitchen, config.simulation.timestep_s))?;
     let mut corners: Vec<f32> = Vec::new();
     let mut bodies = Vec::new();
-    let mut movables = kitchen.movables.iter();
+    let mut movables = kitchen.movables().iter();
     for body in kitchen.bodies() {
         let first_triangle = corners.len() / 9;
         let mut part_triangles = Vec::new();
@@ -98,7 +99,7 @@ fn export(kitchen: &Arc<Kitchen>, config: &Config, options: &Options, folder: &P
             corners.extend(triangles.iter().flatten().flatten());
         }
         let mass_kg = match body.role {
-            BodyRole::Movable => movables.next().map(|&handle| kitchen.world.body(handle).mass()),
+            BodyRole::Movable => movables.next().map(|&handle| kitchen.world().body(handle).mass()),
             BodyRole::Static | BodyRole::Robot => None,
         };
         bodies.push(json!({

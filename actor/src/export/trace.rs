@@ -1,14 +1,14 @@
 //! One episode under a policy, as another engine needs it: where everything begins, and the robot's way.
 
 use crate::bench::policy::{PolicyKind, script};
-use crate::depth::DepthCamera;
-use crate::environment::{Environment, EnvironmentError};
-use crate::kitchen::Kitchen;
-use crate::simulation::Substep;
+use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::message::{FRAME_PIXELS, FRAME_SIDE};
 use rapier3d::math::Pose3;
+use simulator::depth::DepthCamera;
+use simulator::environment::{Environment, EnvironmentError};
+use simulator::kitchen::Kitchen;
+use simulator::simulation::Substep;
 use std::sync::Arc;
 
 /// An episode from its start to its end.

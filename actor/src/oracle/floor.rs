@@ -4,11 +4,11 @@
 //! same, and the first that the search comes by stands for its cell.
 
 use super::search::Graph;
-use crate::robot::configuration::{Configuration, MOVE_AHEAD_M};
-use crate::robot::dimensions::ARM_BASE_AHEAD_M;
-use crate::robot::dimensions::REACH_M;
 use proto::action::Action;
 use rapier3d::math::Vec3;
+use simulator::robot::configuration::{Configuration, MOVE_AHEAD_M};
+use simulator::robot::dimensions::ARM_BASE_AHEAD_M;
+use simulator::robot::dimensions::REACH_M;
 
 /// Side of a cell, metres.
 const CELL_M: f32 = 0.05;

@@ -18,15 +18,15 @@ mod search;
 mod space;
 pub mod table;
 
-use crate::environment::Environment;
-use crate::episode::Episode;
-use crate::kitchen::Kitchen;
-use crate::robot::configuration::Configuration;
 use moment::Moment;
 use plan::{Carriage, Stands};
 use proto::action::Action;
-use proto::message::transition_flag;
+use proto::step::transition_flag;
 use rapier3d::math::Vec3;
+use simulator::environment::Environment;
+use simulator::episode::Episode;
+use simulator::kitchen::Kitchen;
+use simulator::robot::configuration::Configuration;
 use space::{Care, Space};
 use std::collections::VecDeque;
 
@@ -184,7 +184,7 @@ impl Policy {
 
 /// A part of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Leg {
+pub(crate) enum Leg {
     /// From the start pose to the target.
     ToTarget,
     /// With the target to its goal.
@@ -193,7 +193,7 @@ pub enum Leg {
 
 /// The first leg of an episode for which there is no way among what is fixed; none if both have one. A grasp after which
 /// the robot cannot turn away with the target in hand is not the end of it: it is tried from other places.
-pub fn first_obstructed_leg(kitchen: &Kitchen, episode: &Episode) -> Option<Leg> {
+pub(crate) fn first_obstructed_leg(kitchen: &Kitchen, episode: &Episode) -> Option<Leg> {
     let leg = |moment: &Moment, avoided: &[Configuration]| {
         let carriages = Variant::Fast.carriages(moment.held.is_some());
         carriages.iter().find_map(|&carriage| plan::leg(moment, Care::NONE, carriage, &[], Stands::all_but(avoided)))
@@ -214,7 +214,7 @@ pub fn first_obstructed_leg(kitchen: &Kitchen, episode: &Episode) -> Option<Leg>
 }
 
 /// Whether the robot touches nothing, fixed or movable, as an episode begins.
-pub fn start_is_free(kitchen: &Kitchen, episode: &Episode) -> bool {
+pub(crate) fn start_is_free(kitchen: &Kitchen, episode: &Episode) -> bool {
     let moment = Moment::beginning(kitchen, episode);
     let care = Care { driving_m: Some(0.0), reaching_m: Some(0.0) };
     Space::of(&moment, care).for_driving().free(&moment.robot.posture())

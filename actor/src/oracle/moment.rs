@@ -1,12 +1,12 @@
 //! What a planner has to know of one moment: where everything is, and what the robot holds.
 
-use crate::environment::Environment;
-use crate::episode::Episode;
-use crate::kitchen::Kitchen;
-use crate::robot::configuration::Configuration;
-use crate::robot::links::{HAND, part_poses};
 use proto::action::Action;
 use rapier3d::math::{Pose3, Vec3};
+use simulator::environment::Environment;
+use simulator::episode::Episode;
+use simulator::kitchen::Kitchen;
+use simulator::robot::configuration::Configuration;
+use simulator::robot::links::{HAND, part_poses};
 
 /// One moment of an episode, of an environment or only thought of.
 #[derive(Debug, Clone)]
@@ -41,7 +41,7 @@ impl<'a> Moment<'a> {
     pub fn beginning(kitchen: &'a Kitchen, episode: &Episode) -> Self {
         let target = kitchen.target_movable(episode.category);
         let first = kitchen.static_bodies().end;
-        let mut movables = kitchen.settled_poses()[first..first + kitchen.solids.len()].to_vec();
+        let mut movables = kitchen.settled_poses()[first..first + kitchen.solids().len()].to_vec();
         movables[target] = Pose3::from_translation(episode.start);
         let stand = episode.stand;
         let robot = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);

@@ -1,10 +1,10 @@
 //! Convex solids that stand still, indexed by where on the floor plane they stand.
 
-use crate::physics::geometry::Solid;
 use rapier3d::geometry::{Aabb, SharedShape};
 use rapier3d::math::Pose3;
 use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query;
+use simulator::physics::geometry::Solid;
 
 /// Side of a cell of the index, metres.
 const CELL_M: f32 = 0.25;
@@ -80,9 +80,9 @@ impl Obstacles {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shape::{Primitive, Shape};
     use proptest::prelude::*;
     use rapier3d::math::Vec3;
+    use simulator::shape::{Primitive, Shape};
 
     proptest! {
         #[test]

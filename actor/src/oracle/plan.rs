@@ -5,8 +5,8 @@ use super::moment::Moment;
 use super::reach::{self, Aim};
 use super::search::Search;
 use super::space::{Care, Space};
-use crate::robot::configuration::Configuration;
 use proto::action::Action;
+use simulator::robot::configuration::Configuration;
 
 /// Floor poses that a search expands.
 const EXPANSIONS: u32 = 40_000;

@@ -3,13 +3,15 @@
 use super::moment::Moment;
 use super::search::{Graph, Search};
 use super::space::Space;
-use crate::physics::geometry::{Solid, rotation_y};
-use crate::robot::configuration::{ARM_HEIGHT_MAX_M, ARM_HEIGHT_MIN_M, ARM_HEIGHT_TICKS, Configuration, WRIST_STEP_M};
-use crate::robot::dimensions::REACH_M;
-use crate::robot::links::{ARM_BASE_AHEAD_M, HAND, MAGNET_RADIUS_M, part_poses, world_from_robot};
 use proto::action::Action;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
+use simulator::physics::geometry::{Solid, rotation_y};
+use simulator::robot::configuration::{
+    ARM_HEIGHT_MAX_M, ARM_HEIGHT_MIN_M, ARM_HEIGHT_TICKS, Configuration, WRIST_STEP_M,
+};
+use simulator::robot::dimensions::{ARM_BASE_AHEAD_M, MAGNET_RADIUS_M, REACH_M};
+use simulator::robot::links::{HAND, part_poses, world_from_robot};
 
 /// The magnet reaches for the target with this much to spare, metres.
 const MAGNET_SPARE_M: f32 = 0.006;
@@ -63,7 +65,7 @@ impl<'a> Aim<'a> {
     /// What is to be done next.
     pub fn of(moment: &Moment<'a>) -> Self {
         let Some(hand_from_body) = moment.held else {
-            return Self::Grasp { solid: &moment.kitchen.solids[moment.target], pose: moment.target_pose() };
+            return Self::Grasp { solid: &moment.kitchen.solids()[moment.target], pose: moment.target_pose() };
         };
         let posture = moment.robot.posture();
         let wrist_to_target = part_poses(&posture).map_or(Vec3::ZERO, |poses| {
@@ -97,7 +99,8 @@ impl<'a> Aim<'a> {
                 .ok()
                 .and_then(|poses| space.held_pose(&poses))
                 .is_some_and(|pose| {
-                    (pose.translation - *goal).abs().max_element() <= crate::episode::GOAL_TOLERANCE_M - GOAL_SPARE_M
+                    (pose.translation - *goal).abs().max_element()
+                        <= simulator::episode::GOAL_TOLERANCE_M - GOAL_SPARE_M
                 }),
         }
     }

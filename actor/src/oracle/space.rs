@@ -2,12 +2,12 @@
 
 use super::moment::Moment;
 use super::obstacles::Obstacles;
-use crate::kitchen::Kitchen;
-use crate::physics::geometry::Solid;
-use crate::robot::configuration::{Configuration, Posture};
-use crate::robot::links::{HAND, PartPoses, part_poses};
 use proto::action::Action;
 use rapier3d::math::Pose3;
+use simulator::kitchen::Kitchen;
+use simulator::physics::geometry::Solid;
+use simulator::robot::configuration::{Configuration, Posture};
+use simulator::robot::links::{HAND, PartPoses, part_poses};
 use std::rc::Rc;
 
 /// Room that a plan leaves between robot and fixed things, metres: more than the simulator's own tolerance, because
@@ -62,14 +62,14 @@ impl<'a> Space<'a> {
             fixed.add(&Solid::of(&kitchen.bodies()[body].shape), &kitchen.settled_poses()[body]);
         }
         let (mut movable, mut target) = (Obstacles::default(), Obstacles::default());
-        for (index, (solid, pose)) in kitchen.solids.iter().zip(&moment.movables).enumerate() {
+        for (index, (solid, pose)) in kitchen.solids().iter().zip(&moment.movables).enumerate() {
             if index != moment.target {
                 movable.add(solid, pose);
             } else if moment.held.is_none() {
                 target.add(solid, pose);
             }
         }
-        let solid = &kitchen.solids[moment.target];
+        let solid = &kitchen.solids()[moment.target];
         let held = moment.held.map(|hand_from_body| Held { solid, hand_from_body });
         let [fixed, movable, target] = [fixed, movable, target].map(Rc::new);
         Self { kitchen, fixed, movable, target, held, care, driving: false }
@@ -100,7 +100,7 @@ impl<'a> Space<'a> {
             if self.driving { (0, FLOOR_M, self.care.driving_m) } else { (1, f32::NEG_INFINITY, self.care.reaching_m) };
         // Whoever drives without care pushes the target as well.
         let target_m = (!self.driving || movable_m.is_some()).then_some(TARGET_MARGIN_M);
-        let robot_is_free = self.kitchen.robot_parts.iter().zip(&poses).skip(first_part).all(|(part, pose)| {
+        let robot_is_free = self.kitchen.robot_parts().iter().zip(&poses).skip(first_part).all(|(part, pose)| {
             part.parts.iter().all(|(shape, body_from_part)| {
                 let pose = *pose * *body_from_part;
                 self.fixed.clear_of(shape, &pose, FIXED_MARGIN_M, above_m)

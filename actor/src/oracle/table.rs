@@ -1,20 +1,20 @@
 //! `actor oracle`: lets the oracle loose on episodes and says how it fared, a line per kitchen.
 
 use super::{Policy, Variant};
-use crate::environment::Environment;
-use crate::episode::Episode;
-use crate::kitchen::{Kitchen, numbered};
+use crate::arguments::numbered;
+use crate::parallel::in_parallel;
 use anyhow::{Context, Result, bail, ensure};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Split};
-use proto::message::transition_flag;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::step::transition_flag;
+use simulator::environment::Environment;
+use simulator::episode::Episode;
+use simulator::kitchen::Kitchen;
 use std::io::Write;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
-use std::thread;
+use std::sync::Arc;
 
 /// How one episode went.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,30 +54,6 @@ pub fn play(kitchen: &Arc<Kitchen>, config: &Config, number: u32, episode: Episo
             };
         }
     }
-}
-
-/// Calls `work` for each index below `count` on all processors; the results in order.
-pub fn in_parallel<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let next = AtomicUsize::new(0);
-    let done: Mutex<Vec<(usize, T)>> = Mutex::new(Vec::with_capacity(count));
-    let threads = thread::available_parallelism().map_or(1, std::num::NonZero::get).min(count.max(1));
-    thread::scope(|scope| {
-        for _ in 0..threads {
-            scope.spawn(|| {
-                loop {
-                    let index = next.fetch_add(1, Ordering::Relaxed);
-                    if index >= count {
-                        return;
-                    }
-                    let result = work(index);
-                    done.lock().expect("a worker that panics takes the whole scope with it").push((index, result));
-                }
-            });
-        }
-    });
-    let mut done = done.into_inner().expect("a worker that panics takes the whole scope with it");
-    done.sort_by_key(|&(index, _)| index);
-    done.into_iter().map(|(_, result)| result).collect()
 }
 
 /// What `actor oracle` is asked.
@@ -164,7 +140,7 @@ fn episodes(kitchen: &Kitchen, config: &Config, settings: &Settings) -> Result<V
         let sample = |number| Episode::sample(kitchen, &config.episode, config.seed, id, number);
         return Ok((0..settings.episodes).map(sample).collect());
     }
-    let mut fixed = crate::episodes::fixed(kitchen)?;
+    let mut fixed = simulator::episodes::fixed(kitchen)?;
     ensure!(count <= fixed.len(), "kitchen {} has {} fixed episodes, not {count}", kitchen.id(), fixed.len());
     fixed.truncate(count);
     Ok(fixed)

@@ -80,7 +80,7 @@ impl Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::physics::geometry::rotation_x;
+    use simulator::physics::geometry::rotation_x;
 
     #[test]
     fn a_projected_point_is_found_again() {

@@ -35,7 +35,7 @@ impl Canvas {
     }
 
     /// Mixes a colour into one pixel.
-    pub fn blend(&mut self, x: usize, y: usize, colour: Rgb, share: f32) {
+    pub(crate) fn blend(&mut self, x: usize, y: usize, colour: Rgb, share: f32) {
         let pixel = &mut self.pixels[y * self.width + x];
         *pixel = mix(*pixel, colour, share);
     }
@@ -77,7 +77,7 @@ impl Canvas {
     }
 
     /// The picture as a PNG file, 8 bits a channel.
-    pub fn write_png(&self, path: &Path) -> Result<()> {
+    pub(crate) fn write_png(&self, path: &Path) -> Result<()> {
         let problem = || format!("cannot write {}", path.display());
         let file = std::fs::File::create(path).with_context(problem)?;
         let mut encoder = png::Encoder::new(BufWriter::new(file), self.width as u32, self.height as u32);

@@ -4,7 +4,7 @@
 //! palette  a colour for each category
 //! model    a kitchen as coloured triangles
 //! camera   where a picture is taken from: parallel or central projection
-//! raster   which triangle each pixel shows, and how near it is
+//! visible  which triangle each pixel shows, and how near it is
 //! sky      soft light from all over: which of many directions reach a point
 //! shade    pixels to colours: light, section fill, edge lines
 //! view     the two pictures of a kitchen: floor plan, and what the robot sees
@@ -23,13 +23,13 @@ mod marks;
 mod model;
 mod outside;
 pub mod palette;
-mod raster;
 mod shade;
 mod sheet;
 mod sky;
 mod storyboard;
 mod view;
+mod visible;
 
-pub use canvas::Canvas;
+pub(crate) use canvas::Canvas;
 pub use sheet::{SheetOptions, Subject, sheet};
-pub use storyboard::{Moment, Storyboard, Task, Words};
+pub(crate) use storyboard::{Moment, Storyboard, Task, Words};

@@ -1,11 +1,11 @@
 //! A kitchen as coloured triangles.
 
 use super::palette;
-use crate::depth::triangles_of;
-use crate::kitchen::{BodyRole, Kitchen};
-use crate::robot::links::{PartPoses, part_shapes};
-use crate::shape::Shape;
 use rapier3d::math::{Pose3, Vec3};
+use simulator::kitchen::{BodyRole, Kitchen};
+use simulator::mesh::triangles_of;
+use simulator::robot::links::{PartPoses, part_shapes};
+use simulator::shape::Shape;
 
 /// One triangle in the world.
 #[derive(Debug, Clone, Copy)]

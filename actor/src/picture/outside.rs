@@ -2,9 +2,9 @@
 
 use super::camera::{Camera, Projection};
 use super::model::Model;
-use super::raster::Raster;
-use crate::physics::geometry::{rotation_x, rotation_y};
+use super::visible::Visible;
 use rapier3d::math::{Pose3, Vec3};
+use simulator::physics::geometry::{rotation_x, rotation_y};
 use std::f32::consts::TAU;
 
 /// Tangent of half the field of view.
@@ -56,12 +56,12 @@ fn looking_at(centre: Vec3, radius_m: f32, yaw_rad: f32, pitch_rad: f32) -> Came
 
 /// Weight of the points that are seen.
 fn seen(model: &Model, camera: &Camera, points: &[(Vec3, f32)]) -> f32 {
-    let raster = Raster::draw(camera, TRIAL_SIDE, TRIAL_SIDE, (0..).zip(model.corners()));
+    let visible = Visible::draw(camera, TRIAL_SIDE, TRIAL_SIDE, (0..).zip(model.corners()));
     let is_seen = |point: Vec3| {
         let point = camera.camera_from_world * point;
         let pixel = camera.project(point, TRIAL_SIDE, TRIAL_SIDE);
         let at = |px: f32| (px.max(0.0) as usize).min(TRIAL_SIDE - 1);
-        let nearest_m = 1.0 / raster.nearness[at(pixel.y) * TRIAL_SIDE + at(pixel.x)];
+        let nearest_m = 1.0 / visible.nearness[at(pixel.y) * TRIAL_SIDE + at(pixel.x)];
         // Nothing at all is infinitely near in the other direction.
         nearest_m <= 0.0 || nearest_m > point.z - SLACK_M
     };
@@ -71,7 +71,7 @@ fn seen(model: &Model, camera: &Camera, points: &[(Vec3, f32)]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shape::{Primitive, Shape};
+    use simulator::shape::{Primitive, Shape};
 
     #[test]
     fn it_looks_from_where_nothing_stands_before_the_points() {

@@ -1,13 +1,13 @@
 //! A colour for each category: the catalogue's for movable things, ours for fixed ones.
 
 use super::canvas::Rgb;
-use crate::kitchen::catalogue::CATEGORIES;
+use simulator::kitchen::catalogue::CATEGORIES;
 
 /// The robot's colour.
-pub const ROBOT: Rgb = [238, 106, 36];
+pub(crate) const ROBOT: Rgb = [238, 106, 36];
 
 /// Where a section cuts something.
-pub const SECTION: Rgb = [74, 78, 86];
+pub(crate) const SECTION: Rgb = [74, 78, 86];
 
 /// sRGB colours of fixed things: pale, so that movable ones stand out.
 const FIXED: [(&str, Rgb); 30] = [

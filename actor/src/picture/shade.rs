@@ -4,8 +4,8 @@ use super::camera::{Camera, Pixel};
 use super::canvas::{Canvas, Rgb};
 use super::model::Model;
 use super::palette::linear;
-use super::raster::{NOTHING, Raster};
 use super::sky::Lit;
+use super::visible::{NOTHING, Visible};
 use rapier3d::math::Vec3;
 
 /// Samples along each side of a pixel.
@@ -67,14 +67,14 @@ impl Exposure {
     /// The model as the camera sees it.
     pub fn take(model: &Model, camera: &Camera, width: usize, height: usize, background: Rgb) -> Self {
         let (columns, rows) = (width * SAMPLES, height * SAMPLES);
-        let raster = Raster::draw(camera, columns, rows, (0..).zip(cut(model, camera)));
+        let visible = Visible::draw(camera, columns, rows, (0..).zip(cut(model, camera)));
         let linear_of = |colours: &[Rgb]| colours.iter().map(|colour| colour.map(linear)).collect();
         let inks = Inks {
             bodies: linear_of(&model.colours),
             sections: linear_of(&model.sections),
             background: background.map(linear),
         };
-        let samples = (0..columns * rows).map(|index| sample(model, camera, &raster, index, &inks)).collect();
+        let samples = (0..columns * rows).map(|index| sample(model, camera, &visible, index, &inks)).collect();
         Self { width, height, samples }
     }
 
@@ -152,8 +152,8 @@ fn cut<'a>(model: &'a Model, camera: &'a Camera) -> impl Iterator<Item = [Vec3; 
     })
 }
 
-fn sample(model: &Model, camera: &Camera, raster: &Raster, index: usize, inks: &Inks) -> Sample {
-    let number = raster.triangle[index];
+fn sample(model: &Model, camera: &Camera, visible: &Visible, index: usize, inks: &Inks) -> Sample {
+    let number = visible.triangle[index];
     let nothing =
         Sample { colour: [0.0; 3], body: NOTHING, normal: Vec3::ZERO, depth_m: f32::MAX, lit: None, facing: 1.0 };
     if number == NOTHING {
@@ -162,11 +162,11 @@ fn sample(model: &Model, camera: &Camera, raster: &Raster, index: usize, inks: &
     let triangle = &model.triangles[number as usize];
     let body = triangle.body;
     let pixel = Pixel {
-        x: (index % raster.width) as f32 + 0.5,
-        y: (index / raster.width) as f32 + 0.5,
-        nearness: raster.nearness[index],
+        x: (index % visible.width) as f32 + 0.5,
+        y: (index / visible.width) as f32 + 0.5,
+        nearness: visible.nearness[index],
     };
-    let in_camera = camera.unproject(pixel, raster.width, raster.height);
+    let in_camera = camera.unproject(pixel, visible.width, visible.height);
     let facing = -(camera.camera_from_world.rotation * triangle.normal).dot(camera.ray(in_camera));
     if facing < 0.0 {
         // The inner side of a solid: a section cuts it here. Filled flat, as in a floor plan.

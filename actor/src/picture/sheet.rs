@@ -2,13 +2,14 @@
 
 use super::canvas::{Canvas, Rgb};
 use super::view::Views;
-use crate::kitchen::{Kitchen, scene_file};
+use crate::parallel::in_parallel;
 use anyhow::{Context, Result, ensure};
 use proto::config::SimulationConfig;
 use proto::kitchen::{KitchenId, Split};
+use simulator::kitchen::Kitchen;
+use simulator::scene_file;
 use std::fmt;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 const PAPER: Rgb = [250, 250, 248];
 const INK: Rgb = [34, 38, 44];
@@ -133,32 +134,14 @@ type Drawn = (Views, String, usize);
 
 /// Pictures, plan and number of things of each kitchen, in order, on all cores.
 fn draw_all(subjects: &[Subject], side: usize) -> Result<Vec<Drawn>> {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from).min(subjects.len());
-    let next = AtomicUsize::new(0);
-    let work = || -> Result<Vec<(usize, Drawn)>> {
-        let mut done = Vec::new();
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(subject) = subjects.get(index) else { return Ok(done) };
-            let kitchen = subject.load()?;
-            let views = Views::of(&kitchen, side, PAPER).with_context(|| subject.to_string())?;
-            let plan = kitchen.plan().map_or_else(String::new, |plan| format!("{}, ", plan.name()));
-            done.push((index, (views, plan, kitchen.thing_count())));
-        }
+    let draw = |index: usize| -> Result<Drawn> {
+        let subject: &Subject = &subjects[index];
+        let kitchen = subject.load()?;
+        let views = Views::of(&kitchen, side, PAPER).with_context(|| subject.to_string())?;
+        let plan = kitchen.plan().map_or_else(String::new, |plan| format!("{}, ", plan.name()));
+        Ok((views, plan, kitchen.thing_count()))
     };
-    let mut drawn = Vec::with_capacity(subjects.len());
-    std::thread::scope(|scope| -> Result<()> {
-        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(work)).collect();
-        for worker in workers {
-            match worker.join() {
-                Ok(done) => drawn.extend(done?),
-                Err(panic) => std::panic::resume_unwind(panic),
-            }
-        }
-        Ok(())
-    })?;
-    drawn.sort_by_key(|(index, _)| *index);
-    Ok(drawn.into_iter().map(|(_, pair)| pair).collect())
+    in_parallel(subjects.len(), draw).into_iter().collect()
 }
 
 /// A split's name and colour.

@@ -5,7 +5,7 @@
 
 use super::camera::{Camera, Projection};
 use super::model::Model;
-use super::raster::Raster;
+use super::visible::Visible;
 use rapier3d::math::{Pose3, Rot3, Vec3};
 use std::f32::consts::PI;
 
@@ -46,7 +46,7 @@ pub fn light(model: &Model, points: &[Lit]) -> Vec<f32> {
         let rotation = Rot3::from_rotation_arc(Vec3::Z, -towards);
         let pose = Pose3::from_parts(centre + towards * (radius + 0.1), rotation);
         let camera = Camera::new(pose, Projection::Parallel { half_width_m: radius }, 0.0);
-        let lamp = Lamp { raster: Raster::draw(&camera, SIDE, SIDE, (0..).zip(model.corners())), camera };
+        let lamp = Lamp { visible: Visible::draw(&camera, SIDE, SIDE, (0..).zip(model.corners())), camera };
         for (sum, lit) in sums.iter_mut().zip(points) {
             let slant = lit.normal.dot(towards);
             if slant > 0.0 {
@@ -61,7 +61,7 @@ pub fn light(model: &Model, points: &[Lit]) -> Vec<f32> {
 /// One lamp and what it reaches.
 struct Lamp {
     camera: Camera,
-    raster: Raster,
+    visible: Visible,
 }
 
 impl Lamp {
@@ -73,7 +73,7 @@ impl Lamp {
         let (column, row) = (x as usize, y as usize);
         let (along, down) = (x - column as f32, y - row as f32);
         let at = row * SIDE + column;
-        let seen = |index: usize| f32::from(u8::from(self.raster.nearness[index] <= pixel.nearness + SLACK_M));
+        let seen = |index: usize| f32::from(u8::from(self.visible.nearness[index] <= pixel.nearness + SLACK_M));
         let above = seen(at) * (1.0 - along) + seen(at + 1) * along;
         let below = seen(at + SIDE) * (1.0 - along) + seen(at + SIDE + 1) * along;
         above * (1.0 - down) + below * down
@@ -83,7 +83,7 @@ impl Lamp {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shape::{Primitive, Shape};
+    use simulator::shape::{Primitive, Shape};
 
     #[test]
     fn an_open_floor_is_bright_and_the_floor_beside_a_wall_is_not() {

@@ -5,14 +5,14 @@ use super::canvas::{Canvas, Rgb, mix};
 use super::marks::{GOAL, Marks, TARGET};
 use super::model::Model;
 use super::outside;
-use super::raster::{NOTHING, Raster};
 use super::shade::Exposure;
 use super::sky::{self, Lit};
-use crate::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
-use crate::episode::GOAL_TOLERANCE_M;
-use crate::kitchen::Kitchen;
-use crate::robot::links::PartPoses;
+use super::visible::{NOTHING, Visible};
 use rapier3d::math::{Pose3, Vec3};
+use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
+use simulator::episode::GOAL_TOLERANCE_M;
+use simulator::kitchen::Kitchen;
+use simulator::robot::links::PartPoses;
 
 const PAPER: Rgb = [250, 250, 248];
 const INK: Rgb = [34, 38, 44];
@@ -136,8 +136,8 @@ impl<'a> Storyboard<'a> {
     ) {
         let projection = Projection::Central { tan_half_width: TAN_HALF_FIELD_OF_VIEW };
         let camera = Camera::new(moment.world_from_camera, projection, NEAR_M);
-        let raster = Raster::draw(&camera, self.side, self.side, (0..).zip(model.corners()));
-        for (index, (&depth, &triangle)) in depth_mm.iter().zip(&raster.triangle).enumerate() {
+        let visible = Visible::draw(&camera, self.side, self.side, (0..).zip(model.corners()));
+        for (index, (&depth, &triangle)) in depth_mm.iter().zip(&visible.triangle).enumerate() {
             let (x, y) = (index % self.side, top + index / self.side);
             let grey = [brightness(depth); 3];
             let is_target = triangle != NOTHING && model.triangles[triangle as usize].body == target;
@@ -222,10 +222,10 @@ fn brightness(depth_mm: u16) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::configuration::Configuration;
-    use crate::robot::links::{part_poses, world_from_camera};
     use proto::config::SimulationConfig;
     use proto::kitchen::{KitchenId, TargetCategory};
+    use simulator::robot::configuration::Configuration;
+    use simulator::robot::links::{part_poses, world_from_camera};
 
     const SIDE: usize = 120;
     /// Where the target is in the camera's frame: before all furniture.

@@ -3,16 +3,16 @@
 use super::camera::{Camera, Projection};
 use super::canvas::{Canvas, Rgb};
 use super::model::Model;
-use super::raster::{NOTHING, Raster};
 use super::shade::Exposure;
 use super::sky::{self, Lit};
-use crate::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
-use crate::kitchen::Kitchen;
-use crate::physics::geometry::rotation_x;
-use crate::robot::configuration::Configuration;
-use crate::robot::links::{part_poses, world_from_camera};
+use super::visible::{NOTHING, Visible};
 use anyhow::{Context, Result};
 use rapier3d::math::{Pose3, Vec3};
+use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
+use simulator::kitchen::Kitchen;
+use simulator::physics::geometry::rotation_x;
+use simulator::robot::configuration::Configuration;
+use simulator::robot::links::{part_poses, world_from_camera};
 use std::f32::consts::FRAC_PI_2;
 
 /// Height at which the floor plan is cut, metres: above the counters, below the wall cabinets.
@@ -81,10 +81,10 @@ fn best_look(kitchen: &Kitchen, model: &Model) -> Result<Configuration> {
         configuration.look_ticks = LOOK_TICKS;
         configuration.height_ticks = ARM_HEIGHT_TICKS;
         let camera = robot_camera(&configuration);
-        let raster = Raster::draw(&camera, TRIAL_SIDE, TRIAL_SIDE, (0..).zip(model.corners()));
+        let visible = Visible::draw(&camera, TRIAL_SIDE, TRIAL_SIDE, (0..).zip(model.corners()));
         let mut pixels = vec![0usize; model.colours.len()];
         let mut too_near = 0usize;
-        for (&number, &nearness) in raster.triangle.iter().zip(&raster.nearness) {
+        for (&number, &nearness) in visible.triangle.iter().zip(&visible.nearness) {
             if number != NOTHING {
                 pixels[model.triangles[number as usize].body as usize] += 1;
                 too_near += usize::from(nearness > 1.0 / TOO_NEAR_M);
@@ -94,7 +94,7 @@ fn best_look(kitchen: &Kitchen, model: &Model) -> Result<Configuration> {
             let counts = pixels.iter().zip(&model.movable);
             counts.filter(|&(&count, &is)| is == movable && count >= SEEN_PIXELS).count() as f32
         };
-        let score = seen(true) + 0.5 * seen(false) - 40.0 * too_near as f32 / raster.triangle.len() as f32;
+        let score = seen(true) + 0.5 * seen(false) - 40.0 * too_near as f32 / visible.triangle.len() as f32;
         if best.is_none_or(|(highest, _)| score > highest) {
             best = Some((score, configuration));
         }

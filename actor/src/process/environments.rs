@@ -1,35 +1,33 @@
 //! The environments of one actor: stepping them, rebuilding them, and showing what they see.
 
 use super::{shm, whereabouts};
-use crate::depth::{Backdrop, DepthCamera};
-use crate::environment::Environment;
-use crate::episodes::Programme;
-use crate::kitchen::Kitchen;
 use anyhow::{Context, Result, bail, ensure};
 use proto::action::{Action, HOLD};
+use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::message::{EnvironmentState, FRAME_SIDE, Observation, Transition, transition_flag};
-use rapier3d::math::Pose3;
+use proto::step::{Transition, transition_flag};
+use simulator::depth::DepthCamera;
+use simulator::environment::Environment;
+use simulator::episodes::Programme;
+use simulator::kitchen::Kitchen;
 use std::mem::MaybeUninit;
 use std::ops::Range;
 use std::sync::Arc;
+use wire::message::{EnvironmentState, Observation};
 
 /// All environments of an actor and the camera they share.
 pub struct Environments {
     running: Vec<Running>,
     programme: Programme,
     camera: DepthCamera,
-    world_from_bodies: Vec<Pose3>,
 }
 
 /// One environment in its current episode.
 struct Running {
     id: EnvironmentId,
     environment: Environment,
-    /// What its camera has seen stand still.
-    backdrop: Backdrop,
     episode: u32,
     /// What the last exchange did.
     transition: Transition,
@@ -67,16 +65,10 @@ impl Environments {
                 let environment = programme
                     .environment(kitchen, id, config)
                     .with_context(|| format!("cannot set up environment {} of kitchen {kitchen_id}", id.number))?;
-                Ok(Running {
-                    id,
-                    environment,
-                    backdrop: Backdrop::new(),
-                    episode: 0,
-                    transition: Transition::default(),
-                })
+                Ok(Running { id, environment, episode: 0, transition: Transition::default() })
             })
             .collect::<Result<_>>()?;
-        Ok(Self { running, programme, camera: DepthCamera::new(kitchen.bodies()), world_from_bodies: Vec::new() })
+        Ok(Self { running, programme, camera: DepthCamera::new(kitchen.bodies()) })
     }
 
     /// Triangles that the camera has to choose from.
@@ -134,11 +126,8 @@ impl Environments {
         let running = &mut self.running[index];
         whereabouts::enter(running.id, running.episode);
         let current = running.environment.current();
-        running.environment.world_from_bodies(&mut self.world_from_bodies);
-        let world_from_camera = running.environment.world_from_camera();
-        let (camera, poses, backdrop) = (&mut self.camera, &self.world_from_bodies, &mut running.backdrop);
         shm::write_observation(slot, index as u32, running.transition, current, |frame| {
-            camera.render_over(backdrop, poses, world_from_camera, FRAME_SIDE, frame)
+            running.environment.look_into(&mut self.camera, FRAME_SIDE, frame)
         });
     }
 }

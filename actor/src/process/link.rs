@@ -2,13 +2,13 @@
 
 use super::shm;
 use anyhow::{Context, Result, anyhow};
-use proto::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
-use proto::wire::{
+use std::mem::MaybeUninit;
+use std::time::Duration;
+use wire::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
+use wire::{
     ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, RestoreSubscriber, UpdateConnections,
     Wakeup, Wire, WireAddress, WireShape,
 };
-use std::mem::MaybeUninit;
-use std::time::Duration;
 
 /// A received restore.
 type Restore = iceoryx2::sample::Sample<Ipc, [EnvironmentState], RestoreHeader>;

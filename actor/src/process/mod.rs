@@ -18,18 +18,18 @@ pub mod protocol;
 mod shm;
 pub mod whereabouts;
 
-use crate::kitchen::source;
 use anyhow::{Context, Result};
 use environments::Environments;
 use link::Link;
 use proto::config::Config;
-use proto::fault;
 use proto::kitchen::KitchenId;
-use proto::wire::{WireAddress, WireShape};
 use protocol::{Protocol, Todo, Verdict};
+use simulator::source;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
+use wire::fault;
+use wire::{WireAddress, WireShape};
 
 /// What a rollout actor is told on its command line.
 #[derive(Debug, Clone)]

@@ -13,15 +13,15 @@
 //! Everything is idempotent because every message names its exchange: a duplicate, a batch of another learner
 //! incarnation or one for another step changes nothing.
 
-use proto::message::{ActionHeader, Halves, ObservationHeader, RestoreHeader, observation_kind};
 use std::time::Duration;
+use wire::message::{ActionHeader, Halves, ObservationHeader, RestoreHeader, observation_kind};
 
 /// Time between two HELLOs while nobody has answered.
-pub const HELLO_INTERVAL: Duration = Duration::from_millis(200);
+const HELLO_INTERVAL: Duration = Duration::from_millis(200);
 /// Time until an observation that reached nobody is sent again.
-pub const RESEND_INTERVAL: Duration = Duration::from_millis(50);
+const RESEND_INTERVAL: Duration = Duration::from_millis(50);
 /// Longest single wait for a message. Every message rings, but its sender can be killed before it does.
-pub const WAIT_MAX: Duration = Duration::from_millis(250);
+const WAIT_MAX: Duration = Duration::from_millis(250);
 
 /// What the shell does next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,7 +71,7 @@ struct HalfState {
 
 /// The state of the conversation with the learner. Times are measured from any fixed moment.
 #[derive(Debug, Clone)]
-pub struct Protocol {
+pub(crate) struct Protocol {
     actor: u32,
     incarnation: u32,
     halves: Halves,
@@ -107,7 +107,7 @@ impl Protocol {
 
     /// A restore has arrived with `states` environment states. If accepted, the shell rebuilds the environments
     /// before it asks for anything else.
-    pub fn on_restore(&mut self, header: &RestoreHeader, states: usize, now: Duration) -> Verdict {
+    pub(crate) fn on_restore(&mut self, header: &RestoreHeader, states: usize, now: Duration) -> Verdict {
         if header.actor_incarnation != 0 && header.actor_incarnation != self.incarnation {
             return Verdict::Ignored("it is for another incarnation of this actor");
         }
@@ -140,7 +140,7 @@ impl Protocol {
 
     /// An action batch has arrived with `actions` actions. If accepted, the shell keeps them until it is told to
     /// [`Todo::Act`].
-    pub fn on_actions(&mut self, header: &ActionHeader, actions: usize) -> Verdict {
+    pub(crate) fn on_actions(&mut self, header: &ActionHeader, actions: usize) -> Verdict {
         if self.learner_incarnation != Some(header.learner_incarnation) {
             return Verdict::Ignored("they come from another learner incarnation");
         }
@@ -183,7 +183,7 @@ impl Protocol {
     }
 
     /// A HELLO went out.
-    pub fn hello_sent(&mut self, now: Duration) {
+    pub(crate) fn hello_sent(&mut self, now: Duration) {
         self.hello_due = now + HELLO_INTERVAL;
     }
 
@@ -208,7 +208,7 @@ impl Protocol {
     }
 
     /// Header of a HELLO.
-    pub fn hello_header(&self) -> ObservationHeader {
+    pub(crate) fn hello_header(&self) -> ObservationHeader {
         ObservationHeader {
             kind: observation_kind::HELLO,
             actor: self.actor,
@@ -221,7 +221,7 @@ impl Protocol {
     ///
     /// # Panics
     /// If no restore has been accepted yet.
-    pub fn observation_header(&self, half: u32) -> ObservationHeader {
+    pub(crate) fn observation_header(&self, half: u32) -> ObservationHeader {
         let state = self.half[half as usize];
         ObservationHeader {
             step: state.step,

@@ -1,14 +1,12 @@
 //! Observations written where they lie in shared memory. The only unsafe code of the process.
 
-use proto::message::{Current, Observation, ObservationHeader, Transition};
-use proto::wire::Ipc;
-use std::mem::{MaybeUninit, offset_of};
+use proto::step::{Current, Transition};
+use std::mem::MaybeUninit;
 use std::ptr::{addr_of_mut, slice_from_raw_parts_mut};
+use wire::Ipc;
+use wire::message::{Observation, ObservationHeader};
 
-/// Where the fields of a [`Current`] end. Four bytes of padding follow, which aligns its 64-bit hash.
-const CURRENT_END: usize = offset_of!(Current, reserved) + size_of::<u32>();
-
-/// Fills one observation in place, its padding with zeros. `render` is given the depth frame, row-major, and must write every pixel: it
+/// Fills one observation in place, every byte of it. `render` is given the depth frame, row-major, and must write every pixel: it
 /// returns the written slice as proof.
 ///
 /// # Panics
@@ -25,18 +23,14 @@ pub fn write_observation(
     // through a raw pointer, without a reference to anything that is not initialised yet.
     unsafe {
         addr_of_mut!((*observation).transition).write(transition);
-        let to = addr_of_mut!((*observation).current);
-        to.write(current);
-        // What a typed write leaves in padding is anybody's guess, and would make equal observations differ. So this
-        // comes after it.
-        to.cast::<u8>().add(CURRENT_END).write_bytes(0, size_of::<Current>() - CURRENT_END);
+        addr_of_mut!((*observation).current).write(current);
         addr_of_mut!((*observation).environment).write(environment);
-        addr_of_mut!((*observation).reserved).write([0; 5]);
+        addr_of_mut!((*observation).reserved).write([0; 13]);
     }
     // SAFETY: the frame lies inside the slot, and MaybeUninit pixels need no initial value.
     let frame = unsafe {
         let pixels = addr_of_mut!((*observation).depth_mm).cast::<MaybeUninit<u16>>();
-        &mut *slice_from_raw_parts_mut(pixels, proto::message::FRAME_PIXELS)
+        &mut *slice_from_raw_parts_mut(pixels, proto::camera::FRAME_PIXELS)
     };
     let (start, length) = (frame.as_ptr().cast::<u16>(), frame.len());
     let written = render(frame);

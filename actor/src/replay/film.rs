@@ -4,17 +4,17 @@
 //! for the whole way.
 
 use super::picture::Sink;
-use crate::depth::DepthCamera;
-use crate::environment::Environment;
 use crate::picture::{Moment, Storyboard, Task, Words};
 use anyhow::Result;
 use proto::action::Action;
 use proto::episode::EnvironmentId;
 use proto::kitchen::TargetCategory;
-use proto::message::{Transition, transition_flag};
 use proto::replay::{ImageFormat, ReplayImages};
 use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::step::{Transition, transition_flag};
 use rapier3d::math::{Pose3, Vec3};
+use simulator::depth::DepthCamera;
+use simulator::environment::Environment;
 use std::path::Path;
 
 /// Who played the episode: its name, without target and outcome.

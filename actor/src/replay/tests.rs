@@ -1,22 +1,16 @@
 //! Episodes as `actor replay` is given them.
 
 use super::*;
-use proto::message::Current;
+use proto::evaluation::{EvaluationConfig, ObjectSet};
+use proto::kitchen::Split;
 use proto::replay::ImageFormat;
+use proto::step::Current;
 
 /// An evaluation of one novel episode a kitchen, or a run.
 fn config(evaluation: bool) -> Config {
     let mut config = Config::default();
     if evaluation {
-        config.evaluation = Some(proto::evaluation::EvaluationConfig {
-            split: proto::kitchen::Split::Test,
-            objects: proto::evaluation::ObjectSet::Novel,
-            episodes: 6,
-            distribution: proto::evaluation::Distribution::Fixed,
-            scene_targets: vec![],
-            deterministic: false,
-            checkpoint: None,
-        });
+        config.evaluation = Some(EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 6));
         config.actors = proto::config::ActorsConfig { count: 5, environments_per_actor: 1 };
     }
     config

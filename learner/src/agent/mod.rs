@@ -23,8 +23,8 @@ use crate::ppo::lagrangian::ascend;
 use crate::ppo::preemption::ends_early;
 use crate::ppo::update::{Update, UpdateError};
 use crate::rollout::{Rollout, Step};
+use proto::camera::FRAME_PIXELS;
 use proto::config::Config;
-use proto::message::FRAME_PIXELS;
 use proto::reward::RewardKind;
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
@@ -291,7 +291,7 @@ impl Agent {
     /// Trains on the rollout and ends it. `progress` is how far the learning rate has fallen; `rollout` its number, for the
     /// error's text. After an error the rollout is still there to be looked at or abandoned.
     ///
-    /// Figures: [`proto::control::metric`] from `loss/policy` on, and the auxiliary task's as `auxiliary/…`.
+    /// Figures: [`proto::metric`] from `loss/policy` on, and the auxiliary task's as `auxiliary/…`.
     ///
     /// # Panics
     /// When an action's outcome or a column's bootstrap value is missing.

@@ -1,4 +1,5 @@
-//! Auxiliary tasks: what the belief is asked besides policy and value (SPEC section 4). One at a time.
+//! Auxiliary tasks: predictions from the belief besides policy and value (`docs/method.md`, Auxiliary tasks). A run
+//! trains at most one.
 //!
 //! A task declares its own parameters, is given embeddings, beliefs and packing of a training pass and the queries to
 //! answer, and answers with a loss. Queries are chosen, and counted, over the whole rollout beforehand, so that passes

@@ -1,18 +1,16 @@
 //! Checkpoints: all that a run needs to go on as if it had never stopped.
 //!
 //! A checkpoint is two files in `RUN/checkpoints/`: `rollout-K.safetensors` ([`tensors`]) and, written after it,
-//! `rollout-K.json` ([`manifest`]), which holds the hash of the first and of itself. Each is written beside its place,
+//! `rollout-K.json` ([`proto::checkpoint::Manifest`]), which holds the hash of the first and of itself. Each is written beside its place,
 //! flushed to the disk and renamed, so at every moment the newest complete checkpoint is a good one. [`store`] writes,
 //! finds, verifies and prunes them; [`part`] is about several learners.
 
-mod manifest;
 mod part;
 mod store;
 mod tensors;
 #[cfg(test)]
 mod tests;
 
-pub use manifest::{Machine, Manifest, ManifestError, sha256};
 pub use part::Part;
 pub use store::{CheckpointError, Loaded, Rejected, Store, read};
 pub use tensors::{TensorsError, decode_tensors, encode_tensors};

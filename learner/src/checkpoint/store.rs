@@ -1,11 +1,12 @@
 //! Where checkpoints are kept: writing, finding the newest good one, deleting the old.
 
 use super::Snapshot;
-use super::manifest::{Machine, Manifest, ManifestError, sha256};
 use super::tensors::{self, TensorsError};
 use crate::agent::AgentState;
+use proto::checkpoint::{Machine, Manifest};
 use proto::config::StageConfig;
-use proto::run_folder::{RunFolder, write_atomically};
+use proto::digest::sha256;
+use proto::run_folder::{RolloutName, RunFolder, write_atomically};
 use proto::stage::position_at;
 use std::path::{Path, PathBuf};
 
@@ -115,7 +116,7 @@ impl Store {
     /// Writes a checkpoint, then deletes those that need not be kept. Returns the manifest's path relative to the run
     /// folder. After an error everything that was there before is still there.
     pub fn save(&self, snapshot: &Snapshot) -> Result<String, CheckpointError> {
-        proto::fault::reach("learner.before_checkpoint");
+        wire::fault::reach("learner.before_checkpoint");
         let folder = self.run.checkpoints();
         std::fs::create_dir_all(&folder).map_err(|cause| CheckpointError::Folder { path: folder.clone(), cause })?;
         let tensors_path = self.run.checkpoint_tensors(snapshot.rollout);
@@ -141,9 +142,9 @@ impl Store {
             manifest_sha256: String::new(),
         };
         write(&tensors_path, &bytes)?;
-        proto::fault::reach("learner.after_tensors");
+        wire::fault::reach("learner.after_tensors");
         write(&manifest_path, &manifest.seal())?;
-        proto::fault::reach("learner.after_manifest");
+        wire::fault::reach("learner.after_manifest");
         self.prune(snapshot.rollout);
         Ok(relative(&self.run, &manifest_path))
     }
@@ -181,14 +182,14 @@ impl Store {
     }
 
     fn manifest(&self, rollout: u64) -> Result<Manifest, String> {
-        read_manifest(&self.run.checkpoint_manifest(rollout))
+        Manifest::read(&self.run.checkpoint_manifest(rollout)).map_err(|cause| cause.to_string())
     }
 
     /// Rollouts that have a manifest, ascending.
     fn rollouts(&self) -> std::io::Result<Vec<u64>> {
         let mut rollouts = vec![];
         for entry in std::fs::read_dir(self.run.checkpoints())? {
-            rollouts.extend(rollout_of(&entry?.path(), "json"));
+            rollouts.extend(RolloutName::Manifest.rollout_of(&entry?.path()));
         }
         rollouts.sort_unstable();
         Ok(rollouts)
@@ -233,8 +234,9 @@ impl Store {
         let Ok(entries) = std::fs::read_dir(self.run.checkpoints()) else { return };
         for path in entries.filter_map(|entry| entry.ok().map(|entry| entry.path())) {
             let temporary = path.extension().is_some_and(|extension| extension == "partial");
-            let orphan =
-                rollout_of(&path, "safetensors").is_some_and(|rollout| !self.run.checkpoint_manifest(rollout).exists());
+            let orphan = RolloutName::Tensors
+                .rollout_of(&path)
+                .is_some_and(|rollout| !self.run.checkpoint_manifest(rollout).exists());
             if temporary || orphan {
                 let _ = std::fs::remove_file(&path);
             }
@@ -244,15 +246,10 @@ impl Store {
 
 /// Reads the checkpoint with this manifest, wherever it lies, and verifies it.
 pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
-    let manifest =
-        read_manifest(manifest_path).map_err(|reason| Rejected { path: manifest_path.to_path_buf(), reason })?;
+    let manifest = Manifest::read(manifest_path)
+        .map_err(|cause| Rejected { path: manifest_path.to_path_buf(), reason: cause.to_string() })?;
     let tensors_path = manifest_path.with_file_name(&manifest.tensors);
     Ok((tensors_of(&manifest, &tensors_path)?, manifest))
-}
-
-fn read_manifest(path: &Path) -> Result<Manifest, String> {
-    let bytes = std::fs::read(path).map_err(|cause| format!("cannot be read: {cause}"))?;
-    Manifest::open(&bytes).map_err(|cause: ManifestError| cause.to_string())
 }
 
 /// The state in the tensor file that a manifest speaks of.
@@ -284,13 +281,6 @@ fn write(path: &Path, content: &[u8]) -> Result<(), CheckpointError> {
 /// Bytes that this process may still write to the file system of a folder.
 fn free_bytes(folder: &Path) -> Option<u64> {
     rustix::fs::statvfs(folder).ok().map(|status| status.f_bavail * status.f_frsize)
-}
-
-fn rollout_of(path: &Path, extension: &str) -> Option<u64> {
-    if path.extension()? != extension {
-        return None;
-    }
-    path.file_stem()?.to_str()?.strip_prefix("rollout-")?.parse().ok()
 }
 
 fn file_name(path: &Path) -> String {

@@ -12,10 +12,11 @@
 
 use crate::collector::{Boundary, RunningEpisode};
 use crate::network::Unfit;
-use proto::message::{EnvironmentState, MAX_EPISODE_STEPS};
+use proto::episode::MAX_EPISODE_STEPS;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::BTreeMap;
 use tch::{Kind, Tensor};
+use wire::message::EnvironmentState;
 
 const EPISODE: &str = "environment.episode";
 const ACTION_COUNT: &str = "environment.action_count";

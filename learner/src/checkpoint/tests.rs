@@ -4,13 +4,14 @@
 use super::*;
 use crate::collector::RunningEpisode;
 use proptest::prelude::*;
+use proto::checkpoint::{Machine, Manifest};
 use proto::config::{CarriedGoal, StageConfig};
-use proto::message::EnvironmentState;
 use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use tch::{Kind, Tensor};
+use wire::message::EnvironmentState;
 
 fn machine() -> Machine {
     Machine { torch: "2.11.0".into(), device: "cpu".into(), threads: 2, arithmetic: "avx2".into(), learners: 1 }

@@ -2,8 +2,8 @@
 
 use proto::episode::EnvironmentId;
 use proto::kitchen::Kitchens;
-use proto::message::Halves;
 use std::ops::Range;
+use wire::message::Halves;
 
 /// The environments of one learner, as columns: column n = a · E + e for actor a and its environment e.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

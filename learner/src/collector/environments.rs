@@ -4,8 +4,9 @@ use super::column_map::ColumnMap;
 use super::statistics::{RolloutStatistics, RunningEpisode};
 use crate::agent::Outcome;
 use proto::action::{Action, HOLD, NO_ACTION};
-use proto::message::{Current, EnvironmentState, Transition, current_flag, transition_flag};
 use proto::reward::RewardKind;
+use proto::step::{Current, Transition, current_flag, transition_flag};
+use wire::message::EnvironmentState;
 
 /// The reward in force.
 #[derive(Debug, Clone, Copy, PartialEq)]

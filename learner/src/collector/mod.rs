@@ -27,13 +27,12 @@ use crate::agent::{Outcome, StepInput};
 use crate::network::goal_vector_m;
 use exchange::{Arrival, Half};
 use proto::action::HOLD;
+use proto::camera::FRAME_PIXELS;
 use proto::config::CarriedGoal;
 use proto::episode::EnvironmentId;
-use proto::message::{
-    ActionHeader, Current, EnvironmentState, FRAME_PIXELS, ObservationHeader, RestoreHeader, Transition, current_flag,
-    observation_kind,
-};
 use proto::stage::RolloutShape;
+use proto::step::{Current, Transition, current_flag};
+use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, observation_kind};
 
 /// One actor's observations of one half, in the order of [`ColumnMap::half`].
 pub trait HalfSample {

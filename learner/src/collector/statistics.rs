@@ -1,9 +1,9 @@
 //! What a rollout says about the episodes that ended in it.
 
 use crate::peers::{PeerError, Peers};
-use proto::control::metric;
-use proto::message::{Transition, transition_flag};
+use proto::metric;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
+use proto::step::{Transition, transition_flag};
 use std::collections::BTreeMap;
 
 /// Figures of an episode in progress that its last transition does not tell. Saved in checkpoints, so that metrics go

@@ -7,8 +7,8 @@ use super::*;
 use environment::{FakeEnvironment, mix};
 use proptest::prelude::*;
 use proto::config::CarriedGoal;
-use proto::message::transition_flag;
 use proto::reward::RewardKind;
+use proto::step::transition_flag;
 use std::collections::VecDeque;
 
 const SEED: u64 = 5;

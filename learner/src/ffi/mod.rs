@@ -9,7 +9,7 @@ pub mod library;
 pub mod nccl;
 pub mod warnings;
 
-use proto::message::FRAME_PIXELS;
+use proto::camera::FRAME_PIXELS;
 use std::ffi::{c_char, c_int};
 use tch::{Device, Kind, TchError, Tensor};
 

@@ -1,5 +1,5 @@
-//! The original baseline's encoder: three convolutions without padding (SPEC section 3). No rectifier follows the
-//! third, as in the reference.
+//! The original baseline's encoder: three convolutions without padding (`docs/method.md`, Network). No rectifier
+//! follows the third, as in the reference.
 
 use super::layers::{Convolution, Linear};
 use super::parameters::{Layout, Parameters};

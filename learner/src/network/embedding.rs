@@ -5,7 +5,7 @@ use super::layers::Linear;
 use super::parameters::{Layout, ParameterId, Parameters};
 use proto::action::{Action, ActionSpace, NO_ACTION};
 use proto::config::{CarriedGoal, GoalCoordinates};
-use proto::message::{Current, current_flag};
+use proto::step::{Current, current_flag};
 use std::f64::consts::{FRAC_PI_2, PI};
 use tch::Tensor;
 

@@ -5,10 +5,10 @@
 //! 16-bit numbers over 1, 4 or 16 pixels is exact in f32, so the CPU's and the GPU's way give the same bits.
 
 use crate::ffi;
-use proto::message::{FRAME_PIXELS, FRAME_SIDE};
+use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use tch::{Device, Kind, Tensor};
 
-/// Subtracted from a depth in metres before division (SPEC section 1).
+/// Subtracted from a depth in metres before the division (`docs/method.md`, Observation).
 const MEAN_M: f64 = 0.5;
 /// Divides a depth in metres.
 const DEVIATION_M: f64 = 0.25;

@@ -1,5 +1,5 @@
-//! The network: visual encoder, goal and action embeddings, belief, actor and critic (SPEC section 3; Ni et al.
-//! section 3.1 and appendix B).
+//! The network: visual encoder, goal and action embeddings, belief, actor and critic (`docs/method.md`, Network; Ni et
+//! al. section 3.1 and appendix B).
 //!
 //! Modules hold parameter ids and shapes; all tensors live in [`Parameters`]. A forward pass is two calls: what an
 //! observation alone says ([`Network::embed`]), then what the belief makes of it.

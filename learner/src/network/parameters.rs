@@ -5,7 +5,7 @@
 //! hundred small ones, and a snapshot of the network is one copy.
 
 use super::initialize::Initial;
-use crate::hex::hex;
+use proto::digest::hex;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::ops::Index;

@@ -12,7 +12,7 @@ use crate::optimizer::{Adam, clip, norm};
 use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use proto::config::{AuxiliaryConfig, PpoConfig};
-use proto::control::metric;
+use proto::metric;
 use std::collections::BTreeMap;
 use tch::Tensor;
 

@@ -20,7 +20,7 @@ use crate::peers::Peers;
 use crate::ppo::update::{Look, SCALARS, Update, UpdateError};
 use batch::Batch;
 use proto::config::{Config, ConfigError, DeviceChoice, Setting};
-use proto::control::metric;
+use proto::metric;
 use proto::run_folder::write_atomically;
 use std::collections::BTreeMap;
 use std::io::Write;

@@ -1,8 +1,8 @@
 //! What the orchestrator allows: the newest stage announcement.
 
 use proto::config::StageConfig;
-use proto::message::{StageAnnouncement, directive};
 use proto::stage::position_at;
+use wire::message::{StageAnnouncement, directive};
 
 /// The newest announcement heard.
 #[derive(Debug, Clone, Copy, Default)]

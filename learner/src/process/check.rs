@@ -2,24 +2,11 @@
 
 use super::machine::{TORCH_VERSION, machine, torch_library, torch_version};
 use anyhow::{Result, bail};
-use serde::Serialize;
+use proto::device::Torch;
 use std::io::Write;
 use tch::{Cuda, Device, Kind, Tensor};
 
-/// What `learner check` prints: one line of JSON.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Report {
-    /// Version of libtorch.
-    pub torch: String,
-    /// Path of the loaded library.
-    pub library: String,
-    /// Devices it can compute on; the first CUDA device comes before the CPU.
-    pub devices: Vec<String>,
-    /// The CPU's arithmetic: `reproducible`, or the instruction set of libtorch's kernels.
-    pub arithmetic: String,
-}
-
-/// Looks at the libtorch that is loaded, lets it compute something, and prints a [`Report`].
+/// Looks at the libtorch that is loaded, lets it compute something, and prints what it is.
 pub fn check(mut output: impl Write) -> Result<()> {
     let library = torch_library().map_or_else(|| "unknown".to_owned(), |path| path.display().to_string());
     match torch_version() {
@@ -41,7 +28,7 @@ pub fn check(mut output: impl Write) -> Result<()> {
     }
     devices.push("cpu".to_owned());
     let machine = machine(Device::Cpu, 1, 1);
-    let report = Report { torch: machine.torch, library, devices, arithmetic: machine.arithmetic };
-    writeln!(output, "{}", serde_json::to_string(&report)?)?;
+    let torch = Torch { version: machine.torch, library, devices, arithmetic: machine.arithmetic };
+    writeln!(output, "{}", serde_json::to_string(&torch)?)?;
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! Events to the orchestrator: one JSON object a line on standard output, flushed each.
 
 use super::stop::OrchestratorGone;
-use proto::control::LearnerEvent;
+use proto::event::LearnerEvent;
 use std::io::Write;
 
 /// The writing end of the control line.

@@ -4,16 +4,16 @@
 use super::announcements::Announcements;
 use super::column_map;
 use super::control::Control;
+use super::link::{Ports, Sample};
 use super::stop::{OrchestratorGone, Stop};
-use super::wire::{Ports, Sample};
 use crate::collector::{Boundary, Collector, Received, Settings};
 use anyhow::Result;
 use proto::config::Config;
-use proto::control::LearnerEvent;
-use proto::wire::Waiting;
+use proto::event::LearnerEvent;
 use std::io::Write;
 use std::ops::Range;
 use std::time::{Duration, Instant};
+use wire::Waiting;
 
 /// Longest sleep without a look around. Whatever is waited for rings, but a process can be killed before it does.
 const LOOK: Duration = Duration::from_millis(250);

@@ -4,8 +4,8 @@
 //! A learner that is started again begins again: the same weights, episodes and noise give the same records.
 
 use super::conversation::{Conversation, Speaker};
+use super::link::Ports;
 use super::stop::{OrchestratorGone, Stop};
-use super::wire::Ports;
 use super::{column_map, weights};
 use crate::agent::Agent;
 use crate::collector::{Boundary, Reward, Task};
@@ -13,14 +13,14 @@ use crate::device;
 use crate::evaluation::Examination;
 use anyhow::{Result, bail};
 use proto::config::Config;
-use proto::control::LearnerEvent;
-use proto::fault;
+use proto::event::LearnerEvent;
 use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
 use proto::stage::RolloutShape;
-use proto::wire::{WireAddress, WireShape};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use wire::fault;
+use wire::{WireAddress, WireShape};
 
 /// This machine's learner is the only one.
 const RANK: u32 = 0;

@@ -4,11 +4,12 @@
 use super::lock::{self, Lock};
 use super::{column_map, machine};
 use crate::agent::{Agent, OtherSign};
-use crate::checkpoint::{Manifest, Snapshot, Store, decode_tensors};
+use crate::checkpoint::{Snapshot, Store, decode_tensors};
 use crate::collector::Boundary;
 use crate::import::{Naming, how_to_convert};
 use crate::{device, import};
 use anyhow::{Context, Result, bail};
+use proto::checkpoint::Manifest;
 use proto::config::{CarriedGoal, Config, NetworkConfig};
 use proto::run_folder::RunFolder;
 use std::io::Write;

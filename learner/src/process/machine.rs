@@ -1,7 +1,7 @@
 //! What this process computes with: the things that the last bits of a result depend on.
 
-use crate::checkpoint::Machine;
 use crate::ffi::arithmetic;
+use proto::checkpoint::Machine;
 use std::path::{Path, PathBuf};
 use tch::Device;
 

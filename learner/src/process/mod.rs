@@ -9,12 +9,12 @@ mod control;
 mod conversation;
 mod evaluation;
 mod import;
+mod link;
 mod lock;
 mod machine;
 mod stop;
 mod training;
 mod weights;
-mod wire;
 
 pub use check::check;
 pub use evaluation::{EvaluationArguments, evaluate};
@@ -28,17 +28,17 @@ use crate::device;
 use crate::peers::{PeerError, Peers};
 use anyhow::{Context, Result, bail, ensure};
 use conversation::{Conversation, Speaker};
+use link::Ports;
 use lock::Lock;
 use proto::config::{Config, FromConfig};
-use proto::control::LearnerEvent;
+use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
-use proto::wire::{WireAddress, WireShape};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use stop::OrchestratorGone;
 use training::Training;
-use wire::Ports;
+use wire::{WireAddress, WireShape};
 
 /// What a learner is started with.
 #[derive(Debug, Clone)]
@@ -98,7 +98,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
 }
 
 /// Whether an error is about a number that is not finite: the process then ends with
-/// [`proto::control::EXIT_NON_FINITE`].
+/// [`proto::exit::EXIT_NON_FINITE`].
 pub fn is_non_finite(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.is::<NonFinite>()
@@ -108,7 +108,7 @@ pub fn is_non_finite(error: &anyhow::Error) -> bool {
 }
 
 /// Whether an error is that another learner is gone
-/// or cannot go on: the process then ends with [`proto::control::EXIT_LOST_PEERS`].
+/// or cannot go on: the process then ends with [`proto::exit::EXIT_LOST_PEERS`].
 pub fn is_of_peers(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         let peers = cause.downcast_ref().or(match cause.downcast_ref() {

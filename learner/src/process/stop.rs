@@ -1,10 +1,9 @@
 //! Why a learner stops before its budget is reached.
 
 use anyhow::{Context, Result};
-use proto::lifeline;
-use proto::wire::ThreadBell;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
+use wire::{ThreadBell, lifeline};
 
 /// Why to save and leave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

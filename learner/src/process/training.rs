@@ -12,13 +12,14 @@ use crate::optimizer::learning_rate_progress;
 use crate::peers::PeerError;
 use anyhow::{Context, Result};
 use proto::config::Config;
-use proto::control::{LearnerEvent, Timing, metric};
-use proto::fault;
+use proto::event::{LearnerEvent, Timing};
+use proto::metric;
 use proto::reward::RewardKind;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::stage::{RolloutShape, StagePosition, position_at};
 use std::io::Write;
 use std::time::{Duration, Instant};
+use wire::fault;
 
 /// Longest wait for a rollout's announcement.
 const ANNOUNCEMENT_DEADLINE: Duration = Duration::from_mins(1);

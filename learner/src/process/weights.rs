@@ -1,8 +1,9 @@
 //! Weights of another run's checkpoint.
 
 use crate::agent::Agent;
-use crate::checkpoint::{self, Manifest};
+use crate::checkpoint;
 use anyhow::{Context, Result, bail};
+use proto::checkpoint::Manifest;
 use std::path::Path;
 
 /// Loads the weights of the checkpoint with this manifest, and nothing else of it.

@@ -12,9 +12,9 @@ use learner::ppo::gae;
 use learner::ppo::loss::{Experience, terms};
 use learner::rollout::{Rollout, Step};
 use proto::config::{GoalCoordinates, LagrangianConfig};
-use proto::message::Transition;
 use proto::reward::{RewardKind, RewardParts};
 use proto::stage::RolloutShape;
+use proto::step::Transition;
 use std::collections::BTreeMap;
 use tch::{Device, Kind, Tensor};
 

@@ -8,7 +8,7 @@ use learner::network::Network;
 use learner::ppo::update::SCALARS;
 use proto::action::ActionSpace;
 use proto::config::{AuxiliaryTask, Config, Encoder, EncoderPrecision};
-use proto::control::metric;
+use proto::metric;
 use std::collections::BTreeMap;
 use std::process::Command;
 use tch::{Device, Kind, Tensor};

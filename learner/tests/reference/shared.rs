@@ -1,7 +1,7 @@
 //! What the script and the tests share: numbers that both make, and how ours are compared with its.
 
 use learner::network::RawFrame;
-use proto::message::{FRAME_PIXELS, FRAME_SIDE};
+use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use std::collections::BTreeMap;
 use std::path::Path;
 use tch::{Kind, Tensor};

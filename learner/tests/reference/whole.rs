@@ -4,7 +4,7 @@ use crate::shared::{assert_close, assert_probes, doubles, fixture, weight_values
 use crate::world::{World, small_config, weights_of};
 use learner::agent::{Agent, StepOutput};
 use learner::ppo::update::SCALARS;
-use proto::control::metric;
+use proto::metric;
 use tch::{Device, Tensor};
 
 /// Acting, advantages, losses, auxiliary task, passes, clipping, Adam and schedule together, over two rollouts.

@@ -3,8 +3,9 @@
 
 use proto::action::{Action, HOLD, NO_ACTION};
 use proto::episode::EnvironmentId;
-use proto::message::{Current, EnvironmentState, Transition, current_flag, transition_flag};
 use proto::reward::RewardParts;
+use proto::step::{Current, Transition, current_flag, transition_flag};
+use wire::message::EnvironmentState;
 
 /// `SplitMix64` over a list of words.
 pub fn mix(words: impl IntoIterator<Item = u64>) -> u64 {
@@ -104,7 +105,7 @@ impl FakeEnvironment {
             wrist_position_m: [0.0; 3],
             target_position_m: [0.0; 3],
             goal_position_m: [0.0; 3],
-            reserved: 0,
+            reserved: [0; 2],
         }
     }
 }

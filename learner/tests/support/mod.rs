@@ -7,13 +7,11 @@ pub mod environment;
 
 use environment::{FakeEnvironment, mix};
 use proto::config::{Config, StageConfig};
-use proto::control::LearnerEvent;
 use proto::episode::EnvironmentId;
-use proto::message::{Halves, ObservationHeader, StageAnnouncement, directive, observation_kind};
+use proto::event::LearnerEvent;
 use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
 use proto::stage::{position_at, total_frames};
-use proto::wire::{Announcer, ObservationPublisher, Wire, WireAddress, WireHost, WireShape};
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -21,6 +19,8 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use wire::message::{Halves, ObservationHeader, StageAnnouncement, directive, observation_kind};
+use wire::{Announcer, ObservationPublisher, Wire, WireAddress, WireHost, WireShape};
 
 /// Longest that one learner process may take.
 const DEADLINE: Duration = Duration::from_mins(2);
@@ -124,7 +124,7 @@ impl Scene {
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
         if let Plan::Fault(point) = plan {
-            command.env(proto::fault::VARIABLE, point);
+            command.env(wire::fault::VARIABLE, point);
         }
         let mut child = command.spawn().unwrap();
         let mut lifeline = child.stdin.take();

@@ -1,11 +1,12 @@
 //! `orchestrator doctor`: everything that `up` would check, all of it, as a table.
 
 use super::overrides::{Overrides, default_preset};
-use crate::preflight::{Finding, device, disk, libtorch, memory, processor, programs, shared_memory};
+use crate::preflight::{Finding, device, disk, memory, processor, programs, shared_memory};
 use crate::remains::survey;
 use crate::terminal;
 use crate::{format, scenes, session};
 use anyhow::Result;
+use proto::device::Torch;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -52,7 +53,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         }
     };
     if let Some(torch) = &torch {
-        let libtorch::Torch { version, library, devices, arithmetic } = torch;
+        let Torch { version, library, devices, arithmetic } = torch;
         let text = format!("{version} from {library}, {arithmetic} on the CPU");
         table.row("libtorch", Finding::Good(text));
         table.row("devices", Finding::Good(devices.join(", ")));

@@ -228,7 +228,7 @@ fn asked(
     let distribution = match args.distribution {
         Some(DistributionChoice::Fixed) => Distribution::Fixed,
         Some(DistributionChoice::Run) => Distribution::Run,
-        None => Distribution::default_of(&run.episode, split),
+        None => run.episode.default_distribution(split),
     };
     ensure!(
         distribution == Distribution::Run || split != Split::Train,
@@ -356,15 +356,7 @@ mod tests {
 
     #[test]
     fn all_environments_have_as_many_episodes_and_all_cores_are_used() {
-        let asked = |episodes, objects| EvaluationConfig {
-            split: Split::Test,
-            objects,
-            episodes,
-            distribution: Distribution::Fixed,
-            scene_targets: Vec::new(),
-            deterministic: false,
-            checkpoint: None,
-        };
+        let asked = |episodes, objects| EvaluationConfig::fixed(Split::Test, objects, episodes);
         assert_eq!(shape(&asked(0, ObjectSet::Novel), None, None, 16), (15, 30));
         assert_eq!(shape(&asked(0, ObjectSet::All), None, None, 16), (15, 30));
         assert_eq!(shape(&asked(0, ObjectSet::Novel), None, None, 2), (5, 30));

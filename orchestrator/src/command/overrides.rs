@@ -1,10 +1,10 @@
 //! Options that `up`, `import`, `config` and `doctor` share: what the user lays over a preset. Each lies over those before
 //! it: preset, `--config`, `--set`, the other flags.
 
-use crate::preflight::libtorch::Torch;
 use anyhow::{Context, Result};
 use clap::Args;
 use proto::config::{Config, Setting};
+use proto::device::Torch;
 use proto::stage::scale_to;
 use std::path::PathBuf;
 

@@ -14,10 +14,10 @@ use crate::terminal;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
-use proto::wire::WireAddress;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
+use wire::WireAddress;
 
 /// How long actors may take to notice that their orchestrator is gone.
 const ACTORS_LEAVE: Duration = Duration::from_secs(5);

@@ -9,7 +9,7 @@ use crate::sitting::EXIT_INTERRUPTED;
 use crate::suite::{Outcome, Suite, SuiteFolder, lines, run as work};
 use crate::terminal;
 use anyhow::{Context, Result, ensure};
-use proto::control::VISIBLE_DEVICES;
+use proto::device::VISIBLE_DEVICES;
 use report::Options;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -1,13 +1,14 @@
 //! `orchestrator up`: a new run.
 
 use super::overrides::{Overrides, default_preset};
-use crate::evaluation::subject::{Found, Provenance, find, network_differences};
+use crate::evaluation::subject::{Found, find, network_differences, read_manifest};
 use crate::format;
 use crate::identity::{Held, Identity, RunLock, holder, is_evaluation, unix_now};
 use crate::scenes;
 use crate::session::{Session, Tools, preflight};
 use crate::terminal;
 use anyhow::{Context, Result, bail};
+use proto::checkpoint::Manifest;
 use proto::config::{Config, FromConfig};
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::stage::total_frames;
@@ -80,7 +81,7 @@ fn begin_from(found: &Found, config: &Config) -> Result<FromConfig> {
     if !differences.is_empty() {
         bail!("{} holds another network: {}", found.manifest.display(), differences.join("; "));
     }
-    let Provenance { frames, weights } = found.provenance()?;
+    let Manifest { frames, weights, .. } = read_manifest(&found.manifest)?;
     let checkpoint = found.manifest.to_str().context("the checkpoint has a name that is not text")?.to_owned();
     Ok(FromConfig { checkpoint, frames, weights })
 }

@@ -7,8 +7,8 @@ use crate::recorder::Recorder;
 use crate::supervisor::shell::Audience;
 use crate::terminal::Live;
 use anyhow::{Result, ensure};
-use proto::control::LearnerEvent;
 use proto::evaluation::{EpisodeRecord, Plan};
+use proto::event::LearnerEvent;
 use proto::kitchen::KitchenId;
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
@@ -151,7 +151,7 @@ mod tests {
     use super::*;
     use crate::evaluation::uneventful;
     use proto::config::Config;
-    use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet};
+    use proto::evaluation::{EvaluationConfig, ObjectSet};
     use proto::kitchen::Split;
 
     #[test]
@@ -162,15 +162,7 @@ mod tests {
         assert_eq!(Standing::read(&folder, &config).unwrap(), None, "a run");
         config.actors.count = 5;
         let (split, objects) = (Split::Test, ObjectSet::Novel);
-        config.evaluation = Some(EvaluationConfig {
-            split,
-            objects,
-            episodes: 2,
-            distribution: Distribution::Fixed,
-            scene_targets: Vec::new(),
-            deterministic: false,
-            checkpoint: None,
-        });
+        config.evaluation = Some(EvaluationConfig::fixed(split, objects, 2));
         let plan = config.evaluation_plan().unwrap();
         let episodes: Vec<_> = plan.episodes().collect();
         let mut examiner = Examiner::new(plan, &folder).unwrap();

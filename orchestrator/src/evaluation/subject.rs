@@ -4,10 +4,10 @@
 //! one. The configuration is the one beside the checkpoint, or that of the run folder it lies in (`RUN/checkpoints/`,
 //! `RUN/validation/rollout-K/`, `RUN/best/`).
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use proto::checkpoint::Manifest;
 use proto::config::Config;
-use proto::run_folder::RunFolder;
-use serde::Deserialize;
+use proto::run_folder::{RolloutName, RunFolder};
 use std::path::{Path, PathBuf};
 
 /// Where weights come from.
@@ -32,28 +32,9 @@ pub struct Found {
     pub config: Config,
 }
 
-/// What a manifest says of its weights.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-pub struct Provenance {
-    /// Frames trained on.
-    pub frames: u64,
-    /// SHA-256 of the weights, 64 hex digits.
-    pub weights: String,
-}
-
-impl Found {
-    /// What its manifest says. Whether the tensors are whole is for the learner to find.
-    pub fn provenance(&self) -> Result<Provenance> {
-        Provenance::read(&self.manifest)
-    }
-}
-
-impl Provenance {
-    /// Reads a manifest.
-    pub fn read(manifest: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(manifest).with_context(|| manifest.display().to_string())?;
-        serde_json::from_str(&text).with_context(|| format!("{} is not a manifest", manifest.display()))
-    }
+/// Reads a manifest. Whether the tensors are whole is for the learner to find.
+pub fn read_manifest(path: &Path) -> Result<Manifest> {
+    Manifest::read(path).map_err(|error| anyhow!("{} {error}", path.display()))
 }
 
 /// The key of a network's table that changes no weight's shape, and what it means to change it.
@@ -102,7 +83,7 @@ pub fn find(path: &Path) -> Result<Found> {
         path.with_extension("json")
     };
     ensure!(
-        rollout_of(&manifest).is_some() && manifest.is_file(),
+        RolloutName::Manifest.rollout_of(&manifest).is_some() && manifest.is_file(),
         "{} is no checkpoint (those are called rollout-00000012.json)",
         manifest.display()
     );
@@ -123,7 +104,7 @@ fn newest(folder: &Path) -> Result<Option<PathBuf>> {
     let mut newest: Option<(u64, PathBuf)> = None;
     for entry in entries {
         let path = entry.with_context(|| folder.display().to_string())?.path();
-        if let Some(rollout) = rollout_of(&path)
+        if let Some(rollout) = RolloutName::Manifest.rollout_of(&path)
             && newest.as_ref().is_none_or(|(highest, _)| *highest < rollout)
         {
             newest = Some((rollout, path));
@@ -132,18 +113,55 @@ fn newest(folder: &Path) -> Result<Option<PathBuf>> {
     Ok(newest.map(|(_, path)| path))
 }
 
-/// The rollout of a manifest, by its name.
-fn rollout_of(path: &Path) -> Option<u64> {
-    if path.extension()? != "json" {
-        return None;
-    }
-    path.file_stem()?.to_str()?.strip_prefix("rollout-")?.parse().ok()
-}
-
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
+    use proto::checkpoint::Machine;
     use proto::config::{CarriedGoal, GoalCoordinates};
+
+    /// The manifest of a checkpoint whose tensors nobody reads.
+    pub fn manifest(rollout: u64, frames: u64) -> Vec<u8> {
+        let machine = Machine {
+            torch: "2.11.0".into(),
+            device: "cpu".into(),
+            threads: 2,
+            arithmetic: "avx2".into(),
+            learners: 1,
+        };
+        let manifest = Manifest {
+            schema_version: proto::SCHEMA_VERSION,
+            rollout,
+            frames,
+            exchange: 0,
+            stage: 0,
+            stage_end: false,
+            adam_steps: 0,
+            multiplier: 0.0,
+            carried_goal: CarriedGoal::GoalToObject,
+            tensors: RolloutName::Tensors.of(rollout),
+            tensors_bytes: 0,
+            tensors_sha256: String::new(),
+            config_sha256: String::new(),
+            weights: "w".into(),
+            machine,
+            manifest_sha256: String::new(),
+        };
+        manifest.seal()
+    }
+
+    #[test]
+    fn what_is_no_manifest_is_named_with_the_reason() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(RolloutName::Manifest.of(1));
+        std::fs::write(&path, manifest(1, 500)).unwrap();
+        assert_eq!(read_manifest(&path).unwrap().frames, 500);
+        let changed = String::from_utf8(manifest(1, 500)).unwrap().replace("500", "600");
+        for (content, reason) in [("torn", "is not a manifest"), (&changed, "does not match its own checksum")] {
+            std::fs::write(&path, content).unwrap();
+            let error = read_manifest(&path).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("{} {reason}", path.display())), "{error}");
+        }
+    }
 
     #[test]
     fn weights_of_the_other_sign_are_those_of_another_network() {

@@ -1,10 +1,10 @@
 //! Whether there is a device for every learner.
 
 use super::Finding;
-use super::libtorch::Torch;
 use proto::config::{Config, DeviceChoice};
+use proto::device::Torch;
 
-/// Checks that each of `gpus` is there. `torch`: what it finds where [`VISIBLE_DEVICES`](proto::control::VISIBLE_DEVICES) is their list, which CUDA reads up
+/// Checks that each of `gpus` is there. `torch`: what it finds where [`VISIBLE_DEVICES`](proto::device::VISIBLE_DEVICES) is their list, which CUDA reads up
 /// to the first that it does not know.
 pub fn check_gpus(gpus: &[String], torch: &Torch) -> Finding {
     let Torch { version, library, .. } = torch;

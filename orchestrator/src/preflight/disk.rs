@@ -3,9 +3,9 @@
 use super::Finding;
 use crate::format::bytes;
 use proto::config::{Config, Encoder};
-use proto::message::EnvironmentState;
 use proto::stage::total_frames;
 use std::path::Path;
+use wire::message::EnvironmentState;
 
 /// Below this nothing is begun, bytes.
 const LEAST: u64 = 256 << 20;

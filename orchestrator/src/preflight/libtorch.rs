@@ -6,7 +6,7 @@
 use crate::log_line::error_in;
 use crate::process_end::wait_for_child;
 use anyhow::{Context, Result, bail};
-use serde::Deserialize;
+use proto::device::Torch;
 use std::ffi::{OsStr, OsString};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -17,32 +17,6 @@ use std::time::Duration;
 const SERIES: &str = "2.11";
 /// Loading libtorch takes half a second from a warm cache; a cold network file system may take a minute.
 const PATIENCE: Duration = Duration::from_mins(2);
-
-/// What `learner check` says.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-pub struct Torch {
-    /// Version.
-    #[serde(rename = "torch")]
-    pub version: String,
-    /// Path of the loaded library.
-    pub library: String,
-    /// Devices it can compute on: `cuda:0`, ..., `cpu`.
-    pub devices: Vec<String>,
-    /// The CPU's arithmetic: `reproducible`, or the instruction set of libtorch's kernels.
-    pub arithmetic: String,
-}
-
-impl Torch {
-    /// Whether it can compute on a GPU.
-    pub fn has_cuda(&self) -> bool {
-        self.cuda_devices() > 0
-    }
-
-    /// How many GPUs it can compute on.
-    pub fn cuda_devices(&self) -> usize {
-        self.devices.iter().filter(|device| device.starts_with("cuda")).count()
-    }
-}
 
 /// Variables that make the learner find the libtorch that `LIBTORCH` names, if it names one. Errors if that is none or
 /// of another series.

@@ -3,11 +3,11 @@
 
 use super::Finding;
 use crate::format::{bytes, counted};
+use proto::camera::FRAME_PIXELS;
 use proto::config::{Config, Encoder};
-use proto::message::FRAME_PIXELS;
 use proto::shares::Shares;
-use proto::wire::WireShape;
 use std::path::Path;
+use wire::WireShape;
 
 /// An actor without environments: its program, its kitchen, meshes, and its ports.
 const ACTOR_BASE: u64 = 24 << 20;

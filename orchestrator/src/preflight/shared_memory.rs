@@ -5,7 +5,7 @@ use super::Finding;
 use crate::format::{bytes, counted};
 use proto::config::Config;
 use proto::shares::Shares;
-use proto::wire::{SHARED_MEMORY, WireShape};
+use wire::{SHARED_MEMORY, WireShape};
 
 /// Checks what `config` needs against what is free in /dev/shm.
 pub fn check(config: &Config) -> Finding {

@@ -5,12 +5,8 @@
 
 use crate::schema::foxglove::{CameraCalibration, FrameTransform, Quaternion, Vector3};
 use prost_types::Timestamp;
-use proto::message::{Current, FRAME_SIDE};
-
-/// Horizontal field of view, degrees (SPEC section 1).
-const HORIZONTAL_FIELD_OF_VIEW_DEG: f64 = 100.0;
-/// Height of the head camera over the floor, metres; it sits on the body's axis (SPEC section 1).
-const HEAD_HEIGHT_M: f64 = 1.58;
+use proto::camera::{FIELD_OF_VIEW_DEG, FRAME_SIDE, HEIGHT_M};
+use proto::step::Current;
 
 /// Names of the frames of one environment. Every kitchen is a world of its own.
 #[derive(Debug, Clone)]
@@ -47,7 +43,7 @@ impl FrameNames {
 /// Intrinsics of the head camera. Pixel (0, 0) has its centre at 0, as in ROS, so the axis meets (111.5, 111.5).
 pub fn calibration(timestamp: Timestamp, frame_id: &str) -> CameraCalibration {
     let side = FRAME_SIDE as f64;
-    let focal_px = side / 2.0 / (HORIZONTAL_FIELD_OF_VIEW_DEG / 2.0).to_radians().tan();
+    let focal_px = side / 2.0 / (FIELD_OF_VIEW_DEG / 2.0).to_radians().tan();
     let centre_px = (side - 1.0) / 2.0;
     CameraCalibration {
         timestamp: Some(timestamp),
@@ -84,7 +80,7 @@ pub fn transforms(timestamp: Timestamp, names: &FrameNames, current: &Current) -
         at(
             &names.robot,
             &names.camera,
-            Vector3 { x: 0.0, y: 0.0, z: HEAD_HEIGHT_M },
+            Vector3 { x: 0.0, y: 0.0, z: HEIGHT_M },
             // Downwards is a positive turn about the axis to the left.
             product(&about_y(f64::from(current.camera_pitch_rad)), &BODY_FROM_OPTICAL),
         ),

@@ -4,7 +4,7 @@
 //! learner takes everybody back to its checkpoint, and a sample of the time before may still be on the way. The
 //! headers tell all of these apart.
 
-use proto::message::ObservationHeader;
+use wire::message::ObservationHeader;
 
 /// What a sample is to the recorder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,8 +5,6 @@
 //! it, by the [`scribe`]; how it reaches the disk, by [`segment`]. Actors block until the recorder has taken a
 //! sample, so whatever happens to the disk, the thread goes on taking samples: after a failed write it only stops
 //! writing, and [`Recorder::failure`] says why. A segment is a complete file at every moment ([`live`], [`index`]).
-//!
-//! A second recorder (a live view, say) is another tap with another scribe; the services have room for it.
 
 mod camera;
 mod index;
@@ -23,10 +21,9 @@ mod tests;
 use crate::schema::foxglove::log::Level;
 use crate::schema::stillroom::{StageSwitch, Validation};
 use proto::config::Config;
-use proto::control::LearnerEvent;
+use proto::event::LearnerEvent;
 use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
-use proto::wire::{ThreadBell, WireAddress, WireError, WireShape};
 use scribe::Trained;
 use segment::SegmentError;
 use std::path::PathBuf;
@@ -34,6 +31,7 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use wire::{ThreadBell, WireAddress, WireError, WireShape};
 
 /// How long the thread may take to create the first segment and its subscriber.
 const START_DEADLINE: Duration = Duration::from_secs(30);

@@ -7,16 +7,17 @@ use crate::schema::stillroom::step::Goal;
 use crate::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVector, StageSwitch, Step, Validation};
 use prost::Message;
 use prost_types::Timestamp;
+use proto::camera::FRAME_SIDE;
 use proto::config::Config;
-use proto::control::{Timing, metric};
 use proto::episode::EnvironmentId;
 use proto::evaluation::Plan;
-use proto::message::{
-    Current, FRAME_SIDE, Halves, Observation, ObservationHeader, Transition, current_flag, transition_flag,
-};
+use proto::event::Timing;
+use proto::metric;
 use proto::reward::{RewardKind, UNDISTURBED_THRESHOLD_M};
-use proto::wire::WireShape;
+use proto::step::{Current, Transition, current_flag, transition_flag};
 use std::collections::BTreeMap;
+use wire::WireShape;
+use wire::message::{Halves, Observation, ObservationHeader};
 
 #[cfg(target_endian = "big")]
 compile_error!("16UC1 images are little-endian and are copied as they lie in memory");

@@ -4,11 +4,11 @@ use super::ledger::{Ledger, Verdict};
 use super::scribe::{Counts, Scribe};
 use super::segment::{Preamble, SegmentError, Segments};
 use super::{Note, RecorderError, RecorderSetup, RecordingSummary, now_ns};
-use proto::message::{Halves, Observation, ObservationHeader, observation_kind};
-use proto::wire::{Bells, ObservationSubscriber, PREFIX_MARK, ThreadBell, Wire, WireError};
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
+use wire::message::{Halves, Observation, ObservationHeader, observation_kind};
+use wire::{Bells, ObservationSubscriber, PREFIX_MARK, ThreadBell, Wire, WireError};
 
 /// A killed recorder loses at most this much.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(1);

@@ -1,12 +1,11 @@
 //! Observations as tests need them, and an actor that sends them.
 
-use proto::message::{
-    Current, FRAME_SIDE, Halves, Observation, ObservationHeader, Transition, current_flag, observation_kind,
-    transition_flag,
-};
+use proto::camera::FRAME_SIDE;
 use proto::reward::RewardParts;
-use proto::wire::{Bell, ObservationPublisher, Wire, WireAddress, WireShape};
+use proto::step::{Current, Transition, current_flag, transition_flag};
 use std::time::{Duration, Instant};
+use wire::message::{Halves, Observation, ObservationHeader, observation_kind};
+use wire::{Bell, ObservationPublisher, Wire, WireAddress, WireShape};
 
 /// Length of every test episode, steps.
 pub const EPISODE_STEPS: u32 = 5;
@@ -28,7 +27,7 @@ pub fn current(episode: u32, step: u32) -> Current {
         wrist_position_m: [0.0, 1.0, 0.3],
         target_position_m: [1.0, 1.0, 1.0],
         goal_position_m: [2.0, 1.0, 1.0],
-        reserved: 0,
+        reserved: [0; 2],
     }
 }
 
@@ -83,7 +82,7 @@ pub fn described(exchange: u64, flags: u32) -> (Transition, Current) {
 pub fn observation(environment: u32, exchange: u64, flags: u32) -> Observation {
     let (transition, current) = described(exchange, flags);
     let depth_mm = std::array::from_fn(|index| (index % FRAME_SIDE) as u16 + exchange as u16);
-    Observation { transition, current, environment, reserved: [0; 5], depth_mm }
+    Observation { transition, current, environment, reserved: [0; 13], depth_mm }
 }
 
 fn position(exchange: u64) -> (u32, u32) {

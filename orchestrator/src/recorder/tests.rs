@@ -13,12 +13,15 @@ use crate::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVe
 use mcap::records::Record;
 use proptest::prelude::*;
 use prost::Message;
-use proto::control::{Timing, metric};
-use proto::message::{current_flag, transition_flag};
+use proto::evaluation::{EvaluationConfig, ObjectSet};
+use proto::event::Timing;
+use proto::kitchen::Split;
+use proto::metric;
 use proto::shares::Shares;
-use proto::wire::WireHost;
+use proto::step::{current_flag, transition_flag};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
+use wire::WireHost;
 
 /// Two actors of a learner each.
 fn shape() -> WireShape {
@@ -90,7 +93,7 @@ fn every_step_is_recorded_once_and_puts_its_episode_together() {
     for step in 0..=exchanges {
         for actor in &actors {
             for half in 0..2 {
-                let edit = |observation: &mut proto::message::Observation| {
+                let edit = |observation: &mut wire::message::Observation| {
                     if observation.environment == 2 {
                         observation.current.flags |= current_flag::RECORD_DEPTH;
                     }
@@ -154,7 +157,7 @@ fn a_hold_is_not_recorded() {
     let bench = Bench::new("hold");
     let recorder = bench.start();
     let actors = bench.actors();
-    let depth = |observation: &mut proto::message::Observation| observation.current.flags |= current_flag::RECORD_DEPTH;
+    let depth = |observation: &mut wire::message::Observation| observation.current.flags |= current_flag::RECORD_DEPTH;
     for half in 0..2 {
         actors[0].send(half, 1, 0, depth);
         // The same observation comes back, with no transition.
@@ -205,15 +208,7 @@ fn a_step_holds_the_goal_of_the_observation_that_its_action_was_chosen_from() {
 #[test]
 fn an_evaluations_episodes_have_the_numbers_of_its_table() {
     let mut bench = Bench::new("fixed");
-    bench.config.evaluation = Some(proto::evaluation::EvaluationConfig {
-        split: proto::kitchen::Split::Test,
-        objects: proto::evaluation::ObjectSet::Novel,
-        episodes: 6,
-        deterministic: false,
-        checkpoint: None,
-        distribution: proto::evaluation::Distribution::Fixed,
-        scene_targets: vec![],
-    });
+    bench.config.evaluation = Some(EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 6));
     bench.config.actors = proto::config::ActorsConfig { count: 5, environments_per_actor: 3 };
     let recorder = bench.start();
     let [actor, _] = bench.actors();
@@ -563,7 +558,7 @@ fn throughput_of_the_scribe() {
         let folder = RunFolder::new(folder.join(name));
         let segments = Segments::create(folder, preamble.clone(), 0).unwrap();
         let mut scribe = Scribe::new(segments, shape, 1, &config);
-        let header = proto::message::ObservationHeader { learner_incarnation: 1, ..Default::default() };
+        let header = wire::message::ObservationHeader { learner_incarnation: 1, ..Default::default() };
         let mut half: Vec<_> = (0..8).map(|environment| testing::observation(environment, 0, flags)).collect();
         let started = std::time::Instant::now();
         for step in 0..=exchanges {
@@ -571,7 +566,7 @@ fn throughput_of_the_scribe() {
                 let fresh = testing::described(step, flags);
                 (observation.transition, observation.current) = fresh;
             }
-            let header = proto::message::ObservationHeader { step, ..header };
+            let header = wire::message::ObservationHeader { step, ..header };
             scribe.observations(step * 1_000_000, &header, &half, step > 0).unwrap();
         }
         scribe.segments().finish().unwrap();

@@ -17,12 +17,12 @@ use crate::report_files::PAGE;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::RESULT_FILE;
-use proto::fault;
 use proto::run_folder::{RunFolder, write_atomically};
 use report::study::differences_between;
 use std::ffi::OsStr;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
+use wire::fault;
 
 /// Name of the lock.
 const LOCK: &str = "suite.lock";

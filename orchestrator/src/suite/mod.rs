@@ -18,8 +18,7 @@ use crate::terminal;
 use anyhow::{Context, Result};
 use file::Entry;
 use folder::{Next, Step};
-use proto::control::VISIBLE_DEVICES;
-use proto::fault;
+use proto::device::VISIBLE_DEVICES;
 use state::{State, Status};
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;
@@ -29,6 +28,7 @@ use std::process::{ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use tokio::process::{Child, Command};
 use tokio::signal::unix::{SignalKind, signal};
+use wire::fault;
 
 /// How often finished processes and signals are looked for, and progress is drawn.
 const TICK: Duration = Duration::from_millis(200);

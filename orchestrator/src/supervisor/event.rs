@@ -1,10 +1,10 @@
 //! The vocabulary of supervision: processes and their ends, what happens, what is to be done about it, how it all ends.
 
 use super::stage::StageSwitch;
-use proto::control::LearnerEvent;
+use proto::event::LearnerEvent;
 use proto::kitchen::Kitchens;
-use proto::message::StageAnnouncement;
 use std::fmt::{Display, Formatter};
+use wire::message::StageAnnouncement;
 
 /// A process of the run, in the order in which they are started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

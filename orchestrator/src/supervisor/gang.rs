@@ -6,7 +6,7 @@
 
 use super::event::Exit;
 use super::restart::{RestartHistory, RestartPolicy, Verdict};
-use proto::control::EXIT_NON_FINITE;
+use proto::exit::EXIT_NON_FINITE;
 use std::ops::Range;
 use std::time::Duration;
 

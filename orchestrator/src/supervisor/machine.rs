@@ -23,7 +23,8 @@ use super::restart::{RestartHistory, Verdict};
 use super::stage::StageMachine;
 use crate::log_line::error_in;
 use proto::config::StageConfig;
-use proto::control::{EXIT_LOST_PEERS, LearnerEvent};
+use proto::event::LearnerEvent;
+use proto::exit::EXIT_LOST_PEERS;
 use std::collections::BTreeMap;
 use std::time::Duration;
 

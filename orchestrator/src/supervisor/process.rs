@@ -3,13 +3,13 @@
 //! Every child gets a process group of its own, so that Ctrl-C in the terminal reaches the orchestrator alone, and a
 //! pipe as standard input, its lifeline: it closes when the orchestrator lets go or dies. Standard error goes line by
 //! line to `RUN/logs/NAME.log`; warnings, errors and whatever is not a log line (a panic, a library's complaint) also
-//! to the terminal. A learner's standard output is its voice ([`proto::control`]).
+//! to the terminal. A learner's standard output is its voice ([`proto::event`]).
 
 use super::event::{Event, Exit, Process};
 use crate::log_line::LogLine;
-use proto::control::{LearnerEvent, VISIBLE_DEVICES, device_name};
+use proto::device::{VISIBLE_DEVICES, device_name};
+use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
-use proto::wire::WireAddress;
 use std::collections::{BTreeMap, VecDeque};
 use std::ffi::OsString;
 use std::fs::{File, OpenOptions};
@@ -21,6 +21,7 @@ use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncRead, BufReader};
 use tokio::process::{Child, ChildStdin, Command};
 use tokio::sync::{mpsc, oneshot};
+use wire::WireAddress;
 
 /// Lines of a child's standard error that are kept for the report of its death.
 const LAST_WORDS: usize = 10;
@@ -93,7 +94,7 @@ impl Launch {
         command.arg("--lifeline");
         if incarnation > 1 {
             // An armed fault point is met once, not again by everyone who takes the dead one's place.
-            command.env_remove(proto::fault::VARIABLE);
+            command.env_remove(wire::fault::VARIABLE);
         }
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         command.process_group(0).kill_on_drop(true);

@@ -12,14 +12,14 @@ use super::stage::StageSwitch;
 use crate::recorder::Recorder;
 use anyhow::{Context, Result};
 use proto::config::Config;
-use proto::control::LearnerEvent;
-use proto::fault;
-use proto::wire::WireHost;
+use proto::event::LearnerEvent;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
 use tokio::time::{Interval, MissedTickBehavior};
+use wire::WireHost;
+use wire::fault;
 
 /// How often deadlines are looked at, late subscribers are given the announcement, and progress is shown.
 const TICK: Duration = Duration::from_millis(250);

@@ -6,8 +6,8 @@
 //! always at a rollout boundary, and every learner that asks hears the same.
 
 use proto::config::StageConfig;
-use proto::message::{StageAnnouncement, directive};
 use proto::stage::{position_at, total_frames};
+use wire::message::{StageAnnouncement, directive};
 
 /// A change of the stage in force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

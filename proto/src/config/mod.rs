@@ -4,28 +4,30 @@
 //! overlaid by the user's TOML file, overlaid by single settings (`--set`), overlaid by command-line flags.
 //! [`Config::resolve_set`] does all but the last.
 
+mod episode;
 mod error;
 mod experiment;
 mod network;
 mod preset;
+mod presets;
+mod resolve;
 mod setting;
 mod validate;
 
+pub use episode::EpisodeConfig;
 pub use error::{ConfigError, nearest};
 pub use network::{CarriedGoal, Encoder, GoalCoordinates, NetworkConfig};
-pub use preset::{Preset, overlay, presets};
+pub use preset::{Preset, overlay};
+pub use presets::presets;
 pub use setting::{Setting, SettingError, check_settings};
 
-use crate::action::ActionSpace;
 use crate::evaluation::{EvaluationConfig, ObjectSet, Plan};
 use crate::kitchen::Kitchens;
 use crate::reward::RewardKind;
-use crate::run_folder::RunFolder;
 use crate::shares::Shares;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
 
-/// Everything that determines a run. The defaults are the paper's constants (SPEC sections 1 to 4).
+/// Everything that determines a run. The defaults are the paper's constants (`docs/method.md`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
@@ -88,20 +90,6 @@ pub struct SimulationConfig {
     pub timestep_s: f32,
     /// Sub-steps of one action.
     pub substeps: u32,
-}
-
-/// What an episode is.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct EpisodeConfig {
-    /// Horizon T: an episode ends after this many actions.
-    pub max_steps: u32,
-    /// Actions the policy may choose from.
-    pub action_space: ActionSpace,
-    /// Robot starts at most this far from the target on the floor plane, metres; 0 = anywhere in the kitchen.
-    pub start_distance_max_m: f32,
-    /// Goal lies at most this far from the target's start, metres; 0 = anywhere in the kitchen.
-    pub goal_distance_max_m: f32,
 }
 
 /// DD-PPO.
@@ -350,19 +338,6 @@ impl Default for SimulationConfig {
     }
 }
 
-impl Default for EpisodeConfig {
-    fn default() -> Self {
-        Self { max_steps: 200, action_space: ActionSpace::Large, start_distance_max_m: 0.0, goal_distance_max_m: 0.0 }
-    }
-}
-
-impl EpisodeConfig {
-    /// Robot and goal may be anywhere in the kitchen.
-    pub fn is_full(&self) -> bool {
-        self.start_distance_max_m == 0.0 && self.goal_distance_max_m == 0.0
-    }
-}
-
 impl Default for PpoConfig {
     fn default() -> Self {
         Self {
@@ -442,87 +417,6 @@ impl ValidationConfig {
 }
 
 impl Config {
-    /// Defaults, overlaid by a preset, overlaid by a TOML file if one is given; validated.
-    pub fn resolve(preset: &str, file: Option<&Path>) -> Result<Self, ConfigError> {
-        Self::resolve_set(preset, file, &[])
-    }
-
-    /// The same, overlaid by single settings, in their order.
-    pub fn resolve_set(preset: &str, file: Option<&Path>, settings: &[Setting]) -> Result<Self, ConfigError> {
-        let Some(path) = file else { return Self::build(preset, None, settings) };
-        let text = std::fs::read_to_string(path)
-            .map_err(|cause| ConfigError::Unreadable { path: path.to_path_buf(), cause })?;
-        Self::build(preset, Some((&text, &path.display().to_string())), settings)
-    }
-
-    /// A preset with an overlay as TOML text, and what errors call it.
-    pub fn resolve_with(preset: &str, overlay: Option<(&str, &str)>) -> Result<Self, ConfigError> {
-        Self::build(preset, overlay, &[])
-    }
-
-    fn build(preset: &str, overlay: Option<(&str, &str)>, settings: &[Setting]) -> Result<Self, ConfigError> {
-        let mut value = preset::merged(preset)?;
-        if let Some((text, origin)) = overlay {
-            // Parsed on its own first: this is what finds an unknown key with its line.
-            error::parse::<Self>(text, origin)?;
-            preset::overlay(&mut value, error::parse(text, origin)?);
-        }
-        for setting in settings {
-            setting.lay_over(&mut value);
-        }
-        let mut config: Self = value.try_into().map_err(|cause: toml::de::Error| ConfigError::Invalid {
-            origin: format!("preset {preset}"),
-            line: 0,
-            problem: cause.message().to_owned(),
-        })?;
-        preset.clone_into(&mut config.preset);
-        for (key, present) in [("from", config.from.is_some()), ("evaluation", config.evaluation.is_some())] {
-            if present {
-                return Err(ConfigError::OutOfRange {
-                    key,
-                    value: "{ ... }".to_owned(),
-                    problem: "is written by `orchestrator up --from` or `orchestrator eval`, not by hand",
-                });
-            }
-        }
-        config.validate()?;
-        Ok(config)
-    }
-
-    /// The configuration of a run, or of an evaluation, from its folder.
-    pub fn of_run(run: &RunFolder) -> Result<Self, ConfigError> {
-        let path = run.config();
-        match std::fs::read_to_string(&path) {
-            Ok(text) => Self::from_toml(&text, &path.display().to_string()),
-            Err(cause) => Err(ConfigError::Unreadable { path, cause }),
-        }
-    }
-
-    /// Reads a configuration that [`Config::to_toml`] wrote, whenever that was.
-    pub fn from_toml(text: &str, origin: &str) -> Result<Self, ConfigError> {
-        let mut config: Self = error::parse(text, origin)?;
-        config.restore_the_past(&error::parse(text, origin)?);
-        config.validate()?;
-        Ok(config)
-    }
-
-    /// A stored configuration was written whole, so a key that it lacks did not exist yet. What held without the key
-    /// holds on: today's default may be another.
-    fn restore_the_past(&mut self, written: &toml::Table) {
-        let lacks = |table: &str, key: &str| written.get(table).and_then(|table| table.get(key)).is_none();
-        if lacks("network", "carried_goal") {
-            self.network.carried_goal = CarriedGoal::ObjectToGoal;
-        }
-        if lacks("ppo", "learning_rate_frames") {
-            self.ppo.learning_rate_frames = 0;
-        }
-    }
-
-    /// The whole configuration as TOML, every default included.
-    pub fn to_toml(&self) -> String {
-        toml::to_string(self).expect("plain numbers, strings and tables always serialise")
-    }
-
     /// Kitchens that the actors simulate.
     pub fn kitchens(&self) -> Kitchens {
         match (&self.evaluation, self.scenes.len()) {

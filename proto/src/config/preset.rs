@@ -1,9 +1,6 @@
-//! Presets: named overlays over the defaults. Those with reasons of their own are TOML files beside the code; the rows
-//! of the paper's tables are composed in [`experiment`](super::experiment).
+//! What a preset is: a named overlay over the defaults.
 
-use super::error::{ConfigError, nearest, parse};
 use std::borrow::Cow;
-use std::sync::LazyLock;
 
 /// One preset.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -16,68 +13,6 @@ pub struct Preset {
     pub(super) text: Cow<'static, str>,
 }
 
-/// Presets with a file of their own.
-const FILES: [(&str, &str, &str); 6] = [
-    (
-        "demo",
-        "both stages in minutes on two CPU cores: small encoder, episodes that begin near the target",
-        include_str!("../../presets/demo.toml"),
-    ),
-    (
-        "paper",
-        "the paper's exact shape: 19 environments, T = 200, resnet, 20M + 25M frames",
-        include_str!("../../presets/paper.toml"),
-    ),
-    (
-        "two-stage",
-        "the paper's curriculum and constants with many environments, for one GPU",
-        include_str!("../../presets/two-stage.toml"),
-    ),
-    (
-        "short-two-stage",
-        "the curriculum in 5M + 5M frames, tuned for few frames: minutes on one GPU (RESULTS.md)",
-        include_str!("../../presets/short-two-stage.toml"),
-    ),
-    (
-        "short-r-only",
-        "beside short-two-stage: reward r alone, 10M frames",
-        include_str!("../../presets/short-r-only.toml"),
-    ),
-    (
-        "short-scratch",
-        "beside short-two-stage: reward r′ from the first frame, 10M frames",
-        include_str!("../../presets/short-scratch.toml"),
-    ),
-];
-
-/// All presets: those with a file, then every row of the paper's tables.
-pub fn presets() -> &'static [Preset] {
-    static PRESETS: LazyLock<Vec<Preset>> = LazyLock::new(|| {
-        let files = FILES.map(|(name, summary, text)| Preset {
-            name: name.to_owned(),
-            summary: summary.to_owned(),
-            text: text.into(),
-        });
-        files.into_iter().chain(super::experiment::all()).collect()
-    });
-    &PRESETS
-}
-
-/// The preset as a TOML table, what it extends included.
-pub(super) fn merged(name: &str) -> Result<toml::Table, ConfigError> {
-    let names = || presets().iter().map(|preset| preset.name.as_str());
-    let preset = presets()
-        .iter()
-        .find(|preset| preset.name == name)
-        .ok_or_else(|| ConfigError::UnknownPreset { name: name.to_owned(), nearest: nearest(name, names()) })?;
-    let mut table: toml::Table = parse(&preset.text, &format!("preset {name}"))?;
-    let Some(base) = table.remove("extends") else { return Ok(table) };
-    let base = base.as_str().map(str::to_owned).unwrap_or_default();
-    let mut result = merged(&base)?;
-    overlay(&mut result, table);
-    Ok(result)
-}
-
 /// Lays `top` over `bottom`: tables merge, everything else (arrays too) replaces.
 pub fn overlay(bottom: &mut toml::Table, top: toml::Table) {
     for (key, value) in top {
@@ -87,78 +22,5 @@ pub fn overlay(bottom: &mut toml::Table, top: toml::Table) {
                 bottom.insert(key, value);
             }
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::{CarriedGoal, Config};
-    use super::*;
-
-    #[test]
-    fn every_preset_resolves_and_survives_a_round_trip() {
-        for preset in presets() {
-            let config = Config::resolve(&preset.name, None).unwrap();
-            assert_eq!(config.preset, preset.name);
-            assert_eq!(Config::from_toml(&config.to_toml(), "round trip").unwrap(), config);
-        }
-    }
-
-    #[test]
-    fn the_paper_preset_is_the_defaults() {
-        assert_eq!(Config::resolve("paper", None).unwrap(), Config::default());
-    }
-
-    /// Runs from before these keys had the other sign and a rate that fell over the stage, whatever their preset is now.
-    #[test]
-    fn a_stored_configuration_without_a_newer_key_keeps_what_held_then() {
-        for preset in ["paper", "short-two-stage"] {
-            let config = Config::resolve(preset, None).unwrap();
-            let text = config.to_toml();
-            let newer = |line: &&str| !line.starts_with("carried_goal") && !line.starts_with("learning_rate_frames");
-            let older: Vec<&str> = text.lines().filter(newer).collect();
-            assert_eq!(older.len() + 2, text.lines().count());
-            let read = Config::from_toml(&older.join("\n"), "an older run").unwrap();
-            let mut then = config;
-            then.network.carried_goal = CarriedGoal::ObjectToGoal;
-            then.ppo.learning_rate_frames = 0;
-            assert_eq!(read, then);
-            // From now on they are written down.
-            assert_eq!(Config::from_toml(&read.to_toml(), "the same run").unwrap(), then);
-        }
-    }
-
-    #[test]
-    fn mistakes_name_file_line_and_the_nearest_key() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("mine.toml");
-        std::fs::write(&path, "seed = 3\n\n[ppo]\nlerning_rate = 1e-3\n").unwrap();
-        let message = Config::resolve("paper", Some(&path)).unwrap_err().to_string();
-        assert!(
-            message.ends_with("mine.toml:4: unknown key `lerning_rate` (did you mean `learning_rate`?)"),
-            "{message}"
-        );
-
-        std::fs::write(&path, "[ppo]\nepochs = \"four\"\n").unwrap();
-        let message = Config::resolve("paper", Some(&path)).unwrap_err().to_string();
-        assert!(message.contains("mine.toml:2:"), "{message}");
-
-        let message = Config::resolve("demmo", None).unwrap_err().to_string();
-        assert!(message.contains("did you mean `demo`?"), "{message}");
-
-        std::fs::write(&path, "[actors]\ncount = 0\n").unwrap();
-        let message = Config::resolve("paper", Some(&path)).unwrap_err().to_string();
-        assert!(message.contains("actors.count = 0"), "{message}");
-    }
-
-    #[test]
-    fn a_file_overlays_a_preset_key_by_key() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("mine.toml");
-        std::fs::write(&path, "[ppo]\nepochs = 2\n").unwrap();
-        let config = Config::resolve("demo", Some(&path)).unwrap();
-        let demo = Config::resolve("demo", None).unwrap();
-        assert_eq!(config.ppo.epochs, 2);
-        assert_eq!(config.ppo.rollout_steps, demo.ppo.rollout_steps);
     }
 }

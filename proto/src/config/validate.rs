@@ -1,13 +1,16 @@
 //! Ranges of every setting: what cannot work is refused before a process is started.
 
 use super::{Config, ConfigError, ValidationConfig};
+use crate::episode::MAX_EPISODE_STEPS;
 use crate::evaluation::{Distribution, EvaluationConfig};
 use crate::kitchen::{KitchenId, Split};
-use crate::message::{MAX_ENVIRONMENTS_PER_ACTOR, MAX_EPISODE_STEPS};
 use std::fmt::Display;
 
+/// Environments of one actor at most.
+const MAX_ENVIRONMENTS_PER_ACTOR: u32 = 256;
+
 /// Actor processes of one machine at most.
-pub const MAX_ACTORS: u32 = 512;
+const MAX_ACTORS: u32 = 512;
 
 impl Config {
     /// Checks every setting against its range.
@@ -25,7 +28,7 @@ impl Config {
         check(
             "actors.environments_per_actor",
             actors.environments_per_actor,
-            (1..=MAX_ENVIRONMENTS_PER_ACTOR as u32).contains(&actors.environments_per_actor),
+            (1..=MAX_ENVIRONMENTS_PER_ACTOR).contains(&actors.environments_per_actor),
             "must be 1 to 256",
         )?;
         check(
@@ -196,13 +199,9 @@ mod tests {
             config.actors.count = actors;
             config.scenes = vec!["scenes/000/scene.toml".to_owned(); scenes];
             config.evaluation = Some(EvaluationConfig {
-                split,
-                objects: ObjectSet::Novel,
-                episodes: 1,
                 distribution,
                 scene_targets: vec![TargetCategory::SEEN.to_vec(); scenes],
-                deterministic: false,
-                checkpoint: None,
+                ..EvaluationConfig::fixed(split, ObjectSet::Novel, 1)
             });
             let read = Config::from_toml(&config.to_toml(), "an evaluation");
             read.map(|read| assert_eq!(read, config)).map_err(|error| error.to_string())

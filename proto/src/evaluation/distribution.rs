@@ -1,7 +1,5 @@
 //! Where an evaluation's episodes come from.
 
-use crate::config::EpisodeConfig;
-use crate::kitchen::Split;
 use serde::{Deserialize, Serialize};
 
 /// Where an evaluation's episodes come from.
@@ -17,12 +15,6 @@ pub enum Distribution {
 }
 
 impl Distribution {
-    /// What a run's evaluation plays unless told otherwise: what the run has learned, and the fixed ones where that is
-    /// the same task. Training kitchens and scenes (`Split::Train`) have no fixed ones.
-    pub fn default_of(episode: &EpisodeConfig, split: Split) -> Self {
-        if split == Split::Train || !episode.is_full() { Self::Run } else { Self::Fixed }
-    }
-
     /// `fixed` or `run`.
     pub fn name(self) -> &'static str {
         match self {
@@ -52,22 +44,9 @@ pub fn describe(distribution: Distribution, start_m: f32, goal_m: f32) -> String
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Config;
 
     #[test]
-    fn a_run_is_asked_what_it_has_learned() {
-        let episode = |preset: &str| Config::resolve(preset, None).unwrap().episode;
-        for (preset, split, expected) in [
-            ("paper", Split::Test, Distribution::Fixed),
-            ("two-stage", Split::Validation, Distribution::Fixed),
-            ("paper", Split::Train, Distribution::Run),
-            ("demo", Split::Test, Distribution::Run),
-            ("demo", Split::Validation, Distribution::Run),
-        ] {
-            assert_eq!(Distribution::default_of(&episode(preset), split), expected, "{preset}, {split:?}");
-        }
-        let only_goal = EpisodeConfig { goal_distance_max_m: 1.5, ..episode("paper") };
-        assert_eq!(Distribution::default_of(&only_goal, Split::Test), Distribution::Run);
+    fn distances_are_told() {
         let text = describe(Distribution::Run, 0.0, 1.5);
         assert!(text.ends_with("starts anywhere, the goal is within 1.5 m of where the target stands"), "{text}");
     }

@@ -1,5 +1,6 @@
-//! The figures of a set of episodes (SPEC section 5).
+//! The figures of a set of episodes (`docs/method.md`, Metrics).
 
+use super::confusion::{Confusion, share};
 use super::record::{EpisodeEnd, EpisodeRecord};
 use crate::reward::UNDISTURBED_THRESHOLD_M;
 use serde::{Deserialize, Serialize};
@@ -9,54 +10,6 @@ pub const DISTURBANCE_THRESHOLDS_M: [f32; 16] =
     [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 5.0, 10.0];
 /// The curve of `SRwoD` over the allowed number of disturbed objects goes from 0 to one less than this.
 pub const OBJECT_COUNTS: u32 = 21;
-
-/// Predictions of disturbance against what came: counts of steps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct Confusion {
-    /// Foretold, and it came.
-    pub hits: u64,
-    /// It came unforetold.
-    pub misses: u64,
-    /// Foretold, and it did not come.
-    pub false_alarms: u64,
-    /// Neither.
-    pub quiet: u64,
-}
-
-impl Confusion {
-    /// Counts one step.
-    pub fn count(&mut self, foretold: bool, came: bool) {
-        *match (foretold, came) {
-            (true, true) => &mut self.hits,
-            (false, true) => &mut self.misses,
-            (true, false) => &mut self.false_alarms,
-            (false, false) => &mut self.quiet,
-        } += 1;
-    }
-
-    /// Adds another's counts.
-    pub fn merge(&mut self, other: &Self) {
-        self.hits += other.hits;
-        self.misses += other.misses;
-        self.false_alarms += other.false_alarms;
-        self.quiet += other.quiet;
-    }
-
-    /// Share of the foretold that came; none when nothing was foretold.
-    pub fn precision(&self) -> Option<f64> {
-        share(self.hits, self.hits + self.false_alarms)
-    }
-
-    /// Share of what came that was foretold; none when nothing came.
-    pub fn recall(&self) -> Option<f64> {
-        share(self.hits, self.hits + self.misses)
-    }
-
-    /// Share of the quiet steps that were not foretold as disturbing; none when no step was quiet.
-    pub fn recall_of_quiet(&self) -> Option<f64> {
-        share(self.quiet, self.quiet + self.false_alarms)
-    }
-}
 
 /// Figures of a set of episodes. Shares are 0..=1. A mean or share of nothing is none (`null`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -198,10 +151,6 @@ impl PredictionFigures {
             recall_of_quiet: counts.recall_of_quiet(),
         }
     }
-}
-
-fn share(part: u64, of: u64) -> Option<f64> {
-    (of > 0).then(|| part as f64 / of as f64)
 }
 
 fn mean(records: &[&EpisodeRecord], number: &dyn Fn(&EpisodeRecord) -> f64) -> Option<f64> {

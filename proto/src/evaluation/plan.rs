@@ -1,11 +1,11 @@
 //! Which episode is played where: dealt out beforehand, so that no result depends on who is faster.
 
-use super::{EvaluationConfig, ObjectSet};
+use super::asked::{EvaluationConfig, ObjectSet};
 use crate::episode::EnvironmentId;
 use crate::kitchen::{KitchenId, TargetCategory};
 
 /// Episodes of one category in one kitchen, fixed or drawn.
-pub const EPISODES_PER_CATEGORY: u32 = 60;
+const EPISODES_PER_CATEGORY: u32 = 60;
 /// Episodes in one kitchen.
 pub const EPISODES_PER_KITCHEN: u32 = EPISODES_PER_CATEGORY * TargetCategory::ALL.len() as u32;
 
@@ -95,21 +95,12 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::Distribution;
     use crate::kitchen::{Kitchens, Split};
     use proptest::prelude::*;
     use std::collections::{BTreeMap, BTreeSet};
 
     fn config(objects: ObjectSet, episodes: u32) -> EvaluationConfig {
-        EvaluationConfig {
-            split: Split::Test,
-            objects,
-            episodes,
-            distribution: Distribution::Fixed,
-            scene_targets: Vec::new(),
-            deterministic: false,
-            checkpoint: None,
-        }
+        EvaluationConfig::fixed(Split::Test, objects, episodes)
     }
 
     #[test]

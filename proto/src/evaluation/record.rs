@@ -1,6 +1,8 @@
 //! What came of one episode, and the table of all of them.
 
-use super::{Confusion, Distribution, ObjectSet};
+use super::asked::ObjectSet;
+use super::confusion::Confusion;
+use super::distribution::Distribution;
 use crate::kitchen::{KitchenId, TargetCategory};
 use crate::reward::UNDISTURBED_THRESHOLD_M;
 use serde::{Deserialize, Serialize};
@@ -74,12 +76,12 @@ impl EpisodeRecord {
     }
 
     /// Some object was away from its place during the episode and is back at its end.
-    pub fn displaced_temporarily(&self) -> bool {
+    pub(super) fn displaced_temporarily(&self) -> bool {
         self.ever_disturbed_objects > self.disturbed_objects
     }
 
     /// Novel or seen.
-    pub fn object_set(&self) -> ObjectSet {
+    pub(super) fn object_set(&self) -> ObjectSet {
         if ObjectSet::Novel.contains(self.category) { ObjectSet::Novel } else { ObjectSet::Seen }
     }
 }

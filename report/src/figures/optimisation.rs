@@ -4,7 +4,7 @@ use super::{Subject, in_parts, legend, measured, stages, trained};
 use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Series, Unit};
 use crate::curves::Curve;
 use crate::study::{ELAPSED_S, FRAMES_PER_S};
-use proto::control::metric;
+use proto::metric;
 
 /// A training time of more than this is told in hours.
 const MINUTES_MOST: f64 = 180.0;

@@ -3,7 +3,7 @@
 use super::{Subject, in_parts, legend, stages, trained};
 use crate::chart::{Axis, Content, Figure, LinePlot, Panel, Unit};
 use crate::curves::Curve;
-use proto::control::metric;
+use proto::metric;
 
 /// Title, metric, axis.
 fn measures() -> [(&'static str, &'static str, Axis); 4] {

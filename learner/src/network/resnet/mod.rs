@@ -1,4 +1,4 @@
-//! The paper's encoder: `ResNet18` with group normalisation, base 32 planes (SPEC section 3).
+//! The paper's encoder: `ResNet18` with group normalisation, base 32 planes (`docs/method.md`, Network).
 //!
 //! Sizes for the paper's 112 × 112 input: 56 after the first convolution, 28 after the pooling, then 28, 14, 7 and 4
 //! after the four stages; compression keeps 4 × 4 × 128 = 2048 numbers.

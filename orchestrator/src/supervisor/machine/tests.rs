@@ -4,12 +4,13 @@ use super::*;
 use crate::supervisor::stage::StageSwitch;
 use proptest::prelude::*;
 use proto::config::Config;
-use proto::control::{EXIT_NON_FINITE, Timing};
+use proto::event::Timing;
+use proto::exit::EXIT_NON_FINITE;
 use proto::kitchen::KitchenId;
-use proto::message::{StageAnnouncement, directive};
 use proto::reward::RewardKind;
 use proto::stage::{RolloutShape, position_at};
 use std::collections::BTreeSet;
+use wire::message::{StageAnnouncement, directive};
 
 /// Rank 0, which speaks for all learners.
 const LEARNER: Process = Process::Learner(0);

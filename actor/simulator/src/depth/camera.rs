@@ -1,0 +1,162 @@
+//! The walk over what is in view.
+
+use super::backdrop::{Backdrop, Redraw, roles};
+use super::depth_buffer::DepthBuffer;
+use super::outline::Outline;
+use super::polyhedron::{Placed, PolyhedronBrush};
+use super::round::{RoundBrush, sphere};
+use super::scene::{Form, Scene};
+use super::simd::{LANES, Lanes, as_unwritten};
+use super::view::{Lens, NEAR_M, View, meets_view};
+use crate::kitchen::{Body, BodyRole};
+use rapier3d::math::Pose3;
+use std::mem::MaybeUninit;
+
+/// Renders the depth images of one kitchen. Geometry is shared by all environments that it renders; poses come with
+/// each call.
+#[derive(Debug, Clone)]
+pub struct DepthCamera {
+    scene: Scene,
+    roles: Vec<BodyRole>,
+    buffer: DepthBuffer,
+    outline: Outline,
+    polyhedra: PolyhedronBrush,
+    rounds: RoundBrush,
+    /// Parts that meet the view volume, and their bounds' centres in the camera's frame.
+    in_view: Vec<(u32, [f32; 3])>,
+    view_set_triangles: usize,
+}
+
+impl DepthCamera {
+    /// A camera for these bodies.
+    pub fn new(bodies: &[Body]) -> Self {
+        Self {
+            scene: Scene::new(bodies),
+            roles: roles(bodies),
+            buffer: DepthBuffer::new(proto::camera::FRAME_SIDE),
+            outline: Outline::default(),
+            polyhedra: PolyhedronBrush::new(),
+            rounds: RoundBrush::new(),
+            in_view: Vec::new(),
+            view_set_triangles: 0,
+        }
+    }
+
+    /// Triangles of all bodies at their finest ([`crate::mesh::triangles_of`]).
+    pub fn triangles(&self) -> usize {
+        (0..self.scene.body_count()).map(|body| self.scene.triangles(body)).sum()
+    }
+
+    /// Triangles of the view set of the last image: all bodies of which a part met the view volume, whole, at their
+    /// finest ([`crate::mesh::triangles_of`]).
+    pub fn view_set_triangles(&self) -> usize {
+        self.view_set_triangles
+    }
+
+    /// Renders into `depth_mm`: `side` × `side` pixels, row-major from the top left.
+    ///
+    /// # Panics
+    /// If there is not one pose a body, or the frame has another size.
+    pub fn render(&mut self, world_from_bodies: &[Pose3], world_from_camera: Pose3, side: usize, depth_mm: &mut [u16]) {
+        let view = self.set_up(world_from_bodies, &world_from_camera, side);
+        self.view_set_triangles = self.draw(&view, |_| true);
+        self.buffer.finish(as_unwritten(depth_mm));
+    }
+
+    /// Renders the same frame as [`Self::render`], bit for bit, into memory that need not be initialised, and returns
+    /// it initialised. `backdrop` keeps what is likely to be the same in the next frame. One backdrop belongs to one
+    /// environment; what it keeps is checked, so that a wrong one costs time and nothing else.
+    ///
+    /// # Panics
+    /// If there is not one pose a body, or the frame has another size.
+    pub(crate) fn render_over<'a>(
+        &mut self,
+        backdrop: &mut Backdrop,
+        world_from_bodies: &[Pose3],
+        world_from_camera: Pose3,
+        side: usize,
+        depth_mm: &'a mut [MaybeUninit<u16>],
+    ) -> &'a [u16] {
+        let view = self.set_up(world_from_bodies, &world_from_camera, side);
+        if backdrop.prepare(&self.roles, world_from_bodies, &world_from_camera, side) == Redraw::Everything {
+            backdrop.view_set_triangles = self.draw(&view, |body| backdrop.holds(body));
+            self.buffer.finish(as_unwritten(&mut backdrop.frame_mm));
+        }
+        let before = self.draw(&view, |body| !backdrop.holds(body));
+        self.view_set_triangles = backdrop.view_set_triangles + before;
+        self.buffer.finish_over(&backdrop.frame_mm, depth_mm)
+    }
+
+    fn set_up(&mut self, world_from_bodies: &[Pose3], world_from_camera: &Pose3, side: usize) -> View {
+        if self.buffer.side() != side {
+            self.buffer = DepthBuffer::new(side);
+        }
+        self.scene.place(world_from_bodies);
+        View::new(Lens::of(side), world_from_camera)
+    }
+
+    /// Draws those bodies in view that are `wanted`; returns how many triangles they have at their finest.
+    fn draw(&mut self, view: &View, wanted: impl Fn(usize) -> bool) -> usize {
+        self.find_in_view(view);
+        let Self { scene, buffer, outline, polyhedra, rounds, in_view, .. } = self;
+        let mut triangles = 0;
+        let mut last_body = u32::MAX;
+        for &(index, centre) in &*in_view {
+            let part = &scene.parts[index as usize];
+            if !wanted(part.body as usize) {
+                continue;
+            }
+            if part.body != last_body {
+                last_body = part.body;
+                triangles += scene.triangles(part.body as usize);
+            }
+            let model = &scene.models[part.model as usize];
+            let axis = || view.camera_from_world.vector(part.world_from_part.rotation.map(|row| row[1]));
+            match model.form {
+                Form::Cuboid | Form::Polyhedron => {
+                    let placed = Placed {
+                        mesh: &model.mesh,
+                        edges: model.edges.as_deref(),
+                        is_cuboid: matches!(model.form, Form::Cuboid),
+                        vertices: &scene.vertices[part.vertices.clone()],
+                        half_spaces: &scene.half_spaces[part.half_spaces.clone()],
+                        world_from_part: &part.world_from_part,
+                    };
+                    polyhedra.draw(buffer, outline, view, &placed);
+                }
+                _ if centre[2] - model.bounds.radius_m <= NEAR_M => {
+                    let camera_from_part = view.camera_from_world.after(&part.world_from_part);
+                    polyhedra.clipped(buffer, view.lens, &model.mesh, &camera_from_part);
+                }
+                Form::Sphere(round) => sphere(buffer, view.lens, centre, round),
+                Form::Cylinder(round) => rounds.cylinder(buffer, outline, view.lens, centre, axis(), round),
+                Form::Capsule { mantle, ends } => {
+                    let axis = axis();
+                    for along_m in [mantle.half_height_m, -mantle.half_height_m] {
+                        let end = [0, 1, 2].map(|i| centre[i] + along_m * axis[i]);
+                        sphere(buffer, view.lens, end, ends);
+                    }
+                    rounds.cylinder(buffer, outline, view.lens, centre, axis, mantle);
+                }
+            }
+        }
+        triangles
+    }
+
+    /// Lists the parts whose bounds meet the view volume.
+    fn find_in_view(&mut self, view: &View) {
+        self.in_view.clear();
+        for (block, spheres) in self.scene.bounds.iter().enumerate() {
+            let centre = view.points(spheres.centre.load());
+            let mut bits = meets_view(centre, Lanes::load(&spheres.radius_m));
+            if bits != 0 {
+                let [x, y, z] = centre.map(Lanes::to_array);
+                while bits != 0 {
+                    let lane = bits.trailing_zeros() as usize;
+                    self.in_view.push(((block * LANES + lane) as u32, [x[lane], y[lane], z[lane]]));
+                    bits &= bits - 1;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,291 @@
+//! The image while it is drawn: a buffer of inverse depths, and figures with one interval of pixels in each row.
+//!
+//! A pixel belongs to a figure if its centre lies inside, where a centre exactly on an edge belongs to the side to its
+//! right (or below): polygons that share an edge neither overlap nor leave a gap, because both compute the edge from
+//! its upper to its lower end.
+
+use super::centres::{first_centre, first_centres, least, most};
+use super::simd::{LANES, Lanes, assume_written};
+use super::surface::{Plane, Planes, Surface};
+use std::mem::MaybeUninit;
+
+/// Largest depth a pixel can hold, millimetres: signed and unsigned 16-bit readers agree on it.
+pub const DEPTH_MAX_MM: u16 = 32_766;
+
+/// A corner in the image: pixels from the top left, and inverse depth, 1/m.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Corner {
+    pub x_px: f32,
+    pub y_px: f32,
+    pub inverse_m: f32,
+    /// First row whose centre lies at or below the corner, limited to 0..=side.
+    row: u32,
+}
+
+impl Corner {
+    /// A corner in an image of `side` × `side` pixels.
+    pub fn new(x_px: f32, y_px: f32, inverse_m: f32, side: usize) -> Self {
+        Self { x_px, y_px, inverse_m, row: first_centre(y_px, side as f32) as u32 }
+    }
+}
+
+/// Rows of the image, and the least and greatest inverse depth that what is drawn in them can have, 1/m. (The plane of
+/// a face seen edge-on is ill-conditioned; its corners are not.)
+#[derive(Debug, Clone, Copy)]
+pub struct Extent {
+    pub top: usize,
+    pub bottom: usize,
+    pub inverse_m: [f32; 2],
+}
+
+/// The image while it is drawn: the largest inverse depth so far at each pixel, 0 where nothing was drawn.
+#[derive(Debug, Clone)]
+pub struct DepthBuffer {
+    side: usize,
+    /// Groups of pixels in a row: rows are padded to a multiple of [`LANES`].
+    groups: usize,
+    inverse_m: Vec<[f32; LANES]>,
+    /// First pixel of the current figure in each row, and the one after its last: whole numbers in 0..=side.
+    pub left: Vec<f32>,
+    pub right: Vec<f32>,
+    /// Rows that anything was drawn in: from the first to before the last.
+    drawn: [usize; 2],
+}
+
+/// Nothing was drawn in any row.
+const NO_ROWS: [usize; 2] = [usize::MAX, 0];
+
+impl DepthBuffer {
+    /// An empty image.
+    pub fn new(side: usize) -> Self {
+        let groups = side.div_ceil(LANES);
+        // Intervals are computed for LANES rows at a time, from any row on.
+        let rows = side + LANES;
+        Self {
+            side,
+            groups,
+            inverse_m: vec![[0.0; LANES]; groups * side],
+            left: vec![0.0; rows],
+            right: vec![0.0; rows],
+            drawn: NO_ROWS,
+        }
+    }
+
+    /// Pixels along an edge.
+    pub fn side(&self) -> usize {
+        self.side
+    }
+
+    /// Draws a convex polygon that runs clockwise on the screen (y down) and lies in `plane`.
+    pub fn fill(&mut self, corners: &[Corner], plane: Plane) {
+        let limit = self.side as f32;
+        let (mut top, mut bottom) = (u32::MAX, 0);
+        let (mut x_min, mut x_max) = (f32::MAX, f32::MIN);
+        let (mut nearest, mut farthest) = (f32::MIN, f32::MAX);
+        for corner in corners {
+            top = top.min(corner.row);
+            bottom = bottom.max(corner.row);
+            x_min = least(x_min, corner.x_px);
+            x_max = most(x_max, corner.x_px);
+            nearest = most(nearest, corner.inverse_m);
+            farthest = least(farthest, corner.inverse_m);
+        }
+        if top >= bottom || first_centre(x_min, limit) >= first_centre(x_max, limit) {
+            return;
+        }
+        for i in 0..corners.len() {
+            let (a, b) = (corners[i], corners[if i + 1 == corners.len() { 0 } else { i + 1 }]);
+            // On the screen, clockwise: what runs down is on the right, what runs up on the left.
+            if a.row < b.row {
+                edge(a, b, limit, &mut self.right);
+            } else if b.row < a.row {
+                edge(b, a, limit, &mut self.left);
+            }
+        }
+        let extent = Extent { top: top as usize, bottom: bottom as usize, inverse_m: [farthest, nearest] };
+        self.sweep(extent, &mut Planes::new([plane]));
+    }
+
+    /// Draws a surface into the intervals of these rows.
+    #[inline(always)]
+    pub fn sweep(&mut self, extent: Extent, surface: &mut impl Surface) {
+        let (farthest, nearest) = (Lanes::splat(extent.inverse_m[0]), Lanes::splat(extent.inverse_m[1]));
+        let step = Lanes::splat(LANES as f32);
+        self.drawn = [self.drawn[0].min(extent.top), self.drawn[1].max(extent.bottom)];
+        for row in extent.top..extent.bottom {
+            let (left, right) = (self.left[row], self.right[row]);
+            if left >= right {
+                continue;
+            }
+            surface.begin_row(row as f32 + 0.5);
+            let (first, end) = (left as i32 as usize / LANES, (right as i32 as usize).div_ceil(LANES));
+            let groups = &mut self.inverse_m[row * self.groups..][first..end];
+            let mut x_px = Lanes::splat((first * LANES) as f32 + 0.5) + Lanes::ramp();
+            let (left, right) = (Lanes::splat(left), Lanes::splat(right));
+            let (last, others) = groups.split_last_mut().expect("an interval that is not empty has a group");
+            let mut others = others.iter_mut();
+            if let Some(group) = others.next() {
+                let value = surface.inverse_m(x_px).min(nearest).max(farthest).only(left.less(x_px));
+                Lanes::load(group).max(value).store(group);
+                x_px = x_px + step;
+            }
+            for group in others {
+                let value = surface.inverse_m(x_px).min(nearest).max(farthest);
+                Lanes::load(group).max(value).store(group);
+                x_px = x_px + step;
+            }
+            let inside = left.less(x_px).and(x_px.less(right));
+            let value = surface.inverse_m(x_px).min(nearest).max(farthest).only(inside);
+            Lanes::load(last).max(value).store(last);
+        }
+    }
+
+    /// Turns the image into millimetres, row-major from the top left, and clears it for the next one.
+    pub fn finish<'a>(&mut self, depth_mm: &'a mut [MaybeUninit<u16>]) -> &'a mut [u16] {
+        assert_eq!(depth_mm.len(), self.side * self.side, "the frame is a square of this side");
+        let zero = Lanes::splat(0.0);
+        for (row, out) in self.inverse_m.chunks_exact_mut(self.groups).zip(depth_mm.chunks_exact_mut(self.side)) {
+            for (group, out) in row.iter_mut().zip(out.chunks_mut(LANES)) {
+                let millimetres = millimetres(Lanes::load(group));
+                zero.store(group);
+                if let Ok(out) = <&mut [MaybeUninit<u16>; LANES]>::try_from(&mut *out) {
+                    *out = millimetres.map(MaybeUninit::new);
+                } else {
+                    for (out, value) in out.iter_mut().zip(millimetres) {
+                        out.write(value);
+                    }
+                }
+            }
+        }
+        self.drawn = NO_ROWS;
+        assume_written(depth_mm)
+    }
+
+    /// Puts the image before another one in millimetres, and clears it for the next one.
+    pub fn finish_over<'a>(&mut self, behind_mm: &[u16], depth_mm: &'a mut [MaybeUninit<u16>]) -> &'a mut [u16] {
+        assert_eq!(behind_mm.len(), self.side * self.side, "the picture behind is a square of this side");
+        assert_eq!(depth_mm.len(), behind_mm.len(), "the frame is a square of this side");
+        for (out, &behind) in depth_mm.iter_mut().zip(behind_mm) {
+            out.write(behind);
+        }
+        let depth_mm = assume_written(depth_mm);
+        let zero = Lanes::splat(0.0);
+        let rows = self.inverse_m.chunks_exact_mut(self.groups).zip(depth_mm.chunks_exact_mut(self.side));
+        let [top, bottom] = self.drawn;
+        for (row, out) in rows.take(bottom).skip(top) {
+            for (group, out) in row.iter_mut().zip(out.chunks_mut(LANES)) {
+                let inverse_m = Lanes::load(group);
+                if zero.less(inverse_m).bits() == 0 {
+                    continue;
+                }
+                zero.store(group);
+                for (out, before) in out.iter_mut().zip(millimetres(inverse_m)) {
+                    *out = nearer(*out, before);
+                }
+            }
+        }
+        self.drawn = NO_ROWS;
+        depth_mm
+    }
+}
+
+/// The nearer of two depths, where 0 is nothing.
+fn nearer(a_mm: u16, b_mm: u16) -> u16 {
+    a_mm.wrapping_sub(1).min(b_mm.wrapping_sub(1)).wrapping_add(1)
+}
+
+/// The first and one past the last column, and row, with centres between the least and greatest x and y, if there are
+/// any.
+#[inline(always)]
+pub fn rectangle(low: [Lanes; 2], high: [Lanes; 2], side: f32) -> Option<[f32; 4]> {
+    let [left, top] = low.map(Lanes::smallest);
+    let [right, bottom] = high.map(Lanes::largest);
+    let bounds = Lanes::load(&[left, right, top, bottom, 0.0, 0.0, 0.0, 0.0]);
+    let [left, right, top, bottom, ..] = first_centres(bounds, side).to_array();
+    (left < right && top < bottom).then_some([left, right, top, bottom])
+}
+
+/// Depths in millimetres, rounded, at most [`DEPTH_MAX_MM`]; 0 for an inverse depth of 0.
+#[inline(always)]
+fn millimetres(inverse_m: Lanes) -> [u16; LANES] {
+    // Below 2²³, adding 2²³ leaves a whole number, the nearest.
+    let round = Lanes::splat(8_388_608.0);
+    let depth = (Lanes::splat(1000.0) / inverse_m).min(Lanes::splat(f32::from(DEPTH_MAX_MM)));
+    (depth + round - round).only(Lanes::splat(0.0).less(inverse_m)).to_u16()
+}
+
+/// Notes where an edge crosses each row of pixel centres between its ends; `upper` is the one with the smaller y.
+fn edge(upper: Corner, lower: Corner, limit: f32, crossing: &mut [f32]) {
+    let slope = (lower.x_px - upper.x_px) / (lower.y_px - upper.y_px);
+    let rows = upper.row as usize..lower.row as usize;
+    for (row, crossing) in rows.clone().zip(&mut crossing[rows]) {
+        let x = upper.x_px + (row as i32 as f32 + 0.5 - upper.y_px) * slope;
+        *crossing = first_centre(x, limit);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const FLAT: Plane = Plane { at_origin: 0.5, per_x: 0.0, per_y: 0.0 };
+
+    fn corner(x_px: f32, y_px: f32, side: usize) -> Corner {
+        Corner::new(x_px, y_px, 0.5, side)
+    }
+
+    fn image(buffer: &mut DepthBuffer) -> Vec<u16> {
+        let mut frame = vec![MaybeUninit::uninit(); buffer.side() * buffer.side()];
+        buffer.finish(&mut frame).to_vec()
+    }
+
+    #[test]
+    fn a_rectangle_covers_the_centres_inside_it() {
+        let mut buffer = DepthBuffer::new(12);
+        let rectangle = [(2.5, 3.0), (10.5, 3.0), (10.5, 4.5), (2.5, 4.5)].map(|(x, y)| corner(x, y, 12));
+        buffer.fill(&rectangle, FLAT);
+        let image = image(&mut buffer);
+        for y in 0..12 {
+            for x in 0..12 {
+                let expected = if y == 3 && (2..10).contains(&x) { 2000 } else { 0 };
+                assert_eq!(image[y * 12 + x], expected, "({x}, {y})");
+            }
+        }
+        assert!(self::image(&mut buffer).iter().all(|&depth| depth == 0), "cleared");
+    }
+
+    #[test]
+    fn depth_is_rounded_and_limited() {
+        let inverse_m = [0.0, 1.0, 1.0 / 1.2344, 1.0 / 1.2346, 1e-9, 20.0, 1.0 / 32.766, 1.0 / 32.767];
+        let expected = [0, 1000, 1234, 1235, DEPTH_MAX_MM, 50, DEPTH_MAX_MM, DEPTH_MAX_MM];
+        assert_eq!(millimetres(Lanes::load(&inverse_m)), expected);
+    }
+
+    proptest! {
+        /// The image cut into triangles around any point: each pixel is covered, and exactly once.
+        #[test]
+        fn neighbours_share_no_pixel_and_leave_none(cx in 0f32..20.0, cy in 0f32..20.0,
+                                                    along in prop::collection::vec(0.01f32..0.99, 1..5)) {
+            let side = 20.0;
+            let mut rim = vec![];
+            let edges = [((0.0, 0.0), (side, 0.0)), ((side, 0.0), (side, side)), ((side, side), (0.0, side)),
+                         ((0.0, side), (0.0, 0.0))];
+            let mut along = along;
+            along.sort_by(f32::total_cmp);
+            for ((ax, ay), (bx, by)) in edges {
+                rim.push(corner(ax, ay, 20));
+                rim.extend(along.iter().map(|t| corner(ax + t * (bx - ax), ay + t * (by - ay), 20)));
+            }
+            let mut count = vec![0; 400];
+            for i in 0..rim.len() {
+                let mut buffer = DepthBuffer::new(20);
+                buffer.fill(&[corner(cx, cy, 20), rim[i], rim[(i + 1) % rim.len()]], FLAT);
+                for (count, depth) in count.iter_mut().zip(image(&mut buffer)) {
+                    *count += i32::from(depth > 0);
+                }
+            }
+            prop_assert!(count.iter().all(|&n| n == 1), "{count:?}");
+        }
+    }
+}

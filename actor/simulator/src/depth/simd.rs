@@ -1,0 +1,339 @@
+//! The unsafe code of the depth camera: eight numbers at once, and memory that is not initialised yet.
+//!
+//! [`Lanes`] has one meaning and two builds: with AVX2, and plain. Every operation is one that IEEE 754 rounds exactly,
+//! nothing is fused and nothing approximated, so both builds give the same bits on every machine.
+
+use std::mem::MaybeUninit;
+use std::ops::{Add, Div, Mul, Sub};
+
+/// Numbers that are worked on at once.
+pub const LANES: usize = 8;
+
+#[cfg(target_feature = "avx2")]
+mod vector {
+    use std::arch::x86_64 as x86;
+
+    /// Eight numbers.
+    #[derive(Debug, Clone, Copy)]
+    pub struct Lanes(x86::__m256);
+
+    /// Eight truths.
+    #[derive(Debug, Clone, Copy)]
+    pub struct Mask(x86::__m256);
+
+    // SAFETY of every block below: the instructions exist, the build's target has AVX2; each load and store covers one
+    // array of eight.
+    impl Lanes {
+        #[inline(always)]
+        pub fn splat(value: f32) -> Self {
+            // SAFETY: see above.
+            Self(unsafe { x86::_mm256_set1_ps(value) })
+        }
+
+        #[inline(always)]
+        pub fn load(from: &[f32; 8]) -> Self {
+            // SAFETY: see above.
+            Self(unsafe { x86::_mm256_loadu_ps(from.as_ptr()) })
+        }
+
+        #[inline(always)]
+        pub fn store(self, to: &mut [f32; 8]) {
+            // SAFETY: see above.
+            unsafe { x86::_mm256_storeu_ps(to.as_mut_ptr(), self.0) }
+        }
+
+        /// The smaller; `other` where one is not a number.
+        #[inline(always)]
+        pub fn min(self, other: Self) -> Self {
+            // SAFETY: see above.
+            Self(unsafe { x86::_mm256_min_ps(self.0, other.0) })
+        }
+
+        /// The larger; `other` where one is not a number.
+        #[inline(always)]
+        pub fn max(self, other: Self) -> Self {
+            // SAFETY: see above.
+            Self(unsafe { x86::_mm256_max_ps(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        pub fn sqrt(self) -> Self {
+            // SAFETY: see above.
+            Self(unsafe { x86::_mm256_sqrt_ps(self.0) })
+        }
+
+        #[inline(always)]
+        pub fn ceil(self) -> Self {
+            // SAFETY: see above.
+            Self(unsafe { x86::_mm256_ceil_ps(self.0) })
+        }
+
+        #[inline(always)]
+        pub fn less(self, other: Self) -> Mask {
+            // SAFETY: see above.
+            Mask(unsafe { x86::_mm256_cmp_ps::<{ x86::_CMP_LT_OQ }>(self.0, other.0) })
+        }
+
+        /// These numbers where the mask is true, 0 elsewhere.
+        #[inline(always)]
+        pub fn only(self, mask: Mask) -> Self {
+            // SAFETY: see above.
+            Self(unsafe { x86::_mm256_and_ps(self.0, mask.0) })
+        }
+
+        /// These numbers where the mask is true, `other` elsewhere.
+        #[inline(always)]
+        pub fn or_else(self, mask: Mask, other: Self) -> Self {
+            // SAFETY: see above.
+            Self(unsafe { x86::_mm256_blendv_ps(other.0, self.0, mask.0) })
+        }
+
+        /// Lane i of the result is lane `from[i]` of these, 0..8.
+        #[inline(always)]
+        pub fn pick(self, from: &[i32; 8]) -> Self {
+            // SAFETY: see above.
+            Self(unsafe {
+                let from = x86::_mm256_loadu_si256(from.as_ptr().cast());
+                x86::_mm256_permutevar8x32_ps(self.0, from)
+            })
+        }
+
+        /// Whole numbers in 0..65536, or not a number, which becomes anything, as 16 bits.
+        #[inline(always)]
+        pub fn to_u16(self) -> [u16; 8] {
+            let mut out = [0u16; 8];
+            // SAFETY: see above; the store covers the 16 bytes of `out`.
+            unsafe {
+                let whole = x86::_mm256_cvttps_epi32(self.0);
+                let (low, high) = (x86::_mm256_castsi256_si128(whole), x86::_mm256_extracti128_si256::<1>(whole));
+                x86::_mm_storeu_si128(out.as_mut_ptr().cast(), x86::_mm_packus_epi32(low, high));
+            }
+            out
+        }
+    }
+
+    impl Mask {
+        #[inline(always)]
+        pub fn and(self, other: Self) -> Self {
+            // SAFETY: see above.
+            Self(unsafe { x86::_mm256_and_ps(self.0, other.0) })
+        }
+
+        /// Bit i is lane i.
+        #[inline(always)]
+        pub fn bits(self) -> u32 {
+            // SAFETY: see above.
+            (unsafe { x86::_mm256_movemask_ps(self.0) }).cast_unsigned()
+        }
+    }
+
+    macro_rules! operator {
+        ($name:ident, $function:ident, $instruction:ident) => {
+            impl super::$name for Lanes {
+                type Output = Self;
+                #[inline(always)]
+                fn $function(self, other: Self) -> Self {
+                    // SAFETY: see above.
+                    Self(unsafe { x86::$instruction(self.0, other.0) })
+                }
+            }
+        };
+    }
+    operator!(Add, add, _mm256_add_ps);
+    operator!(Sub, sub, _mm256_sub_ps);
+    operator!(Mul, mul, _mm256_mul_ps);
+    operator!(Div, div, _mm256_div_ps);
+}
+
+#[cfg(any(test, not(target_feature = "avx2")))]
+#[cfg_attr(target_feature = "avx2", allow(dead_code))]
+mod plain {
+    /// Eight numbers.
+    #[derive(Debug, Clone, Copy)]
+    pub struct Lanes([f32; 8]);
+
+    /// Eight truths.
+    #[derive(Debug, Clone, Copy)]
+    pub struct Mask([bool; 8]);
+
+    impl Lanes {
+        pub fn splat(value: f32) -> Self {
+            Self([value; 8])
+        }
+
+        pub fn load(from: &[f32; 8]) -> Self {
+            Self(*from)
+        }
+
+        pub fn store(self, to: &mut [f32; 8]) {
+            *to = self.0;
+        }
+
+        fn with(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
+            Self(std::array::from_fn(|i| f(self.0[i], other.0[i])))
+        }
+
+        /// The smaller; `other` where one is not a number.
+        pub fn min(self, other: Self) -> Self {
+            self.with(other, |a, b| if a < b { a } else { b })
+        }
+
+        /// The larger; `other` where one is not a number.
+        pub fn max(self, other: Self) -> Self {
+            self.with(other, |a, b| if a > b { a } else { b })
+        }
+
+        pub fn sqrt(self) -> Self {
+            Self(self.0.map(f32::sqrt))
+        }
+
+        pub fn ceil(self) -> Self {
+            Self(self.0.map(f32::ceil))
+        }
+
+        pub fn less(self, other: Self) -> Mask {
+            Mask(std::array::from_fn(|i| self.0[i] < other.0[i]))
+        }
+
+        /// These numbers where the mask is true, 0 elsewhere.
+        pub fn only(self, mask: Mask) -> Self {
+            Self(std::array::from_fn(|i| if mask.0[i] { self.0[i] } else { 0.0 }))
+        }
+
+        /// These numbers where the mask is true, `other` elsewhere.
+        pub fn or_else(self, mask: Mask, other: Self) -> Self {
+            Self(std::array::from_fn(|i| if mask.0[i] { self.0[i] } else { other.0[i] }))
+        }
+
+        /// Lane i of the result is lane `from[i]` of these, 0..8.
+        pub fn pick(self, from: &[i32; 8]) -> Self {
+            Self(from.map(|from| self.0[from as usize]))
+        }
+
+        /// Whole numbers in 0..65536, or not a number, which becomes anything, as 16 bits.
+        pub fn to_u16(self) -> [u16; 8] {
+            self.0.map(|value| value as u16)
+        }
+    }
+
+    impl Mask {
+        pub fn and(self, other: Self) -> Self {
+            Self(std::array::from_fn(|i| self.0[i] && other.0[i]))
+        }
+
+        /// Bit i is lane i.
+        pub fn bits(self) -> u32 {
+            self.0.iter().enumerate().map(|(i, &truth)| u32::from(truth) << i).sum()
+        }
+    }
+
+    macro_rules! operator {
+        ($name:ident, $function:ident, $operator:tt) => {
+            impl super::$name for Lanes {
+                type Output = Self;
+                fn $function(self, other: Self) -> Self {
+                    self.with(other, |a, b| a $operator b)
+                }
+            }
+        };
+    }
+    operator!(Add, add, +);
+    operator!(Sub, sub, -);
+    operator!(Mul, mul, *);
+    operator!(Div, div, /);
+}
+
+#[cfg(not(target_feature = "avx2"))]
+pub use plain::{Lanes, Mask};
+#[cfg(target_feature = "avx2")]
+pub use vector::{Lanes, Mask};
+
+impl Lanes {
+    /// 0, 1, 2, ... 7.
+    #[inline(always)]
+    pub fn ramp() -> Self {
+        Self::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
+    }
+
+    /// The numbers, in order.
+    #[inline(always)]
+    pub fn to_array(self) -> [f32; 8] {
+        let mut out = [0.0; 8];
+        self.store(&mut out);
+        out
+    }
+
+    /// The largest of the eight; none of them may be NaN.
+    #[inline(always)]
+    pub fn largest(self) -> f32 {
+        let a = self.max(self.pick(&[4, 5, 6, 7, 0, 1, 2, 3]));
+        let a = a.max(a.pick(&[2, 3, 0, 1, 6, 7, 4, 5]));
+        a.max(a.pick(&[1, 0, 3, 2, 5, 4, 7, 6])).to_array()[0]
+    }
+
+    /// The smallest of the eight; none of them may be NaN.
+    #[inline(always)]
+    pub fn smallest(self) -> f32 {
+        let a = self.min(self.pick(&[4, 5, 6, 7, 0, 1, 2, 3]));
+        let a = a.min(a.pick(&[2, 3, 0, 1, 6, 7, 4, 5]));
+        a.min(a.pick(&[1, 0, 3, 2, 5, 4, 7, 6])).to_array()[0]
+    }
+}
+
+/// Declares a frame written. The caller has written every element: loops over rows and columns without remainder, or a
+/// copy of the whole.
+pub fn assume_written(frame: &mut [MaybeUninit<u16>]) -> &mut [u16] {
+    // SAFETY: MaybeUninit<u16> has the layout of u16, and every element was written.
+    unsafe { &mut *(std::ptr::from_mut(frame) as *mut [u16]) }
+}
+
+/// Written memory as memory that need not be.
+pub fn as_unwritten(frame: &mut [u16]) -> &mut [MaybeUninit<u16>] {
+    // SAFETY: MaybeUninit<u16> has the layout of u16. This crate's callers only write initialised values to it.
+    unsafe { &mut *(std::ptr::from_mut(frame) as *mut [MaybeUninit<u16>]) }
+}
+
+#[cfg(all(test, target_feature = "avx2"))]
+mod tests {
+    use super::{plain, vector};
+    use proptest::prelude::*;
+
+    fn bits(numbers: [f32; 8]) -> [u32; 8] {
+        // Which NaN it is does not matter: none is ever stored.
+        numbers.map(|number| if number.is_nan() { f32::NAN.to_bits() } else { number.to_bits() })
+    }
+
+    proptest! {
+        #[test]
+        fn vector_and_plain_code_give_the_same_bits(a in prop::array::uniform8(-9f32..9.0),
+                b in prop::array::uniform8(prop_oneof![-9f32..9.0, Just(0.0), Just(f32::INFINITY)]),
+                from in prop::array::uniform8(0i32..8)) {
+            let (va, vb) = (vector::Lanes::load(&a), vector::Lanes::load(&b));
+            let (pa, pb) = (plain::Lanes::load(&a), plain::Lanes::load(&b));
+            let same = |v: vector::Lanes, p: plain::Lanes| {
+                let (mut x, mut y) = ([0.0; 8], [0.0; 8]);
+                v.store(&mut x);
+                p.store(&mut y);
+                bits(x) == bits(y)
+            };
+            prop_assert!(same(va + vb, pa + pb));
+            prop_assert!(same(va - vb, pa - pb));
+            prop_assert!(same(va * vb, pa * pb));
+            prop_assert!(same(va / vb, pa / pb));
+            prop_assert!(same(va.min(vb), pa.min(pb)));
+            prop_assert!(same(va.max(vb), pa.max(pb)));
+            prop_assert!(same(va.sqrt(), pa.sqrt()));
+            prop_assert!(same(va.ceil(), pa.ceil()));
+            prop_assert!(same(va.pick(&from), pa.pick(&from)));
+            prop_assert!(same(va.only(va.less(vb)), pa.only(pa.less(pb))));
+            prop_assert!(same(va.or_else(va.less(vb), vb), pa.or_else(pa.less(pb), pb)));
+            let (zero, nine) = (vector::Lanes::splat(0.0), vector::Lanes::splat(9.0));
+            prop_assert_eq!(va.less(vb).and(zero.less(va)).bits(),
+                            pa.less(pb).and(plain::Lanes::splat(0.0).less(pa)).bits());
+            let whole = (va + nine).ceil();
+            let mut numbers = [0.0; 8];
+            whole.store(&mut numbers);
+            prop_assert_eq!(whole.to_u16(), plain::Lanes::load(&numbers).to_u16());
+        }
+    }
+}

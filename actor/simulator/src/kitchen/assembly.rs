@@ -1,0 +1,212 @@
+//! How a furnished room becomes a kitchen: its physics world is built and comes to rest, then the places are found
+//! where episodes can begin and end.
+
+use super::body::{Body, BodyRole, number_names};
+use super::reach::Reach;
+use super::room::{Room, Surface, Thing};
+use super::settled::{Kitchen, Matter, Target};
+use super::spots::{self, Stands};
+use crate::physics::geometry::Solid;
+use crate::physics::scene::Scene;
+use crate::physics::things::Things;
+use crate::physics::world::World;
+use crate::robot::links::{LINK_NAMES, PART_COUNT, part_shapes};
+use proto::kitchen::{KitchenId, TargetCategory};
+use rapier3d::dynamics::RigidBodyHandle;
+use rapier3d::geometry::Aabb;
+use rapier3d::math::{Pose3, Vec3};
+
+/// Simulated time within which a kitchen comes to rest, seconds.
+const SETTLE_LIMIT_S: f32 = 4.0;
+/// A thing that settles further than this from where it was set down has fallen over, metres.
+const SETTLE_DRIFT_M: f32 = 0.02;
+/// The robot waits here, below the floor, until an episode places it.
+const PARKED: Vec3 = Vec3::new(0.0, -20.0, 0.0);
+
+/// What a room must offer to become a kitchen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Demands {
+    /// Whether all twelve target categories must be there.
+    pub every_target: bool,
+    /// Fewest places where each target can stand.
+    pub spots: usize,
+    /// Fewest robot poses.
+    pub stands: usize,
+}
+
+/// What a room lacks to become a kitchen.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Flaw {
+    /// A thing did not stay where it was set down.
+    #[error("setting down thing {thing} (moved {moved_m:.3} m)")]
+    Fell {
+        /// Which of the room's things.
+        thing: usize,
+        /// How far it moved, metres.
+        moved_m: f32,
+    },
+    /// A thing does not come to rest.
+    #[error("thing {thing}, which does not come to rest")]
+    Awake {
+        /// Which of the room's things.
+        thing: usize,
+    },
+    /// There is little room for the robot.
+    #[error("free floor ({stands} robot poses)")]
+    Stands {
+        /// How many.
+        stands: usize,
+    },
+    /// The arm comes to no place on any surface.
+    #[error("surfaces within reach")]
+    Unreachable,
+    /// A target is not there.
+    #[error("{}, which is not there", .category.name())]
+    Target {
+        /// Which.
+        category: TargetCategory,
+    },
+    /// There is little room for a target.
+    #[error("{spots} spots for {}", .category.name())]
+    Spots {
+        /// Which.
+        category: TargetCategory,
+        /// How many.
+        spots: usize,
+    },
+}
+
+/// A room whose things have come to rest.
+struct Rested {
+    world: World,
+    scene: Scene,
+    bodies: Vec<Body>,
+    static_count: usize,
+    poses: Vec<Pose3>,
+    movables: Vec<RigidBodyHandle>,
+    robot: [RigidBodyHandle; PART_COUNT],
+    robot_parts: [Solid; PART_COUNT],
+    things: Vec<Thing>,
+    surfaces: Vec<Surface>,
+    floor: (Vec3, Vec3),
+}
+
+impl Kitchen {
+    /// Builds a room's physics world, lets it come to rest, and finds where episodes can take place in it. The error
+    /// says what is wrong with the room; it is never empty.
+    pub fn assemble(id: KitchenId, timestep_s: f32, room: Room, demands: &Demands) -> Result<Self, Vec<Flaw>> {
+        let rested = Rested::of(room, timestep_s)?;
+        let Rested { world, scene, bodies, static_count, poses, movables, robot, robot_parts, things, surfaces, floor } =
+            rested;
+        let matter = things.iter().map(|&Thing { mass_kg, friction, .. }| Matter { mass_kg, friction }).collect();
+        let solids: Vec<Solid> = things.into_iter().map(|thing| thing.solid).collect();
+        let settled = &poses[static_count..static_count + solids.len()];
+        let aabbs: Vec<Aabb> = solids.iter().zip(settled).map(|(solid, pose)| solid.aabb(pose)).collect();
+        let Stands { poses: stands, floor: free_floor, connected_share } =
+            spots::stands(floor, &scene, &aabbs, &robot_parts);
+        if stands.len() < demands.stands {
+            return Err(vec![Flaw::Stands { stands: stands.len() }]);
+        }
+        let points = spots::reachable_points(&surfaces, &Reach::new(&free_floor, &scene, &robot_parts));
+        let points = Some(points).filter(|points| !points.is_empty()).ok_or_else(|| vec![Flaw::Unreachable])?;
+        let mut flaws = Vec::new();
+        let mut targets = Vec::new();
+        for category in TargetCategory::ALL {
+            let Some(movable) = bodies[static_count..].iter().position(|body| body.category == category.name()) else {
+                if demands.every_target {
+                    flaws.push(Flaw::Target { category });
+                }
+                targets.push(None);
+                continue;
+            };
+            let others: Vec<(&Solid, &Pose3)> = solids
+                .iter()
+                .zip(settled)
+                .enumerate()
+                .filter(|&(index, _)| index != movable)
+                .map(|(_, other)| other)
+                .collect();
+            let spots = spots::target_spots(&solids[movable], &points, &scene, &others);
+            if spots.len() < demands.spots {
+                flaws.push(Flaw::Spots { category, spots: spots.len() });
+            }
+            targets.push(Some(Target { movable, spots }));
+        }
+        if !flaws.is_empty() {
+            return Err(flaws);
+        }
+        let things = Things::of(&world, &movables, &solids);
+        Ok(Self {
+            id,
+            bodies,
+            static_count,
+            settled_poses: poses,
+            world,
+            scene,
+            movables,
+            solids,
+            things,
+            robot,
+            robot_parts,
+            targets,
+            stands,
+            matter,
+            connected_share,
+            plan: None,
+            kept_clear: Vec::new(),
+            surfaces,
+        })
+    }
+}
+
+impl Rested {
+    /// Sets everything down and waits until it sleeps. The error is what did not stay, or does not come to rest.
+    fn of(room: Room, timestep_s: f32) -> Result<Self, Vec<Flaw>> {
+        let Room { fixtures, things, surfaces, floor } = room;
+        let mut scene = Scene::default();
+        let mut world = World::new(timestep_s);
+        let mut bodies = Vec::new();
+        let mut poses = Vec::new();
+        for fixture in fixtures {
+            let solid = Solid::of(&fixture.shape);
+            scene.add(&solid, &fixture.pose);
+            world.add_fixed(&solid, fixture.pose);
+            poses.push(fixture.pose);
+            bodies.push(Body::of(&fixture.category, fixture.shape, BodyRole::Static));
+        }
+        let static_count = bodies.len();
+        let movables: Vec<RigidBodyHandle> = things
+            .iter()
+            .map(|thing| world.add_movable(&thing.solid, thing.pose, thing.mass_kg, thing.friction))
+            .collect();
+        let robot_shapes = part_shapes();
+        let robot_parts = robot_shapes.clone().map(|shape| Solid::of(&shape));
+        let robot = robot_parts.each_ref().map(|part| world.add_kinematic(part, Pose3::from_translation(PARKED)));
+
+        // Asked one by one before the rest is put to sleep, for whoever has to mend it.
+        world.run_until_asleep(&movables, (SETTLE_LIMIT_S / timestep_s) as u32);
+        let awake: Vec<bool> = movables.iter().map(|&handle| !world.body(handle).is_sleeping()).collect();
+        world.put_to_sleep(&movables);
+        let mut flaws = Vec::new();
+        for (index, (thing, &handle)) in things.iter().zip(&movables).enumerate() {
+            let settled = *world.body(handle).position();
+            let moved_m = (settled.translation - thing.pose.translation).length();
+            if moved_m.is_nan() || moved_m >= SETTLE_DRIFT_M {
+                flaws.push(Flaw::Fell { thing: index, moved_m });
+            } else if awake[index] {
+                flaws.push(Flaw::Awake { thing: index });
+            }
+            bodies.push(Body::of(&thing.category, thing.shape.clone(), BodyRole::Movable));
+            poses.push(settled);
+        }
+        if !flaws.is_empty() {
+            return Err(flaws);
+        }
+        for (name, shape) in LINK_NAMES.iter().zip(robot_shapes.into_iter().skip(1)) {
+            bodies.push(Body { name: (*name).into(), category: "Robot".into(), shape, role: BodyRole::Robot });
+            poses.push(Pose3::from_translation(PARKED));
+        }
+        number_names(&mut bodies);
+        Ok(Self { world, scene, bodies, static_count, poses, movables, robot, robot_parts, things, surfaces, floor })
+    }
+}

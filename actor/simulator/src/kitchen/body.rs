@@ -1,0 +1,45 @@
+//! Bodies: what stands in a kitchen, each a shape with a name and a role.
+
+use crate::shape::Shape;
+
+/// What a body is to the simulation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BodyRole {
+    /// Never moves: walls, fixtures, and everything heavier than 10 kg.
+    Static,
+    /// A dynamic rigid body.
+    Movable,
+    /// A link of the robot's arm.
+    Robot,
+}
+
+/// One thing in a kitchen.
+#[derive(Debug, Clone)]
+pub struct Body {
+    /// Unique within the kitchen, for example `Mug` or `Cabinet-3`.
+    pub name: String,
+    /// iTHOR's category name, or `Wall`, `Ceiling`, `Robot`.
+    pub category: String,
+    /// Its geometry about its origin.
+    pub shape: Shape,
+    /// What it is to the simulation.
+    pub role: BodyRole,
+}
+
+impl Body {
+    /// A body that is called as its category.
+    pub(super) fn of(category: &str, shape: Shape, role: BodyRole) -> Self {
+        Self { name: category.to_owned(), category: category.to_owned(), shape, role }
+    }
+}
+
+/// Numbers the bodies of a category that has several: `Cabinet-1`, `Cabinet-2`, ...
+pub(super) fn number_names(bodies: &mut [Body]) {
+    let names: Vec<String> = bodies.iter().map(|body| body.name.clone()).collect();
+    for (index, body) in bodies.iter_mut().enumerate() {
+        if names.iter().filter(|name| **name == names[index]).count() > 1 {
+            let number = names[..=index].iter().filter(|name| **name == names[index]).count();
+            body.name = format!("{}-{number}", names[index]);
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! What a category is: mass, material, colour, shape, where its things stand and how often kitchens have them.
+
+use crate::physics::geometry::centred;
+use crate::shape::Shape;
+
+/// Where things of a category stand. A kitchen that lacks the named place puts them on any [`Place::Surface`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// On a counter, table or shelf.
+    Surface,
+    /// On a counter: appliances and what is used beside sink and stove.
+    Counter,
+    /// On the dining table or another table.
+    Table,
+    /// On an open shelf.
+    Shelf,
+    /// In or beside the sink.
+    Sink,
+    /// On the stove top or beside it.
+    Stove,
+    /// On the floor by the dining table (anywhere on the floor if there is none).
+    Seat,
+    /// On the floor.
+    Floor,
+}
+
+/// What the surface of a thing is made of: decides its friction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Material {
+    /// Steel, cast iron, aluminium, tin plate.
+    Metal,
+    /// Glass.
+    Glass,
+    /// Glazed stoneware and porcelain.
+    Ceramic,
+    /// Wood, bamboo, cork, wicker.
+    Wood,
+    /// Hard plastics.
+    Plastic,
+    /// Rubber and silicone, and things that stand on rubber feet.
+    Rubber,
+    /// Paper and cardboard.
+    Paper,
+    /// Cloth, sponge, bristles.
+    Cloth,
+    /// Fruit, vegetables, bread.
+    Food,
+}
+
+impl Material {
+    /// Coulomb friction coefficient, dry, against a wooden or laminate top: the middle of the ranges that engineering
+    /// handbooks give for the pair (metal on wood 0.2 to 0.6, wood on wood 0.25 to 0.5, rubber on solids 0.7 to 1.0),
+    /// rounded to 0.05. The physics averages it with the coefficient of what the thing stands on.
+    pub const fn friction(self) -> f32 {
+        match self {
+            Self::Metal | Self::Glass | Self::Plastic => 0.4,
+            Self::Ceramic | Self::Wood => 0.45,
+            Self::Paper => 0.5,
+            Self::Food => 0.55,
+            Self::Cloth => 0.6,
+            Self::Rubber => 0.85,
+        }
+    }
+}
+
+/// How often kitchens have things of a category.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Presence {
+    /// One in every kitchen.
+    Every,
+    /// In some kitchens, as iTHOR's statistics have it.
+    Share {
+        /// Share of the kitchens that have it.
+        share: f32,
+        /// Mean count in a kitchen that has it.
+        per_kitchen: f32,
+    },
+    /// Not among iTHOR's categories: a kitchen draws a few such categories for variety, one thing of each.
+    Extra,
+}
+
+/// One category of movable things.
+#[derive(Debug, Clone, Copy)]
+pub struct Category {
+    /// Its name; iTHOR's where iTHOR has the category.
+    pub name: &'static str,
+    /// Mass, kilograms.
+    pub mass_kg: f32,
+    /// What its surface is made of.
+    pub material: Material,
+    /// Colour in pictures and exports, 8-bit sRGB.
+    pub colour: [u8; 3],
+    /// Where it stands.
+    pub place: Place,
+    /// How often kitchens have it.
+    pub presence: Presence,
+    shape: fn() -> Shape,
+}
+
+impl Category {
+    /// Its shape, origin at the centre of the bounding box.
+    pub fn shape(&self) -> Shape {
+        centred((self.shape)())
+    }
+
+    /// Coulomb friction coefficient of its surface.
+    pub const fn friction(&self) -> f32 {
+        self.material.friction()
+    }
+
+    /// Share of the kitchens that have it; 0 for an [`Presence::Extra`], which is drawn in another way.
+    pub const fn share(&self) -> f32 {
+        match self.presence {
+            Presence::Every => 1.0,
+            Presence::Share { share, .. } => share,
+            Presence::Extra => 0.0,
+        }
+    }
+
+    /// Most of them in one kitchen: a count drawn uniformly from 1 to this has the reference's mean, as nearly as a
+    /// whole number allows.
+    pub fn most(&self) -> u32 {
+        match self.presence {
+            Presence::Share { per_kitchen, .. } => (2.0 * per_kitchen - 0.5) as u32,
+            Presence::Every | Presence::Extra => 1,
+        }
+    }
+
+    pub(super) const fn every(self) -> Self {
+        Self { presence: Presence::Every, ..self }
+    }
+
+    /// In this many of iTHOR's 30 kitchens, with this mean count where there is any.
+    pub(super) const fn some(self, kitchens: u8, per_kitchen: f32) -> Self {
+        Self { presence: Presence::Share { share: kitchens as f32 / 30.0, per_kitchen }, ..self }
+    }
+}
+
+/// A category of the variety; [`Category::every`] and [`Category::some`] change how often it is there.
+pub(super) const fn thing(
+    name: &'static str,
+    mass_kg: f32,
+    material: Material,
+    colour: [u8; 3],
+    place: Place,
+    shape: fn() -> Shape,
+) -> Category {
+    Category { name, mass_kg, material, colour, place, presence: Presence::Extra, shape }
+}

@@ -1,0 +1,136 @@
+//! Generates a kitchen from its number: draws a room, lets it come to rest, and draws again while anything is wrong.
+
+use super::assembly::{Demands, Flaw};
+use super::layout::floor_plan::Rectangle;
+use super::layout::{FittedRoom, Plan};
+use super::overlap::overlaps;
+use super::room::Room;
+use super::settled::Kitchen;
+use super::{ithor, placement, quota};
+use crate::physics::geometry::Solid;
+use crate::physics::scene::Scene;
+use proto::config::SimulationConfig;
+use proto::kitchen::{KitchenId, Split, TargetCategory};
+use proto::random::{Key, Purpose};
+
+/// A room in which something found no place, or fell, is drawn anew this many times.
+const ATTEMPTS: u32 = 32;
+/// Fewest spots of a target category: in any room, ...
+const SPOTS_LEAST_ANYWHERE: usize = 100;
+/// ... and in a training kitchen; half as many in others.
+pub const SPOTS_LEAST: usize = 400;
+/// Least share of a generated kitchen's free floor that is connected.
+pub const CONNECTED_LEAST: f32 = 0.95;
+/// What a generated room must offer before it is looked at closely.
+const DEMANDS: Demands = Demands { every_target: true, spots: SPOTS_LEAST_ANYWHERE, stands: 80 };
+
+/// Why a kitchen could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum KitchenError {
+    /// The kitchen is a scene of a run.
+    #[error("kitchen {kitchen} is a scene of a run: no generator makes it")]
+    NotBuiltIn {
+        /// The kitchen.
+        kitchen: KitchenId,
+    },
+    /// The generator found no room for something that every kitchen holds.
+    #[error("kitchen {kitchen}: no good room in {ATTEMPTS} attempts; the last one failed at {reason}")]
+    NoRoom {
+        /// The kitchen.
+        kitchen: KitchenId,
+        /// What went wrong last.
+        reason: String,
+    },
+}
+
+/// A room as the generator draws it: furnished, not yet at rest.
+#[derive(Debug, Clone)]
+pub struct DrawnRoom {
+    /// The furnished room.
+    pub room: Room,
+    /// How its runs of counters lie.
+    pub plan: Plan,
+    /// Floor that is to stay free of fixtures: before fronts and the door.
+    pub kept_clear: Vec<Rectangle>,
+}
+
+/// Draws a kitchen's room, for the `attempt`th time from 0, and furnishes it; the error is what found no place.
+pub fn draw_room(id: KitchenId, attempt: u32) -> Result<DrawnRoom, String> {
+    let key = Key {
+        seed: quota::SEED,
+        purpose: Purpose::Kitchen,
+        kitchen: id.number(),
+        environment: attempt,
+        episode: 0,
+        step: 0,
+    };
+    let mut random = key.stream();
+    let fitted = FittedRoom::draw(id, &mut random).map_err(|what| format!("a place for {what}"))?;
+    let mut scene = Scene::default();
+    for fixture in &fitted.fixtures {
+        scene.add(&Solid::of(&fixture.shape), &fixture.pose);
+    }
+    let things = placement::place(id, &fitted, &scene, &mut random).map_err(|what| format!("a place for {what}"))?;
+    let room = Room {
+        fixtures: fitted.fixtures,
+        things,
+        surfaces: fitted.worktops.iter().map(|worktop| worktop.surface).collect(),
+        floor: (fitted.floor.low, fitted.floor.high),
+    };
+    Ok(DrawnRoom { room, plan: fitted.plan, kept_clear: fitted.kept_clear })
+}
+
+impl DrawnRoom {
+    /// Lets the room come to rest. The error says what is wrong with it; it is never empty.
+    pub fn settle(self, id: KitchenId, timestep_s: f32) -> Result<Kitchen, Vec<Flaw>> {
+        let Self { room, plan, kept_clear } = self;
+        let kitchen = Kitchen::assemble(id, timestep_s, room, &DEMANDS)?;
+        Ok(Kitchen { plan: Some(plan), kept_clear, ..kitchen })
+    }
+}
+
+impl Kitchen {
+    /// Generates the kitchen with this number and lets it settle.
+    pub fn build(id: KitchenId, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
+        if id.scene_index().is_some() {
+            return Err(KitchenError::NotBuiltIn { kitchen: id });
+        }
+        let mut reason = String::new();
+        for attempt in 0..ATTEMPTS {
+            let outcome = draw_room(id, attempt).and_then(|drawn| {
+                let flaw = |flaws: Vec<Flaw>| flaws.first().map_or_else(String::new, ToString::to_string);
+                drawn.settle(id, simulation.timestep_s).map_err(flaw)?.acceptable()
+            });
+            match outcome {
+                Ok(kitchen) => return Ok(kitchen),
+                Err(why) => {
+                    tracing::debug!("kitchen {id}, attempt {attempt}: {why}");
+                    reason = why;
+                }
+            }
+        }
+        Err(KitchenError::NoRoom { kitchen: id, reason })
+    }
+
+    /// Itself, or what a generated kitchen must not be like.
+    fn acceptable(self) -> Result<Self, String> {
+        let things = self.thing_count();
+        if !(ithor::THINGS[0]..=ithor::THINGS[2]).contains(&(things as f32)) {
+            return Err(format!("{things} things"));
+        }
+        if self.connected_share < CONNECTED_LEAST {
+            return Err(format!("free floor ({:.2} of it connected)", self.connected_share));
+        }
+        if let Some(overlap) = overlaps(self.bodies(), self.settled_poses(), self.movable_bodies()).first() {
+            return Err(overlap.to_string());
+        }
+        let least = if self.id.split() == Split::Train { SPOTS_LEAST } else { SPOTS_LEAST / 2 };
+        for category in TargetCategory::ALL {
+            let spots = self.target_spots(category).len();
+            if spots < least {
+                return Err(format!("{spots} spots for {}", category.name()));
+            }
+        }
+        Ok(self)
+    }
+}

@@ -1,0 +1,59 @@
+//! Walls: what of their length is taken, and the holes in them.
+
+use super::frame::{Frame, Span};
+
+/// A hole in a wall.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Opening {
+    pub along: Span,
+    pub up: Span,
+}
+
+/// A wall: its frame begins in the corner where one stands when it is to the left, or to the right.
+#[derive(Debug, Clone)]
+pub(super) struct Wall {
+    pub frame: Frame,
+    pub length_m: f32,
+    /// Where something stands before it, hangs on it or goes through it.
+    pub taken: Vec<Span>,
+    pub openings: Vec<Opening>,
+}
+
+impl Wall {
+    pub fn new(frame: Frame, length_m: f32) -> Self {
+        Self { frame, length_m, taken: Vec::new(), openings: Vec::new() }
+    }
+
+    /// Lengths of this wall that nothing takes, in order.
+    pub fn free(&self) -> Vec<Span> {
+        let mut taken = self.taken.clone();
+        taken.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        let mut free = Vec::new();
+        let mut at = 0.0;
+        for [from, to] in taken {
+            if from > at {
+                free.push([at, from]);
+            }
+            at = f32::max(at, to);
+        }
+        if at < self.length_m {
+            free.push([at, self.length_m]);
+        }
+        free
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rapier3d::math::Vec3;
+
+    #[test]
+    fn what_is_not_taken_is_free() {
+        let frame = Frame { origin: Vec3::ZERO, along: Vec3::X, out: Vec3::Z };
+        let mut wall = Wall::new(frame, 5.0);
+        assert_eq!(wall.free(), [[0.0, 5.0]]);
+        wall.taken = vec![[3.0, 4.0], [0.0, 1.0], [0.5, 1.5]];
+        assert_eq!(wall.free(), [[1.5, 3.0], [4.0, 5.0]]);
+    }
+}

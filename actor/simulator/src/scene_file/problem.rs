@@ -1,0 +1,320 @@
+//! Everything that can be wrong with a scene, in words that say what to do.
+
+use super::tops::NoTop;
+use crate::gltf::document::DocumentError;
+use crate::gltf::no_solid::NoSolid;
+use crate::kitchen::room::MOVABLE_MASS_MAX_KG;
+use proto::kitchen::TargetCategory;
+use rapier3d::math::Vec3;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// All that was found wrong with a scene.
+#[derive(Debug)]
+pub struct SceneError {
+    /// The scene's TOML file.
+    pub file: PathBuf,
+    /// What is wrong; never empty.
+    pub problems: Vec<Problem>,
+}
+
+impl SceneError {
+    /// The problems of a file.
+    pub fn new(file: &Path, problems: Vec<Problem>) -> Self {
+        Self { file: file.to_path_buf(), problems }
+    }
+}
+
+impl fmt::Display for SceneError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let file = self.file.display();
+        if let [problem] = self.problems.as_slice() {
+            return write!(f, "{file}: {problem}");
+        }
+        write!(f, "{file}: {} things are wrong", self.problems.len())?;
+        for problem in &self.problems {
+            write!(f, "\n  {problem}")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for SceneError {}
+
+/// One thing that is wrong.
+#[derive(Debug, thiserror::Error)]
+pub enum Problem {
+    /// The TOML file cannot be read.
+    #[error("cannot be read: {cause}")]
+    Unreadable {
+        /// Why.
+        cause: String,
+    },
+    /// The TOML file is not as it should be.
+    #[error("line {line}: {problem}")]
+    Toml {
+        /// Line, from 1.
+        line: usize,
+        /// What is wrong.
+        problem: String,
+    },
+    /// The glTF file lies elsewhere.
+    #[error("gltf = \"{gltf}\" lies outside of this file's folder: put it beside it, a scene's files travel together")]
+    Elsewhere {
+        /// What stands there.
+        gltf: String,
+    },
+    /// The glTF file is not there.
+    #[error("gltf = \"{gltf}\": there is no such file beside this one{}", suggestion(.nearest.as_deref()))]
+    NoGltf {
+        /// What stands there.
+        gltf: String,
+        /// The closest glTF file's name.
+        nearest: Option<String>,
+    },
+    /// The glTF file cannot be used.
+    #[error(transparent)]
+    Gltf(#[from] DocumentError),
+    /// An entry fits no node.
+    #[error("no node is called `{pattern}`{}: correct the entry or take it out", suggestion(.nearest.as_deref()))]
+    NoNode {
+        /// The entry's name.
+        pattern: String,
+        /// The closest node's name.
+        nearest: Option<String>,
+    },
+    /// A node fits no entry.
+    #[error(
+        "node {node}: no entry says what it is{}; add one with its role (`ignore` if it should not be there)",
+        .nearest.as_deref().map_or_else(String::new, |entry| format!(" (is the entry `{entry}` meant for it?)"))
+    )]
+    NoRole {
+        /// The node.
+        node: String,
+        /// The closest name of an entry that fits no node.
+        nearest: Option<String>,
+    },
+    /// All nodes that some entries fit were taken by an entry before them.
+    #[error(
+        "never used: {}, because node {node} and the like take the entry `{by}`, which stands before; put `{by}` last",
+        .patterns.iter().map(|pattern| format!("`{pattern}`")).collect::<Vec<_>>().join(", ")
+    )]
+    Shadowed {
+        /// The entries' names.
+        patterns: Vec<String>,
+        /// A node that the first of them fits.
+        node: String,
+        /// The entry that the nodes take.
+        by: String,
+    },
+    /// A body has nothing to touch.
+    #[error("node {node}: has no mesh; name the node that has it, or its parent")]
+    NoMesh {
+        /// The node.
+        node: String,
+    },
+    /// A mesh is no solid.
+    #[error("node {node}: primitive {primitive} of its mesh {cause}")]
+    NoSolid {
+        /// The node.
+        node: String,
+        /// Which primitive, from 0.
+        primitive: usize,
+        /// Why not.
+        cause: NoSolid,
+    },
+    /// A movable thing weighs nothing.
+    #[error("node {node}: is movable and has no mass; add mass_kg to its entry")]
+    NoMass {
+        /// The node.
+        node: String,
+    },
+    /// A movable thing has a mass that it cannot have.
+    #[error(
+        "node {node}: mass_kg = {mass_kg} is not between 0 and {MOVABLE_MASS_MAX_KG}; what is heavier does not move: its \
+         role is `fixed`"
+    )]
+    Mass {
+        /// The node.
+        node: String,
+        /// Its mass, kilograms.
+        mass_kg: f32,
+    },
+    /// A movable thing has a friction that it cannot have.
+    #[error("node {node}: friction = {friction} is not between 0 and 4")]
+    Friction {
+        /// The node.
+        node: String,
+        /// Its coefficient.
+        friction: f32,
+    },
+    /// A thing that does not move has a mass.
+    #[error("node {node}: mass_kg and friction are for role `movable` only; take them out")]
+    NotMovable {
+        /// The node.
+        node: String,
+    },
+    /// No such category.
+    #[error(
+        "node {node}: there is no category `{category}`{}; `actor kitchens categories` lists them; leave it out to \
+         use the node's own name",
+        suggestion(.nearest.as_deref())
+    )]
+    UnknownCategory {
+        /// The node.
+        node: String,
+        /// What stands there.
+        category: String,
+        /// The closest category.
+        nearest: Option<String>,
+    },
+    /// Nothing can be a target.
+    #[error(
+        "nothing in it can be a target: one movable node at least must have the category {}{}",
+        targets(),
+        .nearest.as_ref().map_or_else(String::new, |(node, target)| format!(
+            "; node {node} has not, did you mean `{target}`? Add category = \"{target}\" to its entry"
+        ))
+    )]
+    NoTarget {
+        /// A movable node that is nearly called like a target, and the target.
+        nearest: Option<(String, &'static str)>,
+    },
+    /// Two things are the same target.
+    #[error("nodes {} are all {category:?}: an episode must know which it means; give one its own category", .nodes.join(", "))]
+    TwoTargets {
+        /// The category.
+        category: TargetCategory,
+        /// The nodes.
+        nodes: Vec<String>,
+    },
+    /// No node is the floor.
+    #[error("no entry has the role `floor`: the robot needs one to drive on")]
+    NoFloor,
+    /// Several nodes are the floor.
+    #[error("{floors} nodes have the role `floor`: one is the floor, others are `fixed`")]
+    SeveralFloors {
+        /// How many.
+        floors: usize,
+    },
+    /// Nothing is a surface.
+    #[error("no entry has the role `surface`: targets need one to stand on")]
+    NoSurface,
+    /// A surface has no top to stand on.
+    #[error("node {node}: is a `surface`, but targets cannot stand on it: {cause}")]
+    NoTop {
+        /// The node.
+        node: String,
+        /// Why not.
+        cause: NoTop,
+    },
+    /// Something lies on every surface.
+    #[error(
+        "targets have nothing to stand on: something fixed lies on each `surface`, or hangs less than 0.05 m above it ({}); \
+         give the role `surface` to what lies on top",
+        .nodes.join(", ")
+    )]
+    Covered {
+        /// The nodes.
+        nodes: Vec<String>,
+    },
+    /// The floor was not made in metres.
+    #[error(
+        "node {node}: is a floor of {size_m}, which no kitchen has: glTF counts in metres, and its y axis points up; scale \
+         or turn the scene, or export it anew"
+    )]
+    FloorSize {
+        /// The node.
+        node: String,
+        /// Its size.
+        size_m: Size,
+    },
+    /// A thing did not stay where it was put.
+    #[error(
+        "node {node}: moved {moved_m:.3} m while coming to rest: it hangs in the air, stands tilted or overlaps something; \
+         put it down where it stays"
+    )]
+    Fell {
+        /// The node.
+        node: String,
+        /// How far, metres.
+        moved_m: f32,
+    },
+    /// A thing does not come to rest.
+    #[error("node {node}: does not come to rest; give it a flat underside (a thin cylinder or box as a foot)")]
+    Awake {
+        /// The node.
+        node: String,
+    },
+    /// The robot has no room.
+    #[error(
+        "the robot can stand in {stands} poses only on a floor of {size_m}: leave it more free floor (the robot is 0.4 m wide \
+         and reaches ahead)"
+    )]
+    NoFreeFloor {
+        /// How many poses.
+        stands: usize,
+        /// The floor's size.
+        size_m: Size,
+    },
+    /// The arm comes to no surface.
+    #[error(
+        "the arm comes to no place on any `surface` ({}): a top must be at most 0.75 m from where the robot can stand, no \
+         higher than the arm reaches, and have room above it",
+        .nodes.join(", ")
+    )]
+    Unreachable {
+        /// The surfaces.
+        nodes: Vec<String>,
+    },
+    /// A target has no room.
+    #[error(
+        "{category:?} can stand in {spots} places only within the robot's reach: make surfaces larger or emptier, at most \
+         0.75 m from where the robot can stand"
+    )]
+    FewSpots {
+        /// The target.
+        category: TargetCategory,
+        /// How many places.
+        spots: usize,
+    },
+    /// A target is missing.
+    #[error("there is no {category:?}")]
+    NoSuchTarget {
+        /// The target.
+        category: TargetCategory,
+    },
+}
+
+/// How far something reaches along the floor's axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Size {
+    x_m: f32,
+    z_m: f32,
+}
+
+impl Size {
+    /// Between two corners.
+    pub fn of(low: Vec3, high: Vec3) -> Self {
+        Self { x_m: high.x - low.x, z_m: high.z - low.z }
+    }
+
+    /// The shorter and the longer of the two, metres.
+    pub(crate) fn sides_m(self) -> [f32; 2] {
+        [self.x_m.min(self.z_m), self.x_m.max(self.z_m)]
+    }
+}
+
+impl fmt::Display for Size {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:.2} m × {:.2} m", self.x_m, self.z_m)
+    }
+}
+
+fn suggestion(nearest: Option<&str>) -> String {
+    nearest.map_or_else(String::new, |nearest| format!(" (did you mean `{nearest}`?)"))
+}
+
+fn targets() -> String {
+    TargetCategory::ALL.map(TargetCategory::name).join(", ")
+}

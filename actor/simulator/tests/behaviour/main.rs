@@ -1,0 +1,9 @@
+//! The simulator as a whole.
+
+// Helpers of tests are tests too, which clippy's own exception does not see.
+#![allow(clippy::unwrap_used)]
+
+mod determinism;
+mod robot;
+mod support;
+mod task;

@@ -1,0 +1,35 @@
+//! Kitchens, environments and a random policy for tests.
+
+use proto::action::Action;
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::kitchen::KitchenId;
+use proto::random::{Key, Purpose};
+use proto::step::Transition;
+use simulator::environment::Environment;
+use simulator::kitchen::Kitchen;
+use std::sync::Arc;
+
+/// A built-in kitchen as it is by default.
+pub fn kitchen(number: u8) -> Arc<Kitchen> {
+    let id = KitchenId::new(number).unwrap();
+    Arc::new(Kitchen::build(id, &Config::default().simulation).unwrap())
+}
+
+/// An environment of it as it is by default.
+pub fn environment(kitchen: &Arc<Kitchen>, number: u32) -> Environment {
+    let id = EnvironmentId { kitchen: kitchen.id(), number };
+    Environment::new(Arc::clone(kitchen), id, &Config::default()).unwrap()
+}
+
+/// Uniform over all actions but Done, so that episodes are long.
+pub fn random_action(kitchen: KitchenId, environment: u32, episode: u32, step: u32) -> Action {
+    let key = Key { seed: 11, purpose: Purpose::RandomPolicy, kitchen: kitchen.number(), environment, episode, step };
+    Action::ALL[key.stream().below(20) as usize]
+}
+
+/// Takes this many random actions from where the environment is.
+pub fn run(environment: &mut Environment, number: u32, episode: u32, steps: u32) -> Vec<Transition> {
+    let kitchen = environment.kitchen().id();
+    (0..steps).map(|step| environment.step(random_action(kitchen, number, episode, step))).collect()
+}

@@ -1,0 +1,45 @@
+//! `actor check --scene`: everything that a scene must satisfy, in one line, and a copy of its files.
+
+use super::kitchens::scene_problems;
+use anyhow::{Context, Result, ensure};
+use proto::config::Config;
+use proto::kitchen::{KitchenId, TargetCategory};
+use simulator::scene_file::{load, read};
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Loads a scene, proves that nothing in it moves by itself, and says what it offers. With `copy`, its files are
+/// copied into that folder, which is made. With `targets_only` it says the categories of its targets alone, one a line.
+pub fn run(path: &Path, copy: Option<&Path>, targets_only: bool, mut out: impl Write) -> Result<()> {
+    let config = Config::default();
+    let id = KitchenId::scene(0).context("there is a first scene")?;
+    let kitchen = Arc::new(load(path, id, &config.simulation)?);
+    let found: Vec<String> = scene_problems(&kitchen, &config).iter().map(ToString::to_string).collect();
+    ensure!(found.is_empty(), "{}:\n  {}", path.display(), found.join("\n  "));
+    let targets = TargetCategory::ALL.into_iter().filter(|&target| !kitchen.target_spots(target).is_empty());
+    if targets_only {
+        targets.map(TargetCategory::name).try_for_each(|target| writeln!(out, "{target}"))?;
+    } else {
+        let targets: Vec<String> =
+            targets.map(|target| format!("{} {}", target.name(), kitchen.target_spots(target).len())).collect();
+        writeln!(
+            out,
+            "{}: {} things, at rest; {} robot poses; places of targets: {}",
+            path.display(),
+            kitchen.thing_count(),
+            kitchen.robot_stands().len(),
+            targets.join(", ")
+        )?;
+    }
+    if let Some(folder) = copy {
+        let from = path.parent().unwrap_or(Path::new(""));
+        for file in read(path)?.files {
+            let to = folder.join(&file);
+            let problem = || format!("cannot copy {} to {}", from.join(&file).display(), to.display());
+            std::fs::create_dir_all(to.parent().unwrap_or(folder)).with_context(problem)?;
+            std::fs::copy(from.join(&file), &to).with_context(problem)?;
+        }
+    }
+    Ok(())
+}

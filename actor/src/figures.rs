@@ -1,0 +1,217 @@
+//! `actor kitchens report`: our kitchens beside iTHOR's, in figures.
+
+use anyhow::{Result, ensure};
+use proto::config::Config;
+use proto::kitchen::KitchenId;
+use rapier3d::math::Vec3;
+use simulator::kitchen::Kitchen;
+use simulator::kitchen::catalogue::{CATEGORIES, Place};
+use simulator::kitchen::ithor::{self, NOT_THINGS};
+use simulator::kitchen::layout::Plan;
+use std::io::Write;
+
+/// Furthest that a decile of the nearest-neighbour distance may be off iTHOR's, as a share of it.
+const DECILE_TOLERANCE: f32 = 0.15;
+
+/// What is counted and measured over a set of kitchens.
+#[derive(Debug, Clone, Default)]
+pub struct Figures {
+    /// Number, plan, and number of things of each kitchen.
+    pub kitchens: Vec<(KitchenId, &'static str, usize)>,
+    /// Extent of the things' centres along x and z of each kitchen, metres.
+    pub extents_m: [Vec<f32>; 2],
+    /// Each category's number in each kitchen, in iTHOR's order.
+    pub counts: Vec<(&'static str, Vec<u32>)>,
+    /// Heights of all small things, metres.
+    pub heights_m: Vec<f32>,
+    /// Distances from each small thing to the nearest other one of its kitchen, metres.
+    pub nearest_m: Vec<f32>,
+    /// Things of categories that iTHOR does not have, in all kitchens.
+    pub others: u32,
+}
+
+impl Figures {
+    /// Measures kitchens as they have settled.
+    pub fn of(kitchens: &[Kitchen]) -> Self {
+        let mut figures = Self {
+            counts: ithor::CATEGORIES.iter().map(|&(name, ..)| (name, Vec::new())).collect(),
+            ..Self::default()
+        };
+        for kitchen in kitchens {
+            figures.add(kitchen);
+        }
+        figures
+    }
+
+    fn add(&mut self, kitchen: &Kitchen) {
+        let plan = kitchen.plan().map_or("", Plan::name);
+        self.kitchens.push((kitchen.id(), plan, kitchen.thing_count()));
+        let things = || {
+            kitchen
+                .bodies()
+                .iter()
+                .zip(kitchen.settled_poses())
+                .filter(|(body, _)| !NOT_THINGS.contains(&body.category.as_str()))
+        };
+        for (name, counts) in &mut self.counts {
+            counts.push(things().filter(|(body, _)| body.category == *name).count() as u32);
+        }
+        self.others += things().filter(|(body, _)| !ithor::counts(&body.category)).count() as u32;
+        for (axis, extents) in self.extents_m.iter_mut().enumerate() {
+            let along: Vec<f32> = things().map(|(_, pose)| pose.translation[2 * axis]).collect();
+            let (low, high) = along.iter().fold((f32::MAX, f32::MIN), |(low, high), &x| (low.min(x), high.max(x)));
+            extents.push(high - low);
+        }
+        let small: Vec<Vec3> =
+            things().filter(|(body, _)| is_small(&body.category)).map(|(_, pose)| pose.translation).collect();
+        self.heights_m.extend(small.iter().map(|position| position.y));
+        for (index, position) in small.iter().enumerate() {
+            let others = small.iter().enumerate().filter(|&(other, _)| other != index);
+            self.nearest_m.extend(others.map(|(_, other)| (*other - *position).length()).min_by(f32::total_cmp));
+        }
+    }
+
+    /// Deciles 1 to 9 of the nearest-neighbour distance, metres.
+    fn deciles_m(&self) -> [f32; 9] {
+        std::array::from_fn(|index| quantile(&self.nearest_m, (index + 1) as f32 / 10.0))
+    }
+
+    /// What is further from iTHOR's kitchens than it may be.
+    pub fn deviations(&self) -> Vec<String> {
+        let mut found = Vec::new();
+        for (index, (ours, theirs)) in self.deciles_m().into_iter().zip(ithor::NEAREST_NEIGHBOUR_DECILES_M).enumerate()
+        {
+            let off = ours / theirs - 1.0;
+            if off.abs() > DECILE_TOLERANCE {
+                found.push(format!(
+                    "decile {} of the nearest-neighbour distance is off by {:+.0}%",
+                    index + 1,
+                    off * 100.0
+                ));
+            }
+        }
+        for &(kitchen, _, things) in &self.kitchens {
+            if !(ithor::THINGS[0]..=ithor::THINGS[2]).contains(&(things as f32)) {
+                found.push(format!("kitchen {kitchen} holds {things} things"));
+            }
+        }
+        found
+    }
+
+    /// Prints all figures beside iTHOR's.
+    pub fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        let kitchens = self.kitchens.len();
+        let things: Vec<f32> = self.kitchens.iter().map(|&(.., things)| things as f32).collect();
+        writeln!(out, "kitchen   plan        things")?;
+        for (kitchen, plan, things) in &self.kitchens {
+            writeln!(out, "{:>7}   {plan:<9}   {things:>6}", kitchen.number())?;
+        }
+        writeln!(out, "\n                                ours: least median   most    iTHOR: least median   most")?;
+        let mut triple = |what: &str, ours: &[f32], theirs: [f32; 3]| {
+            let [least, median, most] = [0.0, 0.5, 1.0].map(|share| quantile(ours, share));
+            writeln!(
+                out,
+                "{what:<34} {least:8.2} {median:6.2} {most:6.2} {:15.2} {:6.2} {:6.2}",
+                theirs[0], theirs[1], theirs[2]
+            )
+        };
+        triple("things in a kitchen", &things, ithor::THINGS)?;
+        triple("extent of their centres, x, metres", &self.extents_m[0], ithor::EXTENT_X_M)?;
+        triple("extent of their centres, z, metres", &self.extents_m[1], ithor::EXTENT_Z_M)?;
+
+        writeln!(out, "\ncategory              ours: in kitchens  of these each    iTHOR: in kitchens  of these each")?;
+        for ((name, counts), &(_, their_kitchens, their_mean)) in self.counts.iter().zip(&ithor::CATEGORIES) {
+            let with = counts.iter().filter(|&&count| count > 0).count();
+            let mean = counts.iter().sum::<u32>() as f32 / with.max(1) as f32;
+            writeln!(
+                out,
+                "{name:<22} {with:>10} of {kitchens} {mean:>14.2} {their_kitchens:>16} of {} {their_mean:>14.2}",
+                ithor::KITCHENS
+            )?;
+        }
+        let each = f64::from(self.others) / kitchens.max(1) as f64;
+        writeln!(out, "of categories that iTHOR lacks: {each:.1} things a kitchen")?;
+
+        let total: u32 = ithor::HEIGHTS_M.iter().map(|&(.., count)| count).sum();
+        writeln!(out, "\nheight of small things, metres    ours  iTHOR  (shares)")?;
+        for (from, to, count) in ithor::HEIGHTS_M {
+            let ours = self.heights_m.iter().filter(|&&height| (from..to).contains(&height)).count();
+            let ours = ours as f32 / self.heights_m.len().max(1) as f32;
+            let theirs = count as f32 / total as f32;
+            writeln!(out, "{from:>16.1} to {to:.1} {:>15.1}% {:>5.1}%", ours * 100.0, theirs * 100.0)?;
+        }
+
+        writeln!(out, "\nnearest-neighbour distance of small things, metres ({} things)", self.nearest_m.len())?;
+        writeln!(out, "decile    ours  iTHOR  off by")?;
+        for (index, (ours, theirs)) in self.deciles_m().into_iter().zip(ithor::NEAREST_NEIGHBOUR_DECILES_M).enumerate()
+        {
+            writeln!(out, "{:>6}   {ours:5.3}  {theirs:5.2}  {:+5.1}%", index + 1, (ours / theirs - 1.0) * 100.0)?;
+        }
+        Ok(())
+    }
+}
+
+/// Prints the report over all kitchens; an error if they deviate from iTHOR's by more than they may.
+pub fn run(mut out: impl Write) -> Result<()> {
+    let config = Config::default();
+    let kitchens =
+        KitchenId::all().map(|id| Kitchen::build(id, &config.simulation)).collect::<Result<Vec<Kitchen>, _>>()?;
+    let figures = Figures::of(&kitchens);
+    figures.print(&mut out)?;
+    let deviations = figures.deviations();
+    if deviations.is_empty() {
+        writeln!(out, "\nEvery decile is within {:.0}% of iTHOR's.", DECILE_TOLERANCE * 100.0)?;
+    }
+    ensure!(deviations.is_empty(), "{}", deviations.join("; "));
+    Ok(())
+}
+
+/// A quantile with linear interpolation between the values in order; 0 of nothing.
+fn quantile(values: &[f32], share: f32) -> f32 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
+    let at = share * last as f32;
+    let below = (at as usize).min(last);
+    let above = (below + 1).min(last);
+    sorted[below] + (sorted[above] - sorted[below]) * (at - below as f32)
+}
+
+/// Whether a category is a small thing: movable, and stands on surfaces.
+fn is_small(category: &str) -> bool {
+    !NOT_THINGS.contains(&category)
+        && CATEGORIES.iter().any(|known| known.name == category && !matches!(known.place, Place::Seat | Place::Floor))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_interpolate() {
+        assert_eq!(quantile(&[3.0, 1.0, 2.0], 0.5), 2.0);
+        assert_eq!(quantile(&[1.0, 2.0], 0.25), 1.25);
+        assert_eq!(quantile(&[], 0.5), 0.0);
+    }
+
+    #[test]
+    fn deviations_are_noticed() {
+        let mut figures = Figures { nearest_m: (0..=1000).map(|i| i as f32 / 1000.0).collect(), ..Figures::default() };
+        assert!(figures.deviations().len() >= 8);
+        let knots: Vec<(f32, f32)> = std::iter::once((0.0, 0.08))
+            .chain(ithor::NEAREST_NEIGHBOUR_DECILES_M.into_iter().enumerate().map(|(i, d)| ((i + 1) as f32 / 10.0, d)))
+            .chain([(1.0, 1.0)])
+            .collect();
+        figures.nearest_m = (0..=1000)
+            .map(|i| {
+                let at = i as f32 / 1000.0;
+                let upper = knots.iter().position(|&(x, _)| x >= at).unwrap().max(1);
+                let ((x0, y0), (x1, y1)) = (knots[upper - 1], knots[upper]);
+                y0 + (y1 - y0) * (at - x0) / (x1 - x0)
+            })
+            .collect();
+        assert_eq!(figures.deviations(), Vec::<String>::new());
+        figures.kitchens.push((KitchenId::new(1).unwrap(), "", 91));
+        assert_eq!(figures.deviations().len(), 1);
+    }
+}

@@ -1,0 +1,175 @@
+//! The manifest of a checkpoint: what the tensor file must hash to, and where and under what the run stood. A learner
+//! writes it; learner and orchestrator read it.
+
+use crate::config::CarriedGoal;
+use crate::digest::sha256;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// What the last bits of a result depend on. A resume under another environment goes on, but not bit for bit.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Machine {
+    /// Version of libtorch.
+    pub torch: String,
+    /// `cpu` or `cuda`.
+    pub device: String,
+    /// Threads of libtorch on the CPU.
+    pub threads: u32,
+    /// `reproducible` where the CPU's results do not depend on the processor, else the instruction set of libtorch's
+    /// kernels. (The key's name is older than the word.)
+    #[serde(rename = "instruction_set")]
+    pub arithmetic: String,
+    /// Learners whose gradients are added up. One is not written down: a checkpoint of one is as it was before there
+    /// could be several.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub learners: u32,
+}
+
+fn one() -> u32 {
+    1
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's derive calls it so")]
+fn is_one(learners: &u32) -> bool {
+    *learners == 1
+}
+
+impl Machine {
+    /// What differs, as text for a warning; empty when nothing does.
+    pub fn differences(&self, stored: &Self) -> Vec<String> {
+        [
+            ("libtorch", &stored.torch, &self.torch),
+            ("device", &stored.device, &self.device),
+            ("threads", &stored.threads.to_string(), &self.threads.to_string()),
+            ("CPU arithmetic", &stored.arithmetic, &self.arithmetic),
+            ("learners", &stored.learners.to_string(), &self.learners.to_string()),
+        ]
+        .iter()
+        .filter(|(_, then, now)| then != now)
+        .map(|(what, then, now)| format!("{what} {now} instead of {then}"))
+        .collect()
+    }
+}
+
+fn older_sign() -> CarriedGoal {
+    CarriedGoal::ObjectToGoal
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's derive calls it so")]
+fn is_older_sign(sign: &CarriedGoal) -> bool {
+    *sign == older_sign()
+}
+
+/// The manifest. Written after the tensors: a checkpoint without one does not exist.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// [`crate::SCHEMA_VERSION`] of the writer.
+    pub schema_version: u32,
+    /// First rollout that is not in it.
+    pub rollout: u64,
+    /// Frames trained on.
+    pub frames: u64,
+    /// Exchange that the next rollout begins with.
+    pub exchange: u64,
+    /// Stage of the next rollout; the number of stages when the run is complete.
+    pub stage: u32,
+    /// True when a stage ended here: such a checkpoint is kept for good.
+    pub stage_end: bool,
+    /// Optimiser steps since the stage began.
+    pub adam_steps: u64,
+    /// PPO-Lagrangian's multiplier.
+    #[serde(with = "exact")]
+    pub multiplier: f64,
+    /// Sign of the goal vector that the weights were trained with. The older one is not written down: a checkpoint with
+    /// it is as it was before there were two.
+    #[serde(default = "older_sign", skip_serializing_if = "is_older_sign")]
+    pub carried_goal: CarriedGoal,
+    /// File name of the tensors, in the same folder.
+    pub tensors: String,
+    /// Its size, bytes.
+    pub tensors_bytes: u64,
+    /// Its SHA-256.
+    pub tensors_sha256: String,
+    /// SHA-256 of the effective configuration as TOML.
+    pub config_sha256: String,
+    /// Digest of the weights alone, as the summary shows it.
+    pub weights: String,
+    /// What the last bits depend on.
+    pub machine: Machine,
+    /// SHA-256 of this manifest with this field empty.
+    pub manifest_sha256: String,
+}
+
+/// A number as decimal text: JSON numbers are read with a last bit that may differ, and a resumed run must not. One
+/// number has one text, so that no flipped bit goes unnoticed.
+mod exact {
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's derive calls it so")]
+    pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(value)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        let value: f64 = text.parse().map_err(|_| D::Error::custom(format!("`{text}` is not a number")))?;
+        if value.to_string() == text { Ok(value) } else { Err(D::Error::custom(format!("`{text}` is not {value}"))) }
+    }
+}
+
+/// Why a file is not a manifest.
+#[derive(Debug, thiserror::Error)]
+pub enum ManifestError {
+    /// The file cannot be read.
+    #[error("cannot be read: {0}")]
+    Unreadable(#[from] std::io::Error),
+    /// Not the JSON of a manifest.
+    #[error("is not a manifest: {0}")]
+    Json(#[from] serde_json::Error),
+    /// Another version.
+    #[error("has schema version {found}; this program reads {}", crate::SCHEMA_VERSION)]
+    Version {
+        /// The version found.
+        found: u64,
+    },
+    /// Its own checksum does not match.
+    #[error("does not match its own checksum")]
+    Checksum,
+}
+
+impl Manifest {
+    /// The manifest as a file, its own checksum filled in.
+    pub fn seal(mut self) -> Vec<u8> {
+        self.manifest_sha256 = self.checksum();
+        self.to_json()
+    }
+
+    /// Reads and verifies a file that [`Manifest::seal`] made. Whether the tensors are whole is another question.
+    pub fn read(path: &Path) -> Result<Self, ManifestError> {
+        Self::open(&std::fs::read(path)?)
+    }
+
+    /// Reads and verifies what [`Manifest::seal`] wrote.
+    pub fn open(bytes: &[u8]) -> Result<Self, ManifestError> {
+        let value: serde_json::Value = serde_json::from_slice(bytes)?;
+        // The version comes first: another one may have other fields.
+        if let Some(found) = value.get("schema_version").and_then(serde_json::Value::as_u64)
+            && found != u64::from(crate::SCHEMA_VERSION)
+        {
+            return Err(ManifestError::Version { found });
+        }
+        let manifest: Self = serde_json::from_value(value)?;
+        if manifest.checksum() == manifest.manifest_sha256 { Ok(manifest) } else { Err(ManifestError::Checksum) }
+    }
+
+    fn checksum(&self) -> String {
+        sha256(&Self { manifest_sha256: String::new(), ..self.clone() }.to_json())
+    }
+
+    fn to_json(&self) -> Vec<u8> {
+        serde_json::to_vec_pretty(self).expect("numbers and strings always serialise")
+    }
+}

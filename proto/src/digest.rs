@@ -1,0 +1,18 @@
+//! Digests as text.
+
+use sha2::{Digest, Sha256};
+use std::fmt::Write;
+
+/// Bytes as lower-case hex digits, two each.
+pub fn hex(bytes: impl AsRef<[u8]>) -> String {
+    let bytes = bytes.as_ref();
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+/// SHA-256 as 64 hex digits.
+pub fn sha256(bytes: &[u8]) -> String {
+    hex(Sha256::digest(bytes))
+}

@@ -1,0 +1,85 @@
+//! What an evaluation is asked.
+
+use super::distribution::Distribution;
+use crate::kitchen::{Kitchens, Split, TargetCategory};
+use serde::{Deserialize, Serialize};
+
+/// Which target objects.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ObjectSet {
+    /// The six categories that are targets in evaluation only.
+    Novel,
+    /// The six categories that are targets in training.
+    Seen,
+    /// All twelve.
+    All,
+}
+
+impl ObjectSet {
+    /// Whether targets of this category belong to the set.
+    pub fn contains(self, category: TargetCategory) -> bool {
+        match self {
+            Self::Novel => TargetCategory::NOVEL.contains(&category),
+            Self::Seen => TargetCategory::SEEN.contains(&category),
+            Self::All => true,
+        }
+    }
+
+    /// `novel`, `seen` or `all`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Novel => "novel",
+            Self::Seen => "seen",
+            Self::All => "all",
+        }
+    }
+}
+
+/// What an evaluation is asked: a table of the configuration that `orchestrator eval` writes for its processes. A run
+/// has none.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationConfig {
+    /// Kitchens; train where the run's scenes are.
+    pub split: Split,
+    /// Targets.
+    pub objects: ObjectSet,
+    /// The first this many episodes of each kitchen and of each of the sets novel and seen; 0 = all.
+    pub episodes: u32,
+    /// Fixed or drawn.
+    #[serde(default)]
+    pub distribution: Distribution,
+    /// Targets that each scene of the configuration has; empty where kitchens are built in, which have all.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub scene_targets: Vec<Vec<TargetCategory>>,
+    /// The most probable action instead of a sampled one.
+    pub deterministic: bool,
+    /// Manifest of the checkpoint; none = weights as a fresh run with this configuration's seed begins with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub checkpoint: Option<String>,
+}
+
+impl EvaluationConfig {
+    /// The first `episodes` fixed episodes of each kitchen of a split (0 = all), with sampled actions and the weights
+    /// that a fresh run begins with.
+    pub fn fixed(split: Split, objects: ObjectSet, episodes: u32) -> Self {
+        Self {
+            split,
+            objects,
+            episodes,
+            distribution: Distribution::Fixed,
+            scene_targets: Vec::new(),
+            deterministic: false,
+            checkpoint: None,
+        }
+    }
+
+    /// Kitchens whose episodes are played.
+    pub fn kitchens(&self) -> Kitchens {
+        match self.scene_targets.len() {
+            0 => Kitchens::Split(self.split),
+            scenes => Kitchens::Scenes(scenes),
+        }
+    }
+}

@@ -1,0 +1,218 @@
+//! The result file of an evaluation.
+
+use super::asked::ObjectSet;
+use super::distribution::{Distribution, describe};
+use super::figures::Figures;
+use super::record::EpisodeRecord;
+use crate::action::ActionSpace;
+use crate::kitchen::{KitchenId, Split, TargetCategory};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+
+/// Name of the result file in an evaluation's folder.
+pub const RESULT_FILE: &str = "evaluation.json";
+/// Name of the per-episode table in an evaluation's folder.
+pub const TABLE_FILE: &str = "episodes.csv";
+
+/// Whose weights were evaluated.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Subject {
+    /// Preset of the run.
+    pub preset: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// The run folder; none for weights that no run has trained.
+    pub run: Option<String>,
+    /// Manifest of the checkpoint; none for weights that no run has trained.
+    pub checkpoint: Option<String>,
+    /// Frames trained on.
+    pub frames: u64,
+    /// SHA-256 of the weights, 64 hex digits.
+    pub weights: String,
+    /// Trainable parameters.
+    pub parameters: u64,
+}
+
+/// How it was done.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Conditions {
+    /// Kitchens; train where they are scenes.
+    pub split: Split,
+    /// Scenes, as the evaluation's configuration names them; empty where kitchens are built in.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub scenes: Vec<String>,
+    /// Targets.
+    pub objects: ObjectSet,
+    /// Episodes of each kitchen and object set at most; 0 = all.
+    pub episodes: u32,
+    /// Fixed or drawn.
+    #[serde(default)]
+    pub distribution: Distribution,
+    /// Robots started at most this far from the target, metres; 0 = anywhere in the kitchen, as in fixed episodes.
+    #[serde(default)]
+    pub start_distance_max_m: f32,
+    /// Goals lay at most this far from the target's start, metres; 0 = anywhere in the kitchen.
+    #[serde(default)]
+    pub goal_distance_max_m: f32,
+    /// The most probable action instead of a sampled one.
+    pub deterministic: bool,
+    /// Seed of the action noise.
+    pub seed: u64,
+    /// Step limit of an episode.
+    pub max_steps: u32,
+    /// Actions the policy chose from.
+    pub action_space: ActionSpace,
+    /// Actor processes.
+    pub actors: u32,
+    /// Environments of each.
+    pub environments_per_actor: u32,
+    /// What inferred, e.g. `cpu, 1 thread` or `cuda:0, bfloat16 encoder`; float32 where nothing is said.
+    pub device: String,
+}
+
+impl Conditions {
+    /// Which episodes were played, as people read it.
+    pub fn episodes_played(&self) -> String {
+        describe(self.distribution, self.start_distance_max_m, self.goal_distance_max_m)
+    }
+}
+
+/// What it took.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Cost {
+    /// When it ended, seconds since 1970.
+    pub at_unix_s: u64,
+    /// From the first action to the last, seconds.
+    pub wall_s: f64,
+    /// Simulated steps.
+    pub steps: u64,
+}
+
+/// Figures of one kitchen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct KitchenFigures {
+    /// The kitchen.
+    pub kitchen: KitchenId,
+    /// Its episodes.
+    pub figures: Figures,
+}
+
+/// Figures of one target category.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CategoryFigures {
+    /// The category.
+    pub category: TargetCategory,
+    /// Its episodes.
+    pub figures: Figures,
+}
+
+/// Figures of one set of target objects.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ObjectSetFigures {
+    /// Novel or seen, never all.
+    pub objects: ObjectSet,
+    /// Its episodes.
+    pub figures: Figures,
+}
+
+/// How often each action was taken at each step.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ActionCounts {
+    /// Names of the actions, in the order of the columns.
+    pub actions: Vec<String>,
+    /// \[`max_steps`\]\[actions\]: episodes in which that action was taken at that step. A row's sum is the number of
+    /// episodes that had not ended before the step.
+    pub by_step: Vec<Vec<u32>>,
+}
+
+/// The result file, `evaluation.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// [`crate::SCHEMA_VERSION`] of the writer.
+    pub schema_version: u32,
+    /// Whose weights.
+    pub subject: Subject,
+    /// How.
+    pub conditions: Conditions,
+    /// At what cost.
+    pub cost: Cost,
+    /// All episodes together.
+    pub overall: Figures,
+    /// Novel and seen, as far as they were asked for.
+    pub object_sets: Vec<ObjectSetFigures>,
+    /// By kitchen, ascending.
+    pub kitchens: Vec<KitchenFigures>,
+    /// By category, in wire order, as far as they were asked for.
+    pub categories: Vec<CategoryFigures>,
+    /// All episodes together.
+    pub action_counts: ActionCounts,
+}
+
+impl Evaluation {
+    /// Sums up: `records` in table order ([`super::Plan::episodes`]), with the actions taken in each (`A_large` indices).
+    pub fn of(subject: Subject, conditions: Conditions, cost: Cost, records: &[(EpisodeRecord, Vec<u8>)]) -> Self {
+        let figures = |test: &dyn Fn(&EpisodeRecord) -> bool| {
+            Figures::of(records.iter().map(|(record, _)| record).filter(|record| test(record)))
+        };
+        let object_sets = [ObjectSet::Novel, ObjectSet::Seen]
+            .map(|objects| ObjectSetFigures { objects, figures: figures(&|record| objects.contains(record.category)) });
+        let kitchens = records.iter().map(|(record, _)| record.kitchen).collect::<BTreeSet<_>>();
+        let kitchens = kitchens
+            .into_iter()
+            .map(|kitchen| KitchenFigures { kitchen, figures: figures(&|record| record.kitchen == kitchen) });
+        let categories = TargetCategory::ALL
+            .map(|category| CategoryFigures { category, figures: figures(&|record| record.category == category) });
+        Self {
+            schema_version: crate::SCHEMA_VERSION,
+            overall: figures(&|_| true),
+            object_sets: object_sets.into_iter().filter(|set| set.figures.episodes > 0).collect(),
+            kitchens: kitchens.collect(),
+            categories: categories.into_iter().filter(|category| category.figures.episodes > 0).collect(),
+            action_counts: ActionCounts::of(
+                conditions.action_space,
+                conditions.max_steps,
+                records.iter().map(|(_, actions)| actions.as_slice()),
+            ),
+            subject,
+            conditions,
+            cost,
+        }
+    }
+}
+
+impl ActionCounts {
+    /// Counts the actions (`A_large` indices) of episodes of at most `max_steps` steps. What does not belong to the
+    /// action space is left out: a policy cannot take it.
+    pub fn of<'a>(space: ActionSpace, max_steps: u32, episodes: impl Iterator<Item = &'a [u8]>) -> Self {
+        let actions = space.actions();
+        let mut by_step = vec![vec![0; actions.len()]; max_steps as usize];
+        for episode in episodes {
+            for (row, &taken) in by_step.iter_mut().zip(episode) {
+                if let Some(column) = actions.iter().position(|action| action.index() == taken) {
+                    row[column] += 1;
+                }
+            }
+        }
+        Self { actions: actions.iter().map(|action| action.name().to_owned()).collect(), by_step }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::action::Action;
+
+    #[test]
+    fn every_step_of_every_episode_is_counted_once() {
+        let ahead = Action::ALL[16].index();
+        let done = Action::ALL[20].index();
+        let episodes: [&[u8]; 2] = [&[ahead, ahead, done], &[done]];
+        let counts = ActionCounts::of(ActionSpace::Large, 5, episodes.into_iter());
+        assert_eq!((counts.actions.len(), counts.by_step.len()), (21, 5));
+        let sums: Vec<u32> = counts.by_step.iter().map(|row| row.iter().sum()).collect();
+        assert_eq!(sums, [2, 1, 1, 0, 0]);
+        assert_eq!((counts.by_step[0][16], counts.by_step[0][20], counts.by_step[2][20]), (1, 1, 1));
+        let small = ActionCounts::of(ActionSpace::Small, 5, episodes.into_iter());
+        assert_eq!((small.actions.len(), small.by_step[1].iter().sum::<u32>()), (13, 1));
+    }
+}

@@ -1,0 +1,130 @@
+//! What a learner tells the orchestrator: one JSON object a line on its standard output.
+//!
+//! Logs go to standard error. The other direction is the stage service in shared memory; the learner's standard
+//! input is only a lifeline: when it closes, the orchestrator is gone, and the learner saves and exits.
+//!
+//! Of several learners rank 0 speaks for all: it alone tells of rollouts, updates and checkpoints, and its figures are
+//! those of the whole batch. The others tell of themselves only.
+
+use crate::evaluation::EpisodeRecord;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// One line of a learner's standard output.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum LearnerEvent {
+    /// The network is built, the checkpoint (if any) loaded; the learner waits for the stage announcement of `rollout`.
+    Ready {
+        /// Rank in the process group.
+        rank: u32,
+        /// The rollout it will collect next.
+        rollout: u64,
+        /// Frames trained on so far.
+        frames: u64,
+        /// What it computes on, e.g. `cpu, 2 threads` or `cuda:0, bfloat16 encoder`; float32 where nothing is said.
+        device: String,
+        /// Trainable parameters.
+        parameters: u64,
+        /// Manifest of the checkpoint it came from, relative to the run folder; none on a fresh start. Of an evaluation:
+        /// as its configuration names it.
+        checkpoint: Option<String>,
+    },
+    /// All of this learner's actors have answered for the first time.
+    ActorsConnected {
+        /// Rank in the process group.
+        rank: u32,
+    },
+    /// A rollout is collected; its update begins. The stage machine decides on rollout + 1 now.
+    RolloutCollected {
+        /// Rank in the process group.
+        rank: u32,
+        /// Number of the rollout, from 0.
+        rollout: u64,
+        /// Frames that will have been trained on when the update is through.
+        frames: u64,
+    },
+    /// An update is through.
+    RolloutTrained {
+        /// Rank in the process group.
+        rank: u32,
+        /// Number of the rollout, from 0.
+        rollout: u64,
+        /// Frames trained on so far, this rollout included.
+        frames: u64,
+        /// Stage the rollout belonged to.
+        stage: u32,
+        /// Where the time went.
+        timing: Timing,
+        /// Named figures: see [`metric`].
+        metrics: BTreeMap<String, f64>,
+    },
+    /// A checkpoint is complete on disk.
+    CheckpointWritten {
+        /// Rank in the process group.
+        rank: u32,
+        /// First rollout that is not in it.
+        rollout: u64,
+        /// Frames trained on in it.
+        frames: u64,
+        /// Folder-relative path of its manifest.
+        path: String,
+    },
+    /// An episode of an evaluation has ended.
+    EpisodePlayed {
+        /// What came of it.
+        record: EpisodeRecord,
+        /// The actions taken, `A_large` indices.
+        actions: Vec<u8>,
+    },
+    /// The learner waits for an actor that does not answer.
+    WaitingForActor {
+        /// Rank in the process group.
+        rank: u32,
+        /// Actor number.
+        actor: u32,
+        /// How long it has waited, seconds.
+        waited_s: f64,
+    },
+    /// The budget is reached or a stop was asked for; the last checkpoint is written and the process exits with 0. Of
+    /// an evaluation: all episodes are played.
+    Finished {
+        /// Rank in the process group.
+        rank: u32,
+        /// Frames trained on; 0 of an evaluation, which trains on none.
+        frames: u64,
+        /// SHA-256 over all weights, 64 hex digits (see the learner's `weights_digest`).
+        weights: String,
+        /// True when the budget is reached, false after a stop.
+        complete: bool,
+    },
+}
+
+impl LearnerEvent {
+    /// Rank of the learner that speaks. An evaluation has one.
+    pub fn rank(&self) -> u32 {
+        match *self {
+            Self::Ready { rank, .. }
+            | Self::ActorsConnected { rank }
+            | Self::RolloutCollected { rank, .. }
+            | Self::RolloutTrained { rank, .. }
+            | Self::CheckpointWritten { rank, .. }
+            | Self::WaitingForActor { rank, .. }
+            | Self::Finished { rank, .. } => rank,
+            Self::EpisodePlayed { .. } => 0,
+        }
+    }
+}
+
+/// Seconds that one rollout and its update took, by what the learner was doing.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Timing {
+    /// Waiting for actors (simulation that inference did not hide).
+    pub simulate_s: f64,
+    /// Policy inference, with copies and sampling.
+    pub infer_s: f64,
+    /// PPO epochs.
+    pub update_s: f64,
+    /// Everything else: waiting for announcements and other learners, checkpoints.
+    pub other_s: f64,
+}

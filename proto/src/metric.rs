@@ -1,0 +1,42 @@
+//! Names of the figures that a learner tells of an update ([`crate::event::LearnerEvent::RolloutTrained`]). Episode
+//! figures are means over the episodes that ended in the rollout and are absent when none did.
+
+/// Episodes that ended in this rollout.
+pub const EPISODES: &str = "episode/count";
+/// Undiscounted return under the stage's reward.
+pub const RETURN: &str = "episode/return";
+/// Length in steps.
+pub const LENGTH: &str = "episode/length";
+/// Success rate, 0..1.
+pub const SUCCESS: &str = "episode/success";
+/// Rate of success without disturbance (d < 0.01 m), 0..1.
+pub const SUCCESS_UNDISTURBED: &str = "episode/success_without_disturbance";
+/// Rate of episodes in which the target was picked up, 0..1.
+pub const PICKED_UP: &str = "episode/picked_up";
+/// Total displacement at the end, metres.
+pub const DISTURBANCE: &str = "episode/disturbance_m";
+/// Σ `γ^t` (`d_t` - d_{t-1}) of an episode, metres: what PPO-Lagrangian constrains.
+pub const DISCOUNTED_DISTURBANCE: &str = "episode/discounted_disturbance_m";
+/// Learners that ended this rollout early, because most others had finished (DD-PPO); absent where there is one
+/// learner, or nobody is ever hurried.
+pub const PREEMPTED: &str = "rollout/preempted_learners";
+/// Mean reward a step over the rollout.
+pub const REWARD: &str = "rollout/reward";
+/// Clipped policy loss.
+pub const POLICY_LOSS: &str = "loss/policy";
+/// Value loss (before its coefficient).
+pub const VALUE_LOSS: &str = "loss/value";
+/// Policy entropy, nats.
+pub const ENTROPY: &str = "policy/entropy";
+/// Share of samples whose ratio was clipped.
+pub const CLIP_FRACTION: &str = "policy/clip_fraction";
+/// Mean of (ratio - 1) - ln(ratio).
+pub const APPROXIMATE_KL: &str = "policy/approximate_kl";
+/// Global gradient norm before clipping, mean over epochs.
+pub const GRADIENT_NORM: &str = "optimizer/gradient_norm";
+/// Learning rate of the update.
+pub const LEARNING_RATE: &str = "optimizer/learning_rate";
+/// PPO-Lagrangian's multiplier after the update; only in its stages.
+pub const MULTIPLIER: &str = "lagrangian/multiplier";
+/// Auxiliary loss (before its weight); `auxiliary/…` holds the task's other figures.
+pub const AUXILIARY_LOSS: &str = "loss/auxiliary";

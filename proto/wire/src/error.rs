@@ -1,0 +1,51 @@
+//! What can fail in the shared-memory layer.
+
+/// A failure of the shared-memory layer. The text names the service and says what to do where something can be done.
+#[derive(Debug, thiserror::Error)]
+pub enum WireError {
+    /// The node could not be created.
+    #[error(
+        "cannot join the run's shared memory at {root}: {cause}; check that /dev/shm and {root} exist and are writable"
+    )]
+    Node {
+        /// Root folder of the incarnation.
+        root: String,
+        /// What iceoryx2 said.
+        cause: String,
+    },
+    /// A service could not be created or opened.
+    #[error("cannot {verb} service `{service}`: {cause}")]
+    Service {
+        /// `create` or `open`.
+        verb: &'static str,
+        /// Name of the service.
+        service: String,
+        /// What iceoryx2 said.
+        cause: String,
+    },
+    /// A port could not be made.
+    #[error(
+        "cannot make a port on service `{service}`: {cause}; if /dev/shm is full, `orchestrator clean` frees what dead runs left"
+    )]
+    Port {
+        /// Name of the service.
+        service: String,
+        /// What iceoryx2 said.
+        cause: String,
+    },
+    /// Events are sockets, and a socket's path is limited to 108 bytes.
+    #[error("the temporary folder {root} has too long a name for sockets: set TMPDIR to a shorter one, such as /tmp")]
+    TooLong {
+        /// Root folder of the incarnation.
+        root: String,
+    },
+    /// Bells could not be waited for.
+    #[error("cannot wait for bells: {0}")]
+    Wait(String),
+    /// An announcement could not be made.
+    #[error("a stage announcement cannot be published: {0}")]
+    Announcement(String),
+    /// The address is not one that iceoryx2 accepts.
+    #[error("`{0}` is not a wire address (expected PREFIX@FOLDER)")]
+    Address(String),
+}

@@ -1,0 +1,57 @@
+//! What joins Stillroom's processes: payloads and services in shared memory, and what every process does in the same way
+//! (log, hold its lifeline, check its processor, pass fault points).
+//!
+//! The crate `proto` says what the processes exchange; this one carries it from process to process.
+//!
+//! ```
+//! use bytemuck::Zeroable;
+//! use proto::action::Action;
+//! use proto::shares::Shares;
+//! use wire::message::Observation;
+//! use wire::{Wire, WireAddress, WireHost, WireShape};
+//!
+//! // The orchestrator creates all services; one actor with two environments and one learner join.
+//! let address = WireAddress::new(&format!("example{}", std::process::id()), 1);
+//! let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 2 };
+//! let host = WireHost::create(&address, shape)?;
+//! let learner = Wire::join(&address, shape, "learner-0")?;
+//! let actor = Wire::join(&address, shape, "actor-00")?;
+//!
+//! // The actor sends the observation of one half of its environments. The learner reads it where it lies.
+//! let (observations, seen) = (actor.observation_publisher(0)?, learner.observation_subscriber(0)?);
+//! let mut sample = observations.loan_slice_uninit(1)?;
+//! sample.user_header_mut().step = 7;
+//! sample.write_from_fn(|_| Observation { environment: 1, ..Observation::zeroed() }).send()?;
+//! let sample = seen.receive()?.expect("it was sent");
+//! assert_eq!((sample.user_header().step, sample.payload()[0].environment), (7, 1));
+//!
+//! // The learner answers with one byte an environment.
+//! let (actions, answers) = (learner.action_publisher(0)?, actor.action_subscriber(0)?);
+//! actions.loan_slice_uninit(1)?.write_from_slice(&[Action::MoveAheadContinuous.index()]).send()?;
+//! assert_eq!(answers.receive()?.expect("it was sent").payload(), [16]);
+//!
+//! # drop((sample, observations, seen, actions, answers, learner, actor));
+//! drop(host);
+//! address.sweep()?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod address;
+mod bells;
+mod error;
+pub mod fault;
+mod ffi;
+pub mod lifeline;
+pub mod logging;
+pub mod message;
+pub mod processor;
+mod services;
+
+pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress};
+pub use bells::{Bells, ThreadBell, Waiting};
+pub use error::WireError;
+pub use services::{
+    ActionPublisher, ActionSubscriber, Announcer, Bell, Ipc, ObservationPublisher, ObservationReaders,
+    ObservationSubscriber, RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wakeup, Wire,
+    WireHost, WireShape,
+};

@@ -1,0 +1,215 @@
+//! Payloads in shared memory. All are `repr(C)` and have their sizes asserted at compile time.
+//!
+//! All are [`Pod`], too: the compiler thereby proves that they hold no pointers and no hidden padding. Equal messages
+//! have equal bytes.
+
+use bytemuck::{Pod, Zeroable};
+use iceoryx2::prelude::ZeroCopySend;
+use proto::camera::FRAME_PIXELS;
+use proto::episode::MAX_EPISODE_STEPS;
+use proto::step::{Current, Transition};
+
+/// One environment's answer to one action: what the action did, what is seen now, and the depth frame.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+#[repr(align(64))]
+pub struct Observation {
+    /// What the last action did.
+    pub transition: Transition,
+    /// What is seen now.
+    pub current: Current,
+    /// Environment index within the actor.
+    pub environment: u32,
+    /// Padding up to the frame, which begins on a cache line, always 0.
+    pub reserved: [u32; 13],
+    /// Depth along the camera's axis, millimetres, row-major from the top left; 0 where nothing was hit.
+    pub depth_mm: [u16; FRAME_PIXELS],
+}
+
+// SAFETY: an Observation is `Pod`: `repr(C)`, self-contained, without pointers. (The derive asks for this trait on every
+// field, and two of them are types of `proto`, which knows no transport.)
+unsafe impl ZeroCopySend for Observation {
+    unsafe fn type_name() -> &'static str {
+        "stillroom/Observation/3"
+    }
+}
+
+/// Byte offset of the depth frame in an [`Observation`].
+pub const DEPTH_OFFSET: usize = core::mem::offset_of!(Observation, depth_mm);
+
+const _: () = assert!(DEPTH_OFFSET == 256);
+const _: () = assert!(size_of::<Observation>() == 100_608);
+const _: () = assert!(size_of::<Observation>().is_multiple_of(64));
+
+/// What a sample of the observation service carries.
+pub mod observation_kind {
+    /// The actor has just started and asks for its environments' states. The payload is zeroed.
+    pub const HELLO: u32 = 1;
+    /// Observations of one half of the actor's environments.
+    pub const OBSERVATIONS: u32 = 2;
+}
+
+/// Header of an observation sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("stillroom/ObservationHeader/1")]
+#[repr(C)]
+pub struct ObservationHeader {
+    /// Exchange number: how many actions this half has been given since the run's first step.
+    pub step: u64,
+    /// Version of the stage announcement in force, echoed from the last action batch.
+    pub stage_version: u64,
+    /// Value of [`observation_kind`].
+    pub kind: u32,
+    /// Actor number.
+    pub actor: u32,
+    /// How often this actor has been started in this run incarnation, from 1.
+    pub actor_incarnation: u32,
+    /// The learner incarnation whose `Restore` these environments come from; others ignore the sample.
+    pub learner_incarnation: u32,
+    /// Which half: 0 or 1.
+    pub half: u32,
+    /// Padding, always 0.
+    pub reserved: u32,
+}
+
+/// Header of an action batch. The payload is one byte an environment of the half: an `A_large` index or `HOLD`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("stillroom/ActionHeader/1")]
+#[repr(C)]
+pub struct ActionHeader {
+    /// The `step` of the observations that these actions answer.
+    pub step: u64,
+    /// Version of the stage announcement in force.
+    pub stage_version: u64,
+    /// Incarnation of the learner that speaks.
+    pub learner_incarnation: u32,
+    /// Which half: 0 or 1.
+    pub half: u32,
+}
+
+/// Header of a restore: the payload is one [`EnvironmentState`] an environment, in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("stillroom/RestoreHeader/1")]
+#[repr(C)]
+pub struct RestoreHeader {
+    /// Exchange number that each half goes on from (`step` of the observation it sends next).
+    pub step: [u64; 2],
+    /// Version of the stage announcement in force.
+    pub stage_version: u64,
+    /// Incarnation of the learner that speaks: the actor adopts it.
+    pub learner_incarnation: u32,
+    /// Actor incarnation this is for; 0 = whichever listens.
+    pub actor_incarnation: u32,
+}
+
+/// All that is needed to rebuild an environment: which episode, and the actions taken in it so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("stillroom/EnvironmentState/1")]
+#[repr(C)]
+pub struct EnvironmentState {
+    /// Episode number within the environment.
+    pub episode: u32,
+    /// Actions taken in it so far.
+    pub action_count: u32,
+    /// The actions, `A_large` indices; only the first `action_count` are meaningful, the rest are 0.
+    pub actions: [u8; MAX_EPISODE_STEPS],
+}
+
+const _: () = assert!(size_of::<EnvironmentState>() == 520);
+
+impl EnvironmentState {
+    /// The state at the start of an episode.
+    pub fn start_of(episode: u32) -> Self {
+        Self { episode, action_count: 0, actions: [0; MAX_EPISODE_STEPS] }
+    }
+
+    /// The actions taken so far.
+    ///
+    /// # Panics
+    /// If `action_count` exceeds the capacity: the state came from a corrupt source.
+    pub fn actions(&self) -> &[u8] {
+        &self.actions[..self.action_count as usize]
+    }
+
+    /// Notes one more action.
+    ///
+    /// # Panics
+    /// If the episode already has [`MAX_EPISODE_STEPS`] actions.
+    pub fn push(&mut self, action: u8) {
+        assert!((self.action_count as usize) < MAX_EPISODE_STEPS, "an episode never exceeds MAX_EPISODE_STEPS");
+        self.actions[self.action_count as usize] = action;
+        self.action_count += 1;
+    }
+}
+
+/// Values of [`StageAnnouncement::directive`].
+pub mod directive {
+    /// Collect and train on the announced rollout.
+    pub const TRAIN: u32 = 1;
+    /// Save the state as of the last rollout boundary and exit.
+    pub const STOP: u32 = 2;
+}
+
+/// The orchestrator's word on what the learners do next. History 1, versions only grow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("stillroom/StageAnnouncement/1")]
+#[repr(C)]
+pub struct StageAnnouncement {
+    /// Version, from 1.
+    pub version: u64,
+    /// The rollout this allows; a learner starts rollout k only under an announcement with `rollout` = k.
+    pub rollout: u64,
+    /// Index of the stage in the configuration.
+    pub stage: u32,
+    /// Value of [`directive`].
+    pub directive: u32,
+}
+
+/// How an actor's environments are divided into halves: half 0 holds the first ceil(E / 2), half 1 the rest.
+///
+/// While the learner infers for one half, the actor simulates the other. With one environment there is one half.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Halves {
+    environments: u32,
+}
+
+impl Halves {
+    /// The halves of `environments` environments.
+    ///
+    /// # Panics
+    /// If `environments` is 0.
+    pub fn of(environments: u32) -> Self {
+        assert!(environments > 0, "an actor has at least one environment");
+        Self { environments }
+    }
+
+    /// 1 or 2.
+    pub fn count(self) -> u32 {
+        self.environments.min(2)
+    }
+
+    /// Environment indices of a half.
+    pub fn range(self, half: u32) -> core::ops::Range<usize> {
+        let middle = self.environments.div_ceil(2) as usize;
+        match half {
+            0 => 0..middle,
+            1 => middle..self.environments as usize,
+            _ => unreachable!("an actor has at most two halves"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halves_cover_all_environments_once() {
+        for n in 1..=9 {
+            let halves = Halves::of(n);
+            let all: Vec<usize> = (0..halves.count()).flat_map(|half| halves.range(half)).collect();
+            assert_eq!(all, (0..n as usize).collect::<Vec<_>>());
+            assert!((0..halves.count()).all(|half| !halves.range(half).is_empty()));
+        }
+    }
+}

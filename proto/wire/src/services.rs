@@ -1,0 +1,523 @@
+//! The shared-memory services: their names, their settings, and who opens what.
+//!
+//! | service | pattern | from → to | payload |
+//! |---|---|---|---|
+//! | `observations/RANK` | publish-subscribe | a learner's actors → it, recorder | `[Observation]` of one half |
+//! | `observations-ready/RANK` | event, id = actor | a learner's actors → the same | |
+//! | `restore/ACTOR` | publish-subscribe | learner → one actor | `[EnvironmentState]` of all its environments |
+//! | `actions/ACTOR` | publish-subscribe | learner → one actor | `[u8]`, one action an environment of the half |
+//! | `actions-ready/ACTOR` | event | learner → one actor | |
+//! | `stage` | publish-subscribe, history 1 | orchestrator → learners | `StageAnnouncement` |
+//! | `stage-ready` | event | orchestrator → the same | |
+//!
+//! Each learner has observations of its own: none is woken by, or holds a queue for, what another one's actors send.
+//!
+//! One long-lived process, the orchestrator, creates every service ([`WireHost`]) and all others only open them
+//! ([`Wire`]): a process killed while it creates a service can leave it half-made for good. Each incarnation of the
+//! orchestrator uses names of its own ([`WireAddress`]), so nothing of a dead one is ever met again, and sweeping it
+//! is deleting one folder and one prefix in /dev/shm.
+
+mod stage;
+
+pub use stage::Announcer;
+
+use crate::address::WireAddress;
+use crate::error::WireError;
+use crate::message::{
+    ActionHeader, EnvironmentState, Halves, Observation, ObservationHeader, RestoreHeader, StageAnnouncement,
+};
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+pub use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::PortFactory;
+use iceoryx2::prelude::{
+    AllocationStrategy, AttributeSpecifier, AttributeVerifier, BackpressureStrategy, EventId, Node, NodeBuilder,
+    NodeName, ServiceName, SignalHandlingMode, ipc,
+};
+use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
+use iceoryx2::service::builder::event::Builder as EventBuilder;
+use iceoryx2::service::builder::publish_subscribe::Builder as PublishSubscribeBuilder;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribe;
+use proto::SCHEMA_VERSION;
+use proto::shares::Shares;
+use stage::{STAGE, STAGE_READY};
+use std::fmt::Debug;
+
+/// The flavour of iceoryx2 in use: between processes, ports stay on the thread that made them.
+pub type Ipc = ipc::Service;
+/// Publisher of observations; held by an actor.
+pub type ObservationPublisher = Publisher<Ipc, [Observation], ObservationHeader>;
+/// Subscriber of observations; held by the learner and by recorders.
+pub type ObservationSubscriber = Subscriber<Ipc, [Observation], ObservationHeader>;
+/// Publisher of actions for one actor.
+pub type ActionPublisher = Publisher<Ipc, [u8], ActionHeader>;
+/// Subscriber of actions; held by one actor.
+pub type ActionSubscriber = Subscriber<Ipc, [u8], ActionHeader>;
+/// Publisher of restores for one actor.
+pub type RestorePublisher = Publisher<Ipc, [EnvironmentState], RestoreHeader>;
+/// Subscriber of restores; held by one actor.
+pub type RestoreSubscriber = Subscriber<Ipc, [EnvironmentState], RestoreHeader>;
+/// Subscriber of stage announcements.
+pub type StageSubscriber = Subscriber<Ipc, StageAnnouncement, ()>;
+/// Waits for events.
+pub type Wakeup = Listener<Ipc>;
+/// Raises events.
+pub type Bell = Notifier<Ipc>;
+
+/// Subscribers of observations: learner and recorder. The services have room for one more, a killed learner
+/// that is not swept yet when its successor comes.
+const OBSERVATION_SUBSCRIBERS: usize = 2;
+/// Samples that wait for one subscriber: one for each half.
+const OBSERVATION_BUFFER: usize = 2;
+/// Samples a subscriber may look at at once: one for each half.
+const OBSERVATION_BORROWED: usize = 2;
+/// Ports that a restarted process may need while its dead predecessor's are not swept yet.
+const RESTART_MARGIN: usize = 2;
+
+/// How many processes and environments share one machine's services.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WireShape {
+    /// Actor processes, divided among learners.
+    pub shares: Shares,
+    /// Environments of each actor.
+    pub environments_per_actor: u32,
+}
+
+impl WireShape {
+    /// The shape of a configuration's processes.
+    pub fn of(config: &proto::config::Config) -> Self {
+        Self { shares: config.shares(), environments_per_actor: config.actors.environments_per_actor }
+    }
+
+    /// Shared memory that the observation services can come to use, bytes: every slot of every actor, and a tenth
+    /// for everything else.
+    pub fn shared_memory_bytes(self) -> u64 {
+        // The publisher's pool: what subscribers queue and borrow, and the loan in flight.
+        let samples = (OBSERVATION_SUBSCRIBERS + 1) * (OBSERVATION_BUFFER + OBSERVATION_BORROWED) + 1;
+        let half = Halves::of(self.environments_per_actor).range(0).len();
+        let per_actor = samples * half * size_of::<Observation>();
+        u64::from(self.shares.actors()) * per_actor as u64 * 11 / 10 + (1 << 20)
+    }
+
+    fn nodes(self) -> usize {
+        // Actors, learners, orchestrator, recorder; each possibly next to its dead predecessor.
+        (self.shares.actors() as usize + self.shares.learners() as usize + 2) * RESTART_MARGIN
+    }
+}
+
+/// A service that the orchestrator has created.
+macro_rules! open {
+    ($builder:expr, $name:expr) => {
+        $builder?.open_with_attributes(&required_attributes()).map_err(|cause| service("open", $name, &cause))?
+    };
+}
+use open;
+
+/// A process's membership in the services of one incarnation.
+pub struct Wire {
+    node: Node<Ipc>,
+    shape: WireShape,
+}
+
+impl Debug for Wire {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Wire").field("shape", &self.shape).finish_non_exhaustive()
+    }
+}
+
+impl Wire {
+    /// Joins under the name of a process, e.g. `actor-03`. Creates no service.
+    pub fn join(address: &WireAddress, shape: WireShape, process: &str) -> Result<Self, WireError> {
+        let failed = |cause: &dyn Debug| WireError::Node {
+            root: address.root().display().to_string(),
+            cause: format!("{cause:?}"),
+        };
+        let node = NodeBuilder::new()
+            .name(&NodeName::new(process).map_err(|error| failed(&error))?)
+            .config(&address.config()?)
+            // Signals belong to the program, not to the transport.
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Ipc>()
+            .map_err(|error| failed(&error))?;
+        Ok(Self { node, shape })
+    }
+
+    /// The shape it was joined with.
+    pub fn shape(&self) -> WireShape {
+        self.shape
+    }
+
+    /// The actor's end of the observations.
+    ///
+    /// A full subscriber blocks `send`: the recorder must see every step. A dead one is swept by the orchestrator.
+    /// A subscriber that has not met this publisher yet blocks nothing and may miss a sample: compare what `send`
+    /// returns with [`Self::observation_readers`].
+    pub fn observation_publisher(&self, actor: u32) -> Result<ObservationPublisher, WireError> {
+        let rank = self.shape.shares.learner_of(actor);
+        let name = observations_name(rank);
+        let service = open!(self.observations(rank), &name);
+        service
+            .publisher_builder()
+            .initial_max_slice_len(Halves::of(self.shape.environments_per_actor).range(0).len())
+            .allocation_strategy(AllocationStrategy::Static)
+            .max_loaned_samples(1)
+            .backpressure_strategy(BackpressureStrategy::RetryUntilDelivered)
+            .create()
+            .map_err(|cause| port(&name, &cause))
+    }
+
+    /// Counts the subscribers of an actor's observations, those that were killed and not swept yet included.
+    pub fn observation_readers(&self, actor: u32) -> Result<ObservationReaders, WireError> {
+        let rank = self.shape.shares.learner_of(actor);
+        let service = open!(self.observations(rank), &observations_name(rank));
+        Ok(ObservationReaders { service })
+    }
+
+    /// A reader's end of the observations of one learner's actors.
+    pub fn observation_subscriber(&self, rank: u32) -> Result<ObservationSubscriber, WireError> {
+        let name = observations_name(rank);
+        let service = open!(self.observations(rank), &name);
+        service.subscriber_builder().buffer_size(OBSERVATION_BUFFER).create().map_err(|cause| port(&name, &cause))
+    }
+
+    /// Rings when one of a learner's actors has sent observations; the event id is the actor's number.
+    pub fn observations_wakeup(&self, rank: u32) -> Result<Wakeup, WireError> {
+        let name = observations_ready_name(rank);
+        let service = open!(self.observations_ready(rank), &name);
+        service.listener_builder().create().map_err(|cause| port(&name, &cause))
+    }
+
+    /// The actor's bell for its observations.
+    pub fn observations_bell(&self, actor: u32) -> Result<Bell, WireError> {
+        let rank = self.shape.shares.learner_of(actor);
+        let name = observations_ready_name(rank);
+        let service = open!(self.observations_ready(rank), &name);
+        service
+            .notifier_builder()
+            .default_event_id(EventId::new(actor as usize))
+            .create()
+            .map_err(|cause| port(&name, &cause))
+    }
+
+    /// The learner's end of one actor's actions.
+    pub fn action_publisher(&self, actor: u32) -> Result<ActionPublisher, WireError> {
+        let name = actions_name(actor);
+        let service = open!(self.actions(actor), &name);
+        service
+            .publisher_builder()
+            .initial_max_slice_len(Halves::of(self.shape.environments_per_actor).range(0).len())
+            .allocation_strategy(AllocationStrategy::Static)
+            .max_loaned_samples(1)
+            // Two batches at most are on the way, one a half, and the buffer holds both: nothing is ever discarded
+            // between living processes, and a dead actor cannot block the learner.
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|cause| port(&name, &cause))
+    }
+
+    /// The actor's end of its actions.
+    pub fn action_subscriber(&self, actor: u32) -> Result<ActionSubscriber, WireError> {
+        let name = actions_name(actor);
+        let service = open!(self.actions(actor), &name);
+        service.subscriber_builder().create().map_err(|cause| port(&name, &cause))
+    }
+
+    /// The learner's end of one actor's restores.
+    pub fn restore_publisher(&self, actor: u32) -> Result<RestorePublisher, WireError> {
+        let name = restore_name(actor);
+        let service = open!(self.restore(actor), &name);
+        service
+            .publisher_builder()
+            .initial_max_slice_len(self.shape.environments_per_actor as usize)
+            .allocation_strategy(AllocationStrategy::Static)
+            .max_loaned_samples(1)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|cause| port(&name, &cause))
+    }
+
+    /// The actor's end of its restores.
+    pub fn restore_subscriber(&self, actor: u32) -> Result<RestoreSubscriber, WireError> {
+        let name = restore_name(actor);
+        let service = open!(self.restore(actor), &name);
+        service.subscriber_builder().create().map_err(|cause| port(&name, &cause))
+    }
+
+    /// Rings when the learner has sent this actor actions or a restore.
+    pub fn actions_wakeup(&self, actor: u32) -> Result<Wakeup, WireError> {
+        let name = actions_ready_name(actor);
+        let service = open!(self.actions_ready(actor), &name);
+        service.listener_builder().create().map_err(|cause| port(&name, &cause))
+    }
+
+    /// The learner's bell for one actor.
+    pub fn actions_bell(&self, actor: u32) -> Result<Bell, WireError> {
+        let name = actions_ready_name(actor);
+        let service = open!(self.actions_ready(actor), &name);
+        service.notifier_builder().create().map_err(|cause| port(&name, &cause))
+    }
+
+    // The settings of each service. Creating and opening share them; defaults of iceoryx2 do not fit.
+
+    fn observations(&self, rank: u32) -> Result<SampleBuilder<[Observation], ObservationHeader>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(&observations_name(rank))?)
+            .publish_subscribe::<[Observation]>()
+            .user_header::<ObservationHeader>()
+            .enable_safe_overflow(false)
+            .subscriber_max_buffer_size(OBSERVATION_BUFFER)
+            .subscriber_max_borrowed_samples(OBSERVATION_BORROWED)
+            .history_size(0)
+            .max_publishers(self.shape.shares.actors_of(rank).len() * RESTART_MARGIN)
+            .max_subscribers(OBSERVATION_SUBSCRIBERS + 1)
+            .max_nodes(self.shape.nodes()))
+    }
+
+    fn observations_ready(&self, rank: u32) -> Result<EventBuilder<Ipc>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(&observations_ready_name(rank))?)
+            .event()
+            .max_notifiers(self.shape.shares.actors_of(rank).len() * RESTART_MARGIN)
+            .max_listeners(OBSERVATION_SUBSCRIBERS + 1)
+            .event_id_max_value(self.shape.shares.actors() as usize)
+            .max_nodes(self.shape.nodes()))
+    }
+
+    fn actions(&self, actor: u32) -> Result<SampleBuilder<[u8], ActionHeader>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(&actions_name(actor))?)
+            .publish_subscribe::<[u8]>()
+            .user_header::<ActionHeader>()
+            .enable_safe_overflow(false)
+            .subscriber_max_buffer_size(4)
+            .subscriber_max_borrowed_samples(1)
+            .history_size(0)
+            .max_publishers(RESTART_MARGIN)
+            .max_subscribers(RESTART_MARGIN)
+            .max_nodes(self.shape.nodes()))
+    }
+
+    fn restore(&self, actor: u32) -> Result<SampleBuilder<[EnvironmentState], RestoreHeader>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(&restore_name(actor))?)
+            .publish_subscribe::<[EnvironmentState]>()
+            .user_header::<RestoreHeader>()
+            // Only the newest restore matters.
+            .enable_safe_overflow(true)
+            .subscriber_max_buffer_size(1)
+            .subscriber_max_borrowed_samples(1)
+            .history_size(0)
+            .max_publishers(RESTART_MARGIN)
+            .max_subscribers(RESTART_MARGIN)
+            .max_nodes(self.shape.nodes()))
+    }
+
+    fn actions_ready(&self, actor: u32) -> Result<EventBuilder<Ipc>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(&actions_ready_name(actor))?)
+            .event()
+            .max_notifiers(RESTART_MARGIN)
+            .max_listeners(RESTART_MARGIN)
+            .event_id_max_value(1)
+            .max_nodes(self.shape.nodes()))
+    }
+}
+
+/// Knows how many subscribers the observations have at any moment.
+#[derive(Debug)]
+pub struct ObservationReaders {
+    service: PublishSubscribe<Ipc, [Observation], ObservationHeader>,
+}
+
+impl ObservationReaders {
+    /// How many there are now.
+    pub fn count(&self) -> usize {
+        self.service.dynamic_config().number_of_subscribers()
+    }
+}
+
+/// The process that creates every service and keeps it alive: the orchestrator.
+pub struct WireHost {
+    wire: Wire,
+    address: WireAddress,
+    _services: Vec<Box<dyn std::any::Any>>,
+}
+
+impl Debug for WireHost {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("WireHost").field("address", &self.address).finish_non_exhaustive()
+    }
+}
+
+impl WireHost {
+    /// Creates all services of an incarnation.
+    pub fn create(address: &WireAddress, shape: WireShape) -> Result<Self, WireError> {
+        let wire = Wire::join(address, shape, "orchestrator")?;
+        let attributes = defined_attributes();
+        let mut held: Vec<Box<dyn std::any::Any>> = Vec::new();
+        macro_rules! create {
+            ($builder:expr, $name:expr) => {
+                held.push(Box::new(
+                    $builder?.create_with_attributes(&attributes).map_err(|cause| service("create", $name, &cause))?,
+                ));
+            };
+        }
+        create!(wire.stage(), STAGE);
+        create!(wire.stage_ready(), STAGE_READY);
+        for rank in 0..shape.shares.learners() {
+            create!(wire.observations(rank), &observations_name(rank));
+            create!(wire.observations_ready(rank), &observations_ready_name(rank));
+        }
+        for actor in 0..shape.shares.actors() {
+            create!(wire.actions(actor), &actions_name(actor));
+            create!(wire.restore(actor), &restore_name(actor));
+            create!(wire.actions_ready(actor), &actions_ready_name(actor));
+        }
+        Ok(Self { wire, address: address.clone(), _services: held })
+    }
+
+    /// The host's own membership, for its ports.
+    pub fn wire(&self) -> &Wire {
+        &self.wire
+    }
+
+    /// Where the services live.
+    pub fn address(&self) -> &WireAddress {
+        &self.address
+    }
+
+    /// Frees what dead, reaped processes held, so that nobody stays blocked on them. Returns how many were swept.
+    pub fn sweep_dead(&self) -> u64 {
+        self.wire.node.try_cleanup_dead_nodes().cleanups
+    }
+}
+
+fn observations_name(rank: u32) -> String {
+    format!("observations/{rank}")
+}
+
+fn observations_ready_name(rank: u32) -> String {
+    format!("observations-ready/{rank}")
+}
+
+fn actions_name(actor: u32) -> String {
+    format!("actions/{actor}")
+}
+
+fn actions_ready_name(actor: u32) -> String {
+    format!("actions-ready/{actor}")
+}
+
+fn restore_name(actor: u32) -> String {
+    format!("restore/{actor}")
+}
+
+type SampleBuilder<Payload, Header> = PublishSubscribeBuilder<Payload, Header, Ipc>;
+
+const SCHEMA_ATTRIBUTE: &str = "schema-version";
+
+fn name(text: &str) -> Result<ServiceName, WireError> {
+    ServiceName::new(text).map_err(|cause| WireError::Service {
+        verb: "name",
+        service: text.to_owned(),
+        cause: format!("{cause:?}"),
+    })
+}
+
+fn service(verb: &'static str, service: &str, cause: &dyn Debug) -> WireError {
+    WireError::Service { verb, service: service.to_owned(), cause: format!("{cause:?}") }
+}
+
+fn defined_attributes() -> AttributeSpecifier {
+    let (key, value) = schema_attribute();
+    AttributeSpecifier::new().define(&key, &value).expect("one short attribute always fits")
+}
+
+fn required_attributes() -> AttributeVerifier {
+    let (key, value) = schema_attribute();
+    AttributeVerifier::new().require(&key, &value).expect("one short attribute always fits")
+}
+
+fn schema_attribute() -> (AttributeKey, AttributeValue) {
+    (
+        SCHEMA_ATTRIBUTE.try_into().expect("a short constant is a valid key"),
+        SCHEMA_VERSION.to_string().as_str().try_into().expect("a short number is a valid value"),
+    )
+}
+
+fn port(service: &str, cause: &dyn Debug) -> WireError {
+    WireError::Port { service: service.to_owned(), cause: format!("{cause:?}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::SHARED_MEMORY;
+    use crate::message::observation_kind;
+    use bytemuck::Zeroable;
+    use std::time::Duration;
+
+    fn address(test: &str) -> WireAddress {
+        WireAddress::new(&format!("test{test}{}", std::process::id()), 1)
+    }
+
+    #[test]
+    fn a_frame_and_its_answer_cross_and_nothing_is_left() {
+        let shape = WireShape { shares: Shares::new(3, 2), environments_per_actor: 3 };
+        let address = address("cross");
+        let host = WireHost::create(&address, shape).unwrap();
+        {
+            let learner = Wire::join(&address, shape, "learner-1").unwrap();
+            let actor = Wire::join(&address, shape, "actor-02").unwrap();
+            let subscriber = learner.observation_subscriber(1).unwrap();
+            let others = learner.observation_subscriber(0).unwrap();
+            let wakeup = learner.observations_wakeup(1).unwrap();
+            let publisher = actor.observation_publisher(2).unwrap();
+            let bell = actor.observations_bell(2).unwrap();
+
+            let mut sample = publisher.loan_slice_uninit(2).unwrap();
+            *sample.user_header_mut() =
+                ObservationHeader { actor: 2, kind: observation_kind::OBSERVATIONS, ..Default::default() };
+            let mut observation = Observation::zeroed();
+            observation.depth_mm[7] = 1234;
+            assert_eq!(sample.write_from_fn(|_| observation).send().unwrap(), 1);
+            bell.notify().unwrap();
+            let mut rung = vec![];
+            wakeup.timed_wait(|event| rung.push(event.id.as_value()), Duration::from_secs(5)).unwrap();
+            assert_eq!(rung, vec![2]);
+            let received = subscriber.receive().unwrap().unwrap();
+            assert_eq!(received.user_header().actor, 2);
+            assert_eq!(received.payload().len(), 2);
+            assert_eq!(received.payload()[1].depth_mm[7], 1234);
+            assert!(others.receive().unwrap().is_none(), "what another learner's actors send is not heard");
+
+            let actions = learner.action_publisher(2).unwrap();
+            let answers = actor.action_subscriber(2).unwrap();
+            let sample = actions.loan_slice_uninit(2).unwrap().write_from_slice(&[3, 4]);
+            sample.send().unwrap();
+            assert_eq!(answers.receive().unwrap().unwrap().payload(), &[3, 4]);
+
+            let stage = host.wire().announcer().unwrap();
+            stage.announce(StageAnnouncement { version: 5, ..Default::default() }).unwrap();
+            let late = learner.stage_subscriber().unwrap();
+            stage.update().unwrap();
+            assert_eq!(late.receive().unwrap().unwrap().payload().version, 5, "history reaches a late subscriber");
+        }
+        drop(host);
+        address.sweep().unwrap();
+        let left: Vec<_> = std::fs::read_dir(SHARED_MEMORY)
+            .unwrap()
+            .filter_map(|entry| entry.unwrap().file_name().into_string().ok())
+            .filter(|name| name.starts_with(address.prefix()))
+            .collect();
+        assert!(left.is_empty(), "{left:?}");
+        assert!(!address.root().exists());
+    }
+}
