@@ -30,6 +30,7 @@ pub struct Silent {
 }
 
 /// Who speaks, and through what.
+#[derive(Clone, Copy)]
 pub struct Speaker<'a> {
     /// Rank in the process group.
     pub rank: u32,
