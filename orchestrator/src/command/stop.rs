@@ -59,6 +59,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
         if begin.elapsed() > Duration::from_secs(args.timeout) {
             bail!("{root} has not stopped within {} s; it still may", args.timeout);
         }
+        // The lock tells when it is over, and a lock wakes nobody who waits with a deadline.
         std::thread::sleep(Duration::from_millis(50));
     }
     if asked.is_none() {

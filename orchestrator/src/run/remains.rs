@@ -4,7 +4,9 @@
 //! the kernel's: where it is free, the owner is dead, whatever its process id has become since. Lying in /dev/shm the
 //! file is found under any TMPDIR, and it says where the folder is.
 
+use crate::run::process_end::sleep_until_end;
 use anyhow::{Context, Result};
+use rustix::process::Pid;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -16,6 +18,8 @@ use wire::{PREFIX_MARK, SHARED_MEMORY, WireAddress};
 
 /// An owner file is locked and signed within this time of its creation; a younger one without an owner is left alone.
 const CLAIMING: Duration = Duration::from_secs(10);
+/// How long a killed process may take to be gone.
+const KILLED_ENDS: Duration = Duration::from_secs(5);
 
 /// The claim on one incarnation's names, until dropped.
 #[derive(Debug)]
@@ -163,22 +167,14 @@ pub struct Swept {
 /// Removes what a dead incarnation left. Its processes notice by themselves that their orchestrator is gone; those
 /// that have not left after `patience` are killed.
 pub fn sweep(address: &WireAddress, patience: Duration) -> Result<Swept> {
-    let begin = Instant::now();
     let mut swept = Swept::default();
-    loop {
-        let left = processes_of(address);
-        if left.is_empty() {
-            break;
-        }
-        if begin.elapsed() >= patience {
-            for &pid in &left {
-                tracing::warn!("process {pid} has outlived its orchestrator ({}) and is killed", address.prefix());
-                swept.killed += usize::from(kill(pid, address));
-            }
-            wait_until(|| processes_of(address).is_empty(), Duration::from_secs(5));
-            break;
-        }
-        std::thread::sleep(Duration::from_millis(50));
+    let outlived = await_ends(address, patience);
+    for &pid in &outlived {
+        tracing::warn!("process {pid} has outlived its orchestrator ({}) and is killed", address.prefix());
+        swept.killed += usize::from(kill(pid, address));
+    }
+    if !outlived.is_empty() {
+        await_ends(address, KILLED_ENDS);
     }
     swept.names =
         address.sweep().with_context(|| format!("cannot remove what {} left in /dev/shm", address.prefix()))?;
@@ -188,7 +184,7 @@ pub fn sweep(address: &WireAddress, patience: Duration) -> Result<Swept> {
 /// Kills a process, if it still is the one that was found: a descriptor of it is taken before its command line is
 /// read again, so its number cannot have passed to another in between.
 fn kill(pid: u32, address: &WireAddress) -> bool {
-    let Some(pid_number) = i32::try_from(pid).ok().and_then(rustix::process::Pid::from_raw) else { return false };
+    let Some(pid_number) = i32::try_from(pid).ok().and_then(Pid::from_raw) else { return false };
     let Ok(descriptor) = rustix::process::pidfd_open(pid_number, rustix::process::PidfdFlags::empty()) else {
         return false;
     };
@@ -196,15 +192,17 @@ fn kill(pid: u32, address: &WireAddress) -> bool {
         && rustix::process::pidfd_send_signal(&descriptor, rustix::process::Signal::KILL).is_ok()
 }
 
-fn wait_until(condition: impl Fn() -> bool, patience: Duration) -> bool {
+/// Waits until no process of an address is left, at most for `patience`; returns those that are.
+fn await_ends(address: &WireAddress, patience: Duration) -> Vec<u32> {
     let begin = Instant::now();
-    while !condition() {
-        if begin.elapsed() >= patience {
-            return false;
+    loop {
+        let left = processes_of(address);
+        let time_left = patience.saturating_sub(begin.elapsed());
+        match left.first().and_then(|&pid| Pid::from_raw(i32::try_from(pid).ok()?)) {
+            Some(first) if !time_left.is_zero() => sleep_until_end(first, time_left),
+            _ => return left,
         }
-        std::thread::sleep(Duration::from_millis(20));
     }
-    true
 }
 
 #[cfg(test)]
@@ -214,6 +212,17 @@ mod tests {
 
     fn address(test: &str) -> WireAddress {
         WireAddress::new(&format!("test{test}{}", std::process::id()), 7)
+    }
+
+    fn wait_until(condition: impl Fn() -> bool, patience: Duration) -> bool {
+        let begin = Instant::now();
+        while !condition() {
+            if begin.elapsed() >= patience {
+                return false;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        true
     }
 
     fn found(address: &WireAddress) -> Option<Remains> {

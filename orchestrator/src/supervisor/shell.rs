@@ -20,7 +20,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
 use tokio::time::{Interval, MissedTickBehavior};
 use wire::fault;
-use wire::{StagePublisher, UpdateConnections, WireHost};
+use wire::{Announcer, WireHost};
 
 /// How often deadlines are looked at, late subscribers are given the announcement, and progress is shown.
 const TICK: Duration = Duration::from_millis(250);
@@ -105,14 +105,14 @@ impl Shell<'_> {
     pub async fn supervise(self, launch: Launch, audience: &mut impl Audience) -> Result<Outcome> {
         let stages = if self.config.evaluation.is_some() { Vec::new() } else { self.config.stages.clone() };
         let mut machine = Supervisor::new(Policy::of(self.config), stages);
-        let publisher = self.host.wire().stage_publisher()?;
+        let announcer = self.host.wire().announcer()?;
         let (sender, inbox) = mpsc::channel(QUEUE);
         let mut tick = tokio::time::interval(TICK);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut supervision = Supervision {
             shell: self,
             audience,
-            publisher,
+            announcer,
             processes: Processes::new(launch, sender),
             inbox,
             begin: Instant::now(),
@@ -143,7 +143,7 @@ impl Shell<'_> {
 struct Supervision<'a, A> {
     shell: Shell<'a>,
     audience: &'a mut A,
-    publisher: StagePublisher,
+    announcer: Announcer,
     processes: Processes,
     inbox: mpsc::Receiver<Event>,
     begin: Instant,
@@ -176,7 +176,7 @@ impl<A: Audience> Supervision<'_, A> {
             Action::Kill(process) => self.processes.kill(process),
             Action::Announce(announcement) => {
                 fault::reach("orchestrator.before_announce");
-                announce(&self.publisher, announcement)?;
+                self.announcer.announce(announcement)?;
                 fault::reach("orchestrator.after_announce");
             }
             Action::SwitchStage(switch) => self.switch_stage(switch),
@@ -230,8 +230,8 @@ impl<A: Audience> Supervision<'_, A> {
                 }
             }
             Event::Tick => {
-                if let Err(error) = self.publisher.update_connections() {
-                    tracing::debug!("stage announcements: {error:?}");
+                if let Err(error) = self.announcer.update() {
+                    tracing::debug!("{error}");
                 }
                 if self.sweeps > 0 {
                     self.sweeps -= 1;
@@ -280,13 +280,6 @@ impl<A: Audience> Supervision<'_, A> {
 /// Rank 0 speaks for all learners, but each waits for actors of its own.
 fn is_for_audience(event: &LearnerEvent) -> bool {
     event.rank() == 0 || matches!(event, LearnerEvent::WaitingForActor { .. })
-}
-
-fn announce(publisher: &StagePublisher, announcement: wire::message::StageAnnouncement) -> Result<()> {
-    let failed = |cause: &dyn std::fmt::Debug| anyhow::anyhow!("a stage announcement cannot be published: {cause:?}");
-    publisher.update_connections().map_err(|cause| failed(&cause))?;
-    publisher.send_copy(announcement).map_err(|cause| failed(&cause))?;
-    Ok(())
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ use crate::run::identity::Identity;
 use crate::run::json_lines;
 use crate::run::json_lines::Writer;
 use crate::run::lifeline::this_program;
+use crate::run::process_end::wait_for_child;
 use crate::run::remains;
 use anyhow::{Context, Result};
 use proto::config::Config;
@@ -26,7 +27,7 @@ use std::fs::OpenOptions;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use wire::WireAddress;
 
 /// Time that an evaluation has to stop its processes.
@@ -211,14 +212,9 @@ impl Validation {
             // Not reaped yet, so the number is still its own.
             let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
         }
-        let began = Instant::now();
-        while matches!(child.try_wait(), Ok(None)) {
-            if began.elapsed() > STOPS {
-                let _ = child.kill();
-                let _ = child.wait();
-                break;
-            }
-            std::thread::sleep(Duration::from_millis(20));
+        if !matches!(wait_for_child(&mut child, STOPS), Ok(Some(_))) {
+            let _ = child.kill();
+            let _ = child.wait();
         }
         if let Err(error) = clear(&self.result(rollout)) {
             tracing::warn!("{error:#}");

@@ -10,12 +10,15 @@ use proto::reward::RewardKind;
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
+use wire::ThreadBell;
 
 /// A running recorder.
 #[derive(Debug)]
 pub struct Recorder {
     thread: JoinHandle<Result<RecordingSummary, RecorderError>>,
     notes: Sender<(u64, Note)>,
+    /// Rings when there is a note.
+    bell: Arc<ThreadBell>,
     failure: Arc<OnceLock<String>>,
     stages: Vec<(String, RewardKind)>,
 }
@@ -25,15 +28,16 @@ impl Recorder {
     pub fn start(setup: RecorderSetup) -> Result<Self, RecorderError> {
         let (notes, inbox) = channel();
         let (ready, started) = channel();
+        let bell = Arc::new(ThreadBell::new().map_err(RecorderError::Thread)?);
         let failure = Arc::new(OnceLock::new());
         let stages = setup.config.stages.iter().map(|stage| (stage.name.clone(), stage.reward)).collect();
         let thread = {
-            let failure = Arc::clone(&failure);
+            let (bell, failure) = (Arc::clone(&bell), Arc::clone(&failure));
             std::thread::Builder::new()
                 .name("recorder".to_owned())
                 // Ports of shared memory stay on the thread that made them.
                 .spawn(move || {
-                    let result = tap::run(&setup, &inbox, &failure, &ready);
+                    let result = tap::run(&setup, &inbox, &bell, &failure, &ready);
                     if let Err(error) = &result {
                         // The first reason stands.
                         let _ = failure.set(error.to_string());
@@ -43,7 +47,7 @@ impl Recorder {
                 .map_err(RecorderError::Thread)?
         };
         match started.recv_timeout(START_DEADLINE) {
-            Ok(()) => Ok(Self { thread, notes, failure, stages }),
+            Ok(()) => Ok(Self { thread, notes, bell, failure, stages }),
             Err(std::sync::mpsc::RecvTimeoutError::Timeout) => Err(RecorderError::Slow),
             // It returned before it was ready: with the reason, unless it panicked.
             Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => match thread.join() {
@@ -146,5 +150,6 @@ impl Recorder {
     fn note(&self, note: Note) {
         // A thread that is gone is reported by `failure` and `finish`.
         let _ = self.notes.send((now_ns(), note));
+        self.bell.ring();
     }
 }

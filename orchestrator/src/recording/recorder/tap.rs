@@ -4,25 +4,24 @@ use super::ledger::{Ledger, Verdict};
 use super::note::{Note, RecorderError, RecorderSetup, RecordingSummary, now_ns};
 use super::scribe::{Counts, Scribe};
 use super::segment::{Preamble, SegmentError, Segments};
-use iceoryx2::prelude::{CallbackProgression, SignalHandlingMode, WaitSetBuilder};
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
 use wire::message::{Halves, Observation, ObservationHeader, observation_kind};
-use wire::{Ipc, ObservationSubscriber, PREFIX_MARK, Wire, WireError};
+use wire::{Bells, ObservationSubscriber, PREFIX_MARK, ThreadBell, Wire, WireError};
 
-/// The longest it sleeps without looking at the orchestrator's notes.
-const NAP: Duration = Duration::from_millis(50);
 /// A killed recorder loses at most this much.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
 /// After the orchestrator said finish: how long nothing must arrive, and how long to wait for that at most.
 const QUIET: Duration = Duration::from_millis(20);
 const DRAIN_DEADLINE: Duration = Duration::from_secs(5);
 
-/// Runs until told to finish. Sends on `ready` once the subscriber exists; an error before that is returned.
+/// Runs until told to finish. `bell` rings when there are notes. Sends on `ready` once the subscriber exists; an error
+/// before that is returned.
 pub fn run(
     setup: &RecorderSetup,
     notes: &Receiver<(u64, Note)>,
+    bell: &ThreadBell,
     failure: &OnceLock<String>,
     ready: &Sender<()>,
 ) -> Result<RecordingSummary, RecorderError> {
@@ -31,23 +30,18 @@ pub fn run(
     let subscribers: Vec<_> =
         learners.clone().map(|rank| wire.observation_subscriber(rank)).collect::<Result<_, WireError>>()?;
     let wakeups: Vec<_> = learners.map(|rank| wire.observations_wakeup(rank)).collect::<Result<_, WireError>>()?;
-    let bells = waiting(WaitSetBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create::<Ipc>())?;
-    let _attached: Vec<_> =
-        wakeups.iter().map(|wakeup| waiting(bells.attach_notification(wakeup))).collect::<Result<_, WireError>>()?;
+    let bells = Bells::new()?;
+    let waiting = bells.attach(&wakeups, bell)?;
     let mut desk = Desk::new(setup, failure)?;
     // The orchestrator may have given up waiting; then its end of the notes is closed too.
     let _ = ready.send(());
 
     let mut flushed = Instant::now();
     loop {
-        if let Err(cause) = bells.wait_and_process_once_with_timeout(|_| CallbackProgression::Continue, NAP) {
+        if let Err(error) = waiting.wait(FLUSH_INTERVAL.saturating_sub(flushed.elapsed())) {
+            tracing::debug!("recorder: {error}");
             // Without the bells it still sees every sample, only later.
-            tracing::debug!("recorder: cannot wait for the bells: {cause:?}");
             std::thread::sleep(Duration::from_millis(1));
-        }
-        for wakeup in &wakeups {
-            // Which bell rang does not matter: all samples are taken.
-            let _ = wakeup.try_wait(|_| {});
         }
         drain(&subscribers, &mut desk)?;
         let mut finish = false;
@@ -71,6 +65,7 @@ pub fn run(
     }
     let deadline = Instant::now() + DRAIN_DEADLINE;
     while drain(&subscribers, &mut desk)? > 0 && Instant::now() < deadline {
+        // What must be seen is that nothing comes: there is no bell for that.
         std::thread::sleep(QUIET);
     }
     desk.finish()
@@ -89,10 +84,6 @@ fn drain(subscribers: &[ObservationSubscriber], desk: &mut Desk<'_>) -> Result<u
         }
     }
     Ok(taken)
-}
-
-fn waiting<T>(result: Result<T, impl std::fmt::Debug>) -> Result<T, WireError> {
-    result.map_err(|cause| WireError::Port { service: "observations-ready".to_owned(), cause: format!("{cause:?}") })
 }
 
 /// Where samples and notes arrive; knows what is news and whether writing still works.

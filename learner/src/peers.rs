@@ -99,7 +99,7 @@ impl Peers {
         };
         let peers = Self::Group(Group { rank, learners, gloo, gpus });
         // Now all are here: nobody leaves while others still come.
-        peers.sum(&mut [0.0])?;
+        peers.barrier()?;
         Ok(peers)
     }
 
@@ -126,6 +126,11 @@ impl Peers {
         group.gloo.sum(&mut tensor).map_err(|cause| group.lost(cause))?;
         tensor.copy_data(numbers, numbers.len());
         Ok(())
+    }
+
+    /// Returns when every learner has called it: an all-reduce ends nowhere before it has begun everywhere.
+    pub fn barrier(&self) -> Result<(), PeerError> {
+        self.sum(&mut [0.0])
     }
 
     /// A count over all learners.
@@ -210,6 +215,7 @@ fn finished(rollout: u64, rank: u32) -> String {
 mod tests {
     use super::*;
     use crate::network::to_vec;
+    use std::sync::atomic::{AtomicU32, Ordering};
 
     /// What each of `learners` learners, threads here, makes of it.
     fn among<T: Send>(learners: u32, work: impl Fn(u32, &Peers) -> T + Sync) -> Vec<T> {
@@ -253,13 +259,25 @@ mod tests {
             if rank > 0 {
                 peers.note_finished(7).unwrap();
             }
-            peers.sum(&mut [0.0]).unwrap();
+            peers.barrier().unwrap();
             [7, 8].map(|rollout| peers.finished(rollout).unwrap())
         });
         for [seventh, eighth] in counts {
             assert_eq!(seventh, Finished { finished: 2, learners: 3 });
             assert_eq!(eighth, Finished { finished: 0, learners: 3 });
         }
+    }
+
+    #[test]
+    fn nobody_passes_a_barrier_before_all_have_come() {
+        let come = AtomicU32::new(0);
+        let seen = among(3, |rank, peers| {
+            std::thread::sleep(Duration::from_millis(20 * u64::from(rank)));
+            come.fetch_add(1, Ordering::SeqCst);
+            peers.barrier().unwrap();
+            come.load(Ordering::SeqCst)
+        });
+        assert_eq!(seen, [3, 3, 3]);
     }
 
     #[test]
@@ -273,6 +291,7 @@ mod tests {
         let peers = Peers::Alone;
         let mut numbers = [2.0];
         peers.sum(&mut numbers).unwrap();
+        peers.barrier().unwrap();
         peers.agree("anything", 3).unwrap();
         assert_eq!((numbers[0], peers.count(), peers.gather(&[1]).unwrap().len()), (2.0, 1, 0));
         assert_eq!(peers.finished(0).unwrap().finished, 0);

@@ -7,15 +7,15 @@ use wire::message::Halves;
 
 /// The environments of one learner, as columns: column n = a · E + e for actor a and its environment e.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Layout {
+pub struct ColumnMap {
     first_actor: u32,
     actors: u32,
     environments_per_actor: u32,
     kitchens: Kitchens,
 }
 
-impl Layout {
-    /// The layout of `actors` actors with `environments_per_actor` environments each. `first_actor` is the number
+impl ColumnMap {
+    /// The map of `actors` actors with `environments_per_actor` environments each. `first_actor` is the number
     /// in the whole run of this learner's first one.
     ///
     /// # Panics
@@ -99,19 +99,19 @@ mod tests {
     #[test]
     fn the_batches_of_both_halves_are_all_columns_once() {
         for environments in 1..=5 {
-            let layout = Layout::new(0, 3, environments);
-            let mut columns: Vec<usize> = (0..layout.halves()).flat_map(|half| layout.batch(half)).collect();
-            for half in 0..layout.halves() {
-                assert!(layout.batch(half).collect::<Vec<_>>().is_sorted());
+            let map = ColumnMap::new(0, 3, environments);
+            let mut columns: Vec<usize> = (0..map.halves()).flat_map(|half| map.batch(half)).collect();
+            for half in 0..map.halves() {
+                assert!(map.batch(half).collect::<Vec<_>>().is_sorted());
             }
             columns.sort_unstable();
-            assert_eq!(columns, (0..layout.columns()).collect::<Vec<_>>());
+            assert_eq!(columns, (0..map.columns()).collect::<Vec<_>>());
         }
     }
 
     #[test]
     fn a_second_learner_holds_other_environments() {
-        let (first, second) = (Layout::new(0, 19, 2), Layout::new(19, 19, 2));
+        let (first, second) = (ColumnMap::new(0, 19, 2), ColumnMap::new(19, 19, 2));
         assert_eq!(first.environment(3).kitchen, second.environment(3).kitchen);
         assert_ne!(first.environment(3), second.environment(3));
         assert_eq!(second.place(3), (20, 1));
