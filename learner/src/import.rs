@@ -1,7 +1,7 @@
 //! Weights from elsewhere: a state dict of AllenAct's `ArmPointNavBaselineActorCritic` (its own, or the one of the
 //! disturbance-free project that the paper describes), or weights of another run of ours.
 //!
-//! The correspondence of names is [`CORRESPONDENCES`], which is also the table in ARCHITECTURE.md. Three tensors differ in
+//! The correspondence of names is [`correspondences`], which is also the table in ARCHITECTURE.md. Three tensors differ in
 //! more than their name:
 //!
 //! * **Previous action.** Where AllenAct's table has a row an action and none for "no action yet", an episode's first
@@ -16,22 +16,18 @@
 //! shows: the process around this refuses a configuration with the other sign.
 
 use crate::agent::{AgentState, MODEL};
-use crate::network::{OBSERVATION, VISUAL, fits};
+use crate::auxiliary::TASKS;
+use crate::network::{ENCODERS, OBSERVATION, VISUAL, fits};
 use proto::action::{Action, ActionSpace};
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::Path;
 use tch::{Kind, Tensor};
 
-/// Our module path and AllenAct's, both up to and including the dot before what they have in common.
-pub const CORRESPONDENCES: [(&str, &str); 19] = [
-    ("visual_encoder.backbone.", "visual_encoder.backbone."),
-    ("visual_encoder.compression.", "visual_encoder.compression."),
-    ("visual_encoder.fc.1.", "visual_encoder.head.1."),
-    ("visual_encoder.cnn.0.", "visual_encoder.depth_cnn.conv_0."),
-    ("visual_encoder.cnn.2.", "visual_encoder.depth_cnn.conv_1."),
-    ("visual_encoder.cnn.4.", "visual_encoder.depth_cnn.conv_2."),
-    ("visual_encoder.cnn.6.", "visual_encoder.depth_cnn.fc."),
+/// Our module path and AllenAct's, both up to and including the dot before what they have in common. Those of an
+/// encoder or an auxiliary task are in its own file: see [`correspondences`].
+const COMMON: [(&str, &str); 9] = [
     ("goal_embedder.0.", "goal_embedder.0.0."),
     ("goal_embedder.2.", "goal_embedder.1.0."),
     ("goal_embedder.0.", "relative_dist_embedding.0.0."),
@@ -41,10 +37,14 @@ pub const CORRESPONDENCES: [(&str, &str); 19] = [
     ("belief.", "state_encoder.rnn."),
     ("actor.", "actor.linear."),
     ("critic.", "critic.fc."),
-    ("auxiliary.disturb.", "aux_models.Disturb_Pred.classifier."),
-    ("auxiliary.inverse_dynamics.", "aux_models.InvDyn.decoder."),
-    ("auxiliary.cpca16.", "aux_models.CPCA_16."),
 ];
+
+/// Every correspondence of module paths, ours and AllenAct's.
+fn correspondences() -> impl Iterator<Item = (Cow<'static, str>, &'static str)> {
+    let encoders = ENCODERS.into_iter().flat_map(|entry| entry.allenact).chain(&COMMON);
+    let tasks = TASKS.into_iter().filter_map(|task| Some((format!("auxiliary.{}.", task.name).into(), task.allenact?)));
+    encoders.map(|&(ours, theirs)| (ours.into(), theirs)).chain(tasks)
+}
 
 /// AllenAct's goal embedding of the original baseline: where it is there, the goal comes first.
 const GOAL_FIRST: &str = "relative_dist_embedding.";
@@ -54,7 +54,7 @@ const OWN_WEIGHT: &str = "belief.weight_ih_l0";
 
 /// Whose names a file's weights have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Naming {
+pub(crate) enum Naming {
     /// AllenAct's.
     AllenAct,
     /// A checkpoint's: ours, behind `model.`, among other tensors.
@@ -87,9 +87,8 @@ impl Naming {
     /// What one of ours may be called in the file: the first name is the disturbance-free project's.
     fn their_names(self, ours: &str) -> Vec<String> {
         match self {
-            Self::AllenAct => CORRESPONDENCES
-                .iter()
-                .filter_map(|(own, theirs)| Some(format!("{theirs}{}", ours.strip_prefix(own)?)))
+            Self::AllenAct => correspondences()
+                .filter_map(|(own, theirs)| Some(format!("{theirs}{}", ours.strip_prefix(&*own)?)))
                 .map(|theirs| theirs.replace("action_embedder.weight", "action_embedder.fc.weight"))
                 .collect(),
             Self::Checkpoint => vec![format!("{MODEL}{ours}")],
@@ -235,8 +234,8 @@ fn by_our_names(
 }
 
 /// Our name of one of AllenAct's.
-pub fn our_name(theirs: &str) -> Option<String> {
-    let (ours, rest) = CORRESPONDENCES.iter().find_map(|(ours, prefix)| Some((ours, theirs.strip_prefix(prefix)?)))?;
+pub(crate) fn our_name(theirs: &str) -> Option<String> {
+    let (ours, rest) = correspondences().find_map(|(ours, prefix)| Some((ours, theirs.strip_prefix(prefix)?)))?;
     // An embedding is wrapped in a module of its own there.
     Some(format!("{ours}{}", rest.replace("action_embedder.fc.", "action_embedder.")))
 }
@@ -262,7 +261,7 @@ fn adapt(name: &str, tensor: &Tensor, size: &[i64], space: ActionSpace, goal_fir
 }
 
 /// What to tell someone whose file, which is no safetensors file, is one of `torch.save`; nothing of another.
-pub fn how_to_convert(file: &Path, bytes: &[u8]) -> Option<String> {
+pub(crate) fn how_to_convert(file: &Path, bytes: &[u8]) -> Option<String> {
     // A zip archive, or of old versions a bare pickle.
     if !(bytes.starts_with(b"PK\x03\x04") || matches!(bytes, [0x80, 2..=5, ..])) {
         return None;

@@ -1,8 +1,8 @@
 //! The learner: one process per GPU (or CPU) that infers for all actors of its machine, collects rollouts and trains.
 //!
-//! [`agent::Agent`] is network, beliefs, rollout and optimiser behind one struct. The algorithm reads and writes no
-//! files; of other processes it knows the other learners alone, as [`peers::Peers`] that it sums over. Everything else is
-//! in [`process`].
+//! The algorithm is [`ppo`], on one page. [`agent::Agent`] is network, beliefs, rollout and optimiser behind one
+//! struct; it uses no files, and of other processes only the other learners ([`peers`]). [`process`] is everything
+//! around it.
 
 pub mod agent;
 pub mod auxiliary;

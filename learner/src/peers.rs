@@ -11,7 +11,6 @@
 use crate::ffi;
 use crate::ffi::group::ProcessGroup;
 use crate::ffi::nccl::{Communicator, Invitation, Nccl, NcclError};
-use crate::ppo::preemption::Finished;
 use std::path::Path;
 use std::time::Duration;
 use tch::{Device, Kind, TchError, Tensor};
@@ -41,6 +40,15 @@ pub struct Group {
     gloo: ProcessGroup,
     /// Between GPUs.
     gpus: Option<Communicator>,
+}
+
+/// How far the learners of a run are with the rollout in progress.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Finished {
+    /// Learners that have taken all steps of it.
+    pub finished: u32,
+    /// Learners in all, this one included.
+    pub learners: u32,
 }
 
 /// The learners cannot reach one another, or are not at the same point.
@@ -121,7 +129,7 @@ impl Peers {
     }
 
     /// Returns when every learner has called it: an all-reduce ends nowhere before it has begun everywhere.
-    pub fn barrier(&self) -> Result<(), PeerError> {
+    pub(crate) fn barrier(&self) -> Result<(), PeerError> {
         self.sum(&mut [0.0])
     }
 
@@ -133,7 +141,7 @@ impl Peers {
     }
 
     /// Replaces a flat gradient by the sum over all learners.
-    pub fn sum_gradients(&self, gradient: &mut Tensor) -> Result<(), PeerError> {
+    pub(crate) fn sum_gradients(&self, gradient: &mut Tensor) -> Result<(), PeerError> {
         match self {
             Self::Alone => Ok(()),
             Self::Group(Group { gpus: Some(gpus), .. }) => Ok(gpus.sum(gradient)?),
@@ -142,7 +150,7 @@ impl Peers {
     }
 
     /// Tells the others that this learner has taken all steps of a rollout.
-    pub fn note_finished(&self, rollout: u64) -> Result<(), PeerError> {
+    pub(crate) fn note_finished(&self, rollout: u64) -> Result<(), PeerError> {
         let Self::Group(group) = self else { return Ok(()) };
         group.gloo.note(&finished(rollout, group.rank), &[1]).map_err(|cause| group.lost(cause))
     }
@@ -180,7 +188,7 @@ impl Peers {
     }
 
     /// Makes sure that a number is the same at all learners.
-    pub fn agree(&self, what: &'static str, value: u64) -> Result<(), PeerError> {
+    pub(crate) fn agree(&self, what: &'static str, value: u64) -> Result<(), PeerError> {
         let Self::Group(group) = self else { return Ok(()) };
         // Everybody fills two places of its own: halves of 32 bits are exact as numbers.
         let mut halves = vec![0.0; 2 * group.learners as usize];

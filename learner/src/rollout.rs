@@ -35,6 +35,19 @@ pub struct Step {
     pub disturbed: bool,
 }
 
+/// What an action led to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outcome {
+    /// Reward under the stage in force.
+    pub reward: f32,
+    /// The episode ended, for whatever reason.
+    pub ended: bool,
+    /// It ended by the step limit.
+    pub time_limit: bool,
+    /// Label of the auxiliary task: this action disturbed something.
+    pub disturbed: bool,
+}
+
 /// A rollout.
 #[derive(Debug)]
 pub struct Rollout {
@@ -85,12 +98,12 @@ impl Rollout {
     }
 
     /// Steps that a column acts: one fewer for those that hold in the last.
-    pub fn steps_of(&self, column: usize) -> usize {
+    pub(crate) fn steps_of(&self, column: usize) -> usize {
         self.shape.steps.saturating_sub(usize::from(column >= self.shape.environments_in_last_step))
     }
 
     /// Whether (t, column) is a frame to train on: false for a column that holds in the last step.
-    pub fn is_valid(&self, t: usize, column: usize) -> bool {
+    pub(crate) fn is_valid(&self, t: usize, column: usize) -> bool {
         column < self.columns && t < self.steps_of(column)
     }
 
@@ -112,7 +125,7 @@ impl Rollout {
     }
 
     /// Records what action t of a column led to.
-    pub fn record(&mut self, t: usize, column: usize, outcome: crate::agent::Outcome) {
+    pub fn record(&mut self, t: usize, column: usize, outcome: Outcome) {
         assert!(self.is_valid(t, column), "step {t} of column {column} is no frame of this rollout");
         let index = self.index(t, column);
         let step = &mut self.steps[index];
@@ -132,7 +145,7 @@ impl Rollout {
     ///
     /// # Panics
     /// If [`Rollout::set_bootstrap`] has not been called for a column that acted in the last step.
-    pub fn bootstrap_value(&self, column: usize) -> f32 {
+    pub(crate) fn bootstrap_value(&self, column: usize) -> f32 {
         match self.bootstrap[column] {
             Some(value) => value,
             None if self.steps_of(column) < self.shape.steps => self.step(self.shape.steps - 1, column).value,
@@ -141,7 +154,7 @@ impl Rollout {
     }
 
     /// The first frame without an outcome, as (step, column).
-    pub fn first_missing(&self) -> Option<(usize, usize)> {
+    pub(crate) fn first_missing(&self) -> Option<(usize, usize)> {
         (0..self.shape.steps)
             .flat_map(|t| (0..self.columns).map(move |n| (t, n)))
             .find(|&(t, n)| self.is_valid(t, n) && !self.recorded[self.index(t, n)])
@@ -216,7 +229,7 @@ impl Rollout {
     }
 
     /// The store of frames, for the next rollout.
-    pub fn into_frames(self) -> Tensor {
+    pub(crate) fn into_frames(self) -> Tensor {
         self.frames
     }
 
@@ -229,7 +242,6 @@ impl Rollout {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::Outcome;
     use crate::network::to_vec;
     use tch::Kind;
 

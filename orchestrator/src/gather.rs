@@ -10,9 +10,7 @@ use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::evaluation::{Evaluation, RESULT_FILE, TABLE_FILE, read_table};
 use proto::run_folder::RunFolder;
-use report::study::{
-    ELAPSED_S, Evaluated, FRAMES_PER_S, NOT_GIVEN, Rollout, Run, UNKNOWN, UNTRAINED, Validated, differences_between,
-};
+use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated, differences_between};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -104,7 +102,7 @@ fn same_run(known: &Run, other: &Run) -> bool {
         // By what it learned, too: another run may have taken the place of one that was removed.
         (Some(place), Some(other_place)) => {
             place == other_place
-                && (known.config.seed, &known.state) == (other.config.seed, &other.state)
+                && (known.config.seed, &known.origin) == (other.config.seed, &other.origin)
                 && differences_between(&known.config, &other.config).is_empty()
         }
         _ => false,
@@ -153,7 +151,7 @@ fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
     let history = History::read(&folder)?;
     Ok(Run {
         name: path.display().to_string(),
-        state: state(&identity, &holder(&folder)?, complete),
+        origin: Origin::Run(state(&identity, &holder(&folder)?, complete)),
         config: Config::of_run(&folder)?,
         rollouts: rollouts(&history),
         evaluations: evaluations_of(&folder, notes)?,
@@ -264,21 +262,21 @@ impl Outside {
         let trained = trained.filter(|trained| {
             trained.evaluation.is_none() && (&trained.preset, trained.seed) == (&subject.preset, subject.seed)
         });
-        let (state, config) = match (&subject.run, trained) {
-            (Some(_), Some(trained)) => (NOT_GIVEN, trained),
+        let (origin, config) = match (&subject.run, trained) {
+            (Some(_), Some(trained)) => (Origin::NotGiven, trained),
             (run, _) => {
-                let state = if run.is_none() { UNTRAINED } else { UNKNOWN };
+                let origin = if run.is_none() { Origin::Untrained } else { Origin::Unknown };
                 // The configuration is the evaluation's: its own seed, its own number of actors.
                 let mut config = Config { seed: subject.seed, evaluation: None, ..self.config };
                 if let Ok(preset) = Config::resolve(&config.preset, None) {
                     config.actors = preset.actors;
                 }
-                (state, config)
+                (origin, config)
             }
         };
         Run {
             name: self.folder.display().to_string(),
-            state: state.to_owned(),
+            origin,
             config,
             rollouts: Vec::new(),
             evaluations: vec![self.evaluated],
@@ -415,9 +413,9 @@ mod tests {
             evaluate(&at(&format!("trained/{name}")), split, Some(&at("gone")), "b");
         }
         let gathered = gather(&[at("fresh"), at("trained")]).unwrap();
-        let states: Vec<(&str, usize)> =
-            gathered.runs.iter().map(|run| (run.state.as_str(), run.evaluations.len())).collect();
-        assert_eq!(states, [(UNTRAINED, 2), (UNKNOWN, 2)]);
+        let origins: Vec<(&Origin, usize)> =
+            gathered.runs.iter().map(|run| (&run.origin, run.evaluations.len())).collect();
+        assert_eq!(origins, [(&Origin::Untrained, 2), (&Origin::Unknown, 2)]);
         assert_eq!(groups(&gathered.runs).unwrap().len(), 2);
         // Nobody knows how these weights were trained: they are no row of the paper, and that is said.
         assert!(rows(&gathered).is_empty(), "{:?}", rows(&gathered));
@@ -443,7 +441,7 @@ mod tests {
         for (run, row) in [("plain", true), ("continued", false), ("own", false), ("replaced", false)] {
             let gathered = gather(&[at(&format!("of/{run}"))]).unwrap();
             assert_eq!(rows(&gathered), if row { &["disturb-two-stage"][..] } else { &[] }, "{run}");
-            assert_eq!(gathered.runs[0].state == UNKNOWN, run == "replaced");
+            assert_eq!(gathered.runs[0].origin == Origin::Unknown, run == "replaced");
         }
         // Given, it is the run's.
         let gathered = gather(&[at("plain"), at("of/plain")]).unwrap();

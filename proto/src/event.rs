@@ -56,7 +56,7 @@ pub enum LearnerEvent {
         stage: u32,
         /// Where the time went.
         timing: Timing,
-        /// Named figures: see [`metric`].
+        /// Named figures: see [`crate::metric`].
         metrics: BTreeMap<String, f64>,
     },
     /// A checkpoint is complete on disk.

@@ -61,6 +61,21 @@ impl RewardParts {
         self.disturbance_progress_m <= -DISTURBANCE_LABEL_THRESHOLD_M
     }
 
+    /// Whether all parts are finite numbers.
+    pub fn is_finite(&self) -> bool {
+        // Named one by one, so that a new part cannot be left out.
+        let Self {
+            wrist_object_progress_m,
+            object_goal_progress_m,
+            disturbance_progress_m,
+            failed_action,
+            picked_up,
+            goal_success,
+        } = *self;
+        let progress_m = [wrist_object_progress_m, object_goal_progress_m, disturbance_progress_m];
+        progress_m.into_iter().chain([failed_action, picked_up, goal_success]).all(f32::is_finite)
+    }
+
     /// The reward of this step under `kind`. `disturbance_weight` is what a metre of displacement costs: `λ_disturb` in
     /// r′, the multiplier in PPO-Lagrangian's reward; r does without.
     pub fn compose(&self, kind: RewardKind, disturbance_weight: f32) -> f32 {

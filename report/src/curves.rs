@@ -1,6 +1,6 @@
 //! Training as curves: each run's rollouts in bins of equal frames, then the mean over the runs of a group.
 
-use crate::study::{Group, Rollout, Run};
+use crate::study::{Group, Rollout, Run, Validated};
 use proto::metric;
 use proto::stage::total_frames;
 use serde::Serialize;
@@ -39,9 +39,8 @@ pub struct TrainingPoint {
 }
 
 impl Curve {
-    /// The metric as the learner told it with every rollout; none where no run has it. Episode figures weigh as many
-    /// episodes as ended.
-    pub fn of_training(group: &Group<'_>, name: &str) -> Option<Self> {
+    /// The metric over the rollouts; none where no run has it. Figures of episodes are weighted by how many ended.
+    pub(crate) fn of_training(group: &Group<'_>, name: &str) -> Option<Self> {
         let budget = group.runs.iter().map(|run| total_frames(&run.config.stages)).max()?;
         let width = (budget as f64 / BINS as f64).max(1.0);
         let seeds: Vec<Vec<(u64, f64, f64)>> = group.runs.iter().map(|run| bins(&run.rollouts, name, width)).collect();
@@ -50,12 +49,10 @@ impl Curve {
 
     /// A figure of the evaluations during training; none where there were none. Only where every seed that was evaluated
     /// has a point: a run skips an evaluation when the next one is due, and a mean over other seeds is another mean.
-    pub fn of_validation(group: &Group<'_>, name: &str, figure: impl Fn(&Run) -> Vec<(u64, f64)>) -> Option<Self> {
-        let seeds: Vec<Vec<(u64, f64, f64)>> = group
-            .runs
-            .iter()
-            .map(|run| figure(run).into_iter().map(|(frames, value)| (frames, frames as f64, value)).collect())
-            .collect();
+    pub(crate) fn of_validation(group: &Group<'_>, name: &str, figure: impl Fn(&Validated) -> f64) -> Option<Self> {
+        let point = |point: &Validated| (point.frames, point.frames as f64, figure(point));
+        let seeds: Vec<Vec<(u64, f64, f64)>> =
+            group.runs.iter().map(|run| run.validation.iter().map(point).collect()).collect();
         let evaluated = seeds.iter().filter(|seed| !seed.is_empty()).count();
         let mut curve = Self::over(name, &seeds)?;
         curve.points.retain(|point| point.seeds == evaluated);
@@ -86,14 +83,14 @@ impl Curve {
 }
 
 /// A run's own metric over training, in bins finer than those of a group's curve: what lies behind the smoothed one.
-pub fn of_run(run: &Run, name: &str) -> Vec<(f64, f64)> {
+pub(crate) fn of_run(run: &Run, name: &str) -> Vec<(f64, f64)> {
     let width = (total_frames(&run.config.stages) as f64 / FINE_BINS as f64).max(1.0);
     bins(&run.rollouts, name, width).into_iter().map(|(_, frames, value)| (frames, value)).collect()
 }
 
 /// The running mean of a curve over its neighbours, which weigh less the farther they are. What lies beyond one of the
 /// `breaks` has no part in it: another stage is another task. A stage of a few points stays as it is.
-pub fn smoothed(points: &[(f64, f64)], breaks: &[f64]) -> Vec<(f64, f64)> {
+pub(crate) fn smoothed(points: &[(f64, f64)], breaks: &[f64]) -> Vec<(f64, f64)> {
     let part = |frames: f64| breaks.iter().filter(|&&end| end < frames).count();
     let mean = |(index, &(frames, _)): (usize, &(f64, f64))| {
         if points.iter().filter(|(at, _)| part(*at) == part(frames)).count() < SMOOTHED_LEAST {
@@ -136,7 +133,7 @@ fn bins(rollouts: &[Rollout], name: &str, width: f64) -> Vec<(u64, f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::{Validated, groups, tests::run};
+    use crate::study::{groups, tests::run};
     use proto::evaluation::Distribution;
     use std::collections::BTreeMap;
 
@@ -199,8 +196,7 @@ mod tests {
         runs[0].validation = at(&[100, 200, 300], 0.2);
         runs[1].validation = at(&[100, 300, 400], 0.4);
         let groups = groups(&runs).unwrap();
-        let figure = |run: &Run| run.validation.iter().map(|point| (point.frames, point.success)).collect();
-        let curve = Curve::of_validation(&groups[0], "success", figure).unwrap();
+        let curve = Curve::of_validation(&groups[0], "success", |point| point.success).unwrap();
         let points: Vec<(f64, usize)> = curve.points.iter().map(|point| (point.frames, point.seeds)).collect();
         // The third has no validations at all.
         assert_eq!(points, [(100.0, 2), (300.0, 2)]);

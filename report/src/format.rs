@@ -2,7 +2,7 @@
 
 use crate::statistics::Interval;
 
-/// What stands for a figure that nothing can be said of.
+/// Placeholder for a missing figure.
 pub const NOTHING: &str = "–";
 
 /// A count with its thousands apart: `1 234 567`.

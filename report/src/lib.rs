@@ -1,19 +1,55 @@
-//! What runs came to: statistics over seeds, figures, tables beside the paper's, one page.
+//! Reports on runs: statistics over seeds, figures, tables beside the paper's, one page.
 //!
-//! A [`study::Run`] is what a run's folder tells; [`Made::of`] puts runs of one configuration together, computes
-//! everything once, and is then written down as `report.json`, as a page and as figures. This crate reads and writes no
-//! files: `orchestrator report` does.
+//! A [`study::Run`] is the content of a run's folder. [`Made::of`] groups runs of one configuration and computes
+//! everything once; its result becomes `report.json`, the page and the figures. This crate reads and writes no files:
+//! `orchestrator report` does.
+//!
+//! Two seeds of one preset as plain data, and the page about them:
+//!
+//! ```
+//! use proto::config::Config;
+//! use proto::metric;
+//! use report::study::{Origin, Rollout, Run};
+//! use report::{Made, Options};
+//!
+//! let run = |seed: u64| {
+//!     let config = Config { seed, ..Config::resolve("demo", None).expect("a preset") };
+//!     let rollout = |index: u64| Rollout {
+//!         frames: 4_400 * index,
+//!         metrics: [(metric::EPISODES, 19.0), (metric::SUCCESS, 0.005 * index as f64)]
+//!             .map(|(name, value)| (name.to_owned(), value))
+//!             .into(),
+//!     };
+//!     Run {
+//!         name: format!("runs/demo-{seed}"),
+//!         origin: Origin::Run("complete".into()),
+//!         config,
+//!         rollouts: (1..=100).map(rollout).collect(),
+//!         evaluations: Vec::new(),
+//!         validation: Vec::new(),
+//!     }
+//! };
+//! let made = Made::of(&[run(1), run(2)], &Options::default(), Vec::new())?;
+//! assert_eq!(made.report.groups[0].runs.len(), 2, "runs that differ in the seed only are one group");
+//! let page = made.page("Made by hand.");
+//! assert!(page.contains("<figure id=\"learning\"") && page.contains("has been evaluated yet"));
+//! # Ok::<(), report::study::StudyError>(())
+//! ```
 
-pub mod chart;
+mod chart;
+pub mod comparison;
 pub mod curves;
-pub mod figures;
+mod entry;
+mod figures;
 pub mod format;
+mod method;
 mod page;
 pub mod paper;
 mod report;
 pub mod results;
 pub mod statistics;
 pub mod study;
-pub mod tables;
 
-pub use report::{FigureSet, GroupReport, Made, Method, Options, Report, RunReport};
+pub use chart::{Figure, PngError};
+pub use figures::{Sweep, SweepPoint};
+pub use report::{FigureSet, GroupReport, IntervalMethod, Made, Options, Report, RunReport};

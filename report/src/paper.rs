@@ -1,6 +1,6 @@
 //! The paper's own figures, to stand beside ours: Ni et al. (WACV 2023), tables 1 to 3 and their supplement.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;
 
 /// All tables. Rates are percentages.
@@ -82,6 +82,19 @@ pub struct ActionSpaceRow {
     pub srwod: f64,
 }
 
+/// Published figures, shares 0..=1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Published {
+    /// SR, mean over seeds.
+    pub success: f64,
+    /// SR, mean of the middle three seeds.
+    pub success_iqm: Option<f64>,
+    /// `SRwoD`, mean over seeds.
+    pub success_without_disturbance: f64,
+    /// `SRwoD`, mean of the middle three seeds.
+    pub success_without_disturbance_iqm: Option<f64>,
+}
+
 /// The paper's figures.
 pub fn paper() -> &'static Paper {
     static PAPER: LazyLock<Paper> =
@@ -92,6 +105,18 @@ pub fn paper() -> &'static Paper {
 /// Our name of an auxiliary task in the tables.
 fn task(aux: &str) -> String {
     if aux == "none_original" { "original".to_owned() } else { aux.replace('_', "-") }
+}
+
+impl Published {
+    fn new([success, success_without_disturbance]: [f64; 2], iqm: [Option<f64>; 2]) -> Self {
+        let share = |percent: f64| percent / 100.0;
+        Self {
+            success: share(success),
+            success_iqm: iqm[0].map(share),
+            success_without_disturbance: share(success_without_disturbance),
+            success_without_disturbance_iqm: iqm[1].map(share),
+        }
+    }
 }
 
 impl ResultRow {
@@ -107,6 +132,11 @@ impl ResultRow {
         };
         format!("{}-{plan}", task(&self.aux))
     }
+
+    /// Its figures.
+    pub(crate) fn published(&self) -> Published {
+        Published::new([self.sr, self.srwod], [self.sr_iqm, self.srwod_iqm])
+    }
 }
 
 impl AblationRow {
@@ -115,6 +145,11 @@ impl AblationRow {
         let advantages = if self.normalized_advantage { "normalized" } else { "plain" };
         let action = if self.previous_action { "action" } else { "no-action" };
         format!("ablation-{}-{advantages}-{action}-{}", self.encoder, self.goal)
+    }
+
+    /// Its figures.
+    pub(crate) fn published(&self) -> Published {
+        Published::new([self.sr, self.srwod], [None, None])
     }
 }
 
@@ -128,6 +163,11 @@ impl ActionSpaceRow {
             (_, "finetune") => format!("{task}-two-stage"),
             _ => format!("{task}-stage1-20m"),
         }
+    }
+
+    /// Its figures.
+    pub(crate) fn published(&self) -> Published {
+        Published::new([self.sr, self.srwod], [None, None])
     }
 }
 

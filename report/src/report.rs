@@ -1,20 +1,21 @@
-//! The report as a whole: what is computed once, and then written down as page, numbers and figures.
+//! The whole report: computed once, then written as numbers, page and figures.
 
-use crate::chart::Figure;
+use crate::chart::{Figure, share_axes};
+use crate::comparison::{Comparison, comparisons};
 use crate::curves::Curve;
-use crate::figures::{self, Subject, Sweep};
+use crate::entry::Entry;
+use crate::figures::{self, Sweep};
 use crate::format::{count, counted};
 use crate::paper::paper;
 use crate::results::{FieldResult, Missing};
 use crate::statistics::{CURVE_RESAMPLES, RESAMPLES};
-use crate::study::{Evaluated, Field, Group, Run, Source, StudyError, groups};
-use crate::tables::{Comparison, comparisons};
+use crate::study::{Evaluated, Field, Group, Origin, Run, Source, StudyError, Validated, groups};
 use proto::config::EpisodeConfig;
 use proto::evaluation::{DISTURBANCE_THRESHOLDS_M, Distribution, describe};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Everything that is said: serialised, it is `report.json`. Rates are shares 0..=1.
+/// The numbers: serialised, they are `report.json`. Rates are shares 0..=1.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
     /// [`proto::SCHEMA_VERSION`] of the writer.
@@ -22,7 +23,7 @@ pub struct Report {
     /// Where the paper's figures are from.
     pub paper: String,
     /// How the intervals were made.
-    pub statistics: Method,
+    pub statistics: IntervalMethod,
     /// Which episodes the figures are of, a sentence each.
     pub episodes: Vec<String>,
     /// Groups of runs.
@@ -31,7 +32,7 @@ pub struct Report {
     pub comparisons: Vec<Comparison>,
     /// Groups that differ in `λ_disturb` only.
     pub sweeps: Vec<Sweep>,
-    /// What a reader has to know before trusting the figures.
+    /// Remarks that a reader needs to judge the figures.
     pub notes: Vec<String>,
     /// Names of the figures, without ending.
     pub figures: Vec<String>,
@@ -39,7 +40,7 @@ pub struct Report {
 
 /// How the intervals were made.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Method {
+pub struct IntervalMethod {
     /// Coverage.
     pub interval: f64,
     /// Resamples behind an interval in a table.
@@ -72,8 +73,8 @@ pub struct GroupReport {
 pub struct RunReport {
     /// Its folder.
     pub name: String,
-    /// `complete`, `stopped`, ...
-    pub state: String,
+    /// How it stands, or why its training is not known.
+    pub state: Origin,
     /// Seed.
     pub seed: u64,
     /// Frames trained on.
@@ -87,7 +88,7 @@ pub struct RunReport {
 /// A report with its figures.
 #[derive(Debug)]
 pub struct Made {
-    /// What is said.
+    /// The numbers.
     pub report: Report,
     /// Drawn.
     pub figures: FigureSet,
@@ -120,6 +121,11 @@ impl FigureSet {
         let Self { intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions } = self;
         [intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions].into_iter().flatten()
     }
+
+    fn sections(&mut self) -> [&mut Vec<Figure>; 8] {
+        let Self { intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions } = self;
+        [intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions]
+    }
 }
 
 /// What the user may choose.
@@ -136,7 +142,7 @@ impl Default for Options {
 }
 
 impl Made {
-    /// The report on these runs. `notes`: what a reader has to know that the runs do not tell.
+    /// The report on these runs. `notes`: remarks that do not follow from the runs.
     pub fn of(runs: &[Run], options: &Options, mut notes: Vec<String>) -> Result<Self, StudyError> {
         let groups = groups(runs)?;
         notes.extend(groups.iter().filter(|group| group.unknown()).map(|group| {
@@ -148,29 +154,30 @@ impl Made {
                 names.join(", ")
             )
         }));
-        let subjects: Vec<Subject<'_>> = groups
+        let entries: Vec<Entry<'_>> = groups
             .iter()
             .enumerate()
-            .map(|(style, group)| Subject { style, group, results: results(group, options, &mut notes) })
+            .map(|(style, group)| Entry { style, group, results: results(group, options, &mut notes) })
             .collect();
-        let sweeps = figures::sweeps(&subjects);
-        let figures = FigureSet {
-            intervals: Field::ALL.iter().filter_map(|&field| figures::intervals(&subjects, field)).collect(),
-            learning: [figures::learning(&subjects), figures::multiplier(&subjects)].concat(),
-            optimisation: figures::optimisation(&subjects),
-            validation: figures::validation(&subjects),
-            prediction: figures::prediction(&subjects),
-            disturbance: [figures::by_threshold(&subjects), figures::by_objects(&subjects)].concat(),
+        let sweeps = figures::sweeps(&entries);
+        let mut figures = FigureSet {
+            intervals: Field::ALL.iter().filter_map(|&field| figures::intervals(&entries, field)).collect(),
+            learning: [figures::learning(&entries), figures::multiplier(&entries)].concat(),
+            optimisation: figures::optimisation(&entries),
+            validation: figures::validation(&entries),
+            prediction: figures::prediction(&entries),
+            disturbance: [figures::by_threshold(&entries), figures::by_objects(&entries)].concat(),
             sweep: figures::sweep_figure(&sweeps).into_iter().collect(),
-            actions: figures::action_maps(&subjects),
+            actions: figures::action_maps(&entries),
         };
+        figures.sections().into_iter().for_each(|figures| share_axes(figures));
         let report = Report {
             schema_version: proto::SCHEMA_VERSION,
             paper: paper().source.clone(),
-            statistics: Method { interval: 0.95, resamples: RESAMPLES, curve_resamples: CURVE_RESAMPLES },
+            statistics: IntervalMethod { interval: 0.95, resamples: RESAMPLES, curve_resamples: CURVE_RESAMPLES },
             episodes: episodes_of(&groups),
-            groups: subjects.iter().map(GroupReport::of).collect(),
-            comparisons: comparisons(&subjects),
+            groups: entries.iter().map(GroupReport::of).collect(),
+            comparisons: comparisons(&entries),
             sweeps,
             notes,
             figures: figures.all().map(|figure| figure.name.clone()).collect(),
@@ -179,7 +186,7 @@ impl Made {
     }
 }
 
-/// Which episodes the groups' figures are of: each kind, and who was evaluated on it.
+/// Which episodes the groups' figures are of: each kind, with the groups that were evaluated on it.
 fn episodes_of(groups: &[Group<'_>]) -> Vec<String> {
     let mut found: BTreeMap<(bool, String), BTreeSet<&str>> = BTreeMap::new();
     for group in groups {
@@ -248,7 +255,7 @@ fn note_older(group: &Group<'_>, field: Field, notes: &mut Vec<String>) {
     }
 }
 
-/// What a figure does not say of itself.
+/// Remarks on how the episodes of a result were made.
 fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes: &mut Vec<String>) {
     let (label, is_fixed, field) = (&group.label, field.source == Source::Fixed, field.name());
     if result.seeds.iter().any(|seed| seed.deterministic) {
@@ -272,25 +279,21 @@ fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes:
 }
 
 impl GroupReport {
-    fn of(subject: &Subject<'_>) -> Self {
-        let group = subject.group;
+    fn of(entry: &Entry<'_>) -> Self {
+        let group = entry.group;
         let metrics: BTreeSet<&String> =
             group.runs.iter().flat_map(|run| &run.rollouts).flat_map(|rollout| rollout.metrics.keys()).collect();
-        let validation = [
-            ("success", (|point| point.success) as fn(&crate::study::Validated) -> f64),
+        let validation: [(&str, fn(&Validated) -> f64); 2] = [
+            ("success", |point| point.success),
             ("success_without_disturbance", |point| point.success_without_disturbance),
         ];
-        let validation = validation.into_iter().filter_map(|(name, figure)| {
-            Curve::of_validation(group, name, |run| {
-                run.validation.iter().map(|point| (point.frames, figure(point))).collect()
-            })
-        });
+        let validation = validation.into_iter().filter_map(|(name, figure)| Curve::of_validation(group, name, figure));
         Self {
             label: group.label.clone(),
             preset: group.preset.clone(),
             differences: group.differences.clone(),
             runs: group.runs.iter().map(|run| RunReport::of(run)).collect(),
-            results: subject.results.iter().map(|(_, result)| result.clone()).collect(),
+            results: entry.results.iter().map(|(_, result)| result.clone()).collect(),
             training: metrics.into_iter().filter_map(|name| Curve::of_training(group, name)).collect(),
             validation: validation.collect(),
         }
@@ -306,7 +309,7 @@ impl RunReport {
     fn of(run: &Run) -> Self {
         Self {
             name: run.name.clone(),
-            state: run.state.clone(),
+            state: run.origin.clone(),
             seed: run.config.seed,
             frames: run.rollouts.last().map_or_else(|| evaluated_frames(run), |rollout| rollout.frames),
             budget: proto::stage::total_frames(&run.config.stages),

@@ -25,9 +25,9 @@ pub struct FieldResult {
     /// `SRwoD` by the largest displacement on an axis: no object moved more than 0.01 m on any.
     pub success_without_disturbance_per_axis: Aggregate,
     /// `SRwoD` over the threshold.
-    pub by_threshold: Vec<CurvePoint>,
+    pub by_threshold: Vec<LimitPoint>,
     /// Success with at most so many disturbed objects.
-    pub by_disturbed_objects: Vec<CurvePoint>,
+    pub by_disturbed_objects: Vec<LimitPoint>,
     /// All other figures, over the episodes of all seeds together.
     pub pooled: Figures,
     /// How often each action was taken at each step, over all seeds together: names, and \[steps\]\[actions\] counts.
@@ -72,9 +72,9 @@ pub struct Rate {
     pub interval: Interval,
 }
 
-/// A point of a curve.
+/// Success within one limit on the disturbance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct CurvePoint {
+pub struct LimitPoint {
     /// Threshold in metres, or number of objects.
     pub at: f64,
     /// Mean over seeds and kitchens.
@@ -94,7 +94,7 @@ pub struct ActionShares {
 
 /// What keeps a group from having a result.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Missing {
+pub(crate) enum Missing {
     /// No run has an evaluation in the field.
     NotEvaluated,
     /// Evaluations cannot be put into one matrix.
@@ -103,7 +103,7 @@ pub enum Missing {
 
 impl FieldResult {
     /// Of a group; with the names of runs that have no evaluation in the field.
-    pub fn of(group: &Group<'_>, field: Field, thresholds_m: &[f32]) -> Result<(Self, Vec<String>), Missing> {
+    pub(crate) fn of(group: &Group<'_>, field: Field, thresholds_m: &[f32]) -> Result<(Self, Vec<String>), Missing> {
         let evaluated: Vec<(&Run, &Evaluated)> =
             group.runs.iter().filter_map(|run| Some((*run, run.evaluation_in(field)?))).collect();
         if evaluated.is_empty() {
@@ -111,68 +111,85 @@ impl FieldResult {
         }
         let without = group.runs.iter().filter(|run| run.evaluation_in(field).is_none());
         let without = without.map(|run| run.name.clone()).collect();
-        let by_seed: Vec<Vec<&EpisodeRecord>> =
-            evaluated.iter().map(|(_, evaluated)| evaluated.episodes_in(field).collect()).collect();
-        let kitchens = same_kitchens(&evaluated, &by_seed)?;
-        let matrix = |good: &dyn Fn(&EpisodeRecord) -> bool| -> Scores {
-            let rows: Vec<Vec<f64>> = by_seed
-                .iter()
-                .map(|episodes| kitchens.iter().map(|&kitchen| rate_in(episodes, kitchen, good)).collect())
-                .collect();
-            Scores::new(&rows).expect("one row a seed, one column a kitchen, at least one of each")
+        let episodes = SeedEpisodes::of(&evaluated, field)?;
+        let success = episodes.scores(&|record| record.success);
+        let undisturbed = episodes.scores(&|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M));
+        let undisturbed_per_axis = episodes.scores(&EpisodeRecord::succeeded_undisturbed_per_axis);
+        let within = |&limit_m: &f32| {
+            let scores = episodes.scores(&|record| record.succeeded_within(limit_m));
+            LimitPoint::of(shortest(limit_m), &scores)
         };
-        let success = matrix(&|record| record.success);
-        let undisturbed = matrix(&|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M));
-        let undisturbed_per_axis = matrix(&EpisodeRecord::succeeded_undisturbed_per_axis);
-        let point = |at: f64, scores: &Scores| {
-            let mean = Aggregate::of(scores, CURVE_RESAMPLES).mean;
-            CurvePoint { at, mean: mean.point, interval: mean.interval }
+        let at_most = |objects: u32| {
+            let scores = episodes.scores(&|record| record.success && record.disturbed_objects <= objects);
+            LimitPoint::of(f64::from(objects), &scores)
         };
-        let by_threshold = thresholds_m
-            .iter()
-            .map(|&threshold_m| {
-                let scores = matrix(&|record| record.succeeded_within(threshold_m));
-                point(shortest(threshold_m), &scores)
-            })
-            .collect();
-        let by_disturbed_objects = (0..OBJECT_COUNTS)
-            .map(|objects| {
-                let scores = matrix(&|record| record.success && record.disturbed_objects <= objects);
-                point(f64::from(objects), &scores)
-            })
-            .collect();
-        let seeds = evaluated
-            .iter()
-            .zip(&by_seed)
-            .enumerate()
-            .map(|(row, ((run, evaluated), episodes))| SeedResult {
-                seed: run.config.seed,
-                run: run.name.clone(),
-                evaluation: evaluated.name.clone(),
-                frames: evaluated.result.subject.frames,
-                episodes: episodes.len() as u64,
-                deterministic: evaluated.result.conditions.deterministic,
-                weights: evaluated.result.subject.weights.clone(),
-                success_by_kitchen: success.row(row).to_vec(),
-                success_without_disturbance_by_kitchen: undisturbed.row(row).to_vec(),
-                success: rate(episodes, &|record| record.success),
-                success_without_disturbance: rate(episodes, &|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M)),
-                success_without_disturbance_per_axis: rate(episodes, &EpisodeRecord::succeeded_undisturbed_per_axis),
-            })
-            .collect();
+        let seed = |(row, ((run, evaluated), episodes)): (usize, (&(&Run, &Evaluated), &Vec<&EpisodeRecord>))| {
+            SeedResult::of(run, evaluated, episodes, [success.row(row), undisturbed.row(row)])
+        };
         let result = Self {
             field: field.key(),
-            seeds,
+            seeds: evaluated.iter().zip(&episodes.by_seed).enumerate().map(seed).collect(),
             success: Aggregate::of(&success, RESAMPLES),
             success_without_disturbance: Aggregate::of(&undisturbed, RESAMPLES),
             success_without_disturbance_per_axis: Aggregate::of(&undisturbed_per_axis, RESAMPLES),
-            by_threshold,
-            by_disturbed_objects,
-            pooled: Figures::of(by_seed.iter().flatten().copied()),
+            by_threshold: thresholds_m.iter().map(within).collect(),
+            by_disturbed_objects: (0..OBJECT_COUNTS).map(at_most).collect(),
+            pooled: Figures::of(episodes.by_seed.iter().flatten().copied()),
             actions: ActionShares::sum(evaluated.iter().map(|(_, evaluated)| *evaluated)),
-            kitchens,
+            kitchens: episodes.kitchens,
         };
         Ok((result, without))
+    }
+}
+
+impl SeedResult {
+    /// Of a run's episodes in the field, with its SR and `SRwoD` by kitchen.
+    fn of(run: &Run, evaluated: &Evaluated, episodes: &[&EpisodeRecord], by_kitchen: [&[f64]; 2]) -> Self {
+        let subject = &evaluated.result.subject;
+        Self {
+            seed: run.config.seed,
+            run: run.name.clone(),
+            evaluation: evaluated.name.clone(),
+            frames: subject.frames,
+            episodes: episodes.len() as u64,
+            deterministic: evaluated.result.conditions.deterministic,
+            weights: subject.weights.clone(),
+            success_by_kitchen: by_kitchen[0].to_vec(),
+            success_without_disturbance_by_kitchen: by_kitchen[1].to_vec(),
+            success: rate(episodes, &|record| record.success),
+            success_without_disturbance: rate(episodes, &|record| record.succeeded_within(UNDISTURBED_THRESHOLD_M)),
+            success_without_disturbance_per_axis: rate(episodes, &EpisodeRecord::succeeded_undisturbed_per_axis),
+        }
+    }
+}
+
+impl LimitPoint {
+    fn of(at: f64, scores: &Scores) -> Self {
+        let mean = Aggregate::of(scores, CURVE_RESAMPLES).mean;
+        Self { at, mean: mean.point, interval: mean.interval }
+    }
+}
+
+/// The episodes of every seed, the same ones.
+struct SeedEpisodes<'a> {
+    kitchens: Vec<KitchenId>,
+    by_seed: Vec<Vec<&'a EpisodeRecord>>,
+}
+
+impl<'a> SeedEpisodes<'a> {
+    fn of(evaluated: &[(&'a Run, &'a Evaluated)], field: Field) -> Result<Self, Missing> {
+        let by_seed: Vec<Vec<&EpisodeRecord>> =
+            evaluated.iter().map(|(_, evaluated)| evaluated.episodes_in(field).collect()).collect();
+        Ok(Self { kitchens: same_kitchens(evaluated, &by_seed)?, by_seed })
+    }
+
+    /// The share of good episodes, \[seeds × kitchens\].
+    fn scores(&self, good: &dyn Fn(&EpisodeRecord) -> bool) -> Scores {
+        let row = |episodes: &Vec<&EpisodeRecord>| -> Vec<f64> {
+            self.kitchens.iter().map(|&kitchen| rate_in(episodes, kitchen, good)).collect()
+        };
+        let rows: Vec<Vec<f64>> = self.by_seed.iter().map(row).collect();
+        Scores::new(&rows).expect("one row a seed, one column a kitchen, at least one of each")
     }
 }
 

@@ -8,7 +8,7 @@ use proto::evaluation::{
 use proto::kitchen::{KitchenId, Split};
 use proto::metric;
 use proto::random::{Key, Purpose, Random};
-use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Rollout, Run, UNTRAINED, Validated};
+use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated};
 use report::{Made, Options};
 use std::collections::BTreeMap;
 
@@ -137,7 +137,7 @@ fn run(preset: &str, seed: u64, (skill, care): (f64, f64)) -> Run {
     });
     Run {
         name: format!("runs/{preset}-{seed}"),
-        state: "complete".into(),
+        origin: Origin::Run("complete".into()),
         rollouts: rollouts(&config, skill - luck),
         evaluations: [
             (Split::Test, ObjectSet::Novel, skill),
@@ -166,7 +166,7 @@ fn study() -> Vec<Run> {
         runs.extend((1..=seeds).map(|seed| run(preset, seed, found)));
     }
     let mut untrained = run("two-stage", 1, (0.02, 0.3));
-    untrained.state = UNTRAINED.into();
+    untrained.origin = Origin::Untrained;
     untrained.rollouts.clear();
     untrained.validation.clear();
     runs.push(untrained);

@@ -5,6 +5,7 @@
 
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -136,6 +137,8 @@ impl Workshop {
 pub struct Printed {
     /// Exit status 0.
     pub success: bool,
+    /// Ended by SIGKILL.
+    pub killed: bool,
     /// Standard output.
     pub stdout: String,
     /// Standard error.
@@ -146,6 +149,7 @@ impl Printed {
     fn from(output: &Output) -> Self {
         Self {
             success: output.status.success(),
+            killed: output.status.signal() == Some(rustix::process::Signal::KILL.as_raw()),
             stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
             stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
         }
@@ -162,6 +166,11 @@ impl Printed {
         let weights = lines[1].strip_prefix("weights: ").expect("the line before is the weights digest");
         assert!(weights.len() == 64 && weights.chars().all(|digit| digit.is_ascii_hexdigit()), "{weights}");
         (weights.to_owned(), frames.expect("a number"))
+    }
+
+    /// The lines of standard error that tell of a death.
+    pub fn deaths(&self) -> Vec<&str> {
+        self.stderr.lines().filter(|line| line.contains(" died")).collect()
     }
 }
 
@@ -194,12 +203,23 @@ pub fn complete(command: Command) -> Printed {
     finish(start(command))
 }
 
-/// SIGKILL.
+/// SIGKILL; a process that is already gone is fine.
 ///
 /// # Panics
 /// If `pid` is not a process id.
 pub fn kill(pid: u32) {
     signal(pid, rustix::process::Signal::KILL);
+}
+
+/// Kills a started command and waits for it.
+///
+/// # Panics
+/// If it ended in any other way: a test of a kill that did not happen proves nothing.
+pub fn kill_child(child: Child) -> Printed {
+    kill(child.id());
+    let printed = finish(child);
+    assert!(printed.killed, "it ended before it was killed: {printed:#?}");
+    printed
 }
 
 /// Sends a signal; a process that is already gone is fine.
@@ -257,6 +277,26 @@ impl Run {
         }
         found.sort_unstable();
         found
+    }
+
+    /// Kills one process whose command line holds `word`, and waits until it is gone.
+    ///
+    /// # Panics
+    /// If there is none, or it stays: a test of a kill that did not happen proves nothing.
+    pub fn kill_one(&self, word: &str) {
+        let found = self.processes(word);
+        let pid = *found.first().unwrap_or_else(|| panic!("no process to kill has `{word}` in its command line"));
+        kill(pid);
+        let begun = Instant::now();
+        while self.processes(word).contains(&pid) {
+            assert!(begun.elapsed() < DEADLINE, "pid {pid} (`{word}`) survives a SIGKILL for {DEADLINE:?}");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Frames trained so far.
+    pub fn trained(&self) -> u64 {
+        self.metrics().values().filter_map(|line| line["frames"].as_u64()).max().unwrap_or(0)
     }
 
     /// The one learner process.
@@ -327,5 +367,24 @@ impl Run {
                 .collect();
             assert!(left.is_empty(), "{} holds {left:?}", folder.display());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[should_panic(expected = "no process to kill")]
+    fn a_process_that_is_not_there_cannot_be_killed() {
+        Workshop::new().run("nothing").kill_one("--actor ");
+    }
+
+    #[test]
+    #[should_panic(expected = "it ended before it was killed")]
+    fn a_command_that_has_ended_cannot_be_killed() {
+        let mut child = start(Command::new("true"));
+        child.wait().unwrap();
+        kill_child(child);
     }
 }

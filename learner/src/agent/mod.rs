@@ -4,29 +4,34 @@
 //! begin_rollout ─▶ step, record … ─▶ bootstrap ─▶ update ─▶ begin_rollout …
 //!               └▶ abandon_rollout
 //! ```
-//! Nothing here knows files or time, and nothing is drawn: the noise that samples actions comes in with the observations.
-//! Other processes are met in [`Agent::update`] alone, where the gradients of several learners add up. So the same calls
-//! give the same weights, bit for bit, on the CPU with the same number of threads and learners.
+//! It reads no files and no clock, and it draws nothing: the noise that samples actions comes in with the observations.
+//! It meets the other learners in [`Agent::update`], where their gradients add up, and with `ppo.preemption_share` in
+//! [`Agent::is_preempted`]. Without that setting the same calls give the same weights, bit for bit, on the CPU with the
+//! same number of threads and learners.
 
+mod error;
 mod state;
 
-pub use state::{AgentState, BELIEFS, MODEL, OtherSign, weights_of};
+pub use error::{AgentError, OtherSign};
+pub use state::AgentState;
+pub(crate) use state::{BELIEFS, MODEL, weights_of};
 
-use crate::auxiliary::Auxiliary;
+use crate::auxiliary::{Auxiliary, Sizes};
 use crate::device;
 use crate::network::{
-    FramePreparation, Network, Observations, PrecisionError, Staging, Unfit, goal_coordinates, table_row, to_vec,
+    FramePreparation, Network, Observations, Staging, Unfit, fits, goal_coordinates, table_row, to_vec,
 };
 use crate::optimizer::{Adam, learning_rate};
 use crate::peers::{PeerError, Peers};
 use crate::ppo::lagrangian::ascend;
 use crate::ppo::preemption::ends_early;
-use crate::ppo::update::{Update, UpdateError};
-use crate::rollout::{Rollout, Step};
+use crate::ppo::{Update, UpdateError};
+use crate::rollout::{Outcome, Rollout, Step};
 use proto::camera::FRAME_PIXELS;
 use proto::config::Config;
 use proto::reward::RewardKind;
 use proto::stage::RolloutShape;
+use state::{FIRST_MOMENT, SECOND_MOMENT};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use tch::{Device, Tensor};
@@ -67,50 +72,6 @@ pub struct Choice {
     pub actions: Vec<u8>,
     /// Whether the action is foretold to disturb something; none without the auxiliary task `disturb`.
     pub disturbs: Option<Vec<bool>>,
-}
-
-/// What an action led to.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outcome {
-    /// Reward under the stage in force.
-    pub reward: f32,
-    /// The episode ended, for whatever reason.
-    pub ended: bool,
-    /// It ended by the step limit.
-    pub time_limit: bool,
-    /// Label of the auxiliary task: this action disturbed something.
-    pub disturbed: bool,
-}
-
-/// What went wrong in the agent.
-#[derive(Debug, thiserror::Error)]
-pub enum AgentError {
-    /// A number that should be finite is not. Weights and optimiser are as they were before the call.
-    #[error("{what} is not finite")]
-    NonFinite {
-        /// Which number.
-        what: String,
-    },
-    /// An observation that cannot be.
-    #[error("column {column}: the policy has no action {action}, which is said to have been taken")]
-    UnknownAction {
-        /// Whose observation.
-        column: usize,
-        /// The wire value.
-        action: u8,
-    },
-    /// The encoder cannot compute in bfloat16 here.
-    #[error(transparent)]
-    Precision(#[from] PrecisionError),
-    /// The other learners are gone.
-    #[error(transparent)]
-    Peers(#[from] PeerError),
-    /// A saved state does not fit this agent.
-    #[error("the saved state does not fit: {0}")]
-    State(#[from] Unfit),
-    /// Saved weights that were trained with the other sign of the goal vector.
-    #[error(transparent)]
-    Sign(#[from] OtherSign),
 }
 
 /// The agent.
@@ -155,8 +116,9 @@ impl Agent {
     /// The same as one of several, for its own of the run's columns.
     pub fn among(peers: Peers, columns: Range<usize>, config: &Config, device: Device) -> Result<Self, AgentError> {
         let actions = config.episode.action_space.actions().len() as i64;
-        let (mut network, auxiliary) =
-            Network::new(config, device, |layout, hidden| Auxiliary::new(&config.auxiliary, layout, hidden, actions));
+        let (mut network, auxiliary) = Network::new(config, device, |layout, hidden| {
+            Auxiliary::new(&config.auxiliary, layout, Sizes { hidden, actions })
+        });
         network.choose_precision(config.learner.encoder_precision)?;
         let adam = Adam::new(&network.parameters.flat());
         let beliefs = network.belief.blank(columns.len() as i64, device);
@@ -238,13 +200,10 @@ impl Agent {
         let chosen: Vec<usize> = rows.map(|(log_probs, gumbel)| sample(log_probs, gumbel)).collect();
         let _no_grad = tch::no_grad_guard();
         let _ = self.beliefs.index_copy_(0, &column_indices(input.columns, self.device), &beliefs);
-        let disturbs = if let Auxiliary::Disturb(task) = &self.auxiliary {
-            let logits = task.logits(&self.network.parameters, &beliefs);
+        let disturbs = self.auxiliary.disturbance_logits(&self.network.parameters, &beliefs).map(|logits| {
             let logits = logits.gather(1, &column_indices(&chosen, self.device).unsqueeze(1), false);
-            Some(to_vec(&logits).into_iter().map(|logit| logit > 0.0).collect())
-        } else {
-            None
-        };
+            to_vec(&logits).into_iter().map(|logit| logit > 0.0).collect()
+        });
         Ok(Choice { actions: chosen.into_iter().map(|action| space[action].index()).collect(), disturbs })
     }
 
@@ -385,8 +344,65 @@ impl Agent {
     }
 
     /// Trainable parameters.
-    pub fn parameter_count(&self) -> u64 {
+    pub(crate) fn parameter_count(&self) -> u64 {
         self.network.parameters.count() as u64
+    }
+
+    /// Everything a checkpoint keeps, as of the last rollout boundary: in the middle of a rollout, the beliefs are those
+    /// it started from.
+    pub fn state(&self) -> AgentState {
+        let host = |tensor: &Tensor| tensor.detach().to_device(Device::Cpu).copy();
+        let mut tensors: BTreeMap<String, Tensor> =
+            self.network.parameters.named().map(|(name, weight)| (format!("{MODEL}{name}"), host(&weight))).collect();
+        tensors.insert(FIRST_MOMENT.into(), host(&self.adam.first));
+        tensors.insert(SECOND_MOMENT.into(), host(&self.adam.second));
+        tensors.insert(BELIEFS.into(), self.boundary_beliefs());
+        AgentState {
+            tensors,
+            adam_steps: self.adam.steps,
+            multiplier: self.multiplier,
+            carried_goal: self.config.network.carried_goal,
+        }
+    }
+
+    /// Beliefs \[columns, hidden\] as of the last rollout boundary, on the CPU.
+    pub(crate) fn boundary_beliefs(&self) -> Tensor {
+        let beliefs = self.rollout.as_ref().map_or(&self.beliefs, Rollout::beliefs_at_start);
+        beliefs.detach().to_device(Device::Cpu).copy()
+    }
+
+    /// Goes on from a saved state; a rollout in progress is forgotten. After an error nothing has changed.
+    pub fn load_state(&mut self, state: &AgentState) -> Result<(), AgentError> {
+        let AgentState { tensors, adam_steps, multiplier, carried_goal } = state;
+        OtherSign::refuse(*carried_goal, &self.config.network)?;
+        let saved = |name: &str, place: &Tensor| fits(name, tensors.get(name), &place.size());
+        let first = saved(FIRST_MOMENT, &self.adam.first)?;
+        let second = saved(SECOND_MOMENT, &self.adam.second)?;
+        let beliefs = saved(BELIEFS, &self.beliefs)?;
+        let known = |name: &str| name.starts_with(MODEL) || [FIRST_MOMENT, SECOND_MOMENT, BELIEFS].contains(&name);
+        if let Some(name) = tensors.keys().find(|name| !known(name)) {
+            return Err(Unfit::no_place(name).into());
+        }
+        if !multiplier.is_finite() {
+            return Err(Unfit::not_finite("multiplier").into());
+        }
+        self.network.parameters.load(&weights_of(tensors))?;
+        // Nothing can fail from here on.
+        self.abandon_rollout();
+        tch::no_grad(|| {
+            self.adam.first.copy_(first);
+            self.adam.second.copy_(second);
+            self.beliefs.copy_(beliefs);
+        });
+        self.adam.steps = *adam_steps;
+        self.multiplier = *multiplier;
+        Ok(())
+    }
+
+    /// Takes the weights of another run's state and nothing else. After an error nothing has changed.
+    pub fn load_weights(&mut self, state: &AgentState) -> Result<(), AgentError> {
+        OtherSign::refuse(state.carried_goal, &self.config.network)?;
+        Ok(self.network.parameters.load(&weights_of(&state.tensors))?)
     }
 
     fn infer(&mut self, input: &StepInput) -> Result<Inference, AgentError> {
@@ -429,10 +445,10 @@ impl Agent {
             * upload(Tensor::from_slice(&carried).unsqueeze(1));
         let embedded = self.network.embed(&observations);
         let beliefs = self.network.belief.step(&self.network.parameters, &embedded, &before);
-        let judgement = self.network.judge(&beliefs);
+        let output = self.network.actor_critic(&beliefs);
 
         // One copy back: each row is the log-probabilities and then the value.
-        let judged = to_vec(&Tensor::cat(&[judgement.log_probs, judgement.values.unsqueeze(1)], 1));
+        let judged = to_vec(&Tensor::cat(&[output.log_probs, output.values.unsqueeze(1)], 1));
         let mut log_probs = Vec::with_capacity(judged.len());
         let mut values = Vec::with_capacity(rows);
         for (row, &column) in judged.chunks_exact(judged.len() / rows).zip(columns) {

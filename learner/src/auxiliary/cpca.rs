@@ -5,13 +5,27 @@
 //! steps a classifier sees its state beside an observation's embedding and says whether that is the one which was
 //! seen then. The other one it is shown is drawn from elsewhere in the batch.
 
-use super::{Answer, Pass, Query, Tally, column};
-use crate::network::{Gru, Initial, Layout, Linear, OBSERVATION, ParameterId, Parameters};
+use super::query::{Epoch, Query};
+use super::task::{Entry, Pass, Sizes, Tally, Task, TaskLoss};
+use crate::network::{Gru, Initial, Layout, Linear, OBSERVATION, Packing, ParameterId, Parameters};
+use crate::peers::{PeerError, Peers};
+use proto::config::AuxiliaryTask;
 use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
 
+/// Its line in the registry.
+pub(crate) const ENTRY: Entry = Entry {
+    task: AuxiliaryTask::Cpca16,
+    name: "cpca16",
+    allenact: Some("aux_models.CPCA_16."),
+    declare: |layout, sizes, config| Box::new(Cpca::new(layout, sizes, config.subsample)),
+};
+
+/// What its tally holds.
+const SUMS: [&str; 3] = ["asked", "positives_right", "negatives_right"];
+
 /// Steps looked ahead.
-pub const HORIZON: i64 = 16;
+const HORIZON: i64 = 16;
 /// Width of an action's embedding.
 const ACTION: i64 = 16;
 /// Width of the classifier's hidden layer.
@@ -24,14 +38,13 @@ pub struct Cpca {
     context: Gru,
     first: Linear,
     second: Linear,
+    /// Share of the valid pairs of step and offset that an epoch looks at.
+    share: f64,
 }
 
 impl Cpca {
-    /// What its tally holds.
-    pub const SUMS: [&str; 3] = ["asked", "positives_right", "negatives_right"];
-
-    /// Declares embedding, GRU and classifier.
-    pub fn new(layout: &mut Layout, [hidden, actions]: [i64; 2]) -> Self {
+    /// Declares embedding, GRU and classifier. `share` of the valid pairs of step and offset are looked at in an epoch.
+    pub fn new(layout: &mut Layout, Sizes { hidden, actions }: Sizes, share: f64) -> Self {
         let path = "auxiliary.cpca16";
         let normal = Initial::Normal { deviation: 1.0 };
         Self {
@@ -39,36 +52,8 @@ impl Cpca {
             context: Gru::with_default(layout, &format!("{path}.context_model"), [ACTION, hidden]),
             first: Linear::with_default(layout, &format!("{path}.classifier.0"), [OBSERVATION + hidden, WIDTH]),
             second: Linear::with_default(layout, &format!("{path}.classifier.2"), [WIDTH, 1]),
+            share,
         }
-    }
-
-    /// This pass's share of the mean, over all `count` queries, of both cross entropies.
-    pub fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> Answer {
-        let device = pass.beliefs.device();
-        let later = column(queries, |query| query.later, pass);
-        let elsewhere = column(queries, |query| query.elsewhere, pass);
-
-        let contexts = self.contexts(parameters, pass);
-        let rows = pass.packing.rows.len() as i64;
-        let at = column(queries, |query| (query.offset - 1) * rows + query.row, pass);
-        let contexts = contexts.view([-1, self.context.hidden()]).index_select(0, &at);
-
-        let classify = |seen: &Tensor| {
-            let input = Tensor::cat(&[pass.embeddings.index_select(0, seen), contexts.shallow_clone()], 1);
-            self.second.forward(parameters, &self.first.forward(parameters, &input).relu()).squeeze_dim(1)
-        };
-        let cross_entropy = |logits: &Tensor, label: f64| {
-            let labels = Tensor::full([logits.size()[0]], label, (Kind::Float, device));
-            logits.binary_cross_entropy_with_logits::<Tensor>(&labels, None, None, Reduction::Sum) / count as f64
-        };
-        let (positive, negative) = (classify(&later), classify(&elsewhere));
-
-        let mut tally = Tally::default();
-        let above = |logits: &Tensor| logits.detach().gt(0.0).sum(Kind::Int64).int64_value(&[]) as f64;
-        tally.add("asked", queries.len() as f64);
-        tally.add("positives_right", above(&positive));
-        tally.add("negatives_right", queries.len() as f64 - above(&negative));
-        Answer { loss: cross_entropy(&positive, 1.0) + cross_entropy(&negative, 0.0), tally }
     }
 
     /// States of the second GRU, \[horizon, rows, hidden\]: k steps on from each row's belief with the actions taken.
@@ -81,9 +66,56 @@ impl Cpca {
         let embedded = Tensor::embedding(&parameters[self.action_embedder], &actions, -1, false, false);
         self.context.sequence(parameters, &embedded.view([HORIZON, -1, ACTION]), pass.beliefs)
     }
+}
 
-    /// Shares of right verdicts on what was seen and on what was not.
-    pub fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
+impl Task for Cpca {
+    /// A share of the pairs of row and offset that lie in one episode, each with a negative sample from its minibatch.
+    fn queries(&self, packings: &[&Packing], epoch: Epoch, peers: &Peers) -> Result<Vec<Vec<Query>>, PeerError> {
+        let mut queries = epoch.queries(packings, HORIZON as usize, self.share, peers)?;
+        for (queries, packing) in queries.iter_mut().zip(packings) {
+            let negatives = epoch.permutation(packing);
+            for query in queries {
+                query.negative = negatives[query.later as usize];
+            }
+        }
+        Ok(queries)
+    }
+
+    /// Cross entropy of the positive samples plus that of the negative ones.
+    fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> TaskLoss {
+        let device = pass.beliefs.device();
+        let later = pass.of_queries(queries, |query| query.later);
+        let negative = pass.of_queries(queries, |query| query.negative);
+
+        let contexts = self.contexts(parameters, pass);
+        let rows = pass.packing.rows.len() as i64;
+        let at = pass.of_queries(queries, |query| (query.offset - 1) * rows + query.row);
+        let contexts = contexts.view([-1, self.context.hidden()]).index_select(0, &at);
+
+        let classify = |seen: &Tensor| {
+            let input = Tensor::cat(&[pass.embeddings.index_select(0, seen), contexts.shallow_clone()], 1);
+            self.second.forward(parameters, &self.first.forward(parameters, &input).relu()).squeeze_dim(1)
+        };
+        let cross_entropy = |logits: &Tensor, label: f64| {
+            let labels = Tensor::full([logits.size()[0]], label, (Kind::Float, device));
+            logits.binary_cross_entropy_with_logits::<Tensor>(&labels, None, None, Reduction::Sum) / count as f64
+        };
+        let (positive, negative) = (classify(&later), classify(&negative));
+
+        let mut tally = Tally::default();
+        let above = |logits: &Tensor| logits.detach().gt(0.0).sum(Kind::Int64).int64_value(&[]) as f64;
+        tally.add("asked", queries.len() as f64);
+        tally.add("positives_right", above(&positive));
+        tally.add("negatives_right", queries.len() as f64 - above(&negative));
+        TaskLoss { loss: cross_entropy(&positive, 1.0) + cross_entropy(&negative, 0.0), tally }
+    }
+
+    fn sums(&self) -> &'static [&'static str] {
+        &SUMS
+    }
+
+    /// Shares of positive and of negative samples that are told right.
+    fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
         let asked = tally.sum("asked");
         ["positives_right", "negatives_right"]
             .into_iter()

@@ -4,10 +4,24 @@
 //! Disturbances are rare, hence the focal loss (Lin et al. 2017) and a last bias that starts out saying no. As in the
 //! reference, rows without a successor in the rollout, and rows whose successor begins an episode, are left out.
 
-use super::{Answer, Pass, Query, Tally, column};
-use crate::network::{Initial, Layout, Linear, Parameters};
+use super::query::{Epoch, Query};
+use super::task::{Entry, Pass, Sizes, Tally, Task, TaskLoss};
+use crate::network::{Initial, Layout, Linear, Packing, Parameters};
+use crate::peers::{PeerError, Peers};
+use proto::config::AuxiliaryTask;
 use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
+
+/// Its line in the registry.
+pub(crate) const ENTRY: Entry = Entry {
+    task: AuxiliaryTask::Disturb,
+    name: "disturb",
+    allenact: Some("aux_models.Disturb_Pred.classifier."),
+    declare: |layout, sizes, config| Box::new(Disturb::new(layout, sizes, config.focal_gamma)),
+};
+
+/// What its tally holds.
+const SUMS: [&str; 4] = ["hits", "misses", "alarms", "quiet"];
 
 /// Width of the hidden layer.
 const WIDTH: i64 = 128;
@@ -23,11 +37,8 @@ pub struct Disturb {
 }
 
 impl Disturb {
-    /// What its tally holds.
-    pub const SUMS: [&str; 4] = ["hits", "misses", "alarms", "quiet"];
-
     /// Declares both layers.
-    pub fn new(layout: &mut Layout, [hidden, actions]: [i64; 2], focal_gamma: f64) -> Self {
+    pub fn new(layout: &mut Layout, Sizes { hidden, actions }: Sizes, focal_gamma: f64) -> Self {
         let path = "auxiliary.disturb";
         let bias = Initial::Constant(LAST_BIAS);
         Self {
@@ -41,22 +52,33 @@ impl Disturb {
     pub fn logits(&self, parameters: &Parameters, beliefs: &Tensor) -> Tensor {
         self.second.forward(parameters, &self.first.forward(parameters, beliefs).relu())
     }
+}
 
-    /// This pass's share of the mean focal loss over all `count` queries.
-    pub fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> Answer {
-        let asked = column(queries, |query| query.row, pass);
+impl Task for Disturb {
+    /// Every row that has a successor in its episode.
+    fn queries(&self, packings: &[&Packing], epoch: Epoch, peers: &Peers) -> Result<Vec<Vec<Query>>, PeerError> {
+        epoch.queries(packings, 1, 1.0, peers)
+    }
+
+    /// Focal loss.
+    fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> TaskLoss {
+        let asked = pass.of_queries(queries, |query| query.row);
         let logits = self.logits(parameters, pass.beliefs).gather(1, &pass.actions.unsqueeze(1), false).squeeze_dim(1);
         let logits = logits.index_select(0, &asked);
         let labels = pass.rollout.gather(pass.packing, |step| f32::from(u8::from(step.disturbed)));
         let labels = labels.index_select(0, &asked);
 
         let loss = focal_loss(&logits, &labels, self.focal_gamma).sum(Kind::Float) / count as f64;
-        Answer { tally: tally(&logits.detach(), &labels), loss }
+        TaskLoss { tally: tally(&logits.detach(), &labels), loss }
+    }
+
+    fn sums(&self) -> &'static [&'static str] {
+        &SUMS
     }
 
     /// Recall of either class, precision, accuracy, rates of label and prediction. A share of nothing is absent.
-    pub fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
-        let [hits, misses, alarms, quiet] = Self::SUMS.map(|name| tally.sum(name));
+    fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
+        let [hits, misses, alarms, quiet] = SUMS.map(|name| tally.sum(name));
         let all = hits + misses + alarms + quiet;
         [
             ("recall_disturb", hits, hits + misses),
@@ -70,6 +92,10 @@ impl Disturb {
         .filter(|&(_, _, of)| of > 0.0)
         .map(|(name, part, of)| (format!("auxiliary/{name}"), part / of))
         .collect()
+    }
+
+    fn disturbance_logits(&self, parameters: &Parameters, beliefs: &Tensor) -> Option<Tensor> {
+        Some(self.logits(parameters, beliefs))
     }
 }
 
@@ -102,7 +128,7 @@ mod tests {
     #[test]
     fn figures_of_a_known_confusion_matrix() {
         let mut layout = Layout::default();
-        let task = Disturb::new(&mut layout, [4, 3], 2.0);
+        let task = Disturb::new(&mut layout, Sizes { hidden: 4, actions: 3 }, 2.0);
         let logits = Tensor::from_slice(&[1f32, -1.0, 2.0, -2.0, -3.0, 0.5]);
         let labels = Tensor::from_slice(&[1f32, 1.0, 0.0, 0.0, 0.0, 1.0]);
         let figures = task.figures(&tally(&logits, &labels));

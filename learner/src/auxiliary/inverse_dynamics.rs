@@ -2,31 +2,51 @@
 //! one observation to the next? Asked of the embeddings of both and of the belief at the end of the episode's part that
 //! the rollout holds.
 
-use super::{Answer, Pass, Query, Tally, column};
-use crate::network::{Layout, Linear, OBSERVATION, Parameters};
+use super::query::{Epoch, Query};
+use super::task::{Entry, Pass, Sizes, Tally, Task, TaskLoss};
+use crate::network::{Layout, Linear, OBSERVATION, Packing, Parameters};
+use crate::peers::{PeerError, Peers};
+use proto::config::AuxiliaryTask;
 use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
+
+/// Its line in the registry.
+pub(crate) const ENTRY: Entry = Entry {
+    task: AuxiliaryTask::InverseDynamics,
+    name: "inverse_dynamics",
+    allenact: Some("aux_models.InvDyn.decoder."),
+    declare: |layout, sizes, config| Box::new(InverseDynamics::new(layout, sizes, config.subsample)),
+};
+
+/// What its tally holds.
+const SUMS: [&str; 2] = ["right", "asked"];
 
 /// \[embedding t, embedding t+1, final belief\] → one logit an action.
 #[derive(Debug)]
 pub struct InverseDynamics {
     decoder: Linear,
+    /// Share of the valid steps that an epoch looks at.
+    share: f64,
 }
 
 impl InverseDynamics {
-    /// What its tally holds.
-    pub const SUMS: [&str; 2] = ["right", "asked"];
-
-    /// Declares the layer.
-    pub fn new(layout: &mut Layout, [hidden, actions]: [i64; 2]) -> Self {
+    /// Declares the layer. `share` of the valid steps are looked at in an epoch.
+    pub fn new(layout: &mut Layout, Sizes { hidden, actions }: Sizes, share: f64) -> Self {
         let sizes = [2 * OBSERVATION + hidden, actions];
-        Self { decoder: Linear::with_default(layout, "auxiliary.inverse_dynamics", sizes) }
+        Self { decoder: Linear::with_default(layout, "auxiliary.inverse_dynamics", sizes), share }
+    }
+}
+
+impl Task for InverseDynamics {
+    /// A share of the rows that have a successor in their episode.
+    fn queries(&self, packings: &[&Packing], epoch: Epoch, peers: &Peers) -> Result<Vec<Vec<Query>>, PeerError> {
+        epoch.queries(packings, 1, self.share, peers)
     }
 
-    /// This pass's share of the mean cross entropy over all `count` queries.
-    pub fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> Answer {
-        let rows = column(queries, |query| query.row, pass);
-        let later = column(queries, |query| query.later, pass);
+    /// Cross entropy of the actions taken.
+    fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> TaskLoss {
+        let rows = pass.of_queries(queries, |query| query.row);
+        let later = pass.of_queries(queries, |query| query.later);
         let last = Tensor::from_slice(&pass.packing.last()).to_device(pass.beliefs.device());
         let known = [
             pass.embeddings.index_select(0, &rows),
@@ -42,11 +62,15 @@ impl InverseDynamics {
         tally.add("asked", queries.len() as f64);
         let no_weight: Option<Tensor> = None;
         let loss = logits.cross_entropy_loss(&taken, no_weight, Reduction::Sum, -100, 0.0) / count as f64;
-        Answer { loss, tally }
+        TaskLoss { loss, tally }
+    }
+
+    fn sums(&self) -> &'static [&'static str] {
+        &SUMS
     }
 
     /// Share of actions guessed right.
-    pub fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
+    fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
         let asked = tally.sum("asked");
         if asked > 0.0 {
             BTreeMap::from([("auxiliary/accuracy".to_owned(), tally.sum("right") / asked)])

@@ -34,14 +34,14 @@ pub struct Query {
     pub offset: i64,
     /// Row of the packing that lies there.
     pub later: i64,
-    /// Row that a contrastive task shows as what does not lie there; `later` itself where none is shown.
-    pub elsewhere: i64,
+    /// Row of the negative sample of a contrastive task; `later` itself where there is none.
+    pub negative: i64,
 }
 
 impl Epoch {
     /// What a task asks of each of these passes: up to `horizon` steps ahead, `share` of all valid questions (all of
     /// them if that would be few, counted over all learners).
-    pub fn queries(
+    pub(crate) fn queries(
         self,
         packings: &[&Packing],
         horizon: usize,
@@ -68,7 +68,7 @@ impl Epoch {
     }
 
     /// A random permutation of a pass's rows.
-    pub fn permutation(self, packing: &Packing) -> Vec<i64> {
+    pub(crate) fn permutation(self, packing: &Packing) -> Vec<i64> {
         let keys: Vec<f64> =
             packing.rows.iter().map(|&row| self.draws(Purpose::AuxiliaryNegatives, row, 1)[0]).collect();
         let mut order: Vec<i64> = (0..keys.len() as i64).collect();
@@ -93,7 +93,7 @@ impl Epoch {
 }
 
 /// Queries of several passes.
-pub fn count(queries: &[Vec<Query>]) -> u64 {
+pub(crate) fn count(queries: &[Vec<Query>]) -> u64 {
     queries.iter().map(|queries| queries.len() as u64).sum()
 }
 
@@ -102,7 +102,7 @@ fn all(packing: &Packing, horizon: usize) -> Vec<Query> {
     (1..=horizon)
         .flat_map(|offset| {
             (0i64..).zip(packing.later(offset)).filter_map(move |(row, later)| {
-                later.map(|later| Query { row, offset: offset as i64, later, elsewhere: later })
+                later.map(|later| Query { row, offset: offset as i64, later, negative: later })
             })
         })
         .collect()

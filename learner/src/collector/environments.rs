@@ -2,7 +2,7 @@
 
 use super::column_map::ColumnMap;
 use super::statistics::{RolloutStatistics, RunningEpisode};
-use crate::agent::Outcome;
+use crate::rollout::Outcome;
 use proto::action::{Action, HOLD, NO_ACTION};
 use proto::reward::RewardKind;
 use proto::step::{Current, Transition, current_flag, transition_flag};
@@ -216,19 +216,10 @@ fn check_transition(state: &EnvironmentState, action: u8, transition: &Transitio
 
 /// What of a report is not finite, if something is.
 fn not_finite(transition: Option<&Transition>, current: &Current) -> Option<String> {
-    if let Some(Transition { reward: parts, disturbance_m, episode, step, .. }) = transition {
-        let figures = [
-            parts.wrist_object_progress_m,
-            parts.object_goal_progress_m,
-            parts.disturbance_progress_m,
-            parts.failed_action,
-            parts.picked_up,
-            parts.goal_success,
-            *disturbance_m,
-        ];
-        if figures.iter().any(|figure| !figure.is_finite()) {
-            return Some(format!("its reward at episode {episode}, step {step} is not finite: {parts:?}"));
-        }
+    if let Some(Transition { reward: parts, disturbance_m, episode, step, .. }) = transition
+        && !(parts.is_finite() && disturbance_m.is_finite())
+    {
+        return Some(format!("its reward at episode {episode}, step {step} is not finite: {parts:?}"));
     }
     let Current { wrist_to_object_m, object_to_goal_m, episode, step, .. } = current;
     let finite = wrist_to_object_m.iter().chain(object_to_goal_m).all(|value| value.is_finite());

@@ -23,8 +23,9 @@ pub use environments::{Environments, Mismatch, Reward};
 pub use noise::{gumbel, gumbel_of};
 pub use statistics::{RolloutStatistics, RunningEpisode};
 
-use crate::agent::{Outcome, StepInput};
+use crate::agent::StepInput;
 use crate::network::goal_vector_m;
+use crate::rollout::Outcome;
 use exchange::{Arrival, Half};
 use proto::action::HOLD;
 use proto::camera::FRAME_PIXELS;

@@ -48,7 +48,7 @@ impl Belief {
     }
 
     /// The belief before anything was seen, \[columns, hidden\].
-    pub fn blank(&self, columns: i64, device: Device) -> Tensor {
+    pub(crate) fn blank(&self, columns: i64, device: Device) -> Tensor {
         Tensor::zeros([columns, self.hidden()], (Kind::Float, device))
     }
 }

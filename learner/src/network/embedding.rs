@@ -17,7 +17,7 @@ pub const PREVIOUS_ACTION: i64 = 16;
 /// The goal vector that the policy is given, robot's frame, metres: from the wrist to the object, and while the object is
 /// held between the object and the goal. Observations and recordings have that always from the object to the goal; the
 /// reference's sensor has it the other way round.
-pub fn goal_vector_m(carried: CarriedGoal, current: &Current) -> [f32; 3] {
+pub(crate) fn goal_vector_m(carried: CarriedGoal, current: &Current) -> [f32; 3] {
     if current.flags & current_flag::HOLDING == 0 {
         return current.wrist_to_object_m;
     }
@@ -90,7 +90,7 @@ impl ActionEmbedding {
 
 /// Row of the embedding for a previous action given as its wire value (`A_large` index or `NO_ACTION`); `None` if the
 /// policy has no such action.
-pub fn table_row(space: ActionSpace, previous_action: u8) -> Option<i64> {
+pub(crate) fn table_row(space: ActionSpace, previous_action: u8) -> Option<i64> {
     if previous_action == NO_ACTION {
         return Some(0);
     }

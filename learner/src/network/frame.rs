@@ -34,7 +34,7 @@ pub struct FramePreparation {
 
 impl FramePreparation {
     /// A kept frame's numbers times the first plus the second are what [`FramePreparation::input`] makes of them.
-    pub const SCALE_OFFSET: [f32; 2] = [SCALE as f32, OFFSET as f32];
+    pub(crate) const SCALE_OFFSET: [f32; 2] = [SCALE as f32, OFFSET as f32];
 
     /// Pooling over `pool` × `pool` pixels, computing on `device`.
     ///

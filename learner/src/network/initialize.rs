@@ -35,12 +35,12 @@ pub enum Initial {
 impl Initial {
     /// Kaiming normal as the reference calls it: the gain of `ReLU`, √2, is passed where the slope of a leaky
     /// rectifier is expected, so the deviation is sqrt(2 / (3 · `fan_in`)).
-    pub fn kaiming_normal(fan_in: i64) -> Self {
+    pub(crate) fn kaiming_normal(fan_in: i64) -> Self {
         Self::Normal { deviation: (2.0 / (3.0 * fan_in as f64)).sqrt() }
     }
 
     /// What `torch.nn.Linear` does when nobody asks for anything else: uniform within 1/sqrt(`fan_in`).
-    pub fn linear_default(fan_in: i64) -> Self {
+    pub(crate) fn linear_default(fan_in: i64) -> Self {
         Self::Uniform { bound: 1.0 / (fan_in as f64).sqrt() }
     }
 

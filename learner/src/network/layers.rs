@@ -8,7 +8,7 @@ use tch::{Device, Tensor};
 
 /// `torch.nn.Linear`.
 #[derive(Debug, Clone, Copy)]
-pub struct Linear {
+pub(crate) struct Linear {
     pub(super) weight: ParameterId,
     pub(super) bias: ParameterId,
 }
@@ -108,7 +108,7 @@ impl GroupNorm {
 
 /// A one-layer `torch.nn.GRU`.
 #[derive(Debug, Clone, Copy)]
-pub struct Gru {
+pub(crate) struct Gru {
     /// Gates r, z, n stacked: \[3·hidden, inputs\], \[3·hidden, hidden\], \[3·hidden\], \[3·hidden\], in the order
     /// that cuDNN wants them in memory.
     weights: [ParameterId; 4],
@@ -154,7 +154,7 @@ impl Gru {
 
     /// Sequences of different lengths as a packed sequence: rows \[rows, inputs\], `batch_sizes[k]` of which are k-th
     /// steps, and states before them \[sequences, hidden\] → states \[rows, hidden\].
-    pub fn packed(&self, parameters: &Parameters, x: &Tensor, batch_sizes: &[i64], before: &Tensor) -> Tensor {
+    pub(crate) fn packed(&self, parameters: &Parameters, x: &Tensor, batch_sizes: &[i64], before: &Tensor) -> Tensor {
         let weights = self.weights.map(|id| &parameters[id]);
         let batch_sizes = Tensor::from_slice(batch_sizes);
         let (states, _) = Tensor::gru_data(x, &batch_sizes, &before.unsqueeze(0), &weights, true, 1, 0.0, true, false);

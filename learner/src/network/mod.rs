@@ -5,49 +5,36 @@
 //! observation alone says ([`Network::embed`]), then what the belief makes of it.
 
 mod belief;
-mod cnn;
 mod embedding;
+mod encoder;
 mod frame;
 mod initialize;
 mod layers;
 mod parameters;
-mod resnet;
 
 pub use belief::{Belief, Packing};
-pub use embedding::{goal_coordinates, goal_vector_m, table_row};
+pub use embedding::goal_coordinates;
+pub(crate) use embedding::{goal_vector_m, table_row};
+pub(crate) use encoder::{ENCODERS, VISUAL};
 pub use frame::{FramePreparation, RawFrame, Staging};
 pub use initialize::Initial;
-pub use layers::{Gru, Linear};
-pub use parameters::{Layout, ParameterId, Parameters, Unfit, all_finite, fits, to_vec};
+pub(crate) use layers::{Gru, Linear};
+pub use parameters::{Layout, ParameterId, Parameters, Unfit, to_vec};
+pub(crate) use parameters::{all_finite, fits};
 
-use crate::ffi::cuda::CudaError;
-use cnn::Cnn;
 use embedding::{ActionEmbedding, GoalEmbedding};
-use proto::config::{Config, Encoder, EncoderPrecision};
-use resnet::{Fused, Resnet, Tape};
+use encoder::{Backward, VisualEncoder};
+use proto::config::{Config, EncoderPrecision};
+use std::fmt;
 use tch::{Device, Tensor};
-
-/// Width of the visual embedding.
-pub const VISUAL: i64 = 512;
 
 /// Width of what an observation says by itself: visual embedding and goal embedding. They come first in the rows of
 /// [`Network::embed`].
-pub const OBSERVATION: i64 = VISUAL + embedding::GOAL;
+pub(crate) const OBSERVATION: i64 = VISUAL + embedding::GOAL;
 
 /// Frames that go through the encoder at once on the CPU. What a few hundred leave behind stays near the cache and is
 /// recycled by the allocator; with thousands at once the small encoder took twice as long.
 const CPU_FRAMES: i64 = 192;
-
-/// A linear layer from a flattened feature map to the visual embedding, initialised as the encoders' convolutions.
-fn visual_linear(layout: &mut Layout, path: &str, inputs: i64) -> Linear {
-    Linear::new(layout, path, [inputs, VISUAL], Initial::kaiming_normal(inputs), Initial::Constant(0.0))
-}
-
-#[derive(Debug)]
-enum VisualEncoder {
-    Resnet(Resnet),
-    Cnn(Cnn),
-}
 
 /// What the network sees: one row an observation.
 #[derive(Debug)]
@@ -62,7 +49,7 @@ pub struct Observations {
 
 /// What the heads say of beliefs.
 #[derive(Debug)]
-pub struct Judgement {
+pub struct ActorCriticOutput {
     /// Log-probabilities of the policy's actions \[rows, actions\].
     pub log_probs: Tensor,
     /// Values \[rows\].
@@ -78,13 +65,11 @@ pub struct Network {
     pub preparation: FramePreparation,
     /// The belief.
     pub belief: Belief,
-    encoder: VisualEncoder,
+    encoder: Box<dyn VisualEncoder>,
     goal: GoalEmbedding,
     previous_action: Option<ActionEmbedding>,
     actor: Linear,
     critic: Linear,
-    /// How the encoder runs if not through autograd.
-    fused: Option<Fused>,
 }
 
 /// The encoder is asked to compute in bfloat16 and cannot.
@@ -92,13 +77,19 @@ pub struct Network {
 #[error("learner.encoder_precision is \"bfloat16\": {0}")]
 pub struct PrecisionError(String);
 
-/// What observations say, and how it came about.
-#[derive(Debug)]
-pub struct Embedded {
+/// Embedded observations, and what their backward pass needs.
+pub(crate) struct Embedded<'a> {
     /// One row an observation, see [`Network::embed`].
     pub rows: Tensor,
-    /// The visual embedding, where autograd ends, and the encoder's way back from there.
-    seen: Option<(Tensor, Tape)>,
+    /// Where autograd does not see the encoder: the visual embedding, at which autograd ends, and the encoder's own
+    /// backward pass from there.
+    fused: Option<(Tensor, Backward<'a>)>,
+}
+
+impl fmt::Debug for Embedded<'_> {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("Embedded").field("rows", &self.rows).finish_non_exhaustive()
+    }
 }
 
 impl Network {
@@ -110,10 +101,7 @@ impl Network {
         let actions = config.episode.action_space.actions().len() as i64;
         let hidden = i64::from(config.network.hidden);
 
-        let encoder = match config.network.encoder {
-            Encoder::Resnet => VisualEncoder::Resnet(Resnet::new(&mut layout, "visual_encoder", preparation.side())),
-            Encoder::Cnn => VisualEncoder::Cnn(Cnn::new(&mut layout, "visual_encoder", preparation.side())),
-        };
+        let encoder = (encoder::entry(config.network.encoder).declare)(&mut layout, preparation.side());
         let goal = GoalEmbedding::new(&mut layout, "goal_embedder");
         let mut inputs = OBSERVATION;
         let previous_action = config.network.previous_action.then(|| {
@@ -130,19 +118,19 @@ impl Network {
         let declared = declare(&mut layout, hidden);
 
         let parameters = Parameters::new(layout, config.seed, device);
-        (Self { parameters, preparation, belief, encoder, goal, previous_action, actor, critic, fused: None }, declared)
+        (Self { parameters, preparation, belief, encoder, goal, previous_action, actor, critic }, declared)
     }
 
     /// Has the encoder compute in bfloat16 where that is asked for, or can be had and nothing else is asked for.
-    pub fn choose_precision(&mut self, asked: EncoderPrecision) -> Result<(), PrecisionError> {
-        let possible = if !matches!(self.encoder, VisualEncoder::Resnet(_)) {
+    pub(crate) fn choose_precision(&mut self, asked: EncoderPrecision) -> Result<(), PrecisionError> {
+        let possible = if !self.encoder.has_kernels() {
             Err("only network.encoder \"resnet\" has kernels for it".to_owned())
         } else if self.parameters.flat().device().is_cuda() {
             Ok(())
         } else {
             Err("it needs a CUDA device".to_owned())
         };
-        let fused = |network: &mut Self| network.fuse().map_err(|error| error.to_string());
+        let fused = |network: &mut Self| network.encoder.fuse().map_err(|error| error.to_string());
         match (asked, possible) {
             (EncoderPrecision::Float32, _) | (EncoderPrecision::Auto, Err(_)) => Ok(()),
             (EncoderPrecision::Auto, Ok(())) => {
@@ -156,14 +144,8 @@ impl Network {
     }
 
     /// Whether the encoder computes in bfloat16.
-    pub fn is_fused(&self) -> bool {
-        self.fused.is_some()
-    }
-
-    /// From now on runs the encoder in bfloat16 with kernels of our own. Only for the resnet on a CUDA device.
-    fn fuse(&mut self) -> Result<(), CudaError> {
-        self.fused = Some(Fused::new()?);
-        Ok(())
+    pub(crate) fn is_fused(&self) -> bool {
+        self.encoder.is_fused()
     }
 
     /// What the observations say, each for itself: \[rows, 512 + 32\], and 16 more with the previous action.
@@ -172,19 +154,19 @@ impl Network {
     }
 
     /// The same, for [`Network::gradient_of`] a loss that is made of it.
-    pub fn embed_to_train(&self, observations: &Observations) -> Embedded {
+    pub(crate) fn embed_to_train(&self, observations: &Observations) -> Embedded<'_> {
         let frames = &observations.frames;
-        let (visual, seen) = match (&self.fused, &self.encoder) {
-            (Some(fused), VisualEncoder::Resnet(encoder)) => {
-                let (visual, tape) = fused.forward(encoder, &self.parameters, frames, FramePreparation::SCALE_OFFSET);
+        let (visual, fused) = match self.encoder.forward_fused(&self.parameters, frames, FramePreparation::SCALE_OFFSET)
+        {
+            Some((visual, backward)) => {
                 let visual = visual.set_requires_grad(true);
-                (visual.shallow_clone(), Some((visual, tape)))
+                (visual.shallow_clone(), Some((visual, backward)))
             }
-            _ if frames.device() == Device::Cpu && frames.size()[0] > CPU_FRAMES => {
+            None if frames.device() == Device::Cpu && frames.size()[0] > CPU_FRAMES => {
                 let parts = frames.split(CPU_FRAMES, 0);
                 (Tensor::cat(&parts.iter().map(|part| self.see(part)).collect::<Vec<_>>(), 0), None)
             }
-            _ => (self.see(frames), None),
+            None => (self.see(frames), None),
         };
         let goal = self.goal.forward(&self.parameters, &observations.goals);
         let rows = match &self.previous_action {
@@ -194,35 +176,30 @@ impl Network {
             }
             None => Tensor::cat(&[visual, goal], 1),
         };
-        Embedded { rows, seen }
+        Embedded { rows, fused }
     }
 
     /// Gradient of a loss, flat, in the order of [`Parameters::flat`]. `embedded` is what the loss was made of.
-    pub fn gradient_of(&self, loss: &Tensor, embedded: Embedded) -> Tensor {
-        match (embedded.seen, &self.fused, &self.encoder) {
-            (Some((visual, tape)), Some(fused), VisualEncoder::Resnet(encoder)) => {
+    pub(crate) fn gradient_of(&self, loss: &Tensor, embedded: Embedded) -> Tensor {
+        let Embedded { rows, fused } = embedded;
+        match fused {
+            Some((visual, backward)) => {
                 // The graph holds what it needs of them.
-                drop(embedded.rows);
-                self.parameters.gradient_through(loss, &visual, |gradient| {
-                    fused.backward(encoder, &self.parameters, tape, gradient)
-                })
+                drop(rows);
+                self.parameters.gradient_through(loss, &visual, backward)
             }
-            _ => self.parameters.gradient_of(loss),
+            None => self.parameters.gradient_of(loss),
         }
     }
 
     /// Kept frames → \[rows, 512\], through autograd.
     fn see(&self, kept: &Tensor) -> Tensor {
-        let frames = self.preparation.input(kept);
-        match &self.encoder {
-            VisualEncoder::Resnet(encoder) => encoder.forward(&self.parameters, &frames),
-            VisualEncoder::Cnn(encoder) => encoder.forward(&self.parameters, &frames),
-        }
+        self.encoder.forward(&self.parameters, &self.preparation.input(kept))
     }
 
     /// Beliefs \[rows, hidden\] → policy and value.
-    pub fn judge(&self, beliefs: &Tensor) -> Judgement {
-        Judgement {
+    pub fn actor_critic(&self, beliefs: &Tensor) -> ActorCriticOutput {
+        ActorCriticOutput {
             log_probs: self.actor.forward(&self.parameters, beliefs).log_softmax(-1, None),
             values: self.critic.forward(&self.parameters, beliefs).squeeze_dim(1),
         }
@@ -232,6 +209,7 @@ impl Network {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::config::Encoder;
     use std::collections::BTreeSet;
     use tch::Kind;
 
@@ -284,7 +262,7 @@ mod tests {
         let device = Device::Cuda(0);
         let build = || Network::new(&Config::default(), device, |_, _| ()).0;
         let (plain, mut fused) = (build(), build());
-        fused.fuse().unwrap();
+        fused.encoder.fuse().unwrap();
         tch::manual_seed(2);
         let float = (Kind::Float, device);
         // Walls and edges, not noise.

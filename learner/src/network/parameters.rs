@@ -45,7 +45,7 @@ impl Unfit {
     }
 
     /// Nothing has this name.
-    pub fn no_place(name: &str) -> Self {
+    pub(crate) fn no_place(name: &str) -> Self {
         Self::new(name, "has no place in this network")
     }
 
@@ -61,7 +61,7 @@ impl Unfit {
 }
 
 /// The tensor saved as `name`, if it is there, of this size, of 32-bit numbers, and all of them finite.
-pub fn fits<'a>(name: &str, saved: Option<&'a Tensor>, size: &[i64]) -> Result<&'a Tensor, Unfit> {
+pub(crate) fn fits<'a>(name: &str, saved: Option<&'a Tensor>, size: &[i64]) -> Result<&'a Tensor, Unfit> {
     let saved = saved.ok_or_else(|| Unfit::missing(name))?;
     let (kind, found) = (saved.kind(), saved.size());
     if found != size || kind != Kind::Float {
@@ -164,7 +164,7 @@ impl Parameters {
 
     /// The same, and the gradient of one tensor more that the loss depends on. `elsewhere` is what it makes of that:
     /// gradients of parameters that the loss reaches only through that tensor.
-    pub fn gradient_through(
+    pub(crate) fn gradient_through(
         &self,
         loss: &Tensor,
         tensor: &Tensor,
@@ -190,7 +190,7 @@ impl Parameters {
     }
 
     /// Name of the first parameter for which a flat tensor (weights, gradient) holds a non-finite number.
-    pub fn first_non_finite(&self, flat: &Tensor) -> Option<&str> {
+    pub(crate) fn first_non_finite(&self, flat: &Tensor) -> Option<&str> {
         self.entries
             .iter()
             .find(|entry| !all_finite(&flat.narrow(0, entry.offset, entry.count())))
@@ -229,7 +229,7 @@ impl Parameters {
 }
 
 /// Whether every element is a finite number.
-pub fn all_finite(tensor: &Tensor) -> bool {
+pub(crate) fn all_finite(tensor: &Tensor) -> bool {
     // One pass and one number read back: the sum of x·0 is 0 only when all x are finite.
     (tensor.detach() * 0.0).sum(Kind::Float).double_value(&[]) == 0.0
 }

@@ -15,7 +15,7 @@ use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use proto::config::PpoConfig;
 
-/// Advantages and returns of a rollout.
+/// Advantages and returns of a rollout, \[T, N\].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Targets {
     columns: usize,
@@ -30,7 +30,7 @@ impl Targets {
         self.advantages[t * self.columns + column]
     }
 
-    /// `R_t` of a column, what its value is drawn towards.
+    /// `R_t` of a column, the target of its value.
     pub fn value_target(&self, (t, column): (usize, usize)) -> f32 {
         self.returns[t * self.columns + column]
     }

@@ -9,7 +9,7 @@
 //! they found: it rises as long as anything is pushed.
 
 /// λ after an update in which episodes ended with a mean discounted disturbance `J_C` of `constraint_m` metres.
-pub fn ascend(multiplier: f64, learning_rate: f64, constraint_m: f64) -> f64 {
+pub(crate) fn ascend(multiplier: f64, learning_rate: f64, constraint_m: f64) -> f64 {
     (multiplier + learning_rate * constraint_m).max(0.0)
 }
 

@@ -3,10 +3,10 @@
 //! Every term is a sum over the rows of a pass divided by the rows of the whole batch, so that the terms, and their
 //! gradients, of all passes and of all learners add up to the batch's means.
 
-use crate::network::Judgement;
+use crate::network::ActorCriticOutput;
 use tch::{Kind, Tensor};
 
-/// What the loss compares the network's judgement with; all \[rows\], in the rows' order.
+/// What the loss compares the network's output with, \[B\] each, in the order of the minibatch's packing.
 #[derive(Debug)]
 pub struct Experience {
     /// Policy indices of the actions taken, i64.
@@ -36,25 +36,25 @@ pub struct Terms {
     pub approximate_kl: Tensor,
 }
 
-/// The terms of some rows of a batch that has `batch_rows` in all.
-pub fn terms(judgement: &Judgement, experience: &Experience, clip: f64, batch_rows: u64) -> Terms {
+/// The terms of the B rows of a minibatch, of a batch that has `batch_rows` in all.
+pub fn terms(output: &ActorCriticOutput, experience: &Experience, clip: f64, batch_rows: u64) -> Terms {
     let share = 1.0 / batch_rows as f64;
     let mean = |per_row: Tensor| per_row.sum(Kind::Float) * share;
 
-    let log_prob = judgement.log_probs.gather(1, &experience.actions.unsqueeze(1), false).squeeze_dim(1);
+    let log_prob = output.log_probs.gather(1, &experience.actions.unsqueeze(1), false).squeeze_dim(1);
     let log_ratio = log_prob - &experience.log_probs;
     let ratio = log_ratio.exp();
     let surrogate = &ratio * &experience.advantages;
     let clipped_surrogate = ratio.clamp(1.0 - clip, 1.0 + clip) * &experience.advantages;
     let policy = mean(-surrogate.minimum(&clipped_surrogate));
 
-    let change = &judgement.values - &experience.values;
+    let change = &output.values - &experience.values;
     let clipped_value = &experience.values + change.clamp(-clip, clip);
-    let error = (&judgement.values - &experience.returns).square();
+    let error = (&output.values - &experience.returns).square();
     let clipped_error = (clipped_value - &experience.returns).square();
     let value = mean(error.maximum(&clipped_error) * 0.5);
 
-    let entropy = mean(-(judgement.log_probs.exp() * &judgement.log_probs).sum_dim_intlist(-1, false, Kind::Float));
+    let entropy = mean(-(output.log_probs.exp() * &output.log_probs).sum_dim_intlist(-1, false, Kind::Float));
 
     let (ratio, log_ratio) = (ratio.detach(), log_ratio.detach());
     let clip_fraction = mean((&ratio - 1.0).abs().gt(clip).to_kind(Kind::Float));

@@ -3,26 +3,19 @@
 //!
 //! Within one learner nobody can straggle: both halves of all actors are inferred together, step by step, and every
 //! column ends a rollout in the same step. So the rule is one between learners. What it needs of the others is how many
-//! have finished ([`Finished`]), and that is what [`crate::peers::Peers`] knows.
+//! have finished ([`Finished`]), which [`crate::peers::Peers::finished`] counts.
 //!
 //! When the others finish is a matter of time, so a run with pre-emption is not reproducible to the last bit. It is off
 //! unless `ppo.preemption_share` says otherwise.
 
+use crate::peers::Finished;
+
 /// Share of its steps that a rollout must have before it may be ended early: less is hardly worth an update.
 const LEAST_STEPS: f64 = 0.25;
 
-/// How far the learners of a run are with the rollout in progress.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Finished {
-    /// Learners that have taken all steps of it.
-    pub finished: u32,
-    /// Learners in all, this one included.
-    pub learners: u32,
-}
-
 /// Whether a learner that has taken `steps` of `planned` steps ends its rollout now. `share` is that of the learners that
 /// must have finished; 0 = never.
-pub fn ends_early(share: f64, [steps, planned]: [usize; 2], others: Finished) -> bool {
+pub(crate) fn ends_early(share: f64, [steps, planned]: [usize; 2], others: Finished) -> bool {
     let most_have_finished = f64::from(others.finished) >= share * f64::from(others.learners);
     let worth_an_update = steps as f64 >= LEAST_STEPS * planned as f64;
     share > 0.0 && others.finished > 0 && most_have_finished && worth_an_update && (1..planned).contains(&steps)

@@ -1,9 +1,9 @@
 //! A batch from a file: a rollout that somebody else collected.
 
-use crate::agent::{MODEL, Outcome};
+use crate::agent::MODEL;
 use crate::checkpoint::TensorsError;
 use crate::network::{Network, RawFrame, Staging, all_finite, goal_coordinates, to_vec};
-use crate::rollout::{Rollout, Step};
+use crate::rollout::{Outcome, Rollout, Step};
 use proto::camera::FRAME_SIDE;
 use proto::config::{Config, nearest};
 use proto::stage::RolloutShape;
@@ -159,27 +159,9 @@ impl Batch {
     /// Takes a file's tensors as a batch for this network.
     pub fn read(file: &BTreeMap<String, Tensor>, config: &Config, network: &Network) -> Result<Self, TensorsError> {
         let file = Tensors::of_batch(file)?;
-        let actions = config.episode.action_space.actions().len() as i64;
         let hidden = network.belief.hidden();
-        let (steps, columns) = match file.any("action")?.size()[..] {
-            [steps, columns] if steps > 0 && columns > 0 => (steps, columns),
-            ref size => return Err(wrong("action", format!("has shape {size:?}, not [T, N]"))),
-        };
-        let cells = [steps, columns];
-
-        let recorded = match file.find("recorded") {
-            Some(_) => file.flags("recorded", &cells)?,
-            None => vec![true; (steps * columns) as usize],
-        };
-        let frames = recorded.iter().filter(|&&acted| acted).count();
-        let last = frames as i64 - (steps - 1) * columns;
-        // Frames come first, holes last: then the count says where they are.
-        if last < 1 || recorded.iter().take(frames).any(|&acted| !acted) {
-            let problem = "may be false only for the last environments in the last step".to_owned();
-            return Err(wrong("recorded", problem));
-        }
-        let shape =
-            RolloutShape { steps: steps as usize, environments_in_last_step: last as usize, frames: frames as u64 };
+        let (cells, shape, recorded) = shape(&file)?;
+        let [steps, columns] = cells;
 
         let beliefs = match file.find("beliefs") {
             Some(_) => Tensor::from_slice(&file.floats("beliefs", &[columns, hidden])?).view([columns, hidden]),
@@ -190,56 +172,78 @@ impl Batch {
         let store = network.preparation.store(steps * columns);
         let mut rollout = Rollout::new(shape, columns as usize, store, beliefs.to_device(device));
 
-        let goals = goals(&file, cells, config)?;
-        let previous = file.integers("previous_action", &cells, 0..actions + 1)?;
-        let start = file.flags("episode_start", &cells)?;
-        let action = file.integers("action", &cells, 0..actions)?;
-        let [log_prob, value, reward] =
-            [file.floats("log_prob", &cells)?, file.floats("value", &cells)?, file.floats("reward", &cells)?];
-        let [ended, time_limit, disturbed] =
-            [file.flags("ended", &cells)?, file.flags("time_limit", &cells)?, file.flags("disturbed", &cells)?];
-        warn_of_contradictions(&ended, &start, columns as usize);
+        let (seen, outcomes) = rows(&file, cells, config)?;
         let every_column: Vec<usize> = (0..columns as usize).collect();
-        for t in 0..shape.steps {
-            let cell = |n: usize| t * columns as usize + n;
-            let rows: Vec<Step> = every_column
-                .iter()
-                .map(|&n| Step {
-                    goal: goals[cell(n)],
-                    previous_action: previous[cell(n)],
-                    episode_start: start[cell(n)],
-                    action: action[cell(n)],
-                    log_prob: log_prob[cell(n)],
-                    value: value[cell(n)],
-                    ..Step::default()
-                })
-                .collect();
-            rollout.store(t, &every_column, &kept.narrow(0, t as i64 * columns, columns), &rows);
-            for n in every_column.iter().copied().filter(|&n| recorded[cell(n)]) {
-                rollout.record(
-                    t,
-                    n,
-                    Outcome {
-                        reward: reward[cell(n)],
-                        ended: ended[cell(n)],
-                        time_limit: time_limit[cell(n)],
-                        disturbed: disturbed[cell(n)],
-                    },
-                );
-            }
+        for (t, seen) in seen.chunks_exact(every_column.len()).enumerate() {
+            rollout.store(t, &every_column, &kept.narrow(0, t as i64 * columns, columns), seen);
+        }
+        for (cell, outcome) in outcomes.into_iter().enumerate().filter(|&(cell, _)| recorded[cell]) {
+            rollout.record(cell / every_column.len(), cell % every_column.len(), outcome);
         }
         // A column that held in the last step has seen there what its last action led to.
+        let last = shape.environments_in_last_step;
         let bootstrap = file.any_floats("bootstrap", &[columns])?;
-        finite("bootstrap", &bootstrap[..last as usize], &[last])?;
-        for (n, value) in bootstrap.into_iter().enumerate().take(last as usize) {
+        finite("bootstrap", &bootstrap[..last], &[last as i64])?;
+        for (n, value) in bootstrap.into_iter().enumerate().take(last) {
             rollout.set_bootstrap(n, value);
         }
 
-        let negatives =
-            file.find("negatives").map(|_| file.integers("negatives", &cells, 0..frames as i64)).transpose()?;
+        let frames = shape.frames as i64;
+        let negatives = file.find("negatives").map(|_| file.integers("negatives", &cells, 0..frames)).transpose()?;
         let negatives = negatives.map(|shown| shown.into_iter().map(|cell| cell as usize).collect());
         Ok(Self { rollout, negatives })
     }
+}
+
+/// Steps and columns, the rollout's shape, and which cells have an outcome.
+fn shape(file: &Tensors) -> Result<([i64; 2], RolloutShape, Vec<bool>), TensorsError> {
+    let cells = match file.any("action")?.size()[..] {
+        [steps, columns] if steps > 0 && columns > 0 => [steps, columns],
+        ref size => return Err(wrong("action", format!("has shape {size:?}, not [T, N]"))),
+    };
+    let [steps, columns] = cells;
+    let recorded = match file.find("recorded") {
+        Some(_) => file.flags("recorded", &cells)?,
+        None => vec![true; (steps * columns) as usize],
+    };
+    let frames = recorded.iter().filter(|&&acted| acted).count();
+    let last = frames as i64 - (steps - 1) * columns;
+    // Frames come first, holes last: then the count says where they are.
+    if last < 1 || recorded.iter().take(frames).any(|&acted| !acted) {
+        return Err(wrong("recorded", "may be false only for the last environments in the last step".to_owned()));
+    }
+    let shape = RolloutShape { steps: steps as usize, environments_in_last_step: last as usize, frames: frames as u64 };
+    Ok((cells, shape, recorded))
+}
+
+/// What was seen and chosen in each cell, and what it led to.
+fn rows(file: &Tensors, cells: [i64; 2], config: &Config) -> Result<(Vec<Step>, Vec<Outcome>), TensorsError> {
+    let actions = config.episode.action_space.actions().len() as i64;
+    let goals = goals(file, cells, config)?;
+    let previous = file.integers("previous_action", &cells, 0..actions + 1)?;
+    let start = file.flags("episode_start", &cells)?;
+    let action = file.integers("action", &cells, 0..actions)?;
+    let [log_prob, value, reward] =
+        [file.floats("log_prob", &cells)?, file.floats("value", &cells)?, file.floats("reward", &cells)?];
+    let [ended, time_limit, disturbed] =
+        [file.flags("ended", &cells)?, file.flags("time_limit", &cells)?, file.flags("disturbed", &cells)?];
+    warn_of_contradictions(&ended, &start, cells[1] as usize);
+    let seen = (0..action.len()).map(|cell| Step {
+        goal: goals[cell],
+        previous_action: previous[cell],
+        episode_start: start[cell],
+        action: action[cell],
+        log_prob: log_prob[cell],
+        value: value[cell],
+        ..Step::default()
+    });
+    let outcomes = (0..action.len()).map(|cell| Outcome {
+        reward: reward[cell],
+        ended: ended[cell],
+        time_limit: time_limit[cell],
+        disturbed: disturbed[cell],
+    });
+    Ok((seen.collect(), outcomes.collect()))
 }
 
 /// Frames as the rollout keeps them, \[T · N, side, side\].

@@ -2,30 +2,29 @@
 //! implementation of their own. The formats are in `docs/probe.md`.
 //!
 //! What runs is what training runs with that configuration on that device: the first epoch of an update
-//! ([`Update::look`]), without its optimiser step.
+//! ([`crate::ppo::Update::gradient`]), without its optimiser step.
 
 mod batch;
+mod first_epoch;
 mod shape;
 
 pub use shape::fit;
 
 use crate::agent::weights_of;
-use crate::auxiliary::Auxiliary;
+use crate::auxiliary::{Auxiliary, Sizes};
 use crate::checkpoint::{TensorsError, decode_tensors, encode_tensors};
 use crate::device::{self, DeviceError};
 use crate::import::how_to_convert;
-use crate::network::{Judgement, Network, PrecisionError};
-use crate::optimizer::norm;
-use crate::peers::Peers;
-use crate::ppo::update::{Look, SCALARS, Update, UpdateError};
+use crate::network::{Network, PrecisionError};
+use crate::ppo::UpdateError;
 use batch::Batch;
+use first_epoch::{Probed, probe};
 use proto::config::{Config, ConfigError, DeviceChoice, Setting};
-use proto::metric;
 use proto::run_folder::write_atomically;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use tch::{Device, Tensor};
+use tch::Tensor;
 
 /// What `learner probe` is asked.
 #[derive(Debug, Clone, clap::Args)]
@@ -142,8 +141,9 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeErr
     config.validate()?;
 
     let actions = config.episode.action_space.actions().len() as i64;
-    let (mut network, auxiliary) =
-        Network::new(&config, device, |layout, hidden| Auxiliary::new(&config.auxiliary, layout, hidden, actions));
+    let (mut network, auxiliary) = Network::new(&config, device, |layout, hidden| {
+        Auxiliary::new(&config.auxiliary, layout, Sizes { hidden, actions })
+    });
     network.choose_precision(config.learner.encoder_precision)?;
     tracing::info!("computes on {}", device::describe(device, network.is_fused()));
     network.parameters.load(&weights).map_err(|unfit| in_weights(unfit.into()))?;
@@ -175,96 +175,4 @@ fn read(path: &Path) -> Result<BTreeMap<String, Tensor>, ProbeError> {
 fn model(tensors: BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
     let weights = weights_of(&tensors);
     if weights.is_empty() { tensors } else { weights }
-}
-
-/// What a probe finds.
-struct Probed {
-    tensors: BTreeMap<String, Tensor>,
-    figures: BTreeMap<String, f64>,
-}
-
-fn probe(config: &Config, network: &Network, auxiliary: &Auxiliary, batch: &Batch) -> Result<Probed, UpdateError> {
-    let Batch { rollout, negatives } = batch;
-    let update = Update {
-        network,
-        auxiliary,
-        rollout,
-        ppo: &config.ppo,
-        auxiliary_config: &config.auxiliary,
-        peers: &Peers::Alone,
-        first_column: 0,
-        learning_rate: config.ppo.learning_rate,
-        seed: config.seed,
-        rollout_number: 0,
-    };
-    let columns = rollout.columns();
-    let cell = |(t, n): (usize, usize)| t * columns + n;
-    let Look { packing, targets, queries, batch } = update.look(|packing, queries| {
-        let Some(negatives) = negatives else { return };
-        let rows: BTreeMap<usize, i64> = packing.rows.iter().map(|&row| cell(row)).zip(0..).collect();
-        for query in queries {
-            // Checked when it was read: the cell is a frame of the batch.
-            query.elsewhere = rows[&negatives[cell(packing.rows[query.later as usize])]];
-        }
-    })?;
-
-    // The same forward pass once more, for what the losses do not tell.
-    let cells: Vec<i64> = packing.rows.iter().map(|&row| cell(row) as i64).collect();
-    let table = |rows: &Tensor| {
-        let rows = rows.detach().to_device(Device::Cpu);
-        let width = &rows.size()[1..];
-        let steps = rollout.shape().steps;
-        let size = [&[(steps * columns) as i64], width].concat();
-        let mut table = Tensor::zeros(&size, (rows.kind(), Device::Cpu));
-        let _ = table.index_copy_(0, &Tensor::from_slice(&cells), &rows);
-        table.view([&[steps as i64, columns as i64], width].concat().as_slice())
-    };
-    let embeddings = tch::no_grad(|| network.embed(&rollout.observations(&packing)));
-    let beliefs =
-        tch::no_grad(|| network.belief.unroll(&network.parameters, &embeddings, &packing, rollout.beliefs_at_start()));
-    let Judgement { log_probs, values } = tch::no_grad(|| network.judge(&beliefs));
-    let target = |of: &dyn Fn((usize, usize)) -> f32| {
-        table(&Tensor::from_slice(&packing.rows.iter().map(|&row| of(row)).collect::<Vec<f32>>()))
-    };
-    let mut tensors = BTreeMap::from([
-        ("log_probs".to_owned(), table(&log_probs)),
-        ("values".to_owned(), table(&values)),
-        ("embeddings".to_owned(), table(&embeddings)),
-        ("beliefs".to_owned(), table(&beliefs)),
-        ("advantages".to_owned(), target(&|row| targets.advantage(row))),
-        ("returns".to_owned(), target(&|row| targets.value_target(row))),
-    ]);
-    if !queries.is_empty() {
-        let asked: Vec<i64> = queries
-            .iter()
-            .flat_map(|query| {
-                let (t, n) = packing.rows[query.row as usize];
-                [t as i64, n as i64, query.offset]
-            })
-            .collect();
-        tensors.insert("auxiliary.asked".to_owned(), Tensor::from_slice(&asked).view([-1, 3]));
-        let mut shown = vec![-1; rollout.shape().steps * columns];
-        for query in &queries {
-            shown[cell(packing.rows[query.later as usize])] = cells[query.elsewhere as usize];
-        }
-        tensors.insert("auxiliary.negatives".to_owned(), Tensor::from_slice(&shown).view([-1, columns as i64]));
-    }
-
-    let mut figures = auxiliary.figures(&batch.tally);
-    figures.extend(SCALARS.iter().zip(batch.scalars).map(|(name, value)| ((*name).to_owned(), value)));
-    let [policy, value, entropy, task, ..] = batch.scalars;
-    let ppo = &config.ppo;
-    let total =
-        policy + ppo.value_coefficient * value - ppo.entropy_coefficient * entropy + config.auxiliary.weight * task;
-    figures.insert("loss/total".to_owned(), total);
-    let mut offset = 0;
-    for (name, weight) in network.parameters.named() {
-        let count = weight.numel() as i64;
-        let gradient = batch.gradient.narrow(0, offset, count).view(weight.size().as_slice());
-        tensors.insert(format!("gradient.{name}"), gradient.to_device(Device::Cpu).copy());
-        offset += count;
-    }
-    figures.insert(metric::GRADIENT_NORM.to_owned(), norm(&batch.gradient));
-    tensors.extend(figures.iter().map(|(name, &value)| (name.clone(), Tensor::from(value))));
-    Ok(Probed { tensors, figures })
 }

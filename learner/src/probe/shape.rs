@@ -1,31 +1,16 @@
 //! Which network a set of weights is of, read off their names and shapes.
 
+use crate::auxiliary::TASKS;
 use crate::checkpoint::TensorsError;
+use crate::network::ENCODERS;
 use proto::action::ActionSpace;
-use proto::config::{AuxiliaryTask, Config, Encoder};
+use proto::camera::FRAME_SIDE;
+use proto::config::{AuxiliaryTask, Config};
 use std::collections::BTreeMap;
 use tch::Tensor;
 
-/// Numbers that the encoder's convolutions leave of a frame: input width of its linear layer.
-const FEATURES: [(Encoder, u32, i64); 6] = [
-    (Encoder::Resnet, 1, 128 * 7 * 7),
-    (Encoder::Resnet, 2, 128 * 4 * 4),
-    (Encoder::Resnet, 4, 128 * 2 * 2),
-    (Encoder::Cnn, 1, 32 * 24 * 24),
-    (Encoder::Cnn, 2, 32 * 10 * 10),
-    (Encoder::Cnn, 4, 32 * 3 * 3),
-];
-
-/// Each encoder's linear layer.
-const LINEAR: [(Encoder, &str); 2] =
-    [(Encoder::Resnet, "visual_encoder.fc.1.weight"), (Encoder::Cnn, "visual_encoder.cnn.6.weight")];
-
-/// A weight that only this auxiliary task has.
-const TASKS: [(AuxiliaryTask, &str); 3] = [
-    (AuxiliaryTask::Disturb, "auxiliary.disturb.0.weight"),
-    (AuxiliaryTask::InverseDynamics, "auxiliary.inverse_dynamics.weight"),
-    (AuxiliaryTask::Cpca16, "auxiliary.cpca16.context_model.weight_ih_l0"),
-];
+/// Input poolings that the configuration admits.
+const POOLS: [u32; 3] = [1, 2, 4];
 
 /// Sets encoder, pooling, previous action, width, action space and auxiliary task to what the weights are of.
 pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<(), TensorsError> {
@@ -35,18 +20,18 @@ pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<()
         let size = weight.size();
         size.get(dimension).copied().ok_or_else(|| wrong(name, format!("is {size:?}, which is no matrix")))
     };
-    let has = |name: &&str| weights.contains_key(*name);
-
-    let (encoder, linear) = LINEAR.into_iter().find(|(_, name)| has(name)).ok_or_else(|| {
-        wrong(LINEAR[0].1, format!("is missing, and so is {}: neither encoder's weights are there", LINEAR[1].1))
+    let found = ENCODERS.iter().find(|entry| weights.contains_key(&last_layer(entry.linear)));
+    let encoder = found.ok_or_else(|| {
+        let [first, others @ ..] = ENCODERS.map(|entry| last_layer(entry.linear));
+        wrong(&first, format!("is missing, and so is {}: neither encoder's weights are there", others.join(", and ")))
     })?;
-    config.network.encoder = encoder;
-    let features = side(linear, 1)?;
-    config.network.input_pool = FEATURES
+    config.network.encoder = encoder.encoder;
+    let linear = last_layer(encoder.linear);
+    let features = side(&linear, 1)?;
+    config.network.input_pool = POOLS
         .into_iter()
-        .find(|&(known, _, width)| (known, width) == (encoder, features))
-        .map(|(_, pool, _)| pool)
-        .ok_or_else(|| wrong(linear, format!("takes {features} numbers, which no input pooling (1, 2, 4) leaves")))?;
+        .find(|&pool| (encoder.features)(FRAME_SIDE as i64 / i64::from(pool)) == features)
+        .ok_or_else(|| wrong(&linear, format!("takes {features} numbers, which no input pooling (1, 2, 4) leaves")))?;
 
     let actor = "actor.weight";
     let (actions, hidden) = (side(actor, 0)?, side(actor, 1)?);
@@ -55,15 +40,22 @@ pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<()
         .find(|space| space.actions().len() as i64 == actions)
         .ok_or_else(|| wrong(actor, format!("has {actions} actions; there are spaces of 21 and 13")))?;
     config.network.hidden = u32::try_from(hidden).map_err(|_| wrong(actor, format!("is {hidden} wide")))?;
-    config.network.previous_action = has(&"previous_action_embedder.weight");
-    config.auxiliary.task = TASKS.into_iter().find(|(_, name)| has(name)).map_or(AuxiliaryTask::None, |(task, _)| task);
+    config.network.previous_action = weights.contains_key("previous_action_embedder.weight");
+    let has_task = |name: &str| weights.keys().any(|weight| weight.starts_with(&format!("auxiliary.{name}.")));
+    let task = TASKS.into_iter().find(|entry| has_task(entry.name));
+    config.auxiliary.task = task.map_or(AuxiliaryTask::None, |entry| entry.task);
     Ok(())
+}
+
+/// The weight of an encoder's last layer.
+fn last_layer(linear: &str) -> String {
+    format!("{linear}.weight")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::auxiliary::Auxiliary;
+    use crate::auxiliary::{Auxiliary, Sizes};
     use crate::network::Network;
     use tch::Device;
 
@@ -72,7 +64,8 @@ mod tests {
     fn every_network_is_known_by_its_weights() {
         let tasks =
             [AuxiliaryTask::None, AuxiliaryTask::Disturb, AuxiliaryTask::InverseDynamics, AuxiliaryTask::Cpca16];
-        for (index, (encoder, input_pool, _)) in FEATURES.into_iter().enumerate() {
+        let shapes = ENCODERS.iter().flat_map(|entry| POOLS.map(|pool| (entry.encoder, pool)));
+        for (index, (encoder, input_pool)) in shapes.enumerate() {
             let mut config = Config::default();
             config.network.encoder = encoder;
             config.network.input_pool = input_pool;
@@ -82,7 +75,7 @@ mod tests {
             config.auxiliary.task = tasks[index % tasks.len()];
             let actions = config.episode.action_space.actions().len() as i64;
             let (network, _) = Network::new(&config, Device::Cpu, |layout, hidden| {
-                Auxiliary::new(&config.auxiliary, layout, hidden, actions)
+                Auxiliary::new(&config.auxiliary, layout, Sizes { hidden, actions })
             });
             let weights = network.parameters.named().map(|(name, weight)| (name.to_owned(), weight)).collect();
             let mut found = Config::default();

@@ -1,21 +1,20 @@
-//! What the update is made of: targets, losses, optimiser, multiplier, sensors, auxiliary tasks.
+//! What the update is made of: targets, losses, optimiser, multiplier, sensors.
 
-use crate::shared::{assert_close, assert_probes, doubles, fixture, noise, noise_f32, noise_tensor, weight_values};
+use crate::shared::{assert_close, doubles, fixture, noise, noise_f32, noise_tensor};
 use crate::world::small_config;
-use learner::agent::{Agent, Outcome};
-use learner::auxiliary::{Answer, Cpca, InverseDynamics, Pass, Query, focal_loss};
+use learner::agent::Agent;
+use learner::auxiliary::focal_loss;
 use learner::collector::{RolloutStatistics, RunningEpisode};
-use learner::network::{Judgement, Layout, Packing, Parameters, goal_coordinates};
+use learner::network::{ActorCriticOutput, goal_coordinates};
 use learner::optimizer::{Adam, clip, learning_rate, norm};
 use learner::peers::Peers;
 use learner::ppo::gae;
 use learner::ppo::loss::{Experience, terms};
-use learner::rollout::{Rollout, Step};
+use learner::rollout::{Outcome, Rollout, Step};
 use proto::config::{GoalCoordinates, LagrangianConfig};
 use proto::reward::{RewardKind, RewardParts};
 use proto::stage::RolloutShape;
 use proto::step::Transition;
-use std::collections::BTreeMap;
 use tch::{Device, Kind, Tensor};
 
 #[test]
@@ -77,7 +76,7 @@ fn the_losses_and_their_gradients_are_the_formulas() {
     let mut loss = Tensor::zeros([] as [i64; 0], (Kind::Float, Device::Cpu));
     for (first, count) in [(0, 15), (15, 25)] {
         let cut = |tensor: &Tensor| tensor.narrow(0, first, count);
-        let judgement = Judgement { log_probs: cut(&logits).log_softmax(-1, None), values: cut(&values) };
+        let output = ActorCriticOutput { log_probs: cut(&logits).log_softmax(-1, None), values: cut(&values) };
         let part = Experience {
             actions: cut(&experience.actions),
             log_probs: cut(&experience.log_probs),
@@ -85,7 +84,7 @@ fn the_losses_and_their_gradients_are_the_formulas() {
             advantages: cut(&experience.advantages),
             returns: cut(&experience.returns),
         };
-        let terms = terms(&judgement, &part, 0.1, rows as u64);
+        let terms = terms(&output, &part, 0.1, rows as u64);
         loss += &terms.policy + &terms.value * 0.5 - &terms.entropy * 0.01;
         let scalars = [terms.policy, terms.value, terms.entropy, terms.clip_fraction, terms.approximate_kl];
         sums += Tensor::stack(&scalars, 0).detach();
@@ -188,108 +187,4 @@ fn the_multiplier_follows_the_mean_discounted_disturbance_of_ended_episodes() {
     assert_eq!(agent.multiplier(), 0.01, "a stage begins anew");
     agent.load_state(&saved).expect("the state fits");
     assert_eq!(agent.multiplier(), trace[rollouts - 1]);
-}
-
-/// Inverse dynamics and CPC|A as tensor operations against the script's loops, one question at a time.
-#[test]
-fn auxiliary_tasks_are_their_definitions() {
-    let (steps, columns, hidden, actions) = (20, 4, 24, 21);
-    let cells = steps * columns;
-    let starts: Vec<bool> = noise("auxiliary.starts", cells).into_iter().map(|value| value > 0.8).collect();
-    let length = |n: usize| steps - usize::from(n + 1 == columns);
-    let packing = Packing::new(0..columns, length, |t, n| starts[t * columns + n]);
-    let cells_of_rows: Vec<i64> = packing.rows.iter().map(|&(t, n)| (t * columns + n) as i64).collect();
-    let of_rows = Tensor::from_slice(&cells_of_rows);
-    let table = |name: &str, width: i64| {
-        noise_tensor(name, &[cells as i64, width]).index_select(0, &of_rows).set_requires_grad(true)
-    };
-    let (embeddings, beliefs) = (table("auxiliary.embeddings", 544), table("auxiliary.beliefs", hidden));
-    let taken: Vec<i64> = packing.rows.iter().map(|&(t, n)| ((3 * t + 5 * n + t * n) % 21) as i64).collect();
-    let queries = |horizon: usize| -> Vec<Query> {
-        (1..=horizon)
-            .flat_map(|offset| {
-                let chosen = noise(&format!("auxiliary.chosen.{offset}"), cells);
-                let later = (0i64..).zip(packing.later(offset)).zip(&cells_of_rows);
-                later
-                    .filter(|&(_, &cell)| chosen[cell as usize] > 0.4)
-                    .filter_map(|((row, later), _)| {
-                        Some(Query { row, offset: offset as i64, later: later?, elsewhere: 0 })
-                    })
-                    .collect::<Vec<_>>()
-            })
-            .collect()
-    };
-    // The script permutes the valid cells in the order of steps.
-    let mut valid = cells_of_rows.clone();
-    valid.sort_unstable();
-    let keys = noise("auxiliary.negatives", valid.len());
-    let mut order: Vec<usize> = (0..valid.len()).collect();
-    order.sort_by(|&a, &b| keys[a].total_cmp(&keys[b]));
-    let row_of = |cell: i64| cells_of_rows.iter().position(|&other| other == cell).expect("a valid cell") as i64;
-    let negatives: Vec<i64> = cells_of_rows
-        .iter()
-        .map(|cell| row_of(valid[order[valid.binary_search(cell).expect("a valid cell")]]))
-        .collect();
-
-    let shape = RolloutShape { steps, environments_in_last_step: columns - 1, frames: (cells - 1) as u64 };
-    let float = (Kind::Float, Device::Cpu);
-    let rollout =
-        Rollout::new(shape, columns, Tensor::zeros([cells as i64, 1, 1], float), Tensor::zeros([4, hidden], float));
-    let actions_taken = Tensor::from_slice(&taken);
-    let pass = Pass {
-        rollout: &rollout,
-        packing: &packing,
-        embeddings: &embeddings,
-        beliefs: &beliefs,
-        actions: &actions_taken,
-    };
-    let expected = fixture("auxiliary");
-    let check = |name: &str, parameters: &Parameters, asked: usize, answer: Answer| {
-        let loss = doubles(&expected[&format!("{name}.loss")]);
-        assert_eq!(asked as f64, loss[1], "{name}: questions");
-        let ours = answer.loss.double_value(&[]);
-        assert!((ours - loss[0]).abs() < 1e-5 * loss[0], "{name}: {ours} is not {}", loss[0]);
-        let mut named: BTreeMap<String, Tensor> = BTreeMap::new();
-        let leaves: Vec<Tensor> = parameters.ids().map(|id| parameters[id].shallow_clone()).collect();
-        let names = parameters.named().map(|(name, _)| name.to_owned());
-        let inputs: Vec<&Tensor> = leaves.iter().chain([&beliefs, &embeddings]).collect();
-        let gradients = Tensor::run_backward(&[answer.loss], &inputs, false, false);
-        // Back from rows to cells: the cell that no row has gets no gradient.
-        let scatter = |gradient: &Tensor| {
-            let mut cells = Tensor::zeros([cells as i64, gradient.size()[1]], float);
-            let _ = cells.index_copy_(0, &of_rows, gradient);
-            cells
-        };
-        let count = leaves.len();
-        named.extend(names.zip(gradients[..count].iter().map(Tensor::shallow_clone)));
-        named.insert("auxiliary.beliefs".into(), scatter(&gradients[count]));
-        named.insert("auxiliary.embeddings".into(), scatter(&gradients[count + 1]));
-        assert_probes(&named, &expected[&format!("{name}.gradients")], 1e-5);
-    };
-    let weights = |layout: Layout| {
-        let parameters = Parameters::new(layout, 1, Device::Cpu);
-        tch::no_grad(|| {
-            for (name, mut weight) in parameters.named() {
-                weight.copy_(&weight_values(name, &weight.size()));
-            }
-        });
-        parameters
-    };
-
-    let mut layout = Layout::default();
-    let inverse = InverseDynamics::new(&mut layout, [hidden, actions]);
-    let parameters = weights(layout);
-    let asked = queries(1);
-    let answer = inverse.loss(&parameters, &pass, &asked, asked.len() as u64);
-    check("inverse_dynamics", &parameters, asked.len(), answer);
-
-    let mut layout = Layout::default();
-    let cpca = Cpca::new(&mut layout, [hidden, actions]);
-    let parameters = weights(layout);
-    let mut asked = queries(16);
-    for query in &mut asked {
-        query.elsewhere = negatives[query.later as usize];
-    }
-    let answer = cpca.loss(&parameters, &pass, &asked, asked.len() as u64);
-    check("cpca16", &parameters, asked.len(), answer);
 }

@@ -2,9 +2,9 @@
 
 use crate::shared::{assert_close, depth_mm, fixture, goal_m, noise_tensor, weight_values};
 use learner::agent::Agent;
-use learner::auxiliary::Disturb;
+use learner::auxiliary::{Disturb, Sizes};
 use learner::import::import;
-use learner::network::{Judgement, Network, Observations, Staging, goal_coordinates};
+use learner::network::{ActorCriticOutput, Network, Observations, Staging, goal_coordinates};
 use proto::action::ActionSpace;
 use proto::config::{AuxiliaryTask, Config, Encoder, GoalCoordinates};
 use std::collections::BTreeMap;
@@ -52,7 +52,7 @@ fn an_imported_network_says_what_allenacts_says() {
 
         let (network, head) = Network::new(&config, Device::Cpu, |layout, hidden| {
             let actions = space.actions().len() as i64;
-            (name != "original").then(|| Disturb::new(layout, [hidden, actions], 2.0))
+            (name != "original").then(|| Disturb::new(layout, Sizes { hidden, actions }, 2.0))
         });
         tch::no_grad(|| {
             for (name, mut weight) in network.parameters.named() {
@@ -72,7 +72,7 @@ fn an_imported_network_says_what_allenacts_says() {
             };
             let before = belief * Tensor::from_slice(&[1f32, 0.0]).unsqueeze(1);
             belief = network.belief.step(&network.parameters, &network.embed(&observations), &before);
-            let Judgement { log_probs, values } = network.judge(&belief);
+            let ActorCriticOutput { log_probs, values } = network.actor_critic(&belief);
             assert_close(name, &log_probs, &expected[&format!("{name}.log_probs")].get(t), 1e-5);
             assert_close(name, &values, &expected[&format!("{name}.values")].get(t), 1e-5);
         }

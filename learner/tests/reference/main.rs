@@ -4,6 +4,7 @@
 //! All in one binary because loading libtorch takes longer than most of these tests.
 
 mod algorithm;
+mod auxiliary;
 mod import;
 mod learners;
 mod network;

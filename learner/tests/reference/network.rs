@@ -1,8 +1,8 @@
 //! Both networks, forward and backward.
 
 use crate::shared::{assert_close, assert_probes, depth_mm, fixture, goal_m, noise_tensor, weight_values};
-use learner::auxiliary::Disturb;
-use learner::network::{Judgement, Network, Observations, Packing, RawFrame, Staging, goal_coordinates};
+use learner::auxiliary::{Disturb, Sizes};
+use learner::network::{ActorCriticOutput, Network, Observations, Packing, RawFrame, Staging, goal_coordinates};
 use proto::action::ActionSpace;
 use proto::config::{Config, Encoder, GoalCoordinates};
 use tch::{Device, Kind, Tensor};
@@ -11,7 +11,7 @@ fn network_matches(name: &str, config: &Config) {
     let actions = config.episode.action_space.actions().len() as i64;
     let hidden = i64::from(config.network.hidden);
     let (network, head) =
-        Network::new(config, Device::Cpu, |layout, hidden| Disturb::new(layout, [hidden, actions], 2.0));
+        Network::new(config, Device::Cpu, |layout, hidden| Disturb::new(layout, Sizes { hidden, actions }, 2.0));
     let parameters = &network.parameters;
     tch::no_grad(|| {
         for (name, mut weight) in parameters.named() {
@@ -40,7 +40,7 @@ fn network_matches(name: &str, config: &Config) {
         let carried = Tensor::from_slice(&start.map(|start| if start { 0f32 } else { 1.0 })).unsqueeze(1);
         let embedded = network.embed(&observe(&[0, 1, 2].map(|n| (t, n))));
         belief = network.belief.step(parameters, &embedded, &(belief * carried));
-        let Judgement { log_probs, values } = network.judge(&belief);
+        let ActorCriticOutput { log_probs, values } = network.actor_critic(&belief);
         assert_close("acting log_probs", &log_probs, &expected["log_probs"].get(t as i64), 1e-5);
         assert_close("acting values", &values, &expected["values"].get(t as i64), 1e-5);
     }
@@ -50,7 +50,7 @@ fn network_matches(name: &str, config: &Config) {
     let packing = Packing::new(0..3, |_| 3, |t, n| starts[t][n]);
     let embedded = network.embed(&observe(&packing.rows));
     let beliefs = network.belief.unroll(parameters, &embedded, &packing, &at_start);
-    let Judgement { log_probs, values } = network.judge(&beliefs);
+    let ActorCriticOutput { log_probs, values } = network.actor_critic(&beliefs);
     let at = |table: &Tensor| {
         let rows: Vec<Tensor> = packing.rows.iter().map(|&(t, n)| table.get(t as i64).get(n as i64)).collect();
         Tensor::stack(&rows, 0)

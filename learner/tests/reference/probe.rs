@@ -3,9 +3,9 @@
 use crate::shared::{assert_close, assert_probes, depth_mm, doubles, fixture, goal_m, noise_tensor, weight_values};
 use crate::world::small_config;
 use learner::agent::Agent;
-use learner::auxiliary::Auxiliary;
+use learner::auxiliary::{Auxiliary, Sizes};
 use learner::network::Network;
-use learner::ppo::update::SCALARS;
+use learner::ppo::metrics::SCALARS;
 use proto::action::ActionSpace;
 use proto::config::{AuxiliaryTask, Config, Encoder, EncoderPrecision};
 use proto::metric;
@@ -73,7 +73,7 @@ fn a_probe_finds_what_the_reference_finds() {
         config.auxiliary.task = auxiliary;
         let actions = space.actions().len() as i64;
         let (network, _) = Network::new(&config, Device::Cpu, |layout, hidden| {
-            Auxiliary::new(&config.auxiliary, layout, hidden, actions)
+            Auxiliary::new(&config.auxiliary, layout, Sizes { hidden, actions })
         });
         let weights: Vec<(String, Tensor)> =
             network.parameters.named().map(|(name, w)| (name.to_owned(), weight_values(name, &w.size()))).collect();
@@ -118,30 +118,29 @@ fn a_probe_finds_what_the_reference_finds() {
     }
 }
 
-#[test]
-fn what_cannot_be_probed_is_named() {
-    let config = small_config();
-    let agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+/// Runs the probe on these files: whether it went well, and what it printed on standard error.
+fn probe(weights: &[(String, Tensor)], batch: &[(&str, Tensor)]) -> (bool, String) {
     let folder = tempfile::tempdir().expect("a folder for the files");
     let path = |name: &str| folder.path().join(name);
-    let weights: Vec<(String, Tensor)> = agent.state().tensors.into_iter().collect();
-    let batch = || probe_batch("disturb", 13, 32);
-    let said = |weights: &[(String, Tensor)], batch: &[(&str, Tensor)]| {
-        Tensor::write_safetensors(weights, path("weights")).expect("weights are written");
-        Tensor::write_safetensors(batch, path("batch")).expect("a batch is written");
-        let run = Command::new(env!("CARGO_BIN_EXE_learner"))
-            .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out"])
-            .current_dir(folder.path())
-            .output()
-            .expect("the learner starts");
-        (run.status.success(), String::from_utf8(run.stderr).expect("text"))
-    };
-    // An agent's state, as in a checkpoint: only what is its model counts.
-    let (good, text) = said(&weights, &batch());
-    assert!(good, "{text}");
-    let (good, text) = said(&weights[1..], &batch());
-    assert!(good, "moments are no weights: {text}");
+    Tensor::write_safetensors(weights, path("weights")).expect("weights are written");
+    Tensor::write_safetensors(batch, path("batch")).expect("a batch is written");
+    let run = Command::new(env!("CARGO_BIN_EXE_learner"))
+        .args(["probe", "--weights", "weights", "--batch", "batch", "--out", "out"])
+        .current_dir(folder.path())
+        .output()
+        .expect("the learner starts");
+    (run.status.success(), String::from_utf8(run.stderr).expect("text"))
+}
 
+/// The state of a small agent, as a checkpoint has it.
+fn small_agent() -> Vec<(String, Tensor)> {
+    Agent::new(&small_config(), Device::Cpu).expect("a fresh agent").state().tensors.into_iter().collect()
+}
+
+#[test]
+fn a_batch_that_cannot_be_probed_is_named() {
+    let weights = small_agent();
+    let batch = || probe_batch("disturb", 13, 32);
     let change = |name: &str, tensor: Tensor| {
         let mut batch = batch();
         batch.retain(|(other, _)| *other != name);
@@ -156,7 +155,7 @@ fn what_cannot_be_probed_is_named() {
         tensor
     };
     // What is not there is not looked at: the last two environments bootstrap from their value in the last step.
-    let (good, text) = said(&weights, &change("bootstrap", Tensor::from_slice(&[0.5f32, 0.5, f32::NAN, f32::NAN])));
+    let (good, text) = probe(&weights, &change("bootstrap", Tensor::from_slice(&[0.5f32, 0.5, f32::NAN, f32::NAN])));
     assert!(good && !text.contains("contradicts"), "{text}");
     for (batch, problem) in [
         (batch().into_iter().skip(1).collect(), "tensor `frames` is missing"),
@@ -178,9 +177,21 @@ fn what_cannot_be_probed_is_named() {
         (change("bootstrap", Tensor::from_slice(&[0.5f32, f32::INFINITY, 0.0, 0.0])), "`bootstrap` holds inf at [1]"),
         (change("frames", Tensor::full([7, 4, 56, 56], f64::NAN, float)), "`frames` is not finite"),
     ] {
-        let (good, text) = said(&weights, &batch);
+        let (good, text) = probe(&weights, &batch);
         assert!(!good && text.contains(problem) && text.contains("batch: "), "{problem}: {text}");
     }
+}
+
+#[test]
+fn weights_that_cannot_be_probed_are_named() {
+    let weights = small_agent();
+    let batch = || probe_batch("disturb", 13, 32);
+    // An agent's state, as in a checkpoint: only what is its model counts.
+    let (good, text) = probe(&weights, &batch());
+    assert!(good, "{text}");
+    let (good, text) = probe(&weights[1..], &batch());
+    assert!(good, "moments are no weights: {text}");
+
     let with = |name: &str, other: Tensor| {
         let given = |(known, weight): &(String, Tensor)| {
             (known.clone(), if known == name { other.shallow_clone() } else { weight.shallow_clone() })
@@ -189,17 +200,17 @@ fn what_cannot_be_probed_is_named() {
     };
     let float = |size: &[i64]| Tensor::zeros(size, (Kind::Float, Device::Cpu));
     for hidden in [0, 100_000] {
-        let text = said(&with("model.actor.weight", float(&[13, hidden])), &batch()).1;
+        let text = probe(&with("model.actor.weight", float(&[13, hidden])), &batch()).1;
         assert!(text.contains(&format!("network.hidden = {hidden}: must be 8 to 4096")), "{text}");
     }
-    let text = said(&with("model.critic.bias", float(&[1]) / 0.0), &batch()).1;
+    let text = probe(&with("model.critic.bias", float(&[1]) / 0.0), &batch()).1;
     assert!(text.contains("weights: tensor `critic.bias` is not finite"), "{text}");
     let mut fewer = weights.iter().map(|(name, weight)| (name.clone(), weight.shallow_clone())).collect::<Vec<_>>();
     fewer.retain(|(name, _)| name != "model.critic.bias");
-    assert!(said(&fewer, &batch()).1.contains("weights: tensor `critic.bias` is missing"));
+    assert!(probe(&fewer, &batch()).1.contains("weights: tensor `critic.bias` is missing"));
     fewer.push(("model.critic.bias".to_owned(), Tensor::zeros([1], (Kind::Float, Device::Cpu))));
     fewer.push(("model.other".to_owned(), Tensor::zeros([1], (Kind::Float, Device::Cpu))));
-    assert!(said(&fewer, &batch()).1.contains("`other` has no place in this network"));
+    assert!(probe(&fewer, &batch()).1.contains("`other` has no place in this network"));
 }
 
 /// A dump has the agent's own tensors beside the batch, and is both files.

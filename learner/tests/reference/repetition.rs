@@ -2,8 +2,9 @@
 
 use crate::shared::{assert_close, depth_mm, doubles};
 use crate::world::{World, small_config};
-use learner::agent::{Agent, AgentError, AgentState, Outcome, StepInput};
+use learner::agent::{Agent, AgentError, AgentState, StepInput};
 use learner::network::to_vec;
+use learner::rollout::Outcome;
 use proto::config::{CarriedGoal, Config};
 use proto::stage::RolloutShape;
 use tch::{Device, Tensor};

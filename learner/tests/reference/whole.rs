@@ -3,7 +3,7 @@
 use crate::shared::{assert_close, assert_probes, doubles, fixture, weight_values};
 use crate::world::{World, small_config, weights_of};
 use learner::agent::{Agent, StepOutput};
-use learner::ppo::update::SCALARS;
+use learner::ppo::metrics::SCALARS;
 use proto::metric;
 use tch::{Device, Tensor};
 

@@ -1,8 +1,9 @@
 //! A small agent's configuration, and the stand-in for what it acts on.
 
 use crate::shared::{depth_mm, goal_m, noise, noise_f32};
-use learner::agent::{Agent, AgentError, Outcome, StepInput, StepOutput};
+use learner::agent::{Agent, AgentError, StepInput, StepOutput};
 use learner::network::RawFrame;
+use learner::rollout::Outcome;
 use proto::action::{ActionSpace, NO_ACTION};
 use proto::config::{Config, Encoder};
 use proto::stage::RolloutShape;

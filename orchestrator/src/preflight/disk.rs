@@ -2,7 +2,7 @@
 
 use super::Finding;
 use crate::format::bytes;
-use proto::config::{Config, Encoder};
+use proto::config::Config;
 use proto::stage::total_frames;
 use std::path::Path;
 use wire::message::EnvironmentState;
@@ -17,11 +17,8 @@ const RECORDED_FRAME: u64 = 20_000;
 /// What a run writes at most, bytes: (checkpoints, recordings).
 pub fn need(config: &Config) -> (u64, u64) {
     let hidden = u64::from(config.network.hidden);
-    // GRU and heads grow with the belief; the encoders are what they are.
-    let encoder: u64 = match config.network.encoder {
-        Encoder::Resnet => 4_200_000,
-        Encoder::Cnn => 20_000_000 / u64::from(config.network.input_pool).pow(2),
-    };
+    // GRU and heads grow with the belief; the encoder's size is its own.
+    let encoder = config.network.encoder.weights(config.network.input_pool);
     let parameters = encoder + 3 * hidden * (hidden + 560) + hidden * 400;
     let environments = config.environments() as u64;
     // Weights and two moments, beliefs, environment states.

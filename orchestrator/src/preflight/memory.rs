@@ -4,7 +4,7 @@
 use super::Finding;
 use crate::format::{bytes, counted};
 use proto::camera::FRAME_PIXELS;
-use proto::config::{Config, Encoder};
+use proto::config::Config;
 use proto::shares::Shares;
 use std::path::Path;
 use wire::WireShape;
@@ -19,10 +19,6 @@ const LEARNER_BASE: u64 = 400 << 20;
 const LEARNER_CUDA: u64 = 1536 << 20;
 /// The orchestrator and the recorder's buffers.
 const ORCHESTRATOR: u64 = 96 << 20;
-/// What autograd keeps of one frame at full resolution, both directions: the resnet's feature maps.
-const RESNET_FRAME: u64 = 16 << 20;
-/// The same of the three-layer network.
-const CNN_FRAME: u64 = 3 << 20;
 
 /// Memory that a run needs, bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,12 +53,8 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
             0 => environments,
             pass => pass.min(environments),
         };
-        let full_frame = match config.network.encoder {
-            Encoder::Resnet => RESNET_FRAME,
-            Encoder::Cnn => CNN_FRAME,
-        };
-        let pooling = u64::from(config.network.input_pool).pow(2);
-        LEARNER_BASE + rollout + in_pass * steps * (full_frame / pooling)
+        let frame = config.network.encoder.autograd_bytes(config.network.input_pool);
+        LEARNER_BASE + rollout + in_pass * steps * frame
     };
     let shared = WireShape { shares, environments_per_actor }.shared_memory_bytes();
     let learners = shares.learners();

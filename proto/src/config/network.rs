@@ -13,6 +13,25 @@ pub enum Encoder {
     Cnn,
 }
 
+impl Encoder {
+    /// About how many weights it has behind this input pooling: what the size of a checkpoint is estimated from.
+    pub fn weights(self, input_pool: u32) -> u64 {
+        match self {
+            Self::Resnet => 4_200_000,
+            Self::Cnn => 20_000_000 / u64::from(input_pool).pow(2),
+        }
+    }
+
+    /// What autograd keeps of one frame behind such a pooling, both directions, bytes; as measured.
+    pub fn autograd_bytes(self, input_pool: u32) -> u64 {
+        let full_frame: u64 = match self {
+            Self::Resnet => 16 << 20,
+            Self::Cnn => 3 << 20,
+        };
+        full_frame / u64::from(input_pool).pow(2)
+    }
+}
+
 /// How the goal vector is given to the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -41,6 +41,8 @@ fn parse(text: &str) -> Armed {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::os::unix::process::ExitStatusExt;
+    use std::process::Command;
 
     #[test]
     fn a_point_is_a_name_and_a_count() {
@@ -53,8 +55,33 @@ mod tests {
         assert_eq!(count("actor.before_send:0"), ("actor.before_send".into(), 1));
     }
 
+    /// The test starts itself as a child that passes one point twice.
     #[test]
-    fn an_unarmed_point_does_nothing() {
-        reach("proto.test");
+    fn a_point_kills_where_it_is_armed_and_does_nothing_elsewhere() {
+        const CHILD: &str = "STILLROOM_FAULT_TEST";
+        if std::env::var_os(CHILD).is_some() {
+            reach("proto.test");
+            reach("proto.test");
+            return;
+        }
+        let (_, module) = module_path!().split_once("::").unwrap();
+        let name = format!("{module}::a_point_kills_where_it_is_armed_and_does_nothing_elsewhere");
+        let end = |fault: Option<&str>| {
+            let mut child = Command::new(std::env::current_exe().unwrap());
+            child
+                .args(["--exact", &name])
+                .env(CHILD, "yes")
+                .env_remove(VARIABLE)
+                .envs(fault.map(|fault| (VARIABLE, fault)));
+            let output = child.output().unwrap();
+            let ran = String::from_utf8_lossy(&output.stdout).contains("running 1 test");
+            (ran, output.status.success(), output.status.signal())
+        };
+        let [passed, killed] = [(true, true, None), (true, false, Some(9))];
+        assert_eq!(end(None), passed);
+        assert_eq!(end(Some("proto.other")), passed);
+        assert_eq!(end(Some("proto.test:3")), passed);
+        assert_eq!(end(Some("proto.test:2")), killed);
+        assert_eq!(end(Some("proto.test")), killed);
     }
 }

@@ -1,9 +1,10 @@
 //! Points with their intervals, one row each, over a common axis: what rliable's interval plots show.
 
 use super::palette::Style;
-use super::scale::{Axis, Unit};
+use super::place::{LABEL, Rect};
+use super::scale::Axis;
 use super::svg::{AXIS, Anchor, Canvas, GRID, Stroke};
-use super::{Frame, LABEL, text};
+use super::text;
 
 /// One row.
 #[derive(Debug, Clone)]
@@ -24,7 +25,7 @@ pub struct IntervalRow {
 #[derive(Debug, Clone)]
 pub struct IntervalPlot {
     /// What is measured.
-    pub label: String,
+    pub axis: Axis,
     /// From the top.
     pub rows: Vec<IntervalRow>,
 }
@@ -46,17 +47,17 @@ impl IntervalPlot {
         })
     }
 
-    /// Draws it over a scale that holds all `values`: its own, and those of plots beside it.
-    pub(super) fn draw(&self, canvas: &mut Canvas, frame: Frame, values: &[f64]) {
-        let most = frame.width * 0.46;
+    /// Draws it.
+    pub(super) fn draw(&self, canvas: &mut Canvas, rect: Rect) {
+        let most = rect.width * 0.46;
         let names = self.rows.iter().map(|row| text::width(&row.name, LABEL)).fold(0.0, f64::max).min(most);
-        let plot = Frame {
-            left: frame.left + names + 12.0,
-            top: frame.top + 2.0,
-            width: frame.width - names - 12.0 - 18.0,
-            height: frame.height - 2.0 - 38.0,
+        let plot = Rect {
+            left: rect.left + names + 12.0,
+            top: rect.top + 2.0,
+            width: rect.width - names - 12.0 - 18.0,
+            height: rect.height - 2.0 - 38.0,
         };
-        let scale = Axis::new(&self.label, Unit::Percent).scale(values.iter().copied(), false);
+        let scale = self.axis.scale(self.values(), false);
         let across = |value: f64| plot.left + scale.place(value) * plot.width;
         for (tick, label) in scale.ticks() {
             let stroke = Stroke { colour: GRID, width: 1.0, dashes: "" };
@@ -65,7 +66,7 @@ impl IntervalPlot {
         }
         let axis = Stroke { colour: AXIS, width: 1.2, dashes: "" };
         canvas.line(&[(plot.left, plot.top), (plot.left, plot.bottom()), (plot.right(), plot.bottom())], axis);
-        canvas.text(plot.left + plot.width / 2.0, plot.bottom() + 34.0, LABEL, Anchor::Middle, &self.label);
+        canvas.text(plot.left + plot.width / 2.0, plot.bottom() + 34.0, LABEL, Anchor::Middle, &self.axis.label);
         let row_height = plot.height / self.rows.len().max(1) as f64;
         for (index, row) in self.rows.iter().enumerate() {
             let middle = plot.top + (index as f64 + 0.5) * row_height;

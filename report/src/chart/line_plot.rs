@@ -1,9 +1,10 @@
 //! Curves with bands over two axes.
 
 use super::palette::Style;
+use super::place::{LABEL, Rect};
 use super::scale::{Axis, Scale};
 use super::svg::{AXIS, Anchor, Canvas, GRID, Stroke};
-use super::{Frame, LABEL, text};
+use super::text;
 
 /// One curve.
 #[derive(Debug, Clone, Default)]
@@ -80,11 +81,11 @@ impl LinePlot {
         })
     }
 
-    /// Draws it over scales that hold all values of `across` and `up`: its own, and those of plots beside it.
-    pub(super) fn draw(&self, canvas: &mut Canvas, frame: Frame, across: &[f64], up: &[f64]) {
-        let x = self.x.scale(across.iter().copied(), true);
-        let y = self.y.scale(up.iter().copied(), false);
-        let plot = axes(canvas, frame, (&self.x, &x), (&self.y, &y));
+    /// Draws it.
+    pub(super) fn draw(&self, canvas: &mut Canvas, rect: Rect) {
+        let x = self.x.scale(self.across(), true);
+        let y = self.y.scale(self.up(), false);
+        let plot = axes(canvas, rect, (&self.x, &x), (&self.y, &y));
         let at = |(a, b): (f64, f64)| (plot.left + x.place(a) * plot.width, plot.bottom() - y.place(b) * plot.height);
         for mark in &self.marks {
             let (across, _) = at((mark.x, 0.0));
@@ -154,15 +155,15 @@ fn height_at(points: &[(f64, f64)], x: f64) -> Option<f64> {
 }
 
 /// Grid, ticks and labels; returns the place that is left for what is plotted.
-fn axes(canvas: &mut Canvas, frame: Frame, (x, x_scale): (&Axis, &Scale), (y, y_scale): (&Axis, &Scale)) -> Frame {
+fn axes(canvas: &mut Canvas, rect: Rect, (x, x_scale): (&Axis, &Scale), (y, y_scale): (&Axis, &Scale)) -> Rect {
     let widest = y_scale.ticks().iter().map(|(_, label)| text::width(label, LABEL)).fold(0.0, f64::max);
     let left = 18.0 + widest + 8.0;
-    let plot = Frame {
-        left: frame.left + left,
+    let plot = Rect {
+        left: rect.left + left,
         // Half a tick label stands above the topmost grid line, and half of one beside the last.
-        top: frame.top + 6.0,
-        width: frame.width - left - 16.0,
-        height: frame.height - 6.0 - 38.0,
+        top: rect.top + 6.0,
+        width: rect.width - left - 16.0,
+        height: rect.height - 6.0 - 38.0,
     };
     let grid = Stroke { colour: GRID, width: 1.0, dashes: "" };
     for (tick, label) in y_scale.ticks() {
@@ -179,6 +180,6 @@ fn axes(canvas: &mut Canvas, frame: Frame, (x, x_scale): (&Axis, &Scale), (y, y_
     canvas.line(&[(plot.left, plot.top), (plot.left, plot.bottom()), (plot.right(), plot.bottom())], axis);
     canvas.text(plot.left + plot.width / 2.0, plot.bottom() + 34.0, LABEL, Anchor::Middle, &x.label);
     let middle = plot.top + plot.height / 2.0;
-    canvas.rotated_text(frame.left + 11.0, middle, LABEL, Anchor::Middle, -90.0, &y.label);
+    canvas.rotated_text(rect.left + 11.0, middle, LABEL, Anchor::Middle, -90.0, &y.label);
     plot
 }

@@ -22,12 +22,14 @@ pub struct Axis {
     pub logarithmic: bool,
     /// Begins at zero whatever the data.
     pub from_zero: bool,
+    /// Lowest and highest value that have to have a place on it, besides those that are drawn.
+    pub reach: Option<(f64, f64)>,
 }
 
 impl Axis {
     /// A linear axis from zero.
     pub fn new(label: &str, unit: Unit) -> Self {
-        Self { label: label.to_owned(), unit, logarithmic: false, from_zero: true }
+        Self { label: label.to_owned(), unit, logarithmic: false, from_zero: true, reach: None }
     }
 
     /// A linear axis over the range of the data.
@@ -40,15 +42,19 @@ impl Axis {
         Self { logarithmic: true, from_zero: false, ..Self::new(label, unit) }
     }
 
+    /// The lowest and the highest of these values that can stand on the axis; none where none can.
+    pub(super) fn range(&self, values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+        values
+            .filter(|value| value.is_finite() && (!self.logarithmic || *value > 0.0))
+            .map(|value| (value, value))
+            .reduce(|(low, high), (value, _)| (low.min(value), high.max(value)))
+    }
+
     /// The scale that holds all `values`. `tight`: ends at the last value instead of at the next tick.
     pub fn scale(&self, values: impl Iterator<Item = f64>, tight: bool) -> Scale {
-        let positive = |value: &f64| value.is_finite() && (!self.logarithmic || *value > 0.0);
-        let (mut low, mut high) = values
-            .filter(positive)
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
-        if low > high {
-            (low, high) = if self.logarithmic { (1.0, 10.0) } else { (0.0, 1.0) };
-        }
+        let reach = self.reach.into_iter().flat_map(|(low, high)| [low, high]);
+        let nothing = if self.logarithmic { (1.0, 10.0) } else { (0.0, 1.0) };
+        let (mut low, mut high) = self.range(values.chain(reach)).unwrap_or(nothing);
         if self.logarithmic {
             return Scale::logarithmic(low, high, self.unit);
         }

@@ -32,7 +32,7 @@ pub struct Canvas {
 }
 
 /// Colour of text.
-pub const INK: &str = "#222222";
+const INK: &str = "#222222";
 /// Colour of axes.
 pub const AXIS: &str = "#555555";
 /// Colour of grid lines.
@@ -153,6 +153,6 @@ fn number(value: f64) -> String {
 }
 
 /// Text as XML and HTML have it.
-pub fn escape(text: &str) -> String {
+fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -1,15 +1,15 @@
 //! What a policy does when.
 
-use super::Subject;
 use crate::chart::{Content, Figure, HeatMap, Panel};
+use crate::entry::Entry;
 use crate::results::FieldResult;
 use crate::study::Field;
 
 /// One map a group, of the first field in which it was evaluated.
-pub fn action_maps(subjects: &[Subject<'_>]) -> Vec<Figure> {
+pub fn action_maps(entries: &[Entry<'_>]) -> Vec<Figure> {
     let mut figures = Vec::new();
-    for (index, subject) in subjects.iter().enumerate() {
-        let Some((field, result)) = Field::ALL.into_iter().find_map(|field| Some((field, subject.in_field(field)?)))
+    for (index, entry) in entries.iter().enumerate() {
+        let Some((field, result)) = Field::ALL.into_iter().find_map(|field| Some((field, entry.in_field(field)?)))
         else {
             continue;
         };
@@ -18,13 +18,13 @@ pub fn action_maps(subjects: &[Subject<'_>]) -> Vec<Figure> {
             caption: format!(
                 "{}: share of the episodes still running at a step in which each action was taken, over all seeds; the \
                  colours are logarithmic, the same on every map, and the darkest is 0.1% or less (the evaluations that count for {}; all their episodes).",
-                subject.group.label,
+                entry.group.label,
                 field.name()
             ),
             legend: Vec::new(),
             columns: 1,
             panel_height: HeatMap::height(result.actions.actions.len()),
-            panels: vec![Panel { title: subject.group.label.clone(), content: Content::Heat(map(result)) }],
+            panels: vec![Panel { title: entry.group.label.clone(), content: Content::Heat(map(result)) }],
         });
     }
     figures

@@ -1,15 +1,16 @@
 //! How success falls when less disturbance is forgiven.
 
-use super::{Subject, in_parts, legend};
+use super::parts::{in_parts, legend};
 use crate::chart::{Axis, Content, Figure, LinePlot, Mark, Markers, Panel, Series, Unit};
-use crate::results::{CurvePoint, FieldResult};
+use crate::entry::Entry;
+use crate::results::{FieldResult, LimitPoint};
 use crate::study::Field;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 
 /// Success with less displacement than a threshold, over the threshold.
-pub fn by_threshold(subjects: &[Subject<'_>]) -> Vec<Figure> {
+pub fn by_threshold(entries: &[Entry<'_>]) -> Vec<Figure> {
     figures(
-        subjects,
+        entries,
         "srwod-by-threshold",
         "Share of episodes that are successful with a total displacement of all other objects below the threshold, mean \
          over seeds and kitchens with 95% stratified-bootstrap intervals. SRwoD is the value at 0.01 m.",
@@ -20,9 +21,9 @@ pub fn by_threshold(subjects: &[Subject<'_>]) -> Vec<Figure> {
 }
 
 /// Success with at most so many disturbed objects.
-pub fn by_objects(subjects: &[Subject<'_>]) -> Vec<Figure> {
+pub fn by_objects(entries: &[Entry<'_>]) -> Vec<Figure> {
     figures(
-        subjects,
+        entries,
         "srwod-by-objects",
         "Share of episodes that are successful with at most so many objects more than 0.01 m from their place on some \
          axis, mean over seeds and kitchens with 95% stratified-bootstrap intervals.",
@@ -33,26 +34,25 @@ pub fn by_objects(subjects: &[Subject<'_>]) -> Vec<Figure> {
 }
 
 fn figures(
-    subjects: &[Subject<'_>],
+    entries: &[Entry<'_>],
     name: &str,
     caption: &str,
     x: &Axis,
     marks: &[Mark],
-    curve: impl Fn(&FieldResult) -> &[CurvePoint],
+    curve: impl Fn(&FieldResult) -> &[LimitPoint],
 ) -> Vec<Figure> {
-    let evaluated: Vec<&Subject<'_>> = subjects.iter().filter(|subject| !subject.results.is_empty()).collect();
+    let evaluated: Vec<&Entry<'_>> = entries.iter().filter(|entry| !entry.results.is_empty()).collect();
     in_parts(&evaluated, name, |name, part| {
-        let fields =
-            Field::ALL.into_iter().filter(|&field| part.iter().any(|subject| subject.in_field(field).is_some()));
+        let fields = Field::ALL.into_iter().filter(|&field| part.iter().any(|entry| entry.in_field(field).is_some()));
         let panels = fields.map(|field| {
-            let series = part.iter().filter_map(|subject| {
-                let points = curve(subject.in_field(field)?);
+            let series = part.iter().filter_map(|entry| {
+                let points = curve(entry.in_field(field)?);
                 let band = points.iter().filter_map(|point| {
                     let interval = point.interval?;
                     Some((point.at, interval.low, interval.high))
                 });
                 Some(Series {
-                    style: subject.style,
+                    style: entry.style,
                     points: points.iter().map(|point| (point.at, point.mean)).collect(),
                     band: band.collect(),
                     markers: Markers::All,

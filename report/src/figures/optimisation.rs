@@ -1,12 +1,15 @@
 //! How the optimiser fared: entropy, steps of the policy, losses, gradients, and how long it all took.
 
-use super::{Subject, in_parts, legend, measured, stages, trained};
+use super::parts::{in_parts, legend};
+use super::series::{measured, trained};
+use super::stages;
 use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Series, Unit};
 use crate::curves::Curve;
+use crate::entry::Entry;
 use crate::study::{ELAPSED_S, FRAMES_PER_S};
 use proto::metric;
 
-/// A training time of more than this is told in hours.
+/// A longer training time is given in hours.
 const MINUTES_MOST: f64 = 180.0;
 
 /// Title, metric, axis.
@@ -25,27 +28,23 @@ fn measures() -> [(&'static str, &'static str, Axis); 9] {
 }
 
 /// The optimiser's figures over training; those that no run has are left out.
-pub fn optimisation(subjects: &[Subject<'_>]) -> Vec<Figure> {
-    let with: Vec<&Subject<'_>> = subjects
+pub fn optimisation(entries: &[Entry<'_>]) -> Vec<Figure> {
+    let with: Vec<&Entry<'_>> = entries
         .iter()
-        .filter(|subject| measures().iter().any(|(_, metric, _)| trained(subject, metric).is_some()))
+        .filter(|entry| measures().iter().any(|(_, metric, _)| trained(entry, metric).is_some()))
         .collect();
+    let unit = TimeUnit::of(&with);
     in_parts(&with, "optimisation", |name, part| {
         let panels = measures().into_iter().filter_map(|(title, metric, mut y)| {
-            // Time only grows: it is not smoothed.
-            let of_time = |subject: &Subject<'_>| {
-                let curve = Curve::of_training(subject.group, metric)?;
-                Some(Series { markers: Markers::Some, ..measured(subject, &curve) })
+            let drawn = |entry: &&Entry<'_>| {
+                if metric == ELAPSED_S { time_trained(entry, &unit) } else { trained(entry, metric) }
             };
-            let drawn = |subject: &&Subject<'_>| {
-                if metric == ELAPSED_S { of_time(subject) } else { trained(subject, metric) }
-            };
-            let mut series: Vec<Series> = part.iter().filter_map(drawn).collect();
+            let series: Vec<Series> = part.iter().filter_map(drawn).collect();
             if series.is_empty() {
                 return None;
             }
             if metric == ELAPSED_S {
-                in_readable_time(&mut series, &mut y);
+                unit.name.clone_into(&mut y.label);
             }
             let mut plot = LinePlot { x: Axis::new("frames", Unit::Count), y, series, marks: Vec::new() };
             stages::mark(&mut plot, part);
@@ -65,16 +64,32 @@ pub fn optimisation(subjects: &[Subject<'_>]) -> Vec<Figure> {
     })
 }
 
-/// Seconds as minutes, or as hours where there are many.
-fn in_readable_time(series: &mut [Series], y: &mut Axis) {
-    let longest_s = series.iter().flat_map(|series| &series.points).fold(0.0f64, |most, point| most.max(point.1));
-    let (unit_s, label) = if longest_s > 60.0 * MINUTES_MOST { (3600.0, "hours") } else { (60.0, "minutes") };
-    label.clone_into(&mut y.label);
-    for series in series {
-        series.points.iter_mut().for_each(|point| point.1 /= unit_s);
-        for (_, low, high) in &mut series.band {
-            *low /= unit_s;
-            *high /= unit_s;
+/// Unit of training times, the same for all groups.
+struct TimeUnit {
+    seconds: f64,
+    name: &'static str,
+}
+
+impl TimeUnit {
+    /// Minutes, or hours where there are many.
+    fn of(entries: &[&Entry<'_>]) -> Self {
+        let curves = entries.iter().filter_map(|entry| Curve::of_training(entry.group, ELAPSED_S));
+        let longest_s = curves.flat_map(|curve| curve.points).fold(0.0f64, |most, point| most.max(point.mean));
+        if longest_s > 60.0 * MINUTES_MOST {
+            Self { seconds: 3600.0, name: "hours" }
+        } else {
+            Self { seconds: 60.0, name: "minutes" }
         }
     }
+}
+
+/// A group's training time. Time only grows: it is not smoothed.
+fn time_trained(entry: &Entry<'_>, unit: &TimeUnit) -> Option<Series> {
+    let mut series = measured(entry, &Curve::of_training(entry.group, ELAPSED_S)?);
+    series.points.iter_mut().for_each(|point| point.1 /= unit.seconds);
+    for (_, low, high) in &mut series.band {
+        *low /= unit.seconds;
+        *high /= unit.seconds;
+    }
+    Some(Series { markers: Markers::Some, ..series })
 }

@@ -1,8 +1,8 @@
 //! Where stages end: a line through a whole plot where all its curves have the stage, a stroke across those curves that
 //! have it where others have not.
 
-use super::Subject;
 use crate::chart::{LinePlot, Mark, Series};
+use crate::entry::Entry;
 use crate::study::Group;
 
 /// Frames at which the stages of a group end, but for the last.
@@ -23,11 +23,11 @@ fn marks(group: &Group<'_>) -> Vec<Mark> {
 
 /// Marks the stages on a plot whose curves are those of these groups. A curve that ends before a stage begins does not
 /// have it.
-pub fn mark(plot: &mut LinePlot, subjects: &[&Subject<'_>]) {
+pub fn mark(plot: &mut LinePlot, entries: &[&Entry<'_>]) {
     let reached = |series: &Series| -> Vec<Mark> {
         let last = series.points.last().map_or(0.0, |point| point.0);
-        let subject = subjects.iter().find(|subject| subject.style == series.style);
-        let marks = subject.map_or_else(Vec::new, |subject| marks(subject.group));
+        let entry = entries.iter().find(|entry| entry.style == series.style);
+        let marks = entry.map_or_else(Vec::new, |entry| marks(entry.group));
         marks.into_iter().filter(|mark| mark.x < last).collect()
     };
     let of_each: Vec<Vec<Mark>> = plot.series.iter().map(reached).collect();
@@ -51,8 +51,8 @@ mod tests {
     fn a_stage_is_marked_on_those_that_have_it() {
         let runs = [run("a", "disturb-two-stage", 1), run("b", "disturb-stage1-45m", 1)];
         let groups = groups(&runs).unwrap();
-        let subjects: Vec<Subject<'_>> =
-            groups.iter().enumerate().map(|(style, group)| Subject { style, group, results: Vec::new() }).collect();
+        let entries: Vec<Entry<'_>> =
+            groups.iter().enumerate().map(|(style, group)| Entry { style, group, results: Vec::new() }).collect();
         let marked = |curves: &[(usize, f64)]| {
             let series = curves.iter().map(|&(style, frames)| Series {
                 style,
@@ -65,7 +65,7 @@ mod tests {
                 series: series.collect(),
                 marks: Vec::new(),
             };
-            mark(&mut plot, &subjects.iter().collect::<Vec<_>>());
+            mark(&mut plot, &entries.iter().collect::<Vec<_>>());
             (plot.marks.len(), plot.series.iter().map(|series| series.marks.len()).collect::<Vec<_>>())
         };
         assert_eq!(marked(&[(0, 45e6)]), (1, vec![0]), "a line through the plot");

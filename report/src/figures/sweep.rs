@@ -1,7 +1,7 @@
 //! SR and `SRwoD` over `λ_disturb`.
 
-use super::Subject;
 use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Series, Unit};
+use crate::entry::Entry;
 use crate::results::FieldResult;
 use crate::statistics::Estimate;
 use crate::study::Field;
@@ -33,23 +33,23 @@ pub struct SweepPoint {
 }
 
 /// All sweeps over at least two values.
-pub fn sweeps(subjects: &[Subject<'_>]) -> Vec<Sweep> {
-    let mut families: Vec<(Table, Vec<&Subject<'_>>)> = Vec::new();
-    for subject in subjects.iter().filter(|subject| !subject.group.untrained() && !subject.group.unknown()) {
-        let mut rest = subject.group.settings.clone();
+pub fn sweeps(entries: &[Entry<'_>]) -> Vec<Sweep> {
+    let mut families: Vec<(Table, Vec<&Entry<'_>>)> = Vec::new();
+    for entry in entries.iter().filter(|entry| !entry.group.untrained() && !entry.group.unknown()) {
+        let mut rest = entry.group.settings.clone();
         if let Some(reward) = rest.get_mut("reward").and_then(toml::Value::as_table_mut) {
             reward.remove("lambda_disturb");
         }
         match families.iter_mut().find(|(settings, _)| *settings == rest) {
-            Some((_, members)) => members.push(subject),
-            None => families.push((rest, vec![subject])),
+            Some((_, members)) => members.push(entry),
+            None => families.push((rest, vec![entry])),
         }
     }
     let mut sweeps = Vec::new();
     for (_, members) in families {
         for field in Field::ALL {
             let mut points: Vec<SweepPoint> =
-                members.iter().filter_map(|subject| Some(SweepPoint::of(subject, subject.in_field(field)?))).collect();
+                members.iter().filter_map(|entry| Some(SweepPoint::of(entry, entry.in_field(field)?))).collect();
             points.sort_by(|a, b| a.lambda_disturb.total_cmp(&b.lambda_disturb));
             if points.array_windows().any(|[a, b]| a.lambda_disturb != b.lambda_disturb) {
                 sweeps.push(Sweep { field: field.key(), title: field.name(), points });
@@ -60,10 +60,10 @@ pub fn sweeps(subjects: &[Subject<'_>]) -> Vec<Sweep> {
 }
 
 impl SweepPoint {
-    fn of(subject: &Subject<'_>, result: &FieldResult) -> Self {
+    fn of(entry: &Entry<'_>, result: &FieldResult) -> Self {
         Self {
-            lambda_disturb: f64::from(subject.group.runs[0].config.reward.lambda_disturb),
-            group: subject.group.label.clone(),
+            lambda_disturb: f64::from(entry.group.runs[0].config.reward.lambda_disturb),
+            group: entry.group.label.clone(),
             success: result.success.mean,
             success_without_disturbance: result.success_without_disturbance.mean,
         }

@@ -1,7 +1,8 @@
 //! A table as HTML.
 
-use crate::chart::escape;
-use std::fmt::Write;
+use crate::format::{interval, percent};
+use crate::statistics::Estimate;
+use maud::{Markup, Render, html};
 
 /// One cell.
 #[derive(Debug, Clone)]
@@ -9,28 +10,48 @@ pub struct Cell {
     text: String,
     /// Beneath the text, smaller.
     below: String,
-    class: &'static str,
+    kind: Kind,
     columns: usize,
+}
+
+/// How a cell is set.
+#[derive(Debug, Clone, Copy)]
+enum Kind {
+    /// To the left, on one line.
+    Line,
+    /// To the left, on as many lines as it takes.
+    Wide,
+    /// To the right.
+    Number,
 }
 
 impl Cell {
     /// Words.
     pub fn text(text: impl Into<String>) -> Self {
-        Self::new(text, "")
+        Self::new(text, Kind::Line)
     }
 
     /// Words that may take several lines.
     pub fn wide(text: impl Into<String>) -> Self {
-        Self::new(text, "wide")
+        Self::new(text, Kind::Wide)
     }
 
     /// A figure, to the right.
     pub fn number(text: impl Into<String>) -> Self {
-        Self::new(text, "number")
+        Self::new(text, Kind::Number)
     }
 
-    fn new(text: impl Into<String>, class: &'static str) -> Self {
-        Self { text: text.into(), below: String::new(), class, columns: 1 }
+    /// A percentage with its interval beneath.
+    pub fn estimate(estimate: &Estimate) -> Self {
+        let cell = Self::number(percent(estimate.point));
+        match &estimate.interval {
+            Some(found) => cell.over(interval(found)),
+            None => cell,
+        }
+    }
+
+    fn new(text: impl Into<String>, kind: Kind) -> Self {
+        Self { text: text.into(), below: String::new(), kind, columns: 1 }
     }
 
     /// With something smaller beneath.
@@ -42,6 +63,50 @@ impl Cell {
     pub fn across(self, columns: usize) -> Self {
         Self { columns, ..self }
     }
+
+    /// Its class in the style sheet.
+    fn class(&self) -> Option<&'static str> {
+        match self.kind {
+            Kind::Line => None,
+            Kind::Wide => Some("wide"),
+            Kind::Number => Some("number"),
+        }
+    }
+
+    fn colspan(&self) -> Option<usize> {
+        (self.columns != 1).then_some(self.columns)
+    }
+}
+
+impl Render for Cell {
+    fn render(&self) -> Markup {
+        html! {
+            (self.text)
+            @if !self.below.is_empty() { br; small { (self.below) } }
+        }
+    }
+}
+
+/// What a row is about.
+#[derive(Debug, Clone, Copy)]
+pub enum RowKind {
+    /// Nothing that would have to be seen at once.
+    Plain,
+    /// A row of the paper of which no group is.
+    NotRun,
+    /// A group beside a row of the paper.
+    Ours,
+}
+
+impl RowKind {
+    /// Its class in the style sheet.
+    fn class(self) -> Option<&'static str> {
+        match self {
+            Self::Plain => None,
+            Self::NotRun => Some("absent"),
+            Self::Ours => Some("ours"),
+        }
+    }
 }
 
 /// A head over several columns: how many, and its text.
@@ -52,7 +117,7 @@ pub type Span = (usize, &'static str);
 pub struct Table {
     spans: Vec<Span>,
     head: Vec<Cell>,
-    rows: Vec<(&'static str, Vec<Cell>)>,
+    rows: Vec<(RowKind, Vec<Cell>)>,
 }
 
 impl Table {
@@ -67,53 +132,54 @@ impl Table {
         self
     }
 
-    /// Adds a row of a class of the style sheet.
-    pub fn row(&mut self, class: &'static str, cells: Vec<Cell>) {
+    /// Adds a row.
+    pub fn row(&mut self, kind: RowKind, cells: Vec<Cell>) {
         let columns: usize = cells.iter().map(|cell| cell.columns).sum();
         assert_eq!(columns, self.head.len(), "a row fills all columns");
-        self.rows.push((class, cells));
+        self.rows.push((kind, cells));
     }
 
     /// Nothing but a head.
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
+}
 
-    /// As HTML.
-    pub fn html(&self) -> String {
-        let mut html = String::from("<div class=\"scroll\"><table>\n<thead>");
-        if !self.spans.is_empty() {
-            html.push_str("<tr>");
-            for (columns, text) in &self.spans {
-                let _ = write!(html, "<th colspan=\"{columns}\">{}</th>", escape(text));
+impl Render for Table {
+    fn render(&self) -> Markup {
+        html! {
+            div.scroll {
+                table {
+                    thead {
+                        @if !self.spans.is_empty() {
+                            tr { @for (columns, text) in &self.spans { th colspan=(columns) { (text) } } }
+                        }
+                        tr { @for cell in &self.head { th class=[cell.class()] colspan=[cell.colspan()] { (cell) } } }
+                    }
+                    tbody {
+                        @for (kind, cells) in &self.rows {
+                            tr class=[kind.class()] {
+                                @for cell in cells { td class=[cell.class()] colspan=[cell.colspan()] { (cell) } }
+                            }
+                        }
+                    }
+                }
             }
-            html.push_str("</tr>\n");
         }
-        html.push_str("<tr>");
-        for cell in &self.head {
-            html.push_str(&tag("th", cell));
-        }
-        html.push_str("</tr></thead>\n<tbody>\n");
-        for (class, cells) in &self.rows {
-            if class.is_empty() {
-                html.push_str("<tr>");
-            } else {
-                let _ = write!(html, "<tr class=\"{class}\">");
-            }
-            for cell in cells {
-                html.push_str(&tag("td", cell));
-            }
-            html.push_str("</tr>\n");
-        }
-        html.push_str("</tbody></table></div>\n");
-        html
     }
 }
 
-fn tag(name: &str, cell: &Cell) -> String {
-    let class = if cell.class.is_empty() { String::new() } else { format!(" class=\"{}\"", cell.class) };
-    let columns = if cell.columns == 1 { String::new() } else { format!(" colspan=\"{}\"", cell.columns) };
-    let below =
-        if cell.below.is_empty() { String::new() } else { format!("<br><small>{}</small>", escape(&cell.below)) };
-    format!("<{name}{class}{columns}>{}{below}</{name}>", escape(&cell.text))
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_comes_from_outside_is_text_in_a_table() {
+        let mut table = Table::new(vec![Cell::text("<b>"), Cell::number("n")]);
+        table.row(RowKind::Ours, vec![Cell::text("runs/<script>&").over("\"a\""), Cell::number("1")]);
+        let html = table.render().into_string();
+        assert!(html.contains("<th>&lt;b&gt;</th><th class=\"number\">n</th>"), "{html}");
+        let cells = "<td>runs/&lt;script&gt;&amp;<br><small>&quot;a&quot;</small></td><td class=\"number\">1</td>";
+        assert!(html.contains(&format!("<tr class=\"ours\">{cells}</tr>")), "{html}");
+    }
 }

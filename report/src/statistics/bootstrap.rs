@@ -2,14 +2,14 @@
 //! score of a seed drawn with replacement in the same kitchen. That is rliable's `get_interval_estimates` with
 //! `method='percentile'` and without resampling of tasks.
 
-use super::Scores;
+use super::scores::Scores;
 use proto::random::{Key, Purpose};
 use serde::Serialize;
 
 /// Resamples behind each interval of a table; rliable's default.
-pub const RESAMPLES: u32 = 50_000;
+pub(crate) const RESAMPLES: u32 = 50_000;
 /// Resamples behind each point of a curve; rliable's default for profiles.
-pub const CURVE_RESAMPLES: u32 = 2_000;
+pub(crate) const CURVE_RESAMPLES: u32 = 2_000;
 
 /// The share that lies below an interval, and above it.
 const TAIL: f64 = 0.025;
@@ -25,7 +25,7 @@ pub struct Interval {
 
 /// Intervals of the mean and of the interquartile mean over this many resamples. The draws are a function of the
 /// matrix's shape, so the same scores always have the same interval.
-pub fn intervals(scores: &Scores, resamples: u32) -> [Interval; 2] {
+pub(super) fn intervals(scores: &Scores, resamples: u32) -> [Interval; 2] {
     let (entries, seeds) = (scores.values.len(), scores.seeds() as u32);
     let draws = (0..resamples).map(|resample| {
         let key =
@@ -36,7 +36,7 @@ pub fn intervals(scores: &Scores, resamples: u32) -> [Interval; 2] {
     intervals_over(scores, draws)
 }
 
-/// The same over given resamples: each says for every entry, seed by seed, which seed's score stands there.
+/// The same over given resamples. Each holds, for every entry of the matrix, the seed whose score it takes.
 ///
 /// # Panics
 /// If there are no resamples, or one does not have the matrix's shape.

@@ -1,13 +1,13 @@
 //! The score interval of a share (Wilson, *Probable inference, the law of succession, and statistical inference*, 1927):
-//! what one policy's success over a number of episodes says about its rate. It knows nothing about other seeds.
+//! the interval of one policy's success rate over a number of episodes. It says nothing about other seeds.
 
-use super::Interval;
+use super::bootstrap::Interval;
 
 /// 97.5% point of the normal distribution.
 const Z: f64 = 1.959_963_984_540_054;
 
 /// The 95% interval of a rate seen `successes` times in `trials`; none over no trials.
-pub fn wilson(successes: u64, trials: u64) -> Option<Interval> {
+pub(crate) fn wilson(successes: u64, trials: u64) -> Option<Interval> {
     if trials == 0 {
         return None;
     }

@@ -1,0 +1,59 @@
+//! What can go wrong in the agent.
+
+use crate::network::{PrecisionError, Unfit};
+use crate::peers::PeerError;
+use proto::config::{CarriedGoal, NetworkConfig};
+
+/// What went wrong in the agent.
+#[derive(Debug, thiserror::Error)]
+pub enum AgentError {
+    /// A number that should be finite is not. Weights and optimiser are as they were before the call.
+    #[error("{what} is not finite")]
+    NonFinite {
+        /// Which number.
+        what: String,
+    },
+    /// An observation that cannot be.
+    #[error("column {column}: the policy has no action {action}, which is said to have been taken")]
+    UnknownAction {
+        /// Whose observation.
+        column: usize,
+        /// The wire value.
+        action: u8,
+    },
+    /// The encoder cannot compute in bfloat16 here.
+    #[error(transparent)]
+    Precision(#[from] PrecisionError),
+    /// The other learners are gone.
+    #[error(transparent)]
+    Peers(#[from] PeerError),
+    /// A saved state does not fit this agent.
+    #[error("the saved state does not fit: {0}")]
+    State(#[from] Unfit),
+    /// Saved weights that were trained with the other sign of the goal vector.
+    #[error(transparent)]
+    Sign(#[from] OtherSign),
+}
+
+/// Weights that were trained with the other sign of the goal vector.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the weights were trained with network.carried_goal = \"{trained}\", the configuration says \"{configured}\": while \
+     the target is held they would see their goal in the opposite direction. Set network.carried_goal = \"{trained}\""
+)]
+pub struct OtherSign {
+    /// Of the weights.
+    pub trained: CarriedGoal,
+    /// Of the configuration.
+    pub configured: CarriedGoal,
+}
+
+impl OtherSign {
+    /// Refuses weights that were trained with another sign than this network's, where it sees one.
+    pub fn refuse(trained: CarriedGoal, network: &NetworkConfig) -> Result<(), Self> {
+        match network.sign_seen() {
+            Some(configured) if configured != trained => Err(Self { trained, configured }),
+            _ => Ok(()),
+        }
+    }
+}

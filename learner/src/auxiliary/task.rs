@@ -1,0 +1,109 @@
+//! What an auxiliary task is to training, and what the registry holds of each.
+
+use super::query::{Epoch, Query};
+use crate::network::{Layout, Packing, Parameters};
+use crate::peers::{PeerError, Peers};
+use crate::rollout::Rollout;
+use proto::config::{AuxiliaryConfig, AuxiliaryTask};
+use std::collections::BTreeMap;
+use std::fmt;
+use tch::Tensor;
+
+/// An auxiliary task: parameters of its own, and a loss on what a training pass computes.
+pub trait Task: fmt::Debug {
+    /// What it is asked in an epoch: one list for each minibatch. Counted over all learners, so that losses of
+    /// minibatches add up to the batch's mean.
+    fn queries(&self, packings: &[&Packing], epoch: Epoch, peers: &Peers) -> Result<Vec<Vec<Query>>, PeerError>;
+
+    /// Loss of these queries of one pass: their sum over `count`, the queries of all passes at all learners.
+    fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> TaskLoss;
+
+    /// Names of the sums that [`Task::figures`] needs, in a fixed order.
+    fn sums(&self) -> &'static [&'static str];
+
+    /// The task's figures, named `auxiliary/…`, from these sums over all passes.
+    fn figures(&self, tally: &Tally) -> BTreeMap<String, f64>;
+
+    /// Logits that an action disturbs something, \[rows, hidden\] → \[rows, actions\]; `None` if the task does not
+    /// predict it.
+    fn disturbance_logits(&self, _parameters: &Parameters, _beliefs: &Tensor) -> Option<Tensor> {
+        None
+    }
+}
+
+/// A task's line in the registry.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Entry {
+    /// The configuration's variant.
+    pub task: AuxiliaryTask,
+    /// The configuration's name for it. Its weights are named `auxiliary.NAME.…`.
+    pub name: &'static str,
+    /// Where the names of its weights begin in AllenAct, up to and including the dot; `None` if AllenAct has no such
+    /// task.
+    pub allenact: Option<&'static str>,
+    /// Declares its parameters.
+    pub declare: fn(&mut Layout, Sizes, &AuxiliaryConfig) -> Box<dyn Task>,
+}
+
+/// Widths that a task's layers depend on.
+#[derive(Debug, Clone, Copy)]
+pub struct Sizes {
+    /// Of the belief.
+    pub hidden: i64,
+    /// Actions of the policy.
+    pub actions: i64,
+}
+
+/// What a training pass offers to a task; rows in the order of the packing.
+#[derive(Debug)]
+pub struct Pass<'a> {
+    /// The rollout that is trained on.
+    pub rollout: &'a Rollout,
+    /// Its rows of this pass.
+    pub packing: &'a Packing,
+    /// Embedded observations without the previous action: \[rows, 512 + 32\], with gradients.
+    pub embeddings: &'a Tensor,
+    /// Beliefs \[rows, hidden\], with gradients.
+    pub beliefs: &'a Tensor,
+    /// Policy indices of the actions taken, i64 \[rows\].
+    pub actions: &'a Tensor,
+}
+
+impl Pass<'_> {
+    /// One number a query, i64 \[queries\], on the pass's device.
+    pub(crate) fn of_queries(&self, queries: &[Query], number: impl Fn(&Query) -> i64) -> Tensor {
+        Tensor::from_slice(&queries.iter().map(number).collect::<Vec<i64>>()).to_device(self.beliefs.device())
+    }
+}
+
+/// A task's loss on one pass.
+#[derive(Debug)]
+pub struct TaskLoss {
+    /// This pass's part of the batch's mean loss, with gradient.
+    pub loss: Tensor,
+    /// Sums that the task's figures are made of.
+    pub tally: Tally,
+}
+
+/// Sums over rows, by name: passes and epochs add up.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Tally(BTreeMap<&'static str, f64>);
+
+impl Tally {
+    /// Adds to a sum.
+    pub fn add(&mut self, name: &'static str, value: f64) {
+        *self.0.entry(name).or_default() += value;
+    }
+
+    /// Adds another tally.
+    pub fn merge(&mut self, other: &Self) {
+        for (name, value) in &other.0 {
+            self.add(name, *value);
+        }
+    }
+
+    /// A sum; 0 if nothing was added.
+    pub fn sum(&self, name: &str) -> f64 {
+        self.0.get(name).copied().unwrap_or(0.0)
+    }
+}

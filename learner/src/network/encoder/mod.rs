@@ -1,0 +1,35 @@
+//! The visual encoders. To add one: a file here with its `ENTRY`, a line in [`ENCODERS`], and its variant with its
+//! sizes in `proto::config::Encoder`.
+
+mod cnn;
+mod resnet;
+mod visual;
+
+pub(crate) use visual::{Backward, Entry, VISUAL, VisualEncoder};
+
+use proto::config::Encoder;
+
+/// Every encoder.
+pub(crate) const ENCODERS: [Entry; 2] = [resnet::ENTRY, cnn::ENTRY];
+
+/// The encoder that the configuration names.
+///
+/// # Panics
+/// If it has no line in [`ENCODERS`].
+pub(crate) fn entry(encoder: Encoder) -> Entry {
+    let found = ENCODERS.into_iter().find(|entry| entry.encoder == encoder);
+    found.unwrap_or_else(|| panic!("{encoder:?} has no line in ENCODERS"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the convolutions leave of a frame, without pooling and pooled by 2 and by 4.
+    #[test]
+    fn the_last_layers_have_these_inputs() {
+        let features = |encoder| [224, 112, 56].map(entry(encoder).features);
+        assert_eq!(features(Encoder::Resnet), [128 * 7 * 7, 128 * 4 * 4, 128 * 2 * 2]);
+        assert_eq!(features(Encoder::Cnn), [32 * 24 * 24, 32 * 10 * 10, 32 * 3 * 3]);
+    }
+}

@@ -1,0 +1,351 @@
+//! The encoder on a CUDA device in bfloat16: libtorch's convolutions on maps with channels last, everything between two
+//! convolutions in one kernel of our own, and the backward pass written out.
+//!
+//! Weights stay f32; this pass works on rounded copies, which are made once an optimiser step. Only what the backward
+//! pass reads is kept, and autograd never sees the encoder: it ends at the visual embedding, whose gradient
+//! [`Fused::backward`] takes from there.
+
+use super::super::visual::Gradients;
+use super::plain::{BASE, Block, COMPRESSED, Resnet};
+use crate::ffi::convolution::convolution_backward;
+use crate::ffi::cuda::CudaError;
+use crate::ffi::kernels::{Affine, Kernels, NormGradients, Statistics, Winners, channels_last};
+use crate::network::layers::{Convolution, GroupNorm};
+use crate::network::parameters::Parameters;
+use std::cell::RefCell;
+use tch::{Kind, Tensor};
+
+/// The means to run the encoder this way.
+#[derive(Debug)]
+pub(super) struct Fused {
+    kernels: Kernels,
+    rounded: RefCell<Option<Rounded>>,
+}
+
+/// Weights as this pass uses them.
+#[derive(Debug)]
+struct Rounded {
+    /// Version of the weights that these are copies of.
+    version: i64,
+    stem: Tensor,
+    blocks: Vec<BlockWeights>,
+    compression: Tensor,
+    /// \[512, pixels · 128\]: the inputs in the order of a map with channels last.
+    linear: Tensor,
+    linear_bias: Tensor,
+}
+
+#[derive(Debug)]
+struct BlockWeights {
+    first: Tensor,
+    second: Tensor,
+    projection: Option<Tensor>,
+}
+
+/// A convolution and its norm, on the way forward: what the way back needs.
+#[derive(Debug)]
+struct Normed {
+    /// What came out of the convolution.
+    x: Tensor,
+    statistics: Statistics,
+}
+
+#[derive(Debug)]
+struct BlockTape {
+    input: Tensor,
+    first: Normed,
+    /// After the first norm's ReLU.
+    between: Tensor,
+    second: Normed,
+    projection: Option<Normed>,
+    output: Tensor,
+}
+
+/// What a forward pass leaves for its backward pass.
+#[derive(Debug)]
+pub(super) struct Tape {
+    stem_input: Tensor,
+    stem: Normed,
+    winners: Winners,
+    blocks: Vec<BlockTape>,
+    /// What the compression saw.
+    features: Tensor,
+    compression: Normed,
+    compressed: Tensor,
+    visual: Tensor,
+}
+
+impl Fused {
+    /// Compiles the kernels. libtorch must have made a tensor on the device before.
+    pub(super) fn new() -> Result<Self, CudaError> {
+        Ok(Self { kernels: Kernels::compile()?, rounded: RefCell::new(None) })
+    }
+
+    /// Kept frames \[rows, side, side\] → visual embedding \[rows, 512\], f32 and outside autograd. The network sees
+    /// `frame · scale + offset`.
+    pub(super) fn forward(
+        &self,
+        resnet: &Resnet,
+        parameters: &Parameters,
+        kept: &Tensor,
+        [scale, offset]: [f32; 2],
+    ) -> (Tensor, Tape) {
+        let _no_grad = tch::no_grad_guard();
+        let mut rounded = self.rounded.borrow_mut();
+        let weights = match rounded.take() {
+            Some(weights) if weights.version == parameters.version() => rounded.insert(weights),
+            _ => rounded.insert(Rounded::new(resnet, parameters)),
+        };
+        let kernels = &self.kernels;
+        let affine = |norm: &GroupNorm| affine(parameters, norm);
+
+        let stem_input = kernels.stem_input(&kept.to_kind(Kind::Float).contiguous(), scale, offset);
+        let x = convolve(&stem_input, &weights.stem, [1, 0]);
+        let (mut features, winners, statistics) = kernels.stem_forward(&x, affine(&resnet.stem.1));
+        let stem = Normed { x, statistics };
+
+        let mut blocks = Vec::with_capacity(resnet.blocks.len());
+        for (block, weights) in resnet.blocks.iter().zip(&weights.blocks) {
+            let normed = |input: &Tensor, weight: &Tensor, part: &(Convolution, GroupNorm), around, relu| {
+                let x = convolve(input, weight, [part.0.stride, part.0.padding]);
+                let (y, statistics) = kernels.norm_forward(&x, around, affine(&part.1), relu);
+                (y, Normed { x, statistics })
+            };
+            let input = features;
+            let (between, first) = normed(&input, &weights.first, &block.first, None, true);
+            let projection = block.projection.as_ref().zip(weights.projection.as_ref());
+            let projection = projection.map(|(part, weight)| normed(&input, weight, part, None, false));
+            let around = projection.as_ref().map_or(&input, |(around, _)| around);
+            let (output, second) = normed(&between, &weights.second, &block.second, Some(around), true);
+            features = output.shallow_clone();
+            blocks.push(BlockTape {
+                input,
+                first,
+                between,
+                second,
+                projection: projection.map(|(_, normed)| normed),
+                output,
+            });
+        }
+
+        let part = &resnet.compression;
+        let x = convolve(&features, &weights.compression, [part.0.stride, part.0.padding]);
+        let (compressed, statistics) = kernels.norm_forward(&x, None, affine(&part.1), true);
+        let compression = Normed { x, statistics };
+        let visual = flat(&compressed).linear(&weights.linear, Some(&weights.linear_bias)).relu_();
+        let embedding = visual.to_kind(Kind::Float);
+        (embedding, Tape { stem_input, stem, winners, blocks, features, compression, compressed, visual })
+    }
+
+    /// Gradients of all of the encoder's parameters for that of the embedding \[rows, 512\].
+    ///
+    /// # Panics
+    /// If the weights have changed since the forward pass.
+    // Long because: it undoes the forward pass step by step, in one order, and reads beside it.
+    pub(super) fn backward(
+        &self,
+        resnet: &Resnet,
+        parameters: &Parameters,
+        tape: Tape,
+        gradient: &Tensor,
+    ) -> Gradients {
+        let _no_grad = tch::no_grad_guard();
+        let rounded = self.rounded.borrow();
+        let weights = rounded.as_ref().expect("a forward pass rounds the weights");
+        assert_eq!(weights.version, parameters.version(), "the weights are those of the forward pass");
+        let kernels = &self.kernels;
+        let affine = |norm: &GroupNorm| affine(parameters, norm);
+        let mut gradients: Gradients = Vec::new();
+        let mut of_norm = |norm: &GroupNorm, NormGradients { input, affine }: NormGradients| {
+            gradients.push((norm.bias, affine.get(0)));
+            gradients.push((norm.weight, affine.get(1)));
+            input
+        };
+        let mut convolutions: Gradients = Vec::new();
+        let mut of_convolution = |part: &Convolution, dy: &Tensor, x: &Tensor, weight: &Tensor| {
+            let (dw, dx) = convolution_gradients(dy, x, weight, [part.stride, part.padding], true);
+            convolutions.push((part.weight, dw.to_kind(Kind::Float)));
+            dx.map(channels_last)
+        };
+
+        let Tape { stem_input, stem, winners, blocks, features, compression, compressed, visual } = tape;
+        let d_visual = gradient.to_kind(Kind::BFloat16) * visual.gt(0);
+        let d_linear = d_visual.tr().matmul(&flat(&compressed));
+        let d_linear_bias = d_visual.sum_dim_intlist([0i64].as_slice(), false, Kind::Float);
+        let d_compressed = d_visual.matmul(&weights.linear);
+
+        let (_, channels, height, width) = compressed.size4().expect("a feature map");
+        let d_compressed = d_compressed.view([-1, height, width, channels]).permute([0, 3, 1, 2]);
+        let (part, norm) = &resnet.compression;
+        let (d, _) = kernels.norm_backward(
+            [Some(&d_compressed), None],
+            Some(&compressed),
+            &compression.x,
+            &compression.statistics,
+            affine(norm),
+            false,
+        );
+        let d = of_norm(norm, d);
+        // The gradient of a block's output, in up to two parts: through the next block, and around it.
+        let mut through = of_convolution(part, &d, &features, &weights.compression);
+        let mut around: Option<Tensor> = None;
+
+        for ((block, weights), tape) in resnet.blocks.iter().zip(&weights.blocks).zip(blocks).rev() {
+            let BlockTape { input, first, between, second, projection, output } = tape;
+            let (d, d_around) = kernels.norm_backward(
+                [through.as_ref(), around.as_ref()],
+                Some(&output),
+                &second.x,
+                &second.statistics,
+                affine(&block.second.1),
+                true,
+            );
+            let d = of_norm(&block.second.1, d);
+            let d_between = of_convolution(&block.second.0, &d, &between, &weights.second);
+            let (d, _) = kernels.norm_backward(
+                [d_between.as_ref(), None],
+                Some(&between),
+                &first.x,
+                &first.statistics,
+                affine(&block.first.1),
+                false,
+            );
+            let d = of_norm(&block.first.1, d);
+            through = of_convolution(&block.first.0, &d, &input, &weights.first);
+            around = match (&block.projection, projection, &weights.projection) {
+                (Some((part, norm)), Some(normed), Some(weight)) => {
+                    let dy = [d_around.as_ref(), None];
+                    let (d, _) = kernels.norm_backward(dy, None, &normed.x, &normed.statistics, affine(norm), false);
+                    of_convolution(part, &of_norm(norm, d), &input, weight)
+                }
+                _ => d_around,
+            };
+        }
+
+        let norm = &resnet.stem.1;
+        let users = [through.as_ref(), around.as_ref()];
+        let d = kernels.stem_backward(users, &winners, &stem.x, &stem.statistics, affine(norm));
+        let d = of_norm(norm, d);
+        let (d_stem, _) = convolution_gradients(&d, &stem_input, &weights.stem, [1, 0], false);
+
+        gradients.append(&mut convolutions);
+        gradients.push((resnet.stem.0.weight, from_stem_weight(&d_stem.to_kind(Kind::Float))));
+        gradients.push((resnet.linear.weight, from_pixel_order(&d_linear.to_kind(Kind::Float))));
+        gradients.push((resnet.linear.bias, d_linear_bias));
+        gradients
+    }
+}
+
+impl Rounded {
+    fn new(resnet: &Resnet, parameters: &Parameters) -> Self {
+        let round = |part: &Convolution| channels_last(parameters[part.weight].detach().to_kind(Kind::BFloat16));
+        let block = |block: &Block| BlockWeights {
+            first: round(&block.first.0),
+            second: round(&block.second.0),
+            projection: block.projection.as_ref().map(|(part, _)| round(part)),
+        };
+        let linear = |id| parameters[id].detach().to_kind(Kind::BFloat16);
+        Self {
+            version: parameters.version(),
+            stem: channels_last(to_stem_weight(&parameters[resnet.stem.0.weight].detach()).to_kind(Kind::BFloat16)),
+            blocks: resnet.blocks.iter().map(block).collect(),
+            compression: round(&resnet.compression.0),
+            linear: to_pixel_order(&linear(resnet.linear.weight)),
+            linear_bias: linear(resnet.linear.bias),
+        }
+    }
+}
+
+fn affine<'a>(parameters: &'a Parameters, norm: &GroupNorm) -> Affine<'a> {
+    Affine { weight: &parameters[norm.weight], bias: &parameters[norm.bias], groups: norm.groups }
+}
+
+fn convolve(x: &Tensor, weight: &Tensor, [stride, padding]: [i64; 2]) -> Tensor {
+    channels_last(x.conv2d(weight, None::<Tensor>, [stride; 2], [padding; 2], [1; 2], 1))
+}
+
+fn convolution_gradients(
+    dy: &Tensor,
+    x: &Tensor,
+    weight: &Tensor,
+    stride_padding: [i64; 2],
+    wants_dx: bool,
+) -> (Tensor, Option<Tensor>) {
+    match convolution_backward(dy, x, weight, stride_padding, wants_dx) {
+        Ok(gradients) => gradients,
+        // As in tch: a device that fails in the middle of a pass ends the process.
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// A map with channels last as rows of numbers, pixel by pixel.
+fn flat(map: &Tensor) -> Tensor {
+    map.permute([0, 2, 3, 1]).flatten(1, -1)
+}
+
+/// A weight over inputs in the order (channel, pixel) → one over (pixel, channel).
+fn to_pixel_order(weight: &Tensor) -> Tensor {
+    let outputs = weight.size()[0];
+    weight.view([outputs, COMPRESSED, -1]).permute([0, 2, 1]).reshape([outputs, -1])
+}
+
+/// The way back.
+fn from_pixel_order(weight: &Tensor) -> Tensor {
+    let outputs = weight.size()[0];
+    weight.view([outputs, -1, COMPRESSED]).permute([0, 2, 1]).reshape([outputs, -1])
+}
+
+/// The stem's weight \[32, 1, 7, 7\] → \[32, 8, 4, 4\], for an input as `stem_input` in `kernels.cu` makes it: taps
+/// −1..6 in twos, the first of which is zero, and the same for both parts of a number.
+fn to_stem_weight(weight: &Tensor) -> Tensor {
+    let taps = weight.constant_pad_nd([1, 0, 1, 0]).view([BASE, 4, 2, 4, 2]);
+    let one_part = taps.permute([0, 2, 4, 1, 3]).reshape([BASE, 4, 4, 4]);
+    Tensor::cat(&[&one_part, &one_part], 1)
+}
+
+/// The way back for a gradient: what both parts say is added.
+fn from_stem_weight(gradient: &Tensor) -> Tensor {
+    let one_part = gradient.view([BASE, 2, 4, 4, 4]).sum_dim_intlist([1i64].as_slice(), false, Kind::Float);
+    let taps = one_part.view([BASE, 2, 2, 4, 4]).permute([0, 3, 1, 4, 2]).reshape([BASE, 1, 8, 8]);
+    taps.narrow(2, 1, 7).narrow(3, 1, 7)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tch::Device;
+
+    /// What `stem_input` computes, in libtorch's words and without rounding.
+    fn stem_input(x: &Tensor) -> Tensor {
+        let (rows, _, side, _) = x.size4().unwrap();
+        let half = side / 2;
+        let quarters = x.view([rows, half, 2, half, 2]).permute([0, 2, 4, 1, 3]).reshape([rows, 4, half, half]);
+        let first = (&quarters * 8.0).round() / 8.0;
+        Tensor::cat(&[&first, &(&quarters - &first)], 1).constant_pad_nd([2, 1, 2, 1])
+    }
+
+    #[test]
+    fn the_stem_is_the_same_convolution_in_other_words() {
+        tch::manual_seed(5);
+        let float = (Kind::Float, Device::Cpu);
+        let x = Tensor::randn([2, 1, 16, 16], float);
+        let weight = Tensor::randn([BASE, 1, 7, 7], float).set_requires_grad(true);
+        let expected = x.conv2d(&weight, None::<Tensor>, [2; 2], [3; 2], [1; 2], 1);
+        let words = to_stem_weight(&weight.detach());
+        let y = stem_input(&x).conv2d(&words, None::<Tensor>, [1; 2], [0; 2], [1; 2], 1);
+        assert!(y.allclose(&expected, 1e-4, 1e-4, false));
+
+        let dy = expected.randn_like();
+        let expected = Tensor::run_backward(&[(&expected * &dy).sum(Kind::Float)], &[&weight], false, false);
+        let (dw, _) = convolution_backward(&dy, &stem_input(&x), &words, [1, 0], false).unwrap();
+        assert!(from_stem_weight(&dw).allclose(&expected[0], 1e-4, 1e-4, false));
+    }
+
+    #[test]
+    fn pixel_order_and_back_is_nothing() {
+        let weight = Tensor::arange(3 * COMPRESSED * 4, (Kind::Float, Device::Cpu)).view([3, COMPRESSED * 4]);
+        let there = to_pixel_order(&weight);
+        assert_eq!(there.double_value(&[0, 1]), 4.0);
+        assert_eq!(from_pixel_order(&there), weight);
+    }
+}

@@ -1,0 +1,64 @@
+//! The paper's encoder in its two ways: through autograd in float32 (`plain.rs`), which every device can run, and in
+//! bfloat16 with kernels of our own (`fused.rs`) on a CUDA device.
+
+mod fused;
+mod plain;
+
+use super::visual::{Backward, Entry, PATH, VisualEncoder};
+use crate::ffi::cuda::CudaError;
+use crate::network::parameters::Parameters;
+use fused::Fused;
+use plain::Resnet;
+use proto::config::Encoder;
+use tch::Tensor;
+
+/// Its line in the registry.
+pub(crate) const ENTRY: Entry = Entry {
+    encoder: Encoder::Resnet,
+    linear: "visual_encoder.fc.1",
+    features: plain::features,
+    declare: |layout, side| Box::new(ResnetEncoder { resnet: Resnet::new(layout, PATH, side), fused: None }),
+    allenact: &[
+        ("visual_encoder.backbone.", "visual_encoder.backbone."),
+        ("visual_encoder.compression.", "visual_encoder.compression."),
+        ("visual_encoder.fc.1.", "visual_encoder.head.1."),
+    ],
+};
+
+#[derive(Debug)]
+struct ResnetEncoder {
+    resnet: Resnet,
+    /// The kernels, once they are compiled.
+    fused: Option<Fused>,
+}
+
+impl VisualEncoder for ResnetEncoder {
+    fn forward(&self, parameters: &Parameters, frames: &Tensor) -> Tensor {
+        self.resnet.forward(parameters, frames)
+    }
+
+    fn has_kernels(&self) -> bool {
+        true
+    }
+
+    fn fuse(&mut self) -> Result<(), CudaError> {
+        self.fused = Some(Fused::new()?);
+        Ok(())
+    }
+
+    fn is_fused(&self) -> bool {
+        self.fused.is_some()
+    }
+
+    fn forward_fused<'a>(
+        &'a self,
+        parameters: &'a Parameters,
+        kept: &Tensor,
+        scale_offset: [f32; 2],
+    ) -> Option<(Tensor, Backward<'a>)> {
+        let fused = self.fused.as_ref()?;
+        let (visual, tape) = fused.forward(&self.resnet, parameters, kept, scale_offset);
+        let backward = move |gradient: &Tensor| fused.backward(&self.resnet, parameters, tape, gradient);
+        Some((visual, Box::new(backward)))
+    }
+}

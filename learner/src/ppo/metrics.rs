@@ -1,0 +1,87 @@
+//! The figures of an update: sums over minibatches and learners, then means over epochs.
+
+use crate::auxiliary::{Auxiliary, Tally};
+use crate::network::to_vec;
+use crate::peers::{PeerError, Peers};
+use proto::metric;
+use std::collections::BTreeMap;
+use tch::Tensor;
+
+/// Names of the scalars of a pass, in the order in which they are read back from the device.
+pub const SCALARS: [&str; 6] = [
+    metric::POLICY_LOSS,
+    metric::VALUE_LOSS,
+    metric::ENTROPY,
+    metric::AUXILIARY_LOSS,
+    metric::CLIP_FRACTION,
+    metric::APPROXIMATE_KL,
+];
+
+/// Figures of one epoch.
+#[derive(Debug, Default)]
+pub(crate) struct EpochMetrics {
+    /// Means over the batch, named by [`SCALARS`]: each pass adds its part.
+    pub scalars: [f64; SCALARS.len()],
+    /// Sums that the auxiliary task's figures are made of.
+    pub tally: Tally,
+}
+
+impl EpochMetrics {
+    /// Adds a pass's scalars, in the order of [`SCALARS`].
+    pub(crate) fn add_pass(&mut self, scalars: &[Tensor; SCALARS.len()]) {
+        for (sum, scalar) in self.scalars.iter_mut().zip(to_vec(&Tensor::stack(scalars, 0))) {
+            *sum += f64::from(scalar);
+        }
+    }
+
+    /// Sums them over all learners.
+    pub(crate) fn sum_over_learners(&mut self, auxiliary: &Auxiliary, peers: &Peers) -> Result<(), PeerError> {
+        let names = auxiliary.sums();
+        let mut numbers = self.scalars.to_vec();
+        numbers.extend(names.iter().map(|name| self.tally.sum(name)));
+        peers.sum(&mut numbers)?;
+        let (scalars, sums) = numbers.split_at(SCALARS.len());
+        self.scalars.copy_from_slice(scalars);
+        self.tally = Tally::default();
+        for (name, sum) in names.iter().zip(sums) {
+            self.tally.add(name, *sum);
+        }
+        Ok(())
+    }
+
+    /// Name of the first scalar that is not finite.
+    pub(crate) fn first_non_finite(&self) -> Option<&'static str> {
+        self.scalars.iter().zip(SCALARS).find(|(scalar, _)| !scalar.is_finite()).map(|(_, name)| name)
+    }
+}
+
+/// Figures of an update: sums over its epochs.
+#[derive(Debug, Default)]
+pub(crate) struct UpdateMetrics {
+    scalars: [f64; SCALARS.len()],
+    tally: Tally,
+    gradient_norms: f64,
+}
+
+impl UpdateMetrics {
+    /// Adds an epoch, with its gradient's norm before clipping.
+    pub(crate) fn add_epoch(&mut self, epoch: &EpochMetrics, gradient_norm: f64) {
+        for (sum, scalar) in self.scalars.iter_mut().zip(epoch.scalars) {
+            *sum += scalar;
+        }
+        self.tally.merge(&epoch.tally);
+        self.gradient_norms += gradient_norm;
+    }
+
+    /// Means over the epochs, by name; the auxiliary task's figures are over all queries of all epochs.
+    pub(crate) fn means(&self, epochs: u32, auxiliary: &Auxiliary) -> BTreeMap<String, f64> {
+        let epochs = f64::from(epochs);
+        let mut metrics = auxiliary.figures(&self.tally);
+        metrics.extend(SCALARS.iter().zip(self.scalars).map(|(name, sum)| ((*name).to_owned(), sum / epochs)));
+        if auxiliary.is_none() {
+            metrics.remove(metric::AUXILIARY_LOSS);
+        }
+        metrics.insert(metric::GRADIENT_NORM.to_owned(), self.gradient_norms / epochs);
+        metrics
+    }
+}

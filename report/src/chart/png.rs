@@ -1,0 +1,45 @@
+//! Pixels of an SVG figure.
+
+use super::text;
+use resvg::tiny_skia::{Pixmap, Transform};
+use resvg::usvg::{self, Options, Tree, fontdb::Database};
+use std::sync::{Arc, LazyLock};
+
+/// Pixels of the picture for one of the figure: sharp in print and on dense screens.
+const SCALE: f32 = 2.0;
+
+/// A figure that could not be drawn.
+#[derive(Debug, thiserror::Error)]
+pub enum PngError {
+    /// Not an SVG document.
+    #[error("a figure is no SVG document: {0}")]
+    Svg(#[from] usvg::Error),
+    /// Too large, or of no size.
+    #[error("a figure of {width} x {height} pixels cannot be drawn")]
+    Size {
+        /// Pixels.
+        width: u32,
+        /// Pixels.
+        height: u32,
+    },
+    /// The encoder failed.
+    #[error("a figure cannot be written as PNG: {0}")]
+    Png(String),
+}
+
+static FONTS: LazyLock<Arc<Database>> = LazyLock::new(|| {
+    let mut fonts = Database::new();
+    fonts.load_font_data(text::face().to_vec());
+    Arc::new(fonts)
+});
+
+/// The document as a PNG file.
+pub fn encode(svg: &str) -> Result<Vec<u8>, PngError> {
+    let options = Options { fontdb: Arc::clone(&FONTS), ..Options::default() };
+    let tree = Tree::from_str(svg, &options)?;
+    let size = tree.size();
+    let [width, height] = [size.width(), size.height()].map(|length| (length * SCALE).round() as u32);
+    let mut pixels = Pixmap::new(width, height).ok_or(PngError::Size { width, height })?;
+    resvg::render(&tree, Transform::from_scale(SCALE, SCALE), &mut pixels.as_mut());
+    pixels.encode_png().map_err(|error| PngError::Png(error.to_string()))
+}

@@ -1,0 +1,158 @@
+//! Our figures beside the paper's, row by row as its tables have them.
+
+use crate::entry::Entry;
+use crate::method::{TEST_NOVEL, TEST_SEEN, VALIDATION_NOVEL, row_presets, rows_beside};
+use crate::paper::{Published, ResultRow, paper};
+use crate::results::FieldResult;
+use crate::statistics::Aggregate;
+use crate::study::{Field, Group, differences_between};
+use serde::Serialize;
+
+/// One of the paper's tables with ours beside it.
+#[derive(Debug, Clone, Serialize)]
+pub struct Comparison {
+    /// `test-novel`, ...
+    pub name: String,
+    /// What it shows, for people.
+    pub title: String,
+    /// Where ours were evaluated: `test-novel`, ...
+    pub field: String,
+    /// Heads of the columns that say what a row is.
+    pub columns: Vec<&'static str>,
+    /// The paper's rows in its order, each with ours.
+    pub rows: Vec<Row>,
+}
+
+/// A row of the paper, with ours.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    /// One cell a column.
+    pub what: Vec<String>,
+    /// Preset that is this row.
+    pub preset: String,
+    /// The paper's figures.
+    pub paper: Published,
+    /// Our groups that are this row; empty where none was evaluated.
+    pub ours: Vec<Ours>,
+}
+
+/// What a group of ours came to.
+#[derive(Debug, Clone, Serialize)]
+pub struct Ours {
+    /// The group.
+    pub group: String,
+    /// Settings that are not those of the row's preset.
+    pub differences: Vec<String>,
+    /// Frames trained on when it was evaluated, fewest and most over seeds.
+    pub frames: (u64, u64),
+    /// Episodes a seed.
+    pub episodes: u64,
+    /// SR.
+    pub success: Aggregate,
+    /// `SRwoD`.
+    pub success_without_disturbance: Aggregate,
+    /// `SRwoD` by the largest displacement on an axis.
+    pub success_without_disturbance_per_axis: Aggregate,
+}
+
+/// The paper's tables with ours beside them, in its order.
+pub(crate) fn comparisons(entries: &[Entry<'_>]) -> Vec<Comparison> {
+    let results = |name: &str, title: &str, field: Field, rows: &[ResultRow]| Comparison {
+        name: name.to_owned(),
+        title: title.to_owned(),
+        field: field.key(),
+        columns: vec!["stage", "reward", "start", "frames", "auxiliary task"],
+        rows: rows
+            .iter()
+            .map(|row| {
+                let what = [&row.stage, &row.reward, &row.init, &row.frames, &row.aux].map(|cell| plain(cell)).to_vec();
+                row_of(what, row.preset(), row.published(), entries, field)
+            })
+            .collect(),
+    };
+    let yes = |set: bool| if set { "yes" } else { "no" }.to_owned();
+    vec![
+        results("test-novel", "Test kitchens, novel objects", TEST_NOVEL, &paper().test_novel),
+        results("test-seen", "Test kitchens, seen objects", TEST_SEEN, &paper().test_seen),
+        Comparison {
+            name: "ablation".into(),
+            title: "Ablation: validation kitchens, novel objects, A_small, stage I, 20M frames".into(),
+            field: VALIDATION_NOVEL.key(),
+            columns: vec!["encoder", "advantages", "previous action", "goal"],
+            rows: paper()
+                .ablation_valid_novel_20m
+                .iter()
+                .map(|row| {
+                    let advantages = if row.normalized_advantage { "normalised" } else { "plain" };
+                    let what =
+                        vec![row.encoder.clone(), advantages.to_owned(), yes(row.previous_action), row.goal.clone()];
+                    row_of(what, row.preset(), row.published(), entries, VALIDATION_NOVEL)
+                })
+                .collect(),
+        },
+        Comparison {
+            name: "action-space".into(),
+            title: "Action spaces: validation kitchens, novel objects".into(),
+            field: VALIDATION_NOVEL.key(),
+            columns: vec!["actions", "reward", "start", "auxiliary task"],
+            rows: paper()
+                .action_space_valid
+                .iter()
+                .map(|row| {
+                    let actions = format!("A_{}", row.action_space);
+                    let mut what = vec![actions];
+                    what.extend([&row.reward, &row.init, &row.aux].map(|cell| plain(cell)));
+                    row_of(what, row.preset(), row.published(), entries, VALIDATION_NOVEL)
+                })
+                .collect(),
+        },
+    ]
+}
+
+/// A cell of the paper's data as a reader has it.
+fn plain(cell: &str) -> String {
+    match cell {
+        "r'" => "r′".to_owned(),
+        "none_original" => "none (original)".to_owned(),
+        "cpca16" => "CPC|A-16".to_owned(),
+        "finetune" => "stage I".to_owned(),
+        other => other.replace('_', " ").replace("lambda0", "λ₀"),
+    }
+}
+
+fn row_of(what: Vec<String>, preset: String, paper: Published, entries: &[Entry<'_>], field: Field) -> Row {
+    let here = entries.iter().filter(|entry| rows_beside(entry.group).contains(preset.as_str()));
+    let ours = here.filter_map(|entry| Some(Ours::of(entry.group, &preset, entry.in_field(field)?))).collect();
+    Row { what, preset, paper, ours }
+}
+
+impl Ours {
+    /// Of a group beside the row of this preset.
+    fn of(group: &Group<'_>, preset: &str, result: &FieldResult) -> Self {
+        let frames = || result.seeds.iter().map(|seed| seed.frames);
+        Self {
+            group: group.label.clone(),
+            differences: differences_between(&row_presets()[preset], &group.runs[0].config),
+            frames: (frames().min().unwrap_or(0), frames().max().unwrap_or(0)),
+            episodes: result.seeds.first().map_or(0, |seed| seed.episodes),
+            success: result.success,
+            success_without_disturbance: result.success_without_disturbance,
+            success_without_disturbance_per_axis: result.success_without_disturbance_per_axis,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_evaluations_the_papers_rows_stand_alone() {
+        let tables = comparisons(&[]);
+        let lengths: Vec<usize> = tables.iter().map(|table| table.rows.len()).collect();
+        assert_eq!(lengths, [19, 19, 12, 8]);
+        for row in tables.iter().flat_map(|table| &table.rows) {
+            assert!(row.ours.is_empty());
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! What a matrix of scores comes to.
+
+use super::bootstrap::{Interval, intervals};
+use super::scores::{Scores, interquartile_mean};
+use serde::Serialize;
+
+/// A mean with what may be said about it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Estimate {
+    /// The figure itself.
+    pub point: f64,
+    /// Its 95% interval; none where there is one seed only.
+    pub interval: Option<Interval>,
+}
+
+/// Both aggregates of a score matrix.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Aggregate {
+    /// Number of seeds.
+    pub seeds: usize,
+    /// Mean over seeds and kitchens.
+    pub mean: Estimate,
+    /// Interquartile mean over all entries of the seeds × kitchens matrix, as rliable has it.
+    pub iqm: Estimate,
+    /// Interquartile mean over the seeds' own means, as the paper has it: of five seeds the middle three.
+    pub iqm_of_seeds: f64,
+}
+
+impl Aggregate {
+    /// Of these scores, with intervals over this many resamples.
+    pub fn of(scores: &Scores, resamples: u32) -> Self {
+        let found = (scores.seeds() > 1).then(|| intervals(scores, resamples));
+        let per_seed: Vec<f64> =
+            scores.values.chunks_exact(scores.kitchens).map(|row| row.iter().sum::<f64>() / row.len() as f64).collect();
+        Self {
+            seeds: scores.seeds(),
+            mean: Estimate { point: scores.mean(), interval: found.map(|[mean, _]| mean) },
+            iqm: Estimate { point: scores.interquartile_mean(), interval: found.map(|[_, iqm]| iqm) },
+            iqm_of_seeds: interquartile_mean(&per_seed),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::statistics::intervals_over;
+    use proptest::prelude::*;
+
+    #[test]
+    fn of_five_seeds_the_middle_three_count() {
+        let rows: Vec<Vec<f64>> = [9.0, 1.0, 2.0, 3.0, -5.0].map(|score| vec![score - 1.0, score + 1.0]).to_vec();
+        assert_eq!(Aggregate::of(&Scores::new(&rows).unwrap(), 10).iqm_of_seeds, 2.0);
+    }
+
+    #[test]
+    fn one_seed_has_no_interval() {
+        let aggregate = Aggregate::of(&Scores::new(&[vec![0.25, 0.75]]).unwrap(), 10);
+        assert_eq!(aggregate.mean, Estimate { point: 0.5, interval: None });
+        assert_eq!(aggregate.iqm.interval, None);
+    }
+
+    proptest! {
+        #[test]
+        fn aggregates_lie_inside_the_scores_and_intervals_too(
+            rows in (2usize..6, 1usize..6).prop_flat_map(|(seeds, kitchens)| {
+                prop::collection::vec(prop::collection::vec(0.0f64..1.0, kitchens), seeds)
+            })
+        ) {
+            let scores = Scores::new(&rows).unwrap();
+            let (low, high) = rows.concat().iter().fold((1.0f64, 0.0f64), |(low, high), &x| (low.min(x), high.max(x)));
+            let inside = |x: f64| x >= low - 1e-12 && x <= high + 1e-12;
+            prop_assert!(inside(scores.mean()) && inside(scores.interquartile_mean()));
+            let draws = (0..50).map(|i| (0..rows.concat().len()).map(|k| (i + k) % rows.len()).collect::<Vec<_>>());
+            for interval in intervals_over(&scores, draws) {
+                prop_assert!(interval.low <= interval.high && inside(interval.low) && inside(interval.high));
+            }
+        }
+    }
+}

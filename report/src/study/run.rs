@@ -1,0 +1,136 @@
+//! A run as it is read from its folder.
+
+use super::field::{Field, Source};
+use proto::config::Config;
+use proto::evaluation::{Distribution, EpisodeRecord, Evaluation};
+use serde::{Serialize, Serializer};
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// One run, or weights that were evaluated without one.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// Its folder, as the user named it.
+    pub name: String,
+    /// Who trained its weights, and how that run stands.
+    pub origin: Origin,
+    /// Its configuration.
+    pub config: Config,
+    /// What was trained, in order.
+    pub rollouts: Vec<Rollout>,
+    /// Its evaluations.
+    pub evaluations: Vec<Evaluated>,
+    /// Evaluations during training, in order of frames.
+    pub validation: Vec<Validated>,
+}
+
+/// Who trained the weights of a [`Run`]. Its words are those of the page and of `report.json`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Origin {
+    /// The run itself, with the word for how it stands: `complete`, `running`, `stopped`, ...
+    Run(String),
+    /// A run that is not in the study: only its configuration is known.
+    NotGiven,
+    /// Nobody: the weights are fresh.
+    Untrained,
+    /// A run that cannot be found.
+    Unknown,
+}
+
+impl Origin {
+    /// Whether a run has trained the weights; none where that is not known.
+    pub(crate) fn trained(&self) -> Option<bool> {
+        match self {
+            Self::Run(_) | Self::NotGiven => Some(true),
+            Self::Untrained => Some(false),
+            Self::Unknown => None,
+        }
+    }
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Run(state) => state,
+            Self::NotGiven => "its run was not given",
+            Self::Untrained => "untrained",
+            Self::Unknown => "its run cannot be found",
+        })
+    }
+}
+
+impl Serialize for Origin {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+/// One trained rollout.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rollout {
+    /// Frames trained on, this rollout included.
+    pub frames: u64,
+    /// Figures: see [`proto::metric`]; and [`FRAMES_PER_S`] and [`ELAPSED_S`].
+    pub metrics: BTreeMap<String, f64>,
+}
+
+/// Metric of a rollout: frames trained on a second, simulation, inference and update together.
+pub const FRAMES_PER_S: &str = "time/frames_per_second";
+/// Metric of a rollout: seconds trained until its end.
+pub const ELAPSED_S: &str = "time/elapsed_s";
+
+/// One evaluation.
+#[derive(Debug, Clone)]
+pub struct Evaluated {
+    /// Its folder, as far as it is not the run's.
+    pub name: String,
+    /// Its result file.
+    pub result: Evaluation,
+    /// Its table.
+    pub episodes: Vec<EpisodeRecord>,
+}
+
+/// One evaluation during training.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Validated {
+    /// Frames trained on.
+    pub frames: u64,
+    /// Fixed episodes, or drawn as the run draws its own.
+    pub distribution: Distribution,
+    /// SR.
+    pub success: f64,
+    /// `SRwoD`.
+    pub success_without_disturbance: f64,
+}
+
+impl Evaluated {
+    /// Its episodes in a field.
+    pub(crate) fn episodes_in(&self, field: Field) -> impl Iterator<Item = &EpisodeRecord> {
+        let conditions = &self.result.conditions;
+        let in_field = conditions.split == field.split && Source::of(conditions) == field.source;
+        self.episodes.iter().filter(move |record| in_field && field.objects.contains(record.category))
+    }
+}
+
+impl Run {
+    /// The evaluation that stands for this run in a field: of the newest checkpoint that was evaluated there, by frames;
+    /// of that with sampled actions before the most probable ones, then the one with the most episodes, then the newest.
+    pub(crate) fn evaluation_in(&self, field: Field) -> Option<&Evaluated> {
+        let rank = |evaluated: &&Evaluated| {
+            let sampled = !evaluated.result.conditions.deterministic;
+            let frames = evaluated.result.subject.frames;
+            (frames, sampled, evaluated.episodes_in(field).count(), evaluated.result.cost.at_unix_s)
+        };
+        self.evaluations_in(field).max_by_key(rank)
+    }
+
+    /// Evaluations in a field of older checkpoints than the one that counts.
+    pub(crate) fn older_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
+        let newest = self.evaluation_in(field).map_or(0, |evaluated| evaluated.result.subject.frames);
+        self.evaluations_in(field).filter(move |evaluated| evaluated.result.subject.frames < newest)
+    }
+
+    fn evaluations_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
+        self.evaluations.iter().filter(move |evaluated| evaluated.episodes_in(field).next().is_some())
+    }
+}

@@ -1,0 +1,393 @@
+//! Evaluations of real weights by real processes: the same table whatever happens on the way.
+
+use std::path::PathBuf;
+use std::process::Command;
+use std::time::{Duration, Instant};
+use system_tests::{DEADLINE, Printed, Workshop, complete, finish, kill_child, start};
+
+/// Episodes of each kitchen and object set: each category once.
+const EPISODES: &str = "6";
+
+/// `orchestrator eval` of the tiny configuration's fresh weights into the folder `out`.
+fn eval_fresh(workshop: &Workshop, out: &str, further: &[&str]) -> Command {
+    let mut command = workshop.orchestrator(&["eval", "--preset", "demo", "--config", "tiny.toml", "--seed", "5"]);
+    command.args(["--split", "test", "--objects", "all", "--episodes", EPISODES, "--environments", "3", "--out", out]);
+    command.args(further);
+    command
+}
+
+fn good(printed: &Printed) {
+    assert!(printed.success, "{printed:#?}");
+}
+
+fn table(workshop: &Workshop, out: &str) -> String {
+    let path: PathBuf = workshop.path(out).join("episodes.csv");
+    std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+fn result(workshop: &Workshop, out: &str) -> serde_json::Value {
+    let text = std::fs::read_to_string(workshop.path(out).join("evaluation.json")).expect("a result file");
+    serde_json::from_str(&text).expect("JSON")
+}
+
+#[test]
+fn the_same_table_twice_and_with_processes_killed() {
+    let workshop = Workshop::new();
+    good(&complete(eval_fresh(&workshop, "first", &[])));
+    let undisturbed = table(&workshop, "first");
+    assert_eq!(undisturbed.lines().count(), 1 + 5 * 12, "{undisturbed}");
+    let records = proto::evaluation::read_table(&undisturbed).unwrap();
+    assert!(records.iter().all(|record| (1..=24).contains(&record.length)));
+
+    good(&complete(eval_fresh(&workshop, "again", &[])));
+    assert_eq!(table(&workshop, "again"), undisturbed);
+
+    // Every actor dies once.
+    let mut command = eval_fresh(&workshop, "actors", &[]);
+    command.env("STILLROOM_FAULT", "actor.before_send:31");
+    let printed = complete(command);
+    good(&printed);
+    assert!(printed.stderr.contains("actor-00 (kitchen 2) died"), "{printed:#?}");
+    assert_eq!(table(&workshop, "actors"), undisturbed);
+
+    // The learner dies once, in the middle, and begins again.
+    let mut command = eval_fresh(&workshop, "learner", &[]);
+    command.env("STILLROOM_FAULT", "learner.mid_evaluation:40");
+    let printed = complete(command);
+    good(&printed);
+    assert!(printed.stderr.contains("it begins again"), "{printed:#?}");
+    assert_eq!(table(&workshop, "learner"), undisturbed);
+    for out in ["first", "actors", "learner"] {
+        workshop.run(out).assert_nothing_left();
+    }
+
+    // Another seed is another table; the most probable action does not depend on the seed's noise.
+    good(&complete(eval_fresh(&workshop, "argmax", &["--deterministic"])));
+    assert_ne!(table(&workshop, "argmax"), undisturbed);
+}
+
+#[test]
+fn figures_are_those_of_the_table() {
+    let workshop = Workshop::new();
+    let printed = complete(eval_fresh(&workshop, "out", &["--record", "all"]));
+    good(&printed);
+    let records = proto::evaluation::read_table(&table(&workshop, "out")).unwrap();
+    let result = result(&workshop, "out");
+    let steps: u64 = records.iter().map(|record| u64::from(record.length)).sum();
+    assert_eq!(result["cost"]["steps"].as_u64(), Some(steps));
+    assert_eq!(result["overall"]["episodes"].as_u64(), Some(60));
+    assert_eq!(result["kitchens"].as_array().map(Vec::len), Some(5));
+    assert_eq!(result["categories"].as_array().map(Vec::len), Some(12));
+    assert_eq!(result["subject"]["checkpoint"], serde_json::Value::Null);
+    let by_step = result["action_counts"]["by_step"].as_array().unwrap();
+    let taken: u64 = by_step.iter().flat_map(|row| row.as_array().unwrap()).map(|count| count.as_u64().unwrap()).sum();
+    assert_eq!((by_step.len(), taken), (24, steps));
+    let disturbed = records.iter().map(|record| f64::from(record.disturbed_objects)).sum::<f64>() / 60.0;
+    assert!((result["overall"]["disturbed_objects"].as_f64().unwrap() - disturbed).abs() < 1e-12);
+    // The demo's policy has the disturbance head: every step but each episode's last is judged.
+    let prediction = &result["overall"]["disturb_prediction"];
+    let judged: u64 =
+        ["hits", "misses", "false_alarms", "quiet"].iter().map(|name| prediction[*name].as_u64().unwrap()).sum();
+    assert_eq!(judged, steps - 60);
+    assert!(printed.stdout.contains("SRwoD"), "{printed:#?}");
+
+    // What was recorded is what was played: simulated again, every state is the same.
+    let recorded = workshop.run("out").recorded();
+    assert_eq!((recorded["/step"], recorded["/episode/end"]), (steps, 60));
+    let replay = complete(workshop.orchestrator(&["replay", "out"]));
+    good(&replay);
+    assert!(replay.stdout.contains("differences: 0"), "{replay:#?}");
+
+    // An episode is called for, and its film called, by its line in the table.
+    let record = &records[3];
+    let (kitchen, episode) = (record.kitchen.to_string(), record.episode.to_string());
+    let film = |episode: &str| {
+        let chosen = ["--kitchen", &kitchen, "--episode", episode];
+        let drawn = ["--images", "films", "--format", "apng", "--side", "64"];
+        complete(workshop.orchestrator(&[&["replay", "out"][..], &chosen, &drawn].concat()))
+    };
+    let filmed = film(&episode);
+    good(&filmed);
+    assert!(filmed.stdout.contains(&format!("episodes: 1\nstates compared: {}", record.length + 1)), "{filmed:#?}");
+    let films: Vec<_> =
+        std::fs::read_dir(workshop.path("films")).unwrap().map(|file| file.unwrap().file_name()).collect();
+    let outcome = match (record.end, record.success) {
+        (proto::evaluation::EpisodeEnd::TimeLimit, _) => "time-limit",
+        (proto::evaluation::EpisodeEnd::Done, false) => "failure",
+        (proto::evaluation::EpisodeEnd::Done, true) if record.disturbance_m < 0.01 => "success-without-disturbance",
+        (proto::evaluation::EpisodeEnd::Done, true) => "success",
+    };
+    let category = record.category.name();
+    let name = format!("kitchen-{:02}-episode-{:03}-{category}-{outcome}.png", record.kitchen.number(), record.episode);
+    assert_eq!(films, [std::ffi::OsString::from(name)]);
+    let last = records.iter().map(|record| record.episode).max().unwrap();
+    let refused = film(&format!("{episode},{}", last + 1));
+    assert!(!refused.success && refused.stderr.contains(&format!("the last is {last}")), "{refused:#?}");
+}
+
+/// `orchestrator eval --json` with these arguments: the result as it is printed, and all that was printed.
+fn printed_result(workshop: &Workshop, arguments: &[&str]) -> (serde_json::Value, Printed) {
+    let mut command = workshop.orchestrator(&["eval", "--json", "--seed", "5", "--episodes", "1"]);
+    command.args(arguments);
+    let printed = complete(command);
+    good(&printed);
+    (serde_json::from_str(&printed.stdout).expect("JSON and nothing else"), printed)
+}
+
+#[test]
+fn which_episodes_are_played_follows_from_the_run_and_is_said() {
+    let workshop = Workshop::new();
+    let fresh = ["--preset", "demo", "--config", "tiny.toml"];
+    let of = |further: &[&str]| printed_result(&workshop, &[&fresh[..], further].concat());
+    // The tiny configuration begins within a metre of its targets.
+    let (near, printed) = of(&["--out", "near"]);
+    let conditions = &near["conditions"];
+    assert_eq!((&conditions["distribution"], &conditions["split"]), (&"run".into(), &"test".into()));
+    assert_eq!((&conditions["start_distance_max_m"], &conditions["goal_distance_max_m"]), (&1.0.into(), &1.0.into()));
+    assert!(printed.stderr.contains("drawn episodes near their targets"), "{printed:#?}");
+    assert!(table(&workshop, "near").lines().skip(1).all(|line| line.ends_with(",run")));
+    assert!(near["overall"]["success_without_disturbance_per_axis"].is_number());
+
+    let (fixed, printed) = of(&["--out", "fixed", "--distribution", "fixed"]);
+    assert_eq!(fixed["conditions"]["distribution"], "fixed");
+    assert!(printed.stderr.contains("fixed episodes at full distance, in the 5 test kitchens"), "{printed:#?}");
+    // Where the run has no limits, the fixed ones need not be asked for, and the table is the same.
+    let full = system_tests::TINY.replace("distance_max_m = 1.0", "distance_max_m = 0.0");
+    std::fs::write(workshop.path("full.toml"), full).unwrap();
+    let (full, _) = printed_result(&workshop, &["--preset", "demo", "--config", "full.toml", "--out", "full"]);
+    assert_eq!(full["conditions"]["distribution"], "fixed");
+    assert_eq!(table(&workshop, "full"), table(&workshop, "fixed"));
+    assert!(!table(&workshop, "full").contains("distribution"));
+}
+
+#[test]
+fn training_kitchens_have_drawn_episodes_that_survive_kills() {
+    let workshop = Workshop::new();
+    let train = |out: &str, fault: Option<&str>| {
+        let mut command = workshop.orchestrator(&["eval", "--preset", "demo", "--config", "tiny.toml", "--seed", "5"]);
+        command.args(["--split", "train", "--objects", "all", "--episodes", "1", "--out", out]);
+        if let Some(fault) = fault {
+            command.env("STILLROOM_FAULT", fault);
+        }
+        let printed = complete(command);
+        good(&printed);
+        printed
+    };
+    train("first", None);
+    let undisturbed = table(&workshop, "first");
+    assert_eq!(undisturbed.lines().count(), 1 + 19 * 2, "{undisturbed}");
+    let result = result(&workshop, "first");
+    assert_eq!(
+        (&result["conditions"]["split"], &result["conditions"]["distribution"]),
+        (&"train".into(), &"run".into())
+    );
+    assert_eq!(result["kitchens"].as_array().map(Vec::len), Some(19));
+    let printed = train("killed", Some("learner.mid_evaluation:12"));
+    assert!(printed.stderr.contains("it begins again"), "{printed:#?}");
+    assert_eq!(table(&workshop, "killed"), undisturbed);
+    let printed = train("actors", Some("actor.before_send:9"));
+    assert!(printed.stderr.contains("(kitchen 1) died"), "{printed:#?}");
+    assert_eq!(table(&workshop, "actors"), undisturbed);
+}
+
+#[test]
+fn a_run_in_scenes_of_its_own_is_evaluated_there() {
+    let workshop = Workshop::new();
+    let scene = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/studio/scene.toml");
+    let text = format!("scenes = [{:?}]\n{}", scene.to_str().unwrap(), system_tests::TINY);
+    std::fs::write(workshop.path("tiny.toml"), text).unwrap();
+    complete(workshop.up("run", 1, 2, 40)).result();
+    let eval = |further: &[&str]| printed_result(&workshop, &[&["run"], further].concat());
+    let (result, printed) = eval(&["--out", "there", "--record", "all"]);
+    assert!(printed.stderr.contains("in 1 scene of the run's own (--split goes elsewhere)"), "{printed:#?}");
+    let conditions = &result["conditions"];
+    assert_eq!((&conditions["scenes"][0], &conditions["objects"]), (&"scenes/000/scene.toml".into(), &"all".into()));
+    assert_eq!((&result["kitchens"][0]["kitchen"], &result["overall"]["episodes"]), (&128.into(), &1.into()));
+    // Of its own copies: simulated again, every state is the same.
+    let replay = complete(workshop.orchestrator(&["replay", "there"]));
+    good(&replay);
+    assert!(replay.stdout.contains("differences: 0"), "{replay:#?}");
+
+    let report = complete(workshop.orchestrator(&["report", "run", "there", "--out", "report"]));
+    good(&report);
+    assert!(report.stderr.contains("Figures of drawn episodes near their targets"), "{report:#?}");
+    let numbers = std::fs::read_to_string(workshop.path("report/report.json")).unwrap();
+    let numbers: serde_json::Value = serde_json::from_str(&numbers).unwrap();
+    assert_eq!(numbers["groups"][0]["results"][0]["field"], "scenes-seen");
+
+    let (elsewhere, _) = eval(&["--out", "elsewhere", "--split", "test"]);
+    assert_eq!(elsewhere["kitchens"].as_array().map(Vec::len), Some(5));
+    assert!(!workshop.path("elsewhere/scenes").exists());
+    let none = complete(workshop.orchestrator(&["eval", "run", "--objects", "novel"]));
+    assert!(!none.success && none.stderr.contains("no targets that are novel (they have: Apple"), "{none:#?}");
+}
+
+#[test]
+fn a_runs_newest_checkpoint_is_evaluated() {
+    let workshop = Workshop::new();
+    let (weights, frames) = complete(workshop.up("run", 1, 2, 300)).result();
+    let printed = complete(workshop.orchestrator(&["eval", "run", "--split", "valid", "--episodes", "1"]));
+    good(&printed);
+    let folder = printed.stdout.lines().last().and_then(|line| line.strip_prefix("result: ")).expect("the last line");
+    let text = std::fs::read_to_string(folder).expect("a result file");
+    let result: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(result["subject"]["weights"].as_str(), Some(weights.as_str()));
+    assert_eq!(result["subject"]["frames"].as_u64(), Some(frames));
+    assert_eq!(result["conditions"]["split"], "validation");
+    assert_eq!(result["overall"]["episodes"].as_u64(), Some(5));
+}
+
+/// The tiny configuration with validation after each 300 frames, an episode in each kitchen.
+fn write_validating(workshop: &Workshop) {
+    let text = format!("{}\n[validation]\nevery_frames = 300\nepisodes = 1\n", system_tests::TINY);
+    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable temporary folder");
+}
+
+/// The lines of a run's validation.jsonl.
+fn validated(workshop: &Workshop, run: &str) -> Vec<serde_json::Value> {
+    let text = std::fs::read_to_string(workshop.path(run).join("validation.jsonl")).unwrap_or_default();
+    text.lines().map(|line| serde_json::from_str(line).expect("whole lines")).collect()
+}
+
+/// The best of these lines, and that `RUN/best` is a checkpoint of those weights.
+fn assert_best(workshop: &Workshop, run: &str, lines: &[serde_json::Value]) {
+    let key = |line: &serde_json::Value| {
+        (line["success_without_disturbance"].as_f64(), line["success"].as_f64(), line["frames"].as_u64())
+    };
+    let better = |a, b| if key(a) > key(b) { a } else { b };
+    let best = lines.iter().reduce(better).expect("at least one line");
+    let rollout = best["rollout"].as_u64().expect("a number");
+    let manifest = workshop.path(run).join(format!("best/rollout-{rollout:08}.json"));
+    let text = std::fs::read_to_string(&manifest).unwrap_or_else(|error| panic!("{}: {error}", manifest.display()));
+    let manifest: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(manifest["weights"], best["weights"]);
+}
+
+#[test]
+fn validation_keeps_the_best_and_changes_nothing() {
+    let workshop = Workshop::new();
+    let plain = complete(workshop.up("plain", 2, 3, 1500)).result();
+    assert!(!workshop.path("plain/validation").exists());
+    write_validating(&workshop);
+    let printed = complete(workshop.up("run", 2, 3, 1500));
+    assert_eq!(printed.result(), plain);
+    let lines = validated(&workshop, "run");
+    assert_eq!(lines.last().expect("the last checkpoint is always evaluated")["frames"].as_u64(), Some(1500));
+    assert_best(&workshop, "run", &lines);
+    let run = workshop.run("run");
+    assert_eq!(run.recorded()["/evaluation"], lines.len() as u64);
+    run.assert_nothing_left();
+    good(&complete(workshop.orchestrator(&["eval", "run/best", "--episodes", "1", "--out", "of-best"])));
+    assert_eq!(result(&workshop, "of-best")["subject"]["frames"], lines.last().unwrap()["frames"]);
+}
+
+#[test]
+fn validation_survives_a_killed_orchestrator() {
+    let workshop = Workshop::new();
+    write_validating(&workshop);
+    let mut child = start(workshop.up("run", 2, 3, 3000));
+    let run = workshop.run("run");
+    let begun = Instant::now();
+    while run.processes("--beside").is_empty() {
+        assert!(begun.elapsed() < DEADLINE && child.try_wait().unwrap().is_none(), "a validation begins");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    kill_child(child);
+    let begun = Instant::now();
+    while !run.processes("--beside").is_empty() {
+        assert!(begun.elapsed() < Duration::from_secs(30), "a validation ends with its run");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let (_, frames) = complete(workshop.resume("run")).result();
+    let lines = validated(&workshop, "run");
+    assert_eq!(lines.last().unwrap()["frames"].as_u64(), Some(frames));
+    assert_best(&workshop, "run", &lines);
+    run.assert_nothing_left();
+}
+
+#[test]
+fn a_stop_while_the_last_validation_is_waited_for_leaves_it_to_resume() {
+    let workshop = Workshop::new();
+    write_validating(&workshop);
+    let mut child = start(workshop.up("run", 2, 3, 300));
+    let run = workshop.run("run");
+    let begun = Instant::now();
+    // Trained, the learner gone, and nothing left to wait for but the validation.
+    while run.processes("--beside").is_empty() || !run.processes("--rank").is_empty() {
+        assert!(begun.elapsed() < DEADLINE && child.try_wait().unwrap().is_none(), "the last validation is waited for");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let stopped = complete(workshop.orchestrator(&["stop", "run"]));
+    assert!(stopped.stdout.contains(" stopped"), "{stopped:#?}");
+    let printed = finish(child);
+    let (_, frames) = printed.result();
+    assert_eq!(frames, 300);
+    assert!(printed.stderr.contains("orchestrator resume run\n"), "{printed:#?}");
+    assert!(!workshop.path("run/summary.json").exists() && validated(&workshop, "run").is_empty());
+    assert_eq!(complete(workshop.resume("run")).result(), printed.result());
+    let lines = validated(&workshop, "run");
+    assert_eq!(lines.iter().map(|line| line["frames"].as_u64()).collect::<Vec<_>>(), [Some(300)]);
+    assert!(workshop.path("run/summary.json").exists());
+    run.assert_nothing_left();
+}
+
+#[test]
+fn an_evaluation_is_not_gone_on_with() {
+    let workshop = Workshop::new();
+    let mut command = eval_fresh(&workshop, "out", &[]);
+    command.env("STILLROOM_FAULT", "orchestrator.after_wire");
+    assert!(complete(command).killed);
+    let status = complete(workshop.orchestrator(&["status", "out"]));
+    good(&status);
+    assert!(status.stdout.contains("cut off") && !status.stdout.contains("go on with"), "{status:#?}");
+    let resumed = complete(workshop.resume("out"));
+    assert!(!resumed.success && resumed.stderr.contains("`orchestrator eval`"), "{resumed:#?}");
+    assert!(!workshop.path("out/checkpoints").exists());
+    let again = complete(eval_fresh(&workshop, "out", &[]));
+    assert!(!again.success && again.stderr.contains("it holds an evaluation"), "{again:#?}");
+}
+
+#[test]
+fn a_run_begins_with_anothers_weights() {
+    let workshop = Workshop::new();
+    let (weights, _) = complete(workshop.up("one", 1, 2, 300)).result();
+    // The first checkpoint is not pruned.
+    let keeping = system_tests::TINY.replace("[checkpoint]", "[checkpoint]\nkeep = 100");
+    std::fs::write(workshop.path("tiny.toml"), keeping).unwrap();
+    let mut second = workshop.up("two", 1, 2, 20);
+    second.args(["--from", "one"]);
+    complete(second).result();
+    let two = workshop.path("two");
+    // Before its first rollout it has the other's weights, no optimiser's moments and no frames.
+    let text = std::fs::read_to_string(two.join("checkpoints/rollout-00000000.json")).unwrap();
+    let manifest: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(manifest["weights"].as_str(), Some(weights.as_str()));
+    assert_eq!((manifest["frames"].as_u64(), manifest["adam_steps"].as_u64()), (Some(0), Some(0)));
+    let config: toml::Table = std::fs::read_to_string(two.join("config.toml")).unwrap().parse().unwrap();
+    assert_eq!(config["from"]["weights"].as_str(), Some(weights.as_str()));
+    assert_eq!(config["from"]["frames"].as_integer(), Some(300));
+
+    let mut other = workshop.up("three", 1, 2, 20);
+    std::fs::write(workshop.path("tiny.toml"), system_tests::TINY.replace("hidden = 32", "hidden = 48")).unwrap();
+    other.args(["--from", "one"]);
+    let printed = complete(other);
+    assert!(!printed.success && printed.stderr.contains("network.hidden is 48, there 32"), "{printed:#?}");
+    assert!(!workshop.path("three").exists(), "nothing is left of a run that never began");
+}
+
+#[test]
+fn what_cannot_be_evaluated_is_said() {
+    let workshop = Workshop::new();
+    let refused = |arguments: &[&str], expected: &str| {
+        let printed = complete(workshop.orchestrator(arguments));
+        assert!(!printed.success && printed.stderr.contains(expected), "expected `{expected}` in {printed:#?}");
+        assert!(!printed.stderr.contains("panicked"), "{printed:#?}");
+    };
+    refused(&["eval", "nowhere"], "nowhere does not exist");
+    refused(&["eval"], "RUN|CHECKPOINT");
+    refused(&["eval", "--preset", "demo", "--split", "train", "--distribution", "fixed"], "have no fixed episodes");
+    refused(&["eval", "--preset", "demo", "--split", "training"], "training");
+    refused(&["eval", "--preset", "demo", "--actors", "4"], "actors");
+    std::fs::create_dir_all(workshop.path("run/checkpoints")).unwrap();
+    refused(&["eval", "run"], "there is no checkpoint in");
+}

@@ -1,0 +1,10 @@
+//! Whole-system tests, as one program: their modules share what each would have to link.
+
+mod bad_input;
+mod budget;
+mod evaluation;
+mod learners;
+mod orchestrator_faults;
+mod same_weights;
+mod suite;
+mod whole_run;

@@ -1,0 +1,59 @@
+//! The orchestrator is killed at every named point of its protocol; `resume` ends in the weights of a run that was
+//! left alone.
+
+use system_tests::{TINY, Workshop, complete, kill_child, start};
+
+const ACTORS: u32 = 1;
+const ENVIRONMENTS: u32 = 3;
+const FRAMES: u64 = 400;
+
+/// Kills the orchestrator the `count`-th time it comes to each point, then resumes.
+fn killed_at(points: &[(&str, u32)]) {
+    let workshop = Workshop::new();
+    let undisturbed = complete(workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result();
+    for (number, (point, count)) in points.iter().enumerate() {
+        let name = format!("run-{number}");
+        let mut command = workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES);
+        command.env("STILLROOM_FAULT", format!("orchestrator.{point}:{count}"));
+        let killed = complete(command);
+        assert!(killed.killed, "the point {point} is never reached: {killed:#?}");
+        let resumed = complete(workshop.resume(&name)).result();
+        assert_eq!(resumed, undisturbed, "killed at {point}");
+        workshop.run(&name).assert_nothing_left();
+    }
+}
+
+#[test]
+fn a_learner_whose_orchestrator_is_killed_saves_what_it_has_trained() {
+    let workshop = Workshop::new();
+    // The tests' configuration saves after every rollout.
+    let seldom = TINY.replace("interval_s = 0.0", "interval_s = 300.0");
+    assert_ne!(seldom, TINY);
+    std::fs::write(workshop.path("tiny.toml"), seldom).expect("a writable temporary folder");
+    let child = start(workshop.up("killed", ACTORS, ENVIRONMENTS, 10 * FRAMES));
+    let run = workshop.run("killed");
+    run.wait_for_rollouts(3);
+    kill_child(child);
+    run.wait_for_end();
+    assert!(run.trained() < 10 * FRAMES, "the run was killed in its middle");
+    let checkpoints = std::fs::read_dir(run.folder.checkpoints()).expect("checkpoints");
+    let newest = checkpoints.map(|entry| entry.expect("an entry").file_name()).max().expect("a checkpoint");
+    assert!(*newest.to_string_lossy() > *"rollout-00000002", "the last is {newest:?}");
+    complete(workshop.resume("killed")).result();
+    run.assert_nothing_left();
+}
+
+#[test]
+fn killed_while_it_starts() {
+    killed_at(&[("after_lock", 1), ("after_wire", 1), ("before_spawn", 1), ("after_spawn", 1)]);
+}
+
+#[test]
+fn killed_while_it_announces() {
+    killed_at(&[("before_announce", 2), ("after_announce", 5), ("stage_switch", 2)]);
+}
+
+#[test]
+fn killed_while_it_ends() {
+    killed_at(&[("before_recorder_finish", 1), ("before_summary", 1)]);
+}

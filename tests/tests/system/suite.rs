@@ -1,0 +1,246 @@
+//! A suite of real runs: killed and called again, with a run that fails, with a file that is wrong.
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+use system_tests::{DEADLINE, Printed, Run, TINY, Workshop, binary, complete, finish, kill_child, signal, start};
+
+/// Two seeds of the tiny configuration and one run more, each evaluated on 30 episodes.
+fn suite(workshop: &Workshop, frames: u64, more: &str) {
+    let text = format!(
+        "seeds = [5, 6]\nframes = {frames}\n\
+         [[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\nepisodes = 6\n\
+         [[runs]]\npreset = \"demo\"\nname = \"tiny\"\n{more}\n[config.actors]\ncount = 1\nenvironments_per_actor = 2\n{}",
+        TINY.replace("\n[", "\n[config.")
+    );
+    std::fs::write(workshop.path("suite.toml"), text).expect("a writable temporary folder");
+}
+
+fn state(workshop: &Workshop) -> Value {
+    let text = std::fs::read_to_string(workshop.path("all/suite.json")).expect("a state file");
+    serde_json::from_str(&text).expect("the state file is whole at any time")
+}
+
+fn call(workshop: &Workshop) -> std::process::Command {
+    // Absolute, so that processes can be told by their command lines.
+    workshop.orchestrator(&["suite", "suite.toml", "--out", &workshop.path("all").display().to_string()])
+}
+
+/// Digest of the weights that a complete run ended with.
+fn weights(run: &Path) -> String {
+    let text = std::fs::read_to_string(run.join("summary.json")).expect("a complete run");
+    let summary: Value = serde_json::from_str(&text).expect("JSON");
+    summary["weights"].as_str().expect("a digest").to_owned()
+}
+
+fn refused(printed: &Printed, word: &str) {
+    assert!(!printed.success && printed.stderr.contains(word), "{printed:#?}");
+}
+
+fn killed_at(mut command: std::process::Command, point: &str) {
+    command.env("STILLROOM_FAULT", point);
+    let printed = complete(command);
+    assert!(printed.killed, "the point {point} is never reached: {printed:#?}");
+}
+
+fn run(workshop: &Workshop, name: &str) -> Run {
+    workshop.run(&format!("all/runs/{name}"))
+}
+
+fn wait_until(what: &str, mut test: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !test() {
+        assert!(begun.elapsed() < DEADLINE, "{what}: not within {DEADLINE:?}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
+    let workshop = Workshop::new();
+    suite(&workshop, 900, "[[runs]]\npreset = \"demo\"\nname = \"after\"\nfrom = \"tiny\"\nseeds = [5]");
+    // Killed before its folder can be known for a suite's, just before it starts its first process, and just after.
+    for point in ["suite.before_file", "suite.before_process", "suite.after_process"] {
+        killed_at(call(&workshop), point);
+    }
+    // Killed while the first run trains: its processes save and leave by themselves.
+    let child = start(call(&workshop));
+    let first = run(&workshop, "tiny-5");
+    first.wait_for_rollouts(4);
+    refused(&complete(call(&workshop)), "already in use");
+    kill_child(child);
+    assert_eq!(state(&workshop)["runs"]["tiny-5"]["status"], "training");
+    first.assert_nothing_left();
+    assert!(!first.folder.summary().exists(), "the run was killed in its middle");
+
+    // Killed while it evaluates.
+    let child = start(call(&workshop));
+    let evaluation = first.folder.root().join("evaluations/suite-test-novel-6");
+    wait_until("the evaluation begins", || evaluation.join("run.toml").exists());
+    kill_child(child);
+    assert!(!evaluation.join("evaluation.json").exists(), "the evaluation was killed in its middle");
+
+    // Stopped in an orderly way while the second trains: before the first is evaluated, if the processes of the killed
+    // evaluation still leave, which holds up nobody; after it otherwise.
+    let child = start(call(&workshop));
+    let second = run(&workshop, "tiny-6");
+    second.wait_for_rollouts(4);
+    signal(child.id(), rustix::process::Signal::INT);
+    let printed = finish(child);
+    assert!(printed.success && printed.stderr.contains("orchestrator suite suite.toml --out "), "{printed:#?}");
+    assert!(!second.folder.summary().exists(), "the second run was stopped in its middle");
+    second.assert_nothing_left();
+
+    // Killed when all is done but the last file of the report.
+    killed_at(call(&workshop), "report.before_page");
+    assert!(!workshop.path("all/report/report.html").exists());
+    let printed = complete(call(&workshop));
+    assert!(printed.success, "{printed:#?}");
+    let done = state(&workshop);
+    for name in ["tiny-5", "tiny-6", "after-5"] {
+        assert_eq!(done["runs"][name]["status"], "done", "{done:#}");
+    }
+    assert!(evaluation.join("evaluation.json").exists());
+    // No kill changed a bit.
+    let undisturbed = complete(workshop.up("undisturbed", 1, 2, 900)).result().0;
+    assert_eq!(weights(first.folder.root()), undisturbed);
+    let after = std::fs::read_to_string(run(&workshop, "after-5").folder.config()).expect("a configuration");
+    assert!(after.contains("[from]") && after.contains(&undisturbed), "{after}");
+
+    let page = std::fs::read_to_string(workshop.path("all/report/report.html")).expect("a page");
+    assert!(page.contains("test, novel objects") && !page.contains("None of these runs has been evaluated yet"));
+    // Done is done: nothing is started again.
+    let tries = |state: &Value| state["runs"]["tiny-5"]["tries"].clone();
+    assert!(complete(call(&workshop)).success);
+    assert_eq!(tries(&state(&workshop)), tries(&done));
+}
+
+#[test]
+fn a_run_that_fails_is_said_and_tried_again_and_holds_up_nobody() {
+    let workshop = Workshop::new();
+    // No test machine has this; where one does, the run is like any other and the test says so.
+    let gpu = "[[runs]]\npreset = \"demo\"\nname = \"gpu\"\nseeds = [5]\nconfig.learner.device = \"cuda\"";
+    let after = "[[runs]]\npreset = \"demo\"\nname = \"after\"\nseeds = [5]\nfrom = \"gpu\"";
+    suite(&workshop, 300, &format!("{gpu}\n{after}"));
+    let printed = complete(call(&workshop));
+    if state(&workshop)["runs"]["gpu-5"]["status"] == "done" {
+        eprintln!("skipped: this machine has a CUDA device");
+        return;
+    }
+    refused(&printed, "gpu-5 failed: learner.device = \"cuda\"");
+    let after = state(&workshop);
+    assert_eq!(after["runs"]["gpu-5"]["status"], "failed");
+    let reason = after["runs"]["after-5"]["reason"].as_str().expect("a reason");
+    assert!(reason.contains("gpu-5 is not trained"), "{reason}");
+    assert!(!workshop.path("all/runs/after-5").exists());
+    assert_eq!(
+        (&after["runs"]["tiny-5"]["status"], &after["runs"]["tiny-6"]["status"]),
+        (&"done".into(), &"done".into())
+    );
+    assert!(workshop.path("all/report/report.json").exists(), "what there is is reported");
+    refused(&complete(call(&workshop)), "gpu-5 failed");
+    assert_eq!(state(&workshop)["runs"]["gpu-5"]["tries"], 2);
+}
+
+#[test]
+fn a_second_interrupt_is_told_from_an_orderly_stop() {
+    let workshop = Workshop::new();
+    suite(&workshop, 3000, "");
+    let mut child = start(call(&workshop));
+    let first = run(&workshop, "tiny-5");
+    first.wait_for_rollouts(2);
+    // Two signals at once would be one: somebody presses the keys until it is over.
+    let mut status = None;
+    wait_until("the suite ends", || {
+        signal(child.id(), rustix::process::Signal::INT);
+        status = child.try_wait().expect("a status");
+        status.is_some()
+    });
+    let code = status.and_then(|status| status.code());
+    assert_eq!(code, Some(130), "{:#?}", finish(child));
+    first.assert_nothing_left();
+}
+
+#[test]
+fn the_program_may_be_compiled_anew_while_a_suite_works() {
+    let workshop = Workshop::new();
+    suite(&workshop, 300, "");
+    let built = binary("orchestrator");
+    let copy = workshop.path("orchestrator");
+    std::fs::copy(&built, &copy).expect("room for a copy");
+    let mut command = std::process::Command::new(&copy);
+    let usual = call(&workshop);
+    command.args(usual.get_args()).current_dir(workshop.path("")).env_remove("STILLROOM_FAULT");
+    // The other two programs are found where they were built.
+    let others = built.parent().expect("a program lies in a folder").display();
+    command.env("PATH", format!("{others}:{}", std::env::var("PATH").unwrap_or_default()));
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let child = start(command);
+    run(&workshop, "tiny-5").wait_for_rollouts(1);
+    std::fs::remove_file(&copy).expect("a running program's file can be removed");
+    let printed = finish(child);
+    assert!(printed.success, "{printed:#?}");
+    assert_eq!(state(&workshop)["runs"]["tiny-6"]["status"], "done");
+}
+
+#[test]
+fn a_wrong_file_starts_nothing() {
+    let workshop = Workshop::new();
+    for (more, word) in [
+        ("[[runs]]\npreset = \"demmo\"", "did you mean `demo`?"),
+        ("[[runs]]\npreset = \"demo\"\nname = \"tiny\"", "two runs are called tiny-5"),
+        ("[[runs]]\npreset = \"demo\"\nname = \"wrong\"\nconfig.ppo.lerning_rate = 1.0", "lerning_rate"),
+    ] {
+        suite(&workshop, 300, more);
+        refused(&complete(call(&workshop)), word);
+        assert!(!workshop.path("all").exists());
+    }
+    refused(&complete(workshop.orchestrator(&["suite", "nowhere.toml"])), "nowhere.toml");
+}
+
+#[test]
+fn a_report_of_two_seeds_has_numbers_figures_and_says_what_is_missing() {
+    let workshop = Workshop::new();
+    for seed in [5, 6] {
+        complete(workshop.up_seeded(&format!("seed-{seed}"), 1, 2, 300, seed)).result();
+    }
+    let printed = complete(workshop.orchestrator(&["report", "seed-5", "seed-6", "--out", "both"]));
+    assert!(printed.success && printed.stdout.contains("2 runs in 1 group; groups evaluated: 0"), "{printed:#?}");
+    let page = std::fs::read_to_string(workshop.path("both/report.html")).expect("a page");
+    assert!(page.contains("None of these runs has been evaluated yet"));
+    let numbers = std::fs::read_to_string(workshop.path("both/report.json")).expect("numbers");
+    let numbers: Value = serde_json::from_str(&numbers).expect("JSON");
+    let training = numbers["groups"][0]["training"].as_array().expect("curves");
+    assert!(training.iter().any(|curve| curve["metric"] == "rollout/reward"), "{training:#?}");
+    for curve in training {
+        let last = curve["points"].as_array().and_then(|points| points.last()).expect("a point");
+        assert_eq!(last["seeds"], 2, "{}", curve["metric"]);
+    }
+    let figures: Vec<PathBuf> = std::fs::read_dir(workshop.path("both/figures"))
+        .expect("figures")
+        .map(|entry| entry.expect("an entry").path())
+        .collect();
+    let png = |name: &str| std::fs::read(workshop.path("both/figures").join(name)).expect("a figure");
+    assert!(figures.iter().any(|path| path.ends_with("learning.svg")) && png("learning.png").starts_with(b"\x89PNG"));
+
+    // One seed evaluated, as a folder of its own; the other not.
+    let eval = ["eval", "seed-5", "--split", "test", "--objects", "all", "--episodes", "6", "--out", "elsewhere"];
+    let evaluated = complete(workshop.orchestrator(&eval));
+    assert!(evaluated.success, "{evaluated:#?}");
+    let printed = complete(workshop.orchestrator(&["report", "seed-5", "seed-6", "elsewhere", "--out", "both"]));
+    assert!(printed.success && printed.stderr.contains("not in its means: seed-6"), "{printed:#?}");
+    let numbers = std::fs::read_to_string(workshop.path("both/report.json")).expect("numbers");
+    let numbers: Value = serde_json::from_str(&numbers).expect("JSON");
+    let result = &numbers["groups"][0]["results"][0];
+    assert_eq!((&result["field"], &result["success"]["seeds"]), (&"test-novel-drawn".into(), &1.into()));
+    assert_eq!(result["pooled"]["episodes"], 30);
+
+    refused(&complete(workshop.orchestrator(&["report", "seed-5", "--out", "seed-5"])), "no report");
+    refused(&complete(workshop.orchestrator(&["report", "nowhere"])), "nowhere");
+    // The same seed twice is no second seed.
+    let copied =
+        std::process::Command::new("cp").args(["-r", "seed-5", "copy"]).current_dir(workshop.path("")).status();
+    assert!(copied.expect("cp runs").success());
+    refused(&complete(workshop.orchestrator(&["report", "seed-5", "copy", "--out", "twice"])), "same seed 5");
+}

@@ -1,0 +1,64 @@
+//! What is found.
+
+use std::fmt;
+
+/// The rules.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Rule {
+    /// No circle between the files of one crate.
+    Circle,
+    /// No function over 80 lines without a stated reason.
+    LongFunction,
+    /// No file over 600 lines.
+    LongFile,
+    /// No reference to a file that is not there.
+    DeadReference,
+    /// No `pub` that nobody outside uses.
+    UnusedPub,
+    /// No test that asserts nothing.
+    EmptyTest,
+    /// No Rust source that the other rules cannot read.
+    Unreadable,
+}
+
+impl Rule {
+    fn advice(self) -> &'static str {
+        match self {
+            Self::Circle => "move what both sides need into a file that uses neither",
+            Self::LongFunction => "split it, or say above it `// Long because: ...`",
+            Self::LongFile => "split it where its second idea begins",
+            Self::DeadReference => "name the file that is there, or delete the reference",
+            Self::UnusedPub => "delete it, or lower its visibility to its users",
+            Self::EmptyTest => "assert what must be true, also that the tested event happened",
+            Self::Unreadable => "mend the syntax",
+        }
+    }
+}
+
+/// One breach of a rule.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Finding {
+    /// The file, relative to the root of the tree.
+    pub path: String,
+    /// The line, counted from 1.
+    pub line: usize,
+    /// The rule.
+    pub rule: Rule,
+    /// What breaks it, without line numbers: it stays the same while the code around it moves.
+    pub what: String,
+    /// More of it, for the reader.
+    pub detail: String,
+}
+
+impl Finding {
+    /// What identifies the finding while lines move.
+    pub fn key(&self) -> String {
+        format!("{}: {}", self.path, self.what)
+    }
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}: {} ({}){}", self.path, self.line, self.what, self.rule.advice(), self.detail)
+    }
+}

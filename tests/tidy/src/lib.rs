@@ -1,0 +1,41 @@
+//! Holds the sources of the workspace to the rules of its house.
+//!
+//! [`findings`] takes a [`Tree`] of sources and returns what breaks a rule: one [`Finding`] each, with its place and what
+//! to do. It does no I/O; [`Tree::tracked`] is the shell that reads a checkout.
+//!
+//! ```
+//! let mut tree = tidy::Tree::default();
+//! tree.add("Cargo.toml", "[package]\nname = \"small\"\n");
+//! tree.add("src/lib.rs", "//! Small.\npub fn forgotten() {}\n");
+//! let found = tidy::findings(&tree);
+//! assert_eq!(found.len(), 1);
+//! assert_eq!(found[0].rule, tidy::Rule::UnusedPub);
+//! ```
+
+mod assertions;
+mod circles;
+mod exposure;
+mod finding;
+mod modules;
+mod paths;
+mod references;
+mod sizes;
+mod syntax;
+mod tree;
+
+pub use finding::{Finding, Rule};
+pub use tree::{Tree, TreeError};
+
+/// All findings in a tree, in the order of their places.
+pub fn findings(tree: &Tree) -> Vec<Finding> {
+    let (sources, mut found) = syntax::parse(tree);
+    let targets: Vec<_> = tree.targets().iter().map(|target| modules::Target::load(target, &sources)).collect();
+    found.extend(circles::findings(&targets));
+    found.extend(sizes::findings(tree, &sources));
+    found.extend(references::findings(tree));
+    found.extend(exposure::findings(&targets, &sources));
+    found.extend(assertions::findings(tree, &targets));
+    found.sort();
+    found.dedup();
+    found
+}

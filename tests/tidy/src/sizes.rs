@@ -1,0 +1,106 @@
+//! Lengths of functions and files.
+
+use crate::syntax::Sources;
+use crate::{Finding, Rule, Tree};
+use syn::visit::Visit;
+
+/// The most lines of a function, from its signature to its closing brace.
+const FUNCTION_LINES: usize = 80;
+/// The most lines of a source file.
+const FILE_LINES: usize = 600;
+/// What names the reason of a longer function, in a comment directly above it.
+const REASON: &str = "Long because: ";
+/// Endings of sources that are written by hand.
+const SOURCES: [&str; 7] = [".rs", ".py", ".cpp", ".cu", ".h", ".c", ".proto"];
+
+/// Functions and files that are too long.
+pub(crate) fn findings(tree: &Tree, sources: &Sources) -> Vec<Finding> {
+    let mut found = vec![];
+    for (path, text) in &tree.files {
+        let lines = text.lines().count();
+        if lines > FILE_LINES && SOURCES.iter().any(|ending| path.ends_with(ending)) {
+            found.push(Finding {
+                path: path.clone(),
+                line: 1,
+                rule: Rule::LongFile,
+                what: format!("file of more than {FILE_LINES} lines"),
+                detail: String::new(),
+            });
+        }
+        let lines: Vec<&str> = text.lines().collect();
+        let mut measure = Measure { path, lines: &lines, found: &mut found };
+        if let Some(file) = sources.get(path) {
+            measure.visit_file(file);
+        } else if path.ends_with(".py") {
+            measure.python();
+        }
+    }
+    found
+}
+
+struct Measure<'a> {
+    path: &'a str,
+    lines: &'a [&'a str],
+    found: &'a mut Vec<Finding>,
+}
+
+impl Measure<'_> {
+    fn function(&mut self, signature: &syn::Signature, body: &syn::Block) {
+        let first = signature.fn_token.span.start().line;
+        let last = body.brace_token.span.close().end().line;
+        self.judge(&signature.ident.to_string(), first, last);
+    }
+
+    /// A function of Python ends before the next line that stands no further in.
+    fn python(&mut self) {
+        let indent = |line: &str| line.len() - line.trim_start().len();
+        for (index, line) in self.lines.iter().enumerate() {
+            let Some(head) = line.trim_start().strip_prefix("def ") else { continue };
+            let after = self.lines[index + 1..].iter().enumerate();
+            let within =
+                after.take_while(|(_, next)| next.is_empty() || next.starts_with(')') || indent(next) > indent(line));
+            let last = within.filter(|(_, next)| !next.is_empty()).last().map_or(0, |(ahead, _)| ahead + 1);
+            self.judge(head.split('(').next().unwrap_or_default(), index + 1, index + 1 + last);
+        }
+    }
+
+    fn judge(&mut self, name: &str, first: usize, last: usize) {
+        if last + 1 - first > FUNCTION_LINES && !self.has_reason(first) {
+            self.found.push(Finding {
+                path: self.path.to_owned(),
+                line: first,
+                rule: Rule::LongFunction,
+                what: format!("`{name}` has more than {FUNCTION_LINES} lines"),
+                detail: String::new(),
+            });
+        }
+    }
+
+    /// Looks through the comments and attributes directly above a line, counted from 1.
+    fn has_reason(&self, line: usize) -> bool {
+        let above = self.lines[..line - 1].iter().rev().map(|line| line.trim_start());
+        let reason = |line: &str| line.trim_start_matches(['/', '#', ' ']).strip_prefix(REASON).map(str::to_owned);
+        above
+            .take_while(|line| line.starts_with("//") || line.starts_with('#'))
+            .any(|line| reason(line).is_some_and(|reason| !reason.trim().is_empty()))
+    }
+}
+
+impl<'a> Visit<'a> for Measure<'_> {
+    fn visit_item_fn(&mut self, item: &'a syn::ItemFn) {
+        self.function(&item.sig, &item.block);
+        syn::visit::visit_item_fn(self, item);
+    }
+
+    fn visit_impl_item_fn(&mut self, item: &'a syn::ImplItemFn) {
+        self.function(&item.sig, &item.block);
+        syn::visit::visit_impl_item_fn(self, item);
+    }
+
+    fn visit_trait_item_fn(&mut self, item: &'a syn::TraitItemFn) {
+        if let Some(body) = &item.default {
+            self.function(&item.sig, body);
+        }
+        syn::visit::visit_trait_item_fn(self, item);
+    }
+}

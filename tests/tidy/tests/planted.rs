@@ -1,0 +1,211 @@
+//! Each rule finds what is planted, and leaves a clean tree alone.
+
+use tidy::{Finding, Rule, Tree, findings};
+
+/// A library and a program that keep to all rules.
+fn clean() -> Tree {
+    let mut tree = Tree::default();
+    tree.add("Cargo.toml", "[workspace]\nmembers = [\"stock\", \"shop\"]\n");
+    tree.add("README.md", "# Shop\n\nPrices are in `stock/src/price.rs`, see [the text](docs/text.md#two-words).\n");
+    tree.add("docs/text.md", "# Two words\n\nBack to the [shop](../README.md); a run writes `runs/NAME/bill.json`.\n");
+    tree.add("stock/Cargo.toml", "[package]\nname = \"stock\"\n");
+    tree.add("stock/src/lib.rs", "//! Stock.\npub mod price;\nmod shelf;\npub use shelf::Shelf;\n");
+    tree.add("stock/src/price.rs", "//! Prices.\nuse crate::Shelf;\npub fn price(shelf: &Shelf) -> u32 { shelf.0 }\n");
+    tree.add("stock/src/shelf/mod.rs", "//! Shelves, in `shelf/board.rs`.\nmod board;\npub use board::Shelf;\n");
+    tree.add("stock/src/shelf/board.rs", BOARD);
+    tree.add("shop/Cargo.toml", "[package]\nname = \"shop\"\n");
+    tree.add("shop/src/main.rs", "//! Shop.\nmod till;\nfn main() { till::count(); }\n");
+    tree.add("shop/src/till.rs", "//! Till.\npub fn count() { stock::price::price(&stock::Shelf::new(3)); }\n");
+    tree
+}
+
+const BOARD: &str = "//! Boards.
+pub struct Shelf(pub u32);
+impl Shelf {
+    pub fn new(length: u32) -> Self { Self(length) }
+}
+#[cfg(test)]
+mod tests {
+    use crate::price::price;
+    fn holds(length: u32) { assert_eq!(price(&super::Shelf::new(length)), length); }
+    #[test]
+    fn a_shelf_has_a_price() { holds(2); }
+}
+";
+
+/// What is found where `path` holds `text` instead.
+fn planted(path: &str, text: &str) -> Vec<Finding> {
+    let mut tree = clean();
+    tree.add(path, text);
+    findings(&tree)
+}
+
+/// The one finding of a planted tree.
+fn only(path: &str, text: &str, rule: Rule) -> Finding {
+    let found = planted(path, text);
+    assert_eq!(found.len(), 1, "{found:#?}");
+    assert_eq!(found[0].rule, rule);
+    assert_eq!(found[0].path, path);
+    found.into_iter().next().expect("one finding")
+}
+
+fn long_function(above: &str) -> String {
+    format!(
+        "//! Till.\n{above}pub fn count() {{\n{}}}\n",
+        "    stock::price::price(&stock::Shelf::new(3));\n".repeat(88)
+    )
+}
+
+#[test]
+fn a_clean_tree_has_no_findings() {
+    assert_eq!(findings(&clean()), []);
+}
+
+#[test]
+fn a_circle_is_found_by_use_and_by_path() {
+    let price = "pub fn price(shelf: &crate::Shelf) -> u32 { shelf.0 }\n";
+    for (uses, line) in [
+        ("use crate::price::price;\nfn twice(shelf: &Shelf) -> u32 { price(shelf) }\n", 2),
+        ("use super::super::price;\nfn twice(shelf: &Shelf) -> u32 { price::price(shelf) }\n", 3),
+        ("fn twice(shelf: &Shelf) -> String { format!(\"{}\", crate::price::price(shelf)) }\n", 2),
+        ("use crate::*;\nfn twice(shelf: &Shelf) -> u32 { price::price(shelf) }\n", 3),
+    ] {
+        let mut tree = clean();
+        tree.add("stock/src/price.rs", price);
+        tree.add("stock/src/shelf/board.rs", &BOARD.replacen("Boards.\n", &format!("Boards.\n{uses}"), 1));
+        let found = findings(&tree);
+        assert_eq!(found.len(), 1, "{uses}{found:#?}");
+        assert_eq!((found[0].rule, found[0].path.as_str()), (Rule::Circle, "stock/src/price.rs"));
+        assert_eq!(found[0].what, "circle of modules price.rs -> shelf/board.rs -> price.rs");
+        let back = format!("stock/src/shelf/board.rs:{line} uses stock/src/price.rs");
+        assert!(found[0].detail.contains(&back), "{uses}{}", found[0].detail);
+    }
+}
+
+#[test]
+fn a_file_that_declares_and_has_code_of_its_own_is_part_of_a_circle() {
+    let own = "//! Shelves.\nmod board;\npub use board::Shelf;\npub fn longest() -> u32 { Shelf::new(1).0 }\n";
+    let mut tree = clean();
+    tree.add("stock/src/shelf/mod.rs", own);
+    tree.add("stock/src/shelf/board.rs", &BOARD.replace("Self(length)", "Self(length.min(super::longest()))"));
+    let found = findings(&tree);
+    assert_eq!(found.iter().map(|finding| finding.rule).collect::<Vec<_>>(), [Rule::Circle], "{found:#?}");
+    assert_eq!(found[0].what, "circle of modules shelf/board.rs -> shelf/mod.rs -> shelf/board.rs");
+}
+
+#[test]
+fn a_function_of_ninety_lines_needs_a_reason() {
+    let found = only("shop/src/till.rs", &long_function(""), Rule::LongFunction);
+    assert_eq!((found.line, found.what.as_str()), (2, "`count` has more than 80 lines"));
+    assert_eq!(planted("shop/src/till.rs", &long_function("// Long because: it is one table.\n#[inline]\n")), []);
+    assert_eq!(planted("shop/src/till.rs", &long_function("// Long because: \n")).len(), 1, "no reason is stated");
+    assert_eq!(planted("shop/src/till.rs", &long_function("// Long because: far off.\n\n")).len(), 1);
+    let python = |above: &str, lines| format!("{above}def count(\n):\n{}\n\nrest = 1\n", "    pass\n".repeat(lines));
+    let found = only("docs/plot.py", &python("", 79), Rule::LongFunction);
+    assert_eq!((found.line, found.what.as_str()), (1, "`count` has more than 80 lines"));
+    assert_eq!(planted("docs/plot.py", &python("", 78)), []);
+    assert_eq!(planted("docs/plot.py", &python("# Long because: it is one table.\n", 79)), []);
+}
+
+#[test]
+fn a_file_of_more_than_six_hundred_lines_is_found() {
+    let file = |lines: usize| format!("//! Till.\npub fn count() {{}}\n{}", "// A line.\n".repeat(lines - 2));
+    assert_eq!(planted("docs/long.md", &"words\n".repeat(601)), []);
+    let mut tree = clean();
+    tree.add("stock/src/unused.py", &"pass\n".repeat(600));
+    assert_eq!(findings(&tree), []);
+    let found = only("stock/src/long.py", &"pass\n".repeat(601), Rule::LongFile);
+    assert_eq!(found.line, 1);
+    assert!(planted("shop/src/till.rs", &file(601)).iter().any(|finding| finding.rule == Rule::LongFile));
+    assert!(planted("shop/src/till.rs", &file(600)).iter().all(|finding| finding.rule != Rule::LongFile));
+}
+
+#[test]
+fn a_dead_reference_is_found_in_comments_and_documents() {
+    for (comment, name) in [
+        ("//! Prices; taxes are in `stock/src/tax.rs`.", "`stock/src/tax.rs`"),
+        ("//! Prices; taxes are in tax.rs, says nobody.", "`tax.rs`"),
+        ("//! Prices, of `cellar/`.", "`cellar/`"),
+        ("//! Prices, of `docs/*.toml`.", "`docs/*.toml`"),
+        ("//! Prices (RULES section 2).", "`RULES section`"),
+        ("//! Prices (RULES sections 2 and 3).", "`RULES section`"),
+    ] {
+        let text = format!("{comment}\npub fn price(shelf: &crate::Shelf) -> u32 {{ shelf.0 }}\n");
+        let found = only("stock/src/price.rs", &text, Rule::DeadReference);
+        assert_eq!((found.line, found.what), (1, format!("{name} is not there")));
+    }
+    for (text, name) in [
+        ("See [it](gone.md).\n", "`gone.md`"),
+        ("See [it](text.md#three-words).\n", "`text.md#three-words`"),
+        ("See `stock/src/gone/`.\n", "`stock/src/gone/`"),
+    ] {
+        let found = only("docs/more.md", text, Rule::DeadReference);
+        assert_eq!((found.line, found.what), (1, format!("{name} is not there")));
+    }
+    let fine =
+        "See `price.rs:3`, `shelf/`, `shelf/*.rs`, https://example.org/gone.md, `/step`, `loss/total`, README.md.\n";
+    assert_eq!(planted("docs/more.md", fine), []);
+    assert_eq!(planted("CHANGELOG.md", "`gone.rs` is gone.\n"), []);
+}
+
+#[test]
+fn a_public_item_without_a_user_outside_is_found() {
+    let text = "//! Prices.\nuse crate::Shelf;\npub fn price(shelf: &Shelf) -> u32 { shelf.0 }\n";
+    let found = only("stock/src/price.rs", &format!("{text}pub const TAX: u32 = 3;\n"), Rule::UnusedPub);
+    assert_eq!((found.line, found.what.as_str()), (4, "nobody outside uses `TAX`"));
+    let method = BOARD.replace("Self(length) }\n", "Self(length) }\n    pub fn sawn(self) {}\n");
+    assert_eq!(only("stock/src/shelf/board.rs", &method, Rule::UnusedPub).what, "nobody outside uses `Shelf::sawn`");
+    let till =
+        "//! Till.\npub fn count() { close() }\npub fn close() { stock::price::price(&stock::Shelf::new(3)); }\n";
+    assert_eq!(only("shop/src/till.rs", till, Rule::UnusedPub).what, "nobody outside uses `close`");
+    // The method of a type that others can name needs others, also where its file is private.
+    let sawn = |used: &str| {
+        let mut tree = clean();
+        tree.add("stock/src/shelf/mod.rs", "mod board;\nmod saw;\npub use board::Shelf;\n");
+        tree.add("stock/src/shelf/saw.rs", "use super::Shelf;\nimpl Shelf {\n    pub fn sawn(self) {}\n}\n");
+        tree.add("stock/src/price.rs", &format!("{text}fn all(shelf: Shelf) {{ shelf.sawn() }}\n"));
+        tree.add("shop/src/main.rs", &format!("mod till;\nfn main() {{ till::count(); {used} }}\n"));
+        findings(&tree)
+    };
+    assert_eq!(sawn("stock::Shelf::new(3).sawn();"), []);
+    assert_eq!(sawn("")[0].what, "nobody outside uses `Shelf::sawn`");
+    // A type that a used function hands out is used with it, and an example in the documentation is a user.
+    let handed = text.replace("-> u32 { shelf.0 }", "-> Price { Price(shelf.0) }\npub struct Price(pub u32);");
+    assert_eq!(planted("stock/src/price.rs", &handed), []);
+    let shown = format!("//! ```\n//! assert_eq!(stock::price::TAX, 3);\n//! ```\n{text}pub const TAX: u32 = 3;\n");
+    assert_eq!(planted("stock/src/price.rs", &shown), []);
+}
+
+#[test]
+fn a_test_that_asserts_nothing_is_found() {
+    let count = "pub fn count() { assert!(stock::price::price(&stock::Shelf::new(3)) > 0); }";
+    let test = |body: &str| format!("//! Till.\n{count}\n#[cfg(test)]\nmod tests {{\n    {body}\n}}\n");
+    for body in [
+        "#[test] fn counts() { super::count(); }",
+        "#[test] fn counts() { let till = open().unwrap(); close(till); }",
+        "#[test] fn counts() { std::fs::write(\"till\", \"\").unwrap(); }",
+        "fn helper() { open().unwrap(); } #[test] fn counts() { helper(); }",
+        "proptest! { #[test] fn counts(length in 0..3) { super::count(); } }",
+    ] {
+        let found = only("shop/src/till.rs", &test(body), Rule::EmptyTest);
+        assert_eq!((found.line, found.what.as_str()), (5, "the test `counts` asserts nothing"), "{body}");
+    }
+    for body in [
+        "#[test] fn counts() { assert_eq!(1, 1); }",
+        "#[test] fn counts() { for _ in 0..2 { if true { panic!(); } } }",
+        "#[test] fn counts() -> Result<(), ()> { open()?; Ok(()) }",
+        "#[test] #[should_panic] fn counts() { super::count(); }",
+        "#[test] fn counts() { open().unwrap(); }",
+        "#[test] fn counts() { open().unwrap_err(); }",
+        "fn helper() { inner(); } fn inner() { assert!(true); } #[test] fn counts() { helper(); }",
+        "proptest! { #[test] fn counts(length in 0..3) { prop_assert!(true); } }",
+    ] {
+        assert_eq!(planted("shop/src/till.rs", &test(body)), [], "{body}");
+    }
+}
+
+#[test]
+fn a_source_that_does_not_parse_is_named() {
+    let found = planted("shop/src/till.rs", "pub fn count( {}\n");
+    assert!(found.iter().any(|finding| finding.rule == Rule::Unreadable && finding.path == "shop/src/till.rs"));
+}
