@@ -5,8 +5,8 @@
 //! camera saw where that is asked for. The work is divided by kitchen over as many actors as there are cores.
 
 use crate::preflight::programs;
-use crate::process_end::wait_for_child;
-use crate::terminal;
+use crate::run::process_end::wait_for_child;
+use crate::showing::terminal;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
@@ -77,7 +77,7 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
 
     let mut totals = Totals::default();
     let mut running = actors.0.len();
-    let mut progress = Progress::new(total);
+    let mut progress = ReplayProgress::new(total);
     let mut heard = Instant::now();
     while running > 0 {
         match inbox.recv_timeout(PROGRESS_INTERVAL) {
@@ -217,14 +217,14 @@ fn listen(output: ChildStdout, expected: &[(EnvironmentId, u32)], reports: &Send
 }
 
 /// What the user sees meanwhile: a line that is refreshed, or one now and then where that cannot be.
-struct Progress {
+struct ReplayProgress {
     total: usize,
     started: Instant,
     shown: Instant,
     interactive: bool,
 }
 
-impl Progress {
+impl ReplayProgress {
     fn new(total: usize) -> Self {
         let now = Instant::now();
         Self { total, started: now, shown: now, interactive: terminal::interactive() }
