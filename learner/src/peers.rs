@@ -129,7 +129,7 @@ impl Peers {
     }
 
     /// Returns when every learner has called it: an all-reduce ends nowhere before it has begun everywhere.
-    pub fn barrier(&self) -> Result<(), PeerError> {
+    pub(crate) fn barrier(&self) -> Result<(), PeerError> {
         self.sum(&mut [0.0])
     }
 
@@ -141,7 +141,7 @@ impl Peers {
     }
 
     /// Replaces a flat gradient by the sum over all learners.
-    pub fn sum_gradients(&self, gradient: &mut Tensor) -> Result<(), PeerError> {
+    pub(crate) fn sum_gradients(&self, gradient: &mut Tensor) -> Result<(), PeerError> {
         match self {
             Self::Alone => Ok(()),
             Self::Group(Group { gpus: Some(gpus), .. }) => Ok(gpus.sum(gradient)?),
@@ -150,7 +150,7 @@ impl Peers {
     }
 
     /// Tells the others that this learner has taken all steps of a rollout.
-    pub fn note_finished(&self, rollout: u64) -> Result<(), PeerError> {
+    pub(crate) fn note_finished(&self, rollout: u64) -> Result<(), PeerError> {
         let Self::Group(group) = self else { return Ok(()) };
         group.gloo.note(&finished(rollout, group.rank), &[1]).map_err(|cause| group.lost(cause))
     }
@@ -188,7 +188,7 @@ impl Peers {
     }
 
     /// Makes sure that a number is the same at all learners.
-    pub fn agree(&self, what: &'static str, value: u64) -> Result<(), PeerError> {
+    pub(crate) fn agree(&self, what: &'static str, value: u64) -> Result<(), PeerError> {
         let Self::Group(group) = self else { return Ok(()) };
         // Everybody fills two places of its own: halves of 32 bits are exact as numbers.
         let mut halves = vec![0.0; 2 * group.learners as usize];

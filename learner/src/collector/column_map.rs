@@ -27,7 +27,7 @@ impl ColumnMap {
 
     /// The same in other kitchens than those of training.
     #[must_use]
-    pub fn in_kitchens(self, kitchens: Kitchens) -> Self {
+    pub(crate) fn in_kitchens(self, kitchens: Kitchens) -> Self {
         Self { kitchens, ..self }
     }
 
@@ -57,19 +57,19 @@ impl ColumnMap {
     }
 
     /// Which of this learner's actors the run's actor `actor` is; none if it is another learner's.
-    pub fn index_of(self, actor: u32) -> Option<u32> {
+    pub(crate) fn index_of(self, actor: u32) -> Option<u32> {
         actor.checked_sub(self.first_actor).filter(|&index| index < self.actors)
     }
 
     /// Columns of one half of this learner's actor `index`.
-    pub fn columns_of(self, index: u32, half: u32) -> Range<usize> {
+    pub(crate) fn columns_of(self, index: u32, half: u32) -> Range<usize> {
         let first = index as usize * self.environments_per_actor as usize;
         let range = self.half(half);
         first + range.start..first + range.end
     }
 
     /// Columns of all environments of this learner's actor `index`.
-    pub fn columns_of_actor(self, index: u32) -> Range<usize> {
+    pub(crate) fn columns_of_actor(self, index: u32) -> Range<usize> {
         let first = index as usize * self.environments_per_actor as usize;
         first..first + self.environments_per_actor as usize
     }

@@ -131,6 +131,7 @@ fn wait_for_lock(file: &File, patience: Duration) -> Result<bool> {
         match file.try_lock() {
             Ok(()) => return Ok(true),
             Err(TryLockError::WouldBlock) if begin.elapsed() >= patience => return Ok(false),
+            // Of a lock that is let go the kernel tells only who waits for it without a deadline.
             Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(20)),
             Err(TryLockError::Error(error)) => return Err(error).context("file lock"),
         }

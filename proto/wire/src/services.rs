@@ -17,10 +17,6 @@
 //! orchestrator uses names of its own ([`WireAddress`]), so nothing of a dead one is ever met again, and sweeping it
 //! is deleting one folder and one prefix in /dev/shm.
 
-mod stage;
-
-pub use stage::Announcer;
-
 use crate::address::WireAddress;
 use crate::error::WireError;
 use crate::message::{
@@ -42,7 +38,6 @@ use iceoryx2::service::builder::publish_subscribe::Builder as PublishSubscribeBu
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribe;
 use proto::SCHEMA_VERSION;
 use proto::shares::Shares;
-use stage::{STAGE, STAGE_READY};
 use std::fmt::Debug;
 
 /// The flavour of iceoryx2 in use: between processes, ports stay on the thread that made them.
@@ -113,7 +108,7 @@ macro_rules! open {
         $builder?.open_with_attributes(&required_attributes()).map_err(|cause| service("open", $name, &cause))?
     };
 }
-use open;
+pub(crate) use open;
 
 /// A process's membership in the services of one incarnation.
 pub struct Wire {
@@ -328,6 +323,32 @@ impl Wire {
             .event_id_max_value(1)
             .max_nodes(self.shape.nodes()))
     }
+
+    pub(crate) fn stage(&self) -> Result<SampleBuilder<StageAnnouncement, ()>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(STAGE)?)
+            .publish_subscribe::<StageAnnouncement>()
+            // Only the newest announcement matters.
+            .enable_safe_overflow(true)
+            .subscriber_max_buffer_size(1)
+            .subscriber_max_borrowed_samples(1)
+            .history_size(1)
+            .max_publishers(1)
+            .max_subscribers(self.shape.shares.learners() as usize * RESTART_MARGIN)
+            .max_nodes(self.shape.nodes()))
+    }
+
+    pub(crate) fn stage_ready(&self) -> Result<EventBuilder<Ipc>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(STAGE_READY)?)
+            .event()
+            .max_notifiers(1)
+            .max_listeners(self.shape.shares.learners() as usize * RESTART_MARGIN)
+            .event_id_max_value(1)
+            .max_nodes(self.shape.nodes()))
+    }
 }
 
 /// Knows how many subscribers the observations have at any moment.
@@ -399,6 +420,11 @@ impl WireHost {
     }
 }
 
+/// Name of the service of announcements.
+pub(crate) const STAGE: &str = "stage";
+/// Name of its bell.
+pub(crate) const STAGE_READY: &str = "stage-ready";
+
 fn observations_name(rank: u32) -> String {
     format!("observations/{rank}")
 }
@@ -431,7 +457,7 @@ fn name(text: &str) -> Result<ServiceName, WireError> {
     })
 }
 
-fn service(verb: &'static str, service: &str, cause: &dyn Debug) -> WireError {
+pub(crate) fn service(verb: &'static str, service: &str, cause: &dyn Debug) -> WireError {
     WireError::Service { verb, service: service.to_owned(), cause: format!("{cause:?}") }
 }
 
@@ -440,7 +466,7 @@ fn defined_attributes() -> AttributeSpecifier {
     AttributeSpecifier::new().define(&key, &value).expect("one short attribute always fits")
 }
 
-fn required_attributes() -> AttributeVerifier {
+pub(crate) fn required_attributes() -> AttributeVerifier {
     let (key, value) = schema_attribute();
     AttributeVerifier::new().require(&key, &value).expect("one short attribute always fits")
 }
@@ -452,7 +478,7 @@ fn schema_attribute() -> (AttributeKey, AttributeValue) {
     )
 }
 
-fn port(service: &str, cause: &dyn Debug) -> WireError {
+pub(crate) fn port(service: &str, cause: &dyn Debug) -> WireError {
     WireError::Port { service: service.to_owned(), cause: format!("{cause:?}") }
 }
 

@@ -1,18 +1,13 @@
-//! The `stage` service and the bell that goes with it: what the orchestrator announces to all learners.
+//! Both ends of the `stage` service and of its bell: what the orchestrator announces to all learners.
 
-use super::{
-    Bell, EventBuilder, Ipc, RESTART_MARGIN, SampleBuilder, StageSubscriber, Wakeup, Wire, WireError, name, open, port,
-    required_attributes, service,
-};
+use crate::error::WireError;
 use crate::message::StageAnnouncement;
+use crate::services::{
+    Bell, Ipc, STAGE, STAGE_READY, StageSubscriber, Wakeup, Wire, open, port, required_attributes, service,
+};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::update_connections::UpdateConnections;
 use std::fmt::Debug;
-
-/// Name of the service of announcements.
-pub(super) const STAGE: &str = "stage";
-/// Name of its bell.
-pub(super) const STAGE_READY: &str = "stage-ready";
 
 /// The orchestrator's end of both.
 pub struct Announcer {
@@ -69,32 +64,6 @@ impl Wire {
     /// Rings when there may be an announcement to read.
     pub fn stage_wakeup(&self) -> Result<Wakeup, WireError> {
         open!(self.stage_ready(), STAGE_READY).listener_builder().create().map_err(|cause| port(STAGE_READY, &cause))
-    }
-
-    pub(super) fn stage(&self) -> Result<SampleBuilder<StageAnnouncement, ()>, WireError> {
-        Ok(self
-            .node
-            .service_builder(&name(STAGE)?)
-            .publish_subscribe::<StageAnnouncement>()
-            // Only the newest announcement matters.
-            .enable_safe_overflow(true)
-            .subscriber_max_buffer_size(1)
-            .subscriber_max_borrowed_samples(1)
-            .history_size(1)
-            .max_publishers(1)
-            .max_subscribers(self.shape.shares.learners() as usize * RESTART_MARGIN)
-            .max_nodes(self.shape.nodes()))
-    }
-
-    pub(super) fn stage_ready(&self) -> Result<EventBuilder<Ipc>, WireError> {
-        Ok(self
-            .node
-            .service_builder(&name(STAGE_READY)?)
-            .event()
-            .max_notifiers(1)
-            .max_listeners(self.shape.shares.learners() as usize * RESTART_MARGIN)
-            .event_id_max_value(1)
-            .max_nodes(self.shape.nodes()))
     }
 }
 
