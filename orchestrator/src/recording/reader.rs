@@ -44,7 +44,7 @@ pub enum RecordingError {
 
 /// Where a file stopped being readable.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum End {
+pub enum FileEnd {
     /// At its end mark: the file is complete.
     Whole,
     /// Before its end mark, because the file stops.
@@ -59,7 +59,7 @@ pub struct Extent {
     /// Messages read.
     pub messages: u64,
     /// How reading ended.
-    pub end: End,
+    pub end: FileEnd,
 }
 
 impl Extent {
@@ -68,9 +68,9 @@ impl Extent {
         let path = path.display();
         let Self { messages, end } = self;
         let how = match end {
-            End::Whole => return None,
-            End::Cut => "was cut off".to_owned(),
-            End::Damaged(cause) => format!("is damaged ({cause})"),
+            FileEnd::Whole => return None,
+            FileEnd::Cut => "was cut off".to_owned(),
+            FileEnd::Damaged(cause) => format!("is damaged ({cause})"),
         };
         Some(format!("{path} {how}: readable up to message {messages}; `orchestrator recover {path}` repairs it"))
     }
@@ -92,7 +92,7 @@ pub fn read<E: From<RecordingError>>(
     let mut reader = LinearReader::new_with_options(
         LinearReaderOptions::default().with_prevalidate_chunk_crcs(true).with_record_length_limit(RECORD_LIMIT_BYTES),
     );
-    let mut extent = Extent { messages: 0, end: End::Whole };
+    let mut extent = Extent { messages: 0, end: FileEnd::Whole };
     let mut bytes = 0;
     let mut in_data = true;
     while let Some(event) = reader.next_event() {
@@ -123,8 +123,8 @@ pub fn read<E: From<RecordingError>>(
             return Err(RecordingError::NotMcap(path.to_path_buf()).into());
         }
         extent.end = match stopped {
-            McapError::UnexpectedEof => End::Cut,
-            error => End::Damaged(error.to_string()),
+            McapError::UnexpectedEof => FileEnd::Cut,
+            error => FileEnd::Damaged(error.to_string()),
         };
         break;
     }

@@ -1,6 +1,6 @@
 //! A whole file from a cut one.
 
-use super::reader::{End, Extent, RecordingError, read};
+use super::reader::{Extent, FileEnd, RecordingError, read};
 use crate::recording::recorder::segment::write_options;
 use mcap::records::{Metadata, Record};
 use mcap::{Attachment, McapError, Writer};
@@ -75,7 +75,7 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError>
             return Err(error);
         }
     };
-    if extent.end == End::Whole && output.is_none() {
+    if extent.end == FileEnd::Whole && output.is_none() {
         std::fs::remove_file(&partial).map_err(|cause| failed(cause.into()))?;
         return Ok(Repair::NotNeeded { messages: extent.messages });
     }

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 /// What the present incarnation of one learner has said so far.
 #[derive(Debug, Clone, Copy, Default)]
-struct Word {
+struct Said {
     ready: Option<Duration>,
     connected: bool,
     finished: bool,
@@ -31,7 +31,7 @@ pub struct Bereaved {
 /// The learners of a run.
 #[derive(Debug)]
 pub struct Gang {
-    words: Vec<Word>,
+    words: Vec<Said>,
     begun: Duration,
     /// When rank 0, which speaks for all, last told that they got on.
     advanced: Duration,
@@ -51,7 +51,7 @@ impl Gang {
     /// This many learners, none of which has been started.
     pub fn new(learners: u32) -> Self {
         Self {
-            words: vec![Word::default(); learners as usize],
+            words: vec![Said::default(); learners as usize],
             begun: Duration::ZERO,
             advanced: Duration::ZERO,
             collected: false,
@@ -75,7 +75,7 @@ impl Gang {
 
     /// All are started, and have said nothing yet.
     pub fn begin(&mut self, now: Duration) {
-        self.words.fill(Word::default());
+        self.words.fill(Said::default());
         (self.begun, self.advanced) = (now, now);
         (self.collected, self.non_finite, self.restart_at, self.bereaved) = (false, false, None, None);
     }
@@ -126,7 +126,7 @@ impl Gang {
 
     /// Since when all have been ready. One that has finished has been, too.
     pub fn all_ready_since(&self) -> Option<Duration> {
-        let ready = |word: &Word| word.ready.or(word.finished.then_some(self.begun));
+        let ready = |word: &Said| word.ready.or(word.finished.then_some(self.begun));
         self.words.iter().map(ready).try_fold(self.begun, |latest, ready| Some(latest.max(ready?)))
     }
 
@@ -140,7 +140,7 @@ impl Gang {
     /// has been collected.
     pub fn late_to_be_connected(&self, now: Duration, patience: Duration) -> Option<u32> {
         let late = !self.collected && self.all_ready_since().is_some_and(|ready| now.saturating_sub(ready) > patience);
-        let unconnected = |word: Word| !word.connected && !word.finished;
+        let unconnected = |word: Said| !word.connected && !word.finished;
         self.ranks().filter(|_| late).find(|&rank| unconnected(self.words[rank as usize]))
     }
 

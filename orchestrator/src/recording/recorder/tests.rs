@@ -5,7 +5,7 @@ mod live;
 use super::testing::{self, EPISODE_STEPS, FakeActor, action, hash};
 use super::{Recorder, RecorderSetup};
 use crate::recording::episodes::gather;
-use crate::recording::reader::{End, RecordingError, read};
+use crate::recording::reader::{FileEnd, RecordingError, read};
 use crate::recording::repair::{Repair, repair};
 use crate::recording::schema::stillroom::step::Goal;
 use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVector, Step};
@@ -89,7 +89,7 @@ fn messages(path: &Path) -> BTreeMap<String, Vec<Vec<u8>>> {
         Ok(())
     })
     .unwrap();
-    assert_eq!(extent.end, End::Whole);
+    assert_eq!(extent.end, FileEnd::Whole);
     found
 }
 
@@ -444,7 +444,7 @@ fn recording() -> &'static [u8] {
     })
 }
 
-fn all_messages(path: &Path) -> (Vec<Vec<u8>>, End) {
+fn all_messages(path: &Path) -> (Vec<Vec<u8>>, FileEnd) {
     let mut found = Vec::new();
     let extent = read::<RecordingError>(path, |record| {
         if let Record::Message { data, .. } = record {
@@ -468,11 +468,11 @@ proptest! {
         let path = folder.path().join("a.mcap");
         std::fs::write(&path, whole).unwrap();
         let (all, end) = all_messages(&path);
-        prop_assert_eq!(end, End::Whole);
+        prop_assert_eq!(end, FileEnd::Whole);
         let length = 8 + (cut * (whole.len() - 9) as f64) as usize;
         std::fs::write(&path, &whole[..length]).unwrap();
         let (some, end) = all_messages(&path);
-        prop_assert_eq!(end, End::Cut);
+        prop_assert_eq!(end, FileEnd::Cut);
         prop_assert!(all.starts_with(&some));
         match repair(&path, None).unwrap() {
             Repair::Repaired { kept: Some(kept), extent, .. } => {
@@ -481,7 +481,7 @@ proptest! {
             }
             other => prop_assert!(false, "{:?}", other),
         }
-        prop_assert_eq!(all_messages(&path), (some, End::Whole));
+        prop_assert_eq!(all_messages(&path), (some, FileEnd::Whole));
         let again = repair(&path, None).unwrap();
         prop_assert_eq!(again, Repair::NotNeeded { messages: all_messages(&path).0.len() as u64 });
     }
