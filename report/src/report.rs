@@ -9,7 +9,7 @@ use crate::format::{count, counted};
 use crate::paper::paper;
 use crate::results::{FieldResult, Missing};
 use crate::statistics::{CURVE_RESAMPLES, RESAMPLES};
-use crate::study::{Evaluated, Field, Group, Origin, Run, Source, StudyError, Validated, groups};
+use crate::study::{Evaluated, Field, Group, Origin, Run, Source, StudyError, groups};
 use proto::config::EpisodeConfig;
 use proto::evaluation::{DISTURBANCE_THRESHOLDS_M, Distribution, describe};
 use serde::Serialize;
@@ -283,11 +283,10 @@ impl GroupReport {
         let group = entry.group;
         let metrics: BTreeSet<&String> =
             group.runs.iter().flat_map(|run| &run.rollouts).flat_map(|rollout| rollout.metrics.keys()).collect();
-        let validation: [(&str, fn(&Validated) -> f64); 2] = [
-            ("success", |point| point.success),
-            ("success_without_disturbance", |point| point.success_without_disturbance),
+        let validation = [
+            Curve::of_validation(group, "success", |point| point.success),
+            Curve::of_validation(group, "success_without_disturbance", |point| point.success_without_disturbance),
         ];
-        let validation = validation.into_iter().filter_map(|(name, figure)| Curve::of_validation(group, name, figure));
         Self {
             label: group.label.clone(),
             preset: group.preset.clone(),
@@ -295,7 +294,7 @@ impl GroupReport {
             runs: group.runs.iter().map(|run| RunReport::of(run)).collect(),
             results: entry.results.iter().map(|(_, result)| result.clone()).collect(),
             training: metrics.into_iter().filter_map(|name| Curve::of_training(group, name)).collect(),
-            validation: validation.collect(),
+            validation: validation.into_iter().flatten().collect(),
         }
     }
 }

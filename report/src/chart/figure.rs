@@ -75,6 +75,19 @@ pub struct Panel {
     pub content: Content,
 }
 
+impl Panel {
+    fn draw(&self, canvas: &mut Canvas, rect: Rect) {
+        canvas.text(rect.left, rect.top + TITLE, TITLE, Anchor::Start, &self.title);
+        let title = if self.title.is_empty() { 0.0 } else { TITLE + 10.0 };
+        let below = Rect { top: rect.top + title, height: rect.height - title, ..rect };
+        match &self.content {
+            Content::Lines(plot) => plot.draw(canvas, below),
+            Content::Intervals(plot) => plot.draw(canvas, below),
+            Content::Heat(map) => map.draw(canvas, below),
+        }
+    }
+}
+
 /// One figure: a file of its own, and a place in the page.
 #[derive(Debug, Clone)]
 pub struct Figure {
@@ -118,7 +131,7 @@ impl Figure {
                 width,
                 height: self.panel_height,
             };
-            self.draw_panel(&mut canvas, panel, rect);
+            panel.draw(&mut canvas, rect);
         }
         canvas.finish()
     }
@@ -129,7 +142,7 @@ impl Figure {
         let panel = |panel: &Panel| {
             let mut canvas = Canvas::new(width + GAP, height + GAP, &panel.title);
             let rect = Rect { left: 0.5 * GAP, top: 0.5 * GAP, width, height };
-            self.draw_panel(&mut canvas, panel, rect);
+            panel.draw(&mut canvas, rect);
             canvas.finish()
         };
         self.panels.iter().map(panel).collect()
@@ -148,17 +161,6 @@ impl Figure {
     fn panel_width(&self) -> f64 {
         let columns = self.columns.max(1) as f64;
         (WIDTH - 2.0 * MARGIN - (columns - 1.0) * GAP) / columns
-    }
-
-    fn draw_panel(&self, canvas: &mut Canvas, panel: &Panel, rect: Rect) {
-        canvas.text(rect.left, rect.top + TITLE, TITLE, Anchor::Start, &panel.title);
-        let title = if panel.title.is_empty() { 0.0 } else { TITLE + 10.0 };
-        let below = Rect { top: rect.top + title, height: rect.height - title, ..rect };
-        match &panel.content {
-            Content::Lines(plot) => plot.draw(canvas, below),
-            Content::Intervals(plot) => plot.draw(canvas, below),
-            Content::Heat(map) => map.draw(canvas, below),
-        }
     }
 
     /// The figure as a PNG file of twice the size in pixels.
