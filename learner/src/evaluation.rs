@@ -1,6 +1,6 @@
 //! Playing planned episodes with a policy: what is chosen, what came of it, and who has run out. No I/O, no tensors.
 
-use crate::collector::{Layout, Place, gumbel_of};
+use crate::collector::{ColumnMap, Place, gumbel_of};
 use proto::action::HOLD;
 use proto::evaluation::{Confusion, EpisodeEnd, EpisodeRecord, Plan, category_of};
 use proto::random::{Key, Purpose};
@@ -30,7 +30,7 @@ pub type Played = (EpisodeRecord, Vec<u8>);
 #[derive(Debug, Clone)]
 pub struct Examination {
     plan: Plan,
-    layout: Layout,
+    column_map: ColumnMap,
     lambda_disturb: f32,
     /// None takes the most probable action.
     seed: Option<u64>,
@@ -42,13 +42,19 @@ pub struct Examination {
 impl Examination {
     /// Every column at the start of its first episode. Noise of `seed` samples among `policy_actions` actions; without
     /// a seed the most probable one is taken. `lambda_disturb` is that of the return under r′.
-    pub fn new(plan: Plan, layout: Layout, lambda_disturb: f32, seed: Option<u64>, policy_actions: usize) -> Self {
-        let course = |column| Course { episode: plan.dealt(layout.environment(column), 0), ..Course::default() };
+    pub fn new(
+        plan: Plan,
+        column_map: ColumnMap,
+        lambda_disturb: f32,
+        seed: Option<u64>,
+        policy_actions: usize,
+    ) -> Self {
+        let course = |column| Course { episode: plan.dealt(column_map.environment(column), 0), ..Course::default() };
         Self {
-            courses: (0..layout.columns()).map(course).collect(),
+            courses: (0..column_map.columns()).map(course).collect(),
             remaining: plan.len(),
             plan,
-            layout,
+            column_map,
             lambda_disturb,
             seed,
             policy_actions,
@@ -101,7 +107,7 @@ impl Examination {
         if !has(transition_flag::ENDED) {
             return None;
         }
-        let environment = self.layout.environment(column);
+        let environment = self.column_map.environment(column);
         let played = course.played + 1;
         let next = Course { episode: self.plan.dealt(environment, played), played, ..Course::default() };
         let ended = std::mem::replace(course, next);
@@ -141,10 +147,10 @@ mod tests {
     use proto::reward::RewardParts;
     use std::collections::BTreeSet;
 
-    fn plan(actors: u32, environments: u32) -> (Plan, Layout) {
+    fn plan(actors: u32, environments: u32) -> (Plan, ColumnMap) {
         let config = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 7);
-        let layout = Layout::new(0, actors, environments).in_kitchens(Kitchens::Split(Split::Test));
-        (Plan::new(&config, actors, environments), layout)
+        let column_map = ColumnMap::new(0, actors, environments).in_kitchens(Kitchens::Split(Split::Test));
+        (Plan::new(&config, actors, environments), column_map)
     }
 
     fn transition(flags: u32, disturbance_progress_m: f32) -> Transition {
@@ -171,14 +177,14 @@ mod tests {
 
     #[test]
     fn every_episode_is_recorded_once_and_who_has_run_out_holds() {
-        let (plan, layout) = plan(7, 3);
-        let mut examination = Examination::new(plan.clone(), layout, 15.0, Some(1), 21);
+        let (plan, column_map) = plan(7, 3);
+        let mut examination = Examination::new(plan.clone(), column_map, 15.0, Some(1), 21);
         let mut seen = BTreeSet::new();
         let mut rounds = 0;
         while examination.remaining() > 0 {
             rounds += 1;
             assert!(rounds < 10);
-            for column in 0..layout.columns() {
+            for column in 0..column_map.columns() {
                 if examination.choose(column, 20, None) == HOLD {
                     assert!(examination.settle(column, &transition(0, 0.0)).is_none());
                     continue;
@@ -186,19 +192,19 @@ mod tests {
                 let ended = transition_flag::ENDED | transition_flag::DONE | transition_flag::SUCCESS;
                 let (record, actions) = examination.settle(column, &transition(ended, 0.0)).unwrap();
                 assert_eq!((record.length, actions.as_slice()), (1, &[20][..]));
-                assert_eq!(record.kitchen, layout.environment(column).kitchen);
+                assert_eq!(record.kitchen, column_map.environment(column).kitchen);
                 assert!(record.success && record.end == EpisodeEnd::Done && record.disturb_prediction.is_none());
                 assert!(seen.insert((record.kitchen, record.episode)));
             }
         }
         assert_eq!(seen.into_iter().collect::<Vec<_>>(), plan.episodes().collect::<Vec<_>>());
-        assert!((0..layout.columns()).all(|column| examination.choose(column, 3, None) == HOLD));
+        assert!((0..column_map.columns()).all(|column| examination.choose(column, 3, None) == HOLD));
     }
 
     #[test]
     fn an_episodes_steps_add_up() {
-        let (plan, layout) = plan(5, 1);
-        let mut examination = Examination::new(plan, layout, 15.0, None, 21);
+        let (plan, column_map) = plan(5, 1);
+        let mut examination = Examination::new(plan, column_map, 15.0, None, 21);
         // Foretold and came; missed; false alarm; quiet; and a last step, which is not asked about.
         let steps = [(true, -0.001), (false, -0.002), (true, 0.0), (false, -0.0009), (true, -0.5)];
         let mut played = None;
@@ -224,13 +230,13 @@ mod tests {
     #[test]
     fn noise_belongs_to_the_episode() {
         let draw = |actors, environments, column, number, step, seed| {
-            let (plan, layout) = plan(actors, environments);
-            let mut examination = Examination::new(plan, layout, 15.0, seed, 4);
+            let (plan, column_map) = plan(actors, environments);
+            let mut examination = Examination::new(plan, column_map, 15.0, seed, 4);
             for _ in 0..number {
                 examination.choose(column, 20, None);
                 examination.settle(column, &transition(transition_flag::ENDED, 0.0)).unwrap();
             }
-            let environment = layout.environment(column);
+            let environment = column_map.environment(column);
             let mut noise = vec![];
             examination.noise(Place { column, environment, episode: number, step }, &mut noise);
             assert_eq!(noise.len(), 4);

@@ -1,35 +1,16 @@
 //! `orchestrator`: starts and supervises a run, shows how it stands, stops it, goes on with it, replays what it
 //! recorded. Each command is a file in [`command`].
 
-mod budget;
 mod command;
 mod evaluation;
-mod figures;
-mod format;
-mod gather;
-mod identity;
-mod json_lines;
-mod lifeline;
-mod log_line;
-mod metrics;
-mod next_steps;
 mod preflight;
-mod progress;
-mod recorder;
 mod recording;
-mod remains;
-mod report_files;
-mod scenes;
-mod schema;
-mod session;
-mod sitting;
+mod reporting;
+mod run;
+mod showing;
 mod suite;
-mod summary;
 mod supervisor;
-mod terminal;
 mod training;
-mod validation;
-mod wall;
 
 use clap::{Parser, Subcommand};
 use rustix::process::Signal;
@@ -77,9 +58,9 @@ enum Command {
 
 fn main() -> ExitCode {
     let line = CommandLine::parse();
-    terminal::init(line.verbose);
+    showing::terminal::init(line.verbose);
     let done = |()| ExitCode::SUCCESS;
-    let followed = line.parent.map_or(Ok(()), |parent| lifeline::follow(parent, Signal::INT));
+    let followed = line.parent.map_or(Ok(()), |parent| run::lifeline::follow(parent, Signal::INT));
     let result = followed.and_then(|()| match &line.command {
         Command::Up(args) => command::up::run(args),
         Command::Resume(args) => command::resume::run(args),
@@ -98,7 +79,7 @@ fn main() -> ExitCode {
         Command::Doctor(args) => command::doctor::run(args),
     });
     result.unwrap_or_else(|error| {
-        terminal::note(&format!("error: {error:#}"));
+        showing::terminal::note(&format!("error: {error:#}"));
         ExitCode::FAILURE
     })
 }

@@ -20,8 +20,8 @@ use wire::message::{ActionHeader, Halves, ObservationHeader, RestoreHeader, obse
 const HELLO_INTERVAL: Duration = Duration::from_millis(200);
 /// Time until an observation that reached nobody is sent again.
 const RESEND_INTERVAL: Duration = Duration::from_millis(50);
-/// Longest single wait for a message.
-const WAIT_MAX: Duration = Duration::from_millis(50);
+/// Longest single wait for a message. Every message rings, but its sender can be killed before it does.
+const WAIT_MAX: Duration = Duration::from_millis(250);
 
 /// What the shell does next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -276,7 +276,7 @@ mod tests {
         assert_eq!(protocol.next(T0), Todo::Hello);
         assert_eq!((protocol.hello_header().actor, protocol.hello_header().actor_incarnation), (3, 7));
         protocol.hello_sent(T0);
-        assert_eq!(protocol.next(ms(1)), Todo::Wait(WAIT_MAX));
+        assert_eq!(protocol.next(ms(1)), Todo::Wait(ms(199)));
         assert_eq!(protocol.next(ms(190)), Todo::Wait(ms(10)));
         assert_eq!(protocol.next(ms(200)), Todo::Hello);
         assert!(ignored(protocol.on_restore(&restore(1, 6, [0, 0]), 2, ms(200))), "for its predecessor");

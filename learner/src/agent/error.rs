@@ -1,7 +1,7 @@
 //! What can go wrong in the agent.
 
-use crate::group::PeerError;
 use crate::network::{PrecisionError, Unfit};
+use crate::peers::PeerError;
 use proto::config::{CarriedGoal, NetworkConfig};
 
 /// What went wrong in the agent.

@@ -18,11 +18,11 @@ pub(crate) use state::{BELIEFS, MODEL, weights_of};
 
 use crate::auxiliary::{Auxiliary, Sizes};
 use crate::device;
-use crate::group::{PeerError, Peers};
 use crate::network::{
     FramePreparation, Network, Observations, Staging, Unfit, fits, goal_coordinates, table_row, to_vec,
 };
 use crate::optimizer::{Adam, learning_rate};
+use crate::peers::{PeerError, Peers};
 use crate::ppo::lagrangian::ascend;
 use crate::ppo::preemption::ends_early;
 use crate::ppo::{Update, UpdateError};

@@ -6,8 +6,8 @@
 
 use super::query::{Epoch, Query};
 use super::task::{Entry, Pass, Sizes, Tally, Task, TaskLoss};
-use crate::group::{PeerError, Peers};
 use crate::network::{Initial, Layout, Linear, Packing, Parameters};
+use crate::peers::{PeerError, Peers};
 use proto::config::AuxiliaryTask;
 use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};

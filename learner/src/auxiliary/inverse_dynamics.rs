@@ -4,8 +4,8 @@
 
 use super::query::{Epoch, Query};
 use super::task::{Entry, Pass, Sizes, Tally, Task, TaskLoss};
-use crate::group::{PeerError, Peers};
 use crate::network::{Layout, Linear, OBSERVATION, Packing, Parameters};
+use crate::peers::{PeerError, Peers};
 use proto::config::AuxiliaryTask;
 use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};

@@ -21,8 +21,8 @@ pub use query::{Epoch, Query};
 pub(crate) use task::Entry;
 pub use task::{Pass, Sizes, Tally, Task, TaskLoss};
 
-use crate::group::{PeerError, Peers};
 use crate::network::{Layout, Packing, Parameters};
+use crate::peers::{PeerError, Peers};
 use proto::config::{AuxiliaryConfig, AuxiliaryTask};
 use std::collections::BTreeMap;
 use tch::Tensor;

@@ -4,8 +4,8 @@
 //! task may look at a random share (subsampling); which ones is a function of (seed, rollout, epoch, step, column), so
 //! it depends neither on how columns are divided into passes nor on what was drawn before.
 
-use crate::group::{PeerError, Peers};
 use crate::network::Packing;
+use crate::peers::{PeerError, Peers};
 use proto::random::{Key, Purpose};
 
 /// Valid queries below which none is left out (reference).

@@ -1,8 +1,8 @@
 //! What an auxiliary task is to training, and what the registry holds of each.
 
 use super::query::{Epoch, Query};
-use crate::group::{PeerError, Peers};
 use crate::network::{Layout, Packing, Parameters};
+use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use proto::config::{AuxiliaryConfig, AuxiliaryTask};
 use std::collections::BTreeMap;

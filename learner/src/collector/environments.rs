@@ -1,6 +1,6 @@
 //! The learner's authoritative list of environment states, and the check that actors agree with it.
 
-use super::layout::Layout;
+use super::column_map::ColumnMap;
 use super::statistics::{RolloutStatistics, RunningEpisode};
 use crate::rollout::Outcome;
 use proto::action::{Action, HOLD, NO_ACTION};
@@ -41,7 +41,7 @@ pub struct Mismatch {
 /// then replays it and reports the same outcome again.
 #[derive(Debug, Clone)]
 pub struct Environments {
-    layout: Layout,
+    column_map: ColumnMap,
     max_episode_steps: u32,
     gamma: f64,
     states: Vec<EnvironmentState>,
@@ -57,17 +57,17 @@ impl Environments {
     /// # Panics
     /// If the lists do not have one entry a column.
     pub fn new(
-        layout: Layout,
+        column_map: ColumnMap,
         max_episode_steps: u32,
         gamma: f64,
         states: Vec<EnvironmentState>,
         running: Vec<RunningEpisode>,
     ) -> Self {
         assert!(
-            states.len() == layout.columns() && running.len() == layout.columns(),
+            states.len() == column_map.columns() && running.len() == column_map.columns(),
             "there is one state and one running episode for each environment"
         );
-        Self { layout, max_episode_steps, gamma, states, running, in_flight: vec![None; layout.columns()] }
+        Self { column_map, max_episode_steps, gamma, states, running, in_flight: vec![None; column_map.columns()] }
     }
 
     /// State of one column, actions in flight included.
@@ -112,10 +112,10 @@ impl Environments {
         transition: &Transition,
         current: &Current,
     ) -> Result<(), Mismatch> {
-        let (actor, index) = self.layout.place(column);
+        let (actor, index) = self.column_map.place(column);
         let mismatch = |problem: String| Mismatch {
             actor,
-            kitchen: self.layout.environment(column).kitchen.number(),
+            kitchen: self.column_map.environment(column).kitchen.number(),
             environment: index,
             problem,
             non_finite: false,

@@ -1,4 +1,5 @@
-//! The rollout collector: a state machine without I/O, clock or tensors.
+//! The rollout collector: a state machine without I/O, clock or tensors. (Adding the statistics of several learners up,
+//! [`RolloutStatistics::over`], is the one call that speaks to other processes; the training loop makes it afterwards.)
 //!
 //! It is fed with observation samples and the agent's actions and says what to do next ([`Task`]). For each step of a
 //! rollout and each half of the environments: wait until every actor's observations are here, take in what the last
@@ -9,16 +10,16 @@
 //! it goes back to. A restarted actor is told where it stands by [`Collector::restore`], at any moment; a restarted
 //! learner begins from a [`Boundary`]. The tests crash both at every point and compare what was recorded.
 
+mod column_map;
 mod environments;
 mod exchange;
-mod layout;
 mod noise;
 mod statistics;
 #[cfg(test)]
 mod tests;
 
+pub use column_map::ColumnMap;
 pub use environments::{Environments, Mismatch, Reward};
-pub use layout::Layout;
 pub use noise::{gumbel, gumbel_of};
 pub use statistics::{RolloutStatistics, RunningEpisode};
 
@@ -34,7 +35,7 @@ use proto::stage::RolloutShape;
 use proto::step::{Current, Transition, current_flag};
 use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, observation_kind};
 
-/// One actor's observations of one half, in the order of [`Layout::half`].
+/// One actor's observations of one half, in the order of [`ColumnMap::half`].
 pub trait HalfSample {
     /// Number of observations.
     fn len(&self) -> usize;
@@ -78,7 +79,7 @@ impl Boundary {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// Columns.
-    pub layout: Layout,
+    pub column_map: ColumnMap,
     /// Seed of the run, for the action noise.
     pub seed: u64,
     /// Actions of the policy head: Gumbel draws for each environment's step.
@@ -266,16 +267,22 @@ impl<S: HalfSample> Collector<S> {
     /// A collector that goes on from `boundary`.
     ///
     /// # Panics
-    /// If the boundary is not of as many environments as the layout.
+    /// If the boundary is not of as many environments as the column map.
     pub fn new(settings: Settings, boundary: Boundary) -> Self {
-        let layout = settings.layout;
+        let column_map = settings.column_map;
         let Boundary { exchange, environments, running } = boundary;
         Self {
             settings,
-            halves: (0..layout.halves()).map(|_| Half::new(layout.actors(), exchange)).collect(),
-            environments: Environments::new(layout, settings.max_episode_steps, settings.gamma, environments, running),
-            ids: (0..layout.columns()).map(|column| layout.environment(column)).collect(),
-            actor_incarnations: vec![0; layout.actors() as usize],
+            halves: (0..column_map.halves()).map(|_| Half::new(column_map.actors(), exchange)).collect(),
+            environments: Environments::new(
+                column_map,
+                settings.max_episode_steps,
+                settings.gamma,
+                environments,
+                running,
+            ),
+            ids: (0..column_map.columns()).map(|column| column_map.environment(column)).collect(),
+            actor_incarnations: vec![0; column_map.actors() as usize],
             stage_version: 0,
             cursor: None,
         }
@@ -311,8 +318,8 @@ impl<S: HalfSample> Collector<S> {
     /// Takes a sample in.
     pub fn receive(&mut self, header: &ObservationHeader, sample: S) -> Result<Received, ProtocolError> {
         let ObservationHeader { kind, actor, actor_incarnation, learner_incarnation, half, step, .. } = *header;
-        let layout = self.settings.layout;
-        let Some(index) = layout.index_of(actor).filter(|_| half < layout.halves()) else {
+        let column_map = self.settings.column_map;
+        let Some(index) = column_map.index_of(actor).filter(|_| half < column_map.halves()) else {
             return Err(ProtocolError::Header(*header));
         };
         let newest = &mut self.actor_incarnations[index as usize];
@@ -336,7 +343,7 @@ impl<S: HalfSample> Collector<S> {
             }
             Arrival::Awaited => {}
         }
-        let columns = layout.columns_of(index, half);
+        let columns = column_map.columns_of(index, half);
         if sample.len() != columns.len() {
             return Err(ProtocolError::Length { actor, half, found: sample.len(), expected: columns.len() });
         }
@@ -360,8 +367,9 @@ impl<S: HalfSample> Collector<S> {
             learner_incarnation: self.settings.learner_incarnation,
             actor_incarnation,
         };
-        let layout = self.settings.layout;
-        let columns = layout.columns_of_actor(layout.index_of(actor).expect("only a learner's own actors ask it"));
+        let column_map = self.settings.column_map;
+        let columns =
+            column_map.columns_of_actor(column_map.index_of(actor).expect("only a learner's own actors ask it"));
         (header, columns.map(|column| *self.environments.state(column)).collect())
     }
 
@@ -369,8 +377,8 @@ impl<S: HalfSample> Collector<S> {
     pub fn missing(&self) -> Vec<u32> {
         match self.task() {
             Task::Await { half } => {
-                let layout = self.settings.layout;
-                self.halves[half as usize].missing().map(|index| layout.actor(index)).collect()
+                let column_map = self.settings.column_map;
+                self.halves[half as usize].missing().map(|index| column_map.actor(index)).collect()
             }
             _ => vec![],
         }
@@ -407,7 +415,7 @@ impl<S: HalfSample> Collector<S> {
         let mut settled = vec![];
         let step = exchange.step();
         for (index, sample) in (0..).zip(exchange.complete().expect("a half settles when it is complete")) {
-            for (i, column) in settings.layout.columns_of(index, half).enumerate() {
+            for (i, column) in settings.column_map.columns_of(index, half).enumerate() {
                 let outcome = environments.settle(column, sample.transition(i), cursor.reward, &mut cursor.statistics);
                 if let Some(outcome) = outcome {
                     settled.push(Settled { t: (step - 1 - cursor.boundary.exchange) as usize, column, outcome });
@@ -423,9 +431,9 @@ impl<S: HalfSample> Collector<S> {
     /// If the half's observations are not complete.
     pub fn transitions(&self, half: u32) -> impl Iterator<Item = (usize, &Transition)> {
         let samples = self.halves[half as usize].complete().expect("outcomes are told of a complete half");
-        let layout = self.settings.layout;
+        let column_map = self.settings.column_map;
         (0..).zip(samples).flat_map(move |(index, sample)| {
-            layout.columns_of(index, half).enumerate().map(|(i, column)| (column, sample.transition(i)))
+            column_map.columns_of(index, half).enumerate().map(|(i, column)| (column, sample.transition(i)))
         })
     }
 
@@ -445,11 +453,11 @@ impl<S: HalfSample> Collector<S> {
     /// # Panics
     /// If the half's observations are not complete.
     pub fn batch_with(&self, half: u32, mut noise: impl FnMut(Place, &mut Vec<f32>)) -> Batch<'_> {
-        let Settings { layout, policy_actions, carried_goal, .. } = self.settings;
+        let Settings { column_map, policy_actions, carried_goal, .. } = self.settings;
         let samples = self.halves[half as usize].complete().expect("a batch is made of a complete half");
-        let count = layout.half(half).len() * samples.len();
+        let count = column_map.half(half).len() * samples.len();
         let mut batch = Batch {
-            columns: layout.batch(half).collect(),
+            columns: column_map.batch(half).collect(),
             frames: Vec::with_capacity(count),
             goal_m: Vec::with_capacity(count),
             previous_action: Vec::with_capacity(count),
@@ -457,7 +465,7 @@ impl<S: HalfSample> Collector<S> {
             gumbel: Vec::with_capacity(count * policy_actions),
         };
         for (index, sample) in (0..).zip(samples) {
-            for (i, column) in layout.columns_of(index, half).enumerate() {
+            for (i, column) in column_map.columns_of(index, half).enumerate() {
                 let current = sample.current(i);
                 batch.frames.push(sample.frame(i));
                 batch.goal_m.push(goal_vector_m(carried_goal, current));
@@ -479,13 +487,13 @@ impl<S: HalfSample> Collector<S> {
     pub fn answer(&mut self, half: u32, actions: &[u8]) -> Vec<ActionBatch> {
         let Task::Act { half: due, t } = self.task() else { panic!("actions are answered when they are due") };
         assert_eq!(half, due, "the halves take turns");
-        let layout = self.settings.layout;
-        let width = layout.half(half).len();
-        assert_eq!(actions.len(), width * layout.actors() as usize, "one action for each environment of the half");
+        let column_map = self.settings.column_map;
+        let width = column_map.half(half).len();
+        assert_eq!(actions.len(), width * column_map.actors() as usize, "one action for each environment of the half");
         let cursor = self.cursor.as_mut().expect("a task is due in a rollout");
         cursor.turn += 1;
         let acting =
-            if t + 1 == cursor.shape.steps { cursor.shape.environments_in_last_step } else { layout.columns() };
+            if t + 1 == cursor.shape.steps { cursor.shape.environments_in_last_step } else { column_map.columns() };
         let exchange = &mut self.halves[half as usize];
         let header = ActionHeader {
             step: exchange.step(),
@@ -494,15 +502,15 @@ impl<S: HalfSample> Collector<S> {
             half,
         };
         exchange.advance();
-        let mut batches = Vec::with_capacity(layout.actors() as usize);
+        let mut batches = Vec::with_capacity(column_map.actors() as usize);
         for (index, chosen) in (0..).zip(actions.chunks(width)) {
-            let columns = layout.columns_of(index, half);
+            let columns = column_map.columns_of(index, half);
             let sent: Vec<u8> =
                 columns.clone().zip(chosen).map(|(column, &a)| if column < acting { a } else { HOLD }).collect();
             for (column, &action) in columns.zip(&sent) {
                 self.environments.act(column, action);
             }
-            batches.push(ActionBatch { actor: layout.actor(index), header, actions: sent });
+            batches.push(ActionBatch { actor: column_map.actor(index), header, actions: sent });
         }
         batches
     }
@@ -526,7 +534,7 @@ impl<S: HalfSample> Collector<S> {
     pub fn cut(&mut self) {
         let [steps, _] = self.between_steps().expect("a rollout is cut between steps");
         assert!(steps > 0, "a rollout has frames");
-        let columns = self.settings.layout.columns();
+        let columns = self.settings.column_map.columns();
         let cursor = self.cursor.as_mut().expect("there are steps in a rollout");
         cursor.shape = RolloutShape { steps, environments_in_last_step: columns, frames: (steps * columns) as u64 };
     }

@@ -1,6 +1,6 @@
 //! What a rollout says about the episodes that ended in it.
 
-use crate::group::{PeerError, Peers};
+use crate::peers::{PeerError, Peers};
 use proto::metric;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 use proto::step::{Transition, transition_flag};

@@ -67,7 +67,7 @@ impl FakeActor {
         (header, FakeSample(vec![]))
     }
 
-    fn observe(&self, layout: Layout, half: u32) -> Message {
+    fn observe(&self, column_map: ColumnMap, half: u32) -> Message {
         let (learner_incarnation, steps) = self.following.expect("an actor observes once it is restored");
         let header = ObservationHeader {
             step: steps[half as usize],
@@ -79,24 +79,24 @@ impl FakeActor {
             ..ObservationHeader::default()
         };
         let observe = |e: usize| (e as u32, self.environments[e].transition(), self.environments[e].current());
-        (header, FakeSample(layout.half(half).map(observe).collect()))
+        (header, FakeSample(column_map.half(half).map(observe).collect()))
     }
 
     /// Handles one message that waits for it, and returns what it sends. None when nothing waits.
-    fn turn(&mut self, layout: Layout) -> Option<Vec<Message>> {
+    fn turn(&mut self, column_map: ColumnMap) -> Option<Vec<Message>> {
         if let Some((header, states)) = self.restore.take() {
             let meant = header.actor_incarnation == 0 || header.actor_incarnation == self.incarnation;
             if !meant || self.following.is_some_and(|(learner, _)| learner >= header.learner_incarnation) {
                 return Some(vec![]);
             }
-            let first = layout.columns_of_actor(self.number).start;
+            let first = column_map.columns_of_actor(self.number).start;
             self.environments = states
                 .iter()
                 .enumerate()
-                .map(|(e, state)| FakeEnvironment::rebuild(layout.environment(first + e), MAX_STEPS, state))
+                .map(|(e, state)| FakeEnvironment::rebuild(column_map.environment(first + e), MAX_STEPS, state))
                 .collect();
             self.following = Some((header.learner_incarnation, header.step));
-            return Some((0..layout.halves()).map(|half| self.observe(layout, half)).collect());
+            return Some((0..column_map.halves()).map(|half| self.observe(column_map, half)).collect());
         }
         let ActionBatch { header, actions, .. } = self.actions.pop_front()?;
         let Some((learner, steps)) = &mut self.following else { return Some(vec![]) };
@@ -104,10 +104,10 @@ impl FakeActor {
             return Some(vec![]);
         }
         steps[header.half as usize] += 1;
-        for (e, action) in layout.half(header.half).zip(actions) {
+        for (e, action) in column_map.half(header.half).zip(actions) {
             self.environments[e].act(action);
         }
-        Some(vec![self.observe(layout, header.half)])
+        Some(vec![self.observe(column_map, header.half)])
     }
 }
 
@@ -144,7 +144,7 @@ struct Checkpoint {
 
 #[derive(Debug, Clone, Copy)]
 struct Run {
-    layout: Layout,
+    column_map: ColumnMap,
     rollout_steps: usize,
     /// Rollouts are cut after this many steps.
     cut: Option<usize>,
@@ -174,13 +174,13 @@ struct World {
 
 impl World {
     fn new(run: Run) -> Self {
-        let columns = run.layout.columns();
+        let columns = run.column_map.columns();
         let brain = Brain { weights: 1, beliefs: vec![0; columns] };
         let boundary = Boundary::start(columns);
         let first = Checkpoint { boundary: boundary.clone(), brain: brain.clone(), frames: 0, rollout: 0 };
         let mut world = Self {
             run,
-            actors: (0..run.layout.actors()).map(|actor| FakeActor::new(actor, 1)).collect(),
+            actors: (0..run.column_map.actors()).map(|actor| FakeActor::new(actor, 1)).collect(),
             to_learner: VecDeque::new(),
             learner_incarnation: 1,
             record: Record::default(),
@@ -188,10 +188,10 @@ impl World {
             before: brain.clone(),
             brain,
             frames: 0,
-            collector: Collector::new(settings(run.layout, 1), boundary),
+            collector: Collector::new(settings(run.column_map, 1), boundary),
             in_progress: None,
         };
-        for actor in 0..run.layout.actors() as usize {
+        for actor in 0..run.column_map.actors() as usize {
             world.to_learner.push_back(world.actors[actor].hello());
         }
         world.broadcast();
@@ -199,7 +199,7 @@ impl World {
     }
 
     fn broadcast(&mut self) {
-        for actor in 0..self.run.layout.actors() {
+        for actor in 0..self.run.column_map.actors() {
             self.actors[actor as usize].restore = Some(self.collector.restore(actor, 0));
         }
     }
@@ -224,7 +224,7 @@ impl World {
         self.in_progress = None;
         // Its subscriber dies with it.
         self.to_learner.clear();
-        self.collector = Collector::new(settings(self.run.layout, self.learner_incarnation), boundary);
+        self.collector = Collector::new(settings(self.run.column_map, self.learner_incarnation), boundary);
         self.broadcast();
         // Actors that have no restore yet keep crying.
         for actor in &self.actors {
@@ -236,7 +236,7 @@ impl World {
 
     /// One turn of the learner, as the process makes it. False when it waits.
     fn learner_turn(&mut self) -> bool {
-        let layout = self.run.layout;
+        let column_map = self.run.column_map;
         let mut heard = false;
         while let Some((header, sample)) = self.to_learner.pop_front() {
             heard = true;
@@ -248,7 +248,7 @@ impl World {
             if self.frames == self.run.budget {
                 return heard;
             }
-            let shape = RolloutShape::next(self.run.budget - self.frames, self.run.rollout_steps, layout.columns());
+            let shape = RolloutShape::next(self.run.budget - self.frames, self.run.rollout_steps, column_map.columns());
             self.before = self.brain.clone();
             let reward = Reward { kind: RewardKind::DisturbanceFree, disturbance_weight: 15.0 };
             self.collector.begin(shape, reward, 1 + self.record.rollouts.len() as u64);
@@ -260,7 +260,7 @@ impl World {
             assert_eq!(planned, record.shape.steps);
             if self.run.cut == Some(steps) {
                 self.collector.cut();
-                record.shape = RolloutShape::next(u64::MAX, steps, layout.columns());
+                record.shape = RolloutShape::next(u64::MAX, steps, column_map.columns());
             }
         }
         match self.collector.task() {
@@ -336,7 +336,7 @@ impl World {
             let who = order() % (actors + 1);
             let moved = if who == actors {
                 self.learner_turn()
-            } else if let Some(sent) = self.actors[who].turn(self.run.layout) {
+            } else if let Some(sent) = self.actors[who].turn(self.run.column_map) {
                 self.to_learner.extend(sent);
                 true
             } else {
@@ -349,9 +349,9 @@ impl World {
     }
 }
 
-fn settings(layout: Layout, learner_incarnation: u32) -> Settings {
+fn settings(column_map: ColumnMap, learner_incarnation: u32) -> Settings {
     Settings {
-        layout,
+        column_map,
         seed: SEED,
         policy_actions: POLICY_ACTIONS,
         max_episode_steps: MAX_STEPS,
@@ -389,7 +389,7 @@ fn random_order(seed: u64) -> impl FnMut() -> usize {
 
 fn any_run() -> impl Strategy<Value = Run> {
     (1u32..4, 1u32..5, 1usize..9, 1u64..120).prop_map(|(actors, environments, rollout_steps, budget)| Run {
-        layout: Layout::new(0, actors, environments),
+        column_map: ColumnMap::new(0, actors, environments),
         rollout_steps,
         cut: None,
         budget,
@@ -414,7 +414,7 @@ proptest! {
         for rollout in &undisturbed.rollouts {
             prop_assert_eq!(rollout.actions.len() as u64, rollout.shape.frames);
             prop_assert_eq!(rollout.outcomes.len() as u64, rollout.shape.frames);
-            prop_assert_eq!(rollout.bootstrap.len(), run.layout.columns());
+            prop_assert_eq!(rollout.bootstrap.len(), run.column_map.columns());
         }
         prop_assert_eq!(World::new(run).run(random_order(order), &faults), undisturbed);
     }
@@ -439,7 +439,7 @@ proptest! {
             let who = order() % (world.actors.len() + 1);
             if who == world.actors.len() {
                 world.learner_turn();
-            } else if let Some(sent) = world.actors[who].turn(run.layout) {
+            } else if let Some(sent) = world.actors[who].turn(run.column_map) {
                 world.to_learner.extend(sent);
             }
         }
@@ -459,7 +459,7 @@ proptest! {
 /// Every single point of a run, one crash each: shorter than chance, but complete.
 #[test]
 fn a_crash_at_each_turn() {
-    let run = Run { layout: Layout::new(0, 2, 3), rollout_steps: 3, cut: None, budget: 40 };
+    let run = Run { column_map: ColumnMap::new(0, 2, 3), rollout_steps: 3, cut: None, budget: 40 };
     let undisturbed = World::new(run).run(round_robin(), &[]);
     assert!(undisturbed.rollouts.iter().flat_map(|rollout| &rollout.outcomes).any(|outcome| outcome.3), "some end");
     for turn in 0..150 {
@@ -471,11 +471,11 @@ fn a_crash_at_each_turn() {
 
 #[test]
 fn an_actor_that_disagrees_is_named() {
-    let layout = Layout::new(0, 2, 2);
-    let mut collector = Collector::<FakeSample>::new(settings(layout, 1), Boundary::start(layout.columns()));
+    let column_map = ColumnMap::new(0, 2, 2);
+    let mut collector = Collector::<FakeSample>::new(settings(column_map, 1), Boundary::start(column_map.columns()));
     let mut actor = FakeActor::new(1, 1);
     actor.restore = Some(collector.restore(1, 0));
-    let sent = actor.turn(layout).unwrap();
+    let sent = actor.turn(column_map).unwrap();
     let broken = |change: &dyn Fn(&mut ObservationHeader, &mut FakeSample)| {
         let (mut header, mut sample) = sent[1].clone();
         change(&mut header, &mut sample);
@@ -520,14 +520,14 @@ fn an_actor_that_disagrees_is_named() {
 
 #[test]
 fn a_batch_has_the_goal_vector_with_the_configured_sign() {
-    let layout = Layout::new(0, 1, 1);
+    let column_map = ColumnMap::new(0, 1, 1);
     for (carried_goal, sign) in [(CarriedGoal::GoalToObject, -1.0), (CarriedGoal::ObjectToGoal, 1.0)] {
         for holding in [false, true] {
-            let settings = Settings { carried_goal, ..settings(layout, 1) };
+            let settings = Settings { carried_goal, ..settings(column_map, 1) };
             let mut collector = Collector::<FakeSample>::new(settings, Boundary::start(1));
             let mut actor = FakeActor::new(0, 1);
             actor.restore = Some(collector.restore(0, 0));
-            let (header, mut sample) = actor.turn(layout).unwrap().remove(0);
+            let (header, mut sample) = actor.turn(column_map).unwrap().remove(0);
             let current = &mut sample.0[0].2;
             current.flags = current_flag::EPISODE_START | if holding { current_flag::HOLDING } else { 0 };
             let expected =
@@ -540,18 +540,18 @@ fn a_batch_has_the_goal_vector_with_the_configured_sign() {
 
 #[test]
 fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
-    let layout = Layout::new(0, 1, 1);
-    let mut collector = Collector::<FakeSample>::new(settings(layout, 1), Boundary::start(1));
+    let column_map = ColumnMap::new(0, 1, 1);
+    let mut collector = Collector::<FakeSample>::new(settings(column_map, 1), Boundary::start(1));
     let mut actor = FakeActor::new(0, 1);
     actor.restore = Some(collector.restore(0, 0));
-    let (header, sample) = actor.turn(layout).unwrap().remove(0);
+    let (header, sample) = actor.turn(column_map).unwrap().remove(0);
     collector.receive(&header, sample).unwrap();
     let reward = Reward { kind: RewardKind::Task, disturbance_weight: 15.0 };
     collector.begin(RolloutShape { steps: 2, environments_in_last_step: 1, frames: 2 }, reward, 1);
     assert!(collector.settle(0).is_empty(), "the first observation belongs to no action of this rollout");
     let batch = collector.answer(0, &[4]).remove(0);
     actor.actions.push_back(batch);
-    let (header, sample) = actor.turn(layout).unwrap().remove(0);
+    let (header, sample) = actor.turn(column_map).unwrap().remove(0);
     let mut refused = |change: &dyn Fn(&mut Transition)| {
         let mut sample = sample.clone();
         change(&mut sample.0[0].1);

@@ -4,6 +4,10 @@
 //! Everything happens in the context and on the stream that libtorch uses: the device's primary context, and its default
 //! stream. So launches are in order with libtorch's, and tensors that are dropped while a kernel uses them are safe: the
 //! allocator gives their memory only to what comes later on the same stream.
+//!
+//! By hand, because cudarc (0.19) does not fit. It loads NVRTC by a list of names that begins with `libnvrtc.so`, whichever
+//! the machine has, and panics without one; we need the one beside libtorch, and an error. It compiles to PTX, which the
+//! driver compiles once more and refuses where it is older than NVRTC; we load machine code. A launch is unsafe there too.
 
 use super::library::{Handle, LibraryError, function, open};
 use std::ffi::{CStr, CString, c_char, c_int, c_uint, c_void};

@@ -1,4 +1,4 @@
-//! Calls into C that no crate makes for us.
+//! Calls into C and C++ that no crate makes for us, or not the way we need them.
 
 pub mod arithmetic;
 pub mod convolution;

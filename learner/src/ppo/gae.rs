@@ -11,7 +11,7 @@
 //! instead: the state that would have followed still has a value. The environment has been reset by then, so its
 //! observation is not there to be judged; `V(s_t)`, one step earlier, stands in for it.
 
-use crate::group::{PeerError, Peers};
+use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use proto::config::PpoConfig;
 

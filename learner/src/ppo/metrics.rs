@@ -1,8 +1,8 @@
 //! The figures of an update: sums over minibatches and learners, then means over epochs.
 
 use crate::auxiliary::{Auxiliary, Tally};
-use crate::group::{PeerError, Peers};
 use crate::network::to_vec;
+use crate::peers::{PeerError, Peers};
 use proto::metric;
 use std::collections::BTreeMap;
 use tch::Tensor;

@@ -11,7 +11,7 @@
 //!         loss: policy, value, entropy            loss.rs
 //!               + auxiliary task                  auxiliary/
 //!         backward
-//!     sum of the gradients over learners          group.rs
+//!     sum of the gradients over learners          peers.rs
 //!     clip, Adam                                  optimizer.rs
 //! ```
 //! An epoch is one step of the optimiser with the gradient of the whole batch, as in the reference. Minibatches only
@@ -31,9 +31,9 @@ pub(crate) mod minibatch;
 pub(crate) mod preemption;
 
 use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, count};
-use crate::group::{PeerError, Peers};
 use crate::network::{Embedded, Network, OBSERVATION, Packing, all_finite};
 use crate::optimizer::{Adam, clip, norm};
+use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use loss::{Terms, terms};
 use metrics::{EpochMetrics, UpdateMetrics};

@@ -3,12 +3,12 @@
 //!
 //! Within one learner nobody can straggle: both halves of all actors are inferred together, step by step, and every
 //! column ends a rollout in the same step. So the rule is one between learners. What it needs of the others is how many
-//! have finished ([`Finished`]), which [`crate::group::Peers::finished`] counts.
+//! have finished ([`Finished`]), which [`crate::peers::Peers::finished`] counts.
 //!
 //! When the others finish is a matter of time, so a run with pre-emption is not reproducible to the last bit. It is off
 //! unless `ppo.preemption_share` says otherwise.
 
-use crate::group::Finished;
+use crate::peers::Finished;
 
 /// Share of its steps that a rollout must have before it may be ended early: less is hardly worth an update.
 const LEAST_STEPS: f64 = 0.25;

@@ -2,9 +2,9 @@
 
 use super::batch::Batch;
 use crate::auxiliary::{Auxiliary, Query};
-use crate::group::Peers;
 use crate::network::{ActorCriticOutput, Network, Packing};
 use crate::optimizer::norm;
+use crate::peers::Peers;
 use crate::ppo::gae::{self, Targets};
 use crate::ppo::metrics::{EpochMetrics, SCALARS};
 use crate::ppo::minibatch::Minibatch;

@@ -2,8 +2,8 @@
 //! and evaluating are two ways to lead it.
 
 use super::announcements::Announcements;
+use super::column_map;
 use super::control::Control;
-use super::layout;
 use super::link::{Ports, Sample};
 use super::stop::{OrchestratorGone, Stop};
 use crate::collector::{Boundary, Collector, Received, Settings};
@@ -13,10 +13,10 @@ use proto::event::LearnerEvent;
 use std::io::Write;
 use std::ops::Range;
 use std::time::{Duration, Instant};
-use wire::{WireAddress, WireShape};
+use wire::Waiting;
 
-/// Longest sleep without a look at lifeline and announcements.
-const LOOK: Duration = Duration::from_millis(50);
+/// Longest sleep without a look around. Whatever is waited for rings, but a process can be killed before it does.
+const LOOK: Duration = Duration::from_millis(250);
 /// An actor that has not answered for this long is told of, and again after each [`NOTICE_INTERVAL`].
 const FIRST_NOTICE: Duration = Duration::from_secs(2);
 const NOTICE_INTERVAL: Duration = Duration::from_secs(10);
@@ -29,21 +29,21 @@ pub struct Silent {
     deadline_s: f64,
 }
 
-/// Who speaks, and where.
-#[derive(Debug)]
-pub struct Speaker {
+/// Who speaks, and through what.
+#[derive(Clone, Copy)]
+pub struct Speaker<'a> {
     /// Rank in the process group.
     pub rank: u32,
-    /// Where the services live.
-    pub wire: WireAddress,
     /// How often this learner has been started under this wire address, from 1.
     pub incarnation: u32,
+    /// This rank's ports.
+    pub ports: &'a Ports,
     /// Set when the orchestrator is gone.
-    pub gone: OrchestratorGone,
+    pub gone: &'a OrchestratorGone,
 }
 
 /// A learner's conversation with actors and orchestrator.
-pub struct Conversation<W> {
+pub struct Conversation<'a, W> {
     /// Rank in the process group.
     pub rank: u32,
     /// Environments and their exchanges.
@@ -52,18 +52,19 @@ pub struct Conversation<W> {
     pub announcements: Announcements,
     actors: Range<u32>,
     actor_deadline_s: f64,
-    ports: Ports,
+    ports: &'a Ports,
+    waiting: Waiting<'a>,
     control: Control<W>,
-    gone: OrchestratorGone,
+    gone: &'a OrchestratorGone,
     connected: bool,
 }
 
-impl<W: Write> Conversation<W> {
-    /// Joins the services. The environments go on from `boundary`; events are told to `output`.
-    pub fn open(speaker: Speaker, config: &Config, boundary: Boundary, output: W) -> Result<Self> {
-        let Speaker { rank, wire, incarnation, gone } = speaker;
+impl<'a, W: Write> Conversation<'a, W> {
+    /// The environments go on from `boundary`; events are told to `output`.
+    pub fn open(speaker: Speaker<'a>, config: &Config, boundary: Boundary, output: W) -> Result<Self> {
+        let Speaker { rank, incarnation, ports, gone } = speaker;
         let settings = Settings {
-            layout: layout(rank, config),
+            column_map: column_map(rank, config),
             seed: config.seed,
             policy_actions: config.episode.action_space.actions().len(),
             max_episode_steps: config.episode.max_steps,
@@ -78,7 +79,8 @@ impl<W: Write> Conversation<W> {
             announcements: Announcements::default(),
             actors,
             actor_deadline_s: config.learner.actor_deadline_s,
-            ports: Ports::open(&wire, WireShape::of(config), rank)?,
+            ports,
+            waiting: ports.attach(gone.bell())?,
             control: Control::new(output, gone.clone()),
             gone,
             connected: false,
@@ -100,9 +102,10 @@ impl<W: Write> Conversation<W> {
         self.ports.send_restore(actor, header, &states)
     }
 
-    /// Sleeps until an actor rings, at most for `timeout`.
-    pub fn wait(&self, timeout: Duration) -> Result<()> {
-        self.ports.wait(timeout)
+    /// Sleeps until an actor has sent something, something is announced or the orchestrator is gone, at most for
+    /// `longest`; it may wake without a reason.
+    pub fn wait(&self, longest: Duration) -> Result<()> {
+        Ok(self.waiting.wait(longest.min(LOOK))?)
     }
 
     /// Takes in every sample that is waiting: whoever is served first must not keep others waiting.
@@ -137,7 +140,7 @@ impl<W: Write> Conversation<W> {
     /// Receives until the half whose turn it is is complete, or there is a reason to stop.
     pub fn await_observations(&mut self) -> Result<Option<Stop>> {
         let began = Instant::now();
-        let deadline_s = self.actor_deadline_s;
+        let deadline = Duration::try_from_secs_f64(self.actor_deadline_s).unwrap_or(Duration::MAX);
         let mut notice = FIRST_NOTICE;
         loop {
             self.receive_all()?;
@@ -149,11 +152,11 @@ impl<W: Write> Conversation<W> {
                 return Ok(None);
             }
             let waited = began.elapsed();
-            if waited.as_secs_f64() >= deadline_s {
+            if waited >= deadline {
                 let named: Vec<String> = missing.iter().map(u32::to_string).collect();
                 let plural = if named.len() == 1 { "actor" } else { "actors" };
                 let actors = format!("{plural} {}", named.join(", "));
-                return Err(Silent { actors, deadline_s }.into());
+                return Err(Silent { actors, deadline_s: self.actor_deadline_s }.into());
             }
             if waited >= notice {
                 notice = waited + NOTICE_INTERVAL;
@@ -162,7 +165,7 @@ impl<W: Write> Conversation<W> {
                     self.tell(&LearnerEvent::WaitingForActor { rank: self.rank, actor, waited_s });
                 }
             }
-            self.wait(LOOK)?;
+            self.wait(notice.min(deadline).saturating_sub(waited))?;
         }
     }
 

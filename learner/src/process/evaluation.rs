@@ -4,8 +4,9 @@
 //! A learner that is started again begins again: the same weights, episodes and noise give the same records.
 
 use super::conversation::{Conversation, Speaker};
+use super::link::Ports;
 use super::stop::{OrchestratorGone, Stop};
-use super::{layout, weights};
+use super::{column_map, weights};
 use crate::agent::Agent;
 use crate::collector::{Boundary, Reward, Task};
 use crate::device;
@@ -18,8 +19,8 @@ use proto::run_folder::RunFolder;
 use proto::stage::RolloutShape;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use wire::WireAddress;
 use wire::fault;
+use wire::{WireAddress, WireShape};
 
 /// This machine's learner is the only one.
 const RANK: u32 = 0;
@@ -56,12 +57,13 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
             (manifest.rollout, manifest.frames)
         }
     };
-    let layout = layout(RANK, &config);
+    let column_map = column_map(RANK, &config);
     let seed = (!asked.deterministic).then_some(config.seed);
     let policy_actions = config.episode.action_space.actions().len();
-    let examination = Examination::new(plan, layout, config.reward.lambda_disturb, seed, policy_actions);
-    let speaker = Speaker { rank: RANK, wire, incarnation, gone };
-    let boundary = Boundary::start(layout.columns());
+    let examination = Examination::new(plan, column_map, config.reward.lambda_disturb, seed, policy_actions);
+    let ports = Ports::open(&wire, WireShape::of(&config), RANK)?;
+    let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone };
+    let boundary = Boundary::start(column_map.columns());
     let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout())?;
     conversation.tell(&LearnerEvent::Ready {
         rank: RANK,
@@ -75,14 +77,14 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
 }
 
 /// Where episodes are played.
-struct Room<W> {
+struct Room<'a, W> {
     config: Config,
     agent: Agent,
     examination: Examination,
-    conversation: Conversation<W>,
+    conversation: Conversation<'a, W>,
 }
 
-impl<W: Write> Room<W> {
+impl<W: Write> Room<'_, W> {
     fn run(mut self) -> Result<()> {
         let columns = self.config.environments();
         // To the collector an evaluation is one rollout without an end. No reward of it is used.

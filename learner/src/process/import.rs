@@ -2,7 +2,7 @@
 //! made the run folder.
 
 use super::lock::{self, Lock};
-use super::{layout, machine};
+use super::{column_map, machine};
 use crate::agent::{Agent, OtherSign};
 use crate::checkpoint::{Snapshot, Store, decode_tensors};
 use crate::collector::Boundary;
@@ -56,7 +56,7 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
         rollout: 0,
         frames: 0,
         agent: agent.state(),
-        boundary: Boundary::start(layout(0, &config).columns()),
+        boundary: Boundary::start(column_map(0, &config).columns()),
         weights: agent.weights_digest(),
     };
     let checkpoint = store.save(&snapshot)?;

@@ -3,15 +3,13 @@
 use crate::collector::{ActionBatch, HalfSample};
 use anyhow::{Context, Result};
 use iceoryx2::port::ReceiveError;
-use iceoryx2::port::listener::ListenerWaitError;
 use iceoryx2::sample::Sample as IoxSample;
 use proto::camera::FRAME_PIXELS;
 use proto::step::{Current, Transition};
-use std::time::Duration;
 use wire::message::{EnvironmentState, Observation, ObservationHeader, RestoreHeader, StageAnnouncement};
 use wire::{
-    ActionPublisher, Bell, Ipc, ObservationSubscriber, RestorePublisher, StageSubscriber, Wakeup, Wire, WireAddress,
-    WireShape,
+    ActionPublisher, Bell, Bells, Ipc, ObservationSubscriber, RestorePublisher, StageSubscriber, ThreadBell, Waiting,
+    Wakeup, Wire, WireAddress, WireError, WireShape,
 };
 
 /// A received sample: borrowed from shared memory until it is dropped. A subscriber may hold two of each actor.
@@ -46,8 +44,10 @@ struct ActorPorts {
 pub struct Ports {
     // Ports before the node: they are dropped in this order.
     observations: ObservationSubscriber,
-    wakeup: Wakeup,
+    observations_wakeup: Wakeup,
     stage: StageSubscriber,
+    stage_wakeup: Wakeup,
+    bells: Bells,
     /// The run's number of the first of [`Self::actors`].
     first_actor: u32,
     actors: Vec<ActorPorts>,
@@ -58,9 +58,10 @@ impl Ports {
     /// Joins the services of an orchestrator incarnation.
     pub fn open(address: &WireAddress, shape: WireShape, rank: u32) -> Result<Self> {
         let wire = Wire::join(address, shape, &format!("learner-{rank}"))?;
-        // The bell's listener first: whoever finds the subscriber finds someone to wake.
-        let wakeup = wire.observations_wakeup(rank)?;
+        // The bells' listeners first: whoever finds the subscriber finds someone to wake.
+        let observations_wakeup = wire.observations_wakeup(rank)?;
         let observations = wire.observation_subscriber(rank)?;
+        let stage_wakeup = wire.stage_wakeup()?;
         let stage = wire.stage_subscriber()?;
         let actors = shape
             .shares
@@ -74,7 +75,8 @@ impl Ports {
             })
             .collect::<Result<_>>()?;
         let first_actor = shape.shares.actors_of(rank).start;
-        Ok(Self { observations, wakeup, stage, first_actor, actors, _wire: wire })
+        let bells = Bells::new()?;
+        Ok(Self { observations, observations_wakeup, stage, stage_wakeup, bells, first_actor, actors, _wire: wire })
     }
 
     /// The next observation sample, if one is waiting.
@@ -88,12 +90,9 @@ impl Ports {
         }
     }
 
-    /// Waits until an actor rings or `timeout` is over.
-    pub fn wait(&self, timeout: Duration) -> Result<()> {
-        match self.wakeup.timed_wait(|_| {}, timeout) {
-            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
-            Err(cause) => Err(anyhow::anyhow!("cannot wait for observations: {cause:?}")),
-        }
+    /// Waiting for all that can happen: observations, announcements, and what rings `gone`.
+    pub fn attach<'a>(&'a self, gone: &'a ThreadBell) -> Result<Waiting<'a>, WireError> {
+        self.bells.attach([&self.observations_wakeup, &self.stage_wakeup], gone)
     }
 
     /// Announcements made since the last call, the newest last.
@@ -134,7 +133,7 @@ impl Ports {
     }
 }
 
-/// A bell that does not ring is no loss: actors look at least every 50 ms.
+/// A bell that does not ring is no loss: actors look a few times a second.
 fn ring(bell: &Bell, actor: u32) {
     if let Err(cause) = bell.notify() {
         tracing::debug!("the bell of actor {actor} does not ring: {cause:?}");

@@ -1,7 +1,7 @@
 //! The learner as a process: command line, lock, lifeline, shared memory, events, exit status.
 //!
-//! [`training`] and [`evaluation`] are loops over a [`conversation`]; everything that decides anything in them is pure and
-//! lives elsewhere: the collector ([`crate::collector`]), the checkpoint format ([`crate::checkpoint`]), [`announcements`].
+//! [`training`] and [`evaluation`] are loops over a [`conversation`]. They keep the order of things and the deadlines. What
+//! a message means is decided by pure state machines: the collector ([`crate::collector`]) and [`announcements`].
 
 mod announcements;
 mod check;
@@ -23,11 +23,12 @@ pub use training::NonFinite;
 
 use crate::agent::{Agent, AgentError};
 use crate::checkpoint::Store;
-use crate::collector::{Boundary, Layout, ProtocolError};
+use crate::collector::{Boundary, ColumnMap, ProtocolError};
 use crate::device;
-use crate::group::{PeerError, Peers};
+use crate::peers::{PeerError, Peers};
 use anyhow::{Context, Result, bail, ensure};
 use conversation::{Conversation, Speaker};
+use link::Ports;
 use lock::Lock;
 use proto::config::{Config, FromConfig};
 use proto::event::LearnerEvent;
@@ -37,7 +38,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use stop::OrchestratorGone;
 use training::Training;
-use wire::WireAddress;
+use wire::{WireAddress, WireShape};
 
 /// What a learner is started with.
 #[derive(Debug, Clone)]
@@ -81,7 +82,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let Resumed { rollout, frames, boundary, checkpoint } = resumed;
     // 0 = none was found, which is not the checkpoint of rollout 0.
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
-    let speaker = Speaker { rank, wire, incarnation, gone };
+    let ports = Ports::open(&wire, WireShape::of(&config), rank)?;
+    let speaker = Speaker { rank, incarnation, ports: &ports, gone: &gone };
     let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout())?;
     conversation.tell(&LearnerEvent::Ready {
         rank,
@@ -118,9 +120,10 @@ pub fn is_of_peers(error: &anyhow::Error) -> bool {
 }
 
 /// The environments of the actors that a rank serves.
-fn layout(rank: u32, config: &Config) -> Layout {
+fn column_map(rank: u32, config: &Config) -> ColumnMap {
     let actors = config.shares().actors_of(rank);
-    Layout::new(actors.start, actors.len() as u32, config.actors.environments_per_actor).in_kitchens(config.kitchens())
+    ColumnMap::new(actors.start, actors.len() as u32, config.actors.environments_per_actor)
+        .in_kitchens(config.kitchens())
 }
 
 /// Their columns in the whole run.

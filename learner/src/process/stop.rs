@@ -1,13 +1,9 @@
 //! Why a learner stops before its budget is reached.
 
 use anyhow::{Context, Result};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
-use wire::lifeline;
-
-/// How often a deadline is looked at.
-const LOOK: Duration = Duration::from_millis(250);
+use wire::{ThreadBell, lifeline};
 
 /// Why to save and leave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,14 +14,26 @@ pub enum Stop {
     OrchestratorGone,
 }
 
-/// Set once, by any thread, when the orchestrator is gone.
-#[derive(Debug, Clone, Default)]
-pub struct OrchestratorGone(Arc<AtomicBool>);
+/// Set once, by any thread, when the orchestrator is gone. Whoever waits then wakes.
+#[derive(Debug, Clone)]
+pub struct OrchestratorGone(Arc<Noted>);
+
+#[derive(Debug)]
+struct Noted {
+    gone: OnceLock<()>,
+    bell: ThreadBell,
+}
 
 impl OrchestratorGone {
+    /// Set by nobody but the caller.
+    pub fn new() -> Result<Self> {
+        let bell = ThreadBell::new().context("cannot make an eventfd")?;
+        Ok(Self(Arc::new(Noted { gone: OnceLock::new(), bell })))
+    }
+
     /// Set when standard input closes, if that is a lifeline; else by nobody but the caller.
     pub fn watched(lifeline: bool) -> Result<Self> {
-        let gone = Self::default();
+        let gone = Self::new()?;
         if lifeline {
             let watched = gone.clone();
             lifeline::hold(move || watched.set()).context("cannot watch the lifeline")?;
@@ -33,14 +41,13 @@ impl OrchestratorGone {
         Ok(gone)
     }
 
-    /// Calls `end` on a thread of its own `patience` after it was noted, if this process still runs then. A learner that
-    /// waits for others in a sum on a GPU cannot look; without an orchestrator nobody else would end it.
+    /// Calls `end` on a thread of its own `patience` after it was noted, if this process still runs then. A learner
+    /// blocked in an all-reduce on a GPU cannot notice it; without an orchestrator nobody else would end it.
     pub fn end_after(&self, patience: Duration, end: impl FnOnce() + Send + 'static) -> Result<()> {
-        let gone = self.clone();
+        let noted = Arc::clone(&self.0);
         let watch = move || {
-            while !gone.is_set() {
-                std::thread::sleep(LOOK);
-            }
+            noted.gone.wait();
+            // The time itself is what is waited for.
             std::thread::sleep(patience);
             end();
         };
@@ -50,12 +57,18 @@ impl OrchestratorGone {
 
     /// Notes it.
     pub fn set(&self) {
-        self.0.store(true, Ordering::Release);
+        let _ = self.0.gone.set(());
+        self.0.bell.ring();
     }
 
     /// True once it was noted.
     pub fn is_set(&self) -> bool {
-        self.0.load(Ordering::Acquire)
+        self.0.gone.get().is_some()
+    }
+
+    /// Rings when it is noted.
+    pub fn bell(&self) -> &ThreadBell {
+        &self.0.bell
     }
 }
 
@@ -66,10 +79,10 @@ mod tests {
 
     #[test]
     fn only_who_has_no_orchestrator_is_ended() {
-        let gone = OrchestratorGone::default();
+        let gone = OrchestratorGone::new().unwrap();
         let (sender, ended) = channel();
         gone.end_after(Duration::ZERO, move || sender.send(()).unwrap()).unwrap();
-        assert_eq!(ended.recv_timeout(2 * LOOK), Err(RecvTimeoutError::Timeout));
+        assert_eq!(ended.recv_timeout(Duration::from_millis(100)), Err(RecvTimeoutError::Timeout));
         gone.set();
         assert_eq!(ended.recv_timeout(Duration::from_secs(10)), Ok(()));
     }

@@ -8,8 +8,8 @@ use super::stop::Stop;
 use crate::agent::{Agent, AgentError};
 use crate::checkpoint::{Part, Snapshot, Store, encode_tensors};
 use crate::collector::{Reward, Task};
-use crate::group::PeerError;
 use crate::optimizer::learning_rate_progress;
+use crate::peers::PeerError;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::event::{LearnerEvent, Timing};
@@ -34,7 +34,7 @@ pub struct NonFinite {
 }
 
 /// All that training needs.
-pub struct Training<W> {
+pub struct Training<'a, W> {
     /// The run's configuration.
     pub config: Config,
     /// The run's folder.
@@ -44,7 +44,7 @@ pub struct Training<W> {
     /// Network, beliefs, optimiser.
     pub agent: Agent,
     /// With actors and orchestrator.
-    pub conversation: Conversation<W>,
+    pub conversation: Conversation<'a, W>,
     /// The next rollout.
     pub rollout: u64,
     /// Frames trained on.
@@ -79,7 +79,7 @@ struct Loop {
     preempted: bool,
 }
 
-impl<W: Write> Training<W> {
+impl<W: Write> Training<'_, W> {
     /// Trains until the budget is reached or a stop; in both cases the state is saved at the end. A number that is not
     /// finite is dumped with its rollout.
     pub fn run(mut self) -> Result<()> {
@@ -125,7 +125,7 @@ impl<W: Write> Training<W> {
                 Err(error @ AgentError::NonFinite { .. }) => {
                     // All learners are here, and whoever ends first ends the others: not before all have written.
                     let dumped = self.dump(&error.into());
-                    let _ = self.agent.peers().sum(&mut [0.0]);
+                    let _ = self.agent.peers().barrier();
                     return Err(dumped.into());
                 }
                 Err(error) => return Err(error.into()),
@@ -203,7 +203,7 @@ impl<W: Write> Training<W> {
             peers.gather(&Part { beliefs: self.agent.boundary_beliefs(), boundary }.encode()?)?;
         }
         // Nobody goes on, or leaves, before it is on the disk.
-        peers.sum(&mut [0.0])?;
+        peers.barrier()?;
         self.saved = Some(self.rollout);
         state.last_save = Instant::now();
         if let Some(path) = written {
@@ -286,10 +286,11 @@ impl<W: Write> Training<W> {
             if let Some(stop) = self.conversation.stop_asked()? {
                 return Ok(Err(CutShort::Stop(stop)));
             }
+            let left = ANNOUNCEMENT_DEADLINE.saturating_sub(began.elapsed());
             match self.conversation.announcements.word(&self.config.stages, self.rollout, self.frames)? {
                 Word::Begin { version } => return Ok(Ok(version)),
                 Word::Stop => return Ok(Err(CutShort::Stop(Stop::Announced))),
-                Word::Wait if began.elapsed() >= ANNOUNCEMENT_DEADLINE => {
+                Word::Wait if left.is_zero() => {
                     return Ok(Err(CutShort::Fault(anyhow::anyhow!(
                         "the orchestrator does not answer: rollout {} was not announced within {} s. The run is saved: \
                          end the orchestrator if it still runs, then `orchestrator resume {}`",
@@ -298,8 +299,7 @@ impl<W: Write> Training<W> {
                         self.run.root().display()
                     ))));
                 }
-                // Announcements ring no bell.
-                Word::Wait => self.conversation.wait(Duration::from_millis(2))?,
+                Word::Wait => self.conversation.wait(left)?,
             }
         }
     }

@@ -2,8 +2,8 @@
 
 use crate::world::{self, World, small_config};
 use learner::agent::Agent;
-use learner::group::Peers;
 use learner::network::to_vec;
+use learner::peers::Peers;
 use proto::config::{AuxiliaryTask, Config};
 use std::collections::BTreeMap;
 use tch::{Device, Tensor};

@@ -20,7 +20,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use wire::message::{Halves, ObservationHeader, StageAnnouncement, directive, observation_kind};
-use wire::{ObservationPublisher, StagePublisher, UpdateConnections, Wire, WireAddress, WireHost, WireShape};
+use wire::{Announcer, ObservationPublisher, Wire, WireAddress, WireHost, WireShape};
 
 /// Longest that one learner process may take.
 const DEADLINE: Duration = Duration::from_mins(2);
@@ -52,7 +52,7 @@ pub struct Scene {
     pub folder: tempfile::TempDir,
     address: WireAddress,
     host: Option<WireHost>,
-    stage: Option<StagePublisher>,
+    stage: Option<Announcer>,
     version: u64,
     learners: u32,
     actors: Vec<StandIn>,
@@ -101,7 +101,7 @@ impl Scene {
         let address = WireAddress::new(&short(name), 1);
         let shape = WireShape::of(&config);
         let host = WireHost::create(&address, shape).unwrap();
-        let stage = host.wire().stage_publisher().unwrap();
+        let stage = host.wire().announcer().unwrap();
         let actors = (0..shape.shares.actors()).map(|actor| StandIn::start(&address, &config, actor, 1)).collect();
         Self { config, folder, address, host: Some(host), stage: Some(stage), version: 0, learners: 0, actors }
     }
@@ -143,7 +143,7 @@ impl Scene {
                     self.answer(&event, plan, &mut lifeline);
                     events.push(event);
                 }
-                Err(RecvTimeoutError::Timeout) => self.stage.as_ref().unwrap().update_connections().unwrap(),
+                Err(RecvTimeoutError::Timeout) => self.stage.as_ref().unwrap().update().unwrap(),
                 Err(RecvTimeoutError::Disconnected) => break,
             }
             if began.elapsed() > DEADLINE {
@@ -193,7 +193,7 @@ impl Scene {
     fn say(&mut self, rollout: u64, stage: u32, directive: u32) {
         self.version += 1;
         let announcement = StageAnnouncement { version: self.version, rollout, stage, directive };
-        self.stage.as_ref().unwrap().send_copy(announcement).unwrap();
+        self.stage.as_ref().unwrap().announce(announcement).unwrap();
     }
 
     /// A new orchestrator incarnation: new services, new actors, the same run folder.
@@ -202,7 +202,7 @@ impl Scene {
         self.address = WireAddress::new(&short(&number.to_string()), number);
         let shape = WireShape::of(&self.config);
         let host = WireHost::create(&self.address, shape).unwrap();
-        self.stage = Some(host.wire().stage_publisher().unwrap());
+        self.stage = Some(host.wire().announcer().unwrap());
         self.host = Some(host);
         self.version = 0;
         self.actors =

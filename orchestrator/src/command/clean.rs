@@ -1,8 +1,8 @@
 //! `orchestrator clean`: frees the shared memory of dead runs.
 
-use crate::format::{self, counted};
-use crate::remains::{processes_of, survey, sweep};
-use crate::terminal;
+use crate::run::remains::{processes_of, survey, sweep};
+use crate::showing::format::{self, counted};
+use crate::showing::terminal;
 use anyhow::Result;
 use std::time::Duration;
 

@@ -1,8 +1,8 @@
 //! `orchestrator config`: the effective configuration.
 
 use super::overrides::{Overrides, default_preset};
-use crate::session::Tools;
-use crate::terminal;
+use crate::preflight::tools::Tools;
+use crate::showing::terminal;
 use anyhow::Result;
 
 /// Print the effective configuration as TOML, every default included

@@ -1,10 +1,19 @@
 //! `orchestrator doctor`: everything that `up` would check, all of it, as a table.
 
 use super::overrides::{Overrides, default_preset};
-use crate::preflight::{Finding, device, disk, memory, processor, programs, shared_memory};
-use crate::remains::survey;
-use crate::terminal;
-use crate::{format, scenes, session};
+use crate::preflight::Finding;
+use crate::preflight::device;
+use crate::preflight::disk;
+use crate::preflight::memory;
+use crate::preflight::processor;
+use crate::preflight::programs;
+use crate::preflight::shared_memory;
+use crate::preflight::tools::Tools;
+use crate::run::remains::survey;
+use crate::run::scenes;
+use crate::run::session::shape;
+use crate::showing::format;
+use crate::showing::terminal;
 use anyhow::Result;
 use proto::device::Torch;
 use serde::Serialize;
@@ -42,7 +51,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         table.row(program, finding(found.as_ref().map(|path| path.display().to_string())));
         found.ok()
     });
-    let tools = session::Tools::find();
+    let tools = Tools::find();
     let torch = match &tools {
         Ok(tools) => Some(tools.torch.clone()),
         Err(error) => {
@@ -64,7 +73,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         Err(error) => table.row("configuration", Finding::Problem(format!("{error:#}"))),
         Ok(config) => {
             let frames = format::count(proto::stage::total_frames(&config.stages));
-            let shape = format!("preset {}: {}, {frames} frames", config.preset, session::shape(&config));
+            let shape = format!("preset {}: {}, {frames} frames", config.preset, shape(&config));
             table.row("configuration", Finding::Good(shape));
             if let Some(found) = actor.and_then(|actor| scenes::finding(&config, &actor)) {
                 table.row("scenes", found);

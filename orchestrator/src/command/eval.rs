@@ -1,14 +1,16 @@
 //! `orchestrator eval`: success and disturbance of a policy on fixed or drawn episodes.
 
-use super::up::{check_free, create_with};
+use crate::evaluation::run::EvaluationRun;
 use crate::evaluation::subject::{Origin, find};
-use crate::evaluation::{self, Examination};
-use crate::format;
-use crate::identity::unix_now;
-use crate::lifeline;
-use crate::scenes;
-use crate::session::{Tools, preflight};
-use crate::terminal;
+use crate::evaluation::words::{episodes_of, place};
+use crate::preflight::all::demand_all;
+use crate::preflight::tools::Tools;
+use crate::run::create::{check_free, create};
+use crate::run::identity::unix_now;
+use crate::run::lifeline;
+use crate::run::scenes;
+use crate::showing::format;
+use crate::showing::terminal;
 use anyhow::{Result, ensure};
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan};
@@ -147,10 +149,10 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     terminal::note(&announcement(args, &config, &asked));
     let tools = Tools::find()?;
     let folder = RunFolder::new(args.out.clone().unwrap_or_else(|| default_folder(&origin, &asked)));
-    preflight(&config, &folder, &tools)?;
+    demand_all(&config, &folder, &tools)?;
     let folders = if config.recording.enabled { vec![folder.recordings()] } else { vec![] };
-    let (identity, lock) = create_with(&folder, &mut config, &folders)?;
-    Examination { folder, config, asked, json: args.json, subject: origin, identity, lock, tools }.run()
+    let (identity, lock) = create(&folder, &mut config, &folders)?;
+    EvaluationRun { folder, config, asked, json: args.json, subject: origin, identity, lock, tools }.run()
 }
 
 /// An evaluation's configuration: its run's, without what concerns training only.
@@ -253,8 +255,8 @@ fn asked(
 
 /// Which episodes are played where, and how to have others where that was not asked for.
 fn announcement(args: &EvalArgs, config: &Config, asked: &EvaluationConfig) -> String {
-    let what = evaluation::episodes_of(config, asked).0;
-    let place = evaluation::place(asked.split, asked.scene_targets.len());
+    let what = episodes_of(config, asked).0;
+    let place = place(asked.split, asked.scene_targets.len());
     let otherwise = match (args.distribution, asked.distribution, asked.split) {
         _ if !config.scenes.is_empty() => " (--split goes elsewhere)",
         (None, Distribution::Run, Split::Validation | Split::Test) => " (--distribution fixed plays the fixed ones)",

@@ -1,12 +1,12 @@
 //! `orchestrator import`: a run that begins with weights of elsewhere. (Those of a run of ours: `up --from`.)
 
 use super::overrides::Overrides;
-use super::up::{check_free, prepare};
-use crate::identity::Identity;
-use crate::log_line::error_in;
-use crate::scenes;
-use crate::session::Tools;
-use crate::terminal;
+use crate::preflight::tools::Tools;
+use crate::run::create::{check_free, prepare};
+use crate::run::identity::Identity;
+use crate::run::scenes;
+use crate::showing::log_line::error_in;
+use crate::showing::terminal;
 use anyhow::{Context, Result, anyhow, bail};
 use proto::config::{Config, presets};
 use proto::run_folder::RunFolder;

@@ -1,6 +1,6 @@
 //! `orchestrator presets`: what `--preset` takes.
 
-use crate::terminal;
+use crate::showing::terminal;
 use anyhow::Result;
 use proto::config::presets;
 

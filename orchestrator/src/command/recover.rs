@@ -1,8 +1,8 @@
 //! `orchestrator recover`: a whole recording from one that was cut off.
 
-use crate::format::counted;
 use crate::recording::repair::{Repair, repair};
-use crate::terminal;
+use crate::showing::format::counted;
+use crate::showing::terminal;
 use anyhow::Result;
 use std::path::PathBuf;
 

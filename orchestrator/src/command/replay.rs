@@ -2,13 +2,13 @@
 //!
 //! What is to be compared comes from [`crate::recording::episodes`]; how, is in [`crate::recording::simulate`].
 
-use crate::format::counted;
 use crate::recording::episodes::{Recorded, gather};
 use crate::recording::reader::RecordingError;
 use crate::recording::simulate::simulate;
 use crate::recording::wanted::Wanted;
 use crate::recording::{ffmpeg, files_at};
-use crate::terminal;
+use crate::showing::format::counted;
+use crate::showing::terminal;
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
 use proto::episode::EnvironmentId;

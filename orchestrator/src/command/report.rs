@@ -1,9 +1,9 @@
 //! `orchestrator report`: what runs came to, beside the paper.
 
-use crate::format::counted;
-use crate::gather::gather;
-use crate::report_files::{NUMBERS, PAGE, check_free, write};
-use crate::terminal;
+use crate::reporting::files::{NUMBERS, PAGE, check_free, write};
+use crate::reporting::gather::gather;
+use crate::showing::format::counted;
+use crate::showing::terminal;
 use anyhow::{Result, ensure};
 use report::Options;
 use std::path::{Path, PathBuf};

@@ -1,16 +1,19 @@
 //! `orchestrator resume`: goes on with a run from its last checkpoint.
 
-use crate::budget::Budget;
-use crate::format;
-use crate::identity::{Identity, RunLock, host_name, is_evaluation, wait_for_learners};
-use crate::next_steps;
-use crate::remains;
-use crate::session::{Session, Tools, preflight};
+use crate::preflight::all::demand_all;
+use crate::preflight::tools::Tools;
+use crate::run::identity::{Identity, host_name, is_evaluation};
+use crate::run::lock::{RunLock, wait_for_learners};
+use crate::run::remains;
+use crate::showing::format;
+use crate::showing::next_steps;
+use crate::showing::terminal;
 use crate::suite;
-use crate::summary::Summary;
 use crate::supervisor::event::End;
 use crate::supervisor::policy::Policy;
-use crate::terminal;
+use crate::training::budget::Budget;
+use crate::training::run::TrainingRun;
+use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -77,17 +80,17 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     }
     if let Some(budget) = budget {
         let new = budget.lay_over(&config);
-        preflight(&new, &folder, &tools)?;
+        demand_all(&new, &folder, &tools)?;
         budget.announce(&config);
         budget.write(&folder, &config)?;
         config = new;
     } else {
-        preflight(&config, &folder, &tools)?;
+        demand_all(&config, &folder, &tools)?;
     }
     for path in [folder.logs(), folder.checkpoints(), folder.recordings()] {
         std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
     }
-    Session { folder, config, identity, lock, tools }.run()
+    TrainingRun { folder, config, identity, lock, tools }.run()
 }
 
 /// Shows a complete run as it was shown when it ended.

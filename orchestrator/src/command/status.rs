@@ -2,17 +2,19 @@
 //! crash.
 
 use crate::evaluation::standing::Standing;
-use crate::figures::{Recent, StageFigures, by_stage, recent};
-use crate::format;
-use crate::identity::{Held, Identity, Incarnation, holder, state, unix_now};
-use crate::metrics::History;
-use crate::next_steps;
-use crate::progress::{figures_line, frames_line};
 use crate::recording::Recordings;
+use crate::run::identity::{Identity, Incarnation, unix_now};
+use crate::run::lock::{Held, holder};
+use crate::run::state::RunState;
+use crate::showing::format;
+use crate::showing::next_steps;
+use crate::showing::progress::{figures_line, frames_line};
+use crate::showing::terminal;
 use crate::suite;
-use crate::summary::{Summary, table};
-use crate::terminal;
-use crate::wall::{Last, Wall};
+use crate::training::means::{Recent, StageMeans, by_stage, recent};
+use crate::training::metrics::History;
+use crate::training::summary::{Summary, table};
+use crate::training::wall::{Last, Wall};
 use anyhow::Result;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -39,8 +41,7 @@ pub struct StatusArgs {
 #[derive(Debug, Serialize)]
 struct Status {
     id: String,
-    /// See [`state`].
-    state: String,
+    state: RunState,
     preset: String,
     seed: u64,
     incarnations: Vec<Incarnation>,
@@ -55,7 +56,7 @@ struct Status {
 enum Work {
     Training {
         recent: Recent,
-        stages: Vec<StageFigures>,
+        stages: Vec<StageMeans>,
         weights: Option<String>,
         wall: Wall,
     },
@@ -130,7 +131,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     let work = Work::read(&folder, &config, &identity, &held)?;
     let status = Status {
         id: identity.id.clone(),
-        state: state(&identity, &held, work.is_complete()),
+        state: RunState::of(&identity, &held, work.is_complete()),
         preset: config.preset.clone(),
         seed: config.seed,
         incarnations: identity.incarnations,

@@ -1,9 +1,9 @@
 //! `orchestrator stop`: an orderly stop of a run that another process runs.
 
-use crate::identity::{Held, Identity, holder, host_name, is_evaluation};
+use crate::run::identity::{Ending, Identity, host_name, is_evaluation};
+use crate::run::lock::{Held, holder};
+use crate::showing::terminal;
 use crate::suite;
-use crate::supervisor::event::FAILED;
-use crate::terminal;
 use anyhow::{Result, bail};
 use proto::run_folder::RunFolder;
 use rustix::process::{Pid, Signal, kill_process};
@@ -59,6 +59,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
         if begin.elapsed() > Duration::from_secs(args.timeout) {
             bail!("{root} has not stopped within {} s; it still may", args.timeout);
         }
+        // The lock tells when it is over, and a lock wakes nobody who waits with a deadline.
         std::thread::sleep(Duration::from_millis(50));
     }
     if asked.is_none() {
@@ -71,7 +72,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
         }
         bail!("{root} was cut off; `orchestrator resume {root}` goes on from its last checkpoint");
     };
-    if ended.how == FAILED {
+    if ended.how == Ending::Failed {
         bail!("{what} {} failed: {}", identity.id, ended.reason.as_deref().unwrap_or("no reason is written down"));
     }
     terminal::out(&format!("{what} {} {}", identity.id, ended.how));

@@ -1,13 +1,13 @@
 //! `orchestrator suite`: presets times seeds, and the report on them.
 
-use crate::format::counted;
-use crate::gather::gather;
-use crate::next_steps::{program, quoted};
 use crate::preflight::{device, libtorch, programs};
-use crate::report_files;
-use crate::sitting::EXIT_INTERRUPTED;
-use crate::suite::{Outcome, Suite, SuiteFolder, lines, run as work};
-use crate::terminal;
+use crate::reporting::files;
+use crate::reporting::gather::gather;
+use crate::run::session::EXIT_INTERRUPTED;
+use crate::showing::format::counted;
+use crate::showing::next_steps::{program, quoted};
+use crate::showing::terminal;
+use crate::suite::{Suite, SuiteFolder, SuiteOutcome, lines, run as work};
 use anyhow::{Context, Result, ensure};
 use proto::device::VISIBLE_DEVICES;
 use report::Options;
@@ -113,9 +113,9 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     for line in lines(&suite, &folder)? {
         terminal::out(&line);
     }
-    if let Outcome::Stopped | Outcome::Interrupted = outcome {
+    if let SuiteOutcome::Stopped | SuiteOutcome::Interrupted = outcome {
         terminal::note(&format!("go on with: {}", again(args)));
-        let stopped = outcome == Outcome::Stopped;
+        let stopped = outcome == SuiteOutcome::Stopped;
         return Ok(if stopped { ExitCode::SUCCESS } else { ExitCode::from(EXIT_INTERRUPTED) });
     }
     let begun = suite.entries.iter().map(|entry| folder.run(entry)).filter(|run| run.identity().exists());
@@ -123,13 +123,13 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     if begun.is_empty() {
         terminal::note("no run could be begun: there is nothing to report on");
     } else {
-        let made = report_files::write(gather(&begun)?, &Options::default(), &folder.report())?;
+        let made = files::write(gather(&begun)?, &Options::default(), &folder.report())?;
         for note in &made.report.notes {
             terminal::note(note);
         }
         terminal::out(&format!("page: {}", folder.page().display()));
     }
-    if outcome == Outcome::Done {
+    if outcome == SuiteOutcome::Done {
         return Ok(ExitCode::SUCCESS);
     }
     terminal::note(&format!(

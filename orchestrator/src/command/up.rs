@@ -1,16 +1,23 @@
 //! `orchestrator up`: a new run.
 
 use super::overrides::{Overrides, default_preset};
-use crate::evaluation::subject::{Found, find, network_differences, read_manifest};
-use crate::format;
-use crate::identity::{Held, Identity, RunLock, holder, is_evaluation, unix_now};
-use crate::scenes;
-use crate::session::{Session, Tools, preflight};
-use crate::terminal;
+use crate::evaluation::subject::Found;
+use crate::evaluation::subject::find;
+use crate::evaluation::subject::network_differences;
+use crate::evaluation::subject::read_manifest;
+use crate::preflight::all::demand_all;
+use crate::preflight::tools::Tools;
+use crate::run::create::check_free;
+use crate::run::create::create;
+use crate::run::identity::unix_now;
+use crate::run::scenes;
+use crate::showing::format;
+use crate::showing::terminal;
+use crate::training::run::TrainingRun;
 use anyhow::{Context, Result, bail};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, FromConfig};
-use proto::run_folder::{RunFolder, write_atomically};
+use proto::run_folder::RunFolder;
 use proto::stage::total_frames;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -65,14 +72,14 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
         None => Tools::find()?,
     };
     let folder = RunFolder::new(args.run.clone().unwrap_or_else(|| default_folder(&config)));
-    preflight(&config, &folder, &tools)?;
+    demand_all(&config, &folder, &tools)?;
     scenes::check(&config)?;
     introduce(&config, asked);
     if let Some(FromConfig { checkpoint, frames, .. }) = &config.from {
         terminal::note(&format!("begins with the weights of {checkpoint}, {} frames", format::count(*frames)));
     }
-    let (identity, lock) = create(&folder, &mut config)?;
-    Session { folder, config, identity, lock, tools }.run()
+    let (identity, lock) = create(&folder, &mut config, &[folder.checkpoints(), folder.recordings()])?;
+    TrainingRun { folder, config, identity, lock, tools }.run()
 }
 
 /// Whose weights the run begins with; refused where the networks differ.
@@ -90,59 +97,6 @@ fn default_folder(config: &Config) -> PathBuf {
     Path::new("runs").join(format!("{}-{}-{}", format::timestamp(unix_now()), config.preset, config.seed))
 }
 
-/// Refuses a folder that holds anything.
-pub fn check_free(folder: &RunFolder) -> Result<()> {
-    let root = folder.root().display();
-    match std::fs::read_dir(folder.root()) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
-        Err(error) => return Err(error).with_context(|| format!("run folder {root}")),
-        Ok(mut entries) => {
-            if entries.next().is_none() {
-                return Ok(());
-            }
-        }
-    }
-    if let Held::By(holder) = holder(folder)? {
-        bail!("run folder {root} is already in use: pid {} on {} runs it", holder.pid, holder.host);
-    }
-    if folder.identity().exists() && is_evaluation(folder) {
-        bail!("folder {root} is already in use: it holds an evaluation");
-    }
-    if folder.identity().exists() {
-        bail!("run folder {root} is already in use: it holds a run, and `orchestrator resume {root}` goes on with it");
-    }
-    bail!("run folder {root} is not empty, and it is no run: choose another with --run")
-}
-
-/// Makes the folder and everything that is in it before the first process starts.
-fn create(folder: &RunFolder, config: &mut Config) -> Result<(Identity, RunLock)> {
-    create_with(folder, config, &[folder.checkpoints(), folder.recordings()])
-}
-
-/// The same for a folder that has these folders besides its logs.
-pub fn create_with(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> Result<(Identity, RunLock)> {
-    let lock = prepare(folder, config, folders)?;
-    let identity = Identity::new()?;
-    identity.write(folder)?;
-    Ok((identity, lock))
-}
-
-/// Makes the folder, these folders in it, and everything else but the identity, which makes it a run.
-pub fn prepare(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> Result<RunLock> {
-    check_free(folder)?;
-    for path in [folder.root().to_path_buf(), folder.logs()].iter().chain(folders) {
-        std::fs::create_dir_all(path).with_context(|| format!("cannot create {}", path.display()))?;
-    }
-    let lock = RunLock::acquire(folder)?;
-    if folder.identity().exists() {
-        bail!("run folder {} is already in use: another orchestrator was faster", folder.root().display());
-    }
-    scenes::keep(config, folder)?;
-    write_atomically(&folder.config(), config.to_toml().as_bytes())
-        .with_context(|| format!("cannot write {}", folder.config().display()))?;
-    Ok(lock)
-}
-
 fn introduce(config: &Config, asked: bool) {
     let frames = format::count(total_frames(&config.stages));
     if config.preset == "demo" {
@@ -154,29 +108,5 @@ fn introduce(config: &Config, asked: bool) {
         ));
     } else if !asked {
         terminal::note(&format!("preset {}: {frames} frames", config.preset));
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_a_new_or_empty_folder_is_taken() {
-        let temporary = tempfile::tempdir().unwrap();
-        let mut config = Config::resolve("demo", None).unwrap();
-        let new = RunFolder::new(temporary.path().join("a/b"));
-        check_free(&new).unwrap();
-        let (identity, lock) = create(&new, &mut config).unwrap();
-        assert_eq!(Identity::read(&new).unwrap(), identity);
-        let text = std::fs::read_to_string(new.config()).unwrap();
-        assert_eq!(Config::from_toml(&text, "config.toml").unwrap(), config);
-        let message = check_free(&new).unwrap_err().to_string();
-        assert!(message.contains("already in use") && message.contains("resume"), "{message}");
-        drop(lock);
-
-        let foreign = RunFolder::new(temporary.path());
-        let message = check_free(&foreign).unwrap_err().to_string();
-        assert!(message.contains("not empty"), "{message}");
     }
 }

@@ -1,7 +1,7 @@
 //! How an evaluation stands: from what is heard while it runs, or from its folder alone.
 
-use super::examiner::JOURNAL_FILE;
-use crate::{format, json_lines};
+use super::journal;
+use crate::showing::format;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::evaluation::{EpisodeRecord, Evaluation, Figures, RESULT_FILE};
@@ -55,8 +55,7 @@ impl Standing {
                 Ok(Some(Self { result: Some(path), ..Self::at(asked, &evaluation.overall) }))
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                let records: Vec<EpisodeRecord> = json_lines::read(&folder.root().join(JOURNAL_FILE))?;
-                Ok(Some(Self::of(asked, records.iter())))
+                Ok(Some(Self::of(asked, journal::read(folder)?.iter())))
             }
             Err(error) => Err(error).with_context(|| path.display().to_string()),
         }

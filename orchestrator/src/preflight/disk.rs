@@ -1,7 +1,7 @@
 //! Whether the disk holds what a run writes: checkpoints must fit, recordings should.
 
 use super::Finding;
-use crate::format::bytes;
+use crate::showing::format::bytes;
 use proto::config::Config;
 use proto::stage::total_frames;
 use std::path::Path;

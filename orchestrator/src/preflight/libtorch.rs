@@ -3,14 +3,15 @@
 //! The library that the programs were built with is found by itself. `LIBTORCH` names another one, for example a torch
 //! with CUDA: its `lib` folder then comes first for the learner.
 
-use crate::log_line::error_in;
+use crate::run::process_end::wait_for_child;
+use crate::showing::log_line::error_in;
 use anyhow::{Context, Result, bail};
 use proto::device::Torch;
 use std::ffi::{OsStr, OsString};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// The series of torch that the learner speaks.
 const SERIES: &str = "2.11";
@@ -78,17 +79,10 @@ pub fn check(learner: &Path, environment: &[(OsString, OsString)]) -> Result<Tor
     let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
     let stdout = std::thread::spawn(move || read(stdout));
     let stderr = std::thread::spawn(move || read(stderr));
-    let begin = Instant::now();
-    let status = loop {
-        if let Some(status) = child.try_wait()? {
-            break status;
-        }
-        if begin.elapsed() > PATIENCE {
-            child.kill()?;
-            child.wait()?;
-            bail!("`{} check` did not answer within {} s", learner.display(), PATIENCE.as_secs());
-        }
-        std::thread::sleep(Duration::from_millis(5));
+    let Some(status) = wait_for_child(&mut child, PATIENCE)? else {
+        child.kill()?;
+        child.wait()?;
+        bail!("`{} check` did not answer within {} s", learner.display(), PATIENCE.as_secs());
     };
     let output = stdout.join().unwrap_or_default();
     let complaint = stderr.join().unwrap_or_default();

@@ -2,7 +2,8 @@
 //! afterwards the kernel kills one of them without a word.
 
 use super::Finding;
-use crate::format::{bytes, counted};
+use crate::showing::format::bytes;
+use crate::showing::format::counted;
 use proto::camera::FRAME_PIXELS;
 use proto::config::Config;
 use proto::shares::Shares;

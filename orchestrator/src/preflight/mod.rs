@@ -1,6 +1,8 @@
 //! What is looked at before a process is started, so that what cannot work is said at once, in one message with the
 //! figures and the way out. `up` and `resume` stop at the first problem; `doctor` prints all of it.
+//! [`all`] is every check of one configuration; [`tools`] finds the other two programs.
 
+pub mod all;
 pub mod device;
 pub mod disk;
 pub mod libtorch;
@@ -8,6 +10,7 @@ pub mod memory;
 pub mod processor;
 pub mod programs;
 pub mod shared_memory;
+pub mod tools;
 
 /// What a check found.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 //! the limit kills the writer with SIGBUS. So the need is computed and compared before anything is created.
 
 use super::Finding;
-use crate::format::{bytes, counted};
+use crate::showing::format::{bytes, counted};
 use proto::config::Config;
 use proto::shares::Shares;
 use wire::{SHARED_MEMORY, WireShape};

@@ -6,9 +6,9 @@
 
 use super::reader::{Extent, RecordingError, read};
 use super::wanted::{Known, Wanted};
-use crate::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, identity};
-use crate::schema::stillroom::step::Goal;
-use crate::schema::stillroom::{EpisodeStart, RobotVector, Step};
+use crate::recording::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, identity};
+use crate::recording::schema::stillroom::step::Goal;
+use crate::recording::schema::stillroom::{EpisodeStart, RobotVector, Step};
 use mcap::records::{Metadata, Record};
 use prost::Message;
 use proto::SCHEMA_VERSION;

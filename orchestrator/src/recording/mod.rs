@@ -1,15 +1,17 @@
-//! Reading recordings back: [`reader`] goes through a file however it ends, [`episodes`] puts together what can be
+//! Recordings: [`recorder`] makes them, in the messages of [`schema`]. Reading them back: [`reader`] goes through a file however it ends, [`episodes`] puts together what can be
 //! re-simulated, [`wanted`] chooses among it, [`simulate`] simulates it, [`repair`] makes a whole file of a cut one.
 //! [`ffmpeg`] is looked for where films are to be made.
 
 pub mod episodes;
 pub mod ffmpeg;
 pub mod reader;
+pub mod recorder;
 pub mod repair;
+pub mod schema;
 pub mod simulate;
 pub mod wanted;
 
-use crate::format;
+use crate::showing::format;
 use proto::run_folder::RunFolder;
 use reader::RecordingError;
 use serde::Serialize;

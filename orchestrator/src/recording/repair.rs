@@ -1,7 +1,7 @@
 //! A whole file from a cut one.
 
 use super::reader::{End, Extent, RecordingError, read};
-use crate::recorder::segment::write_options;
+use crate::recording::recorder::segment::write_options;
 use mcap::records::{Metadata, Record};
 use mcap::{Attachment, McapError, Writer};
 use std::borrow::Cow;

@@ -5,7 +5,8 @@
 //! camera saw where that is asked for. The work is divided by kitchen over as many actors as there are cores.
 
 use crate::preflight::programs;
-use crate::terminal;
+use crate::run::process_end::wait_for_child;
+use crate::showing::terminal;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
@@ -21,6 +22,8 @@ use std::time::{Duration, Instant};
 const SILENCE_DEADLINE: Duration = Duration::from_mins(5);
 /// The same where it draws: a film of two hundred steps takes a minute, a large one on a busy machine many.
 const DRAWING_DEADLINE: Duration = Duration::from_hours(1);
+/// How long an actor may take to end after its last verdict.
+const EXIT_DEADLINE: Duration = Duration::from_secs(10);
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
 const PROGRESS_LINE_INTERVAL: Duration = Duration::from_secs(10);
 
@@ -74,7 +77,7 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
 
     let mut totals = Totals::default();
     let mut running = actors.0.len();
-    let mut progress = Progress::new(total);
+    let mut progress = ReplayProgress::new(total);
     let mut heard = Instant::now();
     while running > 0 {
         match inbox.recv_timeout(PROGRESS_INTERVAL) {
@@ -156,15 +159,10 @@ impl Actors {
     }
 
     fn reap(&mut self, number: usize) -> Result<()> {
-        let child = &mut self.0[number];
-        let deadline = Instant::now() + Duration::from_secs(10);
-        loop {
-            match child.try_wait().context("cannot wait for an actor")? {
-                Some(status) if status.success() => return Ok(()),
-                Some(status) => bail!("the actor that replays ended with {status}; its last words are above"),
-                None if Instant::now() > deadline => bail!("an actor closed its output but did not exit"),
-                None => std::thread::sleep(Duration::from_millis(5)),
-            }
+        match wait_for_child(&mut self.0[number], EXIT_DEADLINE).context("cannot wait for an actor")? {
+            Some(status) if status.success() => Ok(()),
+            Some(status) => bail!("the actor that replays ended with {status}; its last words are above"),
+            None => bail!("an actor closed its output but did not exit"),
         }
     }
 }
@@ -219,14 +217,14 @@ fn listen(output: ChildStdout, expected: &[(EnvironmentId, u32)], reports: &Send
 }
 
 /// What the user sees meanwhile: a line that is refreshed, or one now and then where that cannot be.
-struct Progress {
+struct ReplayProgress {
     total: usize,
     started: Instant,
     shown: Instant,
     interactive: bool,
 }
 
-impl Progress {
+impl ReplayProgress {
     fn new(total: usize) -> Self {
         let now = Instant::now();
         Self { total, started: now, shown: now, interactive: terminal::interactive() }

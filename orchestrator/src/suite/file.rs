@@ -2,7 +2,7 @@
 
 use super::grid::{Point, points};
 use crate::evaluation::subject::network_differences;
-use crate::format::counted;
+use crate::showing::format::counted;
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::{Config, check_settings, overlay};
 use proto::stage::{TooFewFrames, scale_to};

@@ -12,8 +12,8 @@
 //! ```
 
 use super::file::{Asked, AskedCheckpoint, Entry, Suite};
-use crate::identity::{Held, holder};
-use crate::report_files::PAGE;
+use crate::reporting::files::PAGE;
+use crate::run::lock::{Held, holder};
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::RESULT_FILE;
@@ -267,7 +267,8 @@ fn remove(path: &Path) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identity::{Identity, RunLock};
+    use crate::run::identity::Identity;
+    use crate::run::lock::RunLock;
     use proto::config::FromConfig;
 
     const TEXT: &str = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n\

@@ -49,7 +49,7 @@ impl Status {
 
 /// One run in the file.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct Standing {
+pub struct RunStatus {
     /// Where it stands.
     #[serde(flatten)]
     pub status: Status,
@@ -63,13 +63,13 @@ pub struct State {
     /// [`SCHEMA_VERSION`] of the writer.
     pub schema_version: u32,
     /// By name of the run.
-    pub runs: BTreeMap<String, Standing>,
+    pub runs: BTreeMap<String, RunStatus>,
 }
 
 impl State {
     /// What the file says about these runs; those it does not know wait. No file is no run known.
     pub fn read<'a>(path: &Path, names: impl Iterator<Item = &'a str>) -> Result<Self> {
-        let mut known: BTreeMap<String, Standing> = match std::fs::read_to_string(path) {
+        let mut known: BTreeMap<String, RunStatus> = match std::fs::read_to_string(path) {
             Ok(text) => {
                 let state: Self =
                     serde_json::from_str(&text).with_context(|| format!("{} is damaged", path.display()))?;
@@ -95,7 +95,7 @@ impl State {
     }
 
     /// The run with this name.
-    pub fn of(&mut self, name: &str) -> &mut Standing {
+    pub fn of(&mut self, name: &str) -> &mut RunStatus {
         self.runs.entry(name.to_owned()).or_default()
     }
 }
@@ -109,14 +109,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("suite.json");
         let mut state = State::read(&path, ["a", "b"].into_iter()).unwrap();
-        assert_eq!(*state.of("a"), Standing::default());
-        *state.of("a") = Standing { status: Status::Training, tries: 2 };
-        *state.of("b") = Standing { status: Status::Failed { reason: "no space".into() }, tries: 1 };
+        assert_eq!(*state.of("a"), RunStatus::default());
+        *state.of("a") = RunStatus { status: Status::Training, tries: 2 };
+        *state.of("b") = RunStatus { status: Status::Failed { reason: "no space".into() }, tries: 1 };
         state.write(&path).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         assert!(text.contains("\"status\": \"failed\"") && text.contains("no space"), "{text}");
         let mut again = State::read(&path, ["b", "a", "c"].into_iter()).unwrap();
-        assert_eq!(again.of("a").clone(), Standing { status: Status::Waiting, tries: 2 });
+        assert_eq!(again.of("a").clone(), RunStatus { status: Status::Waiting, tries: 2 });
         assert_eq!(again.of("b").tries, 1);
         assert_eq!(again.runs.len(), 3);
     }

@@ -1,6 +1,7 @@
 //! The vocabulary of supervision: processes and their ends, what happens, what is to be done about it, how it all ends.
 
 use super::stage::StageSwitch;
+use crate::run::identity::Ending;
 use proto::event::LearnerEvent;
 use proto::kitchen::Kitchens;
 use std::fmt::{Display, Formatter};
@@ -138,7 +139,7 @@ pub enum Action {
     Finish(Outcome),
 }
 
-/// How a run (or this sitting of it) ended.
+/// How a session ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Outcome {
     /// Why.
@@ -161,19 +162,24 @@ pub enum End {
 }
 
 impl End {
-    /// As `run.toml` and the user are told: `complete`, `stopped`, `interrupted` or `failed`.
-    pub fn word(&self) -> &'static str {
+    /// As `run.toml` and the user are told.
+    pub fn ending(&self) -> Ending {
         match self {
-            Self::Complete => "complete",
-            Self::Stopped => "stopped",
-            Self::Interrupted => "interrupted",
-            Self::Failed(_) => FAILED,
+            Self::Complete => Ending::Complete,
+            Self::Stopped => Ending::Stopped,
+            Self::Interrupted => Ending::Interrupted,
+            Self::Failed(_) => Ending::Failed,
+        }
+    }
+
+    /// Why it cannot go on, if that is so.
+    pub fn reason(&self) -> Option<&str> {
+        match self {
+            Self::Failed(reason) => Some(reason),
+            Self::Complete | Self::Stopped | Self::Interrupted => None,
         }
     }
 }
-
-/// The word for a run that cannot go on.
-pub const FAILED: &str = "failed";
 
 /// The state that the learners left behind.
 #[derive(Debug, Clone, PartialEq, Eq)]

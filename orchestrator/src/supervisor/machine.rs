@@ -16,45 +16,21 @@
 //!
 //! Time is the duration since the orchestrator began.
 
+use super::children::Children;
+use super::deadlines::{self, Overdue};
 use super::event::{Action, End, Event, Exit, Level, Outcome, Process, Saved};
 use super::gang::{Bereaved, Gang};
 use super::policy::Policy;
 use super::restart::{RestartHistory, Verdict};
 use super::stage::StageMachine;
-use crate::log_line::error_in;
+use super::words::{given_up, quote, rewinds};
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
 use proto::exit::EXIT_LOST_PEERS;
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// How a learner ends that has lost another.
 const LOST_PEERS: Exit = Exit::Code(EXIT_LOST_PEERS);
-
-#[derive(Debug)]
-struct Child {
-    incarnation: u32,
-    state: ChildState,
-}
-
-impl Child {
-    /// It runs, and has not been killed.
-    fn lives(&self) -> bool {
-        matches!(self.state, ChildState::Up { killed: None, .. })
-    }
-
-    fn is_down(&self) -> bool {
-        matches!(self.state, ChildState::Down { .. })
-    }
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum ChildState {
-    /// Not running; to be started at the given time, if any. When learners start, the gang knows.
-    Down { restart_at: Option<Duration> },
-    /// Running.
-    Up { since: Duration, killed: Option<Duration> },
-}
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Phase {
@@ -76,7 +52,7 @@ enum Phase {
 pub struct Supervisor {
     policy: Policy,
     stages: StageMachine,
-    children: BTreeMap<Process, Child>,
+    children: Children,
     gang: Gang,
     /// By number of the actor.
     actor_histories: Vec<RestartHistory>,
@@ -92,12 +68,10 @@ pub struct Supervisor {
 impl Supervisor {
     /// A supervisor that has not started anything. An evaluation has no stages, and a budget of no frames to train on.
     pub fn new(policy: Policy, stages: Vec<StageConfig>) -> Self {
-        let child = || Child { incarnation: 0, state: ChildState::Down { restart_at: None } };
-        let processes = (0..policy.learners).map(Process::Learner).chain((0..policy.actors).map(Process::Actor));
         Self {
             policy,
             stages: StageMachine::new(stages),
-            children: processes.map(|process| (process, child())).collect(),
+            children: Children::new(policy.learners, policy.actors),
             gang: Gang::new(policy.learners),
             actor_histories: vec![RestartHistory::default(); policy.actors as usize],
             phase: Phase::Running,
@@ -125,8 +99,7 @@ impl Supervisor {
                 self.exited(now, process, incarnation, &exit, &last_words);
             }
             Event::Learner { incarnation, event } => {
-                let speaker = self.children.get(&Process::Learner(event.rank()));
-                if speaker.is_some_and(|child| child.incarnation == incarnation && !child.is_down()) {
+                if self.children.runs(Process::Learner(event.rank()), incarnation) {
                     self.learner_spoke(now, event);
                 }
             }
@@ -162,19 +135,12 @@ impl Supervisor {
     // Processes
 
     fn spawn(&mut self, process: Process, now: Duration) {
-        let child = self.children.get_mut(&process).expect("all processes are in the map from the start");
-        assert!(matches!(child.state, ChildState::Down { .. }), "{process} is never started twice");
-        child.incarnation += 1;
-        child.state = ChildState::Up { since: now, killed: None };
-        self.actions.push(Action::Spawn { process, incarnation: child.incarnation });
+        let incarnation = self.children.start(process, now);
+        self.actions.push(Action::Spawn { process, incarnation });
     }
 
     fn kill(&mut self, now: Duration, process: Process) {
-        let child = self.children.get_mut(&process).expect("all processes are in the map from the start");
-        if let ChildState::Up { killed, .. } = &mut child.state
-            && killed.is_none()
-        {
-            *killed = Some(now);
+        if self.children.kill(process, now) {
             self.actions.push(Action::Kill(process));
         }
     }
@@ -200,21 +166,21 @@ impl Supervisor {
         }
     }
 
-    fn learner(&self, rank: u32) -> &Child {
-        &self.children[&Process::Learner(rank)]
-    }
-
     /// Whether the learners can still go on, or save: each is there, or has left in good order.
     fn learners_are_whole(&self) -> bool {
-        self.gang.ranks().all(|rank| self.learner(rank).lives() || self.gang.has_finished(rank))
+        let lives = |rank| self.children.alive_since(Process::Learner(rank)).is_some();
+        self.gang.ranks().all(|rank| lives(rank) || self.gang.has_finished(rank))
+    }
+
+    /// Whether no learner runs.
+    fn learners_are_down(&self) -> bool {
+        self.gang.ranks().all(|rank| self.children.is_down(Process::Learner(rank)))
     }
 
     fn exited(&mut self, now: Duration, process: Process, incarnation: u32, exit: &Exit, last_words: &[String]) {
-        let Some(child) = self.children.get_mut(&process) else { return };
-        if child.incarnation != incarnation || child.is_down() {
+        if !self.children.end(process, incarnation) {
             return;
         }
-        child.state = ChildState::Down { restart_at: None };
         match &self.phase {
             Phase::Running => {
                 match process {
@@ -265,14 +231,14 @@ impl Supervisor {
         let follows = self.gang.is_falling();
         if !follows && *exit == LOST_PEERS {
             self.gang.bereaved(now, rank, last_words);
-            if self.gang.ranks().any(|rank| !self.learner(rank).is_down()) {
+            if !self.learners_are_down() {
                 return;
             }
             // There is nobody left who could be the reason.
             return self.fall_bereaved(now, Duration::ZERO);
         }
         let refused = !follows
-            && self.learner(rank).incarnation == 1
+            && self.children.incarnation(who) == 1
             && !self.gang.is_ready(rank)
             && matches!(exit, Exit::Code(_) | Exit::NotStarted(_));
         if refused {
@@ -302,12 +268,8 @@ impl Supervisor {
         let learners = self.gang.size();
         match self.gang.fell(now, &self.policy.restart) {
             Verdict::RestartAt(_) => {
-                let next = self.learner(rank).incarnation + 1;
-                let rewinds = match learners {
-                    _ if self.evaluates() => "it begins again".to_owned(),
-                    1 => "it goes on from the last checkpoint".to_owned(),
-                    _ => format!("all {learners} learners go on from the last checkpoint"),
-                };
+                let next = self.children.incarnation(who) + 1;
+                let rewinds = rewinds(learners, self.evaluates());
                 self.report(Level::Warning, format!("{who} died: {exit}; start number {next} follows; {rewinds}"));
                 self.kill_learners(now);
             }
@@ -316,13 +278,7 @@ impl Supervisor {
                     1 => (who.to_string(), String::new()),
                     _ => ("the learners".to_owned(), format!("{who} ")),
                 };
-                self.fail(
-                    now,
-                    format!(
-                        "{all} died {deaths} times while the run got no further, last {last}with {exit}{}",
-                        quote(last_words)
-                    ),
-                );
+                self.fail(now, given_up(&all, &last, deaths, exit, last_words));
             }
         }
     }
@@ -333,30 +289,20 @@ impl Supervisor {
         let who = process.describe(self.policy.kitchens);
         match self.actor_histories[actor as usize].died(now, &self.policy.restart) {
             Verdict::RestartAt(at) => {
-                let child = self.children.get_mut(&process).expect("all processes are in the map from the start");
-                child.state = ChildState::Down { restart_at: Some(at) };
-                let next = child.incarnation + 1;
+                self.children.restart(process, at);
+                let next = self.children.incarnation(process) + 1;
                 self.report(Level::Warning, format!("{who} died: {exit}; start number {next} follows"));
             }
-            Verdict::GiveUp { deaths } => self.fail(
-                now,
-                format!(
-                    "{who} died {deaths} times while the run got no further, last with {exit}{}",
-                    quote(last_words)
-                ),
-            ),
+            Verdict::GiveUp { deaths } => self.fail(now, given_up(&who, "", deaths, exit, last_words)),
         }
     }
 
     fn start_due(&mut self, now: Duration) {
         // Together or not at all: those who meet no other would wait for it.
-        if self.gang.is_due(now) && self.gang.ranks().all(|rank| self.learner(rank).is_down()) {
+        if self.gang.is_due(now) && self.learners_are_down() {
             self.start_learners(now);
         }
-        let due = |child: &Child| matches!(child.state, ChildState::Down { restart_at: Some(at) } if at <= now);
-        let due: Vec<Process> =
-            self.children.iter().filter(|(_, child)| due(child)).map(|(process, _)| *process).collect();
-        for process in due {
+        for process in self.children.due(now) {
             self.spawn(process, now);
         }
     }
@@ -447,8 +393,7 @@ impl Supervisor {
 
     fn waits_for(&mut self, now: Duration, actor: u32, waited_s: f64) {
         let process = Process::Actor(actor);
-        let Some(child) = self.children.get(&process) else { return };
-        let ChildState::Up { since, killed: None } = child.state else { return };
+        let Some(since) = self.children.alive_since(process) else { return };
         let waited = Duration::try_from_secs_f64(waited_s).unwrap_or_default();
         if self.phase == Phase::Running
             && waited >= self.policy.actor_silence
@@ -519,44 +464,22 @@ impl Supervisor {
         if !self.learners_are_whole() {
             return;
         }
-        let Policy { learner_ready, actors_connected, silence, .. } = self.policy;
-        let learners = self.gang.size();
-        if let Some(rank) = self.gang.late_to_be_ready(now, learner_ready) {
-            let (who, limit_s) = (Process::Learner(rank), learner_ready.as_secs());
-            self.fail(now, format!("{who} was not ready after {limit_s} s; its log says what it was doing"));
-        } else if let Some(rank) = self.gang.late_to_be_connected(now, actors_connected) {
-            let (actors, who) = match learners {
-                1 => ("actors", "the learner".to_owned()),
-                _ => ("of its actors", Process::Learner(rank).to_string()),
-            };
-            self.fail(
-                now,
-                format!(
-                    "not all {actors} had answered {who} {} s after it was ready; their logs say what they were doing",
-                    actors_connected.as_secs()
-                ),
-            );
-        } else if self.gang.silent_for(now).is_some_and(|silent| silent > silence) {
-            let (who, are) = match learners {
-                1 => (Process::Learner(0).to_string(), "is"),
-                _ => (format!("the {learners} learners"), "are"),
-            };
-            self.report(
-                Level::Warning,
-                format!("{who} finished neither a rollout nor an update for {} s and {are} killed", silence.as_secs()),
-            );
-            self.kill_learners(now);
+        match deadlines::of_learners(&self.gang, &self.policy, now) {
+            Some(Overdue::Fails(reason)) => self.fail(now, reason),
+            Some(Overdue::Kills(warning)) => {
+                self.report(Level::Warning, warning);
+                self.kill_learners(now);
+            }
+            None => {}
         }
     }
 
     /// SIGKILL is answered at once, unless the kernel itself is stuck (a dead network file system, a lost GPU).
     fn check_killed(&mut self, now: Duration) {
-        let stuck = |child: &Child| match child.state {
-            ChildState::Up { killed: Some(killed), .. } => now.saturating_sub(killed) > self.policy.killed,
-            _ => false,
-        };
+        let killed_long_ago =
+            |killed: Option<Duration>| killed.is_some_and(|killed| now.saturating_sub(killed) > self.policy.killed);
         if self.phase == Phase::Running
-            && let Some(process) = self.children.iter().find(|(_, child)| stuck(child)).map(|(process, _)| *process)
+            && let Some((process, _)) = self.children.up().into_iter().find(|(_, killed)| killed_long_ago(*killed))
         {
             self.fail(
                 now,
@@ -568,8 +491,7 @@ impl Supervisor {
     fn check_leaving(&mut self, now: Duration, since: Duration) {
         let waited = now.saturating_sub(since);
         let mut stuck = vec![];
-        for process in self.children.keys().copied().collect::<Vec<_>>() {
-            let ChildState::Up { killed, .. } = self.children[&process].state else { continue };
+        for (process, killed) in self.children.up() {
             let patience = match process {
                 Process::Learner(_) => self.policy.learner_leaves,
                 Process::Actor(_) => self.policy.actor_leaves,
@@ -583,7 +505,7 @@ impl Supervisor {
                 _ => {}
             }
         }
-        let up = self.children.values().filter(|child| !child.is_down()).count();
+        let up = self.children.up().len();
         if up > 0 && stuck.len() == up {
             self.report(Level::Error, format!("SIGKILL does not end {}: the kernel holds on", stuck.join(", ")));
             self.finish();
@@ -619,7 +541,7 @@ impl Supervisor {
                     self.outcome = Some(Outcome { end, saved: None });
                     self.phase = Phase::Leaving { since: now };
                 }
-                for process in self.children.keys().copied().collect::<Vec<_>>() {
+                for (process, _) in self.children.up() {
                     self.kill(now, process);
                 }
                 self.finish_if_alone();
@@ -645,18 +567,14 @@ impl Supervisor {
     fn leave(&mut self, now: Duration, end: End, saved: Option<Saved>) {
         self.phase = Phase::Leaving { since: now };
         self.outcome = Some(Outcome { end, saved });
-        for (process, child) in &mut self.children {
-            match child.state {
-                ChildState::Up { .. } => self.actions.push(Action::CloseLifeline(*process)),
-                ChildState::Down { .. } => child.state = ChildState::Down { restart_at: None },
-            }
-        }
+        self.children.stay_down();
+        self.actions.extend(self.children.up().into_iter().map(|(process, _)| Action::CloseLifeline(process)));
         self.kill_broken(now);
         self.finish_if_alone();
     }
 
     fn finish_if_alone(&mut self) {
-        if self.children.values().all(Child::is_down) {
+        if self.children.up().is_empty() {
             self.finish();
         }
     }
@@ -670,16 +588,6 @@ impl Supervisor {
     fn report(&mut self, level: Level, text: String) {
         self.actions.push(Action::Report(level, text));
     }
-}
-
-/// A process's last lines, indented below the sentence that tells of its death. Where it said what its error was, that
-/// and what followed.
-fn quote(last_words: &[String]) -> String {
-    if last_words.is_empty() {
-        return String::new();
-    }
-    let error = last_words.iter().rposition(|line| error_in(line).is_some()).unwrap_or(0);
-    format!("; its last words:\n    {}", last_words[error..].join("\n    "))
 }
 
 #[cfg(test)]

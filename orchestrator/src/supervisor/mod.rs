@@ -1,9 +1,11 @@
 //! Supervision: who runs, who is started again, which stage is in force, and when it is over.
 //!
-//! [`machine`] decides; [`gang`], [`restart`] and [`stage`] are its parts that stand on their own, [`policy`] is its
-//! bounds; all are pure functions of events ([`event`]) and a clock. [`shell`] is where processes, signals, shared memory
+//! [`machine`] decides; [`children`], [`gang`], [`restart`] and [`stage`] are its parts that stand on their own,
+//! [`policy`] is its bounds and [`deadlines`] says which of them is exceeded, [`words`] what is said of deaths; all are pure functions of events ([`event`]) and a clock. [`shell`] is where processes, signals, shared memory
 //! and files are: it turns what happens into events and the machine's actions into deeds, and decides nothing.
 
+pub mod children;
+pub mod deadlines;
 pub mod event;
 pub mod gang;
 pub mod machine;
@@ -12,3 +14,4 @@ pub mod process;
 pub mod restart;
 pub mod shell;
 pub mod stage;
+mod words;

@@ -6,8 +6,9 @@
 //! to the terminal. A learner's standard output is its voice ([`proto::event`]).
 
 use super::event::{Event, Exit, Process};
-use crate::log_line::LogLine;
-use proto::device::{VISIBLE_DEVICES, device_name};
+use crate::showing::log_line::LogLine;
+use proto::device::VISIBLE_DEVICES;
+use proto::device::device_name;
 use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
 use std::collections::{BTreeMap, VecDeque};
@@ -21,6 +22,7 @@ use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncRead, BufReader};
 use tokio::process::{Child, ChildStdin, Command};
 use tokio::sync::{mpsc, oneshot};
+use tracing::Level;
 use wire::WireAddress;
 
 /// Lines of a child's standard error that are kept for the report of its death.
@@ -242,8 +244,10 @@ async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: Fil
             tracing::warn!("the log of {process} cannot be written: {error}");
         }
         match LogLine::parse(&line) {
-            LogLine { level: Some("TRACE" | "DEBUG" | "INFO"), text } => tracing::debug!("{process}: {text}"),
-            LogLine { level: Some("ERROR"), text } => tracing::error!("{process}: {text}"),
+            LogLine { level: Some(Level::TRACE | Level::DEBUG | Level::INFO), text } => {
+                tracing::debug!("{process}: {text}");
+            }
+            LogLine { level: Some(Level::ERROR), text } => tracing::error!("{process}: {text}"),
             LogLine { text, .. } if !text.trim().is_empty() => tracing::warn!("{process}: {text}"),
             LogLine { .. } => {}
         }

@@ -9,7 +9,8 @@ use super::machine::Supervisor;
 use super::policy::Policy;
 use super::process::{Launch, Processes};
 use super::stage::StageSwitch;
-use crate::recorder::Recorder;
+use crate::recording::recorder::Recorder;
+use crate::showing::format::reward_symbol;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::event::LearnerEvent;
@@ -19,7 +20,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
 use tokio::time::{Interval, MissedTickBehavior};
 use wire::fault;
-use wire::{StagePublisher, UpdateConnections, WireHost};
+use wire::{Announcer, WireHost};
 
 /// How often deadlines are looked at, late subscribers are given the announcement, and progress is shown.
 const TICK: Duration = Duration::from_millis(250);
@@ -101,136 +102,175 @@ pub struct Shell<'a> {
 
 impl Shell<'_> {
     /// Runs everything to its end.
-    pub async fn supervise(mut self, launch: Launch, audience: &mut impl Audience) -> Result<Outcome> {
-        let publisher = self.host.wire().stage_publisher()?;
-        let (sender, mut inbox) = mpsc::channel(QUEUE);
-        let mut processes = Processes::new(launch, sender);
+    pub async fn supervise(self, launch: Launch, audience: &mut impl Audience) -> Result<Outcome> {
         let stages = if self.config.evaluation.is_some() { Vec::new() } else { self.config.stages.clone() };
         let mut machine = Supervisor::new(Policy::of(self.config), stages);
-        let mut learner_incarnation = 0;
-        let mut sweeps = 0;
-        let mut own_events: VecDeque<Event> = VecDeque::new();
-        let mut recording_failed = false;
-        let mut asked_to_stop = false;
-
-        let begin = Instant::now();
+        let announcer = self.host.wire().announcer()?;
+        let (sender, inbox) = mpsc::channel(QUEUE);
         let mut tick = tokio::time::interval(TICK);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut supervision = Supervision {
+            shell: self,
+            audience,
+            announcer,
+            processes: Processes::new(launch, sender),
+            inbox,
+            begin: Instant::now(),
+            tick,
+            learner_incarnation: 0,
+            sweeps: 0,
+            own_events: VecDeque::new(),
+            recording_failed: false,
+            asked_to_stop: false,
+        };
         let mut actions = machine.start(Duration::ZERO);
         fault::reach("orchestrator.before_spawn");
         loop {
             for action in actions {
-                match action {
-                    Action::Spawn { process, incarnation } => {
-                        if matches!(process, Process::Learner(_)) {
-                            learner_incarnation = incarnation;
-                        }
-                        if let Err(cause) = processes.spawn(process, incarnation) {
-                            let exit = Exit::NotStarted(cause);
-                            own_events.push_back(Event::Exited { process, incarnation, exit, last_words: vec![] });
-                        }
-                        fault::reach("orchestrator.after_spawn");
-                    }
-                    Action::CloseLifeline(process) => processes.close_lifeline(process),
-                    Action::Kill(process) => processes.kill(process),
-                    Action::Announce(announcement) => {
-                        fault::reach("orchestrator.before_announce");
-                        announce(&publisher, announcement)?;
-                        fault::reach("orchestrator.after_announce");
-                    }
-                    Action::SwitchStage(switch) => self.switch_stage(switch),
-                    Action::Report(Level::Info, text) => tracing::info!("{text}"),
-                    Action::Report(Level::Warning, text) => tracing::warn!("{text}"),
-                    Action::Report(Level::Error, text) => tracing::error!("{text}"),
-                    Action::Finish(mut outcome) => {
-                        let complete = outcome.end == End::Complete;
-                        if complete && !self.wait_for(audience, &mut tick, begin, asked_to_stop).await {
-                            outcome.end = End::Stopped;
-                        }
-                        audience.over();
-                        return Ok(outcome);
-                    }
+                if let Some(outcome) = supervision.carry_out(action).await? {
+                    return Ok(outcome);
                 }
             }
-            let event = if let Some(event) = own_events.pop_front() {
-                event
-            } else {
-                tokio::select! {
-                    event = self.signals.next() => event,
-                    Some(event) = inbox.recv() => event,
-                    _ = tick.tick() => Event::Tick,
-                }
-            };
-            let now = begin.elapsed();
-            match &event {
-                Event::Exited { process, .. } => {
-                    processes.forget(*process);
-                    // When another learner dies, this one does not outlive it.
-                    if *process == Process::Learner(0) {
-                        audience.learner_died(now);
-                    }
-                    // Before its place is taken, and before anyone blocks on what it held.
-                    self.host.sweep_dead();
-                    sweeps = SWEEPS_AFTER_DEATH;
-                }
-                Event::Learner { incarnation, event } if *incarnation == learner_incarnation => {
-                    if let Some(recorder) = self.recorder {
-                        recorder.learner(event);
-                    }
-                    if is_for_audience(event)
-                        && let Err(error) = audience.learner(now, event)
-                    {
-                        own_events.push_back(Event::CannotWrite(format!("{error:#}")));
-                    }
-                }
-                Event::Tick => {
-                    if let Err(error) = publisher.update_connections() {
-                        tracing::debug!("stage announcements: {error:?}");
-                    }
-                    if sweeps > 0 {
-                        sweeps -= 1;
-                        self.host.sweep_dead();
-                    }
-                    if !recording_failed && let Some(failure) = self.recorder.and_then(Recorder::failure) {
-                        recording_failed = true;
-                        own_events.push_back(Event::CannotWrite(failure));
-                    }
-                    audience.tick(now, self.recorder);
-                }
-                Event::Stop | Event::Interrupt => asked_to_stop = true,
-                _ => {}
-            }
+            let event = supervision.next_event().await;
+            let now = supervision.begin.elapsed();
+            supervision.take_note(now, &event);
             actions = machine.on_event(now, event);
+        }
+    }
+}
+
+/// The loop's own state: what it knows besides the machine.
+struct Supervision<'a, A> {
+    shell: Shell<'a>,
+    audience: &'a mut A,
+    announcer: Announcer,
+    processes: Processes,
+    inbox: mpsc::Receiver<Event>,
+    begin: Instant,
+    tick: Interval,
+    /// The learners that are listened to.
+    learner_incarnation: u32,
+    /// Ticks on which dead processes' ports are still to be swept.
+    sweeps: u32,
+    /// What the loop has to tell the machine itself.
+    own_events: VecDeque<Event>,
+    recording_failed: bool,
+    asked_to_stop: bool,
+}
+
+impl<A: Audience> Supervision<'_, A> {
+    /// Does what the machine says; the outcome, when there is nothing more to do.
+    async fn carry_out(&mut self, action: Action) -> Result<Option<Outcome>> {
+        match action {
+            Action::Spawn { process, incarnation } => {
+                if matches!(process, Process::Learner(_)) {
+                    self.learner_incarnation = incarnation;
+                }
+                if let Err(cause) = self.processes.spawn(process, incarnation) {
+                    let exit = Exit::NotStarted(cause);
+                    self.own_events.push_back(Event::Exited { process, incarnation, exit, last_words: vec![] });
+                }
+                fault::reach("orchestrator.after_spawn");
+            }
+            Action::CloseLifeline(process) => self.processes.close_lifeline(process),
+            Action::Kill(process) => self.processes.kill(process),
+            Action::Announce(announcement) => {
+                fault::reach("orchestrator.before_announce");
+                self.announcer.announce(announcement)?;
+                fault::reach("orchestrator.after_announce");
+            }
+            Action::SwitchStage(switch) => self.switch_stage(switch),
+            Action::Report(Level::Info, text) => tracing::info!("{text}"),
+            Action::Report(Level::Warning, text) => tracing::warn!("{text}"),
+            Action::Report(Level::Error, text) => tracing::error!("{text}"),
+            Action::Finish(mut outcome) => {
+                if outcome.end == End::Complete && !self.wait_for_audience().await {
+                    outcome.end = End::Stopped;
+                }
+                self.audience.over();
+                return Ok(Some(outcome));
+            }
+        }
+        Ok(None)
+    }
+
+    async fn next_event(&mut self) -> Event {
+        if let Some(event) = self.own_events.pop_front() {
+            return event;
+        }
+        tokio::select! {
+            event = self.shell.signals.next() => event,
+            Some(event) = self.inbox.recv() => event,
+            _ = self.tick.tick() => Event::Tick,
+        }
+    }
+
+    /// What an event means outside the machine, which hears of it next.
+    fn take_note(&mut self, now: Duration, event: &Event) {
+        let recorder = self.shell.recorder;
+        match event {
+            Event::Exited { process, .. } => {
+                self.processes.forget(*process);
+                // When another learner dies, this one does not outlive it.
+                if *process == Process::Learner(0) {
+                    self.audience.learner_died(now);
+                }
+                // Before its place is taken, and before anyone blocks on what it held.
+                self.shell.host.sweep_dead();
+                self.sweeps = SWEEPS_AFTER_DEATH;
+            }
+            Event::Learner { incarnation, event } if *incarnation == self.learner_incarnation => {
+                if let Some(recorder) = recorder {
+                    recorder.learner(event);
+                }
+                if is_for_audience(event)
+                    && let Err(error) = self.audience.learner(now, event)
+                {
+                    self.own_events.push_back(Event::CannotWrite(format!("{error:#}")));
+                }
+            }
+            Event::Tick => {
+                if let Err(error) = self.announcer.update() {
+                    tracing::debug!("{error}");
+                }
+                if self.sweeps > 0 {
+                    self.sweeps -= 1;
+                    self.shell.host.sweep_dead();
+                }
+                if !self.recording_failed
+                    && let Some(failure) = recorder.and_then(Recorder::failure)
+                {
+                    self.recording_failed = true;
+                    self.own_events.push_back(Event::CannotWrite(failure));
+                }
+                self.audience.tick(now, recorder);
+            }
+            Event::Stop | Event::Interrupt => self.asked_to_stop = true,
+            Event::Learner { .. } | Event::CannotWrite(_) => {}
         }
     }
 
     /// Waits for what the audience still has to do; false if someone asks to stop before that is done.
-    async fn wait_for(
-        &mut self,
-        audience: &mut impl Audience,
-        tick: &mut Interval,
-        begin: Instant,
-        mut asked_to_stop: bool,
-    ) -> bool {
-        while audience.is_busy() && !asked_to_stop {
+    async fn wait_for_audience(&mut self) -> bool {
+        while self.audience.is_busy() && !self.asked_to_stop {
             tokio::select! {
-                _ = self.signals.next() => asked_to_stop = true,
-                _ = tick.tick() => audience.tick(begin.elapsed(), self.recorder),
+                _ = self.shell.signals.next() => self.asked_to_stop = true,
+                _ = self.tick.tick() => self.audience.tick(self.begin.elapsed(), self.shell.recorder),
             }
         }
-        !audience.is_busy()
+        !self.audience.is_busy()
     }
 
     fn switch_stage(&self, switch: StageSwitch) {
-        let stage = &self.config.stages[switch.to];
+        let stage = &self.shell.config.stages[switch.to];
         tracing::info!(
             "stage {} ({}) is in force from {} frames, rollout {}",
             stage.name,
-            crate::progress::reward_symbol(stage.reward),
+            reward_symbol(stage.reward),
             switch.frames,
             switch.rollout
         );
-        if let Some(recorder) = self.recorder {
+        if let Some(recorder) = self.shell.recorder {
             recorder.stage_switch(switch.from, switch.to, switch.frames, switch.rollout);
         }
         fault::reach("orchestrator.stage_switch");
@@ -240,13 +280,6 @@ impl Shell<'_> {
 /// Rank 0 speaks for all learners, but each waits for actors of its own.
 fn is_for_audience(event: &LearnerEvent) -> bool {
     event.rank() == 0 || matches!(event, LearnerEvent::WaitingForActor { .. })
-}
-
-fn announce(publisher: &StagePublisher, announcement: wire::message::StageAnnouncement) -> Result<()> {
-    let failed = |cause: &dyn std::fmt::Debug| anyhow::anyhow!("a stage announcement cannot be published: {cause:?}");
-    publisher.update_connections().map_err(|cause| failed(&cause))?;
-    publisher.send_copy(announcement).map_err(|cause| failed(&cause))?;
-    Ok(())
 }
 
 #[cfg(test)]

@@ -13,14 +13,16 @@ mod figures;
 mod plan;
 mod record;
 mod result;
+mod table;
 
 pub use asked::{EvaluationConfig, ObjectSet};
 pub use confusion::Confusion;
 pub use distribution::{Distribution, describe};
 pub use figures::{DISTURBANCE_THRESHOLDS_M, Figures, OBJECT_COUNTS};
 pub use plan::{EPISODES_PER_KITCHEN, Plan, category_of};
-pub use record::{EpisodeEnd, EpisodeRecord, read_table, write_table};
+pub use record::{EpisodeEnd, EpisodeRecord};
 pub use result::{
     ActionCounts, CategoryFigures, Conditions, Cost, Evaluation, KitchenFigures, ObjectSetFigures, RESULT_FILE,
     Subject, TABLE_FILE,
 };
+pub use table::{read_table, write_table};

@@ -1,12 +1,9 @@
-//! What came of one episode, and the table of all of them.
+//! What came of one episode.
 
 use super::asked::ObjectSet;
 use super::confusion::Confusion;
-use super::distribution::Distribution;
 use crate::kitchen::{KitchenId, TargetCategory};
-use crate::reward::UNDISTURBED_THRESHOLD_M;
 use serde::{Deserialize, Serialize};
-use std::str::FromStr;
 
 /// How an episode ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -86,187 +83,10 @@ impl EpisodeRecord {
     }
 }
 
-/// Columns of the table, in order.
-const COLUMNS: [&str; 25] = [
-    "kitchen",
-    "episode",
-    "category",
-    "objects",
-    "end",
-    "success",
-    "success_without_disturbance",
-    "picked_up",
-    "length",
-    "failed_actions",
-    "return_r",
-    "return_r_prime",
-    "disturbance_m",
-    "peak_disturbance_m",
-    "disturbed_objects",
-    "ever_disturbed_objects",
-    "farthest_m",
-    "peak_farthest_m",
-    "wrist_object_m",
-    "object_goal_m",
-    "disturb_hits",
-    "disturb_misses",
-    "disturb_false_alarms",
-    "disturb_quiet",
-    "state_hash",
-];
-
-/// Column that only tables of drawn episodes have, after all others: those of fixed ones stay as they were.
-const DISTRIBUTION: &str = "distribution";
-
-/// The table as CSV: a line of names, then a line an episode. Numbers are the shortest that read back the same.
-pub fn write_table(records: &[EpisodeRecord], distribution: Distribution) -> String {
-    let drawn = distribution == Distribution::Run;
-    let mut text = COLUMNS.join(",");
-    if drawn {
-        text.push(',');
-        text.push_str(DISTRIBUTION);
-    }
-    text.push('\n');
-    for record in records {
-        let flag = |set: bool| u8::from(set).to_string();
-        let confusion = match &record.disturb_prediction {
-            Some(Confusion { hits, misses, false_alarms, quiet }) => {
-                [hits, misses, false_alarms, quiet].map(ToString::to_string)
-            }
-            None => Default::default(),
-        };
-        let end = match record.end {
-            EpisodeEnd::Done => "done",
-            EpisodeEnd::TimeLimit => "time_limit",
-        };
-        let mut cells = vec![
-            record.kitchen.to_string(),
-            record.episode.to_string(),
-            record.category.name().to_owned(),
-            record.object_set().name().to_owned(),
-            end.to_owned(),
-            flag(record.success),
-            flag(record.succeeded_within(UNDISTURBED_THRESHOLD_M)),
-            flag(record.picked_up),
-            record.length.to_string(),
-            record.failed_actions.to_string(),
-            record.return_r.to_string(),
-            record.return_r_prime.to_string(),
-            record.disturbance_m.to_string(),
-            record.peak_disturbance_m.to_string(),
-            record.disturbed_objects.to_string(),
-            record.ever_disturbed_objects.to_string(),
-            record.farthest_m.to_string(),
-            record.peak_farthest_m.to_string(),
-            record.wrist_object_m.to_string(),
-            record.object_goal_m.to_string(),
-        ];
-        cells.extend(confusion);
-        cells.push(format!("{:016x}", record.state_hash));
-        if drawn {
-            cells.push(distribution.name().to_owned());
-        }
-        text.push_str(&cells.join(","));
-        text.push('\n');
-    }
-    text
-}
-
-/// A table that cannot be read.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}: {problem}")]
-pub struct TableError {
-    /// Line in the file, from 1.
-    pub line: usize,
-    /// What is wrong.
-    pub problem: String,
-}
-
-/// Reads what [`write_table`] wrote. Columns are found by name; further ones are passed over.
-pub fn read_table(text: &str) -> Result<Vec<EpisodeRecord>, TableError> {
-    let mut lines = text.lines().enumerate();
-    let header: Vec<&str> = lines.next().map(|(_, line)| line.split(',').collect()).unwrap_or_default();
-    lines
-        .map(|(index, line)| {
-            let cells: Vec<&str> = line.split(',').collect();
-            Row { header: &header, cells: &cells }.record().map_err(|problem| TableError { line: index + 1, problem })
-        })
-        .collect()
-}
-
-struct Row<'a> {
-    header: &'a [&'a str],
-    cells: &'a [&'a str],
-}
-
-impl Row<'_> {
-    fn record(&self) -> Result<EpisodeRecord, String> {
-        let kitchen: u8 = self.number("kitchen")?;
-        let name = self.cell("category")?;
-        let category = TargetCategory::ALL.into_iter().find(|category| category.name() == name);
-        let disturb_prediction = if self.cell("disturb_hits")?.is_empty() {
-            None
-        } else {
-            Some(Confusion {
-                hits: self.number("disturb_hits")?,
-                misses: self.number("disturb_misses")?,
-                false_alarms: self.number("disturb_false_alarms")?,
-                quiet: self.number("disturb_quiet")?,
-            })
-        };
-        Ok(EpisodeRecord {
-            kitchen: KitchenId::new(kitchen).map_err(|error| error.to_string())?,
-            episode: self.number("episode")?,
-            category: category.ok_or_else(|| format!("there is no category `{name}`"))?,
-            end: match self.cell("end")? {
-                "done" => EpisodeEnd::Done,
-                "time_limit" => EpisodeEnd::TimeLimit,
-                other => return Err(format!("an episode does not end by `{other}`")),
-            },
-            success: self.flag("success")?,
-            picked_up: self.flag("picked_up")?,
-            length: self.number("length")?,
-            failed_actions: self.number("failed_actions")?,
-            return_r: self.number("return_r")?,
-            return_r_prime: self.number("return_r_prime")?,
-            disturbance_m: self.number("disturbance_m")?,
-            peak_disturbance_m: self.number("peak_disturbance_m")?,
-            disturbed_objects: self.number("disturbed_objects")?,
-            ever_disturbed_objects: self.number("ever_disturbed_objects")?,
-            farthest_m: self.number("farthest_m")?,
-            peak_farthest_m: self.number("peak_farthest_m")?,
-            wrist_object_m: self.number("wrist_object_m")?,
-            object_goal_m: self.number("object_goal_m")?,
-            disturb_prediction,
-            state_hash: u64::from_str_radix(self.cell("state_hash")?, 16).map_err(|_| "state_hash is no hash")?,
-        })
-    }
-
-    fn cell(&self, name: &str) -> Result<&str, String> {
-        let column = self.header.iter().position(|column| *column == name);
-        let cell = column.and_then(|column| self.cells.get(column)).copied();
-        cell.ok_or_else(|| format!("there is no {name}"))
-    }
-
-    fn number<T: FromStr>(&self, name: &str) -> Result<T, String> {
-        let cell = self.cell(name)?;
-        cell.parse().map_err(|_| format!("{name} is `{cell}`"))
-    }
-
-    fn flag(&self, name: &str) -> Result<bool, String> {
-        match self.cell(name)? {
-            "1" => Ok(true),
-            "0" => Ok(false),
-            other => Err(format!("{name} is `{other}`, not 0 or 1")),
-        }
-    }
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
     use proptest::prelude::*;
-    use proptest::strategy::ValueTree;
 
     /// Any record that an episode can leave behind.
     pub fn any_record() -> impl Strategy<Value = EpisodeRecord> {
@@ -303,29 +123,5 @@ pub(super) mod tests {
                 state_hash,
             }
         })
-    }
-
-    proptest! {
-        #[test]
-        fn what_is_written_is_read(records in prop::collection::vec(any_record(), 0..20)) {
-            for distribution in [Distribution::Fixed, Distribution::Run] {
-                let text = write_table(&records, distribution);
-                let drawn = distribution == Distribution::Run;
-                prop_assert_eq!(text.lines().count(), records.len() + 1);
-                prop_assert!(text.lines().skip(1).all(|line| line.ends_with(",run") == drawn));
-                prop_assert!(text.starts_with(&COLUMNS.join(",")) && text.contains(",distribution\n") == drawn);
-                prop_assert_eq!(&read_table(&text).unwrap(), &records);
-            }
-        }
-    }
-
-    #[test]
-    fn a_broken_table_names_line_and_column() {
-        let error = read_table("kitchen,episode\n2,three\n").unwrap_err().to_string();
-        assert_eq!(error, "line 2: there is no category");
-        let mut runner = proptest::test_runner::TestRunner::deterministic();
-        let record = any_record().new_tree(&mut runner).unwrap().current();
-        let text = write_table(&[record], Distribution::Fixed).replacen(&format!("\n{},", record.kitchen), "\n28,", 1);
-        assert!(read_table(&text).unwrap_err().to_string().starts_with("line 2: "));
     }
 }

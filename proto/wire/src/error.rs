@@ -39,6 +39,12 @@ pub enum WireError {
         /// Root folder of the incarnation.
         root: String,
     },
+    /// Bells could not be waited for.
+    #[error("cannot wait for bells: {0}")]
+    Wait(String),
+    /// An announcement could not be made.
+    #[error("a stage announcement cannot be published: {0}")]
+    Announcement(String),
     /// The address is not one that iceoryx2 accepts.
     #[error("`{0}` is not a wire address (expected PREFIX@FOLDER)")]
     Address(String),

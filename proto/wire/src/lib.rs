@@ -37,6 +37,7 @@
 //! ```
 
 mod address;
+mod bells;
 mod error;
 pub mod fault;
 mod ffi;
@@ -47,9 +48,10 @@ pub mod processor;
 mod services;
 
 pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress};
+pub use bells::{Bells, ThreadBell, Waiting};
 pub use error::WireError;
 pub use services::{
-    ActionPublisher, ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
-    RestorePublisher, RestoreSubscriber, StagePublisher, StageSubscriber, UpdateConnections, Wakeup, Wire, WireHost,
-    WireShape,
+    ActionPublisher, ActionSubscriber, Announcer, Bell, Ipc, ObservationPublisher, ObservationReaders,
+    ObservationSubscriber, RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wakeup, Wire,
+    WireHost, WireShape,
 };

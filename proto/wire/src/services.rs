@@ -8,6 +8,7 @@
 //! | `actions/ACTOR` | publish-subscribe | learner → one actor | `[u8]`, one action an environment of the half |
 //! | `actions-ready/ACTOR` | event | learner → one actor | |
 //! | `stage` | publish-subscribe, history 1 | orchestrator → learners | `StageAnnouncement` |
+//! | `stage-ready` | event | orchestrator → the same | |
 //!
 //! Each learner has observations of its own: none is woken by, or holds a queue for, what another one's actors send.
 //!
@@ -15,6 +16,10 @@
 //! ([`Wire`]): a process killed while it creates a service can leave it half-made for good. Each incarnation of the
 //! orchestrator uses names of its own ([`WireAddress`]), so nothing of a dead one is ever met again, and sweeping it
 //! is deleting one folder and one prefix in /dev/shm.
+
+mod stage;
+
+pub use stage::Announcer;
 
 use crate::address::WireAddress;
 use crate::error::WireError;
@@ -37,6 +42,7 @@ use iceoryx2::service::builder::publish_subscribe::Builder as PublishSubscribeBu
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribe;
 use proto::SCHEMA_VERSION;
 use proto::shares::Shares;
+use stage::{STAGE, STAGE_READY};
 use std::fmt::Debug;
 
 /// The flavour of iceoryx2 in use: between processes, ports stay on the thread that made them.
@@ -53,8 +59,6 @@ pub type ActionSubscriber = Subscriber<Ipc, [u8], ActionHeader>;
 pub type RestorePublisher = Publisher<Ipc, [EnvironmentState], RestoreHeader>;
 /// Subscriber of restores; held by one actor.
 pub type RestoreSubscriber = Subscriber<Ipc, [EnvironmentState], RestoreHeader>;
-/// Publisher of stage announcements; held by the orchestrator.
-pub type StagePublisher = Publisher<Ipc, StageAnnouncement, ()>;
 /// Subscriber of stage announcements.
 pub type StageSubscriber = Subscriber<Ipc, StageAnnouncement, ()>;
 /// Waits for events.
@@ -109,6 +113,7 @@ macro_rules! open {
         $builder?.open_with_attributes(&required_attributes()).map_err(|cause| service("open", $name, &cause))?
     };
 }
+use open;
 
 /// A process's membership in the services of one incarnation.
 pub struct Wire {
@@ -254,19 +259,6 @@ impl Wire {
         service.notifier_builder().create().map_err(|cause| port(&name, &cause))
     }
 
-    /// The orchestrator's end of the stage service.
-    pub fn stage_publisher(&self) -> Result<StagePublisher, WireError> {
-        let service = open!(self.stage(), STAGE);
-        service.publisher_builder().create().map_err(|cause| port(STAGE, &cause))
-    }
-
-    /// A reader's end of the stage service. An announcement made before it was opened arrives with the publisher's
-    /// next `update_connections`, which the orchestrator calls on a timer.
-    pub fn stage_subscriber(&self) -> Result<StageSubscriber, WireError> {
-        let service = open!(self.stage(), STAGE);
-        service.subscriber_builder().create().map_err(|cause| port(STAGE, &cause))
-    }
-
     // The settings of each service. Creating and opening share them; defaults of iceoryx2 do not fit.
 
     fn observations(&self, rank: u32) -> Result<SampleBuilder<[Observation], ObservationHeader>, WireError> {
@@ -336,21 +328,6 @@ impl Wire {
             .event_id_max_value(1)
             .max_nodes(self.shape.nodes()))
     }
-
-    fn stage(&self) -> Result<SampleBuilder<StageAnnouncement, ()>, WireError> {
-        Ok(self
-            .node
-            .service_builder(&name(STAGE)?)
-            .publish_subscribe::<StageAnnouncement>()
-            // Only the newest announcement matters.
-            .enable_safe_overflow(true)
-            .subscriber_max_buffer_size(1)
-            .subscriber_max_borrowed_samples(1)
-            .history_size(1)
-            .max_publishers(1)
-            .max_subscribers(self.shape.shares.learners() as usize * RESTART_MARGIN)
-            .max_nodes(self.shape.nodes()))
-    }
 }
 
 /// Knows how many subscribers the observations have at any moment.
@@ -393,6 +370,7 @@ impl WireHost {
             };
         }
         create!(wire.stage(), STAGE);
+        create!(wire.stage_ready(), STAGE_READY);
         for rank in 0..shape.shares.learners() {
             create!(wire.observations(rank), &observations_name(rank));
             create!(wire.observations_ready(rank), &observations_ready_name(rank));
@@ -420,8 +398,6 @@ impl WireHost {
         self.wire.node.try_cleanup_dead_nodes().cleanups
     }
 }
-
-const STAGE: &str = "stage";
 
 fn observations_name(rank: u32) -> String {
     format!("observations/{rank}")
@@ -528,10 +504,10 @@ mod tests {
             sample.send().unwrap();
             assert_eq!(answers.receive().unwrap().unwrap().payload(), &[3, 4]);
 
-            let stage = host.wire().stage_publisher().unwrap();
-            stage.send_copy(StageAnnouncement { version: 5, ..Default::default() }).unwrap();
+            let stage = host.wire().announcer().unwrap();
+            stage.announce(StageAnnouncement { version: 5, ..Default::default() }).unwrap();
             let late = learner.stage_subscriber().unwrap();
-            stage.update_connections().unwrap();
+            stage.update().unwrap();
             assert_eq!(late.receive().unwrap().unwrap().payload().version, 5, "history reaches a late subscriber");
         }
         drop(host);

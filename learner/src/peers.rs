@@ -1,0 +1,299 @@
+//! The learners of a run, as one of them sees them: where DD-PPO's gradients cross.
+//!
+//! Every learner trains on the rollouts of its own actors. Losses are sums over its frames divided by the frames of all
+//! learners, so gradients add up to those of one learner that had all the actors; all take the same optimiser step with
+//! the sum, and their weights stay the same bit for bit. With equal shares that is the mean that DD-PPO speaks of. Only
+//! contrastive prediction (`cpca16`) is another thing with several learners: its negatives come from one's own rows.
+//!
+//! Everybody makes the same calls in the same order. When one dies, the others' calls fail or wait until the
+//! orchestrator ends them: a group is never mended, all begin again together at the last checkpoint.
+
+use crate::ffi;
+use crate::ffi::group::ProcessGroup;
+use crate::ffi::nccl::{Communicator, Invitation, Nccl, NcclError};
+use std::path::Path;
+use std::time::Duration;
+use tch::{Device, Kind, TchError, Tensor};
+
+/// The longest that a learner may take to start.
+const MEETING: Duration = Duration::from_secs(90);
+/// The longest that one may let the others wait later, for a rollout or an update. Only for when there is nobody who
+/// looks: the orchestrator ends a run that does not get on much earlier.
+const PATIENCE: Duration = Duration::from_hours(24);
+/// The note that holds NCCL's invitation.
+const INVITATION: &str = "nccl";
+
+/// All learners of a run.
+#[derive(Debug)]
+pub enum Peers {
+    /// There is one.
+    Alone,
+    /// There are several.
+    Group(Group),
+}
+
+/// Membership among several learners.
+#[derive(Debug)]
+pub struct Group {
+    rank: u32,
+    learners: u32,
+    gloo: ProcessGroup,
+    /// Between GPUs.
+    gpus: Option<Communicator>,
+}
+
+/// How far the learners of a run are with the rollout in progress.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Finished {
+    /// Learners that have taken all steps of it.
+    pub finished: u32,
+    /// Learners in all, this one included.
+    pub learners: u32,
+}
+
+/// The learners cannot reach one another, or are not at the same point.
+#[derive(Debug, thiserror::Error)]
+pub enum PeerError {
+    /// libtorch's process group fails.
+    #[error("learner {rank} has lost the others: {cause}")]
+    Lost {
+        /// Who says so.
+        rank: u32,
+        /// What libtorch says.
+        cause: TchError,
+    },
+    /// The GPUs cannot reach one another.
+    #[error("the learners' GPUs cannot reach one another: {0}")]
+    Gpus(#[from] NcclError),
+    /// Another learner cannot go on, and says why.
+    #[error("another learner cannot go on")]
+    Elsewhere,
+    /// What must be the same everywhere is not.
+    #[error("the learners have come apart: {what} differ ({values:x?}, by rank)")]
+    Apart {
+        /// What was compared.
+        what: &'static str,
+        /// What each has.
+        values: Vec<u64>,
+    },
+}
+
+impl Peers {
+    /// Meets the others, `learners` in all, at a file that nobody has used before.
+    pub fn meet(file: &Path, [rank, learners]: [u32; 2], device: Device) -> Result<Self, PeerError> {
+        if learners == 1 {
+            return Ok(Self::Alone);
+        }
+        let lost = |cause| PeerError::Lost { rank, cause };
+        let gloo = ProcessGroup::meet(file, [rank, learners], [MEETING, PATIENCE]).map_err(lost)?;
+        let gpus = if device.is_cuda() {
+            let nccl = Nccl::open()?;
+            let mut invitation: Invitation = [0; 128];
+            if rank == 0 {
+                gloo.note(INVITATION, &nccl.invite()?).map_err(lost)?;
+            }
+            gloo.read(INVITATION, &mut invitation).map_err(lost)?;
+            Some(nccl.join(invitation, rank, learners)?)
+        } else {
+            None
+        };
+        let peers = Self::Group(Group { rank, learners, gloo, gpus });
+        // Now all are here: nobody leaves while others still come.
+        peers.barrier()?;
+        Ok(peers)
+    }
+
+    /// Replaces a number by the first learner's.
+    pub fn first(&self, number: &mut f64) -> Result<(), PeerError> {
+        if matches!(self, Self::Group(group) if group.rank > 0) {
+            *number = 0.0;
+        }
+        self.sum(std::slice::from_mut(number))
+    }
+
+    /// How many learners there are.
+    pub fn count(&self) -> u32 {
+        match self {
+            Self::Alone => 1,
+            Self::Group(group) => group.learners,
+        }
+    }
+
+    /// Replaces numbers by their sums over all learners.
+    pub fn sum(&self, numbers: &mut [f64]) -> Result<(), PeerError> {
+        let Self::Group(group) = self else { return Ok(()) };
+        let mut tensor = Tensor::from_slice(numbers);
+        group.gloo.sum(&mut tensor).map_err(|cause| group.lost(cause))?;
+        tensor.copy_data(numbers, numbers.len());
+        Ok(())
+    }
+
+    /// Returns when every learner has called it: an all-reduce ends nowhere before it has begun everywhere.
+    pub fn barrier(&self) -> Result<(), PeerError> {
+        self.sum(&mut [0.0])
+    }
+
+    /// A count over all learners.
+    pub fn total(&self, own: u64) -> Result<u64, PeerError> {
+        let mut total = [own as f64];
+        self.sum(&mut total)?;
+        Ok(total[0] as u64)
+    }
+
+    /// Replaces a flat gradient by the sum over all learners.
+    pub fn sum_gradients(&self, gradient: &mut Tensor) -> Result<(), PeerError> {
+        match self {
+            Self::Alone => Ok(()),
+            Self::Group(Group { gpus: Some(gpus), .. }) => Ok(gpus.sum(gradient)?),
+            Self::Group(group) => group.gloo.sum(gradient).map_err(|cause| group.lost(cause)),
+        }
+    }
+
+    /// Tells the others that this learner has taken all steps of a rollout.
+    pub fn note_finished(&self, rollout: u64) -> Result<(), PeerError> {
+        let Self::Group(group) = self else { return Ok(()) };
+        group.gloo.note(&finished(rollout, group.rank), &[1]).map_err(|cause| group.lost(cause))
+    }
+
+    /// How many have noted so.
+    pub fn finished(&self, rollout: u64) -> Result<Finished, PeerError> {
+        let Self::Group(group) = self else { return Ok(Finished { finished: 0, learners: 1 }) };
+        let mut count = 0;
+        for rank in 0..group.learners {
+            let noted = group.gloo.noted(&finished(rollout, rank)).map_err(|cause| group.lost(cause))?;
+            count += u32::from(noted);
+        }
+        Ok(Finished { finished: count, learners: group.learners })
+    }
+
+    /// Brings what every learner has to say to the first: there the others' parts come back, in the order of their
+    /// ranks; none at the others.
+    pub fn gather(&self, part: &[u8]) -> Result<Vec<Vec<u8>>, PeerError> {
+        let Self::Group(group) = self else { return Ok(vec![]) };
+        let lost = |cause| group.lost(cause);
+        if group.rank > 0 {
+            group.gloo.send(&Tensor::from(part.len() as i64), 0).map_err(lost)?;
+            group.gloo.send(&Tensor::from_slice(part), 0).map_err(lost)?;
+            return Ok(vec![]);
+        }
+        let mut parts = vec![];
+        for rank in 1..group.learners {
+            let mut length = Tensor::from(0_i64);
+            group.gloo.receive(&mut length, rank).map_err(lost)?;
+            let mut bytes = Tensor::zeros([length.int64_value(&[])], (Kind::Uint8, Device::Cpu));
+            group.gloo.receive(&mut bytes, rank).map_err(lost)?;
+            parts.push(ffi::bytes_mut(&mut bytes).to_vec());
+        }
+        Ok(parts)
+    }
+
+    /// Makes sure that a number is the same at all learners.
+    pub fn agree(&self, what: &'static str, value: u64) -> Result<(), PeerError> {
+        let Self::Group(group) = self else { return Ok(()) };
+        // Everybody fills two places of its own: halves of 32 bits are exact as numbers.
+        let mut halves = vec![0.0; 2 * group.learners as usize];
+        let own = 2 * group.rank as usize;
+        (halves[own], halves[own + 1]) = ((value >> 32) as f64, (value & 0xffff_ffff) as f64);
+        self.sum(&mut halves)?;
+        let values: Vec<u64> = halves.chunks_exact(2).map(|pair| (pair[0] as u64) << 32 | pair[1] as u64).collect();
+        if values.iter().all(|&other| other == value) { Ok(()) } else { Err(PeerError::Apart { what, values }) }
+    }
+}
+
+impl Group {
+    fn lost(&self, cause: TchError) -> PeerError {
+        PeerError::Lost { rank: self.rank, cause }
+    }
+}
+
+/// The note of one learner about one rollout.
+fn finished(rollout: u64, rank: u32) -> String {
+    format!("finished/{rollout}/{rank}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::to_vec;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    /// What each of `learners` learners, threads here, makes of it.
+    fn among<T: Send>(learners: u32, work: impl Fn(u32, &Peers) -> T + Sync) -> Vec<T> {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("meeting");
+        std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..learners)
+                .map(|rank| {
+                    let (file, work) = (&file, &work);
+                    scope.spawn(move || work(rank, &Peers::meet(file, [rank, learners], Device::Cpu).unwrap()))
+                })
+                .collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+        })
+    }
+
+    #[test]
+    fn three_add_up_gather_and_agree() {
+        let seen = among(3, |rank, peers| {
+            let mut numbers = [f64::from(rank), 0.1];
+            peers.sum(&mut numbers).unwrap();
+            let mut gradient = Tensor::from_slice(&[rank as f32, 1e-3]);
+            peers.sum_gradients(&mut gradient).unwrap();
+            peers.agree("numbers", 1 << 63 | 5).unwrap();
+            let apart = peers.agree("ranks", u64::from(rank)).unwrap_err().to_string();
+            assert!(apart.ends_with("ranks differ ([0, 1, 2], by rank)"), "{apart}");
+            (numbers, to_vec(&gradient), peers.gather(&vec![rank as u8; rank as usize]).unwrap())
+        });
+        for (numbers, gradient, _) in &seen {
+            assert_eq!(numbers[0], 3.0);
+            assert!((numbers[1] - 0.3).abs() < 1e-15);
+            assert_eq!((numbers, gradient), (&seen[0].0, &seen[0].1), "the same bits everywhere");
+        }
+        assert_eq!(seen[0].2, [vec![1], vec![2, 2]]);
+        assert!(seen[1].2.is_empty() && seen[2].2.is_empty());
+    }
+
+    #[test]
+    fn who_has_finished_a_rollout_is_known_to_the_others_and_to_nobody_of_another() {
+        let counts = among(3, |rank, peers| {
+            if rank > 0 {
+                peers.note_finished(7).unwrap();
+            }
+            peers.barrier().unwrap();
+            [7, 8].map(|rollout| peers.finished(rollout).unwrap())
+        });
+        for [seventh, eighth] in counts {
+            assert_eq!(seventh, Finished { finished: 2, learners: 3 });
+            assert_eq!(eighth, Finished { finished: 0, learners: 3 });
+        }
+    }
+
+    #[test]
+    fn nobody_passes_a_barrier_before_all_have_come() {
+        let come = AtomicU32::new(0);
+        let seen = among(3, |rank, peers| {
+            std::thread::sleep(Duration::from_millis(20 * u64::from(rank)));
+            come.fetch_add(1, Ordering::SeqCst);
+            peers.barrier().unwrap();
+            come.load(Ordering::SeqCst)
+        });
+        assert_eq!(seen, [3, 3, 3]);
+    }
+
+    #[test]
+    fn one_who_leaves_is_an_error_to_the_others() {
+        let errors = among(2, |rank, peers| if rank == 0 { None } else { peers.sum(&mut [1.0]).err() });
+        assert!(errors[1].as_ref().unwrap().to_string().starts_with("learner 1 has lost the others"), "{errors:?}");
+    }
+
+    #[test]
+    fn alone_everything_is_as_it_is() {
+        let peers = Peers::Alone;
+        let mut numbers = [2.0];
+        peers.sum(&mut numbers).unwrap();
+        peers.barrier().unwrap();
+        peers.agree("anything", 3).unwrap();
+        assert_eq!((numbers[0], peers.count(), peers.gather(&[1]).unwrap().len()), (2.0, 1, 0));
+        assert_eq!(peers.finished(0).unwrap().finished, 0);
+    }
+}

@@ -1,0 +1,192 @@
+//! What is heard while episodes are played: keeps their records, and shows how it gets on.
+
+use super::journal;
+use super::standing::Standing;
+use crate::recording::recorder::Recorder;
+use crate::run::json_lines::Writer;
+use crate::showing::format;
+use crate::showing::terminal::Live;
+use crate::supervisor::shell::Audience;
+use anyhow::{Result, ensure};
+use proto::evaluation::{EpisodeRecord, Plan};
+use proto::event::LearnerEvent;
+use proto::kitchen::KitchenId;
+use proto::run_folder::RunFolder;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Records of an evaluation so far.
+#[derive(Debug)]
+pub struct EvaluationAudience {
+    plan: Plan,
+    journal: Writer,
+    records: BTreeMap<(KitchenId, u32), (EpisodeRecord, Vec<u8>)>,
+    frames: u64,
+    parameters: u64,
+    device: String,
+    /// When the actors had answered, and when the last episode ended.
+    span: Option<(Duration, Duration)>,
+    live: Live,
+}
+
+impl EvaluationAudience {
+    /// Of an evaluation with this plan in this folder.
+    pub fn new(plan: Plan, folder: &RunFolder) -> Result<Self> {
+        Ok(Self {
+            plan,
+            journal: journal::open(folder)?,
+            records: BTreeMap::new(),
+            frames: 0,
+            parameters: 0,
+            device: String::new(),
+            span: None,
+            live: Live::default(),
+        })
+    }
+
+    /// Episodes to play.
+    pub fn asked(&self) -> usize {
+        self.plan.len()
+    }
+
+    /// Episodes played.
+    pub fn played(&self) -> usize {
+        self.records.len()
+    }
+
+    /// Frames that the weights were trained on.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Trainable parameters.
+    pub fn parameters(&self) -> u64 {
+        self.parameters
+    }
+
+    /// What infers.
+    pub fn device(&self) -> &str {
+        &self.device
+    }
+
+    /// From the actors' first answer to the end of the last episode.
+    pub fn wall(&self) -> Duration {
+        self.span.map(|(began, ended)| ended.saturating_sub(began)).unwrap_or_default()
+    }
+
+    /// All records in table order; an error if any is missing.
+    pub fn records(&self) -> Result<Vec<(EpisodeRecord, Vec<u8>)>> {
+        let played = self.records.keys().copied().collect::<Vec<_>>();
+        ensure!(
+            played == self.plan.episodes().collect::<Vec<_>>(),
+            "the learner calls the evaluation complete with {} episodes of {}",
+            played.len(),
+            self.plan.len()
+        );
+        Ok(self.records.values().cloned().collect())
+    }
+
+    fn line(&self, now: Duration) -> String {
+        let (played, asked) = (self.played(), self.asked());
+        let mut parts = Standing::of(asked as u64, self.records.values().map(|(record, _)| record)).parts();
+        if let Some((began, _)) = self.span {
+            let elapsed_s = now.saturating_sub(began).as_secs_f64();
+            let steps: u64 = self.records.values().map(|(record, _)| u64::from(record.length)).sum();
+            if played > 0 && elapsed_s > 0.0 {
+                let left_s = elapsed_s / played as f64 * (asked - played) as f64;
+                parts.push(format!("{} steps/s", format::rate(steps as f64 / elapsed_s)));
+                parts.push(format!("{} left", format::duration(Duration::from_secs_f64(left_s))));
+            }
+        } else {
+            parts.push("starting".to_owned());
+        }
+        parts.join("  |  ")
+    }
+}
+
+impl Audience for EvaluationAudience {
+    fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()> {
+        match event {
+            LearnerEvent::Ready { frames, device, parameters, .. } => {
+                // One that was started again begins again.
+                self.records.clear();
+                self.journal.clear()?;
+                self.span = None;
+                self.frames = *frames;
+                self.parameters = *parameters;
+                self.device.clone_from(device);
+            }
+            LearnerEvent::ActorsConnected { .. } => self.span = Some((now, now)),
+            LearnerEvent::EpisodePlayed { record, actions } => {
+                if let Some((_, ended)) = &mut self.span {
+                    *ended = now;
+                }
+                self.journal.append(record)?;
+                let twice = self.records.insert((record.kitchen, record.episode), (*record, actions.clone()));
+                ensure!(twice.is_none(), "episode {} of kitchen {} was played twice", record.episode, record.kitchen);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn learner_died(&mut self, _now: Duration) {}
+
+    fn tick(&mut self, now: Duration, _recorder: Option<&Recorder>) {
+        if self.live.is_due(now) {
+            self.live.show(vec![self.line(now)]);
+        }
+    }
+
+    fn over(&mut self) {
+        self.live.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::testing::uneventful;
+    use proto::config::Config;
+    use proto::evaluation::{EvaluationConfig, ObjectSet};
+    use proto::kitchen::Split;
+
+    #[test]
+    fn how_far_an_evaluation_is_stands_in_its_folder() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        let mut config = Config::resolve("demo", None).unwrap();
+        assert_eq!(Standing::read(&folder, &config).unwrap(), None, "a run");
+        config.actors.count = 5;
+        let (split, objects) = (Split::Test, ObjectSet::Novel);
+        config.evaluation = Some(EvaluationConfig::fixed(split, objects, 2));
+        let plan = config.evaluation_plan().unwrap();
+        let episodes: Vec<_> = plan.episodes().collect();
+        let mut audience = EvaluationAudience::new(plan, &folder).unwrap();
+        let mut hear = |event: LearnerEvent| audience.learner(Duration::ZERO, &event).unwrap();
+        let standing = || Standing::read(&folder, &config).unwrap().unwrap();
+        let ready = || LearnerEvent::Ready {
+            rank: 0,
+            rollout: 0,
+            frames: 0,
+            device: "cpu".into(),
+            parameters: 1,
+            checkpoint: None,
+        };
+        let played = |index: usize, success: bool| {
+            let (kitchen, episode) = episodes[index];
+            let record = EpisodeRecord { success, ..uneventful(kitchen, episode) };
+            LearnerEvent::EpisodePlayed { record, actions: vec![20] }
+        };
+        hear(ready());
+        assert_eq!(standing().parts(), ["0 / 10 episodes  0.0%"]);
+        for (index, success) in [(0, true), (1, true), (2, false), (3, false)] {
+            hear(played(index, success));
+        }
+        assert_eq!(standing().parts(), ["4 / 10 episodes  40.0%", "SR 50.0%  SRwoD 50.0% (per axis 50.0%)"]);
+        // A learner that was started again plays all of them again.
+        hear(ready());
+        hear(played(0, true));
+        assert_eq!((standing().played, standing().success, standing().result), (1, Some(1.0), None));
+    }
+}

@@ -1,0 +1,30 @@
+//! `played.jsonl` in an evaluation's folder: the record of each episode played so far, a JSON object a line, so that
+//! `status` can tell how far it is. It gives way to the result.
+
+use crate::run::json_lines::{self, Writer};
+use anyhow::Result;
+use proto::evaluation::EpisodeRecord;
+use proto::run_folder::RunFolder;
+use std::path::PathBuf;
+
+fn path(folder: &RunFolder) -> PathBuf {
+    folder.root().join("played.jsonl")
+}
+
+/// Opens it for appending.
+pub fn open(folder: &RunFolder) -> Result<Writer> {
+    Writer::open(&path(folder))
+}
+
+/// The records in it; none when there is no journal.
+pub fn read(folder: &RunFolder) -> Result<Vec<EpisodeRecord>> {
+    json_lines::read(&path(folder))
+}
+
+/// Removes it. The result is there already: a journal that stays does no harm.
+pub fn remove(folder: &RunFolder) {
+    let path = path(folder);
+    if let Err(error) = std::fs::remove_file(&path) {
+        tracing::warn!("cannot remove {}: {error}", path.display());
+    }
+}

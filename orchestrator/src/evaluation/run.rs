@@ -1,0 +1,153 @@
+//! An evaluation, from its folder to its result files.
+
+use super::audience::EvaluationAudience;
+use super::journal;
+use super::subject;
+use super::words::{episodes_of, lines};
+use crate::preflight::tools::Tools;
+use crate::run::identity::{Ended, Ending, Identity, unix_now};
+use crate::run::lock::RunLock;
+use crate::run::session::{EXIT_INTERRUPTED, Session, shape};
+use crate::showing::format::counted;
+use crate::showing::terminal;
+use crate::supervisor::event::{End, Outcome, Saved};
+use anyhow::{Context, Result};
+use proto::config::Config;
+use proto::evaluation::{
+    Conditions, Cost, Evaluation, EvaluationConfig, RESULT_FILE, Subject, TABLE_FILE, write_table,
+};
+use proto::run_folder::{RunFolder, write_atomically};
+use std::process::ExitCode;
+
+/// An evaluation whose folder has been made.
+pub struct EvaluationRun {
+    /// The folder, with config.toml in it.
+    pub folder: RunFolder,
+    /// What config.toml says.
+    pub config: Config,
+    /// What it is asked.
+    pub asked: EvaluationConfig,
+    /// Print the result as JSON instead of a table.
+    pub json: bool,
+    /// Whose weights, as far as that is known before they are loaded.
+    pub subject: subject::Origin,
+    /// What run.toml says.
+    pub identity: Identity,
+    /// The right to run it.
+    pub lock: RunLock,
+    /// Programs.
+    pub tools: Tools,
+}
+
+impl EvaluationRun {
+    /// Plays all episodes and writes the result; the exit status of the program.
+    pub fn run(mut self) -> Result<ExitCode> {
+        let plan = self.config.evaluation_plan().context("an evaluation has a plan")?;
+        let mut audience = EvaluationAudience::new(plan, &self.folder)?;
+        let (incarnation, address) = self.identity.begin_incarnation();
+        self.identity.write(&self.folder)?;
+        let session =
+            Session { folder: &self.folder, config: &self.config, incarnation, address: &address, tools: &self.tools };
+        let result = session.begin_log().and_then(|()| {
+            tracing::info!(
+                "evaluation {} in {}: {}, {}, seed {}",
+                self.identity.id,
+                self.folder.root().display(),
+                counted(audience.asked() as u64, "episode"),
+                shape(&self.config),
+                self.config.seed
+            );
+            session.run(&mut self.lock, &mut audience)
+        });
+        let reported = result.and_then(|(outcome, recording)| {
+            let status = self.report(&outcome, &audience)?;
+            recording.context("the recording is incomplete")?;
+            Ok((outcome, status))
+        });
+        let (how, reason) = match &reported {
+            Ok((outcome, _)) => (outcome.end.ending(), outcome.end.reason().map(str::to_owned)),
+            Err(error) => (Ending::Failed, Some(format!("{error:#}"))),
+        };
+        let ended = Ended { how, at_unix_s: unix_now(), frames: None, weights: None, reason };
+        self.identity.end_incarnation(ended);
+        self.identity.write(&self.folder)?;
+        reported.map(|(_, status)| status)
+    }
+
+    fn report(&self, outcome: &Outcome, audience: &EvaluationAudience) -> Result<ExitCode> {
+        match (&outcome.end, &outcome.saved) {
+            (End::Complete, Some(saved)) => {
+                let evaluation = self.write(audience, saved)?;
+                let path = format!("result: {}", self.folder.root().join(RESULT_FILE).display());
+                if self.json {
+                    terminal::note(&path);
+                    terminal::out(json(&evaluation)?.trim_end());
+                } else {
+                    for line in lines(&evaluation) {
+                        terminal::out(&line);
+                    }
+                    terminal::out(&path);
+                }
+                Ok(ExitCode::SUCCESS)
+            }
+            (end, _) => {
+                let (played, asked) = (audience.played(), audience.asked());
+                terminal::note(&format!(
+                    "{} after {played} of {}: there is no result",
+                    end.ending(),
+                    counted(asked as u64, "episode")
+                ));
+                Ok(if *end == End::Interrupted { ExitCode::from(EXIT_INTERRUPTED) } else { ExitCode::FAILURE })
+            }
+        }
+    }
+
+    /// Writes the table, then the result file: where that is, all is.
+    fn write(&self, audience: &EvaluationAudience, saved: &Saved) -> Result<Evaluation> {
+        let records = audience.records()?;
+        let subject = Subject {
+            preset: self.subject.preset.clone(),
+            seed: self.subject.seed,
+            run: self.subject.run.clone(),
+            checkpoint: self.asked.checkpoint.clone(),
+            frames: audience.frames(),
+            weights: saved.weights.clone(),
+            parameters: audience.parameters(),
+        };
+        let (_, [start_distance_max_m, goal_distance_max_m]) = episodes_of(&self.config, &self.asked);
+        let conditions = Conditions {
+            split: self.asked.split,
+            scenes: self.config.scenes.clone(),
+            objects: self.asked.objects,
+            episodes: self.asked.episodes,
+            distribution: self.asked.distribution,
+            start_distance_max_m,
+            goal_distance_max_m,
+            deterministic: self.asked.deterministic,
+            seed: self.config.seed,
+            max_steps: self.config.episode.max_steps,
+            action_space: self.config.episode.action_space,
+            actors: self.config.actors.count,
+            environments_per_actor: self.config.actors.environments_per_actor,
+            device: audience.device().to_owned(),
+        };
+        let steps = records.iter().map(|(record, _)| u64::from(record.length)).sum();
+        let cost = Cost { at_unix_s: unix_now(), wall_s: audience.wall().as_secs_f64(), steps };
+        let evaluation = Evaluation::of(subject, conditions, cost, &records);
+        let table: Vec<_> = records.into_iter().map(|(record, _)| record).collect();
+        let table = write_table(&table, self.asked.distribution);
+        for (name, text) in [(TABLE_FILE, table), (RESULT_FILE, json(&evaluation)?)] {
+            let path = self.folder.root().join(name);
+            write_atomically(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        journal::remove(&self.folder);
+        Ok(evaluation)
+    }
+}
+
+/// The result file.
+fn json(evaluation: &Evaluation) -> Result<String> {
+    let mut json = serde_json::to_string_pretty(evaluation).context(RESULT_FILE)?;
+    json.push('\n');
+    Ok(json)
+}

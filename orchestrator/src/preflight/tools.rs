@@ -1,0 +1,26 @@
+//! The other two programs, and what the learner computes with.
+
+use super::{libtorch, programs};
+use crate::supervisor::process::Programs;
+use anyhow::Result;
+use proto::device::Torch;
+
+/// The programs, found and proven to start.
+#[derive(Debug, Clone)]
+pub struct Tools {
+    /// Where they are.
+    pub programs: Programs,
+    /// What the learner computes with.
+    pub torch: Torch,
+}
+
+impl Tools {
+    /// Finds both programs and has the learner load its libtorch.
+    pub fn find() -> Result<Self> {
+        let learner = programs::find("learner")?;
+        let actor = programs::find("actor")?;
+        let learner_environment = libtorch::environment()?;
+        let torch = libtorch::check(&learner, &learner_environment)?;
+        Ok(Self { programs: Programs { learner, actor, learner_environment }, torch })
+    }
+}

@@ -1,0 +1,165 @@
+//! The head camera as Foxglove sees it: intrinsics, and the chain of frames from the kitchen's floor to the lens.
+//!
+//! The simulator's world follows AI2-THOR: x right, y up, z ahead, which is left-handed. Foxglove, like ROS, is
+//! right-handed with z up. The one mapping between them is [`ros_from_world`]: ahead becomes x, left y, up z.
+
+use crate::recording::schema::foxglove::{CameraCalibration, FrameTransform, Quaternion, Vector3};
+use prost_types::Timestamp;
+use proto::camera::{FIELD_OF_VIEW_DEG, FRAME_SIDE, HEIGHT_M};
+use proto::step::Current;
+
+/// Names of the frames of one environment. Every kitchen is a world of its own.
+#[derive(Debug, Clone)]
+pub struct FrameNames {
+    /// Floor of the kitchen.
+    pub world: String,
+    /// Robot's axis on the floor, x ahead.
+    pub robot: String,
+    /// Optical frame of the head camera: x right, y down, z into the picture.
+    pub camera: String,
+    /// Wrist of the arm.
+    pub wrist: String,
+    /// The object to bring.
+    pub target: String,
+    /// Where to bring it.
+    pub goal: String,
+}
+
+impl FrameNames {
+    /// Frames under a prefix such as `kitchen-01/0`.
+    pub fn under(prefix: &str) -> Self {
+        let name = |part: &str| format!("{prefix}/{part}");
+        Self {
+            world: name("world"),
+            robot: name("robot"),
+            camera: name("camera"),
+            wrist: name("wrist"),
+            target: name("target"),
+            goal: name("goal"),
+        }
+    }
+}
+
+/// Intrinsics of the head camera. Pixel (0, 0) has its centre at 0, as in ROS, so the axis meets (111.5, 111.5).
+pub fn calibration(timestamp: Timestamp, frame_id: &str) -> CameraCalibration {
+    let side = FRAME_SIDE as f64;
+    let focal_px = side / 2.0 / (FIELD_OF_VIEW_DEG / 2.0).to_radians().tan();
+    let centre_px = (side - 1.0) / 2.0;
+    CameraCalibration {
+        timestamp: Some(timestamp),
+        frame_id: frame_id.to_owned(),
+        width: FRAME_SIDE as u32,
+        height: FRAME_SIDE as u32,
+        distortion_model: "plumb_bob".to_owned(),
+        d: vec![0.0; 5],
+        k: vec![focal_px, 0.0, centre_px, 0.0, focal_px, centre_px, 0.0, 0.0, 1.0],
+        r: vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p: vec![focal_px, 0.0, centre_px, 0.0, 0.0, focal_px, centre_px, 0.0, 0.0, 0.0, 1.0, 0.0],
+    }
+}
+
+/// Where robot, camera, wrist, target and goal are.
+pub fn transforms(timestamp: Timestamp, names: &FrameNames, current: &Current) -> Vec<FrameTransform> {
+    let [x_m, z_m] = current.base_position_m;
+    let at = |parent: &str, child: &str, translation: Vector3, rotation: Quaternion| FrameTransform {
+        timestamp: Some(timestamp),
+        parent_frame_id: parent.to_owned(),
+        child_frame_id: child.to_owned(),
+        translation: Some(translation),
+        rotation: Some(rotation),
+    };
+    let place = |child: &str, position_m: [f32; 3]| at(&names.world, child, ros_from_world(position_m), IDENTITY);
+    vec![
+        at(
+            &names.world,
+            &names.robot,
+            ros_from_world([x_m, 0.0, z_m]),
+            // The simulator's yaw is positive to the right; a positive turn about z up is to the left.
+            about_z(-f64::from(current.base_yaw_rad)),
+        ),
+        at(
+            &names.robot,
+            &names.camera,
+            Vector3 { x: 0.0, y: 0.0, z: HEIGHT_M },
+            // Downwards is a positive turn about the axis to the left.
+            product(&about_y(f64::from(current.camera_pitch_rad)), &BODY_FROM_OPTICAL),
+        ),
+        place(&names.wrist, current.wrist_position_m),
+        place(&names.target, current.target_position_m),
+        place(&names.goal, current.goal_position_m),
+    ]
+}
+
+/// A point of the simulator's world in right-handed axes.
+fn ros_from_world([x, y, z]: [f32; 3]) -> Vector3 {
+    Vector3 { x: f64::from(z), y: -f64::from(x), z: f64::from(y) }
+}
+
+const IDENTITY: Quaternion = Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 };
+
+/// From optical axes (right, down, into the picture) to body axes (ahead, left, up).
+const BODY_FROM_OPTICAL: Quaternion = Quaternion { x: -0.5, y: 0.5, z: -0.5, w: 0.5 };
+
+fn about_y(angle_rad: f64) -> Quaternion {
+    Quaternion { x: 0.0, y: (angle_rad / 2.0).sin(), z: 0.0, w: (angle_rad / 2.0).cos() }
+}
+
+fn about_z(angle_rad: f64) -> Quaternion {
+    Quaternion { x: 0.0, y: 0.0, z: (angle_rad / 2.0).sin(), w: (angle_rad / 2.0).cos() }
+}
+
+/// First `b`, then `a`.
+fn product(a: &Quaternion, b: &Quaternion) -> Quaternion {
+    Quaternion {
+        w: a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
+        x: a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+        y: a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
+        z: a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::FRAC_PI_6;
+
+    fn rotate(q: &Quaternion, v: [f64; 3]) -> [f64; 3] {
+        let inverse = Quaternion { x: -q.x, y: -q.y, z: -q.z, w: q.w };
+        let r = product(&product(q, &Quaternion { x: v[0], y: v[1], z: v[2], w: 0.0 }), &inverse);
+        [r.x, r.y, r.z]
+    }
+
+    fn assert_close(a: [f64; 3], b: [f64; 3]) {
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6), "{a:?} {b:?}");
+    }
+
+    #[test]
+    fn what_lies_right_and_ahead_in_the_simulator_does_so_in_foxglove() {
+        // At world (x 1, z 2), turned 90° to the right: looks along world +x, which is -y in right-handed axes.
+        let current = Current {
+            base_position_m: [1.0, 2.0],
+            base_yaw_rad: std::f32::consts::FRAC_PI_2,
+            camera_pitch_rad: FRAC_PI_6 as f32,
+            ..crate::recording::recorder::testing::current(0, 0)
+        };
+        let all = transforms(Timestamp::default(), &FrameNames::under("k"), &current);
+        let (robot, camera) = (&all[0], &all[1]);
+        let robot_rotation = robot.rotation.as_ref().unwrap();
+        let translation = robot.translation.as_ref().unwrap();
+        assert_close([translation.x, translation.y, translation.z], [2.0, -1.0, 0.0]);
+        assert_close(rotate(robot_rotation, [1.0, 0.0, 0.0]), [0.0, -1.0, 0.0]);
+        // The axis into the picture points ahead and 30° down; the picture's right is the robot's right.
+        let camera_rotation = camera.rotation.as_ref().unwrap();
+        assert_close(rotate(camera_rotation, [0.0, 0.0, 1.0]), [FRAC_PI_6.cos(), 0.0, -FRAC_PI_6.sin()]);
+        assert_close(rotate(camera_rotation, [1.0, 0.0, 0.0]), [0.0, -1.0, 0.0]);
+        assert_eq!((camera.parent_frame_id.as_str(), camera.child_frame_id.as_str()), ("k/robot", "k/camera"));
+    }
+
+    #[test]
+    fn the_edge_of_the_picture_is_fifty_degrees_off_the_axis() {
+        let k = calibration(Timestamp::default(), "c").k;
+        let left_edge_px = -0.5;
+        let angle = ((left_edge_px - k[2]) / k[0]).atan().to_degrees();
+        assert!((angle + 50.0).abs() < 1e-9, "{angle}");
+    }
+}

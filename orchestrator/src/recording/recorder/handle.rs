@@ -1,0 +1,155 @@
+//! The recorder as the orchestrator holds it: started, told, and finished.
+
+use super::note::{Note, RecorderError, RecorderSetup, RecordingSummary, START_DEADLINE, now_ns};
+use super::scribe::RolloutMetrics;
+use super::tap;
+use crate::recording::schema::foxglove::log::Level;
+use crate::recording::schema::stillroom::{StageSwitch, Validation};
+use proto::event::LearnerEvent;
+use proto::reward::RewardKind;
+use std::sync::mpsc::{Sender, channel};
+use std::sync::{Arc, OnceLock};
+use std::thread::JoinHandle;
+use wire::ThreadBell;
+
+/// A running recorder.
+#[derive(Debug)]
+pub struct Recorder {
+    thread: JoinHandle<Result<RecordingSummary, RecorderError>>,
+    notes: Sender<(u64, Note)>,
+    /// Rings when there is a note.
+    bell: Arc<ThreadBell>,
+    failure: Arc<OnceLock<String>>,
+    stages: Vec<(String, RewardKind)>,
+}
+
+impl Recorder {
+    /// Starts the thread; returns once its subscriber exists, so that no actor started later can send past it.
+    pub fn start(setup: RecorderSetup) -> Result<Self, RecorderError> {
+        let (notes, inbox) = channel();
+        let (ready, started) = channel();
+        let bell = Arc::new(ThreadBell::new().map_err(RecorderError::Thread)?);
+        let failure = Arc::new(OnceLock::new());
+        let stages = setup.config.stages.iter().map(|stage| (stage.name.clone(), stage.reward)).collect();
+        let thread = {
+            let (bell, failure) = (Arc::clone(&bell), Arc::clone(&failure));
+            std::thread::Builder::new()
+                .name("recorder".to_owned())
+                // Ports of shared memory stay on the thread that made them.
+                .spawn(move || {
+                    let result = tap::run(&setup, &inbox, &bell, &failure, &ready);
+                    if let Err(error) = &result {
+                        // The first reason stands.
+                        let _ = failure.set(error.to_string());
+                    }
+                    result
+                })
+                .map_err(RecorderError::Thread)?
+        };
+        match started.recv_timeout(START_DEADLINE) {
+            Ok(()) => Ok(Self { thread, notes, bell, failure, stages }),
+            Err(std::sync::mpsc::RecvTimeoutError::Timeout) => Err(RecorderError::Slow),
+            // It returned before it was ready: with the reason, unless it panicked.
+            Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => match thread.join() {
+                Ok(Err(reason)) => Err(reason),
+                Ok(Ok(_)) | Err(_) => Err(RecorderError::Died),
+            },
+        }
+    }
+
+    /// Records what a learner said: metrics on `/learner/metrics`, everything else as a line on `/log`.
+    pub fn learner(&self, event: &LearnerEvent) {
+        match event {
+            LearnerEvent::RolloutTrained { rank, rollout, frames, stage, timing, metrics } => {
+                self.note(Note::Trained(RolloutMetrics {
+                    rank: *rank,
+                    rollout: *rollout,
+                    frames: *frames,
+                    stage: *stage,
+                    timing: *timing,
+                    metrics: metrics.clone(),
+                }));
+            }
+            LearnerEvent::Ready { rank, rollout, frames, device, parameters, checkpoint } => {
+                let origin = checkpoint.as_deref().unwrap_or("a fresh start");
+                self.learner_log(
+                    *rank,
+                    Level::Info,
+                    format!("ready on {device}, {parameters} parameters, from {origin}: rollout {rollout}, {frames} frames trained"),
+                );
+            }
+            LearnerEvent::ActorsConnected { rank } => {
+                self.learner_log(*rank, Level::Info, "all actors have answered".to_owned());
+            }
+            // Each is followed by its metrics; an episode that was played has its end in the recording.
+            LearnerEvent::RolloutCollected { .. } | LearnerEvent::EpisodePlayed { .. } => {}
+            LearnerEvent::CheckpointWritten { rank, rollout, frames, path } => {
+                self.learner_log(
+                    *rank,
+                    Level::Info,
+                    format!("checkpoint {path}: rollout {rollout}, {frames} frames trained"),
+                );
+            }
+            LearnerEvent::WaitingForActor { rank, actor, waited_s } => {
+                self.learner_log(*rank, Level::Warning, format!("has waited {waited_s:.1} s for actor {actor}"));
+            }
+            LearnerEvent::Finished { rank, frames, weights, complete } => {
+                let how = if *complete { "complete" } else { "stopped" };
+                self.learner_log(*rank, Level::Info, format!("{how} after {frames} frames, weights {weights}"));
+            }
+        }
+    }
+
+    /// Records that stage `to` begins with rollout `rollout`, after `frames` frames trained on.
+    pub fn stage_switch(&self, from: Option<usize>, to: usize, frames: u64, rollout: u64) {
+        let (name, reward) = self.stages.get(to).map_or((String::new(), ""), |(name, reward)| {
+            let reward = match reward {
+                RewardKind::Task => "r",
+                RewardKind::DisturbanceFree => "r_prime",
+                RewardKind::Lagrangian => "lagrangian",
+            };
+            (name.clone(), reward)
+        });
+        let line = format!("stage {name} (reward {reward}) begins with rollout {rollout}, after {frames} frames");
+        self.note(Note::Stage(StageSwitch {
+            from: from.map(|stage| stage as u32),
+            to: to as u32,
+            name,
+            reward: reward.to_owned(),
+            frames,
+            rollout,
+        }));
+        self.note(Note::Log { level: Level::Info, process: "orchestrator".to_owned(), line });
+    }
+
+    /// Records the figures of an evaluation on the validation kitchens.
+    pub fn validation(&self, figures: Validation) {
+        self.note(Note::Validation(figures));
+    }
+
+    /// Why nothing is written any more, if that is so. The supervisor then saves and ends the run; until it has, the
+    /// thread goes on taking samples, so that no actor waits for it.
+    pub fn failure(&self) -> Option<String> {
+        match self.failure.get() {
+            Some(failure) => Some(failure.clone()),
+            None if self.thread.is_finished() => Some(RecorderError::Died.to_string()),
+            None => None,
+        }
+    }
+
+    /// Takes what is still in shared memory, completes the last segment and sees it onto the disk.
+    pub fn finish(self) -> Result<RecordingSummary, RecorderError> {
+        self.note(Note::Finish);
+        self.thread.join().map_err(|_| RecorderError::Died)?
+    }
+
+    fn learner_log(&self, rank: u32, level: Level, line: String) {
+        self.note(Note::Log { level, process: format!("learner-{rank}"), line });
+    }
+
+    fn note(&self, note: Note) {
+        // A thread that is gone is reported by `failure` and `finish`.
+        let _ = self.notes.send((now_ns(), note));
+        self.bell.ring();
+    }
+}

@@ -1,0 +1,83 @@
+//! What the orchestrator and the recorder's thread say to each other.
+
+use super::scribe::RolloutMetrics;
+use super::segment::SegmentError;
+use crate::recording::schema::foxglove::log::Level;
+use crate::recording::schema::stillroom::{StageSwitch, Validation};
+use proto::config::Config;
+use proto::run_folder::RunFolder;
+use std::path::PathBuf;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use wire::{WireAddress, WireError, WireShape};
+
+/// How long the thread may take to create the first segment and its subscriber.
+pub const START_DEADLINE: Duration = Duration::from_secs(30);
+
+/// What a recorder needs to know.
+#[derive(Debug, Clone)]
+pub struct RecorderSetup {
+    /// Where the services of this incarnation are.
+    pub address: WireAddress,
+    /// Their shape.
+    pub shape: WireShape,
+    /// Where recordings go.
+    pub folder: RunFolder,
+    /// Incarnation of the orchestrator: part of the file names.
+    pub incarnation: u32,
+    /// The run's configuration; goes into every segment.
+    pub config: Config,
+}
+
+/// What was recorded in one incarnation.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RecordingSummary {
+    /// Segments in order.
+    pub files: Vec<PathBuf>,
+    /// Messages on `/step`: in an uninterrupted run, the frames trained on.
+    pub steps: u64,
+    /// Episodes that ended.
+    pub episodes: u64,
+    /// Depth frames.
+    pub depth_frames: u64,
+    /// Size of all segments.
+    pub bytes: u64,
+}
+
+/// Why there is no recording, or not a whole one.
+#[derive(Debug, thiserror::Error)]
+pub enum RecorderError {
+    /// The services cannot be tapped.
+    #[error("the recorder cannot read the observations: {0}")]
+    Wire(#[from] WireError),
+    /// A segment cannot be written.
+    #[error(
+        "{0}; see that the folder is writable and its disk has space, or set recording.enabled = false to run without"
+    )]
+    Segment(#[from] SegmentError),
+    /// The thread could not be started.
+    #[error("cannot start the recorder's thread: {0}")]
+    Thread(std::io::Error),
+    /// The thread did not come up.
+    #[error("the recorder did not start within {} s", START_DEADLINE.as_secs())]
+    Slow,
+    /// The thread is gone.
+    #[error("the recorder's thread ended unexpectedly; its last words are in the log")]
+    Died,
+    /// Recording ended with a failure some time ago.
+    #[error("{0}")]
+    Failed(String),
+}
+
+/// What the orchestrator tells the thread.
+pub enum Note {
+    Trained(RolloutMetrics),
+    Stage(StageSwitch),
+    Validation(Validation),
+    Log { level: Level, process: String, line: String },
+    Finish,
+}
+
+/// Wall-clock time, nanoseconds since 1970.
+pub fn now_ns() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |elapsed| elapsed.as_nanos() as u64)
+}

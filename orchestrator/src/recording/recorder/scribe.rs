@@ -1,0 +1,514 @@
+//! From observations to messages: what is said about each step, on which topic.
+
+use crate::recording::recorder::camera::{self, FrameNames};
+use crate::recording::recorder::segment::{SegmentError, Segments, Topic};
+use crate::recording::schema::foxglove::{FrameTransforms, Log, RawImage, log};
+use crate::recording::schema::stillroom::step::Goal;
+use crate::recording::schema::stillroom::{
+    EpisodeEnd, EpisodeStart, LearnerMetrics, RobotVector, StageSwitch, Step, Validation,
+};
+use prost::Message;
+use prost_types::Timestamp;
+use proto::camera::FRAME_SIDE;
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::evaluation::Plan;
+use proto::event::Timing;
+use proto::metric;
+use proto::reward::{RewardKind, UNDISTURBED_THRESHOLD_M};
+use proto::step::{Current, Transition, current_flag, transition_flag};
+use std::collections::BTreeMap;
+use wire::WireShape;
+use wire::message::{Halves, Observation, ObservationHeader};
+
+#[cfg(target_endian = "big")]
+compile_error!("16UC1 images are little-endian and are copied as they lie in memory");
+
+/// Counts of what was recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Messages on `/step`.
+    pub steps: u64,
+    /// Messages on `/episode/end`.
+    pub episodes: u64,
+    /// Depth frames.
+    pub depth_frames: u64,
+}
+
+/// Figures of one trained rollout, as they arrive from the learner.
+#[derive(Debug, Clone)]
+pub struct RolloutMetrics {
+    /// Rank in the process group.
+    pub rank: u32,
+    /// Number of the rollout.
+    pub rollout: u64,
+    /// Frames trained on so far.
+    pub frames: u64,
+    /// Index of the stage.
+    pub stage: u32,
+    /// Where the time went.
+    pub timing: Timing,
+    /// Named figures.
+    pub metrics: BTreeMap<String, f64>,
+}
+
+/// Writes messages about environments, learner and stages into the segments.
+pub struct Scribe {
+    segments: Segments,
+    topics: Topics,
+    environments: Vec<Environment>,
+    shape: WireShape,
+    incarnation: u32,
+    lambda_disturb: f32,
+    failures_only: bool,
+    /// Which fixed episodes are played, in an evaluation.
+    plan: Option<Plan>,
+    counts: Counts,
+    frames_before: Option<u64>,
+    /// Reused for every message.
+    buffer: Vec<u8>,
+    /// Reused for every frame.
+    image: RawImage,
+}
+
+struct Topics {
+    step: Topic,
+    episode_start: Topic,
+    episode_end: Topic,
+    transforms: Topic,
+    metrics: Topic,
+    stage: Topic,
+    evaluation: Topic,
+    log: Topic,
+}
+
+/// What the scribe remembers of one environment.
+struct Environment {
+    id: EnvironmentId,
+    frames: FrameNames,
+    depth: Topic,
+    calibration: Topic,
+    /// Observation that was last described, so that one that comes back after a HOLD is not described again.
+    described: Option<(u32, u32, u32)>,
+    /// What the goal sensor reads in that observation.
+    goal: Option<Goal>,
+    /// Transition that was last accounted for: learner incarnation, episode, step. An actor that is restarted during a
+    /// HOLD knows nothing of the HOLD and sends the action before it again, as the next exchange.
+    taken: Option<(u32, u32, u32)>,
+    returns: Option<Returns>,
+    /// What is held back of the episode in progress, where only failures are wanted.
+    held: Vec<Held>,
+}
+
+/// A message that waits for its episode's end.
+struct Held {
+    topic: Topic,
+    time_ns: u64,
+    data: Vec<u8>,
+}
+
+/// Returns of an episode so far; only for one seen from its first step without a gap.
+struct Returns {
+    episode: u32,
+    next_step: u32,
+    learner_incarnation: u32,
+    r: f64,
+    r_prime: f64,
+}
+
+impl Scribe {
+    /// A scribe for all environments of `shape`.
+    pub fn new(mut segments: Segments, shape: WireShape, incarnation: u32, config: &Config) -> Self {
+        let topics = Topics {
+            step: segments.topic("/step".into(), "stillroom.Step"),
+            episode_start: segments.topic("/episode/start".into(), "stillroom.EpisodeStart"),
+            episode_end: segments.topic("/episode/end".into(), "stillroom.EpisodeEnd"),
+            transforms: segments.topic("/tf".into(), "foxglove.FrameTransforms"),
+            metrics: segments.topic("/learner/metrics".into(), "stillroom.LearnerMetrics"),
+            stage: segments.topic("/stage".into(), "stillroom.StageSwitch"),
+            evaluation: segments.topic("/evaluation".into(), "stillroom.Validation"),
+            log: segments.topic("/log".into(), "foxglove.Log"),
+        };
+        let per_actor = shape.environments_per_actor;
+        let kitchens = config.kitchens();
+        let environments = (0..shape.shares.actors())
+            .flat_map(|actor| (0..per_actor).map(move |index| EnvironmentId::among(kitchens, actor, index, per_actor)))
+            .map(|id| {
+                let prefix = format!("kitchen-{:02}/{}", id.kitchen.number(), id.number);
+                // Foxglove pairs an image with the calibration that shares its name up to the last slash.
+                let depth = segments.topic(format!("/depth/{prefix}/image"), "foxglove.RawImage");
+                let calibration = segments.topic(format!("/depth/{prefix}/calibration"), "foxglove.CameraCalibration");
+                let frames = FrameNames::under(&prefix);
+                Environment {
+                    id,
+                    frames,
+                    depth,
+                    calibration,
+                    described: None,
+                    goal: None,
+                    taken: None,
+                    returns: None,
+                    held: Vec::new(),
+                }
+            })
+            .collect();
+        let image = RawImage {
+            width: FRAME_SIDE as u32,
+            height: FRAME_SIDE as u32,
+            encoding: "16UC1".into(),
+            step: (FRAME_SIDE * size_of::<u16>()) as u32,
+            ..Default::default()
+        };
+        Self {
+            segments,
+            topics,
+            environments,
+            shape,
+            incarnation,
+            lambda_disturb: config.reward.lambda_disturb,
+            failures_only: config.recording.failures_only,
+            plan: config.evaluation_plan(),
+            counts: Counts::default(),
+            frames_before: None,
+            buffer: Vec::new(),
+            image,
+        }
+    }
+
+    /// Describes one sample. `with_transitions` is false where the transitions were recorded before.
+    pub fn observations(
+        &mut self,
+        time_ns: u64,
+        header: &ObservationHeader,
+        observations: &[Observation],
+        with_transitions: bool,
+    ) -> Result<(), SegmentError> {
+        let first = header.actor * self.shape.environments_per_actor;
+        let range = Halves::of(self.shape.environments_per_actor).range(header.half);
+        for (index, observation) in range.zip(observations) {
+            let environment = first as usize + index;
+            let transition = &observation.transition;
+            let taken = Some((header.learner_incarnation, transition.episode, transition.step));
+            if transition.flags & transition_flag::VALID != 0 && self.environments[environment].taken != taken {
+                // At a restore point, too: there the transition is old, but a HOLD may follow.
+                self.environments[environment].taken = taken;
+                if with_transitions {
+                    self.step(time_ns, header, environment, index as u32, transition)?;
+                    if transition.flags & transition_flag::ENDED != 0 {
+                        self.episode_end(time_ns, header, environment, transition)?;
+                    }
+                }
+            }
+            let current = &observation.current;
+            let described = Some((header.learner_incarnation, current.episode, current.step));
+            if self.environments[environment].described == described {
+                continue;
+            }
+            self.environments[environment].described = described;
+            self.environments[environment].goal = Some(goal_of(current));
+            if current.flags & current_flag::EPISODE_START != 0 {
+                self.episode_start(time_ns, header, environment, current)?;
+            }
+            if current.flags & current_flag::RECORD_DEPTH != 0 {
+                self.depth(time_ns, environment, observation)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Figures of a trained rollout.
+    pub fn metrics(&mut self, time_ns: u64, trained: &RolloutMetrics) -> Result<(), SegmentError> {
+        let mut other = trained.metrics.clone();
+        let mut take = |name: &str| other.remove(name);
+        let timing = &trained.timing;
+        let seconds = timing.simulate_s + timing.infer_s + timing.update_s + timing.other_s;
+        // After a rewind the count goes back: no rate then.
+        let frames = self.frames_before.and_then(|before| trained.frames.checked_sub(before));
+        self.frames_before = Some(trained.frames);
+        let message = LearnerMetrics {
+            rank: trained.rank,
+            rollout: trained.rollout,
+            frames: trained.frames,
+            stage: trained.stage,
+            simulate_s: timing.simulate_s,
+            infer_s: timing.infer_s,
+            update_s: timing.update_s,
+            other_s: timing.other_s,
+            frames_per_s: frames.filter(|_| seconds > 0.0).map(|frames| frames as f64 / seconds),
+            episode_count: take(metric::EPISODES),
+            episode_return: take(metric::RETURN),
+            episode_length: take(metric::LENGTH),
+            episode_success: take(metric::SUCCESS),
+            episode_success_without_disturbance: take(metric::SUCCESS_UNDISTURBED),
+            episode_picked_up: take(metric::PICKED_UP),
+            episode_disturbance_m: take(metric::DISTURBANCE),
+            rollout_reward: take(metric::REWARD),
+            loss_policy: take(metric::POLICY_LOSS),
+            loss_value: take(metric::VALUE_LOSS),
+            loss_auxiliary: take(metric::AUXILIARY_LOSS),
+            policy_entropy: take(metric::ENTROPY),
+            policy_clip_fraction: take(metric::CLIP_FRACTION),
+            policy_approximate_kl: take(metric::APPROXIMATE_KL),
+            optimizer_gradient_norm: take(metric::GRADIENT_NORM),
+            optimizer_learning_rate: take(metric::LEARNING_RATE),
+            other,
+        };
+        self.write(self.topics.metrics, time_ns, &message)
+    }
+
+    /// A stage begins.
+    pub fn stage(&mut self, time_ns: u64, message: &StageSwitch) -> Result<(), SegmentError> {
+        self.write(self.topics.stage, time_ns, message)
+    }
+
+    /// Figures on the validation kitchens.
+    pub fn validation(&mut self, time_ns: u64, message: &Validation) -> Result<(), SegmentError> {
+        self.write(self.topics.evaluation, time_ns, message)
+    }
+
+    /// A line of the log.
+    pub fn log(&mut self, time_ns: u64, level: log::Level, process: &str, line: String) -> Result<(), SegmentError> {
+        let message = Log {
+            timestamp: Some(timestamp(time_ns)),
+            level: level.into(),
+            message: line,
+            name: process.to_owned(),
+            ..Default::default()
+        };
+        self.write(self.topics.log, time_ns, &message)
+    }
+
+    /// The segments, to flush, finish or abandon them.
+    pub fn segments(&mut self) -> &mut Segments {
+        &mut self.segments
+    }
+
+    /// The segments, for good.
+    pub fn into_segments(self) -> Segments {
+        self.segments
+    }
+
+    /// What was recorded so far.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    fn step(
+        &mut self,
+        time_ns: u64,
+        header: &ObservationHeader,
+        environment: usize,
+        index: u32,
+        transition: &Transition,
+    ) -> Result<(), SegmentError> {
+        let is = |flag: u32| transition.flags & flag != 0;
+        let reward_r = transition.reward.compose(RewardKind::Task, self.lambda_disturb);
+        let reward_r_prime = transition.reward.compose(RewardKind::DisturbanceFree, self.lambda_disturb);
+        let known = &mut self.environments[environment];
+        known.add_rewards(header.learner_incarnation, transition, reward_r, reward_r_prime);
+        // The action was chosen from the observation that was described last.
+        let chosen_from = Some((header.learner_incarnation, transition.episode, transition.step));
+        let goal = if known.described == chosen_from { known.goal } else { None };
+        let message = Step {
+            kitchen: known.id.kitchen.number().into(),
+            environment: known.id.number,
+            actor: header.actor,
+            environment_index: index,
+            episode: transition.episode,
+            step: transition.step,
+            exchange: header.step,
+            incarnation: self.incarnation,
+            learner_incarnation: header.learner_incarnation,
+            actor_incarnation: header.actor_incarnation,
+            stage_version: header.stage_version,
+            action: transition.action as i32,
+            target: transition.target as i32,
+            action_failed: is(transition_flag::ACTION_FAILED),
+            holding: is(transition_flag::HOLDING),
+            picked_up: is(transition_flag::PICKED_UP),
+            done: is(transition_flag::DONE),
+            success: is(transition_flag::SUCCESS),
+            time_limit: is(transition_flag::TIME_LIMIT),
+            ended: is(transition_flag::ENDED),
+            state_hash: transition.state_hash,
+            wrist_object_progress_m: transition.reward.wrist_object_progress_m,
+            object_goal_progress_m: transition.reward.object_goal_progress_m,
+            disturbance_progress_m: transition.reward.disturbance_progress_m,
+            reward_r,
+            reward_r_prime,
+            disturbance_m: transition.disturbance_m,
+            peak_disturbance_m: transition.peak_disturbance_m,
+            disturbed_objects: transition.disturbed_objects,
+            wrist_object_m: transition.wrist_object_m,
+            object_goal_m: transition.object_goal_m,
+            fixed_episode: fixed(self.plan.as_ref(), known.id, transition.episode),
+            goal,
+        };
+        self.write_of(environment, self.topics.step, time_ns, &message)
+    }
+
+    fn episode_start(
+        &mut self,
+        time_ns: u64,
+        header: &ObservationHeader,
+        environment: usize,
+        current: &Current,
+    ) -> Result<(), SegmentError> {
+        let id = self.environments[environment].id;
+        let message = EpisodeStart {
+            kitchen: id.kitchen.number().into(),
+            environment: id.number,
+            episode: current.episode,
+            incarnation: self.incarnation,
+            learner_incarnation: header.learner_incarnation,
+            target: current.target as i32,
+            state_hash: current.state_hash,
+            depth_recorded: current.flags & current_flag::RECORD_DEPTH != 0,
+            wrist_object_m: length_m(current.wrist_to_object_m),
+            object_goal_m: length_m(current.object_to_goal_m),
+            fixed_episode: fixed(self.plan.as_ref(), id, current.episode),
+        };
+        // What is still held is of an episode that will never end: a learner or an actor has come back.
+        self.environments[environment].held.clear();
+        self.write_of(environment, self.topics.episode_start, time_ns, &message)
+    }
+
+    fn episode_end(
+        &mut self,
+        time_ns: u64,
+        header: &ObservationHeader,
+        environment: usize,
+        transition: &Transition,
+    ) -> Result<(), SegmentError> {
+        let is = |flag: u32| transition.flags & flag != 0;
+        let known = &mut self.environments[environment];
+        let returns = known.returns.take();
+        let message = EpisodeEnd {
+            kitchen: known.id.kitchen.number().into(),
+            environment: known.id.number,
+            episode: transition.episode,
+            incarnation: self.incarnation,
+            learner_incarnation: header.learner_incarnation,
+            target: transition.target as i32,
+            length: transition.step + 1,
+            success: is(transition_flag::SUCCESS),
+            success_undisturbed: is(transition_flag::SUCCESS) && transition.disturbance_m < UNDISTURBED_THRESHOLD_M,
+            // What is held stays held until the episode ends.
+            picked_up: is(transition_flag::HOLDING),
+            time_limit: is(transition_flag::TIME_LIMIT),
+            disturbance_m: transition.disturbance_m,
+            peak_disturbance_m: transition.peak_disturbance_m,
+            disturbed_objects: transition.disturbed_objects,
+            wrist_object_m: transition.wrist_object_m,
+            object_goal_m: transition.object_goal_m,
+            return_r: returns.as_ref().map(|returns| returns.r),
+            return_r_prime: returns.as_ref().map(|returns| returns.r_prime),
+            fixed_episode: fixed(self.plan.as_ref(), known.id, transition.episode),
+        };
+        self.write_of(environment, self.topics.episode_end, time_ns, &message)?;
+        self.release(environment, message.success)
+    }
+
+    fn depth(&mut self, time_ns: u64, environment: usize, observation: &Observation) -> Result<(), SegmentError> {
+        let known = &self.environments[environment];
+        let (depth, calibration) = (known.depth, known.calibration);
+        self.image.timestamp = Some(timestamp(time_ns));
+        self.image.frame_id.clone_from(&known.frames.camera);
+        self.image.data.clear();
+        self.image.data.extend_from_slice(bytemuck::cast_slice(&observation.depth_mm));
+        let intrinsics = camera::calibration(timestamp(time_ns), &known.frames.camera);
+        let transforms =
+            FrameTransforms { transforms: camera::transforms(timestamp(time_ns), &known.frames, &observation.current) };
+        self.write(self.topics.transforms, time_ns, &transforms)?;
+        self.write(calibration, time_ns, &intrinsics)?;
+        self.buffer.clear();
+        self.image.encode_raw(&mut self.buffer);
+        self.segments.write(depth, time_ns, &self.buffer)?;
+        self.counts.depth_frames += 1;
+        Ok(())
+    }
+
+    /// Writes a message about an environment, or holds it back.
+    fn write_of(
+        &mut self,
+        environment: usize,
+        topic: Topic,
+        time_ns: u64,
+        message: &impl Message,
+    ) -> Result<(), SegmentError> {
+        if self.failures_only {
+            self.environments[environment].held.push(Held { topic, time_ns, data: message.encode_to_vec() });
+            return Ok(());
+        }
+        self.count(topic);
+        self.write(topic, time_ns, message)
+    }
+
+    /// The end of an episode is known: what was held back of it is written, or forgotten after a success.
+    fn release(&mut self, environment: usize, success: bool) -> Result<(), SegmentError> {
+        let held = std::mem::take(&mut self.environments[environment].held);
+        if success {
+            return Ok(());
+        }
+        for Held { topic, time_ns, data } in held {
+            self.count(topic);
+            self.segments.write(topic, time_ns, &data)?;
+        }
+        Ok(())
+    }
+
+    fn count(&mut self, topic: Topic) {
+        self.counts.steps += u64::from(topic == self.topics.step);
+        self.counts.episodes += u64::from(topic == self.topics.episode_end);
+    }
+
+    fn write(&mut self, topic: Topic, time_ns: u64, message: &impl Message) -> Result<(), SegmentError> {
+        self.buffer.clear();
+        message.encode_raw(&mut self.buffer);
+        self.segments.write(topic, time_ns, &self.buffer)
+    }
+}
+
+impl Environment {
+    fn add_rewards(&mut self, learner_incarnation: u32, transition: &Transition, r: f32, r_prime: f32) {
+        let (episode, step) = (transition.episode, transition.step);
+        if step == 0 {
+            self.returns = Some(Returns { episode, next_step: 0, learner_incarnation, r: 0.0, r_prime: 0.0 });
+        }
+        match &mut self.returns {
+            Some(returns)
+                if (returns.episode, returns.next_step, returns.learner_incarnation)
+                    == (episode, step, learner_incarnation) =>
+            {
+                returns.next_step += 1;
+                returns.r += f64::from(r);
+                returns.r_prime += f64::from(r_prime);
+            }
+            _ => self.returns = None,
+        }
+    }
+}
+
+/// A wall-clock time as protobuf writes it.
+pub fn timestamp(time_ns: u64) -> Timestamp {
+    Timestamp { seconds: (time_ns / 1_000_000_000) as i64, nanos: (time_ns % 1_000_000_000) as i32 }
+}
+
+/// What the goal sensor reads, and which of its two readings that is.
+fn goal_of(current: &Current) -> Goal {
+    let vector = |[x, y, z]: [f32; 3]| RobotVector { x, y, z };
+    if current.flags & current_flag::HOLDING != 0 {
+        Goal::ObjectToGoalM(vector(current.object_to_goal_m))
+    } else {
+        Goal::WristToObjectM(vector(current.wrist_to_object_m))
+    }
+}
+
+/// The number in an evaluation's table of an environment's episode.
+fn fixed(plan: Option<&Plan>, environment: EnvironmentId, episode: u32) -> Option<u32> {
+    plan.and_then(|plan| plan.dealt(environment, episode))
+}
+
+fn length_m([x, y, z]: [f32; 3]) -> f32 {
+    (x * x + y * y + z * z).sqrt()
+}

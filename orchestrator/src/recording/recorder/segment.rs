@@ -1,0 +1,266 @@
+//! MCAP files on disk: one segment after another, each complete in itself.
+//!
+//! A segment begins with the run's configuration and identity, so that any one file can be replayed alone. Chunks go
+//! to disk whole ([`WriteOptions::disable_seeking`]) and at least each second, with an index and an end mark after
+//! them ([`LiveFile`]), so that every reader can open the file while it grows, and after the recorder was killed. One
+//! segment is one file and never appended to.
+
+use super::index::Index;
+use super::live::LiveFile;
+use crate::recording::schema::{PROTOBUF, descriptor_of};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
+use proto::SCHEMA_VERSION;
+use proto::config::Config;
+use proto::run_folder::RunFolder;
+use std::borrow::Cow;
+use std::cell::{Cell, RefCell};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+/// Name of the attachment that holds the effective configuration.
+pub const CONFIG_ATTACHMENT: &str = "config.toml";
+/// Name of the metadata record that says which run this is.
+pub const IDENTITY_METADATA: &str = "stillroom";
+/// Keys of that record.
+pub mod identity {
+    /// Run id: letters and digits.
+    pub const RUN_ID: &str = "run_id";
+    /// Incarnation of the orchestrator.
+    pub const INCARNATION: &str = "incarnation";
+    /// Number of the segment within the incarnation, from 0.
+    pub const SEGMENT: &str = "segment";
+    /// Version of the recording's schemas and of all payloads.
+    pub const SCHEMA_VERSION: &str = "schema_version";
+    /// Seed of the run.
+    pub const SEED: &str = "seed";
+    /// Preset that the configuration came from.
+    pub const PRESET: &str = "preset";
+}
+
+/// Target size of a chunk before compression, bytes.
+const CHUNK_BYTES: u64 = 1 << 20;
+/// Data that is held in memory at most, bytes; what comes between two flushes is seldom so much.
+const PENDING_BYTES_MAX: u64 = 8 << 20;
+/// Chunks of a segment at most: its index is written again with each flush. With one a second half an hour.
+const CHUNKS_MAX: u32 = 2048;
+
+/// A recording that could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot write recording {path}: {cause}", path = .path.display())]
+pub struct SegmentError {
+    /// The segment.
+    pub path: PathBuf,
+    /// What the file system or the writer said.
+    pub cause: McapError,
+}
+
+/// How all our MCAP files are written.
+pub fn write_options() -> WriteOptions {
+    WriteOptions::new()
+        .library(concat!("stillroom-orchestrator/", env!("CARGO_PKG_VERSION")))
+        .compression(Some(Compression::Zstd))
+        // Depth frames shrink 3 to 40 times at the fastest level; higher ones cost more than the disk they save.
+        .compression_level(1)
+        // The default, a thread for each core, would take them from the simulators.
+        .compression_threads(0)
+        .chunk_size(Some(CHUNK_BYTES))
+        .disable_seeking(true)
+}
+
+/// A topic, known to all segments of an incarnation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Topic(usize);
+
+#[derive(Debug)]
+struct TopicEntry {
+    name: String,
+    message: &'static str,
+    sequence: u32,
+    /// Its number in the open segment, once something was written.
+    channel: Option<u16>,
+}
+
+/// What every segment begins with.
+#[derive(Debug, Clone)]
+pub struct Preamble {
+    /// Run id.
+    pub run_id: String,
+    /// Incarnation of the orchestrator.
+    pub incarnation: u32,
+    /// The run's configuration.
+    pub config: Config,
+}
+
+/// The segments of one incarnation.
+pub struct Segments {
+    folder: RunFolder,
+    preamble: Preamble,
+    topics: Vec<TopicEntry>,
+    open: Option<Writer<LiveFile>>,
+    files: Vec<PathBuf>,
+    finished_bytes: u64,
+    open_bytes: Rc<Cell<u64>>,
+    /// Bytes of the open segment when it was flushed last.
+    flushed_bytes: u64,
+    /// Of the open segment.
+    index: Rc<RefCell<Index>>,
+}
+
+impl Segments {
+    /// Begins with the first segment; creates the folder of recordings if it is missing.
+    pub fn create(folder: RunFolder, preamble: Preamble, time_ns: u64) -> Result<Self, SegmentError> {
+        std::fs::create_dir_all(folder.recordings())
+            .map_err(|cause| SegmentError { path: folder.recordings(), cause: cause.into() })?;
+        let mut segments = Self {
+            folder,
+            preamble,
+            topics: Vec::new(),
+            open: None,
+            files: Vec::new(),
+            finished_bytes: 0,
+            open_bytes: Rc::default(),
+            flushed_bytes: 0,
+            index: Rc::default(),
+        };
+        segments.begin(time_ns)?;
+        Ok(segments)
+    }
+
+    /// Registers a topic that carries `message`, the full name of a message in `schemas/`.
+    pub fn topic(&mut self, name: String, message: &'static str) -> Topic {
+        self.topics.push(TopicEntry { name, message, sequence: 0, channel: None });
+        Topic(self.topics.len() - 1)
+    }
+
+    /// Writes one encoded message; begins the next segment when this one is full.
+    pub fn write(&mut self, topic: Topic, time_ns: u64, data: &[u8]) -> Result<(), SegmentError> {
+        if self.open_bytes.get() >= self.preamble.config.recording.segment_bytes
+            || self.index.borrow().chunk_count() >= CHUNKS_MAX
+        {
+            self.finish()?;
+            self.begin(time_ns)?;
+        } else if self.open_bytes.get() - self.flushed_bytes >= PENDING_BYTES_MAX {
+            self.flush()?;
+        }
+        let channel = match self.topics[topic.0].channel {
+            Some(channel) => channel,
+            None => self.announce(topic)?,
+        };
+        let entry = &mut self.topics[topic.0];
+        let header =
+            MessageHeader { channel_id: channel, sequence: entry.sequence, log_time: time_ns, publish_time: time_ns };
+        entry.sequence = entry.sequence.wrapping_add(1);
+        self.writing(|writer| writer.write_to_known_channel(&header, data))
+    }
+
+    /// Hands everything written so far to the operating system, as a complete file.
+    pub fn flush(&mut self) -> Result<(), SegmentError> {
+        self.writing(Writer::flush)?;
+        self.flushed_bytes = self.open_bytes.get();
+        Ok(())
+    }
+
+    /// Completes the open segment: index, end mark, and all of it on the disk.
+    pub fn finish(&mut self) -> Result<(), SegmentError> {
+        let Some(mut writer) = self.open.take() else { return Ok(()) };
+        let path = self.path().to_path_buf();
+        let finished = writer.finish().and_then(|_| Ok(writer.into_inner().close()?));
+        // The folder too, or the file may have no name after a power cut.
+        let finished = finished.and_then(|()| Ok(File::open(self.folder.recordings())?.sync_all()?));
+        self.finished_bytes += self.open_bytes.take();
+        finished.map_err(|cause| SegmentError { path, cause })
+    }
+
+    /// Gives the open segment up after a failure: nothing more is written, not even by its destructor.
+    pub fn abandon(mut self) {
+        // Taken out of its writer, whose destructor would write an end.
+        drop(self.open.take().map(Writer::into_inner));
+    }
+
+    /// All segments so far, in order.
+    pub fn files(&self) -> &[PathBuf] {
+        &self.files
+    }
+
+    /// Bytes written so far.
+    pub fn bytes(&self) -> u64 {
+        self.finished_bytes + self.open_bytes.get()
+    }
+
+    fn begin(&mut self, time_ns: u64) -> Result<(), SegmentError> {
+        let segment = self.files.len() as u32;
+        let path = self.folder.recording(self.preamble.incarnation, segment);
+        self.files.push(path.clone());
+        for topic in &mut self.topics {
+            topic.channel = None;
+        }
+        let config = self.preamble.config.to_toml();
+        let metadata = self.identity(segment);
+        self.index = Rc::default();
+        let file = LiveFile::create(&path, self.index.clone(), self.open_bytes.clone());
+        let begun = file.map_err(McapError::from).and_then(|file| {
+            let mut writer = write_options().create(file)?;
+            writer.write_metadata(&metadata)?;
+            writer.attach(&Attachment {
+                log_time: time_ns,
+                create_time: time_ns,
+                name: CONFIG_ATTACHMENT.to_owned(),
+                media_type: "application/toml".to_owned(),
+                data: Cow::Borrowed(config.as_bytes()),
+            })?;
+            writer.flush()?;
+            Ok(writer)
+        });
+        self.open = Some(begun.map_err(|cause| SegmentError { path, cause })?);
+        self.flushed_bytes = self.open_bytes.get();
+        Ok(())
+    }
+
+    fn identity(&self, segment: u32) -> Metadata {
+        let config = &self.preamble.config;
+        let pairs = [
+            (identity::RUN_ID, self.preamble.run_id.clone()),
+            (identity::INCARNATION, self.preamble.incarnation.to_string()),
+            (identity::SEGMENT, segment.to_string()),
+            (identity::SCHEMA_VERSION, SCHEMA_VERSION.to_string()),
+            (identity::SEED, config.seed.to_string()),
+            (identity::PRESET, config.preset.clone()),
+        ];
+        let metadata = pairs.map(|(key, value)| (key.to_owned(), value)).into();
+        Metadata { name: IDENTITY_METADATA.to_owned(), metadata }
+    }
+
+    fn announce(&mut self, topic: Topic) -> Result<u16, SegmentError> {
+        let TopicEntry { name, message, .. } = &self.topics[topic.0];
+        let (name, message) = (name.clone(), *message);
+        let descriptor = descriptor_of(message);
+        let (schema, channel) = self.writing(|writer| {
+            let schema = writer.add_schema(message, PROTOBUF, &descriptor)?;
+            Ok((schema, writer.add_channel(schema, &name, PROTOBUF, &BTreeMap::new())?))
+        })?;
+        let mut index = self.index.borrow_mut();
+        index.schema(schema, message, PROTOBUF, &descriptor);
+        index.channel(channel, schema, &name, PROTOBUF);
+        drop(index);
+        self.topics[topic.0].channel = Some(channel);
+        Ok(channel)
+    }
+
+    fn writing<T>(
+        &mut self,
+        write: impl FnOnce(&mut Writer<LiveFile>) -> Result<T, McapError>,
+    ) -> Result<T, SegmentError> {
+        let written = match &mut self.open {
+            Some(writer) => write(writer),
+            None => Err(McapError::AttemptedWriteAfterFailure),
+        };
+        written.map_err(|cause| SegmentError { path: self.path().to_path_buf(), cause })
+    }
+
+    fn path(&self) -> &Path {
+        self.files.last().expect("the first segment is begun on creation")
+    }
+}

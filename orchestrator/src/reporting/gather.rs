@@ -1,0 +1,502 @@
+//! What run folders and evaluation folders tell, for a report.
+
+use crate::run::identity::Identity;
+use crate::run::lock::holder;
+use crate::run::state::RunState;
+use crate::showing::format::counted;
+use crate::training::metrics::{History, Trained, total_s};
+use crate::training::summary::Summary;
+use crate::training::validation::{Score, read_log};
+use anyhow::{Context, Result, bail};
+use proto::SCHEMA_VERSION;
+use proto::config::Config;
+use proto::evaluation::{Evaluation, RESULT_FILE, TABLE_FILE, read_table};
+use proto::run_folder::RunFolder;
+use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated, differences_between};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// How deep below a given folder runs are looked for.
+const DEPTH: usize = 3;
+
+/// What was found.
+#[derive(Debug)]
+pub struct Gathered {
+    /// Runs that were found, then weights that were evaluated without one.
+    pub runs: Vec<Run>,
+    /// What was found and could not be read.
+    pub notes: Vec<String>,
+}
+
+/// An evaluation's folder that lies in no run.
+struct Outside {
+    /// Where it really lies.
+    place: PathBuf,
+    /// As the user calls it.
+    folder: PathBuf,
+    config: Config,
+    evaluated: Evaluated,
+}
+
+/// The runs meant by `paths`: run folders, evaluation folders, or folders that hold runs. Evaluations of a given run go
+/// to that run; others stand for themselves, those of one run, or of the same fresh weights, together. A folder that was
+/// named must be readable; one that was found below it and is not becomes a note.
+pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
+    let mut runs: Vec<(PathBuf, Run)> = Vec::new();
+    let mut outside: Vec<Outside> = Vec::new();
+    let mut notes = Vec::new();
+    for path in paths {
+        let (mut found, before) = (Vec::new(), notes.len());
+        look(path, DEPTH, &mut found, &mut notes).with_context(|| path.display().to_string())?;
+        if found.is_empty() && notes.len() == before {
+            bail!("{} is no run and holds none (a run has a run.toml)", path.display());
+        }
+        for folder in found {
+            let place = std::fs::canonicalize(&folder).with_context(|| folder.display().to_string())?;
+            if runs.iter().any(|(known, _)| *known == place) || outside.iter().any(|known| known.place == place) {
+                continue;
+            }
+            let read = if folder.join(RESULT_FILE).exists() {
+                read_outside(&folder, &place).map(|read| outside.push(read))
+            } else {
+                run(&folder, &mut notes).map(|read| runs.push((place, read)))
+            };
+            match read {
+                Err(error) if folder != *path => notes.push(left_out(&folder, &error)),
+                read => read?,
+            }
+        }
+    }
+    if runs.is_empty() && outside.is_empty() {
+        bail!("there is nothing to report on. {}", notes.join(" "));
+    }
+    let mut alone: Vec<Run> = Vec::new();
+    for one in outside {
+        let of = one.evaluated.result.subject.run.as_ref().and_then(|run| std::fs::canonicalize(run).ok());
+        if let Some((known, run)) = runs.iter_mut().find(|(known, _)| Some(known) == of.as_ref()) {
+            // Its own evaluations are known already.
+            if !one.place.starts_with(&*known) {
+                run.evaluations.push(one.evaluated);
+            }
+            continue;
+        }
+        let one = one.alone();
+        match alone.iter_mut().find(|known| same_run(known, &one)) {
+            Some(known) => {
+                // What they have in common is their run.
+                if let Some(run) = known.evaluations[0].result.subject.run.clone() {
+                    known.name = run;
+                }
+                known.evaluations.extend(one.evaluations);
+            }
+            None => alone.push(one),
+        }
+    }
+    Ok(Gathered { runs: runs.into_iter().map(|(_, run)| run).chain(alone).collect(), notes })
+}
+
+/// Whether evaluations without their run are of one: of checkpoints of the same run, or of the same fresh weights.
+fn same_run(known: &Run, other: &Run) -> bool {
+    let subject = |run: &Run| run.evaluations.first().map(|evaluated| evaluated.result.subject.clone());
+    let (Some(known_subject), Some(other_subject)) = (subject(known), subject(other)) else { return false };
+    match (&known_subject.run, &other_subject.run) {
+        (None, None) => known_subject.weights == other_subject.weights,
+        // By what it learned, too: another run may have taken the place of one that was removed.
+        (Some(place), Some(other_place)) => {
+            place == other_place
+                && (known.config.seed, &known.origin) == (other.config.seed, &other.origin)
+                && differences_between(&known.config, &other.config).is_empty()
+        }
+        _ => false,
+    }
+}
+
+fn left_out(folder: &Path, error: &anyhow::Error) -> String {
+    format!("{} is left out: {error:#}.", folder.display())
+}
+
+/// Run and evaluation folders at or below `folder`; what lies inside of one is its own affair. What is below and cannot
+/// be looked at becomes a note.
+fn look(folder: &Path, depth: usize, found: &mut Vec<PathBuf>, notes: &mut Vec<String>) -> Result<()> {
+    let has_result = folder.join(RESULT_FILE).exists();
+    let as_run = RunFolder::new(folder);
+    if has_result || as_run.identity().exists() {
+        // A run.toml whose configuration holds an evaluation is one without a result.
+        if has_result || Config::of_run(&as_run)?.evaluation.is_none() {
+            found.push(folder.to_path_buf());
+        }
+        return Ok(());
+    }
+    if depth == 0 {
+        return Ok(());
+    }
+    let mut below = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            below.push(path);
+        }
+    }
+    below.sort();
+    for path in below {
+        if let Err(error) = look(&path, depth - 1, found, notes) {
+            notes.push(left_out(&path, &error));
+        }
+    }
+    Ok(())
+}
+
+fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
+    let folder = RunFolder::new(path);
+    let identity = Identity::read(&folder)?;
+    let complete = Summary::read(&folder)?.is_some();
+    let history = History::read(&folder)?;
+    Ok(Run {
+        name: path.display().to_string(),
+        origin: Origin::Run(RunState::of(&identity, &holder(&folder)?, complete).to_string()),
+        config: Config::of_run(&folder)?,
+        rollouts: rollouts(&history),
+        evaluations: evaluations_of(&folder, notes)?,
+        validation: validation_of(&folder)?,
+    })
+}
+
+/// What was trained, with how fast it was and how long it took until then.
+fn rollouts(history: &History) -> Vec<Rollout> {
+    // The number of the next rollout and the frames before it.
+    let (mut next, mut before, mut elapsed_s) = (0, 0, 0.0);
+    let rollout = |trained: &Trained| {
+        let took_s = total_s(&trained.timing);
+        elapsed_s += took_s;
+        let mut metrics = trained.metrics.clone();
+        metrics.insert(ELAPSED_S.to_owned(), elapsed_s);
+        // A rollout can be missing; how many frames the one after it had is not known then.
+        if took_s > 0.0 && trained.rollout == next {
+            metrics.insert(FRAMES_PER_S.to_owned(), trained.frames.saturating_sub(before) as f64 / took_s);
+        }
+        (next, before) = (trained.rollout + 1, trained.frames);
+        Rollout { frames: trained.frames, metrics }
+    };
+    history.iter().map(rollout).collect()
+}
+
+/// Evaluations during training, in order of frames. A checkpoint that was evaluated twice, because a crash came between
+/// the result and its line, counts once.
+fn validation_of(folder: &RunFolder) -> Result<Vec<Validated>> {
+    let mut by_frames = BTreeMap::new();
+    for line in read_log(&folder.validation_log())? {
+        let Score { frames, distribution, success, success_without_disturbance, .. } = line;
+        by_frames.insert(frames, Validated { frames, distribution, success, success_without_disturbance });
+    }
+    Ok(by_frames.into_values().collect())
+}
+
+/// The evaluations in a run's own folder, oldest first. One that cannot be read becomes a note.
+fn evaluations_of(folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<Evaluated>> {
+    let below = folder.root().join("evaluations");
+    let mut paths = Vec::new();
+    if below.is_dir() {
+        for entry in std::fs::read_dir(&below).with_context(|| below.display().to_string())? {
+            let path = entry?.path();
+            // One that was cut off has no result.
+            if path.join(RESULT_FILE).exists() {
+                paths.push(path);
+            }
+        }
+    }
+    paths.sort();
+    let mut evaluations = Vec::new();
+    for path in paths {
+        match evaluation(&path) {
+            Ok(read) => evaluations.push(read),
+            Err(error) => notes.push(left_out(&path, &error)),
+        }
+    }
+    Ok(evaluations)
+}
+
+fn evaluation(folder: &Path) -> Result<Evaluated> {
+    let read = |name: &str| {
+        let path = folder.join(name);
+        std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))
+    };
+    let text = read(RESULT_FILE)?;
+    let damaged = || format!("{} is damaged", folder.join(RESULT_FILE).display());
+    // The version first: what a later one holds cannot be read by this one's rules.
+    let value: serde_json::Value = serde_json::from_str(&text).with_context(damaged)?;
+    let version = value["schema_version"].as_u64();
+    if version != Some(u64::from(SCHEMA_VERSION)) {
+        bail!(
+            "{} is of schema {}; this program reads schema {SCHEMA_VERSION}: evaluate again",
+            folder.join(RESULT_FILE).display(),
+            version.map_or_else(|| "unknown".to_owned(), |version| version.to_string())
+        );
+    }
+    let result: Evaluation = serde_json::from_value(value).with_context(damaged)?;
+    let episodes = read_table(&read(TABLE_FILE)?).with_context(|| format!("{}", folder.join(TABLE_FILE).display()))?;
+    if result.overall.episodes != episodes.len() as u64 {
+        bail!(
+            "{}: the table has {}, the result file {}",
+            folder.display(),
+            counted(episodes.len() as u64, "episode"),
+            result.overall.episodes
+        );
+    }
+    let name = folder.file_name().map_or_else(|| folder.display().to_string(), |name| name.to_string_lossy().into());
+    Ok(Evaluated { name, result, episodes })
+}
+
+fn read_outside(folder: &Path, place: &Path) -> Result<Outside> {
+    Ok(Outside {
+        place: place.to_path_buf(),
+        folder: folder.to_path_buf(),
+        config: Config::of_run(&RunFolder::new(folder))?,
+        evaluated: evaluation(folder)?,
+    })
+}
+
+impl Outside {
+    /// As a run of its own: its run was not given, or it has none.
+    fn alone(self) -> Run {
+        let subject = &self.evaluated.result.subject;
+        // How its weights were trained stands in its run's folder only, if that is still where it was.
+        let trained = subject.run.as_ref().and_then(|run| Config::of_run(&RunFolder::new(run)).ok());
+        let trained = trained.filter(|trained| {
+            trained.evaluation.is_none() && (&trained.preset, trained.seed) == (&subject.preset, subject.seed)
+        });
+        let (origin, config) = match (&subject.run, trained) {
+            (Some(_), Some(trained)) => (Origin::NotGiven, trained),
+            (run, _) => {
+                let origin = if run.is_none() { Origin::Untrained } else { Origin::Unknown };
+                // The configuration is the evaluation's: its own seed, its own number of actors.
+                let mut config = Config { seed: subject.seed, evaluation: None, ..self.config };
+                if let Ok(preset) = Config::resolve(&config.preset, None) {
+                    config.actors = preset.actors;
+                }
+                (origin, config)
+            }
+        };
+        Run {
+            name: self.folder.display().to_string(),
+            origin,
+            config,
+            rollouts: Vec::new(),
+            evaluations: vec![self.evaluated],
+            validation: Vec::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::testing::uneventful;
+    use proto::config::FromConfig;
+    use proto::evaluation::{
+        Conditions, Cost, Distribution, EpisodeRecord, EvaluationConfig, ObjectSet, Subject, category_of, write_table,
+    };
+    use proto::event::Timing;
+    use proto::kitchen::{KitchenId, Split};
+    use report::study::groups;
+    use report::{Made, Options};
+
+    /// An evaluation's folder: one episode, weights that are named by a letter.
+    fn evaluate(folder: &Path, split: Split, run: Option<&Path>, weights: &str) {
+        let asked = EvaluationConfig::fixed(split, ObjectSet::Novel, 1);
+        let mut config = Config { evaluation: Some(asked), seed: 77, ..Config::resolve("two-stage", None).unwrap() };
+        config.actors.count = 5;
+        let novel = (0..12).find(|&episode| ObjectSet::Novel.contains(category_of(episode))).unwrap();
+        let record =
+            EpisodeRecord { success: true, picked_up: true, ..uneventful(KitchenId::of_split(split)[0], novel) };
+        let subject = Subject {
+            preset: config.preset.clone(),
+            seed: 3,
+            run: run.map(|run| run.display().to_string()),
+            checkpoint: None,
+            frames: 9,
+            weights: weights.repeat(64),
+            parameters: 1,
+        };
+        let conditions = Conditions {
+            split,
+            scenes: Vec::new(),
+            objects: ObjectSet::Novel,
+            episodes: 1,
+            distribution: Distribution::Fixed,
+            start_distance_max_m: 0.0,
+            goal_distance_max_m: 0.0,
+            deterministic: false,
+            seed: config.seed,
+            max_steps: config.episode.max_steps,
+            action_space: config.episode.action_space,
+            actors: 5,
+            environments_per_actor: 1,
+            device: "cpu".into(),
+        };
+        let result = Evaluation::of(subject, conditions, Cost::default(), &[(record, vec![20])]);
+        std::fs::create_dir_all(folder).unwrap();
+        std::fs::write(folder.join(RESULT_FILE), serde_json::to_string(&result).unwrap()).unwrap();
+        std::fs::write(folder.join(TABLE_FILE), write_table(&[record], Distribution::Fixed)).unwrap();
+        std::fs::write(folder.join("config.toml"), config.to_toml()).unwrap();
+    }
+
+    /// An evaluation after that many frames, made after all before.
+    fn evaluate_after(folder: &Path, run: &Path, weights: &str, frames: u64) {
+        evaluate(folder, Split::Test, Some(run), weights);
+        let path = folder.join(RESULT_FILE);
+        let mut result: Evaluation = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        result.subject.frames = frames;
+        result.cost.at_unix_s = 1_000_000 - frames;
+        std::fs::write(path, serde_json::to_string(&result).unwrap()).unwrap();
+    }
+
+    #[test]
+    fn of_several_checkpoints_of_a_run_the_newest_counts_and_the_others_are_named() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        begin(&at("run"), |_| {});
+        // The older one was evaluated last.
+        for (name, weights, frames) in [("of/b-new", "b", 900), ("of/a-old", "a", 400)] {
+            evaluate_after(&at(name), &at("run"), weights, frames);
+        }
+        evaluate_after(&at("gone/b-new"), &at("removed"), "b", 900);
+        evaluate_after(&at("gone/a-old"), &at("removed"), "a", 400);
+        for paths in [vec![at("of")], vec![at("run"), at("of")], vec![at("gone")]] {
+            let gathered = gather(&paths).unwrap();
+            assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 2), "{paths:?}");
+            let run = at(if paths[0].ends_with("gone") { "removed" } else { "run" });
+            assert_eq!(gathered.runs[0].name, run.display().to_string());
+            let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+            let seed = &made.report.groups[0].results[0].seeds[0];
+            assert_eq!((seed.evaluation.as_str(), seed.frames), ("b-new", 900));
+            let left_out = made.report.notes.iter().find(|note| note.contains("older ones are left out"));
+            assert!(left_out.is_some_and(|note| note.contains("a-old of ")), "{:?}", made.report.notes);
+            assert!(left_out.is_some_and(|note| note.contains("after 400 frames.")), "{:?}", made.report.notes);
+        }
+        // One alone stands for its run, however old.
+        let gathered = gather(&[at("of/a-old")]).unwrap();
+        let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+        assert_eq!(made.report.groups[0].results[0].seeds[0].frames, 400);
+        assert!(!made.report.notes.iter().any(|note| note.contains("left out")));
+        // What its run trained is not known here, which is not that it trained nothing.
+        assert_eq!(made.report.groups[0].runs[0].frames, 400);
+        let page = made.page("Made for a test.");
+        assert!(page.contains("without the runs that trained their weights") && !page.contains("None of these runs"));
+        // Two runs that had the same folder one after the other are two.
+        begin(&at("run"), |config| config.ppo.clip = 0.3);
+        let mut other = gather(&[at("of/a-old")]).unwrap();
+        other.runs.extend(gathered.runs);
+        assert!(!same_run(&other.runs[0], &other.runs[1]));
+    }
+
+    /// A run's folder without anything trained.
+    fn begin(folder: &Path, change: impl FnOnce(&mut Config)) {
+        let mut config = Config { seed: 3, ..Config::resolve("two-stage", None).unwrap() };
+        change(&mut config);
+        std::fs::create_dir_all(folder).unwrap();
+        let folder = RunFolder::new(folder);
+        Identity::new().unwrap().write(&folder).unwrap();
+        std::fs::write(folder.config(), config.to_toml()).unwrap();
+    }
+
+    /// Groups with the names of the rows of the paper that they stand in.
+    fn rows(gathered: &Gathered) -> Vec<String> {
+        let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+        let rows = made.report.comparisons.iter().flat_map(|table| &table.rows);
+        rows.filter(|row| !row.ours.is_empty()).map(|row| row.preset.clone()).collect()
+    }
+
+    #[test]
+    fn evaluations_of_the_same_weights_are_one() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        for (split, name) in [(Split::Test, "test"), (Split::Validation, "valid")] {
+            evaluate(&at(&format!("fresh/{name}")), split, None, "a");
+            evaluate(&at(&format!("trained/{name}")), split, Some(&at("gone")), "b");
+        }
+        let gathered = gather(&[at("fresh"), at("trained")]).unwrap();
+        let origins: Vec<(&Origin, usize)> =
+            gathered.runs.iter().map(|run| (&run.origin, run.evaluations.len())).collect();
+        assert_eq!(origins, [(&Origin::Untrained, 2), (&Origin::Unknown, 2)]);
+        assert_eq!(groups(&gathered.runs).unwrap().len(), 2);
+        // Nobody knows how these weights were trained: they are no row of the paper, and that is said.
+        assert!(rows(&gathered).is_empty(), "{:?}", rows(&gathered));
+        let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
+        assert!(made.report.notes.iter().any(|note| note.contains("the run was not given")), "{:?}", made.report.notes);
+        assert_eq!(made.report.groups[1].results.len(), 2, "what was evaluated is shown");
+    }
+
+    #[test]
+    fn how_weights_were_trained_stands_in_their_runs_folder() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        begin(&at("plain"), |_| {});
+        begin(&at("continued"), |config| {
+            let checkpoint = "/x/checkpoints/rollout-00000001.json".to_owned();
+            config.from = Some(FromConfig { checkpoint, frames: 9, weights: "0".repeat(64) });
+        });
+        begin(&at("own"), |config| config.scenes = vec!["scenes/000/scene.toml".into()]);
+        begin(&at("replaced"), |config| config.seed = 4);
+        for (run, letter) in [("plain", "a"), ("continued", "b"), ("own", "c"), ("replaced", "d")] {
+            evaluate(&at(&format!("of/{run}")), Split::Test, Some(&at(run)), letter);
+        }
+        for (run, row) in [("plain", true), ("continued", false), ("own", false), ("replaced", false)] {
+            let gathered = gather(&[at(&format!("of/{run}"))]).unwrap();
+            assert_eq!(rows(&gathered), if row { &["disturb-two-stage"][..] } else { &[] }, "{run}");
+            assert_eq!(gathered.runs[0].origin == Origin::Unknown, run == "replaced");
+        }
+        // Given, it is the run's.
+        let gathered = gather(&[at("plain"), at("of/plain")]).unwrap();
+        assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 1));
+    }
+
+    #[test]
+    fn throughput_is_of_a_rollout_and_time_of_all_until_then() {
+        let mut history = History::default();
+        for (rollout, frames) in [(0, 100), (1, 300), (3, 900), (4, 1000)] {
+            let timing = Timing { simulate_s: 1.0, infer_s: 0.5, update_s: 2.0, other_s: 0.5 };
+            let metrics = BTreeMap::new();
+            history.insert(Trained { rollout, frames, stage: 0, at_unix_s: 0, incarnation: 1, timing, metrics });
+        }
+        let rollouts = rollouts(&history);
+        let figures = |name: &str| -> Vec<Option<f64>> {
+            rollouts.iter().map(|rollout| rollout.metrics.get(name).copied()).collect()
+        };
+        // The third rollout is missing: nobody knows how many of the frames until the fourth were its own.
+        assert_eq!(figures(FRAMES_PER_S), [Some(25.0), Some(50.0), None, Some(25.0)]);
+        assert_eq!(figures(ELAPSED_S), [4.0, 8.0, 12.0, 16.0].map(Some));
+    }
+
+    #[test]
+    fn what_is_found_and_cannot_be_read_is_a_note_and_what_is_named_an_error() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        begin(&at("all/good"), |_| {});
+        evaluate(&at("all/good/evaluations/fine"), Split::Test, Some(&at("all/good")), "a");
+        evaluate(&at("all/good/evaluations/old"), Split::Test, Some(&at("all/good")), "a");
+        let old = at("all/good/evaluations/old").join(RESULT_FILE);
+        let text = std::fs::read_to_string(&old).unwrap();
+        let version = format!("\"schema_version\":{SCHEMA_VERSION}");
+        assert!(text.contains(&version));
+        std::fs::write(&old, text.replace(&version, "\"schema_version\":0")).unwrap();
+        begin(&at("all/older"), |_| {});
+        let identity = Identity { schema_version: SCHEMA_VERSION - 1, ..Identity::new().unwrap() };
+        identity.write(&RunFolder::new(at("all/older"))).unwrap();
+        begin(&at("all/torn"), |_| {});
+        std::fs::write(at("all/torn/config.toml"), "[ppo").unwrap();
+
+        let gathered = gather(&[at("all")]).unwrap();
+        assert_eq!((gathered.runs.len(), gathered.runs[0].evaluations.len()), (1, 1));
+        assert_eq!(gathered.notes.len(), 3, "{:#?}", gathered.notes);
+        for (name, why) in [("old", "schema 0"), ("older", "reads schema"), ("torn", "config.toml")] {
+            let note = gathered.notes.iter().find(|note| note.contains(&format!("/{name} is left out: ")));
+            assert!(note.is_some_and(|note| note.contains(why)), "{name}: {:#?}", gathered.notes);
+        }
+        for name in ["all/older", "all/torn"] {
+            assert!(gather(&[at("all/good"), at(name)]).is_err(), "{name}");
+        }
+        std::fs::remove_dir_all(at("all/good")).unwrap();
+        let problem = gather(&[at("all")]).unwrap_err().to_string();
+        assert!(problem.contains("nothing to report on") && problem.contains("older"), "{problem}");
+    }
+}

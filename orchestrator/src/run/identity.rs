@@ -1,0 +1,215 @@
+//! Who a run is: `run.toml`.
+
+use anyhow::{Context, Result, bail};
+use proto::SCHEMA_VERSION;
+use proto::config::Config;
+use proto::run_folder::{RunFolder, write_atomically};
+use serde::{Deserialize, Serialize};
+use std::fmt::{Display, Formatter};
+use std::fs::File;
+use std::io::Read;
+use std::time::{SystemTime, UNIX_EPOCH};
+use wire::WireAddress;
+
+/// `run.toml`: what a run is called and what has become of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Identity {
+    /// Version of everything in the folder.
+    pub schema_version: u32,
+    /// 12 hex digits; part of every name in shared memory.
+    pub id: String,
+    /// Version of the program that created it.
+    pub created_by: String,
+    /// When, seconds since 1970.
+    pub created_unix_s: u64,
+    /// Every start of an orchestrator on it, oldest first.
+    #[serde(default)]
+    pub incarnations: Vec<Incarnation>,
+}
+
+/// One start of an orchestrator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Incarnation {
+    /// From 1.
+    pub number: u32,
+    /// Address of its services.
+    pub wire: String,
+    /// Machine it ran on.
+    pub host: String,
+    /// Its process.
+    pub pid: u32,
+    /// When it began, seconds since 1970.
+    pub started_unix_s: u64,
+    /// How it ended; absent while it runs and after a crash.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended: Option<Ended>,
+}
+
+/// How an incarnation ended, in a word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// The budget is reached, or all episodes are played.
+    Complete,
+    /// Someone asked for it.
+    Stopped,
+    /// Someone asked twice.
+    Interrupted,
+    /// It could not go on.
+    Failed,
+}
+
+impl Display for Ending {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Complete => "complete",
+            Self::Stopped => "stopped",
+            Self::Interrupted => "interrupted",
+            Self::Failed => "failed",
+        })
+    }
+}
+
+/// How an incarnation ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Ended {
+    /// In a word.
+    pub how: Ending,
+    /// When, seconds since 1970.
+    pub at_unix_s: u64,
+    /// Frames trained on in the state that was saved last, if that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frames: Option<u64>,
+    /// SHA-256 of the weights saved last, if that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub weights: Option<String>,
+    /// Why it failed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+}
+
+impl Identity {
+    /// A new identity.
+    pub fn new() -> Result<Self> {
+        let mut bytes = [0u8; 6];
+        File::open("/dev/urandom").and_then(|mut source| source.read_exact(&mut bytes)).context("/dev/urandom")?;
+        Ok(Self {
+            schema_version: SCHEMA_VERSION,
+            id: format!("{:012x}", bytes.iter().fold(0u64, |id, &byte| id << 8 | u64::from(byte))),
+            created_by: env!("CARGO_PKG_VERSION").to_owned(),
+            created_unix_s: unix_now(),
+            incarnations: Vec::new(),
+        })
+    }
+
+    /// Reads `run.toml` of an existing run.
+    pub fn read(folder: &RunFolder) -> Result<Self> {
+        let path = folder.identity();
+        let root = folder.root().display();
+        let text = match std::fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                bail!("{root} is not a run folder: it has no run.toml")
+            }
+            Err(error) => return Err(error).with_context(|| path.display().to_string()),
+        };
+        let identity: Self = toml::from_str(&text).with_context(|| format!("{} is damaged", path.display()))?;
+        if identity.schema_version != SCHEMA_VERSION {
+            bail!(
+                "{root} was written by version {} with schema {}; this program reads schema {SCHEMA_VERSION}",
+                identity.created_by,
+                identity.schema_version
+            );
+        }
+        Ok(identity)
+    }
+
+    /// Writes `run.toml`, atomically.
+    pub fn write(&self, folder: &RunFolder) -> Result<()> {
+        let text = toml::to_string(self).context("run.toml")?;
+        write_atomically(&folder.identity(), text.as_bytes())
+            .with_context(|| format!("cannot write {}", folder.identity().display()))
+    }
+
+    /// Adds the next incarnation and returns its address.
+    pub fn begin_incarnation(&mut self) -> (u32, WireAddress) {
+        let number = self.incarnations.last().map_or(0, |last| last.number) + 1;
+        let address = WireAddress::new(&self.id, number);
+        self.incarnations.push(Incarnation {
+            number,
+            wire: address.to_string(),
+            host: host_name(),
+            pid: std::process::id(),
+            started_unix_s: unix_now(),
+            ended: None,
+        });
+        (number, address)
+    }
+
+    /// Notes how the last incarnation ended.
+    pub fn end_incarnation(&mut self, ended: Ended) {
+        if let Some(last) = self.incarnations.last_mut() {
+            last.ended = Some(ended);
+        }
+    }
+}
+
+/// Whether a folder holds an evaluation: one that was cut off is made anew, not gone on with.
+pub fn is_evaluation(folder: &RunFolder) -> bool {
+    Config::of_run(folder).is_ok_and(|config| config.evaluation.is_some())
+}
+
+/// Seconds since 1970.
+pub fn unix_now() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())
+}
+
+/// Name of this machine.
+pub fn host_name() -> String {
+    rustix::system::uname().nodename().to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder() -> (tempfile::TempDir, RunFolder) {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        (temporary, folder)
+    }
+
+    #[test]
+    fn incarnations_count_up_and_never_share_an_address() {
+        let (_temporary, folder) = folder();
+        let mut identity = Identity::new().unwrap();
+        assert_eq!(identity.id.len(), 12);
+        let (first, first_address) = identity.begin_incarnation();
+        identity.write(&folder).unwrap();
+        let mut again = Identity::read(&folder).unwrap();
+        assert_eq!(again, identity);
+        let (second, second_address) = again.begin_incarnation();
+        assert_eq!((first, second), (1, 2));
+        assert_ne!(first_address, second_address);
+        again.end_incarnation(Ended {
+            how: Ending::Stopped,
+            at_unix_s: 5,
+            frames: Some(7),
+            weights: None,
+            reason: None,
+        });
+        again.write(&folder).unwrap();
+        let text = std::fs::read_to_string(folder.identity()).unwrap();
+        assert!(text.contains("how = \"stopped\""), "{text}");
+        assert_eq!(Identity::read(&folder).unwrap(), again);
+    }
+
+    #[test]
+    fn what_is_no_run_folder_or_of_another_schema_is_refused() {
+        let (_temporary, folder) = folder();
+        assert!(Identity::read(&folder).unwrap_err().to_string().contains("not a run folder"));
+        let identity = Identity { schema_version: SCHEMA_VERSION + 1, ..Identity::new().unwrap() };
+        identity.write(&folder).unwrap();
+        assert!(Identity::read(&folder).unwrap_err().to_string().contains("schema"));
+    }
+}

@@ -1,0 +1,184 @@
+//! Who works on a run folder: `orchestrator.lock`, and the locks of learners that outlive their orchestrator.
+
+use super::identity::host_name;
+use anyhow::{Context, Result, bail};
+use proto::run_folder::RunFolder;
+use serde::{Deserialize, Serialize};
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Seek, Write};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Who holds a run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Holder {
+    /// Process id of the orchestrator.
+    pub pid: u32,
+    /// Machine it runs on.
+    pub host: String,
+    /// Incarnation of the run.
+    pub incarnation: u32,
+}
+
+/// The right to run a folder, until dropped. The kernel takes it back when the process dies, however it dies.
+#[derive(Debug)]
+pub struct RunLock {
+    file: File,
+}
+
+impl RunLock {
+    /// Takes the lock, or says who holds it. Waits a moment: `status` holds it shared for microseconds.
+    pub fn acquire(folder: &RunFolder) -> Result<Self> {
+        let path = folder.orchestrator_lock();
+        let file = OpenOptions::new()
+            .create(true)
+            .truncate(false)
+            .read(true)
+            .write(true)
+            .open(&path)
+            .with_context(|| format!("cannot open {}", path.display()))?;
+        if wait_for_lock(&file, Duration::from_millis(500))? {
+            // The last holder's signature: its process id may be somebody else's by now, and `stop` would signal it.
+            file.set_len(0).with_context(|| format!("cannot write {}", path.display()))?;
+            return Ok(Self { file });
+        }
+        match holder_in(&path) {
+            Some(holder) => bail!(
+                "{} is already in use: pid {} on {} runs it (`orchestrator status` shows how it stands, \
+                 `orchestrator stop` ends it)",
+                folder.root().display(),
+                holder.pid,
+                holder.host
+            ),
+            None => bail!("{} is already in use by another orchestrator", folder.root().display()),
+        }
+    }
+
+    /// Writes down who holds it, for `stop` and `status`.
+    pub fn sign(&mut self, incarnation: u32) -> Result<()> {
+        let holder = Holder { pid: std::process::id(), host: host_name(), incarnation };
+        let text = toml::to_string(&holder).context("orchestrator.lock")?;
+        self.file.set_len(0)?;
+        self.file.rewind()?;
+        self.file.write_all(text.as_bytes()).context("orchestrator.lock")
+    }
+}
+
+/// Whether someone holds a run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Held {
+    /// Nobody.
+    Free,
+    /// This one.
+    By(Holder),
+    /// Someone who has not signed yet.
+    Unsigned,
+}
+
+/// Who holds the run in `folder` now.
+pub fn holder(folder: &RunFolder) -> Result<Held> {
+    let path = folder.orchestrator_lock();
+    let file = match File::open(&path) {
+        Ok(file) => file,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Held::Free),
+        Err(error) => return Err(error).with_context(|| path.display().to_string()),
+    };
+    match file.try_lock_shared() {
+        Ok(()) => Ok(Held::Free),
+        Err(TryLockError::WouldBlock) => Ok(holder_in(&path).map_or(Held::Unsigned, Held::By)),
+        Err(TryLockError::Error(error)) => Err(error).with_context(|| path.display().to_string()),
+    }
+}
+
+fn holder_in(path: &Path) -> Option<Holder> {
+    toml::from_str(&std::fs::read_to_string(path).ok()?).ok()
+}
+
+/// Waits until all learners that outlived their orchestrator have let go of the folder: those that there are to be, and
+/// those that there were under an older configuration. `tell` is called once, with the rank of the first that takes more
+/// than a moment. The rank of one that still holds on after `patience`.
+pub fn wait_for_learners(
+    folder: &RunFolder,
+    learners: u32,
+    patience: Duration,
+    tell: impl FnOnce(u32),
+) -> Result<Option<u32>> {
+    let begin = Instant::now();
+    let mut tell = Some(tell);
+    for rank in (0..).take_while(|&rank| rank < learners || folder.learner_lock(rank).exists()) {
+        let path = folder.learner_lock(rank);
+        let file = match OpenOptions::new().read(true).write(true).open(&path) {
+            Ok(file) => file,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
+            Err(error) => return Err(error).with_context(|| path.display().to_string()),
+        };
+        if wait_for_lock(&file, Duration::from_millis(200))? {
+            continue;
+        }
+        if let Some(tell) = tell.take() {
+            tell(rank);
+        }
+        if !wait_for_lock(&file, patience.saturating_sub(begin.elapsed()))? {
+            return Ok(Some(rank));
+        }
+    }
+    Ok(None)
+}
+
+fn wait_for_lock(file: &File, patience: Duration) -> Result<bool> {
+    let begin = Instant::now();
+    loop {
+        match file.try_lock() {
+            Ok(()) => return Ok(true),
+            Err(TryLockError::WouldBlock) if begin.elapsed() >= patience => return Ok(false),
+            Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(20)),
+            Err(TryLockError::Error(error)) => return Err(error).context("file lock"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder() -> (tempfile::TempDir, RunFolder) {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        (temporary, folder)
+    }
+
+    #[test]
+    fn a_folder_is_held_by_one_and_names_the_holder() {
+        let (_temporary, folder) = folder();
+        assert_eq!(holder(&folder).unwrap(), Held::Free);
+        let mut lock = RunLock::acquire(&folder).unwrap();
+        assert_eq!(holder(&folder).unwrap(), Held::Unsigned);
+        lock.sign(3).unwrap();
+        let expected = Holder { pid: std::process::id(), host: host_name(), incarnation: 3 };
+        assert_eq!(holder(&folder).unwrap(), Held::By(expected));
+        let message = RunLock::acquire(&folder).unwrap_err().to_string();
+        assert!(message.contains("already in use: pid"), "{message}");
+        drop(lock);
+        assert_eq!(holder(&folder).unwrap(), Held::Free);
+        let _unsigned = RunLock::acquire(&folder).unwrap();
+        assert_eq!(holder(&folder).unwrap(), Held::Unsigned, "the signature of the holder before");
+    }
+
+    #[test]
+    fn every_learner_is_waited_for() {
+        let (_temporary, folder) = folder();
+        let patience = Duration::from_millis(50);
+        let wait = |learners| {
+            let mut told = None;
+            let holds = wait_for_learners(&folder, learners, patience, |rank| told = Some(rank)).unwrap();
+            assert_eq!(told, holds, "who holds on is told of");
+            holds
+        };
+        assert_eq!(wait(3), None, "a run that was never started");
+        let locks: Vec<File> = (0..3).map(|rank| File::create(folder.learner_lock(rank)).unwrap()).collect();
+        assert_eq!(wait(3), None);
+        locks[2].try_lock().unwrap();
+        assert_eq!(wait(3), Some(2));
+        assert_eq!(wait(1), Some(2), "there were more before");
+    }
+}

@@ -1,0 +1,116 @@
+//! A run's own scenes: checked before it begins, and copied into its folder, so that it can be resumed and replayed
+//! whatever becomes of the originals.
+//!
+//! This program links no physics: `actor check --scene` reads and judges them.
+
+use crate::preflight::{Finding, programs};
+use crate::showing::format::counted;
+use crate::showing::log_line::error_in;
+use crate::showing::terminal;
+use anyhow::{Context, Result, bail};
+use proto::config::Config;
+use proto::kitchen::TargetCategory;
+use proto::run_folder::RunFolder;
+use std::ffi::OsStr;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// Has every scene of the configuration checked; the first that is not sound is the error.
+pub fn check(config: &Config) -> Result<()> {
+    if config.scenes.is_empty() {
+        return Ok(());
+    }
+    let program = programs::find("actor")?;
+    config.scenes.iter().try_for_each(|scene| ask(&program, Path::new(scene), &[]).map(drop))
+}
+
+/// What is to be said of the configuration's scenes, all of them; none of a configuration without.
+pub fn finding(config: &Config, program: &Path) -> Option<Finding> {
+    if config.scenes.is_empty() {
+        return None;
+    }
+    let judged = config.scenes.iter().map(|scene| ask(program, Path::new(scene), &[]));
+    let problems: Vec<String> = judged.filter_map(|found| Some(format!("{:#}", found.err()?))).collect();
+    Some(if problems.is_empty() {
+        Finding::Good(format!("{}: {}", counted(config.scenes.len() as u64, "scene"), config.scenes.join(", ")))
+    } else {
+        Finding::Problem(problems.join("; "))
+    })
+}
+
+/// Copies every scene into the run folder and names the copies in the configuration.
+pub fn keep(config: &mut Config, folder: &RunFolder) -> Result<()> {
+    if config.scenes.is_empty() {
+        return Ok(());
+    }
+    let program = programs::find("actor")?;
+    for (index, scene) in config.scenes.iter_mut().enumerate() {
+        let name = Path::new(scene.as_str()).file_name().and_then(|name| name.to_str());
+        let name = name.with_context(|| format!("{scene} is not the name of a scene file"))?.to_owned();
+        ask(&program, Path::new(scene.as_str()), &[OsStr::new("--copy"), folder.scene(index).as_os_str()])?;
+        *scene = format!("{}/{name}", folder.relative_scene(index));
+    }
+    Ok(())
+}
+
+/// Has every scene of the configuration checked, and returns the targets that each has.
+pub fn targets(config: &Config) -> Result<Vec<Vec<TargetCategory>>> {
+    if config.scenes.is_empty() {
+        return Ok(Vec::new());
+    }
+    let program = programs::find("actor")?;
+    let of = |scene: &String| {
+        let said = ask(&program, Path::new(scene), &[OsStr::new("--targets")])?;
+        let named = |line: &str| TargetCategory::ALL.into_iter().find(|target| target.name() == line.trim());
+        Ok(said.lines().filter_map(named).collect())
+    };
+    config.scenes.iter().map(of).collect()
+}
+
+/// Has the actor judge a scene, and do what `further` asks if it is sound; returns what it prints. What it complains of
+/// is the error.
+fn ask(program: &Path, scene: &Path, further: &[&OsStr]) -> Result<String> {
+    let output = Command::new(program)
+        .args(["check", "--scene"])
+        .arg(scene)
+        .args(further)
+        .stdin(Stdio::null())
+        .output()
+        .with_context(|| format!("cannot start {}", program.display()))?;
+    let said = String::from_utf8_lossy(&output.stderr);
+    let said = said.trim_end();
+    if !output.status.success() {
+        let complaint = error_in(said).filter(|error| !error.is_empty()).unwrap_or(said);
+        let complaint = if complaint.is_empty() { output.status.to_string() } else { complaint.to_owned() };
+        bail!("scene {} cannot be used: {complaint}", scene.display());
+    }
+    if !said.is_empty() {
+        terminal::note(said);
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn every_scene_that_cannot_be_used_is_named_with_what_is_wrong_with_it() {
+        let temporary = tempfile::tempdir().unwrap();
+        let actor = temporary.path().join("actor");
+        let script = "#!/bin/sh\ncase $3 in good*) exit 0;; esac\n\
+                      echo \"2026-11-21T20:20:25.9Z ERROR $3: line 1: unknown field\" >&2\nexit 1\n";
+        std::fs::write(&actor, script).unwrap();
+        std::fs::set_permissions(&actor, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let found = |scenes: &[&str]| {
+            let scenes = scenes.iter().map(|&scene| scene.to_owned()).collect();
+            finding(&Config { scenes, ..Config::default() }, &actor)
+        };
+        assert_eq!(found(&[]), None);
+        assert_eq!(found(&["good/a.toml"]), Some(Finding::Good("1 scene: good/a.toml".into())));
+        let Some(Finding::Problem(text)) = found(&["bad.toml", "good/a.toml", "worse.toml"]) else { panic!("two") };
+        let one = |name: &str| format!("scene {name} cannot be used: {name}: line 1: unknown field");
+        assert_eq!(text, format!("{}; {}", one("bad.toml"), one("worse.toml")));
+    }
+}

@@ -1,0 +1,63 @@
+//! Lines that our programs log, as others read them again.
+
+use tracing::Level;
+
+/// A line of a child's standard error, as `wire::logging` writes it: `2026-11-21T02:04:23.1Z  WARN text`.
+#[derive(Debug, PartialEq, Eq)]
+pub struct LogLine<'a> {
+    /// None of what is not a log line.
+    pub level: Option<Level>,
+    /// What it says.
+    pub text: &'a str,
+}
+
+impl<'a> LogLine<'a> {
+    /// Takes a line apart.
+    pub fn parse(line: &'a str) -> Self {
+        let plain = Self { level: None, text: line };
+        let Some((time, rest)) = line.split_once(' ') else { return plain };
+        if !(time.ends_with('Z') && time.contains('T') && time.starts_with(|first: char| first.is_ascii_digit())) {
+            return plain;
+        }
+        let rest = rest.trim_start();
+        let (level, text) = rest.split_once(' ').unwrap_or((rest, ""));
+        let level = match level {
+            "TRACE" => Level::TRACE,
+            "DEBUG" => Level::DEBUG,
+            "INFO" => Level::INFO,
+            "WARN" => Level::WARN,
+            "ERROR" => Level::ERROR,
+            _ => return plain,
+        };
+        Self { level: Some(level), text }
+    }
+}
+
+/// What a text that ends in an error says of it, without the time before it: the first line that a program of ours
+/// logged as an error, and all that follows. None if nothing was.
+pub fn error_in(text: &str) -> Option<&str> {
+    text.split_once(" ERROR ").map(|(_, error)| error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn log_lines_are_told_from_cries() {
+        assert_eq!(
+            LogLine::parse("2026-11-21T02:04:23.123456Z  WARN it is late"),
+            LogLine { level: Some(Level::WARN), text: "it is late" }
+        );
+        let panic = "thread 'main' panicked at src/main.rs:3:5:";
+        assert_eq!(LogLine::parse(panic), LogLine { level: None, text: panic });
+        assert_eq!(LogLine::parse(""), LogLine { level: None, text: "" });
+    }
+
+    #[test]
+    fn an_error_is_what_was_logged_as_one() {
+        assert_eq!(error_in("2026-11-21T02:04:23.1Z  INFO a\n2026-11-21T02:04:23.1Z ERROR b\nc"), Some("b\nc"));
+        assert_eq!(error_in("[   0.3s] ERROR no such file"), Some("no such file"));
+        assert_eq!(error_in("thread 'main' panicked"), None);
+    }
+}

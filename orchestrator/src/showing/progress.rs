@@ -1,0 +1,173 @@
+//! Live progress: two lines refreshed in place on a terminal, one line every few seconds elsewhere.
+
+use crate::showing::format;
+use crate::showing::terminal::Live;
+use crate::training::means::{EpisodeMeans, Recent, recent};
+use crate::training::metrics::History;
+use proto::config::StageConfig;
+use proto::event::LearnerEvent;
+use std::time::Duration;
+
+/// What the learner does at the moment, as far as it has said.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Doing {
+    Starting,
+    Collecting(u64),
+    Updating(u64),
+    WaitingFor { actor: u32, seconds: u64 },
+    Leaving { complete: bool },
+}
+
+/// Shows how a run gets on.
+#[derive(Debug)]
+pub struct Progress {
+    stages: Vec<StageConfig>,
+    doing: Doing,
+    since: Duration,
+    live: Live,
+}
+
+impl Progress {
+    /// Of a run with these stages.
+    pub fn new(stages: Vec<StageConfig>) -> Self {
+        Self { stages, doing: Doing::Starting, since: Duration::ZERO, live: Live::default() }
+    }
+
+    /// Takes note of what the learner says.
+    pub fn learner(&mut self, now: Duration, event: &LearnerEvent) {
+        let doing = match *event {
+            LearnerEvent::Ready { rollout, .. } => Doing::Collecting(rollout),
+            LearnerEvent::RolloutCollected { rollout, .. } => Doing::Updating(rollout),
+            LearnerEvent::RolloutTrained { rollout, .. } => Doing::Collecting(rollout + 1),
+            LearnerEvent::WaitingForActor { actor, waited_s, .. } => {
+                Doing::WaitingFor { actor, seconds: waited_s as u64 }
+            }
+            LearnerEvent::Finished { complete, .. } => Doing::Leaving { complete },
+            LearnerEvent::ActorsConnected { .. }
+            | LearnerEvent::CheckpointWritten { .. }
+            | LearnerEvent::EpisodePlayed { .. } => return,
+        };
+        self.doing = doing;
+        self.since = now;
+    }
+
+    /// The learner is gone: it died, or it has left, and no other follows.
+    pub fn learner_died(&mut self, now: Duration) {
+        if !matches!(self.doing, Doing::Leaving { .. }) {
+            self.doing = Doing::Starting;
+            self.since = now;
+        }
+    }
+
+    /// Shows where the run stands, if it is time to. `validating`: whether a checkpoint is being validated, or is to be.
+    pub fn show(&mut self, now: Duration, history: &History, validating: bool) {
+        if self.live.is_due(now) {
+            let recent = recent(&self.stages, history);
+            let (figures, doing) = (figures_line(&recent), self.doing(now, validating));
+            let second = if figures.is_empty() { doing } else { format!("{figures}  |  {doing}") };
+            self.live.show(vec![frames_line(&self.stages, &recent), second]);
+        }
+    }
+
+    /// Takes the progress off the screen.
+    pub fn clear(&self) {
+        self.live.clear();
+    }
+
+    fn doing(&self, now: Duration, validating: bool) -> String {
+        let time = format::duration(now.saturating_sub(self.since));
+        match self.doing {
+            Doing::Starting => format!("learner starts, {time}"),
+            Doing::Collecting(rollout) => format!("collecting rollout {rollout}, {time}"),
+            Doing::Updating(rollout) => format!("updating on rollout {rollout}, {time}"),
+            Doing::WaitingFor { actor, seconds } => format!("waiting for actor-{actor:02}, {seconds} s"),
+            Doing::Leaving { complete: true } if validating => {
+                format!("training is complete, waiting for the last validation, {time}")
+            }
+            Doing::Leaving { .. } => "leaving".to_owned(),
+        }
+    }
+}
+
+/// Stage, frames, rate and where the time goes, time left.
+pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
+    let percent = 100.0 * recent.frames as f64 / recent.budget.max(1) as f64;
+    let (frames, budget) = (format::count(recent.frames), format::count(recent.budget));
+    let stage = recent.stage.and_then(|stage| stages.get(stage));
+    let stage = stage
+        .map_or_else(String::new, |stage| format!("stage {} ({})  ", stage.name, format::reward_symbol(stage.reward)));
+    let mut parts = vec![format!("{stage}{frames} / {budget} frames  {percent:.1}%")];
+    if let Some(rate) = recent.frames_per_s {
+        parts.push(format!(
+            "{} frames/s: simulate {:.0}% infer {:.0}% update {:.0}%",
+            format::rate(rate),
+            100.0 * recent.simulate,
+            100.0 * recent.infer,
+            100.0 * recent.update
+        ));
+    }
+    let left_s = recent.left_s.filter(|_| recent.frames < recent.budget);
+    if let Some(left) = left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok()) {
+        parts.push(format!("{} left", format::duration(left)));
+    }
+    parts.join("  |  ")
+}
+
+/// Return, success, disturbance; empty before the first episode has ended.
+pub fn figures_line(recent: &Recent) -> String {
+    let EpisodeMeans { episodes, mean_return, success, success_without_disturbance, disturbance_m } = recent.episodes;
+    if episodes == 0 {
+        return String::new();
+    }
+    format!(
+        "return {}  success {}  SRwoD {}  disturbance {} m",
+        format::number(mean_return, 2),
+        format::percent(success),
+        format::percent(success_without_disturbance),
+        format::number(disturbance_m, 3),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::training::means::tests::{history, stages};
+
+    #[test]
+    fn lines_read_as_they_should() {
+        let recent = recent(&stages(), &history(22));
+        assert_eq!(
+            frames_line(&stages(), &recent),
+            "stage II (r′)  1 100 / 1 500 frames  73.3%  |  25.0 frames/s: simulate 40% infer 20% update 30%  |  16 s left"
+        );
+        assert_eq!(figures_line(&recent), "return 20.75  success 50.0%  SRwoD –  disturbance 0.250 m");
+    }
+
+    #[test]
+    fn at_the_end_nothing_is_left_but_the_validation_that_is_waited_for() {
+        let seconds = Duration::from_secs;
+        let finished = |complete| LearnerEvent::Finished { rank: 0, frames: 1500, weights: "f".repeat(64), complete };
+        let mut progress = Progress::new(stages());
+        progress.learner_died(seconds(3));
+        assert_eq!(progress.doing(seconds(4), true), "learner starts, 1 s");
+        progress.learner(seconds(10), &finished(true));
+        assert_eq!(progress.doing(seconds(11), false), "leaving");
+        progress.learner_died(seconds(12));
+        let waiting = "training is complete, waiting for the last validation, 20 s";
+        assert_eq!(progress.doing(seconds(30), true), waiting);
+        assert_eq!(progress.doing(seconds(30), false), "leaving");
+        // Whoever stops waits for none.
+        progress.learner(seconds(10), &finished(false));
+        progress.learner_died(seconds(12));
+        assert_eq!(progress.doing(seconds(30), true), "leaving");
+        let frames = frames_line(&stages(), &recent(&stages(), &history(30)));
+        assert!(frames.contains("100.0%") && !frames.contains("left"), "{frames}");
+    }
+
+    #[test]
+    fn before_the_first_rollout_there_are_only_frames() {
+        let recent = recent(&stages(), &History::default());
+        assert_eq!(frames_line(&stages(), &recent), "0 / 1 500 frames  0.0%");
+        assert_eq!(figures_line(&recent), "");
+    }
+}

@@ -1,0 +1,364 @@
+//! Gives the runs of a suite places to work on, until all is done that can be.
+
+use super::file::{Entry, Suite};
+use super::folder::{Next, Step, SuiteFolder};
+use super::state::{RunStatus, State, Status};
+use crate::run::lifeline::this_program;
+use crate::showing::log_line::error_in;
+use crate::showing::progress::frames_line;
+use crate::showing::terminal;
+use crate::training::means::recent;
+use crate::training::metrics::History;
+use anyhow::{Context, Result};
+use proto::device::VISIBLE_DEVICES;
+use std::collections::BTreeMap;
+use std::fs::OpenOptions;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+use std::process::{ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+use tokio::process::{Child, Command};
+use tokio::signal::unix::{SignalKind, signal};
+use wire::fault;
+
+/// How often finished processes and signals are looked for, and progress is drawn.
+const TICK: Duration = Duration::from_millis(200);
+/// How long a process of an earlier call may go on holding a run: it saves, at the end of an update at the latest.
+const HELD_PATIENCE: Duration = Duration::from_mins(15);
+/// How often a line tells how runs get on, where progress cannot be refreshed in place.
+const LINE_EVERY: Duration = Duration::from_mins(1);
+/// How often it is refreshed where it can.
+const REFRESH_EVERY: Duration = Duration::from_secs(2);
+/// How much of the end of a log may hold its last words.
+const LAST_WORDS_BYTES: u64 = 8192;
+
+/// What a call of the suite came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SuiteOutcome {
+    /// Everything is trained and evaluated.
+    Done,
+    /// Somebody asked it to stop.
+    Stopped,
+    /// Somebody asked twice: its processes ended without saving.
+    Interrupted,
+    /// Some runs failed, or were stopped by somebody else.
+    Incomplete,
+}
+
+/// A process at work.
+struct Worker {
+    entry: usize,
+    step: Step,
+    place: usize,
+    child: Child,
+}
+
+/// The work of one call.
+struct Scheduler<'a> {
+    suite: &'a Suite,
+    folder: &'a SuiteFolder,
+    state: State,
+    /// For each place, the GPUs that its processes see.
+    places: Vec<Option<String>>,
+    workers: Vec<Worker>,
+    /// Runs that get no further in this call.
+    settled: Vec<bool>,
+    /// Since when a run has been held by somebody else.
+    held_since: BTreeMap<usize, Instant>,
+    /// How often somebody asked to stop.
+    stops: u32,
+}
+
+/// Works on a suite until all is done that can be. `gpus`: a place each; none = one place that sees what this process
+/// sees.
+pub fn run(suite: &Suite, folder: &SuiteFolder, gpus: &[String]) -> Result<SuiteOutcome> {
+    let names = suite.entries.iter().map(|entry| entry.name.as_str());
+    let state = State::read(&folder.state(), names)?;
+    let places = if gpus.is_empty() { vec![None] } else { gpus.iter().cloned().map(Some).collect() };
+    let settled = vec![false; suite.entries.len()];
+    let (workers, held_since) = (Vec::new(), BTreeMap::new());
+    let scheduler = Scheduler { suite, folder, state, places, workers, settled, held_since, stops: 0 };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
+    runtime.block_on(scheduler.run())
+}
+
+impl Scheduler<'_> {
+    async fn run(mut self) -> Result<SuiteOutcome> {
+        let mut interrupts = signal(SignalKind::interrupt()).context("cannot catch SIGINT")?;
+        let mut terminations = signal(SignalKind::terminate()).context("cannot catch SIGTERM")?;
+        let mut tick = tokio::time::interval(TICK);
+        let mut told = Instant::now();
+        self.write()?;
+        loop {
+            tokio::select! {
+                _ = interrupts.recv() => self.stop(),
+                // Asking twice in this way changes nothing, as for a run.
+                _ = terminations.recv() => if self.stops == 0 { self.stop() },
+                _ = tick.tick() => {}
+            }
+            self.reap()?;
+            if self.stops == 0 {
+                self.begin_what_fits()?;
+            }
+            let waits = self.settled.contains(&false) && self.stops == 0;
+            if self.workers.is_empty() && !waits {
+                break;
+            }
+            let every = if terminal::interactive() { REFRESH_EVERY } else { LINE_EVERY };
+            if told.elapsed() >= every {
+                told = Instant::now();
+                self.tell();
+            }
+        }
+        terminal::progress(Vec::new());
+        Ok(if self.stops > 1 {
+            SuiteOutcome::Interrupted
+        } else if self.stops == 1 {
+            SuiteOutcome::Stopped
+        } else if self.state.runs.values().all(|standing| standing.status == Status::Done) {
+            SuiteOutcome::Done
+        } else {
+            SuiteOutcome::Incomplete
+        })
+    }
+
+    /// Passes a request to stop on to every process; theirs is the saving.
+    fn stop(&mut self) {
+        self.stops += 1;
+        if self.stops == 1 {
+            let what = match self.workers.len() {
+                1 => "its process saves and leaves".to_owned(),
+                many => format!("{many} processes save and leave"),
+            };
+            terminal::note(&format!("stopping: {what}"));
+        }
+        for worker in &self.workers {
+            let pid = worker.child.id().and_then(|id| rustix::process::Pid::from_raw(id.cast_signed()));
+            if let Some(pid) = pid {
+                // One that has just ended needs no signal.
+                let _ = rustix::process::kill_process(pid, rustix::process::Signal::INT);
+            }
+        }
+    }
+
+    /// Takes note of processes that have ended.
+    fn reap(&mut self) -> Result<()> {
+        let mut index = 0;
+        while index < self.workers.len() {
+            match self.workers[index].child.try_wait().context("waiting for a process")? {
+                None => index += 1,
+                Some(status) => {
+                    let worker = self.workers.swap_remove(index);
+                    self.ended(&worker, status)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Decides what the end of a process means: what is done is what lies in the folder.
+    fn ended(&mut self, worker: &Worker, exit: ExitStatus) -> Result<()> {
+        let entry = &self.suite.entries[worker.entry];
+        let next = self.folder.next(self.suite, entry)?;
+        let went_on = match (&worker.step, &next) {
+            (_, Next::Done) | (Step::Begin | Step::Resume, Next::Step(Step::Evaluate(_))) => true,
+            (Step::Evaluate(before), Next::Step(Step::Evaluate(after))) => after > before,
+            _ => false,
+        };
+        let status = if next == Next::Done {
+            Status::Done
+        } else if went_on {
+            Status::Waiting
+        } else if self.stops > 0 || exit.success() {
+            Status::Stopped
+        } else {
+            Status::Failed { reason: last_words(&self.folder.log(entry), exit) }
+        };
+        if status != Status::Waiting || self.stops > 0 {
+            self.settled[worker.entry] = true;
+        }
+        match &status {
+            Status::Waiting => {}
+            Status::Failed { reason } => terminal::note(&format!(
+                "{} failed: {reason} (all it said: {})",
+                entry.name,
+                self.folder.log(entry).display()
+            )),
+            other => terminal::note(&format!("{} {}", entry.name, other.text())),
+        }
+        self.state.of(&entry.name).status = status;
+        self.write()
+    }
+
+    /// Starts as many processes as there are free places, runs in the order of the file.
+    fn begin_what_fits(&mut self) -> Result<()> {
+        for index in 0..self.suite.entries.len() {
+            if self.settled[index] || self.workers.iter().any(|worker| worker.entry == index) {
+                continue;
+            }
+            let taken = |place: &usize| self.workers.iter().any(|worker| worker.place == *place);
+            let Some(place) = (0..self.places.len()).find(|place| !taken(place)) else { break };
+            let entry = &self.suite.entries[index];
+            match self.folder.next(self.suite, entry)? {
+                Next::Done => {
+                    self.settled[index] = true;
+                    self.state.of(&entry.name).status = Status::Done;
+                    self.write()?;
+                }
+                Next::HeldBy(holder) => self.wait_for(index, &holder)?,
+                Next::After(from) if self.settled[from] => {
+                    self.settled[index] = true;
+                    let reason =
+                        format!("{} is not trained, whose weights it begins with", self.suite.entries[from].name);
+                    self.state.of(&entry.name).status = Status::Failed { reason };
+                    self.write()?;
+                }
+                Next::After(_) => {}
+                Next::Step(step) => {
+                    self.held_since.remove(&index);
+                    self.begin(index, step, place)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn wait_for(&mut self, index: usize, holder: &str) -> Result<()> {
+        let name = &self.suite.entries[index].name;
+        let first = !self.held_since.contains_key(&index);
+        let since = *self.held_since.entry(index).or_insert_with(Instant::now);
+        if first {
+            terminal::note(&format!("{name}: waiting for {holder}, which still works on it"));
+        } else if since.elapsed() > HELD_PATIENCE {
+            self.settled[index] = true;
+            self.state.of(name).status = Status::Failed { reason: format!("{holder} still works on it") };
+            self.write()?;
+        }
+        Ok(())
+    }
+
+    /// Starts the process of one step.
+    fn begin(&mut self, index: usize, step: Step, place: usize) -> Result<()> {
+        let entry = &self.suite.entries[index];
+        let status = match &step {
+            Step::Begin | Step::Resume => Status::Training,
+            Step::Evaluate(number) => Status::Evaluating { evaluation: self.suite.evaluations[*number].folder() },
+        };
+        let gpu = self.places[place].as_ref().map_or_else(String::new, |gpu| format!(" on GPU {gpu}"));
+        terminal::note(&format!("{}: {}{gpu}", entry.name, status.text()));
+        let standing = self.state.of(&entry.name);
+        *standing = RunStatus { status, tries: standing.tries + 1 };
+        self.write()?;
+        self.folder.clear(self.suite, entry, &step)?;
+        fault::reach("suite.before_process");
+        let child = self.command(entry, &step, place)?.spawn().context("cannot start a process")?;
+        self.workers.push(Worker { entry: index, step, place, child });
+        fault::reach("suite.after_process");
+        Ok(())
+    }
+
+    fn command(&self, entry: &Entry, step: &Step, place: usize) -> Result<Command> {
+        let log_path = self.folder.log(entry);
+        let log = OpenOptions::new().create(true).append(true).open(&log_path);
+        let log = log.with_context(|| format!("cannot open {}", log_path.display()))?;
+        let mut command = Command::from(this_program());
+        command.arg("--parent").arg(std::process::id().to_string());
+        let run = self.folder.run(entry);
+        match step {
+            Step::Begin => {
+                command.args(["up", "--preset", &entry.preset, "--seed", &entry.seed.to_string()]);
+                command.arg("--config").arg(self.folder.config(entry)).arg("--run").arg(run.root());
+                if let Some(from) = entry.from {
+                    command.arg("--from").arg(self.folder.run(&self.suite.entries[from]).root());
+                }
+                if let Some(frames) = entry.frames {
+                    command.args(["--frames", &frames.to_string()]);
+                }
+            }
+            Step::Resume => {
+                command.arg("resume").arg(run.root());
+            }
+            Step::Evaluate(number) => {
+                let asked = &self.suite.evaluations[*number];
+                command.arg("eval").arg(self.folder.subject(entry, asked));
+                command.arg("--out").arg(self.folder.evaluation(entry, asked));
+                command.args(["--split", asked.split_name(), "--objects", asked.objects_name()]);
+                if let Some(episodes) = asked.episodes {
+                    command.args(["--episodes", &episodes.to_string()]);
+                }
+                if asked.deterministic {
+                    command.arg("--deterministic");
+                }
+            }
+        }
+        if let Some(gpu) = &self.places[place] {
+            command.env(VISIBLE_DEVICES, gpu);
+        }
+        command.stdin(Stdio::null()).stdout(log.try_clone().context("log")?).stderr(log);
+        // Ctrl-C in a terminal goes to its whole process group: it is for us to pass on, once.
+        command.process_group(0);
+        Ok(command)
+    }
+
+    /// Shows how the runs at work get on.
+    fn tell(&self) {
+        let line = |worker: &Worker| {
+            let entry = &self.suite.entries[worker.entry];
+            let how = match &worker.step {
+                Step::Evaluate(number) => format!("evaluating ({})", self.suite.evaluations[*number].folder()),
+                Step::Begin | Step::Resume => match History::read(&self.folder.run(entry)) {
+                    Ok(history) => {
+                        let stages = &entry.config.stages;
+                        frames_line(stages, &recent(stages, &history))
+                    }
+                    Err(_) => "training".to_owned(),
+                },
+            };
+            format!("{}  {how}", entry.name)
+        };
+        let lines: Vec<String> = self.workers.iter().map(line).collect();
+        if terminal::interactive() {
+            terminal::progress(lines);
+        } else {
+            for line in &lines {
+                terminal::note(line);
+            }
+        }
+    }
+
+    fn write(&self) -> Result<()> {
+        self.state.write(&self.folder.state())
+    }
+}
+
+/// The last line of a log that says what was wrong, else how the process ended.
+fn last_words(log: &Path, exit: ExitStatus) -> String {
+    let mut end = Vec::new();
+    let read = std::fs::File::open(log).and_then(|mut file| {
+        let length = file.metadata()?.len();
+        file.seek(SeekFrom::Start(length.saturating_sub(LAST_WORDS_BYTES)))?;
+        file.read_to_end(&mut end)
+    });
+    let text = String::from_utf8_lossy(&end);
+    // What the program reports at its end, else the last that it logged as an error.
+    let error = text.lines().rev().find_map(|line| line.strip_prefix("error: "));
+    let error = error.or_else(|| text.lines().rev().find_map(error_in));
+    match (read, error) {
+        (Ok(_), Some(error)) => error.to_owned(),
+        _ => exit.to_string(),
+    }
+}
+
+/// Lines about every run, for the end of a call.
+pub fn lines(suite: &Suite, folder: &SuiteFolder) -> Result<Vec<String>> {
+    let names = || suite.entries.iter().map(|entry| entry.name.as_str());
+    let text = std::fs::read_to_string(folder.state()).context("suite.json")?;
+    let state: State = serde_json::from_str(&text).context("suite.json")?;
+    let width = names().map(str::len).max().unwrap_or(0);
+    Ok(names()
+        .map(|name| {
+            let status = state.runs.get(name).map_or_else(|| "waiting".to_owned(), |run| run.status.text());
+            format!("{name:width$}  {status}")
+        })
+        .collect())
+}

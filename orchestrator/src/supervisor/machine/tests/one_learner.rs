@@ -1,0 +1,225 @@
+//! Runs and evaluations with one learner.
+
+use super::*;
+
+#[test]
+fn an_undisturbed_run_trains_both_stages_and_ends_complete() {
+    for learners in 1..=3 {
+        let mut world = World::with(learners);
+        train(&mut world);
+        assert_eq!(
+            world.outcome,
+            Some(Outcome { end: End::Complete, saved: Some(Saved { frames: 833, weights: "0".repeat(64) }) })
+        );
+        let switches: Vec<_> = world.switches.iter().map(|switch| (switch.from, switch.to, switch.frames)).collect();
+        assert_eq!(switches, [(None, 0, 0), (Some(0), 1, 500)]);
+        assert!(world.spawned.values().all(|&starts| starts == 1));
+        let said = |text: &str| world.reports.iter().filter(|report| report.contains(text)).count();
+        assert_eq!(
+            (said("all 3 actors connected"), said(" ready on cpu"), world.deaths().len()),
+            (1, learners as usize, 0)
+        );
+    }
+}
+
+#[test]
+fn a_stop_saves_and_can_be_told_from_completion() {
+    let mut world = World::new();
+    for _ in 0..6 {
+        world.step(false);
+    }
+    world.feed(Event::Interrupt);
+    assert_eq!(world.announced.directive, directive::STOP);
+    world.feed(Event::Stop);
+    train(&mut world);
+    let outcome = world.outcome.expect("it ended");
+    assert_eq!(outcome.end, End::Stopped);
+    assert!(outcome.saved.is_some_and(|saved| saved.frames > 0 && saved.frames < 833));
+}
+
+#[test]
+fn a_stopped_evaluation_is_not_said_to_save() {
+    let interrupted = |stages: Vec<StageConfig>| {
+        let mut supervisor = Supervisor::new(policy(1), stages);
+        supervisor.start(Duration::ZERO);
+        let said = supervisor.on_event(Duration::from_secs(1), Event::Interrupt).into_iter().find_map(|action| {
+            let Action::Report(Level::Info, text) = action else { return None };
+            Some(text)
+        });
+        said.expect("who presses Ctrl-C is told what follows")
+    };
+    assert!(interrupted(stages()).starts_with("stopping: the learner saves; Ctrl-C again"));
+    let evaluation = interrupted(Vec::new());
+    assert!(!evaluation.contains("save") && evaluation.contains("leaves no result; Ctrl-C again"), "{evaluation}");
+}
+
+#[test]
+fn a_second_interrupt_kills_everything_at_once() {
+    let mut world = World::new();
+    world.step(false);
+    world.feed(Event::Interrupt);
+    assert!(world.killed.is_empty());
+    world.feed(Event::Interrupt);
+    assert_eq!(world.killed.len(), 1 + ACTORS as usize);
+    for _ in 0..=ACTORS {
+        world.obey();
+    }
+    assert_eq!(world.outcome, Some(Outcome { end: End::Interrupted, saved: None }));
+}
+
+#[test]
+fn a_crash_loop_ends_the_run_in_order_and_names_the_culprit() {
+    let mut world = World::new();
+    for _ in 0..4 {
+        world.step(true);
+    }
+    for _ in 0..20 {
+        world.exit(Process::Actor(2), Exit::Signal(11));
+        world.pass(Duration::from_secs(5));
+    }
+    assert_eq!(world.announced.directive, directive::STOP, "the learner is asked to save first");
+    train(&mut world);
+    let outcome = world.outcome.expect("it ended");
+    assert!(outcome.saved.is_some(), "what was trained is kept");
+    let End::Failed(reason) = outcome.end else { panic!("{:?}", outcome.end) };
+    for part in ["actor-02 (kitchen 4)", "died 6 times", "signal 11 (SIGSEGV)", "\n    oh"] {
+        assert!(reason.contains(part), "{part:?} is not in {reason:?}");
+    }
+}
+
+#[test]
+fn a_learner_that_refuses_to_begin_is_not_asked_again() {
+    let mut world = World::new();
+    world.exit(LEARNER, Exit::Code(1));
+    train(&mut world);
+    assert!(matches!(world.outcome, Some(Outcome { end: End::Failed(_), saved: None })));
+    assert_eq!(world.spawned[&LEARNER], 1);
+}
+
+#[test]
+fn non_finite_numbers_are_forgiven_once_between_progress() {
+    let mut world = World::new();
+    for _ in 0..4 {
+        world.step(true);
+    }
+    world.exit(LEARNER, Exit::Code(EXIT_NON_FINITE));
+    assert_eq!(world.spawned[&LEARNER], 2);
+    for _ in 0..4 {
+        world.step(true);
+    }
+    world.exit(LEARNER, Exit::Code(EXIT_NON_FINITE));
+    assert_eq!(world.spawned[&LEARNER], 3, "a rollout further the count begins anew");
+    world.step(true);
+    world.exit(LEARNER, Exit::Code(EXIT_NON_FINITE));
+    assert_eq!(world.spawned[&LEARNER], 3);
+    assert!(world.supervisor.is_stopping());
+}
+
+#[test]
+fn a_hanging_actor_is_killed_and_started_again() {
+    let mut world = World::new();
+    world.step(false);
+    world.pass(Duration::from_secs(100));
+    let waiting = |waited_s| LearnerEvent::WaitingForActor { rank: 0, actor: 1, waited_s };
+    world.learner(waiting(10.0));
+    assert!(world.killed.is_empty());
+    world.learner(waiting(61.0));
+    assert_eq!(world.killed.iter().copied().collect::<Vec<_>>(), [Process::Actor(1)]);
+    world.learner(waiting(62.0));
+    world.obey();
+    assert_eq!(world.spawned[&Process::Actor(1)], 2);
+    world.learner(waiting(63.0));
+    assert!(world.killed.is_empty(), "the new one is given its time");
+}
+
+#[test]
+fn a_silent_learner_is_killed_and_a_dead_ones_words_are_ignored() {
+    let mut world = World::new();
+    world.step(false);
+    world.step(false);
+    for _ in 0..3000 {
+        if world.killed.is_empty() {
+            world.pass(Duration::from_secs(1));
+        }
+    }
+    assert_eq!(world.killed.iter().copied().collect::<Vec<_>>(), [LEARNER]);
+    world.obey();
+    assert_eq!(world.spawned[&LEARNER], 2);
+    let version = world.announced.version;
+    world.feed(Event::Learner {
+        incarnation: 1,
+        event: LearnerEvent::RolloutCollected { rank: 0, rollout: 0, frames: 48 },
+    });
+    assert_eq!(world.announced.version, version);
+}
+
+#[test]
+fn a_learner_that_never_gets_ready_ends_the_run() {
+    let mut world = World::new();
+    for _ in 0..200 {
+        if world.outcome.is_none() {
+            world.pass(Duration::from_secs(1));
+            world.obey();
+        }
+    }
+    let Some(Outcome { end: End::Failed(reason), .. }) = world.outcome else { panic!("{:?}", world.outcome) };
+    assert!(reason.contains("not ready after 120 s"), "{reason}");
+}
+
+/// What an evaluation's learner says of an episode that ended.
+fn played(episode: u32) -> LearnerEvent {
+    let record = crate::evaluation::testing::uneventful(KitchenId::new(2).unwrap(), episode);
+    LearnerEvent::EpisodePlayed { record, actions: vec![20] }
+}
+
+#[test]
+fn an_evaluation_is_complete_without_a_frame_and_playing_again_is_no_progress() {
+    let ready = || LearnerEvent::Ready {
+        rank: 0,
+        rollout: 7,
+        frames: 700,
+        device: "cpu".into(),
+        parameters: 1,
+        checkpoint: None,
+    };
+    let mut supervisor = Supervisor::new(policy(1), Vec::new());
+    let mut now = Duration::ZERO;
+    supervisor.start(now);
+    let mut incarnation = 1;
+    // Each learner plays one episode and dies: the same one, so it is given up.
+    let failed = loop {
+        let speaks = |event| Event::Learner { incarnation, event };
+        let actions = supervisor.on_event(now, speaks(ready()));
+        assert!(!actions.iter().any(|action| matches!(action, Action::Announce(_))), "there is nothing to train on");
+        supervisor.on_event(now, speaks(played(0)));
+        let exit = Exit::Signal(11);
+        let actions =
+            supervisor.on_event(now, Event::Exited { process: LEARNER, incarnation, exit, last_words: vec![] });
+        if actions.iter().any(|action| matches!(action, Action::Report(Level::Error, _))) {
+            break actions;
+        }
+        now += Duration::from_secs(10);
+        let actions = supervisor.on_event(now, Event::Tick);
+        incarnation += 1;
+        let spawned = Action::Spawn { process: LEARNER, incarnation };
+        assert!(actions.contains(&spawned) || !supervisor.gang.is_ready(0), "{actions:?}");
+        assert!(incarnation < 100, "a learner that gets no further is given up");
+    };
+    assert!(failed.iter().any(|action| matches!(action, Action::CloseLifeline(_))));
+
+    let mut supervisor = Supervisor::new(policy(1), Vec::new());
+    supervisor.start(now);
+    let finished = LearnerEvent::Finished { rank: 0, frames: 0, weights: "w".into(), complete: true };
+    for event in [ready(), played(0), played(1), finished] {
+        supervisor.on_event(now, Event::Learner { incarnation: 1, event });
+    }
+    let mut last = vec![];
+    for process in std::iter::once(LEARNER).chain((0..ACTORS).map(Process::Actor)) {
+        let exit = Exit::Code(0);
+        last = supervisor.on_event(now, Event::Exited { process, incarnation: 1, exit, last_words: vec![] });
+    }
+    let saved = Some(Saved { frames: 0, weights: "w".into() });
+    assert_eq!(last, [Action::Finish(Outcome { end: End::Complete, saved })]);
+}
+
+// Several learners

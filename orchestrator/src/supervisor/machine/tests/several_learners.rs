@@ -1,0 +1,313 @@
+//! Learners that run, save and die together.
+
+use super::*;
+
+/// Three learners that have trained three rollouts and saved the last; all else has been said.
+fn gang() -> World {
+    let mut world = World::with(3);
+    while world.trained < 3 {
+        world.step(true);
+    }
+    world.reports.clear();
+    world
+}
+
+#[test]
+fn whoever_of_the_learners_dies_takes_the_others_along_and_all_go_on_together() {
+    for rank in 0..3 {
+        let mut world = gang();
+        world.exit(Process::Learner(rank), Exit::Signal(9));
+        let others: Vec<Process> = (0..3).filter(|&other| other != rank).map(Process::Learner).collect();
+        assert_eq!(world.killed.iter().copied().collect::<Vec<_>>(), others);
+        assert_eq!(
+            world.deaths(),
+            [format!(
+                "learner-{rank} died: signal 9 (SIGKILL: killed, perhaps by the kernel for want of memory); start number 2 \
+                 follows; all 3 learners go on from the last checkpoint"
+            )]
+        );
+        // One ends by itself before the kill reaches it, the last takes its time.
+        world.exit(others[0], Exit::Code(1));
+        world.pass(Duration::from_secs(5));
+        assert_eq!(world.spawned[&LEARNER], 1, "one is still there");
+        world.exit(others[1], Exit::Signal(9));
+        assert!(
+            world
+                .ranks()
+                .all(|rank| world.spawned[&Process::Learner(rank)] == 2
+                    && !world.killed.contains(&Process::Learner(rank)))
+        );
+        assert_eq!(world.deaths().len(), 1, "what follows is no death of its own");
+        train(&mut world);
+        let outcome = world.outcome.as_ref().expect("it ended");
+        assert_eq!(outcome.end, End::Complete);
+        assert!(
+            world
+                .spawned
+                .iter()
+                .all(|(process, &starts)| starts == 1 + u32::from(matches!(process, Process::Learner(_))))
+        );
+    }
+}
+
+#[test]
+fn a_learner_that_speaks_while_its_peer_is_dead_is_not_listened_to() {
+    let mut world = gang();
+    world.exit(Process::Learner(1), Exit::Signal(9));
+    for rank in [0, 2] {
+        world.exit(Process::Learner(rank), Exit::Signal(9));
+    }
+    // They come up again, and one dies before rank 0 is ready: it says so when it is already being killed.
+    world.learner_step(2, true);
+    world.exit(Process::Learner(1), Exit::Signal(11));
+    let (version, reports) = (world.announced.version, world.reports.len());
+    world.learner_step(0, true);
+    assert_eq!((world.announced.version, world.reports.len()), (version, reports));
+    world.exit(Process::Learner(0), Exit::Signal(9));
+    world.pass(Duration::from_secs(5));
+    assert_eq!(world.spawned[&LEARNER], 2, "the last still holds on");
+    world.exit(Process::Learner(2), Exit::Signal(9));
+    assert_eq!(world.spawned[&LEARNER], 3);
+    // What the one before had in its pipe is nobody's word any more.
+    world.feed(Event::Learner { incarnation: 2, event: LearnerEvent::ActorsConnected { rank: 2 } });
+    assert!(!world.reports.iter().skip(reports).any(|text| text.contains("connected")));
+    train(&mut world);
+    assert_eq!(world.outcome.map(|outcome| outcome.end), Some(End::Complete));
+}
+
+#[test]
+fn a_fall_is_one_death_in_the_count() {
+    let mut world = gang();
+    let falls = policy(3).restart.in_window as u32;
+    for fall in 0..=falls {
+        assert_eq!(world.outcome, None);
+        assert!(!world.supervisor.is_stopping(), "fall {fall}");
+        for rank in [fall % 3, (fall + 1) % 3, (fall + 2) % 3] {
+            world.exit(Process::Learner(rank), Exit::Signal(11));
+        }
+        if fall < falls {
+            world.pass(Duration::from_secs(4));
+            assert_eq!(world.spawned[&LEARNER], fall + 2);
+        }
+    }
+    for _ in 0..ACTORS {
+        world.obey();
+    }
+    let Some(Outcome { end: End::Failed(reason), saved: None }) = &world.outcome else { panic!("{:?}", world.outcome) };
+    let expected = "the learners died 6 times while the run got no further, last learner-2 with signal 11 (SIGSEGV)";
+    assert!(reason.starts_with(expected), "{reason}");
+}
+
+#[test]
+fn non_finite_numbers_of_all_learners_are_one_fall() {
+    let mut world = gang();
+    for (fall, exits) in [[EXIT_NON_FINITE; 3], [1, EXIT_NON_FINITE, EXIT_NON_FINITE]].iter().enumerate() {
+        assert!(!world.supervisor.is_stopping(), "fall {fall}");
+        for (rank, &code) in exits.iter().enumerate() {
+            world.exit(Process::Learner(rank as u32), Exit::Code(code));
+        }
+    }
+    assert_eq!(world.spawned[&LEARNER], 2);
+    assert!(world.reports.last().is_some_and(|text| text.contains("learner-1 met non-finite numbers twice")));
+    assert!(world.supervisor.is_stopping());
+}
+
+#[test]
+fn who_lost_another_is_not_the_reason_and_the_reason_is_waited_for() {
+    // At their first start, too: that is no refusal.
+    for mut world in [gang(), World::with(3)] {
+        world.exit(Process::Learner(2), Exit::Code(EXIT_LOST_PEERS));
+        world.exit(Process::Learner(1), Exit::Code(EXIT_LOST_PEERS));
+        assert!(world.deaths().is_empty() && world.killed.is_empty(), "the reason can still say what it has to");
+        world.exit(Process::Learner(0), Exit::Signal(9));
+        assert_eq!(world.deaths().len(), 1);
+        assert!(world.deaths()[0].starts_with("learner-0 died: signal 9"), "{:?}", world.deaths());
+        world.pass(Duration::from_secs(5));
+        assert!(world.ranks().all(|rank| world.spawned[&Process::Learner(rank)] == 2));
+    }
+}
+
+#[test]
+fn where_nobody_is_the_reason_who_lost_another_falls_with_all() {
+    // One hangs: it is ended with the rest. All lost one another: there is nobody to wait for.
+    for everyone in [false, true] {
+        let mut world = gang();
+        world.exit(Process::Learner(1), Exit::Code(EXIT_LOST_PEERS));
+        world.exit(Process::Learner(2), Exit::Code(EXIT_LOST_PEERS));
+        if everyone {
+            world.exit(Process::Learner(0), Exit::Code(EXIT_LOST_PEERS));
+        } else {
+            world.pass(policy(3).killed);
+            assert!(world.killed.contains(&LEARNER));
+            world.exit(LEARNER, Exit::Signal(9));
+        }
+        assert_eq!(world.deaths().len(), 1);
+        assert!(world.deaths()[0].starts_with("learner-1 died: exit status 4"), "{:?}", world.deaths());
+        world.pass(Duration::from_secs(5));
+        assert!(world.ranks().all(|rank| world.spawned[&Process::Learner(rank)] == 2));
+    }
+}
+
+#[test]
+fn a_learner_that_refuses_to_begin_ends_the_run_for_all() {
+    let mut world = World::with(3);
+    world.learner_step(0, true);
+    world.exit(Process::Learner(2), Exit::Code(1));
+    assert_eq!(world.killed.len(), 2, "the others cannot save without it");
+    train(&mut world);
+    let Some(Outcome { end: End::Failed(reason), saved: None }) = world.outcome else { panic!("{:?}", world.outcome) };
+    assert!(reason.starts_with("learner-2 could not begin: exit status 1"), "{reason}");
+}
+
+#[test]
+fn learners_may_leave_in_any_order() {
+    // At the budget, and at a stop.
+    for stopped in [false, true] {
+        for order in [[0, 1, 2], [2, 1, 0], [1, 0, 2]] {
+            let mut world = gang();
+            if stopped {
+                world.feed(Event::Stop);
+            }
+            while world.agreed.is_none() {
+                world.step(true);
+            }
+            for rank in order {
+                world.finishes(rank, !stopped);
+                world.exit(Process::Learner(rank), Exit::Code(0));
+                let left = world.ranks().filter(|&rank| world.up.contains_key(&Process::Learner(rank)));
+                assert!(left.into_iter().all(|rank| !world.killed.contains(&Process::Learner(rank))));
+            }
+            for _ in 0..ACTORS {
+                world.obey();
+            }
+            let end = if stopped { End::Stopped } else { End::Complete };
+            let outcome = world.outcome.as_ref().expect("it ended");
+            assert_eq!((&outcome.end, outcome.saved.is_some()), (&end, true), "{order:?}");
+            assert!(world.deaths().is_empty() && world.spawned.values().all(|&starts| starts == 1));
+        }
+    }
+}
+
+#[test]
+fn a_stop_when_one_has_already_left_lets_the_others_save() {
+    let mut world = gang();
+    while world.agreed.is_none() {
+        world.step(true);
+    }
+    world.finishes(2, true);
+    world.exit(Process::Learner(2), Exit::Code(0));
+    world.feed(Event::Stop);
+    assert_eq!(world.announced.directive, directive::STOP);
+    assert!(world.killed.is_empty());
+    train(&mut world);
+    assert_eq!(world.outcome.map(|outcome| outcome.end), Some(End::Complete));
+}
+
+#[test]
+fn one_that_left_comes_back_when_rank_0_dies_before_it_has_saved() {
+    let mut world = gang();
+    while world.agreed.is_none() {
+        world.step(true);
+    }
+    world.finishes(1, true);
+    world.exit(Process::Learner(1), Exit::Code(0));
+    world.exit(LEARNER, Exit::Signal(9));
+    assert_eq!(world.killed.iter().copied().collect::<Vec<_>>(), [Process::Learner(2)]);
+    world.obey();
+    assert!(world.ranks().all(|rank| world.spawned[&Process::Learner(rank)] == 2));
+    train(&mut world);
+    assert_eq!(world.outcome.map(|outcome| outcome.end), Some(End::Complete));
+}
+
+#[test]
+fn a_learner_that_dies_while_they_save_is_named() {
+    for rank in 0..3 {
+        let mut world = gang();
+        world.feed(Event::Stop);
+        world.exit(Process::Learner(rank), Exit::Signal(11));
+        // What the others do then is their own affair.
+        world.exit(Process::Learner((rank + 1) % 3), Exit::Code(1));
+        assert_eq!(world.killed.len(), 1);
+        for _ in 0..=ACTORS {
+            world.obey();
+        }
+        let Some(Outcome { end: End::Failed(reason), saved: None }) = &world.outcome else {
+            panic!("{:?}", world.outcome)
+        };
+        assert!(reason.starts_with(&format!("learner-{rank} died while it saved (signal 11 (SIGSEGV))")), "{reason}");
+        assert_eq!(world.deaths().len(), 1);
+        assert!(world.spawned.values().all(|&starts| starts == 1));
+    }
+}
+
+#[test]
+fn a_learner_that_dies_after_rank_0_has_saved_changes_nothing() {
+    let mut world = gang();
+    world.feed(Event::Stop);
+    while world.agreed.is_none() {
+        world.step(true);
+    }
+    world.finishes(0, false);
+    world.exit(Process::Learner(1), Exit::Signal(11));
+    world.exit(LEARNER, Exit::Code(0));
+    world.exit(Process::Learner(2), Exit::Code(1));
+    for _ in 0..ACTORS {
+        world.obey();
+    }
+    let outcome = world.outcome.as_ref().expect("it ended");
+    assert_eq!((&outcome.end, outcome.saved.is_some(), world.deaths().len()), (&End::Stopped, true, 0));
+}
+
+#[test]
+fn a_stop_in_the_middle_of_a_fall_waits_for_nobody() {
+    let mut world = gang();
+    world.exit(Process::Learner(1), Exit::Signal(9));
+    world.feed(Event::Stop);
+    for _ in 0..2 + ACTORS {
+        world.obey();
+    }
+    assert_eq!(world.outcome, Some(Outcome { end: End::Stopped, saved: None }));
+    assert!(world.spawned.values().all(|&starts| starts == 1));
+}
+
+#[test]
+fn silent_learners_are_killed_together() {
+    let mut world = gang();
+    for _ in 0..3000 {
+        if world.killed.is_empty() {
+            world.pass(Duration::from_secs(1));
+        }
+    }
+    assert_eq!(world.killed.iter().copied().collect::<Vec<_>>(), [0, 1, 2].map(Process::Learner));
+    for _ in 0..3 {
+        world.obey();
+    }
+    assert_eq!(world.deaths().len(), 1);
+    assert!(world.reports[0].starts_with("the 3 learners finished neither a rollout nor an update for "));
+    assert!(world.ranks().all(|rank| world.spawned[&Process::Learner(rank)] == 2));
+}
+
+#[test]
+fn a_learner_that_is_never_ready_or_connected_is_named() {
+    let mut world = World::with(2);
+    world.learner_step(0, true);
+    for _ in 0..200 {
+        if world.outcome.is_none() {
+            world.pass(Duration::from_secs(1));
+            world.obey();
+        }
+    }
+    let Some(Outcome { end: End::Failed(reason), .. }) = world.outcome else { panic!("{:?}", world.outcome) };
+    assert!(reason.starts_with("learner-1 was not ready after 120 s"), "{reason}");
+
+    let mut world = World::with(2);
+    for rank in [1, 0, 0] {
+        world.learner_step(rank, true);
+    }
+    while !world.supervisor.is_stopping() {
+        world.pass(Duration::from_secs(1));
+    }
+    assert!(world.reports.last().is_some_and(|text| text.starts_with("not all of its actors had answered learner-1 ")));
+    train(&mut world);
+    assert!(world.outcome.is_some_and(|outcome| outcome.saved.is_some()), "all are there, so they save");
+}

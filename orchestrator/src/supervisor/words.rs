@@ -1,0 +1,29 @@
+//! Sentences about deaths, as the user is told them. Pure.
+
+use super::event::Exit;
+use crate::showing::log_line::error_in;
+
+/// How the run goes on after a learner died.
+pub fn rewinds(learners: usize, evaluates: bool) -> String {
+    match learners {
+        _ if evaluates => "it begins again".to_owned(),
+        1 => "it goes on from the last checkpoint".to_owned(),
+        _ => format!("all {learners} learners go on from the last checkpoint"),
+    }
+}
+
+/// That someone is not started again. `last`: who of them died last, where they are several.
+pub fn given_up(who: &str, last: &str, deaths: usize, exit: &Exit, last_words: &[String]) -> String {
+    let words = quote(last_words);
+    format!("{who} died {deaths} times while the run got no further, last {last}with {exit}{words}")
+}
+
+/// A process's last lines, indented below the sentence that tells of its death. Where it said what its error was, that
+/// and what followed.
+pub fn quote(last_words: &[String]) -> String {
+    if last_words.is_empty() {
+        return String::new();
+    }
+    let error = last_words.iter().rposition(|line| error_in(line).is_some()).unwrap_or(0);
+    format!("; its last words:\n    {}", last_words[error..].join("\n    "))
+}

@@ -1,0 +1,133 @@
+//! What is kept and shown of a run that trains: `metrics.jsonl`, validation, and the live progress.
+
+use crate::recording::recorder::Recorder;
+use crate::run::identity::unix_now;
+use crate::run::json_lines::Writer;
+use crate::showing::progress::Progress;
+use crate::supervisor::shell::Audience;
+use crate::training::metrics::{History, Trained};
+use crate::training::validation::Validation;
+use anyhow::Result;
+use proto::config::Config;
+use proto::event::LearnerEvent;
+use proto::run_folder::RunFolder;
+use std::time::Duration;
+
+/// The audience of a training run.
+#[derive(Debug)]
+pub struct TrainingAudience {
+    /// Rollouts trained so far, in all incarnations.
+    pub history: History,
+    /// `metrics.jsonl`.
+    journal: Writer,
+    incarnation: u32,
+    progress: Progress,
+    validation: Option<Validation>,
+}
+
+impl TrainingAudience {
+    /// Goes on with what the folder holds.
+    pub fn open(folder: &RunFolder, config: &Config, incarnation: u32) -> Result<Self> {
+        Ok(Self {
+            history: History::read(folder)?,
+            journal: Writer::open(&folder.metrics())?,
+            incarnation,
+            progress: Progress::new(config.stages.clone()),
+            validation: Validation::open(folder, config)?,
+        })
+    }
+}
+
+impl Audience for TrainingAudience {
+    fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()> {
+        self.progress.learner(now, event);
+        match event {
+            LearnerEvent::Ready { rollout, frames, .. } => {
+                self.history.rewind_to(*rollout);
+                // Nobody may have heard of this checkpoint: it was written when the last orchestrator was gone.
+                if let Some(validation) = &mut self.validation {
+                    validation.checkpoint(*rollout, *frames);
+                }
+            }
+            LearnerEvent::RolloutTrained { rollout, frames, stage, timing, metrics, .. } => {
+                let trained = Trained {
+                    rollout: *rollout,
+                    frames: *frames,
+                    stage: *stage,
+                    at_unix_s: unix_now(),
+                    incarnation: self.incarnation,
+                    timing: *timing,
+                    metrics: metrics.clone(),
+                };
+                self.journal.append(&trained)?;
+                self.history.insert(trained);
+            }
+            LearnerEvent::CheckpointWritten { path, rollout, frames, .. } => {
+                tracing::debug!("checkpoint {path} at {frames} frames");
+                if let Some(validation) = &mut self.validation {
+                    validation.checkpoint(*rollout, *frames);
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn learner_died(&mut self, now: Duration) {
+        self.progress.learner_died(now);
+    }
+
+    fn tick(&mut self, now: Duration, recorder: Option<&Recorder>) {
+        if let Some(validation) = &mut self.validation {
+            validation.look(recorder);
+        }
+        self.progress.show(now, &self.history, self.is_busy());
+    }
+
+    fn is_busy(&self) -> bool {
+        self.validation.as_ref().is_some_and(Validation::is_busy)
+    }
+
+    fn over(&mut self) {
+        self.progress.clear();
+        if let Some(validation) = &mut self.validation {
+            validation.stop();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::training::validation::tests::run;
+    use proto::stage::total_frames;
+
+    /// A learner goes on from this checkpoint; whether that is then to be evaluated.
+    fn goes_on(folder: &RunFolder, config: &Config, rollout: u64, frames: u64) -> bool {
+        let mut audience = TrainingAudience::open(folder, config, 2).unwrap();
+        let device = "cpu".to_owned();
+        let ready = LearnerEvent::Ready { rank: 0, rollout, frames, device, parameters: 1, checkpoint: None };
+        audience.learner(Duration::ZERO, &ready).unwrap();
+        audience.is_busy()
+    }
+
+    #[test]
+    fn a_checkpoint_that_nobody_heard_of_is_evaluated() {
+        let (_temporary, folder, mut config) = run(&[2, 3, 5]);
+        // Due after each 250 frames.
+        assert!(!goes_on(&folder, &config, 2, 200));
+        assert!(goes_on(&folder, &config, 3, 300));
+        // That one still waits when the next orchestrator begins; one that comes again is not due again.
+        assert!(TrainingAudience::open(&folder, &config, 3).unwrap().is_busy());
+        let (_temporary, folder, _) = run(&[0]);
+        assert!(!goes_on(&folder, &config, 0, 0), "a run that begins");
+        // The end is always evaluated.
+        let (_temporary, folder, _) = run(&[5]);
+        config.validation.every_frames = 1_000_000_000;
+        assert!(!goes_on(&folder, &config, 5, 500));
+        config.stages.truncate(1);
+        config.stages[0].frames = 500;
+        assert_eq!(total_frames(&config.stages), 500);
+        assert!(goes_on(&folder, &config, 5, 500));
+    }
+}

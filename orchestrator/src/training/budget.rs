@@ -1,0 +1,182 @@
+//! Another frame budget for a run that has begun: `orchestrator resume --frames`.
+//!
+//! Two files say how far a run goes: `config.toml` has the budget, and `summary.json` says that it is reached. The
+//! summary is removed first and the configuration replaced after it. So a crash leaves the run with its old budget, which
+//! the next resume finds reached and sums up again, or with the new one.
+
+use crate::showing::format;
+use crate::showing::terminal;
+use anyhow::{Context, Result};
+use proto::checkpoint::Manifest;
+use proto::config::{Config, StageConfig};
+use proto::run_folder::{RolloutName, RunFolder, write_atomically};
+use proto::stage::{position_at, rebudget, total_frames};
+use std::fs::File;
+use wire::fault;
+
+/// A new budget that a run can have.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Budget {
+    old: Vec<StageConfig>,
+    new: Vec<StageConfig>,
+    trained: u64,
+}
+
+impl Budget {
+    /// Judges `total` frames for the run in this folder, which no process works on.
+    pub fn of(folder: &RunFolder, config: &Config, total: u64) -> Result<Self> {
+        let trained = trained(folder)?;
+        let new = rebudget(&config.stages, trained, total)?;
+        Ok(Self { old: config.stages.clone(), new, trained })
+    }
+
+    /// Whether it is the budget that the run has.
+    pub fn is_old(&self) -> bool {
+        self.old == self.new
+    }
+
+    /// The configuration with it.
+    pub fn lay_over(&self, config: &Config) -> Config {
+        Config { stages: self.new.clone(), ..config.clone() }
+    }
+
+    /// Says what changes, and what it means for the result.
+    pub fn announce(&self, config: &Config) {
+        for line in self.lines(config) {
+            terminal::note(&line);
+        }
+    }
+
+    fn lines(&self, config: &Config) -> Vec<String> {
+        let count = |stages: &[StageConfig]| format::count(total_frames(stages));
+        let changed = self.old.iter().zip(&self.new).filter(|(old, new)| old != new);
+        let stages = changed.map(|(old, new)| {
+            format!("stage {}: {} instead of {}", new.name, format::count(new.frames), format::count(old.frames))
+        });
+        let stages = stages.collect::<Vec<_>>().join(", ");
+        let mut lines =
+            vec![format!("the budget is {} frames instead of {} ({stages})", count(&self.new), count(&self.old))];
+        if let Some((before, after)) = self.learning_rates(config) {
+            lines.push(format!(
+                "the learning rate falls over the length of a stage: the next update takes {after:.3e} instead of \
+                 {before:.3e}. What comes of it is not the run that would have had this budget from its beginning"
+            ));
+        }
+        lines
+    }
+
+    /// The learning rates of the next update under the old budget and under the new one, if they differ. The stage in
+    /// progress must have been trained in: all of one that has not begun is under the new budget.
+    fn learning_rates(&self, config: &Config) -> Option<(f64, f64)> {
+        let position = position_at(&self.new, self.trained)?;
+        let old = &self.old[position.stage];
+        if position.frames_in_stage == 0 || old.frames == self.new[position.stage].frames {
+            return None;
+        }
+        let rate = |stage: &StageConfig| {
+            let progress = (position.frames_in_stage as f64 / stage.frames as f64).min(1.0);
+            config.ppo.learning_rate * (1.0 + (config.ppo.learning_rate_end - 1.0) * progress)
+        };
+        let (before, after) = (rate(old), rate(&self.new[position.stage]));
+        (before != after).then_some((before, after))
+    }
+
+    /// Makes it the run's, durably.
+    pub fn write(&self, folder: &RunFolder, config: &Config) -> Result<()> {
+        fault::reach("resume.before_budget");
+        let summary = folder.summary();
+        match std::fs::remove_file(&summary) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("cannot remove {}", summary.display()));
+            }
+            // Gone on the disk, too, before the new budget is there.
+            _ => File::open(folder.root())
+                .and_then(|root| root.sync_all())
+                .with_context(|| format!("cannot write {}", folder.root().display()))?,
+        }
+        fault::reach("resume.amid_budget");
+        write_atomically(&folder.config(), self.lay_over(config).to_toml().as_bytes())
+            .with_context(|| format!("cannot write {}", folder.config().display()))?;
+        fault::reach("resume.after_budget");
+        Ok(())
+    }
+}
+
+/// Frames of the newest checkpoint that can be read. (One whose tensors are torn is passed over when the run goes on:
+/// then fewer frames are trained than the budget allows for.)
+fn trained(folder: &RunFolder) -> Result<u64> {
+    let path = folder.checkpoints();
+    let entries = match std::fs::read_dir(&path) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(0),
+        Err(error) => return Err(error).with_context(|| path.display().to_string()),
+    };
+    let mut trained = 0;
+    for entry in entries {
+        let path = entry.with_context(|| path.display().to_string())?.path();
+        if RolloutName::Manifest.rollout_of(&path).is_some()
+            && let Ok(manifest) = Manifest::read(&path)
+        {
+            trained = trained.max(manifest.frames);
+        }
+    }
+    Ok(trained)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::subject::tests::manifest;
+    use crate::training::means::tests::stages;
+
+    /// A run of 1000 and 500 frames that has trained so many.
+    fn run(trained: u64) -> (tempfile::TempDir, RunFolder, Config) {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        let config = Config { stages: stages(), ..Config::default() };
+        std::fs::write(folder.config(), config.to_toml()).unwrap();
+        std::fs::create_dir_all(folder.checkpoints()).unwrap();
+        std::fs::write(folder.checkpoint_manifest(1), manifest(1, trained / 2)).unwrap();
+        std::fs::write(folder.checkpoint_manifest(2), manifest(2, trained)).unwrap();
+        std::fs::write(folder.checkpoint_manifest(3), "torn").unwrap();
+        (temporary, folder, config)
+    }
+
+    #[test]
+    fn the_summary_goes_and_the_configuration_is_replaced() {
+        let (_temporary, folder, config) = run(1500);
+        std::fs::write(folder.summary(), "{}").unwrap();
+        let budget = Budget::of(&folder, &config, 2500).unwrap();
+        assert!(!budget.is_old() && Budget::of(&folder, &config, 1500).unwrap().is_old());
+        budget.write(&folder, &config).unwrap();
+        assert!(!folder.summary().exists());
+        let written = Config::of_run(&folder).unwrap();
+        assert_eq!(written, budget.lay_over(&config));
+        let frames: Vec<u64> = written.stages.iter().map(|stage| stage.frames).collect();
+        assert_eq!(frames, [1000, 1500]);
+        // A run that is not complete has no summary.
+        Budget::of(&folder, &written, 3000).unwrap().write(&folder, &written).unwrap();
+        assert_eq!(total_frames(&Config::of_run(&folder).unwrap().stages), 3000);
+        let refused = Budget::of(&folder, &written, 1499).unwrap_err().to_string();
+        assert!(refused.contains("--frames 1499: the run has trained 1500 frames already"), "{refused}");
+    }
+
+    #[test]
+    fn what_it_means_is_said() {
+        let lines = |trained, total| {
+            let (_temporary, folder, config) = run(trained);
+            Budget::of(&folder, &config, total).unwrap().lines(&config)
+        };
+        let longer = lines(1500, 2500);
+        assert_eq!(longer[0], "the budget is 2 500 frames instead of 1 500 (stage II: 1 500 instead of 500)");
+        // A third of the way instead of at the end: 3e-4 · (1 - 2/3 · 1/3) instead of 3e-4 / 3.
+        assert!(longer[1].contains("takes 2.333e-4 instead of 1.000e-4"), "{longer:?}");
+        assert_eq!(lines(0, 3000).len(), 1, "nothing is trained yet");
+        assert_eq!(lines(1000, 3000).len(), 1, "stage II has not begun");
+        assert_eq!(lines(500, 3000).len(), 2);
+        assert_eq!(lines(1200, 1200).len(), 1, "there is no next update");
+        let (_temporary, folder, mut config) = run(1500);
+        config.ppo.learning_rate_end = 1.0;
+        assert_eq!(Budget::of(&folder, &config, 2500).unwrap().lines(&config).len(), 1, "a rate that does not fall");
+    }
+}

@@ -1,0 +1,257 @@
+//! Means of the metrics of many rollouts: of a stage, and of the moment. Pure.
+
+use crate::training::metrics::{History, Trained, total_s};
+use proto::config::StageConfig;
+use proto::event::Timing;
+use proto::metric;
+use proto::reward::RewardKind;
+use proto::stage::total_frames;
+use serde::{Deserialize, Serialize};
+
+/// Episode figures over some rollouts: means over the episodes that ended in them.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct EpisodeMeans {
+    /// Episodes that ended.
+    pub episodes: u64,
+    /// Mean undiscounted return.
+    pub mean_return: Option<f64>,
+    /// Success rate, 0..1.
+    pub success: Option<f64>,
+    /// Rate of success without disturbance, 0..1.
+    pub success_without_disturbance: Option<f64>,
+    /// Mean total displacement at the end, metres.
+    pub disturbance_m: Option<f64>,
+}
+
+impl EpisodeMeans {
+    /// Over `rollouts`, each weighted by its episodes.
+    pub fn over<'a>(rollouts: &(impl Iterator<Item = &'a Trained> + Clone)) -> Self {
+        let episodes = |trained: &Trained| trained.metrics.get(metric::EPISODES).copied().unwrap_or(0.0);
+        let mean = |name: &str| {
+            let (mut sum, mut weight) = (0.0, 0.0);
+            for trained in rollouts.clone() {
+                if let Some(value) = trained.metrics.get(name) {
+                    sum += value * episodes(trained);
+                    weight += episodes(trained);
+                }
+            }
+            (weight > 0.0).then(|| sum / weight)
+        };
+        Self {
+            episodes: rollouts.clone().map(episodes).sum::<f64>() as u64,
+            mean_return: mean(metric::RETURN),
+            success: mean(metric::SUCCESS),
+            success_without_disturbance: mean(metric::SUCCESS_UNDISTURBED),
+            disturbance_m: mean(metric::DISTURBANCE),
+        }
+    }
+}
+
+/// The figures of one stage.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StageMeans {
+    /// Its name.
+    pub name: String,
+    /// The reward it optimises.
+    pub reward: RewardKind,
+    /// Frames trained on in it.
+    pub frames: u64,
+    /// Frames it is to have.
+    pub budget: u64,
+    /// PPO-Lagrangian's multiplier after its newest update; none in other stages.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub multiplier: Option<f64>,
+    /// Over the whole stage.
+    pub whole: EpisodeMeans,
+    /// Over the first tenth of its budget.
+    pub first_tenth: EpisodeMeans,
+    /// Over the last tenth of its budget; empty until the stage gets there.
+    pub last_tenth: EpisodeMeans,
+}
+
+/// The figures of every stage that has begun.
+///
+/// A rollout belongs to a tenth when its middle frame does; if none does, because rollouts are longer than a tenth,
+/// the first or last rollout stands for it.
+pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
+    let mut figures = vec![];
+    let mut start = 0;
+    for (index, stage) in stages.iter().enumerate() {
+        let mut before = start;
+        // (first frame in the stage, frame after the last, rollout)
+        let mut rollouts: Vec<(u64, u64, &Trained)> = vec![];
+        for trained in history.iter().filter(|trained| trained.stage as usize == index) {
+            rollouts.push((before - start, trained.frames.saturating_sub(start), trained));
+            before = trained.frames.max(start);
+        }
+        start += stage.frames;
+        let Some(&(_, reached, newest)) = rollouts.last() else { continue };
+        let part = |from: f64, to: f64| -> Vec<&Trained> {
+            let budget = stage.frames as f64;
+            let middle = |first: u64, end: u64| f64::midpoint(first as f64, end as f64);
+            let inside = rollouts.iter().filter(|&&(first, end, _)| {
+                let middle = middle(first, end);
+                middle >= from * budget && middle < to * budget
+            });
+            inside.map(|&(_, _, trained)| trained).collect()
+        };
+        let mut first = part(0.0, 0.1);
+        if first.is_empty() {
+            first = rollouts.first().map(|&(_, _, trained)| trained).into_iter().collect();
+        }
+        let mut last = part(0.9, 1.0);
+        if last.is_empty() && reached == stage.frames {
+            last = rollouts.last().map(|&(_, _, trained)| trained).into_iter().collect();
+        }
+        figures.push(StageMeans {
+            name: stage.name.clone(),
+            reward: stage.reward,
+            frames: reached,
+            budget: stage.frames,
+            multiplier: newest.metrics.get(metric::MULTIPLIER).copied(),
+            whole: EpisodeMeans::over(&rollouts.iter().map(|&(_, _, trained)| trained)),
+            first_tenth: EpisodeMeans::over(&first.iter().copied()),
+            last_tenth: EpisodeMeans::over(&last.iter().copied()),
+        });
+    }
+    figures
+}
+
+/// The figures of the moment: over the last few rollouts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Recent {
+    /// Frames trained on.
+    pub frames: u64,
+    /// Frames of the whole run.
+    pub budget: u64,
+    /// Stage of the newest rollout.
+    pub stage: Option<usize>,
+    /// Frames a second, updates included.
+    pub frames_per_s: Option<f64>,
+    /// Share of the time spent waiting for simulation, 0..1.
+    pub simulate: f64,
+    /// Share of the time spent in inference, 0..1.
+    pub infer: f64,
+    /// Share of the time spent in updates, 0..1.
+    pub update: f64,
+    /// Time left at this rate, seconds.
+    pub left_s: Option<f64>,
+    /// Episodes that ended.
+    pub episodes: EpisodeMeans,
+}
+
+/// Rollouts that count as recent.
+const RECENT: usize = 8;
+
+/// The figures of the moment. Rates are over the newest rollouts of any stage; episode figures over those of the
+/// newest's stage, because a new reward makes a return that is not comparable.
+pub fn recent(stages: &[StageConfig], history: &History) -> Recent {
+    let newest: Vec<&Trained> = history.iter().rev().take(RECENT).collect();
+    let stage = newest.first().map(|trained| trained.stage as usize);
+    let before = history.iter().rev().nth(RECENT).map_or(0, |trained| trained.frames);
+    let frames = history.frames();
+    let budget = total_frames(stages);
+    let sum = |part: fn(&Timing) -> f64| newest.iter().map(|trained| part(&trained.timing)).sum::<f64>();
+    let total = sum(total_s);
+    let share = |part: f64| if total > 0.0 { part / total } else { 0.0 };
+    let frames_per_s = (total > 0.0).then(|| (frames - before.min(frames)) as f64 / total);
+    Recent {
+        frames,
+        budget,
+        stage,
+        frames_per_s,
+        simulate: share(sum(|timing| timing.simulate_s)),
+        infer: share(sum(|timing| timing.infer_s)),
+        update: share(sum(|timing| timing.update_s)),
+        left_s: frames_per_s.filter(|&rate| rate > 0.0).map(|rate| budget.saturating_sub(frames) as f64 / rate),
+        episodes: EpisodeMeans::over(&newest.iter().copied().filter(|trained| Some(trained.stage as usize) == stage)),
+    }
+}
+
+#[cfg(test)]
+pub mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    /// Two stages of 1000 and 500 frames.
+    pub fn stages() -> Vec<StageConfig> {
+        let stage = |name: &str, reward, frames| StageConfig { name: name.into(), reward, frames };
+        vec![stage("I", RewardKind::Task, 1000), stage("II", RewardKind::DisturbanceFree, 500)]
+    }
+
+    /// Rollouts of 50 frames whose return is their number, in two seconds each.
+    pub fn history(rollouts: u64) -> History {
+        let mut history = History::default();
+        for rollout in 0..rollouts {
+            let frames = (rollout + 1) * 50;
+            let metrics = BTreeMap::from([
+                // Episode counts differ, so that a plain mean would be caught.
+                (metric::EPISODES.to_owned(), if rollout % 2 == 0 { 1.0 } else { 3.0 }),
+                (metric::RETURN.to_owned(), rollout as f64),
+                (metric::SUCCESS.to_owned(), 0.5),
+                (metric::DISTURBANCE.to_owned(), 0.25),
+            ]);
+            history.insert(Trained {
+                rollout,
+                frames,
+                stage: u32::from(frames > 1000),
+                at_unix_s: rollout * 2,
+                incarnation: 1,
+                timing: Timing { simulate_s: 0.8, infer_s: 0.4, update_s: 0.6, other_s: 0.2 },
+                metrics,
+            });
+        }
+        history
+    }
+
+    #[test]
+    fn tenths_are_of_the_stage_and_weighted_by_episodes() {
+        let figures = by_stage(&stages(), &history(30));
+        assert_eq!(figures.len(), 2);
+        // Stage I: rollouts 0 to 19; its first tenth is 0 and 1, its last 18 and 19.
+        assert_eq!(figures[0].first_tenth.mean_return, Some((3.0 * 1.0) / 4.0));
+        assert_eq!(figures[0].last_tenth.mean_return, Some((18.0 + 3.0 * 19.0) / 4.0));
+        assert_eq!(figures[0].whole.episodes, 40);
+        // Stage II: rollouts 20 to 29, a tenth is one rollout.
+        assert_eq!(figures[1].frames, 500);
+        assert_eq!(figures[1].first_tenth.mean_return, Some(20.0));
+        assert_eq!(figures[1].last_tenth.mean_return, Some(29.0));
+        assert_eq!(figures[1].last_tenth.success_without_disturbance, None, "what was never reported stays unknown");
+    }
+
+    #[test]
+    fn a_stage_that_has_not_got_there_has_no_last_tenth() {
+        let figures = by_stage(&stages(), &history(10));
+        assert_eq!(figures.len(), 1);
+        assert_eq!(figures[0].last_tenth, EpisodeMeans::default());
+        assert_eq!(figures[0].frames, 500);
+    }
+
+    #[test]
+    fn long_rollouts_stand_for_their_tenth() {
+        let mut stages = stages();
+        stages.truncate(1);
+        stages[0].frames = 100;
+        let figures = by_stage(&stages, &history(2));
+        assert_eq!(figures[0].first_tenth.mean_return, Some(0.0));
+        assert_eq!(figures[0].last_tenth.mean_return, Some(1.0));
+    }
+
+    #[test]
+    fn the_moment_is_the_last_few_rollouts() {
+        let recent = recent(&stages(), &history(22));
+        assert_eq!((recent.frames, recent.budget, recent.stage), (1100, 1500, Some(1)));
+        assert!((recent.frames_per_s.unwrap() - 25.0).abs() < 1e-9);
+        assert!((recent.left_s.unwrap() - 16.0).abs() < 1e-9);
+        assert!((recent.simulate - 0.4).abs() < 1e-9 && (recent.update - 0.3).abs() < 1e-9);
+        // Only rollouts 20 and 21 are of stage II.
+        assert_eq!(recent.episodes.mean_return, Some((20.0 + 3.0 * 21.0) / 4.0));
+    }
+
+    #[test]
+    fn nothing_trained_is_no_division_by_zero() {
+        let recent = recent(&stages(), &History::default());
+        assert_eq!((recent.frames_per_s, recent.left_s, recent.stage), (None, None, None));
+        assert!(by_stage(&stages(), &History::default()).is_empty());
+    }
+}

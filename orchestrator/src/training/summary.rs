@@ -1,0 +1,234 @@
+//! The end of a run: `summary.json` and what is printed. Its last two lines are for scripts: `weights: ` and 64 hex
+//! digits, `frames: ` and a count; a run that failed has neither.
+
+use crate::run::identity::Identity;
+use crate::showing::format;
+use crate::supervisor::event::End;
+use crate::training::means::{EpisodeMeans, StageMeans, by_stage};
+use crate::training::metrics::{History, total_s};
+use crate::training::wall::Wall;
+use anyhow::{Context, Result};
+use proto::SCHEMA_VERSION;
+use proto::config::Config;
+use proto::run_folder::{RunFolder, write_atomically};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Everything that is said about a run at its end.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Version of the format.
+    pub schema_version: u32,
+    /// Id of the run.
+    pub id: String,
+    /// Preset it came from.
+    pub preset: String,
+    /// Its seed.
+    pub seed: u64,
+    /// True when the budget is reached.
+    pub complete: bool,
+    /// Frames trained on.
+    pub frames: u64,
+    /// Frames it is to have.
+    pub budget: u64,
+    /// SHA-256 of the weights, 64 hex digits.
+    pub weights: String,
+    /// Figures of every stage that has begun.
+    pub stages: Vec<StageMeans>,
+    /// Time spent on the rollouts that count, seconds.
+    pub training_s: f64,
+    /// Frames a second of that time.
+    pub frames_per_s: f64,
+    /// Wall time from the beginning of each start to its end; a start that was killed counts until its last rollout.
+    /// None in summaries of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wall: Option<Wall>,
+    /// How often an orchestrator was started on it.
+    pub incarnations: u32,
+    /// Recordings, relative to the run folder.
+    pub recordings: Vec<PathBuf>,
+}
+
+impl Summary {
+    /// The summary of a run that stands at `frames` with `weights`.
+    pub fn of(
+        folder: &RunFolder,
+        config: &Config,
+        history: &History,
+        identity: &Identity,
+        wall: Wall,
+        (frames, weights): (u64, &str),
+    ) -> Self {
+        let training_s: f64 = history.iter().map(|trained| total_s(&trained.timing)).sum();
+        let budget = proto::stage::total_frames(&config.stages);
+        Self {
+            schema_version: SCHEMA_VERSION,
+            id: identity.id.clone(),
+            preset: config.preset.clone(),
+            seed: config.seed,
+            complete: frames == budget,
+            frames,
+            budget,
+            weights: weights.to_owned(),
+            stages: by_stage(&config.stages, history),
+            training_s,
+            frames_per_s: if training_s > 0.0 { frames as f64 / training_s } else { 0.0 },
+            wall: Some(wall),
+            incarnations: identity.incarnations.len() as u32,
+            recordings: recordings(folder),
+        }
+    }
+
+    /// Writes `summary.json`.
+    pub fn write(&self, folder: &RunFolder) -> Result<()> {
+        let mut text = serde_json::to_string_pretty(self).context("summary.json")?;
+        text.push('\n');
+        write_atomically(&folder.summary(), text.as_bytes())
+            .with_context(|| format!("cannot write {}", folder.summary().display()))
+    }
+
+    /// Reads `summary.json`; none when the run is not complete yet.
+    pub fn read(folder: &RunFolder) -> Result<Option<Self>> {
+        let path = folder.summary();
+        match std::fs::read_to_string(&path) {
+            Ok(text) => serde_json::from_str(&text).map(Some).with_context(|| format!("{} is damaged", path.display())),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(error).with_context(|| path.display().to_string()),
+        }
+    }
+
+    /// As people read it. A failed run has no result, so the two lines for scripts are missing then.
+    pub fn lines(&self, folder: &RunFolder, end: &End) -> Vec<String> {
+        let state = end.ending();
+        let mut lines = vec![format!(
+            "run {} {state}: preset {}, seed {}, {} of {} frames",
+            self.id,
+            self.preset,
+            self.seed,
+            format::count(self.frames),
+            format::count(self.budget)
+        )];
+        lines.extend(table(&self.stages));
+        lines.extend(self.stages.iter().filter_map(|stage| {
+            stage.multiplier.map(|multiplier| format!("stage {}: multiplier λ {multiplier:.4}", stage.name))
+        }));
+        let training = Duration::try_from_secs_f64(self.training_s).unwrap_or_default();
+        let wall = self.wall.map_or_else(String::new, |wall| format!(", {}", wall.text(self.incarnations)));
+        lines.push(format!(
+            "training time {}{wall}, {} frames/s",
+            format::duration(training),
+            format::rate(self.frames_per_s)
+        ));
+        lines.push(format!("run folder  {}", folder.root().display()));
+        match self.recordings.as_slice() {
+            [] => {}
+            [one] => lines.push(format!("recording   {}", folder.root().join(one).display())),
+            many => lines.push(format!("recordings  {} ({} files)", folder.recordings().display(), many.len())),
+        }
+        if !matches!(end, End::Failed(_)) {
+            lines.push(format!("weights: {}", self.weights));
+            lines.push(format!("frames: {}", self.frames));
+        }
+        lines
+    }
+}
+
+fn recordings(folder: &RunFolder) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(folder.recordings()) else { return Vec::new() };
+    let paths = entries.flatten().map(|entry| entry.path());
+    let mut paths: Vec<PathBuf> = paths
+        .filter(|path| path.extension().is_some_and(|extension| extension == "mcap"))
+        .filter_map(|path| path.strip_prefix(folder.root()).map(PathBuf::from).ok())
+        .collect();
+    paths.sort();
+    paths
+}
+
+/// One row a stage; returns are first tenth → last tenth, the other figures are of the last tenth.
+pub fn table(stages: &[StageMeans]) -> Vec<String> {
+    let header = ["stage", "reward", "frames", "episodes", "return", "success", "SRwoD", "disturbance"];
+    let mut rows: Vec<[String; 8]> = vec![header.map(str::to_owned)];
+    for stage in stages {
+        // Before the last tenth is reached, the whole stage is what there is.
+        let late = if stage.last_tenth == EpisodeMeans::default() { stage.whole } else { stage.last_tenth };
+        rows.push([
+            stage.name.clone(),
+            format::reward_symbol(stage.reward).to_owned(),
+            format::count(stage.frames),
+            format::count(stage.whole.episodes),
+            format!("{} -> {}", format::number(stage.first_tenth.mean_return, 2), format::number(late.mean_return, 2)),
+            format::percent(late.success),
+            format::percent(late.success_without_disturbance),
+            late.disturbance_m.map_or_else(|| format::NOTHING.to_owned(), |value| format!("{value:.3} m")),
+        ]);
+    }
+    let widths: [usize; 8] =
+        std::array::from_fn(|column| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0));
+    let align = |(column, cell): (usize, &String)| {
+        let padding = " ".repeat(widths[column] - cell.chars().count());
+        if column < 2 { format!("{cell}{padding}") } else { format!("{padding}{cell}") }
+    };
+    rows.iter().map(|row| row.iter().enumerate().map(align).collect::<Vec<_>>().join("  ")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::training::means::tests::{history, stages};
+
+    fn summary() -> Summary {
+        let config = Config { stages: stages(), ..Config::default() };
+        let folder = RunFolder::new("/nowhere/run");
+        let mut identity = Identity { id: "0a1b".to_owned(), ..Identity::new().unwrap() };
+        identity.begin_incarnation();
+        identity.begin_incarnation();
+        let wall = Wall { all_starts_s: 75.0, last_start_s: 61.0 };
+        Summary::of(&folder, &config, &history(30), &identity, wall, (1500, &"f".repeat(64)))
+    }
+
+    #[test]
+    fn the_last_lines_are_weights_and_frames() {
+        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &End::Stopped);
+        assert!(lines[0].starts_with("run 0a1b stopped: "), "{}", lines[0]);
+        assert_eq!(lines[lines.len() - 2], format!("weights: {}", "f".repeat(64)));
+        assert_eq!(lines[lines.len() - 1], "frames: 1500");
+        assert_eq!(
+            lines[1..4],
+            [
+                "stage  reward  frames  episodes          return  success  SRwoD  disturbance",
+                "I      r        1 000        40   0.75 -> 18.75    50.0%      –      0.250 m",
+                "II     r′         500        20  20.00 -> 29.00    50.0%      –      0.250 m",
+            ]
+        );
+        assert_eq!(
+            lines[4],
+            "training time 1 min 00 s, wall time 1 min 15 s over 2 starts (the last 1 min 01 s), 25.0 frames/s"
+        );
+    }
+
+    #[test]
+    fn a_failed_run_is_called_so_and_has_no_result() {
+        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &End::Failed("disk full".to_owned()));
+        assert!(lines[0].starts_with("run 0a1b failed: "), "{}", lines[0]);
+        assert!(!lines.iter().any(|line| line.starts_with("weights:") || line.starts_with("frames:")));
+    }
+
+    #[test]
+    fn it_is_read_back_as_written() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        assert_eq!(Summary::read(&folder).unwrap(), None);
+        let summary = summary();
+        summary.write(&folder).unwrap();
+        assert_eq!(Summary::read(&folder).unwrap(), Some(summary.clone()));
+        // One of an older version: nobody knows how long it took.
+        let text = std::fs::read_to_string(folder.summary()).unwrap();
+        let mut older: serde_json::Value = serde_json::from_str(&text).unwrap();
+        older.as_object_mut().unwrap().remove("wall").unwrap();
+        std::fs::write(folder.summary(), older.to_string()).unwrap();
+        let older = Summary::read(&folder).unwrap().unwrap();
+        assert_eq!(older, Summary { wall: None, ..summary });
+        assert!(!older.lines(&folder, &End::Complete).iter().any(|line| line.contains("wall")));
+    }
+}
