@@ -5,7 +5,7 @@
 //! the test's.
 
 use crate::modules::Target;
-use crate::tree::Kind;
+use crate::tree::{Kind, ending};
 use crate::{Finding, Rule, Tree};
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use std::collections::{BTreeMap, BTreeSet};
@@ -29,7 +29,7 @@ struct Function {
 
 /// Tests without an assertion.
 pub(crate) fn findings(tree: &Tree, targets: &[Target]) -> Vec<Finding> {
-    let sources = tree.files.iter().filter(|(path, _)| path.ends_with(".rs"));
+    let sources = tree.files.iter().filter(|(path, _)| ending(path) == "rs");
     let functions: BTreeMap<&str, Vec<Function>> =
         sources.filter_map(|(path, text)| Some((path.as_str(), functions(text.parse().ok()?, false)))).collect();
     let shared = targets.iter().filter(|target| target.kind == Kind::Library && serves_tests(target));

@@ -4,6 +4,7 @@
 //! only declares and re-exports is tied to nothing. Tests may use anything: their paths are no ties.
 
 use crate::modules::{Place, Target};
+use crate::paths::Reach;
 use crate::{Finding, Rule};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -56,7 +57,7 @@ fn of_crate(target: &Target) -> Vec<Finding> {
 fn ties(target: &Target) -> Ties<'_> {
     let mut ties = Ties::new();
     for (index, module) in target.modules.iter().enumerate().filter(|(_, module)| !module.test) {
-        let imports = module.uses.iter().filter(|used| !used.exported && !used.glob && !used.test);
+        let imports = module.uses.iter().filter(|used| used.reach == Reach::Module && !used.glob && !used.test);
         let imports = imports.map(|used| (&used.path, used.line));
         let mentions = module.mentions.iter().filter(|mention| !mention.test);
         for (path, line) in imports.chain(mentions.map(|mention| (&mention.path, mention.line))) {

@@ -8,6 +8,7 @@
 //! pass; what is found is certain.
 
 use crate::modules::{Place, Target};
+use crate::paths::Reach;
 use crate::syntax::{Sources, attributes, for_tests, identifiers, plain};
 use crate::tree::Kind;
 use crate::{Finding, Rule};
@@ -179,15 +180,17 @@ fn items(target: &Target, sources: &Sources) -> Vec<Item> {
         for item in &mut found[first..] {
             item.exposed = exposed(item.shown.split("::").next().unwrap_or_default());
         }
-        let renamed =
-            module.uses.iter().filter(|used| used.exported && !used.glob && used.path.last() != Some(&used.name));
+        let renamed = module
+            .uses
+            .iter()
+            .filter(|used| used.reach != Reach::Module && !used.glob && used.path.last() != Some(&used.name));
         found.extend(renamed.map(|used| Item {
             file: module.file.clone(),
             line: used.line,
             name: used.name.clone(),
             shown: used.name.clone(),
             signature: used.path.last().cloned().into_iter().collect(),
-            exposed: used.public && target.kind == Kind::Library,
+            exposed: used.reach == Reach::World && target.kind == Kind::Library,
             silent: true,
         }));
     }

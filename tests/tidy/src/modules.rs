@@ -1,6 +1,6 @@
 //! The modules of a crate, what each defines and imports, and where a path leads.
 
-use crate::paths::{Mention, Reader, Use};
+use crate::paths::{Mention, Reach, Reader, Use};
 use crate::syntax::{Sources, attributes, for_tests, name, plain};
 use crate::tree::{CrateRoot, Kind};
 use std::collections::{BTreeMap, BTreeSet};
@@ -152,20 +152,18 @@ impl Target {
             return Some(Place::Item(at));
         }
         let named = module.uses.iter().filter(|used| !used.glob && used.name == name);
-        let imported = named.filter(|used| used.path.len() > 1 || used.path[0] != name);
-        if let Some(place) = imported.filter_map(|used| self.follow(at, &used.path, steps)).next() {
+        let mut imported = named.filter(|used| used.path.len() > 1 || used.path[0] != name);
+        if let Some(place) = imported.find_map(|used| self.follow(at, &used.path, steps)) {
             return Some(place);
         }
         if child.is_some() {
             return child;
         }
-        let globs = module.uses.iter().filter(|used| used.glob);
-        globs
-            .filter_map(|used| match self.follow(at, &used.path, steps)? {
-                Place::Module(other) if other != at => self.look_up(other, name, last, steps),
-                _ => None,
-            })
-            .next()
+        let mut globs = module.uses.iter().filter(|used| used.glob);
+        globs.find_map(|used| match self.follow(at, &used.path, steps)? {
+            Place::Module(other) if other != at => self.look_up(other, name, last, steps),
+            _ => None,
+        })
     }
 
     /// Whether another crate can name what module `at` defines as `name`.
@@ -174,7 +172,9 @@ impl Target {
             Some(Place::Module(module)) if used.glob => self.look_up(module, name, true, MOST_STEPS),
             place => place,
         } == Some(Place::Item(at));
-        let named = |used: &&Use| used.public && (used.glob || used.path.last().is_some_and(|last| last == name));
+        let named = |used: &&Use| {
+            used.reach == Reach::World && (used.glob || used.path.last().is_some_and(|last| last == name))
+        };
         let mut modules = self.modules.iter().enumerate().filter(|(index, _)| self.is_reachable(*index));
         self.is_reachable(at)
             || modules.any(|(index, module)| module.uses.iter().filter(named).any(|used| passed_on(index, used)))

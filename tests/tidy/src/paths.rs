@@ -13,14 +13,23 @@ pub(crate) struct Use {
     pub name: String,
     /// Whether it ends in `*`.
     pub glob: bool,
-    /// Whether it passes the name on to other modules.
-    pub exported: bool,
-    /// Whether it passes the name on to other crates.
-    pub public: bool,
+    /// Who gets the name from here.
+    pub reach: Reach,
     /// Whether only tests have it.
     pub test: bool,
     /// Its line.
     pub line: usize,
+}
+
+/// Who can use an imported name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Reach {
+    /// The module that imports it.
+    Module,
+    /// Others of the crate, too: a re-export.
+    Crate,
+    /// Other crates, too, as far as they reach the module.
+    World,
 }
 
 /// A path that code names.
@@ -81,9 +90,12 @@ impl Reader {
             syn::UseTree::Glob(glob) => (String::new(), true, glob.star_token.spans[0].start().line),
         };
         if !path.is_empty() {
-            let exported = !matches!(vis, syn::Visibility::Inherited);
-            let public = matches!(vis, syn::Visibility::Public(_));
-            self.uses.push(Use { path, name, glob, exported, public, test: self.test, line });
+            let reach = match vis {
+                syn::Visibility::Inherited => Reach::Module,
+                syn::Visibility::Restricted(_) => Reach::Crate,
+                syn::Visibility::Public(_) => Reach::World,
+            };
+            self.uses.push(Use { path, name, glob, reach, test: self.test, line });
         }
     }
 

@@ -4,6 +4,7 @@
 //! below it. Where a path can only be in a run folder or in another project, its first folder is in [`ELSEWHERE`].
 
 use crate::modules::join;
+use crate::tree::ending;
 use crate::{Finding, Rule, Tree};
 use std::collections::BTreeSet;
 
@@ -86,14 +87,14 @@ impl<'a> Places<'a> {
             }
         }
         for target in plain.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
-            if document.ends_with(".md") && !target.contains("://") && !self.link_works(document, target) {
+            if ending(document) == "md" && !target.contains("://") && !self.link_works(document, target) {
                 found.push(target.to_owned());
             }
         }
         let words: Vec<&str> = plain.split_whitespace().filter(|word| !word.contains("](")).collect();
         for word in &words {
             let word = word.trim_matches(|c: char| !c.is_ascii_alphanumeric() && c != '_');
-            let named = word.ends_with(".rs") || word.ends_with(".md");
+            let named = matches!(ending(word), "rs" | "md");
             if named && !word.contains("://") && self.is_path(word) && !self.is_there(word) {
                 found.push(word.to_owned());
             }
@@ -182,9 +183,7 @@ fn matches(part: &str, wanted: &str) -> bool {
 
 /// The lines of comments or prose in a file, with their numbers.
 fn comments(path: &str, text: &str) -> Vec<(usize, String)> {
-    let name = path.rsplit('/').next().unwrap_or_default();
-    let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
-    let mark = match ending {
+    let mark = match ending(path) {
         "md" => return prose(text),
         "rs" | "cpp" | "cu" | "h" | "c" | "proto" => "//",
         "py" | "toml" | "sh" => "#",

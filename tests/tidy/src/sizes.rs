@@ -1,6 +1,7 @@
 //! Lengths of functions and files.
 
 use crate::syntax::Sources;
+use crate::tree::ending;
 use crate::{Finding, Rule, Tree};
 use syn::visit::Visit;
 
@@ -11,14 +12,14 @@ const FILE_LINES: usize = 600;
 /// What names the reason of a longer function, in a comment directly above it.
 const REASON: &str = "Long because: ";
 /// Endings of sources that are written by hand.
-const SOURCES: [&str; 7] = [".rs", ".py", ".cpp", ".cu", ".h", ".c", ".proto"];
+const SOURCES: [&str; 7] = ["rs", "py", "cpp", "cu", "h", "c", "proto"];
 
 /// Functions and files that are too long.
 pub(crate) fn findings(tree: &Tree, sources: &Sources) -> Vec<Finding> {
     let mut found = vec![];
     for (path, text) in &tree.files {
         let lines = text.lines().count();
-        if lines > FILE_LINES && SOURCES.iter().any(|ending| path.ends_with(ending)) {
+        if lines > FILE_LINES && SOURCES.contains(&ending(path)) {
             found.push(Finding {
                 path: path.clone(),
                 line: 1,
@@ -31,7 +32,7 @@ pub(crate) fn findings(tree: &Tree, sources: &Sources) -> Vec<Finding> {
         let mut measure = Measure { path, lines: &lines, found: &mut found };
         if let Some(file) = sources.get(path) {
             measure.visit_file(file);
-        } else if path.ends_with(".py") {
+        } else if ending(path) == "py" {
             measure.python();
         }
     }

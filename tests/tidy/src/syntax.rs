@@ -1,5 +1,6 @@
 //! Parsed sources, and what several rules ask of the syntax.
 
+use crate::tree::ending;
 use crate::{Finding, Rule, Tree};
 use proc_macro2::{TokenStream, TokenTree};
 use std::collections::BTreeMap;
@@ -12,7 +13,7 @@ pub(crate) type Sources = BTreeMap<String, syn::File>;
 pub(crate) fn parse(tree: &Tree) -> (Sources, Vec<Finding>) {
     let mut sources = Sources::new();
     let mut found = vec![];
-    for (path, text) in tree.files.iter().filter(|(path, _)| path.ends_with(".rs")) {
+    for (path, text) in tree.files.iter().filter(|(path, _)| ending(path) == "rs") {
         match syn::parse_file(text) {
             Ok(file) => {
                 sources.insert(path.clone(), file);

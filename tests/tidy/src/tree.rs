@@ -118,11 +118,17 @@ impl Tree {
                 }
                 _ => continue,
             };
-            if path.ends_with(".rs") {
+            if ending(path) == "rs" {
                 let name = name.trim_end_matches(".rs").replace('-', "_");
                 found.push(CrateRoot { name, kind, path: format!("{folder}{path}") });
             }
         }
         found
     }
+}
+
+/// The ending of a file's name, without the dot.
+pub(crate) fn ending(path: &str) -> &str {
+    let name = path.rsplit('/').next().unwrap_or_default();
+    name.rsplit_once('.').map_or("", |(_, ending)| ending)
 }

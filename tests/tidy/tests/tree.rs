@@ -15,7 +15,7 @@ fn the_sources_of_the_workspace_are_tidy() {
     let findings = tidy::findings(&tree);
     let found: BTreeSet<String> = findings.iter().map(tidy::Finding::key).collect();
     if std::env::var_os("TIDY_ACCEPT").is_some() {
-        let text: String = found.iter().map(|key| format!("{key}\n")).collect();
+        let text = found.into_iter().map(|key| key + "\n").collect::<String>();
         std::fs::write(package.join("tests/known.txt"), text).expect("a writable checkout");
         return;
     }

@@ -25,7 +25,7 @@ const PARKED: Vec3 = Vec3::new(0.0, -20.0, 0.0);
 
 /// What a room must offer to become a kitchen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Demands {
+pub(crate) struct Demands {
     /// Whether all twelve target categories must be there.
     pub every_target: bool,
     /// Fewest places where each target can stand.
@@ -94,7 +94,7 @@ struct Rested {
 impl Kitchen {
     /// Builds a room's physics world, lets it come to rest, and finds where episodes can take place in it. The error
     /// says what is wrong with the room; it is never empty.
-    pub fn assemble(id: KitchenId, timestep_s: f32, room: Room, demands: &Demands) -> Result<Self, Vec<Flaw>> {
+    pub(crate) fn assemble(id: KitchenId, timestep_s: f32, room: Room, demands: &Demands) -> Result<Self, Vec<Flaw>> {
         let rested = Rested::of(room, timestep_s)?;
         let Rested { world, scene, bodies, static_count, poses, movables, robot, robot_parts, things, surfaces, floor } =
             rested;

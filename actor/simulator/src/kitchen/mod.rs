@@ -32,7 +32,8 @@ pub mod room;
 mod settled;
 pub mod spots;
 
-pub use assembly::{Demands, Flaw};
+pub(crate) use assembly::Demands;
+pub use assembly::Flaw;
 pub use body::{Body, BodyRole};
 pub use generate::{CONNECTED_LEAST, DrawnRoom, KitchenError, SPOTS_LEAST, draw_room};
 pub use settled::{Kitchen, Matter};
