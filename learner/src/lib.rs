@@ -1,12 +1,8 @@
 //! The learner: one process per GPU (or CPU) that infers for all actors of its machine, collects rollouts and trains.
 //!
 //! The algorithm is [`ppo`], on one page. [`agent::Agent`] is network, beliefs, rollout and optimiser behind one
-<<<<<<< HEAD
-//! struct; it uses neither processes nor files. [`process`] is everything around it.
-=======
 //! struct; it uses no files, and of other processes only the other learners ([`peers`]). [`process`] is everything
 //! around it.
->>>>>>> house-edge
 
 pub mod agent;
 pub mod auxiliary;
