@@ -30,7 +30,7 @@ pub enum DeviceError {
 
 /// Picks the device and the CPU's arithmetic, and fixes libtorch's thread counts: `threads` within an operation, one
 /// between operations. Call it before any tensor is made.
-pub fn choose(choice: DeviceChoice, cpu: CpuArithmetic, threads: u32) -> Result<Device, DeviceError> {
+pub(crate) fn choose(choice: DeviceChoice, cpu: CpuArithmetic, threads: u32) -> Result<Device, DeviceError> {
     if cpu == CpuArithmetic::Fastest {
         arithmetic::use_fastest();
     }

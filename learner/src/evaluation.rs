@@ -28,7 +28,7 @@ pub type Played = (EpisodeRecord, Vec<u8>);
 
 /// All columns of an evaluation.
 #[derive(Debug, Clone)]
-pub struct Examination {
+pub(crate) struct Examination {
     plan: Plan,
     column_map: ColumnMap,
     lambda_disturb: f32,
@@ -62,7 +62,7 @@ impl Examination {
     }
 
     /// Episodes that have not ended.
-    pub fn remaining(&self) -> usize {
+    pub(crate) fn remaining(&self) -> usize {
         self.remaining
     }
 
@@ -78,7 +78,7 @@ impl Examination {
     }
 
     /// Notes what the policy chose for a column, and returns what to send: HOLD for one that has run out.
-    pub fn choose(&mut self, column: usize, action: u8, foretold: Option<bool>) -> u8 {
+    pub(crate) fn choose(&mut self, column: usize, action: u8, foretold: Option<bool>) -> u8 {
         let course = &mut self.courses[column];
         if course.episode.is_none() {
             return HOLD;

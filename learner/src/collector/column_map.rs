@@ -1,5 +1,6 @@
 //! Which column of the batch is which environment.
 
+use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::Kitchens;
 use std::ops::Range;
@@ -23,6 +24,13 @@ impl ColumnMap {
     pub fn new(first_actor: u32, actors: u32, environments_per_actor: u32) -> Self {
         assert!(actors > 0 && environments_per_actor > 0, "a learner has environments");
         Self { first_actor, actors, environments_per_actor, kitchens: Kitchens::TRAINING }
+    }
+
+    /// The environments of the actors that a rank serves.
+    pub(crate) fn of(rank: u32, config: &Config) -> Self {
+        let actors = config.shares().actors_of(rank);
+        Self::new(actors.start, actors.len() as u32, config.actors.environments_per_actor)
+            .in_kitchens(config.kitchens())
     }
 
     /// The same in other kitchens than those of training.

@@ -86,7 +86,7 @@ impl Environments {
     }
 
     /// True when some action's outcome has not been taken in.
-    pub fn any_in_flight(&self) -> bool {
+    pub(crate) fn any_in_flight(&self) -> bool {
         self.in_flight.iter().any(Option::is_some)
     }
 

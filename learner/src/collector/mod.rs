@@ -429,7 +429,7 @@ impl<S: HalfSample> Collector<S> {
     ///
     /// # Panics
     /// If the half's observations are not complete.
-    pub fn transitions(&self, half: u32) -> impl Iterator<Item = (usize, &Transition)> {
+    pub(crate) fn transitions(&self, half: u32) -> impl Iterator<Item = (usize, &Transition)> {
         let samples = self.halves[half as usize].complete().expect("outcomes are told of a complete half");
         let column_map = self.settings.column_map;
         (0..).zip(samples).flat_map(move |(index, sample)| {
@@ -452,7 +452,7 @@ impl<S: HalfSample> Collector<S> {
     ///
     /// # Panics
     /// If the half's observations are not complete.
-    pub fn batch_with(&self, half: u32, mut noise: impl FnMut(Place, &mut Vec<f32>)) -> Batch<'_> {
+    pub(crate) fn batch_with(&self, half: u32, mut noise: impl FnMut(Place, &mut Vec<f32>)) -> Batch<'_> {
         let Settings { column_map, policy_actions, carried_goal, .. } = self.settings;
         let samples = self.halves[half as usize].complete().expect("a batch is made of a complete half");
         let count = column_map.half(half).len() * samples.len();
@@ -521,7 +521,7 @@ impl<S: HalfSample> Collector<S> {
     }
 
     /// Steps that every column has taken, when none is in the middle of one and there are more to come; of all planned.
-    pub fn between_steps(&self) -> Option<[usize; 2]> {
+    pub(crate) fn between_steps(&self) -> Option<[usize; 2]> {
         let Cursor { shape, turn, .. } = self.rollout();
         let halves = self.halves.len();
         (turn % halves == 0 && turn / halves < shape.steps).then_some([turn / halves, shape.steps])
@@ -543,7 +543,7 @@ impl<S: HalfSample> Collector<S> {
     ///
     /// # Panics
     /// If that was not the current task.
-    pub fn bootstrapped(&mut self, half: u32) {
+    pub(crate) fn bootstrapped(&mut self, half: u32) {
         assert_eq!(self.task(), Task::Bootstrap { half }, "a half is bootstrapped when it is due");
         self.cursor.as_mut().expect("a task is due in a rollout").turn += 1;
     }

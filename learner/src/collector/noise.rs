@@ -15,7 +15,7 @@ pub fn gumbel(seed: u64, environment: EnvironmentId, episode: u32, step: u32, co
 }
 
 /// Appends `count` draws of standard Gumbel noise from the stream of `key` to `noise`.
-pub fn gumbel_of(key: Key, count: usize, noise: &mut Vec<f32>) {
+pub(crate) fn gumbel_of(key: Key, count: usize, noise: &mut Vec<f32>) {
     let mut random = key.stream();
     // libm, so that every machine samples the same actions.
     noise.extend((0..count).map(|_| -libm::log(-libm::log(random.uniform_open())) as f32));

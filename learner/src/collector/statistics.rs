@@ -46,7 +46,7 @@ pub struct RolloutStatistics {
 
 impl RolloutStatistics {
     /// Takes one step in.
-    pub fn add_step(&mut self, reward: f32) {
+    pub(crate) fn add_step(&mut self, reward: f32) {
         self.frames += 1;
         self.reward += f64::from(reward);
     }

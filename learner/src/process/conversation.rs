@@ -2,11 +2,10 @@
 //! and evaluating are two ways to lead it.
 
 use super::announcements::Announcements;
-use super::column_map;
 use super::control::Control;
 use super::link::{Ports, Sample};
 use super::stop::{OrchestratorGone, Stop};
-use crate::collector::{Boundary, Collector, Received, Settings};
+use crate::collector::{Boundary, Collector, ColumnMap, Received, Settings};
 use anyhow::Result;
 use proto::config::Config;
 use proto::event::LearnerEvent;
@@ -64,7 +63,7 @@ impl<'a, W: Write> Conversation<'a, W> {
     pub fn open(speaker: Speaker<'a>, config: &Config, boundary: Boundary, output: W) -> Result<Self> {
         let Speaker { rank, incarnation, ports, gone } = speaker;
         let settings = Settings {
-            column_map: column_map(rank, config),
+            column_map: ColumnMap::of(rank, config),
             seed: config.seed,
             policy_actions: config.episode.action_space.actions().len(),
             max_episode_steps: config.episode.max_steps,

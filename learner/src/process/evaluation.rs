@@ -6,9 +6,9 @@
 use super::conversation::{Conversation, Speaker};
 use super::link::Ports;
 use super::stop::{OrchestratorGone, Stop};
-use super::{column_map, weights};
+use super::weights;
 use crate::agent::Agent;
-use crate::collector::{Boundary, Reward, Task};
+use crate::collector::{Boundary, ColumnMap, Reward, Task};
 use crate::device;
 use crate::evaluation::Examination;
 use anyhow::{Result, bail};
@@ -57,7 +57,7 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
             (manifest.rollout, manifest.frames)
         }
     };
-    let column_map = column_map(RANK, &config);
+    let column_map = ColumnMap::of(RANK, &config);
     let seed = (!asked.deterministic).then_some(config.seed);
     let policy_actions = config.episode.action_space.actions().len();
     let examination = Examination::new(plan, column_map, config.reward.lambda_disturb, seed, policy_actions);

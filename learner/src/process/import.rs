@@ -2,10 +2,10 @@
 //! made the run folder.
 
 use super::lock::{self, Lock};
-use super::{column_map, machine};
+use super::machine;
 use crate::agent::{Agent, OtherSign};
 use crate::checkpoint::{Snapshot, Store, decode_tensors};
-use crate::collector::Boundary;
+use crate::collector::{Boundary, ColumnMap};
 use crate::import::{Naming, how_to_convert};
 use crate::{device, import};
 use anyhow::{Context, Result, bail};
@@ -56,7 +56,7 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
         rollout: 0,
         frames: 0,
         agent: agent.state(),
-        boundary: Boundary::start(column_map(0, &config).columns()),
+        boundary: Boundary::start(ColumnMap::of(0, &config).columns()),
         weights: agent.weights_digest(),
     };
     let checkpoint = store.save(&snapshot)?;

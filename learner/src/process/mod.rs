@@ -8,6 +8,7 @@ mod check;
 mod control;
 mod conversation;
 mod evaluation;
+mod failure;
 mod import;
 mod link;
 mod lock;
@@ -18,14 +19,14 @@ mod weights;
 
 pub use check::check;
 pub use evaluation::{EvaluationArguments, evaluate};
+pub use failure::{is_non_finite, is_of_peers};
 pub use import::{ImportArguments, import};
-pub use training::NonFinite;
 
-use crate::agent::{Agent, AgentError};
+use crate::agent::Agent;
 use crate::checkpoint::Store;
-use crate::collector::{Boundary, ColumnMap, ProtocolError};
+use crate::collector::Boundary;
 use crate::device;
-use crate::peers::{PeerError, Peers};
+use crate::peers::Peers;
 use anyhow::{Context, Result, bail, ensure};
 use conversation::{Conversation, Speaker};
 use link::Ports;
@@ -97,35 +98,6 @@ pub fn run(arguments: Arguments) -> Result<()> {
     Training { config, run, store, agent, conversation, rollout, frames, saved }.run()
 }
 
-/// Whether an error is about a number that is not finite: the process then ends with
-/// [`proto::exit::EXIT_NON_FINITE`].
-pub fn is_non_finite(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| {
-        cause.is::<NonFinite>()
-            || matches!(cause.downcast_ref(), Some(AgentError::NonFinite { .. }))
-            || cause.downcast_ref().is_some_and(ProtocolError::is_non_finite)
-    })
-}
-
-/// Whether an error is that another learner is gone
-/// or cannot go on: the process then ends with [`proto::exit::EXIT_LOST_PEERS`].
-pub fn is_of_peers(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| {
-        let peers = cause.downcast_ref().or(match cause.downcast_ref() {
-            Some(AgentError::Peers(error)) => Some(error),
-            _ => None,
-        });
-        matches!(peers, Some(PeerError::Lost { .. } | PeerError::Elsewhere))
-    })
-}
-
-/// The environments of the actors that a rank serves.
-fn column_map(rank: u32, config: &Config) -> ColumnMap {
-    let actors = config.shares().actors_of(rank);
-    ColumnMap::new(actors.start, actors.len() as u32, config.actors.environments_per_actor)
-        .in_kitchens(config.kitchens())
-}
-
 /// Their columns in the whole run.
 fn columns(rank: u32, config: &Config) -> Range<usize> {
     let actors = config.shares().actors_of(rank);
@@ -190,23 +162,4 @@ fn begin_from(agent: &mut Agent, from: &FromConfig) -> Result<()> {
     }
     tracing::info!("begins with the weights of {} ({} frames)", from.checkpoint, from.frames);
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::collector::Mismatch;
-
-    #[test]
-    fn a_number_that_is_not_finite_is_found_under_whatever_was_said_on_the_way() {
-        let seen = |error: anyhow::Error| is_non_finite(&error.context("in the middle").context("of something"));
-        let mismatch = |non_finite| {
-            ProtocolError::from(Mismatch { actor: 0, kitchen: 1, environment: 0, problem: String::new(), non_finite })
-        };
-        assert!(seen(AgentError::NonFinite { what: "loss".into() }.into()));
-        assert!(seen(mismatch(true).into()));
-        assert!(!seen(mismatch(false).into()));
-        assert!(!seen(AgentError::UnknownAction { column: 0, action: 99 }.into()));
-        assert!(!seen(anyhow::anyhow!("a weight is not finite")));
-    }
 }

@@ -3,7 +3,7 @@
 
 use super::announcements::Word;
 use super::conversation::{Conversation, Silent};
-use super::is_non_finite;
+use super::failure::{NonFinite, is_non_finite};
 use super::stop::Stop;
 use crate::agent::{Agent, AgentError};
 use crate::checkpoint::{Part, Snapshot, Store, encode_tensors};
@@ -23,15 +23,6 @@ use wire::fault;
 
 /// Longest wait for a rollout's announcement.
 const ANNOUNCEMENT_DEADLINE: Duration = Duration::from_mins(1);
-
-/// A number that is not finite, and where to look at what it came from.
-#[derive(Debug, thiserror::Error)]
-#[error("{what}; what rollout {rollout} was made of is in {dump}")]
-pub struct NonFinite {
-    rollout: u64,
-    what: String,
-    dump: String,
-}
 
 /// All that training needs.
 pub struct Training<'a, W> {

@@ -1,4 +1,4 @@
-"""Holds the modules of make_fixtures.py, which the Rust tests are compared with, against AllenAct's own.
+"""Holds the modules of plain_network.py, which the Rust tests are compared with, against AllenAct's own.
 
     pip install torch==2.11.0 numpy==2.4.6 safetensors==0.8.0
     pip install --no-deps allenact==0.5.4 gym==0.26.2 gym_notices cloudpickle attrs networkx scipy packaging \\
@@ -14,7 +14,8 @@ import torch
 from allenact.embodiedai.models.basic_models import RNNStateEncoder
 from allenact.embodiedai.models.resnet import GroupNormResNetEncoder, gnresnet18
 
-import make_fixtures as ours
+import allenact_names
+import plain_network
 
 
 def difference(a: torch.Tensor, b: torch.Tensor) -> float:
@@ -25,10 +26,10 @@ def encoder() -> None:
     """Names, shapes, output and gradients of the visual encoder."""
     space = gym.spaces.Dict({"depth": gym.spaces.Box(0.0, 10.0, (224, 224, 1), np.float32)})
     theirs = GroupNormResNetEncoder(space, None, "depth", 512, baseplanes=32, ngroups=16, make_backbone=gnresnet18)
-    mine = ours.AllenActResnet()
-    ours.set_weights(mine)
+    mine = allenact_names.AllenActResnet()
+    plain_network.set_weights(mine)
     theirs.load_state_dict(mine.state_dict(), strict=True)
-    depth = torch.stack([ours.depth_mm(0, n) for n in range(3)]).float() / 1000.0
+    depth = torch.stack([plain_network.depth_mm(0, n) for n in range(3)]).float() / 1000.0
     depth = (depth - 0.5) / 0.25
     a, b = mine(depth[:, None]), theirs({"depth": depth[None, ..., None]})[0]
     torch.manual_seed(1)

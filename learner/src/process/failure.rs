@@ -1,0 +1,55 @@
+//! Why a learner ends: errors that have an exit status of their own.
+
+use crate::agent::AgentError;
+use crate::collector::ProtocolError;
+use crate::peers::PeerError;
+
+/// A number that is not finite, and where to look at what it came from.
+#[derive(Debug, thiserror::Error)]
+#[error("{what}; what rollout {rollout} was made of is in {dump}")]
+pub struct NonFinite {
+    pub(super) rollout: u64,
+    pub(super) what: String,
+    pub(super) dump: String,
+}
+
+/// Whether an error is about a number that is not finite: the process then ends with
+/// [`proto::exit::EXIT_NON_FINITE`].
+pub fn is_non_finite(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause.is::<NonFinite>()
+            || matches!(cause.downcast_ref(), Some(AgentError::NonFinite { .. }))
+            || cause.downcast_ref().is_some_and(ProtocolError::is_non_finite)
+    })
+}
+
+/// Whether an error is that another learner is gone or cannot go on: the process then ends with
+/// [`proto::exit::EXIT_LOST_PEERS`].
+pub fn is_of_peers(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        let peers = cause.downcast_ref().or(match cause.downcast_ref() {
+            Some(AgentError::Peers(error)) => Some(error),
+            _ => None,
+        });
+        matches!(peers, Some(PeerError::Lost { .. } | PeerError::Elsewhere))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collector::Mismatch;
+
+    #[test]
+    fn a_number_that_is_not_finite_is_found_under_whatever_was_said_on_the_way() {
+        let seen = |error: anyhow::Error| is_non_finite(&error.context("in the middle").context("of something"));
+        let mismatch = |non_finite| {
+            ProtocolError::from(Mismatch { actor: 0, kitchen: 1, environment: 0, problem: String::new(), non_finite })
+        };
+        assert!(seen(AgentError::NonFinite { what: "loss".into() }.into()));
+        assert!(seen(mismatch(true).into()));
+        assert!(!seen(mismatch(false).into()));
+        assert!(!seen(AgentError::UnknownAction { column: 0, action: 99 }.into()));
+        assert!(!seen(anyhow::anyhow!("a weight is not finite")));
+    }
+}
