@@ -7,14 +7,14 @@ use tch::{Cuda, Device};
 
 /// Loads libtorch's CUDA half if this machine has it, so that one binary serves CPU and GPU machines.
 ///
-/// Must be the first line of `main`: libtorch looks for CUDA once, when it is first asked or first computes, and what
-/// it does not find then stays unavailable for good. Without the library, or without a driver, nothing happens.
+/// Must be the first line of `main`: libtorch looks for CUDA once, at its first query or computation. If it finds none
+/// then, CUDA stays unavailable. Without the library, or without a driver, nothing happens.
 pub fn load_cuda() {
     // Without it there is no GPU to compute on: no error.
     let _ = library::open(&[c"libtorch_cuda.so"]);
 }
 
-/// Has libtorch's warnings be log lines of level debug. They speak to those who write PyTorch programs ("call
+/// Turns libtorch's warnings into log lines of level debug. They address authors of PyTorch programs ("call
 /// `flatten_parameters()`"), and some come with every call.
 pub fn log_warnings() {
     warnings::hear(|text| tracing::debug!("libtorch: {text}"));

@@ -1,4 +1,5 @@
-//! Playing planned episodes with a policy: what is chosen, what came of it, and who has run out. No I/O, no tensors.
+//! Runs planned episodes with a policy: chosen actions, outcomes, and columns without further episodes. No I/O, no
+//! tensors.
 
 use crate::collector::{ColumnMap, Place, gumbel_of};
 use proto::action::HOLD;
@@ -7,10 +8,10 @@ use proto::random::{Key, Purpose};
 use proto::reward::RewardKind;
 use proto::step::{Transition, transition_flag};
 
-/// The episode that a column plays.
+/// The episode of a column.
 #[derive(Debug, Clone, Default)]
 struct Course {
-    /// The episode's number in its kitchen; none when the column has run out.
+    /// The episode's number in its kitchen; none if the column has no further episode.
     episode: Option<u32>,
     /// Episodes that this column has ended.
     played: u32,
@@ -18,7 +19,7 @@ struct Course {
     failed_actions: u32,
     return_r: f64,
     return_r_prime: f64,
-    /// What the head said of the action on its way.
+    /// The disturbance head's prediction for the action in flight.
     foretold: Option<bool>,
     confusion: Option<Confusion>,
 }
@@ -32,7 +33,7 @@ pub(crate) struct Examination {
     plan: Plan,
     column_map: ColumnMap,
     lambda_disturb: f32,
-    /// None takes the most probable action.
+    /// None: take the most probable action.
     seed: Option<u64>,
     policy_actions: usize,
     courses: Vec<Course>,
@@ -77,7 +78,8 @@ impl Examination {
         gumbel_of(key, self.policy_actions, noise);
     }
 
-    /// Notes what the policy chose for a column, and returns what to send: HOLD for one that has run out.
+    /// Notes the policy's action for a column and returns the action to send: HOLD if the column has no further
+    /// episode.
     pub(crate) fn choose(&mut self, column: usize, action: u8, foretold: Option<bool>) -> u8 {
         let course = &mut self.courses[column];
         if course.episode.is_none() {
@@ -88,7 +90,7 @@ impl Examination {
         action
     }
 
-    /// Takes in what a column's last action did; the record of its episode if that has ended.
+    /// Records the outcome of a column's last action; returns the record of its episode if that has ended.
     pub fn settle(&mut self, column: usize, transition: &Transition) -> Option<Played> {
         let course = &mut self.courses[column];
         let episode = course.episode?;
@@ -99,7 +101,7 @@ impl Examination {
         course.failed_actions += u32::from(has(transition_flag::ACTION_FAILED));
         if let Some(foretold) = course.foretold.take() {
             let confusion = course.confusion.get_or_insert_default();
-            // As in training, an episode's last step is not asked about.
+            // As in training, an episode's last step does not count.
             if !has(transition_flag::ENDED) {
                 confusion.count(foretold, transition.reward.disturbed());
             }

@@ -1,8 +1,8 @@
-//! Weights from elsewhere: a state dict of AllenAct's `ArmPointNavBaselineActorCritic` (its own, or the one of the
+//! Imported weights: a state dict of AllenAct's `ArmPointNavBaselineActorCritic` (its own, or the one of the
 //! disturbance-free project that the paper describes), or weights of another run of ours.
 //!
-//! The correspondence of names is [`correspondences`], which is also the table in ARCHITECTURE.md. Three tensors differ in
-//! more than their name:
+//! The correspondence of names is [`correspondences`], which is also the table in ARCHITECTURE.md. Three tensors differ
+//! in more than their names:
 //!
 //! * **Previous action.** Where AllenAct's table has a row an action and none for "no action yet", an episode's first
 //!   observation is given the row of the action that ended the episode before. That is Done, unless the step limit ended
@@ -12,8 +12,8 @@
 //!   round: the columns of `weight_ih_l0` change places. (AllenAct's own configuration embeds the goal in 512 numbers;
 //!   such weights have no place here, where it is 32, as in the disturbance-free project.)
 //!
-//! The goal vector of AllenAct's sensors is object − goal while the object is held (`network.carried_goal`), which no tensor
-//! shows: the process around this refuses a configuration with the other sign.
+//! The goal vector of AllenAct's sensors is object − goal while the object is held (`network.carried_goal`), which no
+//! tensor shows. The caller refuses a configuration with the other sign.
 
 use crate::agent::{AgentState, MODEL};
 use crate::auxiliary::TASKS;
@@ -25,8 +25,8 @@ use std::fmt;
 use std::path::Path;
 use tch::{Kind, Tensor};
 
-/// Our module path and AllenAct's, both up to and including the dot before what they have in common. Those of an
-/// encoder or an auxiliary task are in its own file: see [`correspondences`].
+/// Our module path and AllenAct's, both up to and including the dot before their common part. Those of an encoder or an
+/// auxiliary task are in its own file: see [`correspondences`].
 const COMMON: [(&str, &str); 9] = [
     ("goal_embedder.0.", "goal_embedder.0.0."),
     ("goal_embedder.2.", "goal_embedder.1.0."),
@@ -212,7 +212,7 @@ fn is_auxiliary(name: &str) -> bool {
     name.starts_with("auxiliary.")
 }
 
-/// The state dict under our names, each with its own; of a checkpoint only what is its model.
+/// Pairs of our name and the original name for every tensor; of a checkpoint only the model's tensors.
 fn by_our_names(
     state_dict: &BTreeMap<String, Tensor>,
     naming: Naming,
@@ -260,7 +260,7 @@ fn adapt(name: &str, tensor: &Tensor, size: &[i64], space: ActionSpace, goal_fir
     }
 }
 
-/// What to tell someone whose file, which is no safetensors file, is one of `torch.save`; nothing of another.
+/// Advice for a file that is not a safetensors file but one of `torch.save`; none for other files.
 pub(crate) fn how_to_convert(file: &Path, bytes: &[u8]) -> Option<String> {
     // A zip archive, or of old versions a bare pickle.
     if !(bytes.starts_with(b"PK\x03\x04") || matches!(bytes, [0x80, 2..=5, ..])) {

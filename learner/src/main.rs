@@ -62,7 +62,7 @@ struct EvaluateArgs {
 }
 
 fn main() -> ExitCode {
-    // First: anything that asks for CUDA before its library is loaded makes it unavailable for good.
+    // First: any query for CUDA before its library is loaded makes CUDA unavailable for the whole process.
     learner::device::load_cuda();
     wire::logging::to_stderr();
     learner::device::log_warnings();
@@ -86,7 +86,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             if process::is_of_peers(&error) {
-                // Someone else's end, and told as that.
+                // Another learner's death is the cause, and the log says so.
                 tracing::info!("{error:#}");
                 return ExitCode::from(EXIT_LOST_PEERS as u8);
             }

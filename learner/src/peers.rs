@@ -1,12 +1,12 @@
-//! The learners of a run, as one of them sees them: where DD-PPO's gradients cross.
+//! The learners of a run, from the side of one of them: DD-PPO's all-reduce and everything else that they exchange.
 //!
 //! Every learner trains on the rollouts of its own actors. Losses are sums over its frames divided by the frames of all
 //! learners, so gradients add up to those of one learner that had all the actors; all take the same optimiser step with
-//! the sum, and their weights stay the same bit for bit. With equal shares that is the mean that DD-PPO speaks of. Only
-//! contrastive prediction (`cpca16`) is another thing with several learners: its negatives come from one's own rows.
+//! the sum, and their weights stay the same bit for bit. With equal shares this is DD-PPO's mean. Only contrastive
+//! prediction (`cpca16`) changes with the number of learners: a learner draws its negative samples from its own rows.
 //!
-//! Everybody makes the same calls in the same order. When one dies, the others' calls fail or wait until the
-//! orchestrator ends them: a group is never mended, all begin again together at the last checkpoint.
+//! All learners make the same calls in the same order. When one dies, the calls of the others fail, or block until the
+//! orchestrator ends them. A group is never repaired: all learners restart together from the last checkpoint.
 
 use crate::ffi;
 use crate::ffi::group::ProcessGroup;
@@ -15,10 +15,10 @@ use std::path::Path;
 use std::time::Duration;
 use tch::{Device, Kind, TchError, Tensor};
 
-/// The longest that a learner may take to start.
+/// Longest time that a learner may take to join.
 const MEETING: Duration = Duration::from_secs(90);
-/// The longest that one may let the others wait later, for a rollout or an update. Only for when there is nobody who
-/// looks: the orchestrator ends a run that does not get on much earlier.
+/// Longest time of a later operation, in which a learner waits for the others' rollout or update. A last resort: the
+/// orchestrator ends a run without progress much earlier.
 const PATIENCE: Duration = Duration::from_hours(24);
 /// The note that holds NCCL's invitation.
 const INVITATION: &str = "nccl";
@@ -57,18 +57,18 @@ pub enum PeerError {
     /// libtorch's process group fails.
     #[error("learner {rank} has lost the others: {cause}")]
     Lost {
-        /// Who says so.
+        /// Rank of the learner that reports this.
         rank: u32,
-        /// What libtorch says.
+        /// libtorch's error.
         cause: TchError,
     },
     /// The GPUs cannot reach one another.
     #[error("the learners' GPUs cannot reach one another: {0}")]
     Gpus(#[from] NcclError),
-    /// Another learner cannot go on, and says why.
+    /// Another learner cannot continue; it reports the reason itself.
     #[error("another learner cannot go on")]
     Elsewhere,
-    /// What must be the same everywhere is not.
+    /// A value that must be identical on all learners is not.
     #[error("the learners have come apart: {what} differ ({values:x?}, by rank)")]
     Apart {
         /// What was compared.
@@ -79,7 +79,7 @@ pub enum PeerError {
 }
 
 impl Peers {
-    /// Meets the others, `learners` in all, at a file that nobody has used before.
+    /// Joins the group of all `learners` learners. The file is the rendezvous and must be new.
     pub fn meet(file: &Path, [rank, learners]: [u32; 2], device: Device) -> Result<Self, PeerError> {
         if learners == 1 {
             return Ok(Self::Alone);
@@ -98,7 +98,7 @@ impl Peers {
             None
         };
         let peers = Self::Group(Group { rank, learners, gloo, gpus });
-        // Now all are here: nobody leaves while others still come.
+        // A barrier: no learner leaves before all have joined.
         peers.barrier()?;
         Ok(peers)
     }
@@ -155,7 +155,7 @@ impl Peers {
         group.gloo.note(&finished(rollout, group.rank), &[1]).map_err(|cause| group.lost(cause))
     }
 
-    /// How many have noted so.
+    /// How many learners have noted this.
     pub fn finished(&self, rollout: u64) -> Result<Finished, PeerError> {
         let Self::Group(group) = self else { return Ok(Finished { finished: 0, learners: 1 }) };
         let mut count = 0;
@@ -166,8 +166,8 @@ impl Peers {
         Ok(Finished { finished: count, learners: group.learners })
     }
 
-    /// Brings what every learner has to say to the first: there the others' parts come back, in the order of their
-    /// ranks; none at the others.
+    /// Sends every learner's part to rank 0. Returns the parts of the others there, in the order of their ranks, and
+    /// nothing on the other ranks.
     pub fn gather(&self, part: &[u8]) -> Result<Vec<Vec<u8>>, PeerError> {
         let Self::Group(group) = self else { return Ok(vec![]) };
         let lost = |cause| group.lost(cause);
@@ -187,10 +187,10 @@ impl Peers {
         Ok(parts)
     }
 
-    /// Makes sure that a number is the same at all learners.
+    /// Checks that a number is identical on all learners.
     pub(crate) fn agree(&self, what: &'static str, value: u64) -> Result<(), PeerError> {
         let Self::Group(group) = self else { return Ok(()) };
-        // Everybody fills two places of its own: halves of 32 bits are exact as numbers.
+        // Each learner fills its own two places: halves of 32 bits are exact in a double.
         let mut halves = vec![0.0; 2 * group.learners as usize];
         let own = 2 * group.rank as usize;
         (halves[own], halves[own + 1]) = ((value >> 32) as f64, (value & 0xffff_ffff) as f64);

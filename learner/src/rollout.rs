@@ -1,4 +1,4 @@
-//! What was seen, chosen and got in one rollout of T steps × N columns.
+//! Observations, actions and outcomes of one rollout of T steps × N columns.
 //!
 //! Frames stay on the learner's device; the few numbers besides them lie on the host, row-major in (step, column), and
 //! go to the device once an update, in the order of a [`Packing`].
@@ -13,7 +13,7 @@ use tch::{Device, Tensor};
 #[allow(clippy::struct_excessive_bools)]
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Step {
-    /// What the network was given for the goal.
+    /// The network's goal input.
     pub goal: [f32; 3],
     /// Row of the action embedding for the previous action.
     pub previous_action: i64,
@@ -112,7 +112,7 @@ impl Rollout {
         &self.steps[self.index(t, column)]
     }
 
-    /// Stores what some columns saw and chose in step t. `kept` holds their frames in the same order.
+    /// Stores the observations and actions of some columns in step t. `kept` holds their frames in the same order.
     pub fn store(&mut self, t: usize, columns: &[usize], kept: &Tensor, steps: &[Step]) {
         let rows: Vec<i64> = columns.iter().map(|&column| self.index(t, column) as i64).collect();
         let rows = Tensor::from_slice(&rows).to_device(self.frames.device());
@@ -124,7 +124,7 @@ impl Rollout {
         }
     }
 
-    /// Records what action t of a column led to.
+    /// Records the outcome of a column's action in step t.
     pub fn record(&mut self, t: usize, column: usize, outcome: Outcome) {
         assert!(self.is_valid(t, column), "step {t} of column {column} is no frame of this rollout");
         let index = self.index(t, column);
@@ -141,7 +141,8 @@ impl Rollout {
         self.bootstrap[column] = Some(value);
     }
 
-    /// Value of the observation after a column's last action. A column that holds in the last step has seen it there.
+    /// Value of the observation after a column's last action. For a column that holds in the last step it is the value
+    /// of that step.
     ///
     /// # Panics
     /// If [`Rollout::set_bootstrap`] has not been called for a column that acted in the last step.
@@ -170,7 +171,7 @@ impl Rollout {
         Packing::new(columns, |n| self.steps_of(n), |t, n| self.step(t, n).episode_start)
     }
 
-    /// What was seen, in the order of a packing.
+    /// The observations, in the order of a packing.
     pub fn observations(&self, packing: &Packing) -> Observations {
         let device = self.frames.device();
         let rows: Vec<i64> = packing.rows.iter().map(|&(t, n)| self.index(t, n) as i64).collect();
@@ -189,7 +190,7 @@ impl Rollout {
     }
 
     /// All of it on the CPU, by name: (T, N, …), `bootstrap` (N), NaN where there is none yet. Rows that are not
-    /// `recorded` have no outcome; those that were never stored hold what the last rollout left there.
+    /// `recorded` have no outcome; rows that were never stored hold data of an earlier rollout.
     pub fn tensors(&self) -> BTreeMap<&'static str, Tensor> {
         fn table<T: tch::kind::Element>(steps: &[Step], columns: usize, number: impl Fn(&Step) -> T) -> Tensor {
             let values: Vec<T> = steps.iter().map(number).collect();

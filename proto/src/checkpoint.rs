@@ -1,12 +1,13 @@
-//! The manifest of a checkpoint: what the tensor file must hash to, and where and under what the run stood. A learner
-//! writes it; learner and orchestrator read it.
+//! The manifest of a checkpoint: the hash of the tensor file, the run's position, and the conditions it ran under. A
+//! learner writes it; learner and orchestrator read it.
 
 use crate::config::CarriedGoal;
 use crate::digest::sha256;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What the last bits of a result depend on. A resume under another environment goes on, but not bit for bit.
+/// Everything that the last bits of a result depend on. A run can resume under another environment, but not bit for
+/// bit.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Machine {
@@ -20,8 +21,7 @@ pub struct Machine {
     /// kernels. (The key's name is older than the word.)
     #[serde(rename = "instruction_set")]
     pub arithmetic: String,
-    /// Learners whose gradients are added up. One is not written down: a checkpoint of one is as it was before there
-    /// could be several.
+    /// Learners whose gradients are added up. 1 is not written, so that checkpoints of one learner keep their old form.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub learners: u32,
 }
@@ -82,8 +82,8 @@ pub struct Manifest {
     /// PPO-Lagrangian's multiplier.
     #[serde(with = "exact")]
     pub multiplier: f64,
-    /// Sign of the goal vector that the weights were trained with. The older one is not written down: a checkpoint with
-    /// it is as it was before there were two.
+    /// Sign of the goal vector that the weights were trained with. The older sign is not written, so that checkpoints
+    /// with it keep their old form.
     #[serde(default = "older_sign", skip_serializing_if = "is_older_sign")]
     pub carried_goal: CarriedGoal,
     /// File name of the tensors, in the same folder.
@@ -102,7 +102,7 @@ pub struct Manifest {
     pub manifest_sha256: String,
 }
 
-/// A number as decimal text: JSON numbers are read with a last bit that may differ, and a resumed run must not. One
+/// A number as decimal text: readers of JSON numbers may change the last bit, and a resumed run must be exact. One
 /// number has one text, so that no flipped bit goes unnoticed.
 mod exact {
     use serde::de::Error;

@@ -32,8 +32,8 @@ impl Torch {
 /// it for its learners.
 pub const VISIBLE_DEVICES: &str = "CUDA_VISIBLE_DEVICES";
 
-/// What the machine calls device `index` of those that are `visible`; all are where nothing is said. Empty where there are
-/// not so many: no device rather than another's.
+/// The machine's name of device `index` among the `visible` ones; without a list all are visible. Empty if there are
+/// not so many, so that no other device is used by mistake.
 pub fn device_name(index: usize, visible: Option<&str>) -> String {
     match visible {
         None => index.to_string(),

@@ -1,10 +1,10 @@
-//! What a learner tells the orchestrator: one JSON object a line on its standard output.
+//! Events from a learner to the orchestrator: one JSON object per line on the learner's standard output.
 //!
 //! Logs go to standard error. The other direction is the stage service in shared memory; the learner's standard
 //! input is only a lifeline: when it closes, the orchestrator is gone, and the learner saves and exits.
 //!
-//! Of several learners rank 0 speaks for all: it alone tells of rollouts, updates and checkpoints, and its figures are
-//! those of the whole batch. The others tell of themselves only.
+//! With several learners only rank 0 reports rollouts, updates and checkpoints, with figures of the whole batch. The
+//! others report only their own state.
 
 use crate::evaluation::EpisodeRecord;
 use serde::{Deserialize, Serialize};
@@ -72,7 +72,7 @@ pub enum LearnerEvent {
     },
     /// An episode of an evaluation has ended.
     EpisodePlayed {
-        /// What came of it.
+        /// Its result.
         record: EpisodeRecord,
         /// The actions taken, `A_large` indices.
         actions: Vec<u8>,
@@ -101,7 +101,7 @@ pub enum LearnerEvent {
 }
 
 impl LearnerEvent {
-    /// Rank of the learner that speaks. An evaluation has one.
+    /// Rank of the learner that sent the event. An evaluation has one learner.
     pub fn rank(&self) -> u32 {
         match *self {
             Self::Ready { rank, .. }
@@ -116,7 +116,7 @@ impl LearnerEvent {
     }
 }
 
-/// Seconds that one rollout and its update took, by what the learner was doing.
+/// Seconds that one rollout and its update took, by activity of the learner.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Timing {
     /// Waiting for actors (simulation that inference did not hide).

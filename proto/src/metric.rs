@@ -17,8 +17,8 @@ pub const PICKED_UP: &str = "episode/picked_up";
 pub const DISTURBANCE: &str = "episode/disturbance_m";
 /// Σ `γ^t` (`d_t` - d_{t-1}) of an episode, metres: what PPO-Lagrangian constrains.
 pub const DISCOUNTED_DISTURBANCE: &str = "episode/discounted_disturbance_m";
-/// Learners that ended this rollout early, because most others had finished (DD-PPO); absent where there is one
-/// learner, or nobody is ever hurried.
+/// Learners that ended this rollout early, because most others had finished (DD-PPO); absent with one learner, or
+/// without pre-emption.
 pub const PREEMPTED: &str = "rollout/preempted_learners";
 /// Mean reward a step over the rollout.
 pub const REWARD: &str = "rollout/reward";

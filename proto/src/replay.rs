@@ -1,5 +1,5 @@
-//! Re-simulation of recorded episodes: what `orchestrator replay` tells `actor replay` on its standard input and
-//! what comes back on its standard output, one JSON object a line.
+//! Re-simulation of recorded episodes: requests from `orchestrator replay` on the standard input of `actor replay`, and
+//! results on its standard output, one JSON object per line.
 
 use crate::episode::EnvironmentId;
 use serde::{Deserialize, Serialize};
@@ -61,7 +61,7 @@ pub struct RecordedEpisode {
     pub actions: Vec<u8>,
     /// State hash after each action; as many as `actions`.
     pub hashes: Vec<u64>,
-    /// [`goal_digest`] of what the policy saw before each action, 0 where the recording does not hold it; as many as
+    /// [`goal_digest`] of the goal vector before each action, 0 if the recording does not contain it; as many as
     /// `actions`, or none.
     #[serde(default)]
     pub goals: Vec<u32>,

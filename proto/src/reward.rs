@@ -36,7 +36,7 @@ pub enum RewardKind {
     Lagrangian,
 }
 
-/// What one step contributed, before any weighting.
+/// Parts of one step's reward, before any weighting.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct RewardParts {
@@ -57,7 +57,7 @@ pub struct RewardParts {
 impl RewardParts {
     /// Label of the auxiliary task: this step disturbed something.
     pub fn disturbed(&self) -> bool {
-        // d rose by what the progress fell: a negative progress is a disturbance.
+        // Progress is the decrease of d: a negative progress is a disturbance.
         self.disturbance_progress_m <= -DISTURBANCE_LABEL_THRESHOLD_M
     }
 
@@ -76,8 +76,8 @@ impl RewardParts {
         progress_m.into_iter().chain([failed_action, picked_up, goal_success]).all(f32::is_finite)
     }
 
-    /// The reward of this step under `kind`. `disturbance_weight` is what a metre of displacement costs: `λ_disturb` in
-    /// r′, the multiplier in PPO-Lagrangian's reward; r does without.
+    /// The reward of this step under `kind`. `disturbance_weight` is the weight of one metre of displacement:
+    /// `λ_disturb` in r′, the multiplier in PPO-Lagrangian's reward; r ignores it.
     pub fn compose(&self, kind: RewardKind, disturbance_weight: f32) -> f32 {
         let task = STEP
             + FAILED_ACTION * self.failed_action

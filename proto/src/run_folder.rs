@@ -54,7 +54,7 @@ impl RunFolder {
         self.root.join("orchestrator.lock")
     }
 
-    /// Lock of a learner: whoever holds it may write checkpoints.
+    /// Lock of a learner: only its holder may write checkpoints.
     pub fn learner_lock(&self, rank: u32) -> PathBuf {
         self.root.join(format!("learner-{rank}.lock"))
     }

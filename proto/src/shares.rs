@@ -1,7 +1,7 @@
 //! Which learner serves which actors.
 //!
-//! Learner r of R has a run of actors one after another, and of whatever does not divide evenly the first learners have
-//! one more. So the learners' columns, laid end to end, are the columns that one learner would have.
+//! Each learner has consecutive actors. If the number does not divide evenly, the first learners have one more. So the
+//! columns of all learners, in the order of ranks, are the columns that a single learner would have.
 
 use std::ops::Range;
 

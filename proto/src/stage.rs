@@ -1,19 +1,19 @@
 //! Stages of a run and the arithmetic of their frame budgets.
 //!
-//! Pure functions of the configuration and the number of frames trained on: the orchestrator decides with them, the
-//! learner checks that it was told the same.
+//! Pure functions of the configuration and the number of frames trained on: the orchestrator decides with them, and the
+//! learner checks the announcement with them.
 
 use crate::config::StageConfig;
 use std::ops::Range;
 
-/// Where a run stands: derived from the frames trained on so far.
+/// Position of a run in its stages, from the frames trained on so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StagePosition {
     /// Index of the stage in the configuration.
     pub stage: usize,
     /// Frames trained on within this stage.
     pub frames_in_stage: u64,
-    /// Frames this stage still wants; at least 1.
+    /// Remaining frames of this stage; at least 1.
     pub frames_left: u64,
 }
 
@@ -101,7 +101,7 @@ pub fn scale_to(stages: &[StageConfig], total: u64) -> Result<Vec<StageConfig>, 
 
 /// The stages of a run that has trained `trained` frames, with new budgets that sum to `total`. Stages that have ended
 /// keep theirs, the others share the rest in proportion: before the first stage has ended, that is [`scale_to`]. The
-/// last stage never counts as ended, so a complete run goes on in it.
+/// last stage never counts as ended, so a complete run continues in it.
 ///
 /// Errors if frames that are trained would lie beyond the end of their stage.
 pub fn rebudget(stages: &[StageConfig], trained: u64, total: u64) -> Result<Vec<StageConfig>, BudgetError> {

@@ -8,8 +8,8 @@ use bytemuck::{Pod, Zeroable};
 
 /// Bits of [`Transition::flags`].
 pub mod transition_flag {
-    /// The transition exists: an action was taken. Unset at step 0 of the first episode after a (re)start, and after
-    /// a HOLD. (An actor that is rebuilt after a HOLD knows nothing of it and repeats the transition before.)
+    /// The transition exists: an action was taken. Unset at step 0 of the first episode after a (re)start, and after a
+    /// HOLD. (An actor that is rebuilt after a HOLD has no record of it and repeats the transition before.)
     pub const VALID: u32 = 1;
     /// The action failed (blocked, out of reach, or a `PickUp` that holds nothing).
     pub const ACTION_FAILED: u32 = 1 << 1;
@@ -38,8 +38,8 @@ pub mod current_flag {
     pub const RECORD_DEPTH: u32 = 1 << 2;
 }
 
-/// What the last action did. Speaks of the episode in which the action was taken, also when that has just ended. The
-/// default says that no action was taken: it is not valid, and all zero.
+/// What the last action did. It belongs to the episode in which the action was taken, also if that has just ended. The
+/// default is all zero and not valid: no action was taken.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct Transition {

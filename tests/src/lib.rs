@@ -1,4 +1,4 @@
-//! Starts real runs of the built binaries in temporary folders, hurts them, and looks at what they leave behind.
+//! Starts real runs of the built binaries in temporary folders, injects faults, and checks the results.
 //!
 //! The binaries are those that `cargo build` of the same profile put beside the test executable; `make test` builds
 //! them first.

@@ -1,5 +1,5 @@
-//! One environment: an episode of the task in a kitchen. What an action did becomes a [`Transition`], what is seen now
-//! a [`Current`].
+//! One environment: an episode of the task in a kitchen. An action's outcome is a [`Transition`], the present
+//! observation a [`Current`].
 
 use crate::depth::{Backdrop, DepthCamera, as_unwritten};
 use crate::episode::{Episode, at_goal};
@@ -49,7 +49,7 @@ pub struct Environment {
     record_depth: bool,
     target: usize,
     simulation: Simulation,
-    // Where every movable thing stood at step 0.
+    // Position of every movable thing at step 0.
     origins: Vec<Vec3>,
     step: u32,
     previous_action: u8,
@@ -160,7 +160,7 @@ impl Environment {
         self.begin_counting();
     }
 
-    /// Notes step 0: from here on every displacement counts.
+    /// Starts the count at step 0: every later displacement counts.
     fn begin_counting(&mut self) {
         let key = Key::episode(self.seed, Purpose::Recording, self.id.kitchen, self.id.number, self.episode_number);
         self.record_depth = key.stream().uniform_open() < self.depth_share;
@@ -178,7 +178,7 @@ impl Environment {
         self.peak_farthest_m = 0.0;
     }
 
-    /// Takes one action. Never resets by itself: the flags say when the episode has ended.
+    /// Takes one action. It never resets the environment; the flags show when the episode has ended.
     ///
     /// # Panics
     /// If the episode has ended: the caller starts the next one first.
@@ -386,12 +386,12 @@ impl Environment {
         self.simulation.configuration()
     }
 
-    /// Keeps an eye on every sub-step of this episode from now on: see [`Simulation::extremes`].
+    /// Watches every sub-step of this episode from now on: see [`Simulation::extremes`].
     pub fn watch(&mut self) {
         self.simulation.watch();
     }
 
-    /// The physics beneath, to look at.
+    /// The physics simulation, read-only.
     pub fn simulation(&self) -> &Simulation {
         &self.simulation
     }

@@ -1,4 +1,4 @@
-//! Episodes: which target, from where to where, and where the robot starts.
+//! Episodes: target, start, goal, and the robot's start pose.
 //!
 //! In training a pure function of (run seed, kitchen, environment, episode number).
 
@@ -23,11 +23,11 @@ const START_CLEARANCE_M: f32 = 0.02;
 /// One episode's task.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Episode {
-    /// What is to be brought.
+    /// Category of the target.
     pub category: TargetCategory,
-    /// Where it stands at first, metres.
+    /// Its start position, metres.
     pub start: Vec3,
-    /// Where it is to be brought, metres.
+    /// Its goal position, metres.
     pub goal: Vec3,
     /// Where the robot starts.
     pub stand: Stand,
@@ -113,8 +113,8 @@ fn stand(kitchen: &Kitchen, category: TargetCategory, target: Vec3, distance_max
             }
         }
     }
-    // The nearest stand that is clear of the target, be it out of the arm's reach. Were there none in the whole room,
-    // any would do: the target is then pushed aside while it comes to rest.
+    // The nearest stand that is clear of the target, even if the target is out of the arm's reach. If no stand in the
+    // room is clear, any is used: the target is then pushed aside while it settles.
     let stands = kitchen.robot_stands();
     stands
         .iter()

@@ -61,7 +61,7 @@ pub struct Simulation {
     held: Option<Held>,
     began_at_rest: bool,
     watch: Option<Box<Watch>>,
-    /// The robot's way since it was last asked for, if anyone asked.
+    /// The robot's path since the last call of [`Simulation::take_substeps`], if it is recorded.
     log: Option<Vec<Substep>>,
     // Scratch, without meaning between calls: the way of the robot, pose by pose and body by body.
     path: Vec<PartPoses>,
@@ -119,7 +119,7 @@ impl Simulation {
             sweeps: Vec::new(),
             candidates: Vec::new(),
         };
-        // One sub-step at least: it tells the broad phase where everything is now.
+        // At least one sub-step, which updates the broad phase.
         simulation.place_robot();
         simulation.advance_world();
         simulation.pass(SETTLE_SUBSTEPS);
@@ -204,7 +204,7 @@ impl Simulation {
         self.watch = Some(Box::new(Watch::new(self.kitchen.extent(), self.world.timestep_s(), self.things.poses())));
     }
 
-    /// The worst since [`watch`](Self::watch); none if nobody watched.
+    /// Extremes since [`watch`](Self::watch); none if it was not called.
     pub fn extremes(&self) -> Option<&Extremes> {
         self.watch.as_ref().map(|watch| watch.extremes())
     }
@@ -361,7 +361,7 @@ impl Simulation {
         success
     }
 
-    /// Notes where the robot went, if anyone asked.
+    /// Records the robot's path, if recording is on.
     fn note<'a>(&mut self, way: impl Iterator<Item = &'a PartPoses>) {
         let held = self.held;
         if let Some(log) = &mut self.log {
@@ -426,13 +426,13 @@ impl Simulation {
         self.advance_world();
     }
 
-    /// The robot is there outright: nothing is near enough to notice.
+    /// Sets the robot's pose directly: nothing is near enough to be touched.
     fn stand(&mut self, poses: &PartPoses) {
         self.poses = *poses;
         self.placed = false;
     }
 
-    /// Tells the physics world where the robot stands, if it does not know.
+    /// Moves the robot's bodies in the physics world to the robot's pose, if they are not there.
     fn place_robot(&mut self) {
         if std::mem::replace(&mut self.placed, true) {
             return;

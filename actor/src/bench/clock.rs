@@ -3,7 +3,7 @@
 use rustix::time::{ClockId, clock_gettime};
 use std::time::Duration;
 
-/// Calls between two looks at the clock: it costs about as much as a hundredth of a frame.
+/// Calls between two readings of the clock, which costs about a hundredth of a frame.
 const CALLS_PER_LOOK: usize = 16;
 
 /// Processor time of the calling thread since it began.

@@ -1,4 +1,4 @@
-//! `actor bench`: what one core does, measured in place.
+//! `actor bench`: speed of one core.
 //!
 //! For each kitchen, policy and number of environments three figures: physics without frames, frames without physics
 //! (drawn whole, from a new camera pose each), and whole steps as a rollout takes them, each on the next environment
@@ -43,7 +43,7 @@ pub struct Options {
     pub kitchens: Vec<KitchenId>,
     /// In this scene instead.
     pub scene: Option<PathBuf>,
-    /// Under whom.
+    /// The policy.
     pub policies: Vec<PolicyKind>,
     /// Processor time for each figure, seconds.
     pub seconds: f64,

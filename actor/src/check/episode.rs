@@ -1,7 +1,7 @@
 //! What an episode must satisfy.
 //!
-//! Resting places are tried in the physics, reach and paths by the planner of [`crate::oracle`] among what is fixed.
-//! Nothing here depends on how a policy, be it the oracle, fares in the episode.
+//! Resting places are tried in the physics, reach and paths by the planner of [`crate::oracle`] among what is fixed. No
+//! check depends on how well any policy, the oracle included, does in the episode.
 
 use crate::oracle::{self, Leg};
 use crate::parallel::in_parallel;

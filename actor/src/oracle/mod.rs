@@ -1,13 +1,13 @@
-//! A planner that knows everything, to prove that the task can be solved in these kitchens with the 21 actions.
+//! A planner with privileged state. It proves that the task can be solved in these kitchens with the 21 actions.
 //!
 //! An episode has two legs: to the target, and with it to the goal. A leg is planned as three searches, all of them A*
 //! over the actions themselves: the arm into the way it travels ([`reach`]), the drive ([`floor`]), the arm to where
 //! the leg ends ([`reach`] again). [`space`] says what is in the way.
 //!
-//! Two variants. [`Variant::Fast`] takes the shortest way it finds and sees only what is fixed: whatever else stands in
-//! its way is pushed, and only what does not give way is walked around afterwards. [`Variant::Careful`] keeps clear of
-//! everything movable, lifts before it drives, and tries each plan on a copy of the environment before it acts. The
-//! difference between the two is what a policy can gain by care.
+//! Two variants. [`Variant::Fast`] takes the shortest way it finds and sees only what is fixed: it pushes other things
+//! in its way, and drives around them only if they do not move. [`Variant::Careful`] keeps clear of everything movable,
+//! lifts before it drives, and tries each plan on a copy of the environment before it acts. The difference between the
+//! two shows what a policy can gain from care.
 
 mod floor;
 mod moment;

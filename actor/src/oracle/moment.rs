@@ -1,4 +1,4 @@
-//! What a planner has to know of one moment: where everything is, and what the robot holds.
+//! State of one moment for the planner: positions of all things, and what the robot holds.
 
 use proto::action::Action;
 use rapier3d::math::{Pose3, Vec3};

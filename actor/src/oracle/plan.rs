@@ -25,10 +25,10 @@ pub struct Stands<'a> {
 }
 
 impl<'a> Stands<'a> {
-    /// The first ones: for who has another plan to try.
+    /// The first few: for a caller that has another plan to try.
     pub const FIRST: Self = Self { most: 400, avoided: &[] };
 
-    /// About all there are, but these: for who must know whether there is a way. They come in order of the drive, those
+    /// Nearly all of them: for a caller that must know whether any way exists. They come in order of the drive, those
     /// from which the arm just does not reach before those from which it does.
     pub const fn all_but(avoided: &'a [Configuration]) -> Self {
         Self { most: 4000, avoided }

@@ -28,7 +28,7 @@ const EXPANSIONS: u32 = 3000;
 /// Turns of the elbow that are tried, in its own steps; upright first.
 const ELBOWS: [&[i32]; 2] = [&[0], &[-6, 6, -3, 3]];
 /// Actions of the arm that a search uses. Of two ways of the same length the one is taken whose first difference comes
-/// earlier here: up before across before down, as whoever takes a thing from a table moves the arm.
+/// earlier here: up before across before down, as a person takes a thing from a table.
 const ACTIONS: [Action; 10] = [
     Action::MoveArmHeightP,
     Action::MoveArmYP,

@@ -1,4 +1,4 @@
-//! `actor oracle`: lets the oracle loose on episodes and says how it fared, a line per kitchen.
+//! `actor oracle`: runs the oracle on episodes and prints its results, one line per kitchen.
 
 use super::{Policy, Variant};
 use crate::arguments::numbered;

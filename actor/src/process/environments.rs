@@ -121,7 +121,7 @@ impl Environments {
         Ok(())
     }
 
-    /// Writes what environment `index` has to say, its frame rendered in place.
+    /// Writes the observation of environment `index`; its frame is rendered in place.
     pub fn observe(&mut self, index: usize, slot: &mut MaybeUninit<Observation>) {
         let running = &mut self.running[index];
         whereabouts::enter(running.id, running.episode);

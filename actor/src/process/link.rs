@@ -34,7 +34,7 @@ impl Link {
         anyhow::ensure!(actor < actors, "the run has actors 0 to {}: there is no actor {actor}", actors - 1);
         let wire = Wire::join(address, shape, &format!("actor-{actor:02}"))?;
         Ok(Self {
-            // What can be told to this actor is open before it is heard of.
+            // The actor's own subscribers are open before it announces itself.
             restores: wire.restore_subscriber(actor)?,
             actions: wire.action_subscriber(actor)?,
             wakeup: wire.actions_wakeup(actor)?,
@@ -68,9 +68,9 @@ impl Link {
         self.send_observations(header, 1, |_, slot| shm::write_zeros(slot)).map(|_| ())
     }
 
-    /// Sends `count` observations, each written in place by `write`, which is given its index and must initialise
-    /// the whole slot. Blocks while a subscriber is full. Returns whether all subscribers got them: one that has only
-    /// just come, and has not looked for publishers yet, can miss a sample.
+    /// Sends `count` observations, each written in place by `write`, which is given its index and must initialise the
+    /// whole slot. Blocks while a subscriber is full. Returns whether all subscribers got them: a new subscriber that
+    /// has not yet connected to this publisher can miss a sample.
     pub fn send_observations(
         &self,
         header: ObservationHeader,

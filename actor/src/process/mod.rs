@@ -1,4 +1,4 @@
-//! The rollout actor: one kitchen, E environments, one conversation with the learner.
+//! The rollout actor: one kitchen, E environments, one connection to the learner.
 //!
 //! ```text
 //! protocol      who says what when: a pure state machine

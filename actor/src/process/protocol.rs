@@ -1,7 +1,7 @@
 //! The actor's side of the protocol as a pure state machine: messages and time in, what to do next out.
 //!
-//! It knows nothing of shared memory, physics or clocks. The shell ([`super::run`]) feeds it every restore and every
-//! action batch that arrives and does what [`Protocol::next`] says, one thing at a time:
+//! It contains no shared memory, physics or clocks. The shell ([`super::run`]) passes it every restore and every action
+//! batch that arrives, and executes [`Protocol::next`], one step at a time:
 //!
 //! ```text
 //!            restore adopted                  actions for this step
@@ -16,9 +16,9 @@
 use std::time::Duration;
 use wire::message::{ActionHeader, Halves, ObservationHeader, RestoreHeader, observation_kind};
 
-/// Time between two HELLOs while nobody has answered.
+/// Time between two HELLOs until a restore arrives.
 const HELLO_INTERVAL: Duration = Duration::from_millis(200);
-/// Time until an observation that reached nobody is sent again.
+/// Time until an undelivered observation is sent again.
 const RESEND_INTERVAL: Duration = Duration::from_millis(50);
 /// Longest single wait for a message. Every message rings, but its sender can be killed before it does.
 const WAIT_MAX: Duration = Duration::from_millis(250);
@@ -42,7 +42,7 @@ pub enum Todo {
     Wait(Duration),
 }
 
-/// What became of a message.
+/// What was done with a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// It counts.
@@ -85,7 +85,7 @@ pub(crate) struct Protocol {
 }
 
 impl Protocol {
-    /// An actor that has just started: it says HELLO until a restore arrives.
+    /// An actor that has just started: it sends HELLO until a restore arrives.
     pub fn new(actor: u32, incarnation: u32, environments: u32) -> Self {
         let idle = HalfState { step: 0, stage_version: 0, phase: Phase::Awaiting };
         Self {
@@ -138,8 +138,7 @@ impl Protocol {
         Verdict::Accepted
     }
 
-    /// An action batch has arrived with `actions` actions. If accepted, the shell keeps them until it is told to
-    /// [`Todo::Act`].
+    /// An action batch has arrived with `actions` actions. If accepted, the shell keeps them until [`Todo::Act`].
     pub(crate) fn on_actions(&mut self, header: &ActionHeader, actions: usize) -> Verdict {
         if self.learner_incarnation != Some(header.learner_incarnation) {
             return Verdict::Ignored("they come from another learner incarnation");

@@ -1,4 +1,4 @@
-//! Observations written where they lie in shared memory. The only unsafe code of the process.
+//! Writes observations in place in shared memory: the unsafe code of the rollout process's protocol.
 
 use proto::step::{Current, Transition};
 use std::mem::MaybeUninit;

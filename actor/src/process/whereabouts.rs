@@ -34,7 +34,7 @@ impl fmt::Display for Whereabouts {
     }
 }
 
-/// Makes a panic's last words name the place. Call once, after logging is set up.
+/// Adds the environment to panic messages. Call it once, after logging is set up.
 pub fn name_it_in_panics() {
     std::panic::set_hook(Box::new(|panic| {
         let place = here().map_or_else(|| "outside any episode".to_owned(), |here| format!("in {here}"));

@@ -176,7 +176,7 @@ impl Film {
     }
 }
 
-/// What is to be said of a moment but its number and the episode's end.
+/// Caption of a moment, without its number and the episode's end.
 fn words(environment: &Environment, transition: Option<&Transition>) -> Words {
     let current = environment.current();
     let is = |flag: u32| transition.is_some_and(|transition| transition.flags & flag != 0);

@@ -13,10 +13,10 @@ pub enum AgentError {
         /// Which number.
         what: String,
     },
-    /// An observation that cannot be.
+    /// An observation with an unknown previous action.
     #[error("column {column}: the policy has no action {action}, which is said to have been taken")]
     UnknownAction {
-        /// Whose observation.
+        /// Column of the observation.
         column: usize,
         /// The wire value.
         action: u8,

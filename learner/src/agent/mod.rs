@@ -70,7 +70,8 @@ pub struct StepOutput {
 pub struct Choice {
     /// `A_large` indices.
     pub actions: Vec<u8>,
-    /// Whether the action is foretold to disturb something; none without the auxiliary task `disturb`.
+    /// Whether the disturbance head predicts that the action disturbs something; none without the auxiliary task
+    /// `disturb`.
     pub disturbs: Option<Vec<bool>>,
 }
 
@@ -84,7 +85,7 @@ pub struct Agent {
     adam: Adam,
     /// PPO-Lagrangian's λ: moves only in its stages.
     multiplier: f64,
-    /// Columns of the whole run that this learner's are.
+    /// This learner's columns, numbered as in the whole run.
     columns: Range<usize>,
     peers: Peers,
     /// Beliefs before the next observation, \[columns, hidden\].
@@ -95,19 +96,19 @@ pub struct Agent {
     staging: Staging,
 }
 
-/// What the network says of some columns' observations.
+/// The network's outputs for the observations of some columns.
 struct Inference {
     kept: Tensor,
     beliefs: Tensor,
     /// \[rows · actions\].
     log_probs: Vec<f32>,
     values: Vec<f32>,
-    /// What the observations look like to the network, with nothing chosen yet.
+    /// The network's inputs; no actions are chosen yet.
     steps: Vec<Step>,
 }
 
 impl Agent {
-    /// A fresh agent for all of a run's environments: weights are a function of the network's configuration and
+    /// An agent for all environments of a run. Its initial weights are a function of the network's configuration and
     /// `config.seed`.
     pub fn new(config: &Config, device: Device) -> Result<Self, AgentError> {
         Self::among(Peers::Alone, 0..config.environments(), config, device)
@@ -156,8 +157,8 @@ impl Agent {
 
     /// Infers step `t` for some columns, stores what was seen and chosen, and advances their beliefs.
     ///
-    /// A column that holds in the rollout's last step is inferred too: its value is what its last action bootstraps
-    /// from, its action is not to be sent, and its belief stays, because the same observation comes again.
+    /// A column that holds in the rollout's last step is inferred, too: its last action bootstraps from this value. Its
+    /// action must not be sent. Its belief does not change, because the same observation comes again.
     ///
     /// # Panics
     /// Outside a rollout, or when the input's slices differ in length.
@@ -207,7 +208,7 @@ impl Agent {
         Ok(Choice { actions: chosen.into_iter().map(|action| space[action].index()).collect(), disturbs })
     }
 
-    /// Records what action `t` of a column led to. Not called for a column that held.
+    /// Records the outcome of a column's action in step `t`. Not called for a column that held.
     pub fn record(&mut self, t: usize, column: usize, outcome: Outcome) {
         let rollout = self.rollout.as_mut().expect("record is called between begin_rollout and update");
         rollout.record(t, column, outcome);
@@ -229,7 +230,7 @@ impl Agent {
         &self.peers
     }
 
-    /// Ends the rollout after its first `steps` steps: what is seen next is for [`Agent::bootstrap`].
+    /// Ends the rollout after its first `steps` steps. The next observations go to [`Agent::bootstrap`].
     ///
     /// # Panics
     /// Outside a rollout, or if it is not longer than that.
@@ -237,7 +238,8 @@ impl Agent {
         self.rollout.as_mut().expect("a rollout in progress is cut").cut(steps);
     }
 
-    /// Judges the observations after the last action. Beliefs stay where they are. Columns that held may be left out.
+    /// Computes the values of the observations after the last action. Beliefs stay where they are. Columns that held
+    /// may be left out.
     pub fn bootstrap(&mut self, input: &StepInput) -> Result<(), AgentError> {
         let Inference { values, .. } = self.infer(input)?;
         let rollout = self.rollout.as_mut().expect("bootstrap is called between begin_rollout and update");
@@ -247,8 +249,8 @@ impl Agent {
         Ok(())
     }
 
-    /// Trains on the rollout and ends it. `progress` is how far the learning rate has fallen; `rollout` its number, for the
-    /// error's text. After an error the rollout is still there to be looked at or abandoned.
+    /// Trains on the rollout and ends it. `progress` is how far the learning rate has fallen; `rollout` its number, for
+    /// the error's text. After an error the rollout is kept, so that it can be inspected or abandoned.
     ///
     /// Figures: [`proto::metric`] from `loss/policy` on, and the auxiliary task's as `auxiliary/…`.
     ///
@@ -312,7 +314,7 @@ impl Agent {
     }
 
     /// PPO-Lagrangian's step of the multiplier after an update, by the mean discounted disturbance of the episodes that
-    /// ended, metres. When none ended there is nothing to step by.
+    /// ended, metres. If none ended, the multiplier does not change.
     pub fn constrain(&mut self, mean_discounted_disturbance_m: Option<f64>) {
         if let Some(constraint_m) = mean_discounted_disturbance_m {
             self.multiplier = ascend(self.multiplier, self.config.reward.lagrangian.learning_rate, constraint_m);
@@ -325,8 +327,8 @@ impl Agent {
         self.multiplier = self.config.reward.lagrangian.initial;
     }
 
-    /// The rollout in progress for a look at what went wrong, as tensors on the CPU named `rollout.…`; empty outside
-    /// one. The beliefs it began with are in [`Agent::state`].
+    /// The rollout in progress for diagnosis: tensors on the CPU named `rollout.…`. Empty if no rollout is in progress.
+    /// The beliefs it began with are in [`Agent::state`].
     pub fn rollout_tensors(&self) -> BTreeMap<String, Tensor> {
         let tensors = self.rollout.as_ref().map(Rollout::tensors).unwrap_or_default();
         tensors.into_iter().map(|(name, tensor)| (format!("rollout.{name}"), tensor)).collect()
@@ -338,7 +340,7 @@ impl Agent {
         self.network.parameters.digest()
     }
 
-    /// What it computes on and in, in words: see [`device::describe`].
+    /// Device and precision as text: see [`device::describe`].
     pub fn device(&self) -> String {
         device::describe(self.device, self.network.is_fused())
     }

@@ -1,9 +1,9 @@
 //! CPC|A: contrastive prediction of what comes after the next actions (Guo et al., *Neural Predictive Belief
 //! Representations*, 2018), 16 steps ahead.
 //!
-//! From the belief `b_t` a second GRU runs on with the actions that were taken, without observations. After each of its
-//! steps a classifier sees its state beside an observation's embedding and says whether that is the one which was
-//! seen then. The other one it is shown is drawn from elsewhere in the batch.
+//! From the belief `b_t` a second GRU runs on with the actions that were taken, without observations. After each step a
+//! classifier gets the GRU's state and an observation's embedding, and predicts whether this observation is the one
+//! that followed. Negative samples come from other rows of the batch.
 
 use super::query::{Epoch, Query};
 use super::task::{Entry, Pass, Sizes, Tally, Task, TaskLoss};
@@ -21,10 +21,10 @@ pub(crate) const ENTRY: Entry = Entry {
     declare: |layout, sizes, config| Box::new(Cpca::new(layout, sizes, config.subsample)),
 };
 
-/// What its tally holds.
+/// Names of the sums in its tally.
 const SUMS: [&str; 3] = ["asked", "positives_right", "negatives_right"];
 
-/// Steps looked ahead.
+/// Number of steps predicted ahead.
 const HORIZON: i64 = 16;
 /// Width of an action's embedding.
 const ACTION: i64 = 16;
@@ -38,7 +38,7 @@ pub struct Cpca {
     context: Gru,
     first: Linear,
     second: Linear,
-    /// Share of the valid pairs of step and offset that an epoch looks at.
+    /// Share of the valid pairs of step and offset that an epoch uses.
     share: f64,
 }
 
@@ -57,7 +57,7 @@ impl Cpca {
     }
 
     /// States of the second GRU, \[horizon, rows, hidden\]: k steps on from each row's belief with the actions taken.
-    /// Past a segment's end they go on with any action; nothing is asked there.
+    /// Beyond a segment's end the actions are arbitrary; no query uses these states.
     fn contexts(&self, parameters: &Parameters, pass: &Pass) -> Tensor {
         let taken: Vec<i64> =
             (0..HORIZON as usize).flat_map(|k| pass.packing.later(k).into_iter().map(|row| row.unwrap_or(0))).collect();

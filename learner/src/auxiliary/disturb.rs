@@ -1,8 +1,9 @@
 //! Disturbance prediction, the paper's auxiliary task (Ni et al. section 3.2): from the belief `b_t` and the action
 //! taken, will this action move an object?
 //!
-//! Disturbances are rare, hence the focal loss (Lin et al. 2017) and a last bias that starts out saying no. As in the
-//! reference, rows without a successor in the rollout, and rows whose successor begins an episode, are left out.
+//! Disturbances are rare. Hence the focal loss (Lin et al. 2017), and an initial last bias that predicts "no
+//! disturbance". As in the reference, rows without a successor in the rollout, and rows whose successor begins an
+//! episode, are left out.
 
 use super::query::{Epoch, Query};
 use super::task::{Entry, Pass, Sizes, Tally, Task, TaskLoss};
@@ -25,7 +26,7 @@ const SUMS: [&str; 4] = ["hits", "misses", "alarms", "quiet"];
 
 /// Width of the hidden layer.
 const WIDTH: i64 = 128;
-/// Start of the last bias: a probability of 1.1%.
+/// Initial value of the last bias: a probability of 1.1%.
 const LAST_BIAS: f64 = -4.5;
 
 /// hidden → 128 → `ReLU` → one logit an action.

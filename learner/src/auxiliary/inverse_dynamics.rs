@@ -25,7 +25,7 @@ const SUMS: [&str; 2] = ["right", "asked"];
 #[derive(Debug)]
 pub struct InverseDynamics {
     decoder: Linear,
-    /// Share of the valid steps that an epoch looks at.
+    /// Share of the valid steps that an epoch uses.
     share: f64,
 }
 

@@ -1,8 +1,8 @@
-//! What a task asks in one epoch: of some rows, what is some steps ahead in the same episode.
+//! The queries of an auxiliary task in one epoch. A query is a pair of rows of the same episode, some steps apart.
 //!
-//! Rows near the end of their episode or of the rollout have nothing ahead of them and are not asked. Of the rest a
-//! task may look at a random share (subsampling); which ones is a function of (seed, rollout, epoch, step, column), so
-//! it depends neither on how columns are divided into passes nor on what was drawn before.
+//! Rows near the end of their episode or of the rollout have no later row and no query. A task may use a random share
+//! of the other queries (subsampling). The choice is a function of (seed, rollout, epoch, step, column). So it depends
+//! neither on the division of columns into passes nor on earlier draws.
 
 use crate::network::Packing;
 use crate::peers::{PeerError, Peers};
@@ -20,12 +20,12 @@ pub struct Epoch {
     pub rollout: u64,
     /// Epoch within the update.
     pub epoch: u32,
-    /// The column of the whole run that the passes' column 0 is: what is drawn does not depend on how the columns are
-    /// divided among learners.
+    /// Number, in the whole run, of the passes' column 0. With it the draws do not depend on the division of columns
+    /// among learners.
     pub first_column: usize,
 }
 
-/// One question: from the belief of `row`, what is `offset` steps ahead, at row `later`?
+/// One query: predict row `later`, `offset` steps ahead, from the belief of `row`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Query {
     /// Row of the packing.
@@ -39,8 +39,8 @@ pub struct Query {
 }
 
 impl Epoch {
-    /// What a task asks of each of these passes: up to `horizon` steps ahead, `share` of all valid questions (all of
-    /// them if that would be few, counted over all learners).
+    /// The queries of each of these passes: up to `horizon` steps ahead, a random `share` of all valid ones, or all of
+    /// them if all learners together have fewer than 10.
     pub(crate) fn queries(
         self,
         packings: &[&Packing],
@@ -81,7 +81,7 @@ impl Epoch {
         let key = Key {
             seed: self.seed,
             purpose,
-            // No kitchen is meant: the epoch takes its place.
+            // The key has no field for the epoch, and no kitchen applies here: the epoch uses the kitchen's field.
             kitchen: self.epoch as u8,
             environment: (self.first_column + column) as u32,
             episode: self.rollout as u32,
@@ -97,7 +97,7 @@ pub(crate) fn count(queries: &[Vec<Query>]) -> u64 {
     queries.iter().map(|queries| queries.len() as u64).sum()
 }
 
-/// Every question whose answer lies in the same episode, by offset and then by row.
+/// Every valid query, by offset and then by row.
 fn all(packing: &Packing, horizon: usize) -> Vec<Query> {
     (1..=horizon)
         .flat_map(|offset| {

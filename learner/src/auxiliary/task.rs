@@ -54,7 +54,7 @@ pub struct Sizes {
     pub actions: i64,
 }
 
-/// What a training pass offers to a task; rows in the order of the packing.
+/// A task's inputs from a training pass; rows in the order of the packing.
 #[derive(Debug)]
 pub struct Pass<'a> {
     /// The rollout that is trained on.

@@ -1,4 +1,4 @@
-//! Checkpoints: all that a run needs to go on as if it had never stopped.
+//! Checkpoints: the complete state that a run needs to continue exactly.
 //!
 //! A checkpoint is two files in `RUN/checkpoints/`: `rollout-K.safetensors` ([`tensors`]) and, written after it,
 //! `rollout-K.json` ([`proto::checkpoint::Manifest`]), which holds the hash of the first and of itself. Each is written beside its place,

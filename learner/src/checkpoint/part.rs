@@ -16,7 +16,7 @@ use tch::Tensor;
 /// Bytes before the tensors: the exchange.
 const HEAD: usize = 8;
 
-/// What only one learner knows.
+/// The state that only one learner has.
 #[derive(Debug)]
 pub struct Part {
     /// Beliefs \[columns, hidden\], on the CPU.
@@ -44,8 +44,8 @@ impl Part {
 }
 
 impl Snapshot {
-    /// Adds the next learner's part behind what is there. Learners may stand at different exchanges, where rollouts were
-    /// cut short; all go on from the last of them.
+    /// Appends the next learner's part. If rollouts were cut short, learners are at different exchanges; all continue
+    /// from the latest one.
     pub fn append(&mut self, part: Part) {
         let Part { beliefs, boundary: Boundary { exchange, environments, running } } = part;
         if let Some(own) = self.agent.tensors.get_mut(BELIEFS) {
@@ -62,7 +62,7 @@ impl Snapshot {
     /// If it has not so many.
     pub fn keep(&mut self, columns: Range<usize>) {
         let all = self.boundary.environments.len();
-        // Beliefs of another number of environments fit no agent, and it will say so.
+        // The agent refuses beliefs of another number of environments.
         if let Some(own) = self.agent.tensors.get_mut(BELIEFS).filter(|own| own.size().first() == Some(&(all as i64))) {
             *own = own.narrow(0, columns.start as i64, columns.len() as i64).copy();
         }

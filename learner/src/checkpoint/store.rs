@@ -36,7 +36,7 @@ pub enum CheckpointError {
         path: PathBuf,
         /// Why.
         cause: std::io::Error,
-        /// Free space on its file system, if that can be told.
+        /// Free space on its file system, if known.
         free_bytes: Option<u64>,
     },
     /// The folder could not be read or created.
@@ -68,7 +68,7 @@ fn list(rejected: &[Rejected]) -> String {
     rejected.iter().map(|rejected| format!("  {rejected}")).collect::<Vec<_>>().join("\n")
 }
 
-/// The newest good checkpoint, and what was passed over on the way to it.
+/// The newest good checkpoint, and the newer unusable ones that were skipped.
 #[derive(Debug)]
 pub struct Loaded {
     /// The state.
@@ -198,8 +198,8 @@ impl Store {
     /// Deletes what need not be kept, now that the checkpoint of rollout `newest` is complete. A file that cannot be
     /// deleted only takes space, so it is no error.
     ///
-    /// Newer ones than `newest` were passed over as unusable, or the run would have gone on from them; they are left
-    /// to be looked at until the run comes by again. Older unusable ones do not count as kept.
+    /// Checkpoints newer than `newest` are unusable, otherwise the run would have resumed from them. They are kept for
+    /// inspection until the run reaches their rollout again. Older unusable ones do not count as kept.
     fn prune(&self, newest: u64) {
         let Ok(mut rollouts) = self.rollouts() else { return };
         rollouts.retain(|&rollout| rollout <= newest);
@@ -229,7 +229,7 @@ impl Store {
         self.sweep_fragments();
     }
 
-    /// Deletes what a process that died while writing left: temporary files, and tensors without a manifest.
+    /// Deletes the remains of a process that died while it wrote: temporary files, and tensors without a manifest.
     fn sweep_fragments(&self) {
         let Ok(entries) = std::fs::read_dir(self.run.checkpoints()) else { return };
         for path in entries.filter_map(|entry| entry.ok().map(|entry| entry.path())) {
@@ -252,7 +252,7 @@ pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
     Ok((tensors_of(&manifest, &tensors_path)?, manifest))
 }
 
-/// The state in the tensor file that a manifest speaks of.
+/// The state in the tensor file that belongs to a manifest.
 fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
     let at = |reason: String| Rejected { path: path.to_path_buf(), reason };
     let bytes = std::fs::read(path).map_err(|cause| at(format!("cannot be read: {cause}")))?;

@@ -13,12 +13,12 @@ use wire::message::EnvironmentState;
 pub struct Reward {
     /// r, r′ or PPO-Lagrangian's.
     pub kind: RewardKind,
-    /// What a metre of displacement costs in it: `λ_disturb` or the multiplier.
+    /// Weight of one metre of displacement: `λ_disturb` or the multiplier.
     pub disturbance_weight: f32,
 }
 
-/// An actor's report that contradicts what the learner knows of that environment: one of the two has a fault, and
-/// training on it would be training on nonsense.
+/// An actor's report contradicts the learner's record of that environment. One of the two is faulty, so the data must
+/// not be used for training.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("actor {actor}, kitchen {kitchen}, environment {environment}: {problem}")]
 pub struct Mismatch {
@@ -36,9 +36,9 @@ pub struct Mismatch {
 
 /// Every environment's episode, actions taken in it, and figures so far.
 ///
-/// An environment is rebuilt from its [`EnvironmentState`] alone. An action is noted when it is sent; what it led to
-/// is taken in later ([`Environments::settle`]). In between the state already names the action: an actor restarted
-/// then replays it and reports the same outcome again.
+/// An environment is rebuilt from its [`EnvironmentState`] alone. An action is noted when it is sent, its outcome later
+/// ([`Environments::settle`]). In between the state already contains the action: an actor that restarts then replays it
+/// and reports the same outcome.
 #[derive(Debug, Clone)]
 pub struct Environments {
     column_map: ColumnMap,
@@ -46,7 +46,7 @@ pub struct Environments {
     gamma: f64,
     states: Vec<EnvironmentState>,
     running: Vec<RunningEpisode>,
-    /// The action on its way, whose outcome has not been taken in.
+    /// The action that was sent and whose outcome is not yet recorded.
     in_flight: Vec<Option<u8>>,
 }
 
@@ -85,7 +85,7 @@ impl Environments {
         &self.running
     }
 
-    /// True when some action's outcome has not been taken in.
+    /// True if the outcome of some action is not yet recorded.
     pub(crate) fn any_in_flight(&self) -> bool {
         self.in_flight.iter().any(Option::is_some)
     }
@@ -104,7 +104,7 @@ impl Environments {
         self.in_flight[column] = Some(action);
     }
 
-    /// Checks an actor's report for a column against what must be true of it.
+    /// Checks an actor's report for a column against the learner's record.
     pub fn check(
         &self,
         column: usize,
@@ -161,7 +161,7 @@ impl Environments {
         }
     }
 
-    /// Takes in what the action in flight led to, if one is. To be called once for each checked report.
+    /// Records the outcome of the action in flight, if there is one. Call it once for each checked report.
     pub fn settle(
         &mut self,
         column: usize,
@@ -189,7 +189,7 @@ impl Environments {
     }
 }
 
-/// `state` includes `action`, the one that `transition` must speak of.
+/// `state` already includes `action`, which `transition` must report.
 fn check_transition(state: &EnvironmentState, action: u8, transition: &Transition) -> Result<(), String> {
     let flags = transition.flags;
     if flags & transition_flag::VALID == 0 {

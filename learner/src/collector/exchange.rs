@@ -1,4 +1,4 @@
-//! The lockstep of one half: which exchange it is at, and whose observations of it have arrived.
+//! The lockstep of one half: its current exchange, and which actors' observations of it have arrived.
 
 /// One half of the environments of every actor of a learner. Actors are named by their place among its own.
 ///
@@ -11,7 +11,7 @@ pub struct Half<S> {
     settled: bool,
 }
 
-/// What a sample's step says about it.
+/// Meaning of a sample's step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arrival {
     /// It is awaited.
@@ -63,7 +63,7 @@ impl<S> Half<S> {
         self.samples.iter().map(Option::as_ref).collect()
     }
 
-    /// True the first time it is asked for an exchange: its outcomes are taken in once.
+    /// True at the first call for an exchange, so that its outcomes are recorded once.
     pub fn begin_settling(&mut self) -> bool {
         !std::mem::replace(&mut self.settled, true)
     }

@@ -1,10 +1,11 @@
 //! The rollout collector: a state machine without I/O, clock or tensors. (Adding the statistics of several learners up,
 //! [`RolloutStatistics::over`], is the one call that speaks to other processes; the training loop makes it afterwards.)
 //!
-//! It is fed with observation samples and the agent's actions and says what to do next ([`Task`]). For each step of a
-//! rollout and each half of the environments: wait until every actor's observations are here, take in what the last
-//! actions led to, let the agent act, send the actions. After the last step the observations are awaited once more, for
-//! the bootstrap values; they stay and are the first of the next rollout.
+//! Its inputs are observation samples and the agent's actions, its output is the next [`Task`]. For each step of a
+//! rollout and each half of the environments it waits until the observations of every actor have arrived, records the
+//! outcomes of the last actions, lets the agent act, and sends the actions. After the last step it waits for one more
+//! observation of each half, for the bootstrap values. These observations are kept: they are the first of the next
+//! rollout.
 //!
 //! Nothing that arrives twice or late changes anything: every sample names its exchange and the learner incarnation
 //! it goes back to. A restarted actor is told where it stands by [`Collector::restore`], at any moment; a restarted
@@ -43,7 +44,7 @@ pub trait HalfSample {
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
-    /// Environment index that observation `i` says it is of.
+    /// Environment index in observation `i`.
     fn environment(&self, i: usize) -> u32;
     /// What the last action did.
     fn transition(&self, i: usize) -> &Transition;
@@ -118,14 +119,14 @@ pub enum Task {
     Finish,
 }
 
-/// What became of a sample.
+/// What was done with a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Received {
     /// It was awaited and is kept.
     Kept,
     /// It was seen before.
     Duplicate,
-    /// It goes back to another learner incarnation: that actor has not been restored yet.
+    /// It belongs to another learner incarnation: the actor has not been restored yet.
     Foreign,
     /// An actor has started: answer with [`Collector::restore`].
     Hello {
@@ -326,7 +327,7 @@ impl<S: HalfSample> Collector<S> {
         let outdated = actor_incarnation < *newest;
         *newest = (*newest).max(actor_incarnation);
         match kind {
-            // The dead predecessor's cry for help: an answer to it could overwrite the one to the living.
+            // A HELLO of an older, dead incarnation: an answer to it could overwrite the answer to the living one.
             observation_kind::HELLO if outdated => return Ok(Received::Duplicate),
             observation_kind::HELLO => return Ok(Received::Hello { actor, actor_incarnation }),
             observation_kind::OBSERVATIONS => {}
@@ -354,8 +355,8 @@ impl<S: HalfSample> Collector<S> {
         Ok(Received::Kept)
     }
 
-    /// Where an actor stands by all that was received from it and sent to it: what it must rebuild when it has just
-    /// started. `actor_incarnation` 0 speaks to whoever listens.
+    /// An actor's state according to all messages received from it and sent to it: an actor that has just started must
+    /// rebuild this state. `actor_incarnation` 0 addresses any incarnation.
     ///
     /// # Panics
     /// If it is not this learner's.
@@ -401,7 +402,8 @@ impl<S: HalfSample> Collector<S> {
         if t == cursor.shape.steps { Task::Bootstrap { half } } else { Task::Act { half, t } }
     }
 
-    /// Takes in what this half's last actions led to. Empty when that has been done, and for the first observations.
+    /// Returns the outcomes of this half's last actions, once. Empty if they were returned before, and for the first
+    /// observations.
     ///
     /// # Panics
     /// If the half's observations are not complete.
@@ -425,7 +427,8 @@ impl<S: HalfSample> Collector<S> {
         settled
     }
 
-    /// What this half's last exchange did, by column, as its actors told it: nothing for a column that held.
+    /// The transitions of this half's last exchange, by column, as its actors reported them; none for a column that
+    /// held.
     ///
     /// # Panics
     /// If the half's observations are not complete.
@@ -448,7 +451,7 @@ impl<S: HalfSample> Collector<S> {
         })
     }
 
-    /// The same with noise of the caller's: it is told whose, and appends one number for each action of the policy.
+    /// The same with the caller's noise: `noise` gets the place and appends one number for each action of the policy.
     ///
     /// # Panics
     /// If the half's observations are not complete.
@@ -520,7 +523,7 @@ impl<S: HalfSample> Collector<S> {
         self.cursor.as_ref().map_or(0, |cursor| cursor.statistics.frames())
     }
 
-    /// Steps that every column has taken, when none is in the middle of one and there are more to come; of all planned.
+    /// Steps that every column has taken, and steps planned; none if a column is within a step or no step follows.
     pub(crate) fn between_steps(&self) -> Option<[usize; 2]> {
         let Cursor { shape, turn, .. } = self.rollout();
         let halves = self.halves.len();
@@ -539,7 +542,7 @@ impl<S: HalfSample> Collector<S> {
         cursor.shape = RolloutShape { steps, environments_in_last_step: columns, frames: (steps * columns) as u64 };
     }
 
-    /// The agent has valued this half's last observations.
+    /// The agent has computed the values of this half's last observations.
     ///
     /// # Panics
     /// If that was not the current task.
@@ -551,7 +554,7 @@ impl<S: HalfSample> Collector<S> {
     /// Ends the rollout. Its last observations stay: they are the next rollout's first.
     ///
     /// # Panics
-    /// If it is not complete, or as many frames were not recorded as its shape says.
+    /// If it is not complete, or the number of recorded frames differs from its shape.
     pub fn finish(&mut self) -> RolloutStatistics {
         assert_eq!(self.task(), Task::Finish, "a rollout is finished when it is complete");
         let cursor = self.cursor.take().expect("a task is due in a rollout");

@@ -1,4 +1,4 @@
-//! What a rollout says about the episodes that ended in it.
+//! Statistics of the episodes that ended in a rollout.
 
 use crate::peers::{PeerError, Peers};
 use proto::metric;
@@ -6,8 +6,8 @@ use proto::reward::UNDISTURBED_THRESHOLD_M;
 use proto::step::{Transition, transition_flag};
 use std::collections::BTreeMap;
 
-/// Figures of an episode in progress that its last transition does not tell. Saved in checkpoints, so that metrics go
-/// on after a resume.
+/// Figures of an episode in progress that its last transition does not contain. Checkpoints save them, so that metrics
+/// continue after a resume.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RunningEpisode {
     /// Undiscounted return so far.
@@ -19,11 +19,11 @@ pub struct RunningEpisode {
 }
 
 impl RunningEpisode {
-    /// Takes one step in; `gamma` is the discount of the constraint.
+    /// Adds one step; `gamma` is the discount of the constraint.
     pub fn add(&mut self, transition: &Transition, reward: f32, gamma: f64) {
         self.episode_return += f64::from(reward);
         let discount = libm::pow(gamma, f64::from(transition.step));
-        // d rose by what the progress fell.
+        // Progress is the decrease of d, so d increases by −progress.
         self.discounted_disturbance_m -= discount * f64::from(transition.reward.disturbance_progress_m);
         self.picked_up |= transition.flags & transition_flag::PICKED_UP != 0;
     }
@@ -45,13 +45,13 @@ pub struct RolloutStatistics {
 }
 
 impl RolloutStatistics {
-    /// Takes one step in.
+    /// Adds one step.
     pub(crate) fn add_step(&mut self, reward: f32) {
         self.frames += 1;
         self.reward += f64::from(reward);
     }
 
-    /// Takes in an episode that ended with `last`.
+    /// Adds an episode that ended with `last`.
     pub fn add_episode(&mut self, last: &Transition, running: &RunningEpisode) {
         let success = last.flags & transition_flag::SUCCESS != 0;
         let share = |condition: bool| f64::from(u8::from(condition));
@@ -101,7 +101,7 @@ impl RolloutStatistics {
         (self.episodes > 0).then(|| self.discounted_disturbance_m / self.episodes as f64)
     }
 
-    /// Frames taken in.
+    /// Number of frames added.
     pub fn frames(&self) -> u64 {
         self.frames
     }

@@ -1,8 +1,8 @@
-// The same bits on every x86-64 processor: libtorch and the libraries in it choose their kernels by the processor they
-// find, unless variables of the environment say otherwise. They read those when they first compute. So a program that
-// this file is linked into sets them before `main`; `stillroom_use_fastest` puts back what was there.
+// The same bits on every x86-64 processor. libtorch and its libraries choose their kernels by the processor, unless
+// environment variables fix the choice. They read these variables at their first computation. So a program that links
+// this file sets them before `main`; `stillroom_use_fastest` restores the old values.
 //
-// What no variable makes the same is done here: products (product.cpp) and square roots.
+// No variable fixes matrix products and square roots, so these are our own (product.cpp, and below).
 
 #include "arithmetic.h"
 #include <cmath>

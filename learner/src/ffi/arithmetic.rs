@@ -10,7 +10,7 @@ unsafe extern "C" {
     fn stillroom_reproducible() -> c_int;
 }
 
-/// Gives libtorch back the choice of its kernels. Without effect on what has computed already: call it first.
+/// Lets libtorch choose its kernels by the processor again. Must be called before the first computation.
 pub fn use_fastest() {
     // SAFETY: it sets variables of the environment, before threads are started that could read them.
     unsafe { stillroom_use_fastest() }

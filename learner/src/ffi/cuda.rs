@@ -1,9 +1,9 @@
-//! Kernels of our own: CUDA C++ compiled at run time by NVRTC and launched through the driver, both loaded when they are
-//! first wanted. What is compiled here needs no CUDA toolkit, neither to build nor to run: libtorch brings NVRTC.
+//! Kernels of our own: CUDA C++ compiled at run time by NVRTC and launched through the driver. Both libraries are
+//! loaded at first use. Neither building nor running needs a CUDA toolkit, because libtorch ships NVRTC.
 //!
-//! Everything happens in the context and on the stream that libtorch uses: the device's primary context, and its default
-//! stream. So launches are in order with libtorch's, and tensors that are dropped while a kernel uses them are safe: the
-//! allocator gives their memory only to what comes later on the same stream.
+//! Everything happens in the context and on the stream that libtorch uses: the device's primary context, and its
+//! default stream. So launches are ordered with libtorch's. Dropping a tensor while a kernel uses it is safe: the
+//! allocator reuses the memory only for later work on the same stream.
 //!
 //! By hand, because cudarc (0.19) does not fit. It loads NVRTC by a list of names that begins with `libnvrtc.so`, whichever
 //! the machine has, and panics without one; we need the one beside libtorch, and an error. It compiles to PTX, which the
@@ -135,7 +135,7 @@ impl Driver {
 
 impl Nvrtc {
     fn open() -> Result<Self, CudaError> {
-        // The first lies beside libtorch and knows where to find NVRTC; its symbols are reached through it.
+        // The first library lies beside libtorch and loads NVRTC; NVRTC's symbols are found through it.
         let library = open(&[c"libcaffe2_nvrtc.so", c"libnvrtc.so.13", c"libnvrtc.so.12"])?;
         Ok(Self {
             create: function!(library, c"nvrtcCreateProgram" as CreateProgram),
@@ -178,13 +178,13 @@ impl Nvrtc {
     }
 }
 
-/// A result of a program: its size is asked for, then the bytes.
+/// A result of a program: first query its size, then copy the bytes.
 fn bytes(program: Handle, size: ResultSize, read: ReadResult) -> Result<Vec<u8>, CudaError> {
     let mut count = 0;
     // SAFETY: a live program; the out-pointer is ours.
     let code = unsafe { size(program, &raw mut count) };
     let mut bytes = vec![0u8; count];
-    // SAFETY: there is room for as many bytes as it said.
+    // SAFETY: the buffer has the size that the library reported.
     let code = if code == 0 { unsafe { read(program, bytes.as_mut_ptr().cast()) } } else { code };
     if code == 0 { Ok(bytes) } else { Err(CudaError::Compilation(format!("no result: error {code}"))) }
 }

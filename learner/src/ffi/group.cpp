@@ -1,6 +1,6 @@
-// Several processes of one machine as a process group of libtorch's own (c10d): they meet at a file, and Gloo carries
-// what they say. libtorch's C interface, and with it tch, leaves c10d out. The wheels hold Gloo without its headers;
-// `gloo/` declares as much of it as c10d's header names.
+// Several processes of one machine as a process group of libtorch's c10d: a file is the rendezvous, Gloo is the
+// transport. tch does not bind c10d, because libtorch's C interface does not export it. The wheels contain Gloo without
+// its headers; `gloo/` declares the types that c10d's header names.
 
 #define USE_C10D_GLOO
 
@@ -15,8 +15,8 @@ struct Group {
 
 // Of every function: returns 0, or 1 with the reason in `message`; no exception leaves.
 
-// Meets `size` - 1 others at the file `path`; each has a rank of its own. They must be there within `meeting_ms`; what
-// takes longer than `patience_ms` afterwards fails. The group belongs to the caller, who closes it.
+// Joins a group of `size` members whose rendezvous is the file `path`; each member has its own rank. All must join
+// within `meeting_ms`; afterwards an operation fails after `patience_ms`. The caller owns the group and closes it.
 extern "C" int stillroom_group_open(const char *path, int rank, int size, int64_t meeting_ms, int64_t patience_ms,
                                     Group **group, char *message, size_t capacity) {
     return guarded(message, capacity, [&] {
@@ -25,7 +25,7 @@ extern "C" int stillroom_group_open(const char *path, int rank, int size, int64_
         store->setTimeout(meeting);
         auto options = c10d::ProcessGroupGloo::Options::create(meeting);
         options->devices = {c10d::ProcessGroupGloo::createDeviceForHostname("127.0.0.1")};
-        // One thing is said at a time.
+        // One operation at a time.
         options->threads = 1;
         auto gloo = c10::make_intrusive<c10d::ProcessGroupGloo>(store, rank, size, options);
         gloo->setTimeout(patience);

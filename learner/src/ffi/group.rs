@@ -69,8 +69,8 @@ unsafe extern "C" {
 pub struct ProcessGroup(Handle);
 
 impl ProcessGroup {
-    /// Meets the `size` - 1 others at a file that nobody has used before; each has a rank of its own. Who is not there
-    /// within `meeting`, or lets the others wait longer than `patience` afterwards, is an error.
+    /// Joins a group of `size` members whose rendezvous is a new file; each member has its own rank. Fails if not all
+    /// members join within `meeting`, or if a later operation takes longer than `patience`.
     pub fn meet(path: &Path, [rank, size]: [u32; 2], [meeting, patience]: [Duration; 2]) -> Result<Self, TchError> {
         let path = text(&path.to_string_lossy())?;
         let [meeting_ms, patience_ms] = [meeting, patience].map(|time| time.as_millis().min(i64::MAX as u128) as i64);
@@ -138,7 +138,7 @@ impl ProcessGroup {
     pub fn read(&self, key: &str, bytes: &mut [u8]) -> Result<(), TchError> {
         let key = text(key)?;
         guarded(|message, capacity| {
-            // SAFETY: as in `note`; there is room for as many bytes as are asked for.
+            // SAFETY: as in `note`; the buffer has the requested size.
             unsafe { stillroom_group_read(self.0, key.as_ptr(), bytes.as_mut_ptr(), bytes.len(), message, capacity) }
         })
     }

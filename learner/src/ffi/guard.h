@@ -1,4 +1,4 @@
-// Where C++ ends: what was thrown becomes text.
+// The boundary of C++: exceptions become error texts.
 #pragma once
 
 #include <c10/util/Exception.h>
@@ -16,7 +16,7 @@ template <typename Body> int guarded(char *message, size_t capacity, Body body) 
         body();
         return 0;
     } catch (const c10::Error &error) {
-        // Without the stack of calls: it tells a user nothing.
+        // Without the call stack, which does not help a user.
         explain(error.what_without_backtrace(), message, capacity);
     } catch (const std::exception &error) {
         explain(error.what(), message, capacity);

@@ -13,7 +13,7 @@ pub enum LibraryError {
     Missing {
         /// Its file name.
         library: &'static str,
-        /// What the loader says.
+        /// The loader's error text.
         reason: String,
     },
     /// It lacks a function.

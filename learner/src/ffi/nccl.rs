@@ -19,7 +19,7 @@ pub enum NcclError {
     Refused {
         /// The function.
         call: &'static str,
-        /// What it says.
+        /// NCCL's error text.
         reason: String,
     },
 }

@@ -1,8 +1,8 @@
 // Convolutions on the CPU as products: the same bits on every processor and with any number of threads, forward and
 // backward. oneDNN's with AVX2, which are reproducible, too, take up to three times as long.
 //
-// Maps are kept with channels last. A patch is what one output pixel sees, in the order (y, x, channel); the patches of
-// some images are a matrix, and output, gradient of the input and gradient of the weight are products with it.
+// Maps are kept with channels last. A patch holds the inputs of one output pixel, in the order (y, x, channel). The
+// patches of some images form a matrix; the output and the gradients of input and weight are products with it.
 
 #include "guard.h"
 #include "product.h"

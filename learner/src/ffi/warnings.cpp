@@ -1,4 +1,4 @@
-// Whom libtorch warns. Its warnings speak to those who write PyTorch programs, and some come with every call.
+// A handler for libtorch's warnings. They address authors of PyTorch programs, and some come with every call.
 
 #include <c10/util/Exception.h>
 
@@ -10,7 +10,7 @@ struct Listener : c10::WarningHandler {
 };
 } // namespace
 
-// From now on what libtorch warns of on this thread is told to `stillroom_warned`.
+// From now on libtorch's warnings on this thread go to `stillroom_warned`.
 extern "C" void stillroom_hear_warnings() {
     static Listener listener;
     c10::WarningUtils::set_warning_handler(&listener);

@@ -7,10 +7,11 @@ unsafe extern "C" {
     fn stillroom_hear_warnings();
 }
 
-/// Who is told.
+/// The listener.
 static LISTENER: OnceLock<fn(&str)> = OnceLock::new();
 
-/// Has libtorch tell its warnings on this thread to `listener`, the first that was ever given, instead of standard error.
+/// Sends libtorch's warnings on this thread to `listener` instead of standard error. Only the first listener of the
+/// process is used.
 pub fn hear(listener: fn(&str)) {
     LISTENER.get_or_init(|| listener);
     // SAFETY: it only sets a pointer to an object that lives as long as the process.

@@ -23,7 +23,7 @@ pub(crate) fn goal_vector_m(carried: CarriedGoal, current: &Current) -> [f32; 3]
     }
     match carried {
         CarriedGoal::ObjectToGoal => current.object_to_goal_m,
-        // 0 - 0 is 0, and -(0) were -0, whose azimuth is another.
+        // 0 − 0 is 0, but −(0) would be −0, which has another azimuth.
         CarriedGoal::GoalToObject => current.object_to_goal_m.map(|coordinate| 0.0 - coordinate),
     }
 }

@@ -33,7 +33,7 @@ pub struct FramePreparation {
 }
 
 impl FramePreparation {
-    /// A kept frame's numbers times the first plus the second are what [`FramePreparation::input`] makes of them.
+    /// Scale and offset of [`FramePreparation::input`]: input = kept · scale + offset.
     pub(crate) const SCALE_OFFSET: [f32; 2] = [SCALE as f32, OFFSET as f32];
 
     /// Pooling over `pool` × `pool` pixels, computing on `device`.
@@ -85,8 +85,8 @@ impl FramePreparation {
     }
 }
 
-/// Where frames are gathered on their way to a device: memory that stays where it is, which a GPU reads by itself and
-/// several times as fast as other memory.
+/// Pinned memory in which frames are gathered before they are copied to a device. A GPU reads it by DMA, several times
+/// as fast as other memory.
 #[derive(Debug, Default)]
 pub struct Staging(Option<Tensor>);
 
@@ -113,8 +113,8 @@ impl Staging {
     }
 }
 
-/// Copies frames, many of them by several threads: one core moves a fraction of what memory gives, and while it does, the
-/// GPU and the actors wait.
+/// Copies frames, with several threads if there are many: one core uses only a part of the memory bandwidth, and GPU
+/// and actors wait for the copy.
 fn copy_frames(to: &mut [RawFrame], from: &[&RawFrame]) {
     let share = from.len().div_ceil(COPY_THREADS).max(COPY_SHARE);
     let copy = |(to, from): (&mut [RawFrame], &[&RawFrame])| {

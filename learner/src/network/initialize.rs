@@ -39,7 +39,7 @@ impl Initial {
         Self::Normal { deviation: (2.0 / (3.0 * fan_in as f64)).sqrt() }
     }
 
-    /// What `torch.nn.Linear` does when nobody asks for anything else: uniform within 1/sqrt(`fan_in`).
+    /// Default of `torch.nn.Linear`: uniform within ±1/sqrt(`fan_in`).
     pub(crate) fn linear_default(fan_in: i64) -> Self {
         Self::Uniform { bound: 1.0 / (fan_in as f64).sqrt() }
     }

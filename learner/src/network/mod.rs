@@ -1,8 +1,8 @@
 //! The network: visual encoder, goal and action embeddings, belief, actor and critic (`docs/method.md`, Network; Ni et
 //! al. section 3.1 and appendix B).
 //!
-//! Modules hold parameter ids and shapes; all tensors live in [`Parameters`]. A forward pass is two calls: what an
-//! observation alone says ([`Network::embed`]), then what the belief makes of it.
+//! Modules hold parameter ids and shapes; all tensors live in [`Parameters`]. A forward pass has two parts: the
+//! embedding of each observation ([`Network::embed`]), then the belief and the heads.
 
 mod belief;
 mod embedding;
@@ -28,7 +28,7 @@ use proto::config::{Config, EncoderPrecision};
 use std::fmt;
 use tch::{Device, Tensor};
 
-/// Width of what an observation says by itself: visual embedding and goal embedding. They come first in the rows of
+/// Width of an observation's embedding: visual embedding and goal embedding. They come first in the rows of
 /// [`Network::embed`].
 pub(crate) const OBSERVATION: i64 = VISUAL + embedding::GOAL;
 
@@ -36,7 +36,7 @@ pub(crate) const OBSERVATION: i64 = VISUAL + embedding::GOAL;
 /// recycled by the allocator; with thousands at once the small encoder took twice as long.
 const CPU_FRAMES: i64 = 192;
 
-/// What the network sees: one row an observation.
+/// The network's inputs, one row for each observation.
 #[derive(Debug)]
 pub struct Observations {
     /// Kept frames, see [`FramePreparation`]; \[rows, side, side\].
@@ -47,7 +47,7 @@ pub struct Observations {
     pub previous_actions: Tensor,
 }
 
-/// What the heads say of beliefs.
+/// The heads' outputs.
 #[derive(Debug)]
 pub struct ActorCriticOutput {
     /// Log-probabilities of the policy's actions \[rows, actions\].
@@ -72,7 +72,7 @@ pub struct Network {
     critic: Linear,
 }
 
-/// The encoder is asked to compute in bfloat16 and cannot.
+/// The configuration demands bfloat16, and the encoder cannot compute in it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("learner.encoder_precision is \"bfloat16\": {0}")]
 pub struct PrecisionError(String);
@@ -121,7 +121,7 @@ impl Network {
         (Self { parameters, preparation, belief, encoder, goal, previous_action, actor, critic }, declared)
     }
 
-    /// Has the encoder compute in bfloat16 where that is asked for, or can be had and nothing else is asked for.
+    /// Selects bfloat16 for the encoder if the configuration demands it, or if it is `auto` and bfloat16 is available.
     pub(crate) fn choose_precision(&mut self, asked: EncoderPrecision) -> Result<(), PrecisionError> {
         let possible = if !self.encoder.has_kernels() {
             Err("only network.encoder \"resnet\" has kernels for it".to_owned())
@@ -148,7 +148,7 @@ impl Network {
         self.encoder.is_fused()
     }
 
-    /// What the observations say, each for itself: \[rows, 512 + 32\], and 16 more with the previous action.
+    /// Embeddings of the observations: \[rows, 512 + 32\], and 16 more with the previous action.
     pub fn embed(&self, observations: &Observations) -> Tensor {
         self.embed_to_train(observations).rows
     }
@@ -179,12 +179,13 @@ impl Network {
         Embedded { rows, fused }
     }
 
-    /// Gradient of a loss, flat, in the order of [`Parameters::flat`]. `embedded` is what the loss was made of.
+    /// Gradient of a loss, flat, in the order of [`Parameters::flat`]. `embedded` are the embeddings that the loss was
+    /// computed from.
     pub(crate) fn gradient_of(&self, loss: &Tensor, embedded: Embedded) -> Tensor {
         let Embedded { rows, fused } = embedded;
         match fused {
             Some((visual, backward)) => {
-                // The graph holds what it needs of them.
+                // The graph keeps what it needs.
                 drop(rows);
                 self.parameters.gradient_through(loss, &visual, backward)
             }

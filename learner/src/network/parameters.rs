@@ -29,7 +29,7 @@ impl Entry {
     }
 }
 
-/// A saved tensor that cannot take the place it was saved for.
+/// A saved tensor that does not fit the network.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{name}` {problem}")]
 pub struct Unfit {
@@ -44,7 +44,7 @@ impl Unfit {
         Self { name: name.to_owned(), problem: problem.into() }
     }
 
-    /// Nothing has this name.
+    /// The network has no tensor of this name.
     pub(crate) fn no_place(name: &str) -> Self {
         Self::new(name, "has no place in this network")
     }
@@ -162,8 +162,8 @@ impl Parameters {
         self.flatten(Tensor::run_backward(&[loss], &self.leaves, false, false))
     }
 
-    /// The same, and the gradient of one tensor more that the loss depends on. `elsewhere` is what it makes of that:
-    /// gradients of parameters that the loss reaches only through that tensor.
+    /// The same for parameters that the loss reaches only through `tensor`: `elsewhere` gets the gradient of `tensor`
+    /// and returns theirs.
     pub(crate) fn gradient_through(
         &self,
         loss: &Tensor,

@@ -8,8 +8,8 @@
 //! At an episode's end both `V(s_{t+1})` and `A_{t+1}` are 0, since row t+1 belongs to the next episode.
 //!
 //! An end by the step limit counts as an end, as in the reference. With `bootstrap_time_limits` it is a truncation
-//! instead: the state that would have followed still has a value. The environment has been reset by then, so its
-//! observation is not there to be judged; `V(s_t)`, one step earlier, stands in for it.
+//! instead: the state that would have followed still has a value. The environment has been reset by then, so that
+//! observation has no value; `V(s_t)`, one step earlier, is used instead.
 
 use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;

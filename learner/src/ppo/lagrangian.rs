@@ -4,9 +4,9 @@
 //! ```text
 //! max over π, min over λ ≥ 0 of  J(π) − λ·J_C(π),   J_C = E Σ γ^t (d_t − d_{t−1})
 //! ```
-//! The policy is trained as ever, on r − λ·(`d_t` − d_{t−1}); after each of its updates λ takes one step of gradient
-//! ascent on the constraint. No disturbance is allowed at all, so λ falls only when episodes leave less disturbed than
-//! they found: it rises as long as anything is pushed.
+//! PPO trains the policy on r − λ·(`d_t` − d_{t−1}). After each update λ takes one step of gradient ascent on the
+//! constraint. The constraint allows no disturbance at all, so λ rises as long as episodes disturb anything, and falls
+//! only when `J_C` is negative.
 
 /// λ after an update in which episodes ended with a mean discounted disturbance `J_C` of `constraint_m` metres.
 pub(crate) fn ascend(multiplier: f64, learning_rate: f64, constraint_m: f64) -> f64 {

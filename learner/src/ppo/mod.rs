@@ -58,7 +58,7 @@ pub(crate) struct Update<'a> {
     pub auxiliary_config: &'a AuxiliaryConfig,
     /// All learners: the batch is theirs together.
     pub peers: &'a Peers,
-    /// The column of the whole run that the rollout's first one is.
+    /// Number, in the whole run, of the rollout's first column.
     pub first_column: usize,
     /// Step size of this update.
     pub learning_rate: f64,
@@ -71,7 +71,7 @@ pub(crate) struct Update<'a> {
 /// Why there is no update.
 #[derive(Debug, thiserror::Error)]
 pub enum UpdateError {
-    /// A number is not finite; which, in words. All learners say the same.
+    /// A number is not finite; the text names it. All learners report the same.
     #[error("{0} is not finite")]
     NonFinite(String),
     /// The other learners are gone.

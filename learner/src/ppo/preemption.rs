@@ -5,8 +5,8 @@
 //! column ends a rollout in the same step. So the rule is one between learners. What it needs of the others is how many
 //! have finished ([`Finished`]), which [`crate::peers::Peers::finished`] counts.
 //!
-//! When the others finish is a matter of time, so a run with pre-emption is not reproducible to the last bit. It is off
-//! unless `ppo.preemption_share` says otherwise.
+//! When the others finish depends on timing, so a run with pre-emption is not reproducible to the last bit. It is off
+//! unless `ppo.preemption_share` is above 0.
 
 use crate::peers::Finished;
 

@@ -1,4 +1,4 @@
-//! A batch from a file: a rollout that somebody else collected.
+//! A batch from a file: a rollout that another program may have collected.
 
 use crate::agent::MODEL;
 use crate::checkpoint::TensorsError;
@@ -121,7 +121,7 @@ impl<'a> Tensors<'a> {
     }
 }
 
-/// Refuses a number that is not finite, and says where it is.
+/// Refuses a number that is not finite; the error contains its position.
 fn finite(name: &str, values: &[f32], size: &[i64]) -> Result<(), TensorsError> {
     let Some(place) = values.iter().position(|value| !value.is_finite()) else { return Ok(()) };
     let mut rest = place as i64;
@@ -180,7 +180,7 @@ impl Batch {
         for (cell, outcome) in outcomes.into_iter().enumerate().filter(|&(cell, _)| recorded[cell]) {
             rollout.record(cell / every_column.len(), cell % every_column.len(), outcome);
         }
-        // A column that held in the last step has seen there what its last action led to.
+        // The last step of a column that held contains the observation after its last action.
         let last = shape.environments_in_last_step;
         let bootstrap = file.any_floats("bootstrap", &[columns])?;
         finite("bootstrap", &bootstrap[..last], &[last as i64])?;
@@ -208,7 +208,7 @@ fn shape(file: &Tensors) -> Result<([i64; 2], RolloutShape, Vec<bool>), TensorsE
     };
     let frames = recorded.iter().filter(|&&acted| acted).count();
     let last = frames as i64 - (steps - 1) * columns;
-    // Frames come first, holes last: then the count says where they are.
+    // Recorded cells come first and missing ones last, so their number gives their positions.
     if last < 1 || recorded.iter().take(frames).any(|&acted| !acted) {
         return Err(wrong("recorded", "may be false only for the last environments in the last step".to_owned()));
     }

@@ -84,7 +84,7 @@ fn device_choice(text: &str) -> Result<DeviceChoice, String> {
     }
 }
 
-/// Why a probe came to nothing.
+/// Why a probe failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ProbeError {
     /// The configuration cannot be used.
@@ -122,7 +122,7 @@ pub enum ProbeError {
         /// How to make it one of safetensors.
         advice: String,
     },
-    /// There is nothing to be said of the batch.
+    /// Losses or gradient cannot be computed.
     #[error(transparent)]
     Update(#[from] UpdateError),
     /// The result cannot be printed.

@@ -12,12 +12,12 @@ pub struct Control<W> {
 }
 
 impl<W: Write> Control<W> {
-    /// Events go to `output`; when nobody reads them any more, `gone` is set.
+    /// Writes events to `output`; sets `gone` when the reader has closed it.
     pub fn new(output: W, gone: OrchestratorGone) -> Self {
         Self { output, gone }
     }
 
-    /// Tells an event. One that cannot be told means that the orchestrator is gone: the work is saved all the same.
+    /// Writes an event. If that fails, the orchestrator is gone; the learner still saves its work.
     pub fn tell(&mut self, event: &LearnerEvent) {
         let mut line = serde_json::to_vec(event).expect("events are plain data with string keys");
         line.push(b'\n');

@@ -1,5 +1,5 @@
-//! What a learner says and hears: observations in, actions and restores out, events told, announcements heard. Training
-//! and evaluating are two ways to lead it.
+//! A learner's communication: it receives observations and announcements, and sends actions, restores and events.
+//! Training and evaluation both use it.
 
 use super::announcements::Announcements;
 use super::control::Control;
@@ -16,7 +16,7 @@ use wire::Waiting;
 
 /// Longest sleep without a look around. Whatever is waited for rings, but a process can be killed before it does.
 const LOOK: Duration = Duration::from_millis(250);
-/// An actor that has not answered for this long is told of, and again after each [`NOTICE_INTERVAL`].
+/// An actor that has not answered for this long is reported, and again after each [`NOTICE_INTERVAL`].
 const FIRST_NOTICE: Duration = Duration::from_secs(2);
 const NOTICE_INTERVAL: Duration = Duration::from_secs(10);
 
@@ -107,7 +107,7 @@ impl<'a, W: Write> Conversation<'a, W> {
         Ok(self.waiting.wait(longest.min(LOOK))?)
     }
 
-    /// Takes in every sample that is waiting: whoever is served first must not keep others waiting.
+    /// Receives every waiting sample, so that an actor that is served first does not make others wait.
     pub fn receive_all(&mut self) -> Result<()> {
         while let Some((header, sample)) = self.ports.receive()? {
             match self.collector.receive(&header, sample)? {
@@ -124,7 +124,7 @@ impl<'a, W: Write> Conversation<'a, W> {
         Ok(())
     }
 
-    /// Hears what was announced; a reason to stop, if there is one.
+    /// Reads the announcements; returns a reason to stop, if there is one.
     pub fn stop_asked(&mut self) -> Result<Option<Stop>> {
         for announcement in self.ports.announcements()? {
             self.announcements.hear(announcement);
@@ -168,7 +168,7 @@ impl<'a, W: Write> Conversation<'a, W> {
         }
     }
 
-    /// An action is due. That is when all actors have answered: the first time, it is told.
+    /// An action is due, so all actors have answered. At the first time this is reported.
     pub fn note_connected(&mut self) {
         if !std::mem::replace(&mut self.connected, true) {
             self.tell(&LearnerEvent::ActorsConnected { rank: self.rank });

@@ -1,7 +1,7 @@
-//! `learner evaluate`: plays the fixed episodes of an evaluation with the weights of a checkpoint, and tells what came
-//! of each. It trains on nothing and writes nothing.
+//! `learner evaluate`: runs the episodes of an evaluation with the weights of a checkpoint, and reports the result of
+//! each. It does not train and writes no files.
 //!
-//! A learner that is started again begins again: the same weights, episodes and noise give the same records.
+//! A restarted learner begins again: the same weights, episodes and noise give the same records.
 
 use super::conversation::{Conversation, Speaker};
 use super::link::Ports;
@@ -115,7 +115,7 @@ impl<W: Write> Room<'_, W> {
         Ok(())
     }
 
-    /// Takes in what the half's last actions did, and tells of the episodes that ended by them.
+    /// Records the outcomes of the half's last actions, and reports the episodes that ended.
     fn settle(&mut self, half: u32) {
         let collector = &mut self.conversation.collector;
         let acted: Vec<usize> = collector.settle(half).into_iter().map(|settled| settled.column).collect();

@@ -4,7 +4,7 @@ use crate::agent::AgentError;
 use crate::collector::ProtocolError;
 use crate::peers::PeerError;
 
-/// A number that is not finite, and where to look at what it came from.
+/// A number is not finite; `dump` is the file with the rollout that it came from.
 #[derive(Debug, thiserror::Error)]
 #[error("{what}; what rollout {rollout} was made of is in {dump}")]
 pub struct NonFinite {

@@ -26,7 +26,7 @@ pub struct ImportArguments {
     run: PathBuf,
 }
 
-/// Writes the checkpoint that the run begins with, and prints what became of which weight.
+/// Writes the run's first checkpoint, and prints the destination of every weight.
 pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()> {
     let ImportArguments { from, run } = arguments;
     let run = RunFolder::new(run);
@@ -80,7 +80,7 @@ struct Sign {
     whose: &'static str,
 }
 
-/// What is known of the sign; nothing of weights by our names that come without a checkpoint's manifest.
+/// The goal's sign, if known. It is unknown for weights by our names without a checkpoint's manifest.
 fn sign_of(naming: Naming, from: &Path) -> Option<Sign> {
     match naming {
         // Its sensor is object − goal.

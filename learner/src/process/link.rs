@@ -40,7 +40,7 @@ struct ActorPorts {
     bell: Bell,
 }
 
-/// Everything the learner hears and says in shared memory.
+/// The learner's ports in shared memory.
 pub struct Ports {
     // Ports before the node: they are dropped in this order.
     observations: ObservationSubscriber,

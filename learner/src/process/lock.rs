@@ -1,4 +1,4 @@
-//! One learner a run and rank: whoever holds the lock may write checkpoints.
+//! At most one learner for each run and rank: only the holder of the lock may write checkpoints.
 
 use anyhow::{Context, Result, bail};
 use rustix::fs::{FlockOperation, flock};

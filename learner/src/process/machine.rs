@@ -22,8 +22,8 @@ pub fn machine(device: Device, threads: u32, learners: u32) -> Machine {
     }
 }
 
-/// Version of the libtorch that is loaded, without a build suffix; none if it cannot be told. The library has no
-/// function for it; each distribution has a file beside its `lib` folder.
+/// Version of the libtorch that is loaded, without a build suffix; none if it is unknown. The library has no function
+/// for it; each distribution has a file beside its `lib` folder.
 pub fn torch_version() -> Option<String> {
     let folder = torch_library()?.parent()?.parent()?.to_path_buf();
     let text = std::fs::read_to_string(folder.join("build-version"))

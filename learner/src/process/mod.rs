@@ -64,7 +64,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let config = Config::of_run(&run)?;
     gone.end_after(Duration::from_secs_f64(config.longest_update_s()), || {
         tracing::error!("the orchestrator is gone, and there was time to save: ends");
-        // Without destructors: those of a GPU would wait for what hangs.
+        // Without destructors: those of the GPU would wait for a hanging operation.
         std::process::abort();
     })?;
     let learners = config.learner.count;
@@ -72,7 +72,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let _lock = Lock::take(&run.learner_lock(rank), lock::PATIENCE, || gone.is_set())?;
 
     let device = device::choose(config.learner.device, config.learner.cpu, config.learner.threads)?;
-    // A new place for those who are started together: what is left of dead ones is not met.
+    // A new rendezvous for each joint start, so that files of dead learners are not used.
     let meeting = wire.root().join(format!("learners-{incarnation}"));
     let peers = Peers::meet(&meeting, [rank, learners], device)?;
     let mut agent = Agent::among(peers, columns(rank, &config), &config, device)?;
@@ -113,8 +113,8 @@ struct Resumed {
     checkpoint: Option<String>,
 }
 
-/// Loads the newest good checkpoint into the agent; without any, the run starts, with the weights of another run if it
-/// says so.
+/// Loads the newest good checkpoint into the agent. Without one the run starts, with another run's weights if the
+/// configuration has `[from]`.
 fn resume(store: &Store, agent: &mut Agent, config: &Config) -> Result<Resumed> {
     let columns = agent.columns();
     let Some(loaded) = store.load()? else {

@@ -31,7 +31,7 @@ impl OrchestratorGone {
         Ok(Self(Arc::new(Noted { gone: OnceLock::new(), bell })))
     }
 
-    /// Set when standard input closes, if that is a lifeline; else by nobody but the caller.
+    /// Set when standard input closes, if it is a lifeline; otherwise only by the caller.
     pub fn watched(lifeline: bool) -> Result<Self> {
         let gone = Self::new()?;
         if lifeline {

@@ -1,5 +1,5 @@
-//! The training loop: announced rollout → collect → meet the other learners → update → tell → save, until the budget is
-//! reached or a stop.
+//! The training loop: wait for the rollout's announcement, collect it, agree with the other learners, update, report,
+//! save; until the budget is reached or a stop is requested.
 
 use super::announcements::Word;
 use super::conversation::{Conversation, Silent};
@@ -40,21 +40,21 @@ pub struct Training<'a, W> {
     pub rollout: u64,
     /// Frames trained on.
     pub frames: u64,
-    /// The rollout whose checkpoint is on disk, if this process knows of one.
+    /// The rollout of the last checkpoint on disk, if this process has written or loaded one.
     pub saved: Option<u64>,
 }
 
 /// Why a rollout is abandoned. The work up to its beginning is good.
 enum CutShort {
-    /// Someone asks for it.
+    /// A stop was requested.
     Stop(Stop),
-    /// It cannot be collected.
+    /// The rollout cannot be collected.
     Fault(anyhow::Error),
 }
 
-/// What all learners know at the end of a rollout.
+/// Result of the learners' agreement at the end of a rollout.
 struct Meeting {
-    /// Frames that all collected: fewer than planned when most did not wait for some.
+    /// Frames that all learners collected: fewer than planned if some were pre-empted.
     collected: u64,
     /// Learners that ended it early.
     preempted: u32,
@@ -66,7 +66,7 @@ struct Meeting {
 struct Loop {
     last_save: Instant,
     timing: Timing,
-    /// This learner ended the rollout in progress, or the last one, early: the others had finished.
+    /// This learner ended the rollout in progress, or the last one, early, because the others had finished.
     preempted: bool,
 }
 
@@ -95,7 +95,7 @@ impl<W: Write> Training<'_, W> {
             let cut_short = self.await_and_collect(&mut state, position)?;
             let Meeting { collected, preempted, end } = self.meet(&state, cut_short)?;
             if let Some(end) = end {
-                // Also where all of the own steps were taken: another learner's were not.
+                // Also if this learner has taken all its steps, because another one has not.
                 self.agent.abandon_rollout();
                 return match end {
                     CutShort::Stop(stop) => self.leave(&mut state, Some(stop)),
@@ -114,7 +114,8 @@ impl<W: Write> Training<'_, W> {
             let mut metrics = match self.agent.update(progress, rollout) {
                 Ok(metrics) => metrics,
                 Err(error @ AgentError::NonFinite { .. }) => {
-                    // All learners are here, and whoever ends first ends the others: not before all have written.
+                    // All learners reach this point. The first to exit ends the others, so all wait until every learner
+                    // has written its dump.
                     let dumped = self.dump(&error.into());
                     let _ = self.agent.peers().barrier();
                     return Err(dumped.into());
@@ -144,14 +145,14 @@ impl<W: Write> Training<'_, W> {
             if stage_ended || due || validated {
                 let began = Instant::now();
                 self.save(&mut state)?;
-                // It falls into the next rollout's account.
+                // Counts as time of the next rollout.
                 state.timing.other_s += began.elapsed().as_secs_f64();
             }
         }
         self.leave(&mut state, None)
     }
 
-    /// Saves what is not saved and says good-bye.
+    /// Saves the state if necessary and reports the end.
     fn leave(&mut self, state: &mut Loop, stop: Option<Stop>) -> Result<()> {
         match stop {
             None => tracing::info!("the budget of {} frames is reached", self.frames),
@@ -176,7 +177,7 @@ impl<W: Write> Training<'_, W> {
         if self.saved == Some(self.rollout) { Ok(()) } else { self.save(state) }
     }
 
-    /// Writes a checkpoint: the first learner does, with what the others know of their own environments.
+    /// Writes a checkpoint. Rank 0 writes it, with the other learners' parts about their own environments.
     fn save(&mut self, state: &mut Loop) -> Result<()> {
         let (peers, weights) = (self.agent.peers(), self.agent.weights_digest());
         let head = u64::from_str_radix(&weights[..16], 16).expect("a digest is hex digits");
@@ -193,7 +194,7 @@ impl<W: Write> Training<'_, W> {
         } else {
             peers.gather(&Part { beliefs: self.agent.boundary_beliefs(), boundary }.encode()?)?;
         }
-        // Nobody goes on, or leaves, before it is on the disk.
+        // A barrier: no learner continues or exits before the checkpoint is on disk.
         peers.barrier()?;
         self.saved = Some(self.rollout);
         state.last_save = Instant::now();
@@ -204,14 +205,14 @@ impl<W: Write> Training<'_, W> {
         Ok(())
     }
 
-    /// Tells what the first learner tells for all.
+    /// Sends an event on behalf of all learners, if this is rank 0.
     fn tell_for_all(&mut self, event: impl FnOnce(u32) -> LearnerEvent) {
         if self.conversation.rank == 0 {
             self.conversation.tell(&event(0));
         }
     }
 
-    /// What the first learner says, to all.
+    /// Rank 0's value, on all learners.
     fn first_says(&self, own: bool) -> Result<bool> {
         let mut word = f64::from(u8::from(own));
         self.agent.peers().first(&mut word)?;
@@ -223,7 +224,7 @@ impl<W: Write> Training<'_, W> {
         self.agent.peers().count() > 1 && self.config.ppo.preemption_share > 0.0
     }
 
-    /// Waits for a rollout's announcement and collects it; or says why it is to be abandoned.
+    /// Waits for a rollout's announcement and collects the rollout, or returns why it must be abandoned.
     fn await_and_collect(&mut self, state: &mut Loop, position: StagePosition) -> Result<Option<CutShort>> {
         let version = match self.await_announcement()? {
             Ok(version) => version,
@@ -246,8 +247,9 @@ impl<W: Write> Training<'_, W> {
         }
     }
 
-    /// Meets the other learners at the end of a rollout: how many frames were collected by all, and whether all go on.
-    /// Each of them comes here once in every rollout, whatever became of its own, or is gone: then this fails.
+    /// Agrees with the other learners at the end of a rollout on the number of frames collected and on whether all
+    /// continue. Every learner calls this once in each rollout, whatever happened to its own part. If one is dead, this
+    /// fails.
     fn meet(&mut self, state: &Loop, own: Option<CutShort>) -> Result<Meeting> {
         let flag = |condition: bool| f64::from(u8::from(condition));
         let mut sums = [
@@ -295,7 +297,7 @@ impl<W: Write> Training<'_, W> {
         }
     }
 
-    /// Collects the rollout in progress; or says why it must be abandoned.
+    /// Collects the rollout in progress, or returns why it must be abandoned.
     fn collect(&mut self, state: &mut Loop) -> Result<Option<Stop>> {
         state.preempted = false;
         loop {
@@ -356,7 +358,7 @@ impl<W: Write> Training<'_, W> {
         }
     }
 
-    /// What is left of a rollout that met a number that is not finite.
+    /// Writes the rollout that led to a number that is not finite.
     fn dump(&self, error: &anyhow::Error) -> NonFinite {
         let path = self.run.nonfinite_dump(self.rollout, self.conversation.rank);
         let mut tensors = self.agent.state().tensors;
@@ -373,7 +375,8 @@ impl<W: Write> Training<'_, W> {
 }
 
 impl Loop {
-    /// Closes the account of a rollout that took `total`; what is in no other account is "other". The next one begins.
+    /// Returns the timing of a rollout that took `total`, and starts the next one. Time in no other category counts as
+    /// "other".
     fn timing_of(&mut self, total: Duration) -> Timing {
         let mut timing = std::mem::take(&mut self.timing);
         let accounted = timing.simulate_s + timing.infer_s + timing.update_s;

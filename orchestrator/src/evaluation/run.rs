@@ -23,15 +23,15 @@ use std::process::ExitCode;
 pub struct EvaluationRun {
     /// The folder, with config.toml in it.
     pub folder: RunFolder,
-    /// What config.toml says.
+    /// Contents of config.toml.
     pub config: Config,
-    /// What it is asked.
+    /// Its request.
     pub asked: EvaluationConfig,
     /// Print the result as JSON instead of a table.
     pub json: bool,
-    /// Whose weights, as far as that is known before they are loaded.
+    /// Origin of the weights, as far as known before they are loaded.
     pub subject: subject::Origin,
-    /// What run.toml says.
+    /// Contents of run.toml.
     pub identity: Identity,
     /// The right to run it.
     pub lock: RunLock,

@@ -15,7 +15,7 @@ pub fn episodes_of(config: &Config, asked: &EvaluationConfig) -> (String, [f32; 
     (describe(asked.distribution, distances_m[0], distances_m[1]), distances_m)
 }
 
-/// Where episodes are played, in words.
+/// Where episodes run, as text.
 pub fn place(split: Split, scenes: usize) -> String {
     let split = match split {
         _ if scenes > 0 => return format!("{} of the run's own", counted(scenes as u64, "scene")),

@@ -1,4 +1,4 @@
-//! Whether the learner finds a libtorch it can work with: it is asked (`learner check`).
+//! Checks with `learner check` whether the learner finds a usable libtorch.
 //!
 //! The library that the programs were built with is found by itself. `LIBTORCH` names another one, for example a torch
 //! with CUDA: its `lib` folder then comes first for the learner.
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// The series of torch that the learner speaks.
+/// The torch version that the learner needs.
 const SERIES: &str = "2.11";
 /// Loading libtorch takes half a second from a warm cache; a cold network file system may take a minute.
 const PATIENCE: Duration = Duration::from_mins(2);

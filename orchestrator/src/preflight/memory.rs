@@ -1,5 +1,5 @@
 //! Whether the processes of a run fit into this machine's memory: an estimate, made before they are started, because
-//! afterwards the kernel kills one of them without a word.
+//! otherwise the kernel would kill one of them without an error message.
 
 use super::Finding;
 use crate::showing::format::bytes;

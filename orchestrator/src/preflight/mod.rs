@@ -1,6 +1,6 @@
-//! What is looked at before a process is started, so that what cannot work is said at once, in one message with the
-//! figures and the way out. `up` and `resume` stop at the first problem; `doctor` prints all of it.
-//! [`all`] is every check of one configuration; [`tools`] finds the other two programs.
+//! Checks before any process starts, so that a run that cannot work fails at once, with one message that contains the
+//! figures and a remedy. `up` and `resume` stop at the first problem; `doctor` prints all of it. [`all`] is every check
+//! of one configuration; [`tools`] finds the other two programs.
 
 pub mod all;
 pub mod device;

@@ -15,7 +15,7 @@ const READ_BYTES: usize = 1 << 20;
 /// A file that cannot be read as a recording at all.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// The file system says no.
+    /// The file system returned an error.
     #[error("cannot read {path}: {cause}", path = .path.display())]
     Unreadable {
         /// The file.

@@ -1,4 +1,4 @@
-//! A whole file from a cut one.
+//! Makes a complete file from a truncated one.
 
 use super::reader::{Extent, FileEnd, RecordingError, read};
 use crate::recording::recorder::segment::write_options;
@@ -141,7 +141,7 @@ fn copy_record<W: Write + Seek>(
                 )
                 .map(drop)
         }
-        // A message whose channel was never described says nothing to anybody.
+        // A message without a channel record cannot be decoded.
         Record::Message { header, .. } if !channels.contains(&header.channel_id) => Ok(()),
         Record::Message { header, data } => writer.write_to_known_channel(&header, &data),
         Record::Attachment { header, data, .. } => writer.attach(&Attachment {

@@ -1,4 +1,4 @@
-//! What recordings are made of: the messages of `schemas/` as Rust types, and their descriptors.
+//! Messages of recordings: those of `schemas/` as Rust types, and their descriptors.
 //!
 //! A recording describes itself: with every channel goes the descriptor of its message, so that Foxglove, `mcap cat`
 //! or ten lines of Python read it without this program. Names and numbers of the `foxglove` messages are those that

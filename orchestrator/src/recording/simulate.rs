@@ -17,7 +17,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
-/// An actor that says nothing for so long hangs: an episode takes well under a second, the first also builds its
+/// An actor without output for this long hangs: an episode takes well under a second, the first also builds its
 /// kitchen.
 const SILENCE_DEADLINE: Duration = Duration::from_mins(5);
 /// The same where it draws: a film of two hundred steps takes a minute, a large one on a busy machine many.
@@ -27,7 +27,7 @@ const EXIT_DEADLINE: Duration = Duration::from_secs(10);
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
 const PROGRESS_LINE_INTERVAL: Duration = Duration::from_secs(10);
 
-/// What came of it.
+/// The result.
 #[derive(Debug, Default)]
 pub struct Totals {
     /// Episodes simulated.
@@ -88,7 +88,7 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
             Ok(Report::Ended(number, outcome)) => {
                 running -= 1;
                 heard = Instant::now();
-                // How the process ended says more than what its output lacks.
+                // The process's exit status says more than its truncated output.
                 actors.reap(number)?;
                 outcome?;
             }

@@ -1,4 +1,4 @@
-//! What run folders and evaluation folders tell, for a report.
+//! Reads run folders and evaluation folders for a report.
 
 use crate::run::identity::Identity;
 use crate::run::lock::holder;
@@ -16,7 +16,7 @@ use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Va
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// How deep below a given folder runs are looked for.
+/// Depth of the search for runs below a given folder.
 const DEPTH: usize = 3;
 
 /// What was found.
@@ -38,9 +38,9 @@ struct Outside {
     evaluated: Evaluated,
 }
 
-/// The runs meant by `paths`: run folders, evaluation folders, or folders that hold runs. Evaluations of a given run go
-/// to that run; others stand for themselves, those of one run, or of the same fresh weights, together. A folder that was
-/// named must be readable; one that was found below it and is not becomes a note.
+/// The runs meant by `paths`: run folders, evaluation folders, or folders that hold runs. Evaluations of a given run
+/// are attached to it. Other evaluations are grouped by their run, or by their weights if these are untrained. A named
+/// folder must be readable; an unreadable folder below it becomes a note.
 pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
     let mut runs: Vec<(PathBuf, Run)> = Vec::new();
     let mut outside: Vec<Outside> = Vec::new();
@@ -115,8 +115,8 @@ fn left_out(folder: &Path, error: &anyhow::Error) -> String {
     format!("{} is left out: {error:#}.", folder.display())
 }
 
-/// Run and evaluation folders at or below `folder`; what lies inside of one is its own affair. What is below and cannot
-/// be looked at becomes a note.
+/// Run and evaluation folders at or below `folder`; folders inside a run are not searched. Unreadable folders become
+/// notes.
 fn look(folder: &Path, depth: usize, found: &mut Vec<PathBuf>, notes: &mut Vec<String>) -> Result<()> {
     let has_result = folder.join(RESULT_FILE).exists();
     let as_run = RunFolder::new(folder);
@@ -259,7 +259,7 @@ impl Outside {
     /// As a run of its own: its run was not given, or it has none.
     fn alone(self) -> Run {
         let subject = &self.evaluated.result.subject;
-        // How its weights were trained stands in its run's folder only, if that is still where it was.
+        // Only its run's folder contains how the weights were trained, if that folder still exists.
         let trained = subject.run.as_ref().and_then(|run| Config::of_run(&RunFolder::new(run)).ok());
         let trained = trained.filter(|trained| {
             trained.evaluation.is_none() && (&trained.preset, trained.seed) == (&subject.preset, subject.seed)
@@ -419,7 +419,7 @@ mod tests {
             gathered.runs.iter().map(|run| (&run.origin, run.evaluations.len())).collect();
         assert_eq!(origins, [(&Origin::Untrained, 2), (&Origin::Unknown, 2)]);
         assert_eq!(groups(&gathered.runs).unwrap().len(), 2);
-        // Nobody knows how these weights were trained: they are no row of the paper, and that is said.
+        // The training of these weights is unknown, so they match no row of the paper, and the report says so.
         assert!(rows(&gathered).is_empty(), "{:?}", rows(&gathered));
         let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
         assert!(made.report.notes.iter().any(|note| note.contains("the run was not given")), "{:?}", made.report.notes);

@@ -1,5 +1,5 @@
-//! Files of one JSON object a line that are only ever appended to. A crash can cut the last line short: the next one
-//! begins after its end, and readers skip what is no whole object.
+//! Files of one JSON object a line that are only ever appended to. A crash can truncate the last line. The next line
+//! begins after it, and readers skip incomplete objects.
 
 use anyhow::{Context, Result};
 use serde::Serialize;

@@ -1,5 +1,5 @@
-//! `orchestrator`s that start `orchestrator`s: a suite its runs and evaluations, a run its validations. Who was started
-//! leaves with who started it: when a suite is killed, its runs save and stop.
+//! An `orchestrator` that another `orchestrator` started: a suite starts runs and evaluations, a run starts
+//! validations. The child ends with its parent: when a suite is killed, its runs save and stop.
 
 use anyhow::{Context, Result, ensure};
 use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};

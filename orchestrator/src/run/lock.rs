@@ -38,7 +38,8 @@ impl RunLock {
             .open(&path)
             .with_context(|| format!("cannot open {}", path.display()))?;
         if wait_for_lock(&file, Duration::from_millis(500))? {
-            // The last holder's signature: its process id may be somebody else's by now, and `stop` would signal it.
+            // The last holder's signature: its process id may belong to another process by now, and `stop` would signal
+            // that one.
             file.set_len(0).with_context(|| format!("cannot write {}", path.display()))?;
             return Ok(Self { file });
         }
@@ -54,7 +55,7 @@ impl RunLock {
         }
     }
 
-    /// Writes down who holds it, for `stop` and `status`.
+    /// Writes the holder's process id, for `stop` and `status`.
     pub fn sign(&mut self, incarnation: u32) -> Result<()> {
         let holder = Holder { pid: std::process::id(), host: host_name(), incarnation };
         let text = toml::to_string(&holder).context("orchestrator.lock")?;
@@ -71,7 +72,7 @@ pub enum Held {
     Free,
     /// This one.
     By(Holder),
-    /// Someone who has not signed yet.
+    /// A holder that has not written its process id yet.
     Unsigned,
 }
 

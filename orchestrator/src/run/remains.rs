@@ -1,8 +1,8 @@
-//! What dead incarnations left behind: names in /dev/shm, a folder of small files, perhaps a process that hangs.
+//! Remains of dead incarnations: names in /dev/shm, a folder of small files, perhaps a hanging process.
 //!
-//! An orchestrator claims its names by holding a lock on `/dev/shm/PREFIXowner` for as long as it lives. The lock is
-//! the kernel's: where it is free, the owner is dead, whatever its process id has become since. Lying in /dev/shm the
-//! file is found under any TMPDIR, and it says where the folder is.
+//! An orchestrator claims its names by holding a lock on `/dev/shm/PREFIXowner` for as long as it lives. The kernel
+//! releases the lock when the process dies: a free lock means a dead owner, even if another process has its id by now.
+//! The file lies in /dev/shm, so it is found under any TMPDIR, and it contains the folder's path.
 
 use crate::run::process_end::sleep_until_end;
 use anyhow::{Context, Result};

@@ -27,7 +27,7 @@ pub const EXIT_INTERRUPTED: u8 = 130;
 pub struct Session<'a> {
     /// The folder, with config.toml in it.
     pub folder: &'a RunFolder,
-    /// What config.toml says.
+    /// Contents of config.toml.
     pub config: &'a Config,
     /// Number of this start.
     pub incarnation: u32,
@@ -50,7 +50,7 @@ impl Session<'_> {
     pub fn run(&self, lock: &mut RunLock, audience: &mut impl Audience) -> Result<(Outcome, Result<()>)> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
         let result = runtime.block_on(self.supervise(lock, audience));
-        // Whatever happened: no process and nothing in shared memory stays of this incarnation.
+        // In any case no process and no shared memory of this incarnation remains.
         drop(runtime);
         if let Err(error) = remains::sweep(self.address, Duration::from_secs(2)) {
             tracing::warn!("{error:#}");
@@ -61,7 +61,7 @@ impl Session<'_> {
     async fn supervise(&self, lock: &mut RunLock, audience: &mut impl Audience) -> Result<(Outcome, Result<()>)> {
         let Self { folder, config, incarnation, address, tools } = *self;
         let signals = Signals::install()?;
-        // `stop` signals whoever has signed: not before a signal is a request rather than the end.
+        // `stop` signals the process that has signed the lock. So it signs only after it handles signals as requests.
         lock.sign(incarnation)?;
         let run = std::path::absolute(folder.root()).context("run folder")?;
         let _claim = remains::claim(address, &run)?;
@@ -107,7 +107,7 @@ impl Session<'_> {
     }
 }
 
-/// The processes of a run, in words.
+/// The processes of a run, as text.
 pub fn shape(config: &Config) -> String {
     let learners = match config.learner.count {
         1 => String::new(),

@@ -7,7 +7,7 @@ use tracing::Level;
 pub struct LogLine<'a> {
     /// None of what is not a log line.
     pub level: Option<Level>,
-    /// What it says.
+    /// The message.
     pub text: &'a str,
 }
 
@@ -33,8 +33,8 @@ impl<'a> LogLine<'a> {
     }
 }
 
-/// What a text that ends in an error says of it, without the time before it: the first line that a program of ours
-/// logged as an error, and all that follows. None if nothing was.
+/// The error at the end of a log: the first line that one of our programs logged as an error, without its time, and
+/// everything after it. None if there is no such line.
 pub fn error_in(text: &str) -> Option<&str> {
     text.split_once(" ERROR ").map(|(_, error)| error)
 }

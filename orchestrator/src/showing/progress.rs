@@ -8,7 +8,7 @@ use proto::config::StageConfig;
 use proto::event::LearnerEvent;
 use std::time::Duration;
 
-/// What the learner does at the moment, as far as it has said.
+/// The learner's current activity according to its events.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Doing {
     Starting,
@@ -33,7 +33,7 @@ impl Progress {
         Self { stages, doing: Doing::Starting, since: Duration::ZERO, live: Live::default() }
     }
 
-    /// Takes note of what the learner says.
+    /// Records an event of the learner.
     pub fn learner(&mut self, now: Duration, event: &LearnerEvent) {
         let doing = match *event {
             LearnerEvent::Ready { rollout, .. } => Doing::Collecting(rollout),

@@ -1,4 +1,5 @@
-//! The file of a suite: which presets with which seeds, and how they are evaluated. Judged whole before anything starts.
+//! The file of a suite: which presets with which seeds, and how they are evaluated. The whole file is checked before
+//! anything starts.
 
 use super::grid::{Point, points};
 use crate::evaluation::subject::network_differences;
@@ -118,7 +119,7 @@ pub struct Entry {
     pub from: Option<usize>,
     /// What `--config` is given: TOML.
     pub overrides: String,
-    /// What comes of all that.
+    /// The resulting configuration.
     pub config: Config,
 }
 
@@ -232,7 +233,7 @@ impl Planned {
                 "{name} is too long for a folder's name: give the run a shorter `name`"
             );
             let more = self.with_keys(&name, &keys, seeds, file.frames, before);
-            // Without a grid the name says nothing that is not said already.
+            // Without a grid the name adds nothing.
             let more = if suffix.is_empty() { more } else { more.with_context(|| format!("grid: {name}")) };
             entries.extend(more?);
         }

@@ -21,15 +21,15 @@ use tokio::process::{Child, Command};
 use tokio::signal::unix::{SignalKind, signal};
 use wire::fault;
 
-/// How often finished processes and signals are looked for, and progress is drawn.
+/// Interval of checks for finished processes and signals, and of drawing progress.
 const TICK: Duration = Duration::from_millis(200);
 /// How long a process of an earlier call may go on holding a run: it saves, at the end of an update at the latest.
 const HELD_PATIENCE: Duration = Duration::from_mins(15);
-/// How often a line tells how runs get on, where progress cannot be refreshed in place.
+/// Interval of progress lines if progress cannot be refreshed in place.
 const LINE_EVERY: Duration = Duration::from_mins(1);
 /// How often it is refreshed where it can.
 const REFRESH_EVERY: Duration = Duration::from_secs(2);
-/// How much of the end of a log may hold its last words.
+/// Length of a log's end that is searched for its last error.
 const LAST_WORDS_BYTES: u64 = 8192;
 
 /// What a call of the suite came to.
@@ -37,11 +37,11 @@ const LAST_WORDS_BYTES: u64 = 8192;
 pub enum SuiteOutcome {
     /// Everything is trained and evaluated.
     Done,
-    /// Somebody asked it to stop.
+    /// A stop was requested.
     Stopped,
-    /// Somebody asked twice: its processes ended without saving.
+    /// A stop was requested twice: the processes ended without saving.
     Interrupted,
-    /// Some runs failed, or were stopped by somebody else.
+    /// Some runs failed, or another process stopped them.
     Incomplete,
 }
 
@@ -63,9 +63,9 @@ struct Scheduler<'a> {
     workers: Vec<Worker>,
     /// Runs that get no further in this call.
     settled: Vec<bool>,
-    /// Since when a run has been held by somebody else.
+    /// Since when another process has held a run's lock.
     held_since: BTreeMap<usize, Instant>,
-    /// How often somebody asked to stop.
+    /// Number of stop requests.
     stops: u32,
 }
 

@@ -1,5 +1,5 @@
-//! How a suite stands: `suite.json`, for people, scripts and the next call. What is done is read from the run folders
-//! themselves; this file adds what they cannot tell, how often a run was tried and why it failed.
+//! State of a suite: `suite.json`, for people, scripts and the next call. Progress is read from the run folders; this
+//! file adds what they do not contain: the number of tries and the reason of a failure.
 
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
@@ -28,7 +28,7 @@ pub enum Status {
     Done,
     /// The last try failed; the next call tries again.
     Failed {
-        /// What the child said last.
+        /// The child's last message.
         reason: String,
     },
 }

@@ -87,20 +87,21 @@ pub enum Event {
         /// Its last lines on standard error.
         last_words: Vec<String>,
     },
-    /// A learner spoke; which one, the event says.
+    /// An event of a learner; it contains the rank.
     Learner {
         /// The incarnation that spoke.
         incarnation: u32,
-        /// What it said.
+        /// The event.
         event: LearnerEvent,
     },
     /// Time passed.
     Tick,
-    /// Someone asks for an orderly stop (`orchestrator stop`, SIGTERM, SIGHUP). Asking twice changes nothing.
+    /// Request for an orderly stop (`orchestrator stop`, SIGTERM, SIGHUP). Asking twice changes nothing.
     Stop,
     /// Ctrl-C: the first is an orderly stop, the second ends everything at once.
     Interrupt,
-    /// The recording or the figures of the run cannot be written any more: a run that nobody can look into is ended.
+    /// The recording or the figures of the run cannot be written any more: a run that can no longer be observed is
+    /// ended.
     CannotWrite(String),
 }
 
@@ -144,7 +145,7 @@ pub enum Action {
 pub struct Outcome {
     /// Why.
     pub end: End,
-    /// What the learners had saved when they left; none if they left without a word.
+    /// State that the learners saved before they exited; none if they did not report any.
     pub saved: Option<Saved>,
 }
 
@@ -153,9 +154,9 @@ pub struct Outcome {
 pub enum End {
     /// The budget is reached.
     Complete,
-    /// Someone asked for it; the run can be resumed.
+    /// A stop was requested; the run can be resumed.
     Stopped,
-    /// Someone asked twice; the run can be resumed from its last checkpoint.
+    /// A stop was requested twice; the run can be resumed from its last checkpoint.
     Interrupted,
     /// It cannot go on. The reason has been reported.
     Failed(String),

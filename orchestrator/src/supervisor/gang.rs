@@ -1,8 +1,8 @@
-//! The learners, of whom none goes on without the others: what they have said, and how often they fell. Pure.
+//! The learners as a group that starts and fails together: their events, and their joint failures. Pure.
 //!
-//! All take every step of the optimiser together. When one dies, what the others compute together breaks off or hangs; so
-//! a death is the fall of all. The others are killed, and when the last is gone all start together, with one
-//! incarnation, by which they find each other. A fall is one death, whoever died first and however the others followed.
+//! All take every step of the optimiser together. When one dies, the others' collective operations fail or hang. So one
+//! death is a failure of the group: the others are killed, and when the last has ended all start together with one
+//! incarnation number, which names their rendezvous. Such a failure counts as one death, whichever learner died first.
 
 use super::event::Exit;
 use super::restart::{RestartHistory, RestartPolicy, Verdict};
@@ -10,7 +10,7 @@ use proto::exit::EXIT_NON_FINITE;
 use std::ops::Range;
 use std::time::Duration;
 
-/// What the present incarnation of one learner has said so far.
+/// Events of one learner in its present incarnation.
 #[derive(Debug, Clone, Copy, Default)]
 struct Said {
     ready: Option<Duration>,
@@ -24,7 +24,7 @@ pub struct Bereaved {
     since: Duration,
     /// Which.
     pub rank: u32,
-    /// Its last words.
+    /// Its last event.
     pub last_words: Vec<String>,
 }
 
@@ -33,11 +33,11 @@ pub struct Bereaved {
 pub struct Gang {
     words: Vec<Said>,
     begun: Duration,
-    /// When rank 0, which speaks for all, last told that they got on.
+    /// Time of rank 0's last event of progress.
     advanced: Duration,
     /// The present incarnation has collected a rollout.
     collected: bool,
-    /// When those who fell are to start again, if no learner is left by then.
+    /// Time of the next joint start, if no learner is left by then.
     restart_at: Option<Duration>,
     history: RestartHistory,
     /// The first of the present incarnation that ended because it had lost another one, whose end is not known yet.
@@ -73,7 +73,7 @@ impl Gang {
         0..self.words.len() as u32
     }
 
-    /// All are started, and have said nothing yet.
+    /// All are started and have sent no event yet.
     pub fn begin(&mut self, now: Duration) {
         self.words.fill(Said::default());
         (self.begun, self.advanced) = (now, now);
@@ -114,12 +114,12 @@ impl Gang {
 
     // How they stand
 
-    /// Whether this one has said that it is ready.
+    /// Whether this learner has reported that it is ready.
     pub fn is_ready(&self, rank: u32) -> bool {
         self.words[rank as usize].ready.is_some()
     }
 
-    /// Whether this one has said that it leaves: its end is no death.
+    /// Whether this learner has reported its end: its exit is then no death.
     pub fn has_finished(&self, rank: u32) -> bool {
         self.words[rank as usize].finished
     }
@@ -166,8 +166,9 @@ impl Gang {
         verdict
     }
 
-    /// Takes note of how one died. True if it was of non-finite numbers, and they had already fallen for those since
-    /// there was progress. All meet them together, and any may be the first to die: they count once a fall.
+    /// Records the cause of a death. True if the cause is a number that is not finite and the group has already failed
+    /// for that cause since its last progress. All learners meet such numbers together and any may die first, so they
+    /// count once per failure.
     pub fn met_non_finite_again(&mut self, exit: &Exit) -> bool {
         if *exit != Exit::Code(EXIT_NON_FINITE) || std::mem::replace(&mut self.non_finite, true) {
             return false;
@@ -176,17 +177,17 @@ impl Gang {
         self.non_finite_falls > 1
     }
 
-    /// One ended because it had lost another: that one's end is awaited, which is the reason.
+    /// A learner ended because it lost another: we wait for the death of that one, which is the cause.
     pub fn bereaved(&mut self, now: Duration, rank: u32, last_words: &[String]) {
         self.bereaved.get_or_insert_with(|| Bereaved { since: now, rank, last_words: last_words.to_vec() });
     }
 
-    /// One that ended so, when the other's end has been awaited for longer than `patience`.
+    /// A learner that ended so, if the other's death has not come within `patience`.
     pub fn take_bereaved(&mut self, now: Duration, patience: Duration) -> Option<Bereaved> {
         self.bereaved.take_if(|bereaved| now.saturating_sub(bereaved.since) >= patience)
     }
 
-    /// Whether somebody's end is awaited that is the reason of another's.
+    /// Whether we wait for the death that caused another learner's end.
     #[cfg(test)]
     pub fn awaits_a_reason(&self) -> bool {
         self.bereaved.is_some()

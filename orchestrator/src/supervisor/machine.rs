@@ -5,14 +5,14 @@
 //!    └───────────────────── budget reached ──────────────────────────────────────────────▶ Leaving
 //! ```
 //!
-//! Learners run, save and die together ([`super::gang`]), and rank 0 speaks for all. Without one of them the others are
-//! killed: they could neither go on nor save.
+//! Learners run, save and die together ([`super::gang`]), and rank 0 reports for all. If one dies, the others are
+//! killed, because they can neither continue nor save.
 //!
 //! Every state has a deadline: learners must become ready, their actors must connect, rollouts must come, a stop must
-//! be answered, a process told to leave must go. A learner that does not become ready, or whose actors do not connect,
-//! fails the run at once: trying again would only take as long again. What exceeds any other deadline is killed, and a
-//! kill is a death like any other. Deaths without progress are bounded ([`super::restart`]), progress is bounded by the
-//! frame budget, so every schedule of events ends in [`Action::Finish`].
+//! be acknowledged, and a process that was asked to exit must exit. A learner that does not become ready, or whose
+//! actors do not connect, fails the run at once: trying again would only take as long again. What exceeds any other
+//! deadline is killed, and a kill is a death like any other. Deaths without progress are bounded ([`super::restart`]),
+//! progress is bounded by the frame budget, so every schedule of events ends in [`Action::Finish`].
 //!
 //! Time is the duration since the orchestrator began.
 
@@ -92,7 +92,7 @@ impl Supervisor {
         std::mem::take(&mut self.actions)
     }
 
-    /// Takes one event in and says what is to be done. `now` never goes back.
+    /// Processes one event and returns the actions. `now` never decreases.
     pub fn on_event(&mut self, now: Duration, event: Event) -> Vec<Action> {
         match event {
             Event::Exited { process, incarnation, exit, last_words } => {
@@ -159,7 +159,7 @@ impl Supervisor {
         }
     }
 
-    /// Kills the learners that are left when one is missing: they can no more save than go on.
+    /// Kills the remaining learners when one is missing: they can neither save nor continue.
     fn kill_broken(&mut self, now: Duration) {
         if !self.learners_are_whole() {
             self.kill_learners(now);
@@ -184,7 +184,7 @@ impl Supervisor {
         match &self.phase {
             Phase::Running => {
                 match process {
-                    // It has left: rank 0 says how it all ends.
+                    // It has exited: rank 0's event decides the outcome.
                     Process::Learner(rank) if self.gang.has_finished(rank) => {}
                     Process::Learner(rank) => self.learner_died(now, rank, exit, last_words),
                     Process::Actor(actor) => self.actor_died(now, actor, exit, last_words),
@@ -226,15 +226,15 @@ impl Supervisor {
     /// A learner died that should be running, or would be if another had not died.
     fn learner_died(&mut self, now: Duration, rank: u32, exit: &Exit, last_words: &[String]) {
         let who = Process::Learner(rank);
-        // A learner that says no by itself at its first start has a reason that another try does not remove: a
-        // checkpoint it cannot read, a device that is not there.
+        // A learner that exits with an error at its first start has a cause that a retry does not remove, such as an
+        // unreadable checkpoint or a missing device.
         let follows = self.gang.is_falling();
         if !follows && *exit == LOST_PEERS {
             self.gang.bereaved(now, rank, last_words);
             if !self.learners_are_down() {
                 return;
             }
-            // There is nobody left who could be the reason.
+            // No other process is left that could be the cause.
             return self.fall_bereaved(now, Duration::ZERO);
         }
         let refused = !follows
@@ -253,7 +253,7 @@ impl Supervisor {
         }
     }
 
-    /// One that lost another ended, and nobody says why: then it is told as the reason itself.
+    /// A learner ended because it lost another, and no cause is known: report its own end as the cause.
     fn fall_bereaved(&mut self, now: Duration, patience: Duration) {
         if !self.gang.is_falling()
             && let Some(Bereaved { rank, last_words, .. }) = self.gang.take_bereaved(now, patience)
@@ -298,7 +298,7 @@ impl Supervisor {
     }
 
     fn start_due(&mut self, now: Duration) {
-        // Together or not at all: those who meet no other would wait for it.
+        // All start together or none: a learner without the others would wait for them.
         if self.gang.is_due(now) && self.learners_are_down() {
             self.start_learners(now);
         }
@@ -534,7 +534,7 @@ impl Supervisor {
                 }
             }
             Phase::Over => {}
-            // After an orderly stop that someone else asked for, too: whoever presses Ctrl-C then is in a hurry.
+            // Also after an orderly stop from elsewhere: Ctrl-C then means to end at once.
             Phase::Saving { .. } | Phase::Leaving { .. } => {
                 if let Phase::Saving { failure, .. } = &self.phase {
                     let end = failure.clone().map_or(End::Interrupted, End::Failed);

@@ -71,7 +71,7 @@ impl Launch {
                     command.arg("--run").arg(self.folder.root()).arg("--rank").arg(rank.to_string());
                 }
                 if self.learners > 1 {
-                    // Each finds one device, and kernels and NCCL need not be told which.
+                    // Each learner sees one device, so kernels and NCCL need no device number.
                     let visible = std::env::var(VISIBLE_DEVICES).ok();
                     command.env(VISIBLE_DEVICES, device_name(rank as usize, visible.as_deref()));
                 }
@@ -95,7 +95,7 @@ impl Launch {
         command.arg("--wire").arg(self.address.to_string()).arg("--incarnation").arg(incarnation.to_string());
         command.arg("--lifeline");
         if incarnation > 1 {
-            // An armed fault point is met once, not again by everyone who takes the dead one's place.
+            // An armed fault point applies once, not to every replacement of the dead process.
             command.env_remove(wire::fault::VARIABLE);
         }
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -188,7 +188,7 @@ async fn attend(
             }
         }
     };
-    // Nothing that it said is lost: the events come before its exit.
+    // No event is lost: all are delivered before its exit.
     if let Some(stdout) = stdout {
         let _ = tokio::time::timeout(PIPES_CLOSE, stdout).await;
     }
@@ -212,7 +212,7 @@ fn exit_of(status: ExitStatus) -> Exit {
     }
 }
 
-/// Reads a child's standard output: a learner speaks in events.
+/// Reads a child's standard output; a learner's lines are events.
 async fn hear(stdout: impl AsyncRead + Unpin, process: Process, incarnation: u32, events: mpsc::Sender<Event>) {
     let mut reader = BufReader::new(stdout);
     while let Some(line) = next_line(&mut reader).await {
@@ -302,7 +302,7 @@ mod tests {
     #[tokio::test]
     async fn a_child_is_heard_to_its_last_word_before_its_exit() {
         let (sender, mut events) = mpsc::channel(16);
-        // What it says for another learner is not heard.
+        // An event in another learner's name is ignored.
         let script = r#"echo '{"event":"actors_connected","rank":1}'; echo '{"event":"actors_connected","rank":0}'
             echo one >&2; echo two >&2; read x; exit 7"#;
         let mut child = Command::new("sh")

@@ -22,7 +22,7 @@ use tokio::time::{Interval, MissedTickBehavior};
 use wire::fault;
 use wire::{Announcer, WireHost};
 
-/// How often deadlines are looked at, late subscribers are given the announcement, and progress is shown.
+/// Interval of checking deadlines, of repeating the announcement for late subscribers, and of showing progress.
 const TICK: Duration = Duration::from_millis(250);
 /// A dead process's ports are swept at its death and on this many ticks after it: the file locks by which it is known
 /// to be dead are released a moment after it is reaped.
@@ -71,20 +71,20 @@ fn signal_is_ignored(number: i32) -> bool {
     u64::from_str_radix(mask.trim(), 16).is_ok_and(|mask| mask >> (number - 1) & 1 == 1)
 }
 
-/// Who is told what the learner says, of several the one that speaks for all: keeps it, and shows how the work gets on.
+/// Receiver of the learner's events (with several learners, of rank 0's): stores them and shows progress.
 pub trait Audience {
-    /// The learner spoke. An error is the end: what happens cannot be written down any more.
+    /// Handles a learner's event. An error ends the run, because its results can no longer be written.
     fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()>;
-    /// The learner is gone: it died, or it has left after it said so.
+    /// The learner has ended: it died, or it exited as announced.
     fn learner_died(&mut self, now: Duration);
     /// Some time has passed.
     fn tick(&mut self, now: Duration, recorder: Option<&Recorder>);
-    /// Whether there is something of its own to wait for when all work is complete. It is told of ticks meanwhile. Who
-    /// asks to stop does not wait: the run then counts as stopped, and what is missing is made when it goes on.
+    /// Whether the audience still has work when all processes have finished; it gets ticks meanwhile. A stop request
+    /// ends the wait: the run then counts as stopped, and `resume` does the missing work.
     fn is_busy(&self) -> bool {
         false
     }
-    /// It is over: nothing more is shown, and nothing of its own goes on.
+    /// The end: it shows nothing more and stops its own work.
     fn over(&mut self);
 }
 
@@ -250,7 +250,7 @@ impl<A: Audience> Supervision<'_, A> {
         }
     }
 
-    /// Waits for what the audience still has to do; false if someone asks to stop before that is done.
+    /// Waits for the audience's remaining work; false if a stop is requested before it is done.
     async fn wait_for_audience(&mut self) -> bool {
         while self.audience.is_busy() && !self.asked_to_stop {
             tokio::select! {
@@ -277,7 +277,7 @@ impl<A: Audience> Supervision<'_, A> {
     }
 }
 
-/// Rank 0 speaks for all learners, but each waits for actors of its own.
+/// Rank 0 reports for all learners, but each waits for its own actors.
 fn is_for_audience(event: &LearnerEvent) -> bool {
     event.rank() == 0 || matches!(event, LearnerEvent::WaitingForActor { .. })
 }

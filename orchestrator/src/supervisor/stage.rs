@@ -3,7 +3,7 @@
 //! A learner begins rollout k only when it has been announced. The announcement of k + 1 is made when k is collected,
 //! because from then on it is certain how many frames k + 1 starts from; the stage that holds those frames is in force
 //! for the whole of k + 1 ([`proto::stage::RolloutShape`] never lets a rollout cross a stage's end). So a switch is
-//! always at a rollout boundary, and every learner that asks hears the same.
+//! always at a rollout boundary, and every learner gets the same announcement.
 
 use proto::config::StageConfig;
 use proto::stage::{position_at, total_frames};
@@ -22,7 +22,7 @@ pub struct StageSwitch {
     pub rollout: u64,
 }
 
-/// The word to the learners and what it means for the stages.
+/// The announcement to the learners, and its effect on the stages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Word {
     /// To be published.

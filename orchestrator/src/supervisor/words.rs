@@ -18,8 +18,7 @@ pub fn given_up(who: &str, last: &str, deaths: usize, exit: &Exit, last_words: &
     format!("{who} died {deaths} times while the run got no further, last {last}with {exit}{words}")
 }
 
-/// A process's last lines, indented below the sentence that tells of its death. Where it said what its error was, that
-/// and what followed.
+/// A process's last lines, indented below the report of its death: from its last logged error on, if there is one.
 pub fn quote(last_words: &[String]) -> String {
     if last_words.is_empty() {
         return String::new();

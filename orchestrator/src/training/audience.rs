@@ -1,4 +1,4 @@
-//! What is kept and shown of a run that trains: `metrics.jsonl`, validation, and the live progress.
+//! Files and display of a training run: `metrics.jsonl`, validation, and live progress.
 
 use crate::recording::recorder::Recorder;
 use crate::run::identity::unix_now;
@@ -44,7 +44,7 @@ impl Audience for TrainingAudience {
         match event {
             LearnerEvent::Ready { rollout, frames, .. } => {
                 self.history.rewind_to(*rollout);
-                // Nobody may have heard of this checkpoint: it was written when the last orchestrator was gone.
+                // The orchestrator may not know this checkpoint: it was written after the last orchestrator had ended.
                 if let Some(validation) = &mut self.validation {
                     validation.checkpoint(*rollout, *frames);
                 }

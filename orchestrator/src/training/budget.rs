@@ -1,8 +1,8 @@
 //! Another frame budget for a run that has begun: `orchestrator resume --frames`.
 //!
-//! Two files say how far a run goes: `config.toml` has the budget, and `summary.json` says that it is reached. The
-//! summary is removed first and the configuration replaced after it. So a crash leaves the run with its old budget, which
-//! the next resume finds reached and sums up again, or with the new one.
+//! Two files hold the budget's state: `config.toml` has the budget, and `summary.json` exists when it is reached. The
+//! summary is removed first and the configuration replaced after it. So a crash leaves the run with its old budget,
+//! which the next resume finds reached and sums up again, or with the new one.
 
 use crate::showing::format;
 use crate::showing::terminal;
@@ -102,8 +102,8 @@ impl Budget {
     }
 }
 
-/// Frames of the newest checkpoint that can be read. (One whose tensors are torn is passed over when the run goes on:
-/// then fewer frames are trained than the budget allows for.)
+/// Frames of the newest checkpoint that can be read. (A checkpoint with damaged tensors is skipped on resume; the run
+/// then has fewer trained frames than this.)
 fn trained(folder: &RunFolder) -> Result<u64> {
     let path = folder.checkpoints();
     let entries = match std::fs::read_dir(&path) {

@@ -1,11 +1,11 @@
 //! `metrics.jsonl`: one JSON object a trained rollout.
 //!
-//! The file is only ever appended to. After a crash a learner goes on from its last checkpoint and trains some
-//! rollouts again: of several lines with one rollout number the last holds, and a line makes all earlier ones with
-//! higher numbers void. [`History`] reads it that way.
+//! The file is only ever appended to. After a crash a learner goes on from its last checkpoint and trains some rollouts
+//! again: of several lines with the same rollout number the last is valid, and a line invalidates all earlier ones with
+//! higher numbers. [`History`] reads it that way.
 //!
-//! A rollout can be missing: a learner whose orchestrator was killed finishes its update and saves before it leaves, and
-//! nobody hears of it. Frames, weights and what comes after are whole; its figures are lost.
+//! A rollout can be missing: a learner whose orchestrator was killed finishes its update and saves before it exits, and
+//! no process receives its event. Frames, weights and later lines are complete; only this rollout's figures are lost.
 
 use crate::run::json_lines;
 use anyhow::Result;

@@ -26,9 +26,9 @@ use wire::fault;
 pub struct TrainingRun {
     /// The run folder, with config.toml in it.
     pub folder: RunFolder,
-    /// What config.toml says.
+    /// Contents of config.toml.
     pub config: Config,
-    /// What run.toml says.
+    /// Contents of run.toml.
     pub identity: Identity,
     /// The right to run it.
     pub lock: RunLock,

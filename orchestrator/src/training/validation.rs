@@ -5,8 +5,8 @@
 //!                ─▶ a line in validation.jsonl ─▶ RUN/best points to it, or its links are removed
 //! ```
 //!
-//! Every arrow can be cut by a crash; [`Validation::open`] finds out from the folder where it was and goes on.
-//! An evaluation that fails is told of and left out: the run goes on.
+//! A crash can interrupt every arrow; [`Validation::open`] reads the state from the folder and continues. An evaluation
+//! that fails is reported and skipped; the run continues.
 
 use crate::evaluation::subject::read_manifest;
 use crate::recording::recorder::Recorder;
@@ -128,7 +128,7 @@ pub struct Validation {
 }
 
 impl Validation {
-    /// Goes on with what the folder holds; none if the run asks for no validation.
+    /// Continues from the folder's state; none if the run has no validation.
     pub fn open(folder: &RunFolder, config: &Config) -> Result<Option<Self>> {
         if config.validation.every_frames == 0 {
             return Ok(None);
@@ -221,7 +221,7 @@ impl Validation {
         }
     }
 
-    /// Notes that a pinned checkpoint is to be evaluated. One that waits already gives way.
+    /// Notes that a pinned checkpoint is to be evaluated. It replaces a waiting one.
     fn enqueue(&mut self, rollout: u64) {
         if let Some(skipped) = self.waiting.replace(rollout) {
             tracing::info!("the validation after rollout {skipped} is skipped: one after rollout {rollout} is due");

@@ -24,7 +24,7 @@ pub struct Wall {
 /// Until when the last start counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Last {
-    /// It has ended, or was killed: as its traces say.
+    /// It has ended or was killed, according to its files.
     AsNoted,
     /// It runs: until this moment, seconds since 1970.
     Until(u64),

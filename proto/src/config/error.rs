@@ -1,4 +1,4 @@
-//! Configuration errors that say where and what instead.
+//! Configuration errors with file, line and a suggestion.
 
 use serde::de::DeserializeOwned;
 use std::path::PathBuf;
@@ -9,7 +9,7 @@ pub enum ConfigError {
     /// No preset of this name.
     #[error("there is no preset `{name}`{}; `orchestrator presets` lists them", suggestion(.nearest.as_deref()))]
     UnknownPreset {
-        /// What was asked for.
+        /// The unknown name.
         name: String,
         /// The closest existing name.
         nearest: Option<String>,
@@ -41,7 +41,7 @@ pub enum ConfigError {
         origin: String,
         /// Line, from 1.
         line: usize,
-        /// What the parser said.
+        /// The parser's message.
         problem: String,
     },
     /// A value out of its range.

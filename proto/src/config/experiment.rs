@@ -11,7 +11,7 @@
 
 use super::preset::Preset;
 
-/// What is trained along, and how the paper calls it.
+/// Auxiliary tasks, and their names in the paper.
 const TASKS: [(&str, &str, &str); 5] = [
     ("original", "none", "the original baseline (small encoder, cartesian goal, normalised advantages)"),
     ("none", "none", "no auxiliary task"),
@@ -205,7 +205,8 @@ mod tests {
         assert_eq!(config("small-disturb-two-stage").stages.len(), 2);
     }
 
-    /// What carries the paper's constants has the reference's sign and rate; what has results of its own keeps theirs.
+    /// Presets with the paper's constants have the reference's sign and learning-rate schedule; presets with own
+    /// results keep theirs.
     #[test]
     fn every_row_has_the_references_sign_and_rate() {
         let names = all().into_iter().map(|preset| preset.name).chain(["paper", "two-stage"].map(str::to_owned));

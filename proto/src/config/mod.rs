@@ -53,7 +53,7 @@ pub struct Config {
     pub reward: RewardConfig,
     /// Auxiliary task.
     pub auxiliary: AuxiliaryConfig,
-    /// The learner processes.
+    /// Settings of the learner processes.
     pub learner: LearnerConfig,
     /// Checkpoints.
     pub checkpoint: CheckpointConfig,
@@ -127,8 +127,9 @@ pub struct PpoConfig {
     /// Environments that go through forward and backward at once; gradients add up to those of the whole batch.
     /// 0 = all. A smaller number bounds memory.
     pub environments_per_pass: u32,
-    /// With several learners: share of them that must have finished a rollout for the others to end theirs early (0.6 in
-    /// DD-PPO). Results then depend on timing, and a stage's last rollouts may be of few frames. 0 = everybody finishes. One learner alone never ends early.
+    /// With several learners: share of them that must have finished a rollout for the others to end theirs early (0.6
+    /// in DD-PPO). Results then depend on timing, and a stage's last rollouts may have few frames. 0 = all learners
+    /// finish. A single learner never ends early.
     pub preemption_share: f64,
 }
 
@@ -149,7 +150,7 @@ pub struct RewardConfig {
 pub struct LagrangianConfig {
     /// `λ_0`.
     pub initial: f64,
-    /// `η_λ`, a metre and an update. The paper does not tell its own.
+    /// `η_λ`, per metre and update. The paper does not give its value.
     pub learning_rate: f64,
 }
 
@@ -177,7 +178,7 @@ pub struct AuxiliaryConfig {
     pub weight: f64,
     /// Focusing parameter of the focal loss of `disturb`.
     pub focal_gamma: f64,
-    /// Share of the valid steps that `inverse_dynamics` and `cpca16` look at in an epoch.
+    /// Share of the valid samples that `inverse_dynamics` and `cpca16` use in an epoch.
     pub subsample: f64,
 }
 
@@ -193,7 +194,7 @@ pub enum DeviceChoice {
     Cuda,
 }
 
-/// How the CPU's part of the arithmetic is done.
+/// Arithmetic on the CPU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CpuArithmetic {
@@ -203,11 +204,11 @@ pub enum CpuArithmetic {
     Fastest,
 }
 
-/// The numbers that the visual encoder computes in.
+/// Number format of the visual encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EncoderPrecision {
-    /// `Bfloat16` where it can be had, else `Float32`.
+    /// `Bfloat16` if it is available, else `Float32`.
     Auto,
     /// 32 bits throughout, as libtorch computes them.
     Float32,
@@ -216,7 +217,7 @@ pub enum EncoderPrecision {
     Bfloat16,
 }
 
-/// The learner processes.
+/// Settings of the learner processes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LearnerConfig {
@@ -275,7 +276,7 @@ pub struct ValidationConfig {
     pub actors: u32,
 }
 
-/// Whose weights a run begins with. Optimiser, environments and frame count begin anew.
+/// The weights that a run begins with. Optimiser, environments and frame count start from zero.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FromConfig {
@@ -437,8 +438,8 @@ impl Config {
         self.actors.count as usize * self.actors.environments_per_actor as usize
     }
 
-    /// More than any update takes, seconds: ten frames a second and pass is a tenth of what one old core does with the
-    /// larger network.
+    /// An upper bound of an update's time, seconds. It assumes ten frames a second and epoch, a tenth of the speed of
+    /// one old core with the larger network.
     pub fn longest_update_s(&self) -> f64 {
         let rollout_frames = self.environments() as f64 * f64::from(self.ppo.rollout_steps);
         (rollout_frames * f64::from(self.ppo.epochs) / 10.0).max(600.0)

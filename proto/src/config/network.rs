@@ -61,7 +61,7 @@ impl fmt::Display for CarriedGoal {
     }
 }
 
-/// The network's shape, and what it is given.
+/// The network's shape and inputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NetworkConfig {
@@ -71,8 +71,8 @@ pub struct NetworkConfig {
     pub input_pool: u32,
     /// Goal coordinates.
     pub goal: GoalCoordinates,
-    /// Sign of the goal vector while the target is held. A policy trained with one is none with the other. Cartesian
-    /// coordinates are absolute values and know no sign.
+    /// Sign of the goal vector while the target is held. A policy trained with one sign is useless with the other.
+    /// Cartesian coordinates are absolute values and have no sign.
     pub carried_goal: CarriedGoal,
     /// Feed the previous action's embedding to the belief.
     pub previous_action: bool,

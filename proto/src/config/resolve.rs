@@ -20,7 +20,7 @@ impl Config {
         Self::build(preset, Some((&text, &path.display().to_string())), settings)
     }
 
-    /// A preset with an overlay as TOML text, and what errors call it.
+    /// A preset with an overlay as TOML text, and the overlay's name in errors.
     pub fn resolve_with(preset: &str, overlay: Option<(&str, &str)>) -> Result<Self, ConfigError> {
         Self::build(preset, overlay, &[])
     }
@@ -71,8 +71,8 @@ impl Config {
         Ok(config)
     }
 
-    /// A stored configuration was written whole, so a key that it lacks did not exist yet. What held without the key
-    /// holds on: today's default may be another.
+    /// A stored configuration was written whole, so a key that it lacks did not exist yet. It keeps the behaviour of
+    /// that time, because the default may have changed.
     fn restore_the_past(&mut self, written: &toml::Table) {
         let lacks = |table: &str, key: &str| written.get(table).and_then(|table| table.get(key)).is_none();
         if lacks("network", "carried_goal") {

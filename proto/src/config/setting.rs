@@ -18,12 +18,12 @@ pub enum SettingError {
     /// The part after `=` is neither TOML nor a bare word.
     #[error("`{0}` is neither TOML nor a single word; quote any other text twice, for example KEY='\"two words\"'")]
     BadValue(String),
-    /// The key is said in another way.
+    /// The key cannot be set this way.
     #[error("`{key}` is no setting: {instead} says it")]
     SaidElsewhere {
         /// The key.
         key: &'static str,
-        /// How it is said.
+        /// What sets it.
         instead: &'static str,
     },
     /// A key that no configuration has.

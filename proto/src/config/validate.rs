@@ -1,4 +1,4 @@
-//! Ranges of every setting: what cannot work is refused before a process is started.
+//! Ranges of every setting: an invalid configuration is refused before any process starts.
 
 use super::{Config, ConfigError, ValidationConfig};
 use crate::episode::MAX_EPISODE_STEPS;
@@ -21,7 +21,7 @@ impl Config {
         self.validate_evaluation()
     }
 
-    /// What is simulated.
+    /// Settings of the simulation.
     fn validate_environments(&self) -> Result<(), ConfigError> {
         let Self { actors, simulation, episode, .. } = self;
         check("actors.count", actors.count, (1..=MAX_ACTORS).contains(&actors.count), "must be 1 to 512")?;
@@ -109,7 +109,7 @@ impl Config {
         Ok(())
     }
 
-    /// What the processes do besides.
+    /// Settings of the processes.
     fn validate_processes(&self) -> Result<(), ConfigError> {
         let Self { learner, checkpoint, recording, .. } = self;
         let (deadline_s, interval_s) = (learner.actor_deadline_s, checkpoint.interval_s);
@@ -159,7 +159,7 @@ impl Config {
         )
     }
 
-    /// What an evaluation is asked. It simulates scenes or the built-in kitchens of a split.
+    /// Settings of an evaluation. It simulates scenes or the built-in kitchens of a split.
     fn validate_evaluation(&self) -> Result<(), ConfigError> {
         let Some(EvaluationConfig { split, distribution, scene_targets, .. }) = &self.evaluation else { return Ok(()) };
         let (scenes, lists) = (self.scenes.len(), scene_targets.len());

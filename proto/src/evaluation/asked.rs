@@ -36,8 +36,8 @@ impl ObjectSet {
     }
 }
 
-/// What an evaluation is asked: a table of the configuration that `orchestrator eval` writes for its processes. A run
-/// has none.
+/// Request of an evaluation: a table of the configuration that `orchestrator eval` writes for its processes. A run has
+/// none.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationConfig {

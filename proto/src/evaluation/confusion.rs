@@ -2,16 +2,16 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Predictions of disturbance against what came: counts of steps.
+/// Confusion matrix of disturbance prediction, in steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Confusion {
-    /// Foretold, and it came.
+    /// True positives: predicted, and it happened.
     pub hits: u64,
-    /// It came unforetold.
+    /// False negatives: it happened without prediction.
     pub misses: u64,
-    /// Foretold, and it did not come.
+    /// False positives: predicted, and it did not happen.
     pub false_alarms: u64,
-    /// Neither.
+    /// True negatives.
     pub quiet: u64,
 }
 
@@ -34,17 +34,17 @@ impl Confusion {
         self.quiet += other.quiet;
     }
 
-    /// Share of the foretold that came; none when nothing was foretold.
+    /// Precision: share of predicted disturbances that happened; none without predictions.
     pub fn precision(&self) -> Option<f64> {
         share(self.hits, self.hits + self.false_alarms)
     }
 
-    /// Share of what came that was foretold; none when nothing came.
+    /// Recall: share of disturbances that were predicted; none without disturbances.
     pub fn recall(&self) -> Option<f64> {
         share(self.hits, self.hits + self.misses)
     }
 
-    /// Share of the quiet steps that were not foretold as disturbing; none when no step was quiet.
+    /// Recall of quiet steps: share of steps without disturbance that were predicted as such; none without such steps.
     pub fn recall_of_quiet(&self) -> Option<f64> {
         share(self.quiet, self.quiet + self.false_alarms)
     }

@@ -75,7 +75,7 @@ pub struct ThresholdPoint {
     pub success: f64,
 }
 
-/// How well disturbances were foretold, over all steps of all episodes.
+/// Quality of disturbance prediction over all steps of all episodes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PredictionFigures {
     /// Counts.

@@ -1,7 +1,8 @@
-//! Evaluation: what is asked, how the episodes are dealt out, what came of each, and the result file.
+//! Evaluation: its request, the assignment of episodes to environments, the record of each episode, and the result
+//! file.
 //!
-//! A kitchen has 720 episodes: 12 categories times 60, categories taking turns, so that episode i is of category
-//! i mod 12. Validation and test kitchens have them fixed; any kitchen has them drawn, see [`Distribution`]. An
+//! A kitchen has 720 episodes: 12 categories times 60, categories taking turns, so that episode i is of category i mod
+//! 12. Validation and test kitchens have fixed ones; drawn ones exist for any kitchen, see [`Distribution`]. An
 //! [`EvaluationConfig`] chooses some of them; [`Plan`] deals them to the environments of the actors; each that ends
 //! becomes an [`EpisodeRecord`]; [`Figures`] sum up any set of records; [`Evaluation`] is the result file.
 //! `docs/evaluation.md` describes both files for people.

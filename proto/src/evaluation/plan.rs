@@ -1,4 +1,4 @@
-//! Which episode is played where: dealt out beforehand, so that no result depends on who is faster.
+//! Which environment runs which episode. The assignment is made beforehand, so that results do not depend on timing.
 
 use super::asked::{EvaluationConfig, ObjectSet};
 use crate::episode::EnvironmentId;
@@ -73,7 +73,7 @@ impl Plan {
         self.kitchens.iter().map(|(_, episodes)| episodes.len()).sum()
     }
 
-    /// True when nothing is asked.
+    /// True if there are no episodes.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -15,8 +15,8 @@ pub enum EpisodeEnd {
     TimeLimit,
 }
 
-/// What came of one episode. "At the end" is after its last action. Displacements are of everything movable but
-/// the target, from where it stood at step 0, looked at after each action.
+/// The record of one episode. "At the end" is after its last action. Displacements are of everything movable but the
+/// target, from where it stood at step 0, measured after each action.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeRecord {
     /// Kitchen.
@@ -55,7 +55,7 @@ pub struct EpisodeRecord {
     pub wrist_object_m: f32,
     /// Distance of target and goal at the end, metres.
     pub object_goal_m: f32,
-    /// What the auxiliary head said of the actions taken; none where the policy has no such head.
+    /// Predictions of the disturbance head for the actions taken; none if the policy has no such head.
     pub disturb_prediction: Option<Confusion>,
     /// Hash of the simulator's state at the end.
     pub state_hash: u64,

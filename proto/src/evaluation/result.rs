@@ -66,7 +66,7 @@ pub struct Conditions {
     pub actors: u32,
     /// Environments of each.
     pub environments_per_actor: u32,
-    /// What inferred, e.g. `cpu, 1 thread` or `cuda:0, bfloat16 encoder`; float32 where nothing is said.
+    /// Device of the inference, e.g. `cpu, 1 thread` or `cuda:0, bfloat16 encoder`; float32 unless stated.
     pub device: String,
 }
 
@@ -134,15 +134,15 @@ pub struct Evaluation {
     pub subject: Subject,
     /// How.
     pub conditions: Conditions,
-    /// At what cost.
+    /// Time and steps.
     pub cost: Cost,
     /// All episodes together.
     pub overall: Figures,
-    /// Novel and seen, as far as they were asked for.
+    /// Novel and seen, if requested.
     pub object_sets: Vec<ObjectSetFigures>,
     /// By kitchen, ascending.
     pub kitchens: Vec<KitchenFigures>,
-    /// By category, in wire order, as far as they were asked for.
+    /// By category, in wire order, for the requested ones.
     pub categories: Vec<CategoryFigures>,
     /// All episodes together.
     pub action_counts: ActionCounts,

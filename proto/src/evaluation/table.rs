@@ -184,7 +184,7 @@ pub struct TableError {
     pub problem: String,
 }
 
-/// Reads what [`write_table`] wrote. Columns are found by name; further ones are passed over.
+/// Reads what [`write_table`] wrote. Columns are found by name; unknown ones are ignored.
 pub fn read_table(text: &str) -> Result<Vec<EpisodeRecord>, TableError> {
     let mut reader = Reader::from_reader(text.as_bytes());
     let names = reader.headers().map_err(|error| broken(&error))?.clone();

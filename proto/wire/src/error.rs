@@ -10,7 +10,7 @@ pub enum WireError {
     Node {
         /// Root folder of the incarnation.
         root: String,
-        /// What iceoryx2 said.
+        /// iceoryx2's error text.
         cause: String,
     },
     /// A service could not be created or opened.
@@ -20,7 +20,7 @@ pub enum WireError {
         verb: &'static str,
         /// Name of the service.
         service: String,
-        /// What iceoryx2 said.
+        /// iceoryx2's error text.
         cause: String,
     },
     /// A port could not be made.
@@ -30,7 +30,7 @@ pub enum WireError {
     Port {
         /// Name of the service.
         service: String,
-        /// What iceoryx2 said.
+        /// iceoryx2's error text.
         cause: String,
     },
     /// Events are sockets, and a socket's path is limited to 108 bytes.

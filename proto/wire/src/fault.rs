@@ -1,9 +1,9 @@
 //! Fault points: named places in the protocol at which a test can kill the process.
 //!
-//! `STILLROOM_FAULT=POINT` or `STILLROOM_FAULT=POINT:N` makes the process kill itself with SIGKILL, that is without
-//! unwinding, flushing or saying good-bye, when it reaches the point for the N-th time (default: the first). Crash
-//! tests set the variable for one child; without it [`reach`] is one load and one branch. Points are named
-//! `CRATE.MOMENT`, for example `actor.before_send`; `grep 'fault::reach'` lists them.
+//! `STILLROOM_FAULT=POINT` or `STILLROOM_FAULT=POINT:N` makes the process kill itself with SIGKILL, without unwinding
+//! or flushing, when it reaches the point for the N-th time (default: the first). Crash tests set the variable for one
+//! child; without it [`reach`] is one load and one branch. Points are named `CRATE.MOMENT`, for example
+//! `actor.before_send`; `grep 'fault::reach'` lists them.
 
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -18,7 +18,7 @@ struct Armed {
 
 static ARMED: OnceLock<Option<Armed>> = OnceLock::new();
 
-/// Marks a fault point: kills this process if [`VARIABLE`] says so.
+/// Marks a fault point: kills this process if [`VARIABLE`] names the point.
 pub fn reach(point: &str) {
     let armed = ARMED.get_or_init(|| std::env::var(VARIABLE).ok().map(|text| parse(&text)));
     if let Some(armed) = armed

@@ -18,8 +18,8 @@ pub fn to_stderr() {
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
-        // A line that cannot be written is lost. The default complains of it on standard error, and panics when that is
-        // what cannot be written: a learner whose orchestrator was killed would die of its first word, unsaved.
+        // A line that cannot be written is lost. The default would report the failure on standard error and panic if
+        // that fails, too: a learner whose orchestrator was killed would die at its first log line without saving.
         .log_internal_errors(false)
         .init();
     if let Some(problem) = problem {

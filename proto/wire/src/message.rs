@@ -14,7 +14,7 @@ use proto::step::{Current, Transition};
 #[repr(C)]
 #[repr(align(64))]
 pub struct Observation {
-    /// What the last action did.
+    /// Outcome of the last action.
     pub transition: Transition,
     /// What is seen now.
     pub current: Current,
@@ -81,7 +81,7 @@ pub struct ActionHeader {
     pub step: u64,
     /// Version of the stage announcement in force.
     pub stage_version: u64,
-    /// Incarnation of the learner that speaks.
+    /// Incarnation of the sending learner.
     pub learner_incarnation: u32,
     /// Which half: 0 or 1.
     pub half: u32,
@@ -92,11 +92,11 @@ pub struct ActionHeader {
 #[type_name("stillroom/RestoreHeader/1")]
 #[repr(C)]
 pub struct RestoreHeader {
-    /// Exchange number that each half goes on from (`step` of the observation it sends next).
+    /// Exchange number that each half continues from (`step` of the observation it sends next).
     pub step: [u64; 2],
     /// Version of the stage announcement in force.
     pub stage_version: u64,
-    /// Incarnation of the learner that speaks: the actor adopts it.
+    /// Incarnation of the sending learner; the actor adopts it.
     pub learner_incarnation: u32,
     /// Actor incarnation this is for; 0 = whichever listens.
     pub actor_incarnation: u32,
@@ -150,7 +150,7 @@ pub mod directive {
     pub const STOP: u32 = 2;
 }
 
-/// The orchestrator's word on what the learners do next. History 1, versions only grow.
+/// The orchestrator's announcement of the next rollout to the learners. History 1, versions only grow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("stillroom/StageAnnouncement/1")]
 #[repr(C)]

@@ -2,10 +2,10 @@
 //! the compiler happened to use one; [`require_processor!`](crate::require_processor) ends them before that with a
 //! sentence.
 
-/// Has the program that stands in this file look at the processor before anything else of it runs.
+/// Makes this program check the processor before anything else runs.
 ///
-/// The check is written in instructions that every x86-64 processor has, and calls nothing: what a compiler makes of
-/// Rust may already hold what is missing. Needed are AVX2, FMA and BMI2, and a system that saves AVX's registers.
+/// The check uses only instructions of every x86-64 processor and calls nothing, because compiled Rust code may already
+/// contain the missing instructions. Needed are AVX2, FMA and BMI2, and a system that saves AVX's registers.
 #[macro_export]
 macro_rules! require_processor {
     () => {

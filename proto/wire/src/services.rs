@@ -10,12 +10,13 @@
 //! | `stage` | publish-subscribe, history 1 | orchestrator → learners | `StageAnnouncement` |
 //! | `stage-ready` | event | orchestrator → the same | |
 //!
-//! Each learner has observations of its own: none is woken by, or holds a queue for, what another one's actors send.
+//! Each learner has its own observation services: samples of another learner's actors neither wake it nor fill its
+//! queue.
 //!
 //! One long-lived process, the orchestrator, creates every service ([`WireHost`]) and all others only open them
 //! ([`Wire`]): a process killed while it creates a service can leave it half-made for good. Each incarnation of the
-//! orchestrator uses names of its own ([`WireAddress`]), so nothing of a dead one is ever met again, and sweeping it
-//! is deleting one folder and one prefix in /dev/shm.
+//! orchestrator uses names of its own ([`WireAddress`]), so nothing of a dead one is used again, and cleaning up means
+//! deleting one folder and one prefix in /dev/shm.
 
 use crate::address::WireAddress;
 use crate::error::WireError;
@@ -66,7 +67,7 @@ pub type Bell = Notifier<Ipc>;
 const OBSERVATION_SUBSCRIBERS: usize = 2;
 /// Samples that wait for one subscriber: one for each half.
 const OBSERVATION_BUFFER: usize = 2;
-/// Samples a subscriber may look at at once: one for each half.
+/// Samples that a subscriber may borrow at once: one for each half.
 const OBSERVATION_BORROWED: usize = 2;
 /// Ports that a restarted process may need while its dead predecessor's are not swept yet.
 const RESTART_MARGIN: usize = 2;
@@ -414,7 +415,8 @@ impl WireHost {
         &self.address
     }
 
-    /// Frees what dead, reaped processes held, so that nobody stays blocked on them. Returns how many were swept.
+    /// Frees the resources of dead, reaped processes, so that no process stays blocked on them. Returns the number of
+    /// processes cleaned up.
     pub fn sweep_dead(&self) -> u64 {
         self.wire.node.try_cleanup_dead_nodes().cleanups
     }

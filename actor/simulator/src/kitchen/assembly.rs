@@ -183,7 +183,7 @@ impl Rested {
         let robot_parts = robot_shapes.clone().map(|shape| Solid::of(&shape));
         let robot = robot_parts.each_ref().map(|part| world.add_kinematic(part, Pose3::from_translation(PARKED)));
 
-        // Asked one by one before the rest is put to sleep, for whoever has to mend it.
+        // Reported one by one before the rest is put to sleep, so that the author of a scene can fix it.
         world.run_until_asleep(&movables, (SETTLE_LIMIT_S / timestep_s) as u32);
         let awake: Vec<bool> = movables.iter().map(|&handle| !world.body(handle).is_sleeping()).collect();
         world.put_to_sleep(&movables);

@@ -1,7 +1,7 @@
-//! How things are strewn: every figure that decides how crowded a kitchen is, in one place.
+//! Density of movable things: every figure that decides how crowded a kitchen is, in one place.
 //!
 //! The figures are calibrated, not derived: `actor kitchens report` compares the outcome with iTHOR's kitchens, and the
-//! oracle's share of episodes without disturbance says whether the task is as hard as it should be. Change them here,
+//! oracle's share of episodes without disturbance shows whether the task has the intended difficulty. Change them here,
 //! then look at both.
 
 use super::catalogue::Place;

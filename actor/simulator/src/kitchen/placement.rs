@@ -1,4 +1,4 @@
-//! Where movable things stand: drawn at random, without overlap, before physics has its say.
+//! Positions of movable things: drawn at random, without overlap, before physics settles them.
 //!
 //! Things are set down one after the other, large ones first. For each a distance to its nearest neighbour is drawn,
 //! and of a number of free places that one is taken which comes nearest to it: this is what makes groups, gaps and

@@ -1,9 +1,9 @@
-//! Shares over the set of kitchens: who of the 29 gets what.
+//! Stratified sampling over the 29 kitchens: which kitchen gets which furniture.
 //!
 //! If sixteen of thirty kitchens have a dining table, sixteen thirtieths of ours shall have one, not about as many as
 //! independent coins give. So every question ("has it a table?", "how wide is it?") ranks the kitchens by a random
-//! number of their own, and the answer follows from the rank: stratified sampling, without any kitchen's knowing
-//! of another at run time.
+//! number of their own, and the answer follows from the rank. This is stratified sampling, and each kitchen can still
+//! be generated alone.
 
 use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};

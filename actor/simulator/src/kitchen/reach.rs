@@ -1,6 +1,5 @@
-//! Which places the robot comes to: not how far they are from free floor, but whether the arm can be held there, clear
-//! of everything fixed. A bar above a counter, a wall behind it, a shelf over a shelf keep it out where the distance
-//! would not.
+//! Which places the robot can reach. The test is whether the arm fits there without touching anything fixed, not the
+//! distance from free floor: a bar above a counter, a wall behind it or a shelf above a shelf can block a near place.
 
 use crate::physics::geometry::Solid;
 use crate::physics::scene::Scene;

@@ -50,7 +50,7 @@ pub struct Matter {
     pub friction: f32,
 }
 
-/// What an episode needs to know of one target category.
+/// Data of one target category for episodes.
 #[derive(Debug, Clone)]
 pub(super) struct Target {
     /// Index among the movables.

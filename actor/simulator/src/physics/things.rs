@@ -1,5 +1,5 @@
-//! What movable things do, as of the last look at the physics world, in one place and small: most steps touch nothing
-//! else, and an actor steps many environments in turn.
+//! Poses and motion of movable things as of the last synchronisation with the physics world, in one small place: most
+//! steps touch nothing else, and an actor steps many environments in turn.
 
 use super::geometry::Solid;
 use super::world::World;
@@ -59,7 +59,7 @@ impl Things {
             let body = world.body(handles[index]);
             let asleep = body.is_sleeping();
             self.enter(index, body.position(), body.linvel(), body.angvel(), asleep, &solids[index]);
-            // Who is awake may fall asleep without another word.
+            // A thing that is awake can fall asleep without a further event.
             self.is_stale[index] = !asleep;
             !asleep
         });

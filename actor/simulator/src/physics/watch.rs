@@ -1,4 +1,4 @@
-//! The worst that physics has done, looked for at every sub-step: how fast, how deep, how far out.
+//! Extremes of the physics, checked at every sub-step: speed, penetration, distance outside the room.
 
 use super::geometry::Solid;
 use super::scene::Scene;

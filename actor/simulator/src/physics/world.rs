@@ -121,7 +121,7 @@ impl World {
         handle
     }
 
-    /// Adds a body that goes where it is told.
+    /// Adds a kinematic body.
     pub(crate) fn add_kinematic(&mut self, solid: &Solid, pose: Pose3) -> RigidBodyHandle {
         let handle = self.bodies.insert(RigidBodyBuilder::kinematic_position_based().pose(pose));
         self.add_colliders(handle, solid, None, FRICTION);
@@ -171,9 +171,10 @@ impl World {
 
     /// Gravity acts on what is awake, and leaves alone what sleeps.
     ///
-    /// rapier 0.36 wakes what something comes to touch after it has chosen the contacts of the sub-step: the solver
-    /// knows nothing yet of what the woken body stands on. With its weight it would fall through that by 1.7 mm (5/8 of
-    /// g·dt²: four solver steps in a sub-step), and be pushed out again, up to a millimetre aside. Without it stays, and is held when its weight returns.
+    /// rapier 0.36 wakes a touched body after it has chosen the contacts of the sub-step, so the solver does not yet
+    /// have the contact between the woken body and its support. With gravity the body would fall 1.7 mm into its
+    /// support (5/8 of g·dt²: four solver steps in a sub-step) and be pushed out up to a millimetre aside. Without
+    /// gravity it stays in place until the contact exists.
     fn weigh(&mut self) {
         let bodies = &mut self.bodies;
         self.weighed.retain(|&handle| {
@@ -215,7 +216,7 @@ impl World {
         self.bodies[handle].set_position(pose, wakes);
     }
 
-    /// From now on a movable body goes where it is told. What it was near to wakes up.
+    /// Makes a movable body kinematic. Things near it wake up.
     pub(crate) fn take_hold(&mut self, handle: RigidBodyHandle) {
         self.rouse_neighbours(handle);
         let body = &mut self.bodies[handle];
@@ -267,8 +268,8 @@ impl World {
         }
     }
 
-    /// Steps until all these bodies sleep, at most `limit` times; whoever is still awake then is put to sleep
-    /// where it is. Returns whether all came to rest by themselves.
+    /// Steps until all these bodies sleep, at most `limit` times; bodies that are still awake then are put to sleep
+    /// where they are. Returns whether all came to rest by themselves.
     pub fn settle(&mut self, handles: &[RigidBodyHandle], limit: u32) -> bool {
         self.run_until_asleep(handles, limit);
         let rested = self.asleep(handles);

@@ -1,4 +1,4 @@
-//! What the robot can be told: its configuration in whole ticks, and what each action does to it.
+//! The robot's configuration in whole ticks, and the effect of each action on it.
 //!
 //! Everything but the floor position counts in the actions' own steps, so an action undone is undone exactly.
 

@@ -127,8 +127,8 @@ impl Recorder {
         self.note(Note::Validation(figures));
     }
 
-    /// Why nothing is written any more, if that is so. The supervisor then saves and ends the run; until it has, the
-    /// thread goes on taking samples, so that no actor waits for it.
+    /// The error that stopped writing, if there is one. The supervisor then saves and ends the run. Until then the
+    /// thread keeps receiving samples, so that no actor blocks on it.
     pub fn failure(&self) -> Option<String> {
         match self.failure.get() {
             Some(failure) => Some(failure.clone()),

@@ -1,8 +1,8 @@
-//! Which samples are news: the pure core of the recorder.
+//! Which samples are new: the pure core of the recorder.
 //!
 //! Every frame trained on must be recorded once. But a restarted actor sends its last observation again, a restarted
-//! learner takes everybody back to its checkpoint, and a sample of the time before may still be on the way. The
-//! headers tell all of these apart.
+//! learner takes all actors back to its checkpoint, and an older sample may still be in flight. The headers distinguish
+//! all these cases.
 
 use wire::message::ObservationHeader;
 

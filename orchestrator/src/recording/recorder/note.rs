@@ -13,7 +13,7 @@ use wire::{WireAddress, WireError, WireShape};
 /// How long the thread may take to create the first segment and its subscriber.
 pub const START_DEADLINE: Duration = Duration::from_secs(30);
 
-/// What a recorder needs to know.
+/// Settings of a recorder.
 #[derive(Debug, Clone)]
 pub struct RecorderSetup {
     /// Where the services of this incarnation are.
@@ -43,7 +43,7 @@ pub struct RecordingSummary {
     pub bytes: u64,
 }
 
-/// Why there is no recording, or not a whole one.
+/// Why a recording is missing or incomplete.
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderError {
     /// The services cannot be tapped.
@@ -68,7 +68,7 @@ pub enum RecorderError {
     Failed(String),
 }
 
-/// What the orchestrator tells the thread.
+/// Messages from the orchestrator to the thread.
 pub enum Note {
     Trained(RolloutMetrics),
     Stage(StageSwitch),

@@ -1,4 +1,4 @@
-//! From observations to messages: what is said about each step, on which topic.
+//! Turns observations into messages: the messages of each step and their topics.
 
 use crate::recording::recorder::camera::{self, FrameNames};
 use crate::recording::recorder::segment::{SegmentError, Segments, Topic};
@@ -444,7 +444,7 @@ impl Scribe {
         self.write(topic, time_ns, message)
     }
 
-    /// The end of an episode is known: what was held back of it is written, or forgotten after a success.
+    /// The episode has ended: its held-back messages are written, or dropped after a success.
     fn release(&mut self, environment: usize, success: bool) -> Result<(), SegmentError> {
         let held = std::mem::take(&mut self.environments[environment].held);
         if success {

@@ -53,7 +53,7 @@ const CHUNKS_MAX: u32 = 2048;
 pub struct SegmentError {
     /// The segment.
     pub path: PathBuf,
-    /// What the file system or the writer said.
+    /// Error of the file system or of the writer.
     pub cause: McapError,
 }
 
@@ -70,7 +70,7 @@ pub fn write_options() -> WriteOptions {
         .disable_seeking(true)
 }
 
-/// A topic, known to all segments of an incarnation.
+/// A topic, common to all segments of an incarnation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Topic(usize);
 

@@ -12,7 +12,7 @@ use wire::{Bells, ObservationSubscriber, PREFIX_MARK, ThreadBell, Wire, WireErro
 
 /// A killed recorder loses at most this much.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
-/// After the orchestrator said finish: how long nothing must arrive, and how long to wait for that at most.
+/// After the finish message: the required time without samples, and the longest time to wait for it.
 const QUIET: Duration = Duration::from_millis(20);
 const DRAIN_DEADLINE: Duration = Duration::from_secs(5);
 

@@ -43,7 +43,7 @@ use run::{CORNER_M, COUNTER_DEPTH_M, Run, Slot, Unit, divide};
 use shell::{Drapery, ROOM_HEIGHT_M};
 use wall::Wall;
 
-/// Longest runs, metres: nobody walks further between sink and fridge.
+/// Longest runs of counters, metres: a limit for the way between sink and fridge.
 const MAIN_LONGEST_M: f32 = 4.7;
 const SIDE_LONGEST_M: f32 = 3.2;
 const OPPOSITE_LONGEST_M: f32 = 3.6;

@@ -42,7 +42,7 @@ struct BlockWeights {
     projection: Option<Tensor>,
 }
 
-/// A convolution and its norm, on the way forward: what the way back needs.
+/// Results of a convolution and its norm in the forward pass that the backward pass needs.
 #[derive(Debug)]
 struct Normed {
     /// What came out of the convolution.
@@ -303,7 +303,7 @@ fn to_stem_weight(weight: &Tensor) -> Tensor {
     Tensor::cat(&[&one_part, &one_part], 1)
 }
 
-/// The way back for a gradient: what both parts say is added.
+/// Backward pass of a gradient: the gradients of both parts are added.
 fn from_stem_weight(gradient: &Tensor) -> Tensor {
     let one_part = gradient.view([BASE, 2, 4, 4, 4]).sum_dim_intlist([1i64].as_slice(), false, Kind::Float);
     let taps = one_part.view([BASE, 2, 2, 4, 4]).permute([0, 3, 1, 4, 2]).reshape([BASE, 1, 8, 8]);
@@ -315,7 +315,7 @@ mod tests {
     use super::*;
     use tch::Device;
 
-    /// What `stem_input` computes, in libtorch's words and without rounding.
+    /// The computation of `stem_input` with libtorch's operations and without rounding.
     fn stem_input(x: &Tensor) -> Tensor {
         let (rows, _, side, _) = x.size4().unwrap();
         let half = side / 2;
