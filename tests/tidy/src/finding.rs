@@ -44,17 +44,10 @@ pub struct Finding {
     pub line: usize,
     /// The rule.
     pub rule: Rule,
-    /// What breaks it, without line numbers: it stays the same while the code around it moves.
+    /// What breaks it.
     pub what: String,
     /// More of it, for the reader.
     pub detail: String,
-}
-
-impl Finding {
-    /// What identifies the finding while lines move.
-    pub fn key(&self) -> String {
-        format!("{}: {}", self.path, self.what)
-    }
 }
 
 impl fmt::Display for Finding {
