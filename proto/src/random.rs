@@ -3,6 +3,8 @@
 //! Every random draw in the system is a pure function of (run seed, purpose, kitchen, environment, episode, step),
 //! so nothing depends on timing, on the order of processes, or on what was drawn before. There is no generator
 //! state to save in a checkpoint.
+//!
+//! Written out here and not taken from a crate: it is thirty lines, and no later version may draw other numbers.
 
 use crate::kitchen::KitchenId;
 

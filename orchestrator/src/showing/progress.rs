@@ -1,4 +1,6 @@
 //! Live progress: two lines refreshed in place on a terminal, one line every few seconds elsewhere.
+//!
+//! No crate for progress bars: theirs count to a total, these lines tell of stages, shares of time and success.
 
 use crate::showing::format;
 use crate::showing::terminal::Live;
