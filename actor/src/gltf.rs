@@ -260,7 +260,7 @@ fn smooth(triangles: &[[Vec3; 3]]) -> Vec<(Vec3, Vec3)> {
     corners
 }
 
-/// What a round part is, in the file's axes: read back by `gltf/solid.rs` of the simulator.
+/// What a round part is, in the file's axes: read back by `gltf/convex.rs` of the simulator.
 fn solid_extras(part: &Part) -> Option<Box<RawValue>> {
     let mut extras = match part.primitive {
         Primitive::Cylinder { radius_m, half_height_m } => {

@@ -1,7 +1,7 @@
 //! Imported weights: a state dict of AllenAct's `ArmPointNavBaselineActorCritic` (its own, or the one of the
 //! disturbance-free project that the paper describes), or weights of another run of ours.
 //!
-//! The correspondence of names is [`correspondences`], which is also the table in ARCHITECTURE.md. Three tensors differ
+//! The correspondence of names is [`correspondences`], which is the table in ARCHITECTURE.md. Three tensors differ
 //! in more than their names:
 //!
 //! * **Previous action.** Where AllenAct's table has a row an action and none for "no action yet", an episode's first

@@ -8,11 +8,11 @@ use std::io::{self, Write};
 /// What was measured in one kitchen under one policy with so many environments.
 #[derive(Debug, Clone)]
 pub struct Measurement {
-    /// Where.
+    /// Kitchen.
     pub kitchen: KitchenId,
-    /// Under whom.
+    /// Policy.
     pub policy: PolicyKind,
-    /// How many.
+    /// Environments on one core.
     pub environments: u32,
     /// Processor time of a step without a frame, seconds.
     pub physics_s: f64,

@@ -1,4 +1,4 @@
-//! Writes observations in place in shared memory: the unsafe code of the rollout process's protocol.
+//! Writes observations in place in shared memory: the only unsafe code of this crate.
 
 use proto::step::{Current, Transition};
 use std::mem::MaybeUninit;

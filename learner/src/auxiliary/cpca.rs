@@ -43,9 +43,9 @@ pub struct Cpca {
 }
 
 impl Cpca {
-    /// Declares embedding, GRU and classifier. `share` of the valid pairs of step and offset are looked at in an epoch.
+    /// Declares embedding, GRU and classifier. `share` of the valid pairs of step and offset is used in an epoch.
     pub fn new(layout: &mut Layout, Sizes { hidden, actions }: Sizes, share: f64) -> Self {
-        let path = "auxiliary.cpca16";
+        let path = format!("auxiliary.{}", ENTRY.name);
         let normal = Initial::Normal { deviation: 1.0 };
         Self {
             action_embedder: layout.add(format!("{path}.action_embedder.weight"), &[actions, ACTION], normal),

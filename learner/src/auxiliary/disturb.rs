@@ -40,7 +40,7 @@ pub struct Disturb {
 impl Disturb {
     /// Declares both layers.
     pub fn new(layout: &mut Layout, Sizes { hidden, actions }: Sizes, focal_gamma: f64) -> Self {
-        let path = "auxiliary.disturb";
+        let path = format!("auxiliary.{}", ENTRY.name);
         let bias = Initial::Constant(LAST_BIAS);
         Self {
             first: Linear::with_default(layout, &format!("{path}.0"), [hidden, WIDTH]),

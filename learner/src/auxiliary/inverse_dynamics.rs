@@ -30,10 +30,10 @@ pub struct InverseDynamics {
 }
 
 impl InverseDynamics {
-    /// Declares the layer. `share` of the valid steps are looked at in an epoch.
+    /// Declares the layer. `share` of the valid steps is used in an epoch.
     pub fn new(layout: &mut Layout, Sizes { hidden, actions }: Sizes, share: f64) -> Self {
         let sizes = [2 * OBSERVATION + hidden, actions];
-        Self { decoder: Linear::with_default(layout, "auxiliary.inverse_dynamics", sizes), share }
+        Self { decoder: Linear::with_default(layout, &format!("auxiliary.{}", ENTRY.name), sizes), share }
     }
 }
 

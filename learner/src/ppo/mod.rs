@@ -170,12 +170,12 @@ impl<'a> Update<'a> {
         let beliefs = network.belief.unroll(&network.parameters, &embedded.rows, packing, rollout.beliefs_at_start());
         let output = network.actor_critic(&beliefs);
 
-        // Loss: clipped surrogate + c₁ · clipped value loss − c₂ · entropy, scalars.
+        // Loss: clipped surrogate + c_v · clipped value loss − c_H · entropy, scalars.
         let Terms { policy, value, entropy, clip_fraction, approximate_kl } =
             terms(&output, experience, ppo.clip, totals.frames);
         let mut loss = &policy + &value * ppo.value_coefficient - &entropy * ppo.entropy_coefficient;
 
-        // + c₃ · the auxiliary task's loss, from what each observation gives by itself and from the beliefs.
+        // + w · the auxiliary task's loss, from what each observation gives by itself and from the beliefs.
         let embeddings = embedded.rows.narrow(1, 0, OBSERVATION);
         let pass = Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &experience.actions };
         let mut auxiliary = policy.zeros_like();

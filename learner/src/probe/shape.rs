@@ -5,12 +5,9 @@ use crate::checkpoint::TensorsError;
 use crate::network::ENCODERS;
 use proto::action::ActionSpace;
 use proto::camera::FRAME_SIDE;
-use proto::config::{AuxiliaryTask, Config};
+use proto::config::{AuxiliaryTask, Config, INPUT_POOLS};
 use std::collections::BTreeMap;
 use tch::Tensor;
-
-/// Input poolings that the configuration admits.
-const POOLS: [u32; 3] = [1, 2, 4];
 
 /// Sets encoder, pooling, previous action, width, action space and auxiliary task to what the weights are of.
 pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<(), TensorsError> {
@@ -28,7 +25,7 @@ pub fn fit(config: &mut Config, weights: &BTreeMap<String, Tensor>) -> Result<()
     config.network.encoder = encoder.encoder;
     let linear = last_layer(encoder.linear);
     let features = side(&linear, 1)?;
-    config.network.input_pool = POOLS
+    config.network.input_pool = INPUT_POOLS
         .into_iter()
         .find(|&pool| (encoder.features)(FRAME_SIDE as i64 / i64::from(pool)) == features)
         .ok_or_else(|| wrong(&linear, format!("takes {features} numbers, which no input pooling (1, 2, 4) leaves")))?;
@@ -64,7 +61,7 @@ mod tests {
     fn every_network_is_known_by_its_weights() {
         let tasks =
             [AuxiliaryTask::None, AuxiliaryTask::Disturb, AuxiliaryTask::InverseDynamics, AuxiliaryTask::Cpca16];
-        let shapes = ENCODERS.iter().flat_map(|entry| POOLS.map(|pool| (entry.encoder, pool)));
+        let shapes = ENCODERS.iter().flat_map(|entry| INPUT_POOLS.map(|pool| (entry.encoder, pool)));
         for (index, (encoder, input_pool)) in shapes.enumerate() {
             let mut config = Config::default();
             config.network.encoder = encoder;

@@ -98,7 +98,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     Training { config, run, store, agent, conversation, rollout, frames, saved }.run()
 }
 
-/// Their columns in the whole run.
+/// Columns, numbered as in the whole run, of the actors that a rank serves.
 fn columns(rank: u32, config: &Config) -> Range<usize> {
     let actors = config.shares().actors_of(rank);
     let each = config.actors.environments_per_actor as usize;

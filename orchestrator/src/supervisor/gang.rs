@@ -24,14 +24,14 @@ pub struct Bereaved {
     since: Duration,
     /// Which.
     pub rank: u32,
-    /// Its last event.
+    /// Its last lines on standard error.
     pub last_words: Vec<String>,
 }
 
 /// The learners of a run.
 #[derive(Debug)]
 pub struct Gang {
-    words: Vec<Said>,
+    said: Vec<Said>,
     begun: Duration,
     /// Time of rank 0's last event of progress.
     advanced: Duration,
@@ -51,7 +51,7 @@ impl Gang {
     /// This many learners, none of which has been started.
     pub fn new(learners: u32) -> Self {
         Self {
-            words: vec![Said::default(); learners as usize],
+            said: vec![Said::default(); learners as usize],
             begun: Duration::ZERO,
             advanced: Duration::ZERO,
             collected: false,
@@ -65,17 +65,17 @@ impl Gang {
 
     /// How many there are.
     pub fn size(&self) -> usize {
-        self.words.len()
+        self.said.len()
     }
 
     /// Their ranks.
     pub fn ranks(&self) -> Range<u32> {
-        0..self.words.len() as u32
+        0..self.said.len() as u32
     }
 
     /// All are started and have sent no event yet.
     pub fn begin(&mut self, now: Duration) {
-        self.words.fill(Said::default());
+        self.said.fill(Said::default());
         (self.begun, self.advanced) = (now, now);
         (self.collected, self.non_finite, self.restart_at, self.bereaved) = (false, false, None, None);
     }
@@ -84,7 +84,7 @@ impl Gang {
 
     /// One is ready.
     pub fn ready(&mut self, rank: u32, now: Duration) {
-        self.words[rank as usize].ready = Some(now);
+        self.said[rank as usize].ready = Some(now);
         if rank == 0 {
             self.advanced = now;
         }
@@ -92,8 +92,8 @@ impl Gang {
 
     /// The actors of one have answered; true if with them all have.
     pub fn connected(&mut self, rank: u32) -> bool {
-        self.words[rank as usize].connected = true;
-        self.words.iter().all(|word| word.connected)
+        self.said[rank as usize].connected = true;
+        self.said.iter().all(|word| word.connected)
     }
 
     /// A rollout is collected. Whoever had a part in it has its actors; in a short one some have none.
@@ -109,25 +109,25 @@ impl Gang {
 
     /// One has done all that it had to, and leaves.
     pub fn finished(&mut self, rank: u32) {
-        self.words[rank as usize].finished = true;
+        self.said[rank as usize].finished = true;
     }
 
     // How they stand
 
     /// Whether this learner has reported that it is ready.
     pub fn is_ready(&self, rank: u32) -> bool {
-        self.words[rank as usize].ready.is_some()
+        self.said[rank as usize].ready.is_some()
     }
 
     /// Whether this learner has reported its end: its exit is then no death.
     pub fn has_finished(&self, rank: u32) -> bool {
-        self.words[rank as usize].finished
+        self.said[rank as usize].finished
     }
 
     /// Since when all have been ready. One that has finished has been, too.
     pub fn all_ready_since(&self) -> Option<Duration> {
         let ready = |word: &Said| word.ready.or(word.finished.then_some(self.begun));
-        self.words.iter().map(ready).try_fold(self.begun, |latest, ready| Some(latest.max(ready?)))
+        self.said.iter().map(ready).try_fold(self.begun, |latest, ready| Some(latest.max(ready?)))
     }
 
     /// One that is not ready though more than `patience` has passed since all were started.
@@ -141,7 +141,7 @@ impl Gang {
     pub fn late_to_be_connected(&self, now: Duration, patience: Duration) -> Option<u32> {
         let late = !self.collected && self.all_ready_since().is_some_and(|ready| now.saturating_sub(ready) > patience);
         let unconnected = |word: Said| !word.connected && !word.finished;
-        self.ranks().filter(|_| late).find(|&rank| unconnected(self.words[rank as usize]))
+        self.ranks().filter(|_| late).find(|&rank| unconnected(self.said[rank as usize]))
     }
 
     /// For how long they have not got on since all were ready.

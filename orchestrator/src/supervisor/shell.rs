@@ -71,7 +71,7 @@ fn signal_is_ignored(number: i32) -> bool {
     u64::from_str_radix(mask.trim(), 16).is_ok_and(|mask| mask >> (number - 1) & 1 == 1)
 }
 
-/// Receiver of the learner's events (with several learners, of rank 0's): stores them and shows progress.
+/// Receives rank 0's events, and every learner's wait for an actor: stores them and shows progress.
 pub trait Audience {
     /// Handles a learner's event. An error ends the run, because its results can no longer be written.
     fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()>;

@@ -148,7 +148,15 @@ impl Validation {
             if validation.scores.iter().any(|one| one.rollout == rollout) {
                 continue;
             }
-            validation.reached = validation.reached.max(read_manifest(&validation.manifest(rollout))?.frames);
+            let frames = match read_manifest(&validation.manifest(rollout)) {
+                Ok(manifest) => manifest.frames,
+                Err(error) => {
+                    tracing::warn!("the validation after rollout {rollout} is left out: {error:#}");
+                    validation.unpin(rollout);
+                    continue;
+                }
+            };
+            validation.reached = validation.reached.max(frames);
             if validation.result(rollout).join(RESULT_FILE).is_file() {
                 validation.conclude(rollout, None)?;
             } else {

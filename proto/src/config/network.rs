@@ -61,6 +61,9 @@ impl fmt::Display for CarriedGoal {
     }
 }
 
+/// Sides of the squares of pixels that the network can see as one: `network.input_pool`.
+pub const INPUT_POOLS: [u32; 3] = [1, 2, 4];
+
 /// The network's shape and inputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

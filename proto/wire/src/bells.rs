@@ -96,7 +96,8 @@ impl Waiting<'_> {
     /// milliseconds. What a bell announces was there before it rang: look for all of it afterwards.
     pub fn wait(&self, longest: Duration) -> Result<(), WireError> {
         // A wakeup can have been rung while it was being hushed, which takes the ring but leaves it marked as rung: its
-        // socket is then empty, and later rings are saved. Hushing it again finds the mark.
+        // socket is then empty, and later rings are saved. Hushing it again finds the mark, unless another ring falls
+        // into that moment, too: so nobody waits without a limit.
         let mut rung = 0;
         for (_, wakeup) in &self.wakeups {
             rung += hush(wakeup)?;

@@ -60,8 +60,8 @@ mod tests {
     fn a_point_kills_where_it_is_armed_and_does_nothing_elsewhere() {
         const CHILD: &str = "STILLROOM_FAULT_TEST";
         if std::env::var_os(CHILD).is_some() {
-            reach("proto.test");
-            reach("proto.test");
+            reach("wire.test");
+            reach("wire.test");
             return;
         }
         let (_, module) = module_path!().split_once("::").unwrap();
@@ -79,9 +79,9 @@ mod tests {
         };
         let [passed, killed] = [(true, true, None), (true, false, Some(9))];
         assert_eq!(end(None), passed);
-        assert_eq!(end(Some("proto.other")), passed);
-        assert_eq!(end(Some("proto.test:3")), passed);
-        assert_eq!(end(Some("proto.test:2")), killed);
-        assert_eq!(end(Some("proto.test")), killed);
+        assert_eq!(end(Some("wire.other")), passed);
+        assert_eq!(end(Some("wire.test:3")), passed);
+        assert_eq!(end(Some("wire.test:2")), killed);
+        assert_eq!(end(Some("wire.test")), killed);
     }
 }

@@ -1,4 +1,4 @@
-//! Stratified sampling over the 29 kitchens: which kitchen gets which furniture.
+//! Stratified sampling over the 29 kitchens: which kitchen has what, how many of it, and how large.
 //!
 //! If sixteen of thirty kitchens have a dining table, sixteen thirtieths of ours shall have one, not about as many as
 //! independent coins give. So every question ("has it a table?", "how wide is it?") ranks the kitchens by a random

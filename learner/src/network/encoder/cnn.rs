@@ -7,10 +7,13 @@ use crate::network::parameters::{Layout, Parameters};
 use proto::config::Encoder;
 use tch::Tensor;
 
+/// Path of the linear layer.
+const LINEAR: &str = "visual_encoder.cnn.6";
+
 /// Its line in the registry.
 pub(crate) const ENTRY: Entry = Entry {
     encoder: Encoder::Cnn,
-    linear: "visual_encoder.cnn.6",
+    linear: LINEAR,
     features,
     declare: |layout, side| Box::new(Cnn::new(layout, PATH, side)),
     allenact: &[
@@ -49,7 +52,7 @@ impl Cnn {
             channels = outputs;
         }
         // After the third convolution: flatten, linear, rectifier.
-        Self { convolutions, linear: visual_linear(layout, &format!("{path}.cnn.6"), features(side)) }
+        Self { convolutions, linear: visual_linear(layout, LINEAR, features(side)) }
     }
 }
 

@@ -28,7 +28,7 @@ impl Recorder {
     pub fn start(setup: RecorderSetup) -> Result<Self, RecorderError> {
         let (notes, inbox) = channel();
         let (ready, started) = channel();
-        let bell = Arc::new(ThreadBell::new().map_err(RecorderError::Thread)?);
+        let bell = Arc::new(ThreadBell::new().map_err(RecorderError::Bell)?);
         let failure = Arc::new(OnceLock::new());
         let stages = setup.config.stages.iter().map(|stage| (stage.name.clone(), stage.reward)).collect();
         let thread = {

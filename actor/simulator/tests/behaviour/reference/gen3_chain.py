@@ -5,9 +5,10 @@ An implementation of its own: a chain of 4 x 4 matrices in double precision, joi
 scaled to the arm's reach, and the upper arm can turn about itself as on the seven-joint Gen3. The hand's yaw and pitch
 are reached with the Gen3's joints 4, 5 and 6.
 
-    python3 actor/simulator/tests/behaviour/reference/gen3_chain.py > gen3_chain.json
+    python3 actor/simulator/tests/behaviour/reference/gen3_chain.py \
+        > actor/simulator/tests/behaviour/reference/gen3_chain.json
 
-writes the fixture beside it that `robot.rs` compares with, and says on standard error what leaving out the sideways
+writes the fixture that `robot.rs` compares with, and says on standard error what leaving out the sideways
 steps between the joints' frames changes. Standard library only.
 """
 

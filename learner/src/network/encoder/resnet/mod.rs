@@ -15,7 +15,7 @@ use tch::Tensor;
 /// Its line in the registry.
 pub(crate) const ENTRY: Entry = Entry {
     encoder: Encoder::Resnet,
-    linear: "visual_encoder.fc.1",
+    linear: plain::LINEAR,
     features: plain::features,
     declare: |layout, side| Box::new(ResnetEncoder { resnet: Resnet::new(layout, PATH, side), fused: None }),
     allenact: &[

@@ -11,6 +11,8 @@ use tch::Tensor;
 pub(super) const BASE: i64 = 32;
 const GROUPS: i64 = 16;
 pub(super) const COMPRESSED: i64 = 128;
+/// Path of the linear layer.
+pub(super) const LINEAR: &str = "visual_encoder.fc.1";
 
 /// Two 3 × 3 convolutions and a way around them.
 #[derive(Debug)]
@@ -84,7 +86,7 @@ impl Resnet {
             Convolution::new(layout, &format!("{path}.compression.0"), [channels, COMPRESSED], 3, [1, 1], false),
             GroupNorm::new(layout, &format!("{path}.compression.1"), 1, COMPRESSED),
         );
-        let linear = visual_linear(layout, &format!("{path}.fc.1"), features(side));
+        let linear = visual_linear(layout, LINEAR, features(side));
         Self { stem, blocks, compression, linear }
     }
 
