@@ -316,7 +316,8 @@ pub fn scene_file(kitchen: &Kitchen, gltf: &str) -> SceneFile {
     SceneFile { gltf: gltf.to_owned(), nodes }
 }
 
-/// Builds a kitchen or reads a scene, writes it, and its scene file if that is asked for, and says so on standard output.
+/// Builds a kitchen or reads a scene, writes it, and its scene file if that is asked for, and says so on standard
+/// output.
 pub fn write(subject: &Subject, out: &Path, scene: Option<&Path>) -> Result<()> {
     let kitchen = subject.load()?;
     let bytes = glb(&kitchen);

@@ -1,5 +1,5 @@
-//! `actor soak`: many random actions in many kitchens, watched at every sub-step of physics. Nothing may tunnel, nothing
-//! may explode.
+//! `actor soak`: many random actions in many kitchens, watched at every sub-step of physics. Nothing may tunnel,
+//! nothing may explode.
 
 use anyhow::{Context, Result, ensure};
 use proto::action::{Action, ActionSpace};
@@ -14,8 +14,8 @@ use simulator::physics::watch::Extremes;
 use std::io::Write;
 use std::sync::Arc;
 
-/// Nothing may be faster than this, metres per second. Velocities are held below it by [`simulator::physics::world`]; what
-/// passes it is a thing that was put somewhere else between two sub-steps.
+/// Nothing may be faster than this, metres per second. Velocities are held below it by [`simulator::physics::world`];
+/// what passes it is a thing that was put somewhere else between two sub-steps.
 pub const SPEED_LIMIT_M_PER_S: f32 = 10.0;
 /// Nothing may stand this deep in a fixed thing, metres. Pressed by the robot, which nothing can hold back, things do
 /// enter what is behind them until the motion is stopped for it.

@@ -5,12 +5,12 @@
 //! in more than their names:
 //!
 //! * **Previous action.** Where AllenAct's table has a row an action and none for "no action yet", an episode's first
-//!   observation is given the row of the action that ended the episode before. That is Done, unless the step limit ended
-//!   it: our row for "none yet" becomes a copy of Done's.
+//!   observation is given the row of the action that ended the episode before. That is Done, unless the step limit
+//!   ended it: our row for "none yet" becomes a copy of Done's.
 //! * **CPC|A's action embedding** has a row that AllenAct never looks up, after the last action: it is left out.
-//! * **The original baseline** gives the belief the goal's embedding first and the visual one second. Ours is the other way
-//!   round: the columns of `weight_ih_l0` change places. (AllenAct's own configuration embeds the goal in 512 numbers;
-//!   such weights have no place here, where it is 32, as in the disturbance-free project.)
+//! * **The original baseline** gives the belief the goal's embedding first and the visual one second. Ours is the other
+//!   way round: the columns of `weight_ih_l0` change places. (AllenAct's own configuration embeds the goal in 512
+//!   numbers; such weights have no place here, where it is 32, as in the disturbance-free project.)
 //!
 //! The goal vector of AllenAct's sensors is object − goal while the object is held (`network.carried_goal`), which no
 //! tensor shows. The caller refuses a configuration with the other sign.

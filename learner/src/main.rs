@@ -10,7 +10,8 @@ use wire::WireAddress;
 
 wire::require_processor!();
 
-/// Infers for its actors, collects rollouts and trains, together with the run's other learners. Started by `orchestrator`.
+/// Infers for its actors, collects rollouts and trains, together with the run's other learners. Started by
+/// `orchestrator`.
 #[derive(Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 struct CommandLine {

@@ -49,7 +49,8 @@ pub fn norm(gradient: &Tensor) -> f64 {
     gradient.norm_scalaropt_dtype(2, Kind::Double).double_value(&[])
 }
 
-/// Scales a flat gradient that has this norm down to one of at most `max_norm`, as `torch.nn.utils.clip_grad_norm_` does.
+/// Scales a flat gradient that has this norm down to one of at most `max_norm`, as `torch.nn.utils.clip_grad_norm_`
+/// does.
 pub fn clip(gradient: &mut Tensor, norm: f64, max_norm: f64) {
     let scale = max_norm / (norm + 1e-6);
     if scale < 1.0 {

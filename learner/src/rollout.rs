@@ -65,8 +65,8 @@ pub struct Rollout {
 }
 
 impl Rollout {
-    /// An empty rollout over `columns` columns; of no steps, where all that act are other learners'. `frames` has room for
-    /// steps · columns kept frames; they are overwritten.
+    /// An empty rollout over `columns` columns; of no steps, where all that act are other learners'. `frames` has room
+    /// for steps · columns kept frames; they are overwritten.
     ///
     /// # Panics
     /// If the shape does not fit.

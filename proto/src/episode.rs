@@ -1,4 +1,5 @@
-//! How long an episode can be, and which environment is which: the mapping from process-local indices to the coordinates that randomness counts by.
+//! How long an episode can be, and which environment is which: the mapping from process-local indices to the
+//! coordinates that randomness counts by.
 
 use crate::kitchen::{KitchenId, Kitchens};
 use serde::{Deserialize, Serialize};

@@ -26,8 +26,8 @@ pub enum LearnerEvent {
         device: String,
         /// Trainable parameters.
         parameters: u64,
-        /// Manifest of the checkpoint it came from, relative to the run folder; none on a fresh start. Of an evaluation:
-        /// as its configuration names it.
+        /// Manifest of the checkpoint it came from, relative to the run folder; none on a fresh start. Of an
+        /// evaluation: as its configuration names it.
         checkpoint: Option<String>,
     },
     /// All of this learner's actors have answered for the first time.

@@ -3,6 +3,6 @@
 /// Status with which a learner exits on a non-finite loss, gradient, observation or answer of the network.
 pub const EXIT_NON_FINITE: i32 = 3;
 
-/// Status with which a learner exits because another of the run's learners is gone or cannot go on: that one's end is the
-/// reason, and on its way.
+/// Status with which a learner exits because another of the run's learners is gone or cannot go on: that one's end is
+/// the reason, and on its way.
 pub const EXIT_LOST_PEERS: i32 = 4;

@@ -242,7 +242,8 @@ mod tests {
             prop_assert_eq!(whole.part(0..environments), whole);
         }
 
-        /// What is trained stays where it is, the sum is what was asked for, and the least that an error names is enough.
+        /// What is trained stays where it is, the sum is what was asked for, and the least that an error names is
+        /// enough.
         #[test]
         fn a_new_budget_leaves_what_is_trained(
             budgets in prop::collection::vec(100u64..3_000, 1..4), at in any::<prop::sample::Index>(),

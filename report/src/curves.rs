@@ -47,8 +47,9 @@ impl Curve {
         Self::over(name, &seeds)
     }
 
-    /// A figure of the evaluations during training; none where there were none. Only where every seed that was evaluated
-    /// has a point: a run skips an evaluation when the next one is due, and a mean over other seeds is another mean.
+    /// A figure of the evaluations during training; none where there were none. Only where every seed that was
+    /// evaluated has a point: a run skips an evaluation when the next one is due, and a mean over other seeds is
+    /// another mean.
     pub(crate) fn of_validation(group: &Group<'_>, name: &str, figure: impl Fn(&Validated) -> f64) -> Option<Self> {
         let point = |point: &Validated| (point.frames, point.frames as f64, figure(point));
         let seeds: Vec<Vec<(u64, f64, f64)>> =

@@ -2,8 +2,8 @@
 //!
 //! What differs, because the engines do:
 //! * **Friction** of two bodies is the mean of theirs in rapier and the larger one in `MuJoCo`. Fixed things and the
-//!   robot therefore get none here, and a thing the mean of its own and theirs: the same number between a thing and what
-//!   it stands on or is pushed by; between two things the larger of two such means.
+//!   robot therefore get none here, and a thing the mean of its own and theirs: the same number between a thing and
+//!   what it stands on or is pushed by; between two things the larger of two such means.
 //! * **Angular damping** is a rate in rapier; as `MuJoCo`'s is a torque, whoever loads the file sets it from the
 //!   inertia that `MuJoCo` computes.
 //! * **The robot** consists of mocap bodies, which go where they are told, as kinematic bodies do in rapier. They touch
@@ -27,9 +27,9 @@ pub const ROBOT_BODY: &str = "RobotBody";
 /// Geom group of what the camera sees, and of what it does not.
 const SEEN_GROUP: u32 = 0;
 const UNSEEN_GROUP: u32 = 4;
-/// Sides and rings of round geoms as `MuJoCo` draws them. It divides a cylinder's mantle into rings as well, so that the
-/// depth camera's numbers would give it several times as many triangles; with these it has fewer, and is still within a
-/// millimetre of the depth camera nearly everywhere.
+/// Sides and rings of round geoms as `MuJoCo` draws them. It divides a cylinder's mantle into rings as well, so that
+/// the depth camera's numbers would give it several times as many triangles; with these it has fewer, and is still
+/// within a millimetre of the depth camera nearly everywhere.
 const SLICES: u32 = 20;
 const STACKS: u32 = 4;
 /// Vertical field of view: tan of its half is the depth camera's constant.

@@ -191,8 +191,8 @@ pub(crate) enum Leg {
     ToGoal,
 }
 
-/// The first leg of an episode for which there is no way among what is fixed; none if both have one. A grasp after which
-/// the robot cannot turn away with the target in hand is not the end of it: it is tried from other places.
+/// The first leg of an episode for which there is no way among what is fixed; none if both have one. A grasp after
+/// which the robot cannot turn away with the target in hand is not the end of it: it is tried from other places.
 pub(crate) fn first_obstructed_leg(kitchen: &Kitchen, episode: &Episode) -> Option<Leg> {
     let leg = |moment: &Moment, avoided: &[Configuration]| {
         let carriages = Variant::Fast.carriages(moment.held.is_some());

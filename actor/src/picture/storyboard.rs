@@ -232,8 +232,8 @@ mod tests {
     const AHEAD_M: f32 = 0.45;
     const ASIDE_M: f32 = 0.25;
 
-    /// The pictures of a target to the right of the middle of the depth view, where the arm does not hide it, and of one
-    /// to the left; for one place of the goal.
+    /// The pictures of a target to the right of the middle of the depth view, where the arm does not hide it, and of
+    /// one to the left; for one place of the goal.
     fn pictures(goal: Vec3) -> [Canvas; 2] {
         let kitchen = Kitchen::build(KitchenId::new(1).unwrap(), &SimulationConfig::default()).unwrap();
         let stand = kitchen.robot_stands()[0];

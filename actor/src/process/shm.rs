@@ -6,8 +6,8 @@ use std::ptr::{addr_of_mut, slice_from_raw_parts_mut};
 use wire::Ipc;
 use wire::message::{Observation, ObservationHeader};
 
-/// Fills one observation in place, every byte of it. `render` is given the depth frame, row-major, and must write every pixel: it
-/// returns the written slice as proof.
+/// Fills one observation in place, every byte of it. `render` is given the depth frame, row-major, and must write every
+/// pixel: it returns the written slice as proof.
 ///
 /// # Panics
 /// If what `render` returns is not the frame it was given.

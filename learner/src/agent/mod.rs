@@ -350,8 +350,8 @@ impl Agent {
         self.network.parameters.count() as u64
     }
 
-    /// Everything a checkpoint keeps, as of the last rollout boundary: in the middle of a rollout, the beliefs are those
-    /// it started from.
+    /// Everything a checkpoint keeps, as of the last rollout boundary: in the middle of a rollout, the beliefs are
+    /// those it started from.
     pub fn state(&self) -> AgentState {
         let host = |tensor: &Tensor| tensor.detach().to_device(Device::Cpu).copy();
         let mut tensors: BTreeMap<String, Tensor> =

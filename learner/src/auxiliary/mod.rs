@@ -89,6 +89,19 @@ mod tests {
     use tch::Device;
 
     #[test]
+    fn every_task_of_the_configuration_has_a_line() {
+        use AuxiliaryTask::{Cpca16, Disturb, InverseDynamics, None};
+        for task in [None, Disturb, InverseDynamics, Cpca16] {
+            // Without an arm for all others: a new variant compiles only when it stands here and in the list above.
+            let expected = match task {
+                None => false,
+                Disturb | InverseDynamics | Cpca16 => true,
+            };
+            assert_eq!(TASKS.iter().any(|entry| entry.task == task), expected, "{task:?}");
+        }
+    }
+
+    #[test]
     fn a_task_has_its_configured_name_and_so_have_its_weights() {
         for entry in TASKS {
             assert_eq!(serde_json::to_value(entry.task).unwrap(), entry.name);

@@ -1,9 +1,9 @@
 //! Checkpoints: the complete state that a run needs to continue exactly.
 //!
 //! A checkpoint is two files in `RUN/checkpoints/`: `rollout-K.safetensors` ([`tensors`]) and, written after it,
-//! `rollout-K.json` ([`proto::checkpoint::Manifest`]), which holds the hash of the first and of itself. Each is written beside its place,
-//! flushed to the disk and renamed, so at every moment the newest complete checkpoint is a good one. [`store`] writes,
-//! finds, verifies and prunes them; [`part`] is about several learners.
+//! `rollout-K.json` ([`proto::checkpoint::Manifest`]), which holds the hash of the first and of itself. Each is written
+//! beside its place, flushed to the disk and renamed, so at every moment the newest complete checkpoint is a good one.
+//! [`store`] writes, finds, verifies and prunes them; [`part`] is about several learners.
 
 mod part;
 mod store;

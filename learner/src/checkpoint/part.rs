@@ -1,8 +1,8 @@
 //! What several learners of a run put together into one checkpoint, and take apart again.
 //!
-//! Weights, moments and counters are identical on all learners; each learner has its own beliefs and environments. A checkpoint holds
-//! those of all in the order of the columns, as one learner would have written it: a run can go on with another number
-//! of learners.
+//! Weights, moments and counters are identical on all learners; each learner has its own beliefs and environments. A
+//! checkpoint holds those of all in the order of the columns, as one learner would have written it: a run can go on
+//! with another number of learners.
 
 use super::Snapshot;
 use super::tensors::{self, TensorsError};

@@ -4,8 +4,8 @@
 #include <ATen/core/Tensor.h>
 #include <ATen/ops/convolution_backward.h>
 
-// Gradients of a square, unbiased, ungrouped 2D convolution for its output's gradient `dy`. `dx` stays null unless it is
-// wanted. The new tensors belong to the caller. Returns 0, or 1 with the reason in `message`; no exception leaves.
+// Gradients of a square, unbiased, ungrouped 2D convolution for its output's gradient `dy`. `dx` stays null unless it
+// is wanted. The new tensors belong to the caller. Returns 0, or 1 with the reason in `message`; no exception leaves.
 extern "C" int stillroom_convolution_backward(const at::Tensor *dy, const at::Tensor *x, const at::Tensor *weight,
                                               int64_t stride, int64_t padding, bool wants_dx, at::Tensor **dx,
                                               at::Tensor **dw, char *message, size_t capacity) {

@@ -30,8 +30,8 @@ unsafe extern "C" {
     ) -> c_int;
 }
 
-/// `x.conv2d(weight, bias)` of 32-bit maps on the CPU, with the same bits on every processor and for any number of threads,
-/// gradients included. Square strides and paddings, one group. The result has its channels last in memory.
+/// `x.conv2d(weight, bias)` of 32-bit maps on the CPU, with the same bits on every processor and for any number of
+/// threads, gradients included. Square strides and paddings, one group. The result has its channels last in memory.
 pub fn convolution(
     x: &Tensor,
     weight: &Tensor,

@@ -5,9 +5,10 @@
 //! default stream. So launches are ordered with libtorch's. Dropping a tensor while a kernel uses it is safe: the
 //! allocator reuses the memory only for later work on the same stream.
 //!
-//! By hand, because cudarc (0.19) does not fit. It loads NVRTC by a list of names that begins with `libnvrtc.so`, whichever
-//! the machine has, and panics without one; we need the one beside libtorch, and an error. It compiles to PTX, which the
-//! driver compiles once more and refuses where it is older than NVRTC; we load machine code. A launch is unsafe there too.
+//! By hand, because cudarc (0.19) does not fit. It loads NVRTC by a list of names that begins with `libnvrtc.so`,
+//! whichever the machine has, and panics without one; we need the one beside libtorch, and an error. It compiles to
+//! PTX, which the driver compiles once more and refuses where it is older than NVRTC; we load machine code. A launch is
+//! unsafe there too.
 
 use super::library::{Handle, LibraryError, function, open};
 use std::ffi::{CStr, CString, c_char, c_int, c_uint, c_void};

@@ -1,7 +1,8 @@
-//! A process group of libtorch's (`group.cpp`): several processes of one machine that meet at a file and add numbers up.
+//! A process group of libtorch's (`group.cpp`): several processes of one machine that meet at a file and add numbers
+//! up.
 //!
-//! Everybody makes the same calls in the same order, or all wait until their patience is over. A group in which a member
-//! dies is dead.
+//! Everybody makes the same calls in the same order, or all wait until their patience is over. A group in which a
+//! member dies is dead.
 
 use super::guarded;
 use std::ffi::{CString, c_char, c_int, c_void};

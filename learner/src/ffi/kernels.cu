@@ -220,7 +220,8 @@ __device__ inline void group_means(Sums& sums, const float* weight, float* gradi
     __syncthreads();
 }
 
-// The gradient that reaches a norm: of one or two users of its output, and where a ReLU follows, of what it let through.
+// The gradient that reaches a norm: of one or two users of its output, and where a ReLU follows, of what it let
+// through.
 __device__ inline Eight arriving(const uint4* dy, const uint4* dy_too, const uint4* y, size_t i) {
     Eight g = unpack(dy[i]);
     if (dy_too) {
@@ -236,8 +237,8 @@ __device__ inline Eight arriving(const uint4* dy, const uint4* dy_too, const uin
     return g;
 }
 
-// dx of y = relu?(norm(x) + around?) for dy (+ dy_too?); `y` is given where a ReLU follows. d_around, where wanted, is the
-// gradient of `around`. gradients [rows, 2, channels]: a row's share of those of bias and weight.
+// dx of y = relu?(norm(x) + around?) for dy (+ dy_too?); `y` is given where a ReLU follows. d_around, where wanted, is
+// the gradient of `around`. gradients [rows, 2, channels]: a row's share of those of bias and weight.
 extern "C" __global__ void norm_backward(const uint4* dy, const uint4* dy_too, const uint4* y, const uint4* x,
                                          const float* mean_rstd, const float* weight, uint4* dx, uint4* d_around,
                                          float* gradients, int pixels, int channels, int groups) {
@@ -265,8 +266,8 @@ extern "C" __global__ void norm_backward(const uint4* dy, const uint4* dy_too, c
     }
 }
 
-// The stem: y = max_pool(relu(norm(x))), windows 3 × 3, stride 2, padding 1, on square maps of `side`. `winner` says which
-// of a window's nine pixels (row-major) each number came from, or NO_GRADIENT where the ReLU stopped all of them.
+// The stem: y = max_pool(relu(norm(x))), windows 3 × 3, stride 2, padding 1, on square maps of `side`. `winner` says
+// which of a window's nine pixels (row-major) each number came from, or NO_GRADIENT where the ReLU stopped all of them.
 extern "C" __global__ void stem_forward(const uint4* x, const float* weight, const float* bias, uint4* y, uint2* winner,
                                         float* mean_rstd, int side, int channels, int groups) {
     __shared__ Sums sums;
@@ -361,10 +362,11 @@ extern "C" __global__ void stem_backward(const uint4* dy, const uint4* dy_too, c
     }
 }
 
-// What the stem's convolution sees: kept frames [rows, side, side] in millimetres, normalised to value · scale + offset,
-// as maps of half the side with eight channels: (part, v mod 2, u mod 2), where the parts are the number rounded to
-// bfloat16 and what that left over. So no depth is lost, a 7 × 7 convolution of stride 2 becomes a 4 × 4 one of stride 1,
-// and eight channels are what tensor cores take. The border of zeros is two pixels above and left, one below and right.
+// What the stem's convolution sees: kept frames [rows, side, side] in millimetres, normalised to value · scale +
+// offset, as maps of half the side with eight channels: (part, v mod 2, u mod 2), where the parts are the number
+// rounded to bfloat16 and what that left over. So no depth is lost, a 7 × 7 convolution of stride 2 becomes a 4 × 4 one
+// of stride 1, and eight channels are what tensor cores take. The border of zeros is two pixels above and left, one
+// below and right.
 extern "C" __global__ void stem_input(const float* kept, uint4* y, int side, float scale, float offset) {
     const int half = side / 2, padded = half + 3;
     const float* frame = kept + (size_t)blockIdx.x * side * side;

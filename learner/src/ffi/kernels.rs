@@ -62,8 +62,8 @@ impl Kernels {
         })
     }
 
-    /// Kept frames f32 \[rows, side, side\] → what the stem's convolution sees: \[rows, 8, side / 2 + 3, side / 2 + 3\],
-    /// numbers multiplied by `scale` and moved by `offset` on the way.
+    /// Kept frames f32 \[rows, side, side\] → what the stem's convolution sees: \[rows, 8, side / 2 + 3, side / 2 +
+    /// 3\], numbers multiplied by `scale` and moved by `offset` on the way.
     pub fn stem_input(&self, kept: &Tensor, scale: f32, offset: f32) -> Tensor {
         let (rows, side, _) = kept.size3().expect("frames have three dimensions");
         assert!(kept.kind() == Kind::Float && kept.is_contiguous() && side % 2 == 0, "float frames of an even side");

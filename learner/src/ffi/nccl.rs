@@ -1,5 +1,5 @@
-//! NCCL: sums over GPUs. Its C interface, from the library that libtorch brings. Everything happens on libtorch's default
-//! stream, so a sum is in order with what made the numbers and with what uses them.
+//! NCCL: sums over GPUs. Its C interface, from the library that libtorch brings. Everything happens on libtorch's
+//! default stream, so a sum is in order with what made the numbers and with what uses them.
 
 use super::library::{Handle, LibraryError, function, open};
 use std::ffi::{CStr, c_char, c_int, c_void};

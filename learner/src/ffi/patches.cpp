@@ -31,8 +31,8 @@ struct Geometry {
     int64_t tile() const { return std::max<int64_t>(1, TILE_ROWS / pixels()); }
     int64_t chunk() const { return std::max<int64_t>(1, CHUNK_BYTES / (pixels() * patch() * int64_t(sizeof(float)))); }
 
-    // Calls run(from the map's start, from the patch's start, count) for every run of a patch's numbers that lie side by
-    // side in the map.
+    // Calls run(from the map's start, from the patch's start, count) for every run of a patch's numbers that lie side
+    // by side in the map.
     template <typename Run> void runs(int64_t y, int64_t x, Run run) const {
         const int64_t left = x * stride - padding, first = std::max<int64_t>(0, -left), last = std::min(size, width - left);
         for (int64_t ky = 0; ky < size; ky++) {

@@ -22,6 +22,6 @@ struct Product {
     void part(int64_t row, int64_t last_row, int64_t column, int64_t last_column) const;
 };
 
-// Runs body(thread, threads) in each of libtorch's threads, or once where they are busy or not to be had. What it computes
-// must not depend on how many there are. It must not throw.
+// Runs body(thread, threads) in each of libtorch's threads, or once where they are busy or not to be had. What it
+// computes must not depend on how many there are. It must not throw.
 void stillroom_in_parallel(const std::function<void(int64_t, int64_t)> &body);

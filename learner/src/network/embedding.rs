@@ -14,9 +14,9 @@ pub const GOAL: i64 = 32;
 /// Width of the previous action's embedding.
 pub const PREVIOUS_ACTION: i64 = 16;
 
-/// The goal vector that the policy is given, robot's frame, metres: from the wrist to the object, and while the object is
-/// held between the object and the goal. Observations and recordings have that always from the object to the goal; the
-/// reference's sensor has it the other way round.
+/// The goal vector that the policy is given, robot's frame, metres: from the wrist to the object, and while the object
+/// is held between the object and the goal. Observations and recordings have that always from the object to the goal;
+/// the reference's sensor has it the other way round.
 pub(crate) fn goal_vector_m(carried: CarriedGoal, current: &Current) -> [f32; 3] {
     if current.flags & current_flag::HOLDING == 0 {
         return current.wrist_to_object_m;

@@ -64,8 +64,8 @@ impl Convolution {
         }
     }
 
-    /// Computed as products of matrices on a CPU (`ffi/patches.cpp`). Where a map has few channels and windows are large
-    /// that takes half of oneDNN's time; elsewhere oneDNN is quicker, and as reproducible.
+    /// Computed as products of matrices on a CPU (`ffi/patches.cpp`). Where a map has few channels and windows are
+    /// large that takes half of oneDNN's time; elsewhere oneDNN is quicker, and as reproducible.
     #[must_use]
     pub fn as_products(self) -> Self {
         Self { as_products: true, ..self }

@@ -255,7 +255,8 @@ mod tests {
         }
     }
 
-    /// The encoder's two ways agree as far as bfloat16 goes. `cargo nextest run --release --workspace --run-ignored only`.
+    /// The encoder's two ways agree as far as bfloat16 goes. `cargo nextest run --release --workspace --run-ignored
+    /// only`.
     #[test]
     #[ignore = "needs a CUDA device"]
     fn kernels_make_the_network_that_autograd_makes() {

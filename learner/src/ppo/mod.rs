@@ -133,8 +133,8 @@ impl<'a> Update<'a> {
         Ok(means)
     }
 
-    /// Gradient of the batch's loss under the present weights, \[W\], before clipping, and the epoch's figures; both summed
-    /// over minibatches and learners. `queries` has a list for each minibatch.
+    /// Gradient of the batch's loss under the present weights, \[W\], before clipping, and the epoch's figures; both
+    /// summed over minibatches and learners. `queries` has a list for each minibatch.
     pub(crate) fn gradient(
         &self,
         minibatches: &[Minibatch],

@@ -1,5 +1,5 @@
-//! Straggler pre-emption of DD-PPO (Wijmans et al. 2020): when most learners have finished their rollout, the others end
-//! theirs where they are, so that the gradient's mean does not wait for the slowest.
+//! Straggler pre-emption of DD-PPO (Wijmans et al. 2020): when most learners have finished their rollout, the others
+//! end theirs where they are, so that the gradient's mean does not wait for the slowest.
 //!
 //! Within one learner nobody can straggle: both halves of all actors are inferred together, step by step, and every
 //! column ends a rollout in the same step. So the rule is one between learners. What it needs of the others is how many
@@ -13,8 +13,8 @@ use crate::peers::Finished;
 /// Share of its steps that a rollout must have before it may be ended early: less is hardly worth an update.
 const LEAST_STEPS: f64 = 0.25;
 
-/// Whether a learner that has taken `steps` of `planned` steps ends its rollout now. `share` is that of the learners that
-/// must have finished; 0 = never.
+/// Whether a learner that has taken `steps` of `planned` steps ends its rollout now. `share` is that of the learners
+/// that must have finished; 0 = never.
 pub(crate) fn ends_early(share: f64, [steps, planned]: [usize; 2], others: Finished) -> bool {
     let most_have_finished = f64::from(others.finished) >= share * f64::from(others.learners);
     let worth_an_update = steps as f64 >= LEAST_STEPS * planned as f64;

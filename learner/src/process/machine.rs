@@ -50,8 +50,9 @@ fn python_version(text: &str) -> Option<String> {
     line.split(['\'', '"']).nth(1).map(str::to_owned)
 }
 
-/// What the last bits of the CPU's results depend on: `reproducible` where they are the same on every processor, otherwise
-/// the instruction set that libtorch picks its kernels by, found by its own rule (`ATen/native/DispatchStub.cpp`).
+/// What the last bits of the CPU's results depend on: `reproducible` where they are the same on every processor,
+/// otherwise the instruction set that libtorch picks its kernels by, found by its own rule
+/// (`ATen/native/DispatchStub.cpp`).
 fn arithmetic() -> String {
     if arithmetic::is_reproducible() {
         return REPRODUCIBLE.to_owned();

@@ -1,7 +1,7 @@
 //! The learner as a process: command line, lock, lifeline, shared memory, events, exit status.
 //!
-//! [`training`] and [`evaluation`] are loops over a [`conversation`]. They keep the order of things and the deadlines. What
-//! a message means is decided by pure state machines: the collector ([`crate::collector`]) and [`announcements`].
+//! [`training`] and [`evaluation`] are loops over a [`conversation`]. They keep the order of things and the deadlines.
+//! What a message means is decided by pure state machines: the collector ([`crate::collector`]) and [`announcements`].
 
 mod announcements;
 mod check;

@@ -105,9 +105,10 @@ fn a_probe_finds_what_the_reference_finds() {
             .iter()
             .filter_map(|(name, tensor)| Some((name.strip_prefix("gradient.")?.to_owned(), tensor.shallow_clone())))
             .collect();
-        // The reference was made with kernels for AVX-512. On this batch the gradients of the resnet's first layers move
-        // by up to 1e-4 of their norm with the order of additions (outputs and losses above do not): somewhere a
-        // rectifier or a maximum switches. `network::the_papers_network_is_pytorchs` holds them to 1e-5 on another batch.
+        // The reference was made with kernels for AVX-512. On this batch the gradients of the resnet's first layers
+        // move by up to 1e-4 of their norm with the order of additions (outputs and losses above do not): somewhere a
+        // rectifier or a maximum switches. `network::the_papers_network_is_pytorchs` holds them to 1e-5 on another
+        // batch.
         let tolerance = if encoder == Encoder::Resnet { 3e-4 } else { 1e-5 };
         assert_probes(&gradients, expected("gradients"), tolerance);
         if let Some((_, negatives)) = batch.iter().find(|(name, _)| *name == "negatives") {

@@ -1,5 +1,5 @@
-//! Options that `up`, `import`, `config` and `doctor` share: what the user lays over a preset. Each lies over those before
-//! it: preset, `--config`, `--set`, the other flags.
+//! Options that `up`, `import`, `config` and `doctor` share: what the user lays over a preset. Each lies over those
+//! before it: preset, `--config`, `--set`, the other flags.
 
 use anyhow::{Context, Result};
 use clap::Args;
@@ -14,8 +14,8 @@ pub struct Overrides {
     /// TOML file whose keys replace the preset's (`orchestrator config` shows them all)
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// One key of the configuration, for example ppo.learning_rate=1e-3; repeat it for more. The value is TOML, a single
-    /// word can do without quotes. It wins over preset and --config; the flags below win over it
+    /// One key of the configuration, for example ppo.learning_rate=1e-3; repeat it for more. The value is TOML, a
+    /// single word can do without quotes. It wins over preset and --config; the flags below win over it
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<Setting>,
     /// Actor processes; actor i simulates training kitchen i, beyond 19 kitchens repeat [default: 19]

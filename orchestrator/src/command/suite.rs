@@ -61,10 +61,10 @@ Examples:
 
 /// Train and evaluate a list of presets with several seeds each, and report on them
 ///
-/// Runs go one after another, or one on each of the GPUs given. The suite can be stopped and killed at any time: the same
-/// command goes on where it was. A run that fails does not keep the others from going on, and is tried again by the next
-/// call. Exit status 0 when every run is trained and evaluated, and after an orderly stop; 130 after a second Ctrl-C, which
-/// ends all processes at once.
+/// Runs go one after another, or one on each of the GPUs given. The suite can be stopped and killed at any time: the
+/// same command goes on where it was. A run that fails does not keep the others from going on, and is tried again by
+/// the next call. Exit status 0 when every run is trained and evaluated, and after an orderly stop; 130 after a second
+/// Ctrl-C, which ends all processes at once.
 #[derive(Debug, clap::Args)]
 #[command(after_help = after_help())]
 pub struct SuiteArgs {

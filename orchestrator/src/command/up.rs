@@ -24,9 +24,9 @@ use std::process::ExitCode;
 
 /// Start a new run: learner, actors, recording
 ///
-/// Ctrl-C saves and stops everything (`orchestrator resume RUN` goes on from there, exit status 0); a second Ctrl-C ends
-/// it at once (exit status 130). The last two lines on standard output are `weights: ` and the SHA-256 of the weights,
-/// `frames: ` and the number of frames trained on.
+/// Ctrl-C saves and stops everything (`orchestrator resume RUN` goes on from there, exit status 0); a second Ctrl-C
+/// ends it at once (exit status 130). The last two lines on standard output are `weights: ` and the SHA-256 of the
+/// weights, `frames: ` and the number of frames trained on.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator up                                  the demonstration on a CPU, the two-stage curriculum on a GPU

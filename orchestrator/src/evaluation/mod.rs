@@ -1,5 +1,6 @@
 //! Evaluations: whose weights ([`subject`]), what is heard while episodes are played ([`audience`]), how far it is
-//! ([`standing`], [`journal`]), the result in words ([`words`]), and the whole of it from folder to result files ([`run`]).
+//! ([`standing`], [`journal`]), the result in words ([`words`]), and the whole of it from folder to result files
+//! ([`run`]).
 
 mod audience;
 mod journal;

@@ -4,8 +4,9 @@ use super::Finding;
 use proto::config::{Config, DeviceChoice};
 use proto::device::Torch;
 
-/// Checks that each of `gpus` is there. `torch`: what it finds where [`VISIBLE_DEVICES`](proto::device::VISIBLE_DEVICES) is their list, which CUDA reads up
-/// to the first that it does not know.
+/// Checks that each of `gpus` is there. `torch`: what it finds where
+/// [`VISIBLE_DEVICES`](proto::device::VISIBLE_DEVICES) is their list, which CUDA reads up to the first that it does not
+/// know.
 pub fn check_gpus(gpus: &[String], torch: &Torch) -> Finding {
     let Torch { version, library, .. } = torch;
     match gpus.get(torch.cuda_devices()) {

@@ -1,6 +1,6 @@
-//! Recordings: [`recorder`] makes them, in the messages of [`schema`]. Reading them back: [`reader`] goes through a file however it ends, [`episodes`] puts together what can be
-//! re-simulated, [`wanted`] chooses among it, [`simulate`] simulates it, [`repair`] makes a whole file of a cut one.
-//! [`ffmpeg`] is looked for where films are to be made.
+//! Recordings: [`recorder`] makes them, in the messages of [`schema`]. Reading them back: [`reader`] goes through a
+//! file however it ends, [`episodes`] puts together what can be re-simulated, [`wanted`] chooses among it, [`simulate`]
+//! simulates it, [`repair`] makes a whole file of a cut one. [`ffmpeg`] is looked for where films are to be made.
 
 pub mod episodes;
 pub mod ffmpeg;

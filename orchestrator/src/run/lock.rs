@@ -96,8 +96,8 @@ fn holder_in(path: &Path) -> Option<Holder> {
 }
 
 /// Waits until all learners that outlived their orchestrator have let go of the folder: those that there are to be, and
-/// those that there were under an older configuration. `tell` is called once, with the rank of the first that takes more
-/// than a moment. The rank of one that still holds on after `patience`.
+/// those that there were under an older configuration. `tell` is called once, with the rank of the first that takes
+/// more than a moment. The rank of one that still holds on after `patience`.
 pub fn wait_for_learners(
     folder: &RunFolder,
     learners: u32,

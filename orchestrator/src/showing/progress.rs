@@ -61,7 +61,8 @@ impl Progress {
         }
     }
 
-    /// Shows where the run stands, if it is time to. `validating`: whether a checkpoint is being validated, or is to be.
+    /// Shows where the run stands, if it is time to. `validating`: whether a checkpoint is being validated, or is to
+    /// be.
     pub fn show(&mut self, now: Duration, history: &History, validating: bool) {
         if self.live.is_due(now) {
             let recent = recent(&self.stages, history);

@@ -136,8 +136,8 @@ impl Gang {
         self.ranks().filter(|_| late).find(|&rank| !self.is_ready(rank) && !self.has_finished(rank))
     }
 
-    /// One whose actors have not all answered though more than `patience` has passed since all were ready, and no rollout
-    /// has been collected.
+    /// One whose actors have not all answered though more than `patience` has passed since all were ready, and no
+    /// rollout has been collected.
     pub fn late_to_be_connected(&self, now: Duration, patience: Duration) -> Option<u32> {
         let late = !self.collected && self.all_ready_since().is_some_and(|ready| now.saturating_sub(ready) > patience);
         let unconnected = |word: Said| !word.connected && !word.finished;

@@ -16,7 +16,7 @@ mod validate;
 
 pub use episode::EpisodeConfig;
 pub use error::{ConfigError, nearest};
-pub use network::{CarriedGoal, Encoder, GoalCoordinates, NetworkConfig};
+pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, NetworkConfig};
 pub use preset::{Preset, overlay};
 pub use presets::presets;
 pub use setting::{Setting, SettingError, check_settings};
@@ -75,8 +75,8 @@ pub struct Config {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ActorsConfig {
-    /// Actor processes; actor i simulates training kitchen i, repeating after 19. With `scenes`, or in an evaluation, it
-    /// is scene i, or kitchen i of the split.
+    /// Actor processes; actor i simulates training kitchen i, repeating after 19. With `scenes`, or in an evaluation,
+    /// it is scene i, or kitchen i of the split.
     pub count: u32,
     /// Environments in each.
     pub environments_per_actor: u32,
@@ -222,8 +222,8 @@ pub enum EncoderPrecision {
 #[serde(default, deny_unknown_fields)]
 pub struct LearnerConfig {
     /// Learner processes; the actors are divided among them. Each infers for its own and all take every step of the
-    /// optimiser together, with the sum of their gradients (DD-PPO). They take the steps of one, but for the last bits; only
-    /// the negatives of `cpca16` are drawn from each one's own frames. On CUDA learner i computes on device i.
+    /// optimiser together, with the sum of their gradients (DD-PPO). They take the steps of one, but for the last bits;
+    /// only the negatives of `cpca16` are drawn from each one's own frames. On CUDA learner i computes on device i.
     pub count: u32,
     /// Where it computes.
     pub device: DeviceChoice,
@@ -231,8 +231,8 @@ pub struct LearnerConfig {
     pub cpu: CpuArithmetic,
     /// What the visual encoder computes in.
     pub encoder_precision: EncoderPrecision,
-    /// Threads of libtorch on the CPU, of each learner. Part of what makes a run reproducible: results differ in the last bits
-    /// between thread counts.
+    /// Threads of libtorch on the CPU, of each learner. Part of what makes a run reproducible: results differ in the
+    /// last bits between thread counts.
     pub threads: u32,
     /// How long to wait for an actor's observations before giving up, seconds.
     pub actor_deadline_s: f64,

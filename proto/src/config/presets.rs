@@ -94,7 +94,8 @@ mod tests {
         assert_eq!(Config::resolve("paper", None).unwrap(), Config::default());
     }
 
-    /// Runs from before these keys had the other sign and a rate that fell over the stage, whatever their preset is now.
+    /// Runs from before these keys had the other sign and a rate that fell over the stage, whatever their preset is
+    /// now.
     #[test]
     fn a_stored_configuration_without_a_newer_key_keeps_what_held_then() {
         for preset in ["paper", "short-two-stage"] {

@@ -66,7 +66,12 @@ impl Config {
     /// Network, algorithm, curriculum.
     fn validate_learning(&self) -> Result<(), ConfigError> {
         let Self { network, ppo, reward, auxiliary, .. } = self;
-        check("network.input_pool", network.input_pool, INPUT_POOLS.contains(&network.input_pool), "must be 1, 2 or 4")?;
+        check(
+            "network.input_pool",
+            network.input_pool,
+            INPUT_POOLS.contains(&network.input_pool),
+            "must be 1, 2 or 4",
+        )?;
         check("network.hidden", network.hidden, (8..=4096).contains(&network.hidden), "must be 8 to 4096")?;
         check("ppo.rollout_steps", ppo.rollout_steps, (1..=4096).contains(&ppo.rollout_steps), "must be 1 to 4096")?;
         check("ppo.epochs", ppo.epochs, (1..=64).contains(&ppo.epochs), "must be 1 to 64")?;

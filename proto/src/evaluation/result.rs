@@ -149,7 +149,8 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// Sums up: `records` in table order ([`super::Plan::episodes`]), with the actions taken in each (`A_large` indices).
+    /// Sums up: `records` in table order ([`super::Plan::episodes`]), with the actions taken in each (`A_large`
+    /// indices).
     pub fn of(subject: Subject, conditions: Conditions, cost: Cost, records: &[(EpisodeRecord, Vec<u8>)]) -> Self {
         let figures = |test: &dyn Fn(&EpisodeRecord) -> bool| {
             Figures::of(records.iter().map(|(record, _)| record).filter(|record| test(record)))

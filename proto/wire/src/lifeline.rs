@@ -1,11 +1,11 @@
-//! The lifeline of a process that the orchestrator starts: standard input is a pipe that the orchestrator never writes to;
-//! when it closes, the orchestrator is gone, however it ended.
+//! The lifeline of a process that the orchestrator starts: standard input is a pipe that the orchestrator never writes
+//! to; when it closes, the orchestrator is gone, however it ended.
 
 use crate::ffi;
 use std::io::{ErrorKind, Read};
 
-/// Watches standard input on a thread of its own and calls `gone` when it ends, whatever the main thread is doing, also if
-/// it is blocked in shared memory for good.
+/// Watches standard input on a thread of its own and calls `gone` when it ends, whatever the main thread is doing, also
+/// if it is blocked in shared memory for good.
 ///
 /// Makes Ctrl-C pass this process by: the terminal sends it to every process in the foreground, and only the
 /// orchestrator acts on it.

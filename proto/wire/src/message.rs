@@ -26,8 +26,8 @@ pub struct Observation {
     pub depth_mm: [u16; FRAME_PIXELS],
 }
 
-// SAFETY: an Observation is `Pod`: `repr(C)`, self-contained, without pointers. (The derive asks for this trait on every
-// field, and two of them are types of `proto`, which knows no transport.)
+// SAFETY: an Observation is `Pod`: `repr(C)`, self-contained, without pointers. (The derive asks for this trait on
+// every field, and two of them are types of `proto`, which knows no transport.)
 unsafe impl ZeroCopySend for Observation {
     unsafe fn type_name() -> &'static str {
         "stillroom/Observation/3"

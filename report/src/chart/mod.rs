@@ -1,5 +1,5 @@
-//! Figures of one family: SVG, from which PNG is drawn. A [`Figure`] is a grid of panels under a shared legend; a panel is
-//! a line plot, an interval plot or a heat map.
+//! Figures of one family: SVG, from which PNG is drawn. A [`Figure`] is a grid of panels under a shared legend; a panel
+//! is a line plot, an interval plot or a heat map.
 //!
 //! By hand: a plotting crate has neither strokes across single curves nor ranges that panels share, and would bring
 //! fonts and back-ends of its own.

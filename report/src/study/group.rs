@@ -8,8 +8,8 @@ use toml::Table;
 /// Runs of one configuration with different seeds.
 #[derive(Debug, Clone)]
 pub struct Group<'a> {
-    /// Its name in tables and figures: the preset's, with a star where it has other settings than the preset. Where that is
-    /// not enough to tell groups apart: what their folders are called, or else a letter.
+    /// Its name in tables and figures: the preset's, with a star where it has other settings than the preset. Where
+    /// that is not enough to tell groups apart: what their folders are called, or else a letter.
     pub label: String,
     /// Preset.
     pub preset: String,

@@ -113,8 +113,9 @@ impl Evaluated {
 }
 
 impl Run {
-    /// The evaluation that stands for this run in a field: of the newest checkpoint that was evaluated there, by frames;
-    /// of that with sampled actions before the most probable ones, then the one with the most episodes, then the newest.
+    /// The evaluation that stands for this run in a field: of the newest checkpoint that was evaluated there, by
+    /// frames; of that with sampled actions before the most probable ones, then the one with the most episodes, then
+    /// the newest.
     pub(crate) fn evaluation_in(&self, field: Field) -> Option<&Evaluated> {
         let rank = |evaluated: &&Evaluated| {
             let sampled = !evaluated.result.conditions.deterministic;

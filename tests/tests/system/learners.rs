@@ -1,5 +1,5 @@
-//! Several learners: one run, whoever dies. Every run here but those that are said to depend on timing ends in the weights
-//! of an undisturbed one.
+//! Several learners: one run, whoever dies. Every run here but those that are said to depend on timing ends in the
+//! weights of an undisturbed one.
 
 use rustix::process::Signal;
 use std::process::Command;
@@ -109,8 +109,8 @@ fn a_stopped_run_goes_on_also_with_another_number_of_learners() {
     assert!(printed.stderr.contains("learners 1 instead of 3"), "{printed:#?}");
 }
 
-/// DD-PPO's rule at its 60%: two of three have finished, so the third ends its rollout where it is. When that happens is
-/// a matter of time, how many frames are trained on is not.
+/// DD-PPO's rule at its 60%: two of three have finished, so the third ends its rollout where it is. When that happens
+/// is a matter of time, how many frames are trained on is not.
 #[test]
 fn a_straggler_is_preempted_and_stages_end_on_their_budget() {
     let workshop = Workshop::new();
@@ -124,9 +124,9 @@ fn a_straggler_is_preempted_and_stages_end_on_their_budget() {
     let child = start(command);
     let run = workshop.run("hurried");
     run.wait_for_rollouts(1);
-    // Actor 3 is the last learner's. It stands still, longer each time, until the others have finished a rollout meanwhile
-    // and its learner, which is in the middle of that, notices. (On a busy machine the first learner may be slower by
-    // itself: it has two actors.)
+    // Actor 3 is the last learner's. It stands still, longer each time, until the others have finished a rollout
+    // meanwhile and its learner, which is in the middle of that, notices. (On a busy machine the first learner may be
+    // slower by itself: it has two actors.)
     let log = || std::fs::read_to_string(run.folder.log("learner-2")).unwrap();
     let mut still = Duration::from_secs(1);
     while !log().contains("steps: the others wait") {

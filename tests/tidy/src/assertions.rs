@@ -1,8 +1,8 @@
 //! Tests that assert nothing.
 //!
-//! A test asserts by an assertion's macro, `?`, `should_panic`, an error that it expects, a result that it unwraps and has
-//! no other use for, or a helper among the tests of its crate that asserts. Assertions in the code under test are none of
-//! the test's.
+//! A test asserts by an assertion's macro, `?`, `should_panic`, an error that it expects, a result that it unwraps and
+//! has no other use for, or a helper among the tests of its crate that asserts. Assertions in the code under test are
+//! none of the test's.
 
 use crate::modules::Target;
 use crate::tree::{Kind, ending};

@@ -1,7 +1,7 @@
 //! Circles between the files of a crate.
 //!
-//! A file is tied to each file whose items its code names; re-exports are followed to the definition, so a `mod.rs` that
-//! only declares and re-exports is tied to nothing. Tests may use anything: their paths are no ties.
+//! A file is tied to each file whose items its code names; re-exports are followed to the definition, so a `mod.rs`
+//! that only declares and re-exports is tied to nothing. Tests may use anything: their paths are no ties.
 
 use crate::modules::{Place, Target};
 use crate::paths::Reach;

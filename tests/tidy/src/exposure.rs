@@ -1,7 +1,7 @@
 //! Public items that nobody outside uses.
 //!
-//! Outside is another crate for what a library exposes, and another file of the crate for what only the crate can reach:
-//! everything in a program, and in a library what a private module does not pass on.
+//! Outside is another crate for what a library exposes, and another file of the crate for what only the crate can
+//! reach: everything in a program, and in a library what a private module does not pass on.
 //!
 //! A name counts as used where another crate that names this one, or another file of the program, holds it as an
 //! identifier. What the signature of a used item names is used with it. Names that are common (`new`) therefore always

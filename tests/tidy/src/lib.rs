@@ -1,7 +1,7 @@
 //! Holds the sources of the workspace to the rules of its house.
 //!
-//! [`findings`] takes a [`Tree`] of sources and returns what breaks a rule: one [`Finding`] each, with its place and what
-//! to do. It does no I/O; [`Tree::tracked`] is the shell that reads a checkout.
+//! [`findings`] takes a [`Tree`] of sources and returns what breaks a rule: one [`Finding`] each, with its place and
+//! what to do. It does no I/O; [`Tree::tracked`] is the shell that reads a checkout.
 //!
 //! ```
 //! let mut tree = tidy::Tree::default();

@@ -1,7 +1,8 @@
 //! References to files in comments and documents.
 //!
-//! Looked at are code spans and links, and words that end in `.rs` or `.md`. A path may begin at the root or at any folder
-//! below it. Where a path can only be in a run folder or in another project, its first folder is in [`ELSEWHERE`].
+//! Looked at are code spans and links, and words that end in `.rs` or `.md`. A path may begin at the root or at any
+//! folder below it. Where a path can only be in a run folder or in another project, its first folder is in
+//! [`ELSEWHERE`].
 
 use crate::modules::join;
 use crate::tree::ending;

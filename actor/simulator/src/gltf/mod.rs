@@ -9,8 +9,8 @@
 //! no_solid  why it is none
 //! ```
 //!
-//! A primitive of a mesh becomes one part of a body's shape. The export makes each part one primitive and writes into the
-//! `extras` of round parts what they are, so that they come back as exact as they went.
+//! A primitive of a mesh becomes one part of a body's shape. The export makes each part one primitive and writes into
+//! the `extras` of round parts what they are, so that they come back as exact as they went.
 
 mod convex;
 mod decompose;

@@ -2,9 +2,9 @@
 //!
 //! Spheres and capsules are a point or a segment with a radius about it. Their distance is that of point or segment,
 //! less the radius: exact also where they overlap, as long as point or segment itself stays outside, and much cheaper
-//! than a search for the penetration depth. Nearly all of the robot is made of them, and nearly all of a kitchen is made
-//! of boxes and upright cylinders: these pairs are done here. parry's search (GJK) does the rest; along curved surfaces
-//! it can end millimetres early.
+//! than a search for the penetration depth. Nearly all of the robot is made of them, and nearly all of a kitchen is
+//! made of boxes and upright cylinders: these pairs are done here. parry's search (GJK) does the rest; along curved
+//! surfaces it can end millimetres early.
 
 use super::geometry::length;
 use rapier3d::geometry::SharedShape;
@@ -25,8 +25,8 @@ enum Core<'a> {
 }
 
 /// Distance between two convex solids, metres. Negative: they overlap, and this is how far one would have to move out
-/// of the other; where a capsule's axis or a sphere's centre is in a box or cylinder, it is the radius, and not measured
-/// further.
+/// of the other; where a capsule's axis or a sphere's centre is in a box or cylinder, it is the radius, and not
+/// measured further.
 pub fn gap_m(pose: &Pose3, shape: &SharedShape, other_pose: &Pose3, other: &SharedShape) -> f32 {
     let ((core, radius_m), (other_core, other_radius_m)) = (core(shape), core(other));
     if let Core::Segment(segment) = &core

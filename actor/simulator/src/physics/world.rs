@@ -11,9 +11,9 @@ const SLEEP_THRESHOLD_FACTOR: f32 = 4.0;
 const TIME_UNTIL_SLEEP_S: f32 = 0.25;
 /// No body moves faster than this, metres per second: a fall from table height reaches 4.
 const MAX_SPEED_M_PER_S: f32 = 5.0;
-/// A moving body's contacts are foreseen this far ahead, metres: further than it comes in a sub-step of 1/60 s. Together
-/// with rapier's sweep of fast bodies against fixed ones this keeps plates from falling through shelves, which the sweep
-/// alone does not.
+/// A moving body's contacts are foreseen this far ahead, metres: further than it comes in a sub-step of 1/60 s.
+/// Together with rapier's sweep of fast bodies against fixed ones this keeps plates from falling through shelves, which
+/// the sweep alone does not.
 const FORESIGHT_M: f32 = 0.1;
 /// Spin dies out at this rate (1/s). It stands for rolling friction, which rapier lacks.
 const ANGULAR_DAMPING: f32 = 1.0;
@@ -225,8 +225,8 @@ impl World {
         body.set_body_type(RigidBodyType::KinematicPositionBased, true);
     }
 
-    /// Wakes what is near to a body that is about to be put elsewhere. The next sub-step would do so by itself, but from
-    /// that it would learn of its weight a sub-step later than of what it stands on, see [`weigh`](Self::weigh).
+    /// Wakes what is near to a body that is about to be put elsewhere. The next sub-step would do so by itself, but
+    /// from that it would learn of its weight a sub-step later than of what it stands on, see [`weigh`](Self::weigh).
     fn rouse_neighbours(&mut self, handle: RigidBodyHandle) {
         for &collider in self.bodies[handle].colliders() {
             for pair in self.narrow_phase.contact_pairs_with(collider) {
@@ -375,8 +375,8 @@ mod tests {
 
     #[test]
     fn what_wakes_stays_where_it_stood() {
-        // Once it fell through what it stood on by 1.7 mm in its first sub-step, because the solver did not know of that
-        // yet, and was then pushed out and aside.
+        // Once it fell through what it stood on by 1.7 mm in its first sub-step, because the solver did not know of
+        // that yet, and was then pushed out and aside.
         let mut world = World::new(1.0 / 60.0);
         world.add_fixed(&cuboid(1.0, 0.05, 1.0), Pose3::translation(0.0, -0.05, 0.0));
         let hand = world.add_kinematic(&cuboid(0.02, 0.02, 0.02), Pose3::translation(0.2, 0.15, 0.2));

@@ -44,10 +44,10 @@
 //! Physics takes convex parts only, so a mesh with a dent is an error unless its entry says what to do:
 //!
 //! * `convex = "hull"` fills the dent: nothing can stand in it, and the camera sees it filled, too.
-//! * `convex = "decompose"` cuts the mesh into at most 32 convex pieces with parry's VHACD. The mesh must be closed. The
-//!   camera sees the mesh itself, and mass and inertia are those of the mesh; what touches it touches the pieces, which
-//!   differ from it by about 1/64 of its longest side where two of them meet in a dent. Loading takes longer, by some
-//!   tenths of a second a mesh. The same file gives the same pieces on every machine.
+//! * `convex = "decompose"` cuts the mesh into at most 32 convex pieces with parry's VHACD. The mesh must be closed.
+//!   The camera sees the mesh itself, and mass and inertia are those of the mesh; what touches it touches the pieces,
+//!   which differ from it by about 1/64 of its longest side where two of them meet in a dent. Loading takes longer, by
+//!   some tenths of a second a mesh. The same file gives the same pieces on every machine.
 //!
 //! Meshes that are already split into convex ones are simulated faster and exactly.
 

@@ -206,8 +206,8 @@ impl Draft {
     }
 }
 
-/// The shape of a body in its node's frame: each primitive of its nodes is one part. What is `decomposed` already is not
-/// decomposed again.
+/// The shape of a body in its node's frame: each primitive of its nodes is one part. What is `decomposed` already is
+/// not decomposed again.
 fn shape_of(body: &Body<'_>, document: &Document, decomposed: &mut Vec<(Piece, Part)>) -> Result<Shape, Vec<Problem>> {
     let own: &Node = &document.nodes[body.node];
     let mut shape = Shape::default();

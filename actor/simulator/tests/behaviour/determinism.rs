@@ -1,5 +1,5 @@
-//! The same kitchen, episode and actions give the same state at each step, bit for bit: whoever else is simulated in the
-//! process, whatever came before, on every x86-64 machine, in debug and release (`make check-determinism`).
+//! The same kitchen, episode and actions give the same state at each step, bit for bit: whoever else is simulated in
+//! the process, whatever came before, on every x86-64 machine, in debug and release (`make check-determinism`).
 
 use super::support::{environment, kitchen, random_action, run};
 use proto::action::NO_ACTION;

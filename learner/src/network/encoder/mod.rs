@@ -25,6 +25,17 @@ pub(crate) fn entry(encoder: Encoder) -> Entry {
 mod tests {
     use super::*;
 
+    #[test]
+    fn every_encoder_of_the_configuration_has_a_line() {
+        for encoder in [Encoder::Resnet, Encoder::Cnn] {
+            // Without an arm for all others: a new variant compiles only when it stands here and in the list above.
+            let expected = match encoder {
+                Encoder::Resnet | Encoder::Cnn => 1,
+            };
+            assert_eq!(ENCODERS.iter().filter(|entry| entry.encoder == encoder).count(), expected, "{encoder:?}");
+        }
+    }
+
     /// What the convolutions leave of a frame, without pooling and pooled by 2 and by 4.
     #[test]
     fn the_last_layers_have_these_inputs() {

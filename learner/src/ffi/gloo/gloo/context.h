@@ -1,4 +1,5 @@
-// As much of Gloo's header of this name as c10d's header needs: pointers to a context, and one call that it makes inline.
+// As much of Gloo's header of this name as c10d's header needs: pointers to a context, and one call that it makes
+// inline.
 #pragma once
 
 #include <chrono>
