@@ -499,6 +499,22 @@ pub mod tests {
     }
 
     #[test]
+    fn a_waiting_validation_whose_manifest_is_damaged_is_left_out() {
+        let (_temporary, folder, config) = run(&[3, 5]);
+        let validation = Validation::open(&folder, &config).unwrap().unwrap();
+        for rollout in [3, 5] {
+            validation.pin(rollout).unwrap();
+        }
+        let path = validation.manifest(5);
+        std::fs::remove_file(&path).unwrap();
+        let text = String::from_utf8(manifest(5, 500)).unwrap();
+        assert!(text.contains("500"));
+        std::fs::write(&path, text.replace("500", "501")).unwrap();
+        let again = Validation::open(&folder, &config).unwrap().unwrap();
+        assert_eq!((again.pinned().unwrap(), again.waiting, again.reached), (vec![3], Some(3), 300));
+    }
+
+    #[test]
     fn a_run_that_asks_for_none_has_none() {
         let (_temporary, folder, mut config) = run(&[]);
         config.validation.every_frames = 0;
