@@ -13,7 +13,8 @@ mod tests;
 
 pub use part::Part;
 pub use store::{CheckpointError, Loaded, Rejected, Store, read};
-pub use tensors::{TensorsError, decode_tensors, encode_tensors};
+pub(crate) use tensors::decode_tensors;
+pub use tensors::{TensorsError, encode_tensors};
 
 use crate::agent::AgentState;
 use crate::collector::Boundary;

@@ -21,7 +21,8 @@ mod tests;
 
 pub use column_map::ColumnMap;
 pub use environments::{Environments, Mismatch, Reward};
-pub use noise::{gumbel, gumbel_of};
+pub use noise::gumbel;
+pub(crate) use noise::gumbel_of;
 pub use statistics::{RolloutStatistics, RunningEpisode};
 
 use crate::agent::StepInput;
