@@ -65,6 +65,8 @@ fn main() -> ExitCode {
     // First: any query for CUDA before its library is loaded makes CUDA unavailable for the whole process.
     learner::device::load_cuda();
     wire::logging::to_stderr();
+    // One that was not started by the orchestrator has inherited no raised limit.
+    wire::descriptors::raise_limit();
     learner::device::log_warnings();
     let line = CommandLine::parse();
     let result = match line {
