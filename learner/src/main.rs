@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 use learner::probe;
 use learner::process::{self, Arguments, EvaluationArguments};
-use proto::exit::{EXIT_LOST_PEERS, EXIT_NON_FINITE};
+use proto::exit::{EXIT_LOST_PEERS, EXIT_NON_FINITE, EXIT_UNSAVED};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use wire::WireAddress;
@@ -93,7 +93,12 @@ fn main() -> ExitCode {
                 return ExitCode::from(EXIT_LOST_PEERS as u8);
             }
             tracing::error!("{error:#}");
-            ExitCode::from(if process::is_non_finite(&error) { EXIT_NON_FINITE as u8 } else { 1 })
+            let status = match error {
+                error if process::is_non_finite(&error) => EXIT_NON_FINITE,
+                error if process::is_unsaved(&error) => EXIT_UNSAVED,
+                _ => 1,
+            };
+            ExitCode::from(status as u8)
         }
     }
 }

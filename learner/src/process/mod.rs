@@ -20,7 +20,7 @@ mod weights;
 
 pub use check::check;
 pub use evaluation::{EvaluationArguments, evaluate};
-pub use failure::{is_non_finite, is_of_peers};
+pub use failure::{is_non_finite, is_of_peers, is_unsaved};
 pub use import::{ImportArguments, import};
 
 use crate::agent::Agent;
