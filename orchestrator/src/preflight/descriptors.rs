@@ -1,8 +1,8 @@
 //! Whether every process of a run may open as many files as it needs. Shared memory and sockets count as files: without
 //! this check a large run would fail amid its start, with an error of the transport that names no limit.
 //!
-//! The figures are those of processes at work, read from /proc/PID/fd in runs of 1 to 4 actors and 1 to 4 learners. They
-//! depend on neither environments nor frames.
+//! The figures are those of processes at work, read from /proc/PID/fd in runs of 1 to 4 actors and 1 to 4 learners, and of
+//! 76 actors and 2 learners. They do not depend on the number of environments.
 
 use super::Finding;
 use crate::showing::format::counted;
@@ -12,9 +12,9 @@ use proto::shares::Shares;
 /// The orchestrator with its recorder: alone, for each actor, for each learner.
 const ORCHESTRATOR: [u64; 3] = [37, 13, 20];
 /// A learner: alone, for each actor of the run, for each learner.
-const LEARNER: [u64; 3] = [46, 6, 6];
+const LEARNER: [u64; 3] = [51, 3, 7];
 /// A learner, for each actor that it serves itself.
-const LEARNER_OWN_ACTOR: u64 = 14;
+const LEARNER_OWN_ACTOR: u64 = 17;
 /// An actor: alone, for each actor of the run, for each learner.
 const ACTOR: [u64; 3] = [53, 3, 7];
 /// For what is open only for moments, and for what CUDA opens, which was not measured.
@@ -86,9 +86,10 @@ mod tests {
     /// What was counted in real runs: the estimate is not below it, and not above it by more than the spare and a few.
     #[test]
     fn the_need_is_what_was_counted() {
-        for ((actors, learners), counted) in [((1, 1), 71), ((2, 1), 92), ((4, 1), 131), ((4, 2), 129), ((4, 4), 169)] {
+        let runs = [((1, 1), 71), ((2, 1), 92), ((4, 1), 131), ((4, 2), 129), ((4, 4), 169), ((76, 2), 1065)];
+        for ((actors, learners), counted) in runs {
             let most = need(actors, learners) - SPARE;
-            assert!((counted..counted + 4).contains(&most), "{actors} actors, {learners} learners: {most}");
+            assert!((counted..counted + 8).contains(&most), "{actors} actors, {learners} learners: {most}");
         }
     }
 }
