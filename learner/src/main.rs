@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 use learner::probe;
 use learner::process::{self, Arguments, EvaluationArguments};
-use proto::exit::{EXIT_LOST_PEERS, EXIT_NON_FINITE};
+use proto::exit::{EXIT_LOST_PEERS, EXIT_NON_FINITE, EXIT_UNSAVED};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use wire::WireAddress;
@@ -66,6 +66,8 @@ fn main() -> ExitCode {
     // First: any query for CUDA before its library is loaded makes CUDA unavailable for the whole process.
     learner::device::load_cuda();
     wire::logging::to_stderr();
+    // One that was not started by the orchestrator has inherited no raised limit.
+    wire::descriptors::raise_limit();
     learner::device::log_warnings();
     let line = CommandLine::parse();
     let result = match line {
@@ -92,7 +94,12 @@ fn main() -> ExitCode {
                 return ExitCode::from(EXIT_LOST_PEERS as u8);
             }
             tracing::error!("{error:#}");
-            ExitCode::from(if process::is_non_finite(&error) { EXIT_NON_FINITE as u8 } else { 1 })
+            let status = match error {
+                error if process::is_non_finite(&error) => EXIT_NON_FINITE,
+                error if process::is_unsaved(&error) => EXIT_UNSAVED,
+                _ => 1,
+            };
+            ExitCode::from(status as u8)
         }
     }
 }

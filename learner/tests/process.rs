@@ -8,7 +8,7 @@ use learner::checkpoint::encode_tensors;
 use proto::config::{CarriedGoal, LagrangianConfig};
 use proto::evaluation::{EvaluationConfig, ObjectSet};
 use proto::event::LearnerEvent;
-use proto::exit::EXIT_NON_FINITE;
+use proto::exit::{EXIT_NON_FINITE, EXIT_UNSAVED};
 use proto::kitchen::Split;
 use proto::metric;
 use proto::reward::RewardKind;
@@ -85,6 +85,32 @@ fn a_learner_killed_anywhere_goes_on_to_the_same_weights() {
         assert!(!killed.status.success(), "{point} was not reached: {killed:?}");
         let ended = scene.learner(&Plan::Undisturbed);
         assert_eq!(complete(&scene, &ended), undisturbed(), "{point}: {}", ended.stderr);
+    }
+}
+
+/// A folder where the file of a checkpoint is to be written stands for a full disk.
+#[test]
+fn a_checkpoint_that_cannot_be_written_costs_nothing_but_at_the_end() {
+    let mut scene = Scene::new("unsaved", tiny());
+    let obstacle =
+        |scene: &Scene, rollout: u64| scene.run_folder().checkpoint_tensors(rollout).with_added_extension("partial");
+    let amid = obstacle(&scene, 2);
+    std::fs::create_dir_all(&amid).unwrap();
+    let ended = scene.learner(&Plan::Undisturbed);
+    assert_eq!(complete(&scene, &ended), undisturbed(), "the run goes on, and saves the next time");
+    for part in ["cannot write checkpoint", "The run goes on and tries again", "last checkpoint (rollout 1) is lost"] {
+        assert!(ended.stderr.contains(part), "{part}: {}", ended.stderr);
+    }
+
+    // Without its last one, or its first, it may not end well.
+    for (name, rollout) in [("unsaved-last", 5), ("unsaved-first", 0)] {
+        let mut scene = Scene::new(name, tiny());
+        let there = obstacle(&scene, rollout);
+        std::fs::create_dir_all(&there).unwrap();
+        let ended = scene.learner(&Plan::Undisturbed);
+        assert_eq!(ended.status.code(), Some(EXIT_UNSAVED), "{ended:?}");
+        std::fs::remove_dir(&there).unwrap();
+        assert_eq!(complete(&scene, &scene.learner(&Plan::Undisturbed)), undisturbed());
     }
 }
 

@@ -59,6 +59,8 @@ enum Command {
 fn main() -> ExitCode {
     let line = CommandLine::parse();
     showing::terminal::init(line.verbose);
+    // Before any child is started: it inherits the limit.
+    wire::descriptors::raise_limit();
     let done = |()| ExitCode::SUCCESS;
     let followed = line.parent.map_or(Ok(()), |parent| run::lifeline::follow(parent, Signal::INT));
     let result = followed.and_then(|()| match &line.command {

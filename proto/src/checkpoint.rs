@@ -94,6 +94,10 @@ pub struct Manifest {
     pub tensors_sha256: String,
     /// SHA-256 of the effective configuration as TOML.
     pub config_sha256: String,
+    /// That configuration: a resume under another one names what has changed. Empty where an older version wrote the
+    /// checkpoint.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub config: String,
     /// Digest of the weights alone, as the summary shows it.
     pub weights: String,
     /// What the last bits depend on.

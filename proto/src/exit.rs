@@ -6,3 +6,7 @@ pub const EXIT_NON_FINITE: i32 = 3;
 /// Status with which a learner exits because another of the run's learners is gone or cannot go on: that one's end is
 /// the reason, and on its way.
 pub const EXIT_LOST_PEERS: i32 = 4;
+
+/// Status with which a learner exits because it cannot write the checkpoint without which it may not end, or not begin.
+/// A restart would train the same again and meet the same full disk.
+pub const EXIT_UNSAVED: i32 = 5;

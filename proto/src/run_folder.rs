@@ -74,6 +74,11 @@ impl RunFolder {
         self.checkpoints().join(RolloutName::Manifest.of(rollout))
     }
 
+    /// Folder of its copies of scenes.
+    pub fn scenes(&self) -> PathBuf {
+        self.root.join("scenes")
+    }
+
     /// Copy of the run's scene number `index` with all its files.
     pub fn scene(&self, index: usize) -> PathBuf {
         self.root.join(self.relative_scene(index))
@@ -191,12 +196,15 @@ impl RolloutName {
 /// What all names of rollouts begin with.
 const PREFIX: &str = "rollout-";
 
+/// What the name of a file ends in while [`write_atomically`] writes it.
+pub const PARTIAL: &str = ".partial";
+
 /// Writes a file so that a reader finds either the old content or the new, whole: temporary file in the same folder,
 /// fsync, rename, fsync of the folder.
 pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut temporary = path.as_os_str().to_owned();
-    temporary.push(".partial");
+    temporary.push(PARTIAL);
     let temporary = PathBuf::from(temporary);
     let written = std::fs::File::create(&temporary).and_then(|mut file| {
         file.write_all(content)?;

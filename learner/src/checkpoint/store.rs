@@ -86,7 +86,7 @@ pub struct Loaded {
 pub struct Store {
     run: RunFolder,
     stages: Vec<StageConfig>,
-    config_sha256: String,
+    config: String,
     machine: Machine,
     keep: usize,
 }
@@ -94,18 +94,7 @@ pub struct Store {
 impl Store {
     /// The checkpoints of `run`. The `keep` newest are kept, and the one at each stage's end.
     pub fn new(run: RunFolder, stages: &[StageConfig], config_toml: &str, machine: Machine, keep: u32) -> Self {
-        Self {
-            run,
-            stages: stages.to_vec(),
-            config_sha256: sha256(config_toml.as_bytes()),
-            machine,
-            keep: keep as usize,
-        }
-    }
-
-    /// Digest of the configuration that new checkpoints carry.
-    pub fn config_sha256(&self) -> &str {
-        &self.config_sha256
+        Self { run, stages: stages.to_vec(), config: config_toml.to_owned(), machine, keep: keep as usize }
     }
 
     /// The machine that new checkpoints carry.
@@ -136,7 +125,8 @@ impl Store {
             tensors: file_name(&tensors_path),
             tensors_bytes: bytes.len() as u64,
             tensors_sha256: sha256(&bytes),
-            config_sha256: self.config_sha256.clone(),
+            config_sha256: sha256(self.config.as_bytes()),
+            config: self.config.clone(),
             weights: snapshot.weights.clone(),
             machine: self.machine.clone(),
             manifest_sha256: String::new(),

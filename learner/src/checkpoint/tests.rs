@@ -84,8 +84,8 @@ fn a_state_comes_back_bit_for_bit() {
     assert!(loaded.rejected.is_empty());
     assert_eq!(loaded.path, "checkpoints/rollout-00000003.json");
     assert_eq!(loaded.snapshot.agent.tensors["model.weight"].size(), [2, 2]);
-    let Manifest { stage, stage_end, machine: stored, config_sha256, .. } = loaded.manifest;
-    assert_eq!((stage, stage_end, &stored, config_sha256.as_str()), (0, false, &machine(), store.config_sha256()));
+    let Manifest { stage, stage_end, machine: stored, config, .. } = loaded.manifest;
+    assert_eq!((stage, stage_end, &stored, config.as_str()), (0, false, &machine(), "seed = 1"));
     let other = Machine { threads: 4, ..machine() };
     assert_eq!(other.differences(&stored), ["threads 4 instead of 2"]);
     assert!(stored.differences(&machine()).is_empty());

@@ -1,6 +1,7 @@
 //! Why a learner ends: errors that have an exit status of their own.
 
 use crate::agent::AgentError;
+use crate::checkpoint::CheckpointError;
 use crate::collector::ProtocolError;
 use crate::peers::PeerError;
 
@@ -11,6 +12,23 @@ pub struct NonFinite {
     pub(super) rollout: u64,
     pub(super) what: String,
     pub(super) dump: String,
+}
+
+/// A checkpoint could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum Unsaved {
+    /// By this learner.
+    #[error("{0}")]
+    Here(#[from] CheckpointError),
+    /// By the first learner, which writes for all and says why.
+    #[error("the first learner could not write the checkpoint")]
+    Elsewhere,
+}
+
+/// Whether an error is that this learner could not write a checkpoint: the process then ends with
+/// [`proto::exit::EXIT_UNSAVED`].
+pub fn is_unsaved(error: &anyhow::Error) -> bool {
+    matches!(error.downcast_ref(), Some(Unsaved::Here(_)))
 }
 
 /// Whether an error is about a number that is not finite: the process then ends with
@@ -32,6 +50,7 @@ pub fn is_of_peers(error: &anyhow::Error) -> bool {
             _ => None,
         });
         matches!(peers, Some(PeerError::Lost { .. } | PeerError::Elsewhere))
+            || matches!(cause.downcast_ref(), Some(Unsaved::Elsewhere))
     })
 }
 

@@ -4,6 +4,7 @@
 //! What a message means is decided by pure state machines: the collector ([`crate::collector`]) and [`announcements`].
 
 mod announcements;
+mod changed;
 mod check;
 mod control;
 mod conversation;
@@ -19,7 +20,7 @@ mod weights;
 
 pub use check::check;
 pub use evaluation::{EvaluationArguments, evaluate};
-pub use failure::{is_non_finite, is_of_peers};
+pub use failure::{is_non_finite, is_of_peers, is_unsaved};
 pub use import::{ImportArguments, import};
 
 use crate::agent::Agent;
@@ -79,7 +80,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let machine = machine::machine(device, config.learner.threads, learners);
     let store = Store::new(run.clone(), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);
 
-    let resumed = resume(&store, &mut agent, &config)?;
+    let file = std::fs::read_to_string(run.config()).with_context(|| run.config().display().to_string())?;
+    let resumed = resume(&store, &mut agent, &config, &file)?;
     let Resumed { rollout, frames, boundary, checkpoint } = resumed;
     // 0 = none was found, which is not the checkpoint of rollout 0.
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
@@ -114,8 +116,8 @@ struct Resumed {
 }
 
 /// Loads the newest good checkpoint into the agent. Without one the run starts, with another run's weights if the
-/// configuration has `[from]`.
-fn resume(store: &Store, agent: &mut Agent, config: &Config) -> Result<Resumed> {
+/// configuration has `[from]`. `file`: the text of the configuration.
+fn resume(store: &Store, agent: &mut Agent, config: &Config, file: &str) -> Result<Resumed> {
     let columns = agent.columns();
     let Some(loaded) = store.load()? else {
         if let Some(from) = &config.from {
@@ -130,8 +132,10 @@ fn resume(store: &Store, agent: &mut Agent, config: &Config) -> Result<Resumed> 
     let (held, wanted) = (snapshot.boundary.environments.len(), config.environments());
     ensure!(held == wanted, "checkpoint {path} holds {held} environments, the configuration asks for {wanted}");
     snapshot.keep(columns);
-    if manifest.config_sha256 != store.config_sha256() {
-        tracing::warn!("the configuration has changed since checkpoint {path}: the run goes on under the new one");
+    if let Some(changes) = changed::since(&manifest, config, file) {
+        tracing::warn!(
+            "the configuration has changed since checkpoint {path}: {changes}. The run goes on under the new one"
+        );
     }
     let differences = store.machine().differences(&manifest.machine);
     if !differences.is_empty() {

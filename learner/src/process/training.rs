@@ -3,7 +3,7 @@
 
 use super::announcements::Word;
 use super::conversation::{Conversation, Silent};
-use super::failure::{NonFinite, is_non_finite};
+use super::failure::{NonFinite, Unsaved, is_non_finite};
 use super::stop::Stop;
 use crate::agent::{Agent, AgentError};
 use crate::checkpoint::{Part, Snapshot, Store, encode_tensors};
@@ -144,7 +144,7 @@ impl<W: Write> Training<'_, W> {
             let validated = self.config.validation.is_due(before, frames);
             if stage_ended || due || validated {
                 let began = Instant::now();
-                self.save(&mut state)?;
+                self.save_or_go_on(&mut state)?;
                 // Counts as time of the next rollout.
                 state.timing.other_s += began.elapsed().as_secs_f64();
             }
@@ -177,25 +177,49 @@ impl<W: Write> Training<'_, W> {
         if self.saved == Some(self.rollout) { Ok(()) } else { self.save(state) }
     }
 
+    /// Saves, or goes on with a warning if the checkpoint cannot be written. What was trained since the last one is in
+    /// these processes alone: to end, or to be started again, would lose it, while there may be space by the next time.
+    fn save_or_go_on(&mut self, state: &mut Loop) -> Result<()> {
+        let error = match self.save(state) {
+            Err(error) if error.is::<Unsaved>() => error,
+            saved => return saved,
+        };
+        state.last_save = Instant::now();
+        if self.conversation.rank == 0 {
+            tracing::warn!(
+                "{error:#}. The run goes on and tries again after {} s at the earliest; make room until then: when it \
+                 ends, what it trained since its last checkpoint (rollout {}) is lost",
+                self.config.checkpoint.interval_s,
+                self.saved.unwrap_or(0)
+            );
+        }
+        Ok(())
+    }
+
     /// Writes a checkpoint. Rank 0 writes it, with the other learners' parts about their own environments.
     fn save(&mut self, state: &mut Loop) -> Result<()> {
         let (peers, weights) = (self.agent.peers(), self.agent.weights_digest());
         let head = u64::from_str_radix(&weights[..16], 16).expect("a digest is hex digits");
         peers.agree("the heads of their weights' digests", head)?;
         let boundary = self.conversation.collector.boundary();
-        let mut written = None;
+        let mut written = Ok(None);
         if self.conversation.rank == 0 {
             let Self { rollout, frames, .. } = *self;
             let mut snapshot = Snapshot { rollout, frames, agent: self.agent.state(), boundary, weights };
             for part in peers.gather(&[])? {
                 snapshot.append(Part::decode(&part)?);
             }
-            written = Some(self.store.save(&snapshot)?);
+            written = self.store.save(&snapshot).map(Some);
         } else {
             peers.gather(&Part { beliefs: self.agent.boundary_beliefs(), boundary }.encode()?)?;
         }
-        // A barrier: no learner continues or exits before the checkpoint is on disk.
-        peers.barrier()?;
+        // A barrier, too: no learner continues or exits before the checkpoint is on disk.
+        let mut good = f64::from(u8::from(written.is_ok()));
+        peers.first(&mut good)?;
+        let written = written.map_err(Unsaved::Here)?;
+        if good == 0.0 {
+            return Err(Unsaved::Elsewhere.into());
+        }
         self.saved = Some(self.rollout);
         state.last_save = Instant::now();
         if let Some(path) = written {

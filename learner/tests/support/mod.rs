@@ -113,8 +113,10 @@ impl Scene {
     /// Starts a learner and plays the orchestrator until it ends.
     pub fn learner(&mut self, plan: &Plan) -> Ended {
         self.learners += 1;
-        let mut command = Command::new(env!("CARGO_BIN_EXE_learner"));
+        // With fewer open files than it needs, unless it raises that limit itself.
+        let mut command = Command::new("sh");
         command
+            .args(["-c", "ulimit -Sn 64 && exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_learner")])
             .args(self.config.evaluation.is_some().then_some("evaluate"))
             .arg("--run")
             .arg(self.folder.path())

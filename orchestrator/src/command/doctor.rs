@@ -2,6 +2,7 @@
 
 use super::overrides::{Overrides, default_preset};
 use crate::preflight::Finding;
+use crate::preflight::descriptors;
 use crate::preflight::device;
 use crate::preflight::disk;
 use crate::preflight::memory;
@@ -87,6 +88,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
                 Err(error) => table.row("memory", Finding::Warning(error.to_string())),
             }
             table.row("shared memory", shared_memory::check(&config));
+            table.row("open files", descriptors::check(&config));
             table.row("disk", disk::check(&config, &args.run));
         }
     }

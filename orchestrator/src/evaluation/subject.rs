@@ -142,6 +142,7 @@ pub mod tests {
             tensors_bytes: 0,
             tensors_sha256: String::new(),
             config_sha256: String::new(),
+            config: String::new(),
             weights: "w".into(),
             machine,
             manifest_sha256: String::new(),

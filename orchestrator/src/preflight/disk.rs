@@ -7,7 +7,7 @@ use proto::stage::total_frames;
 use std::path::Path;
 use wire::message::EnvironmentState;
 
-/// Below this nothing is begun, bytes.
+/// What must be free beside the checkpoints, bytes: logs, metrics, and the beginning of a recording.
 const LEAST: u64 = 256 << 20;
 /// A recorded step without its frame, compressed.
 const RECORDED_STEP: u64 = 120;
@@ -51,7 +51,9 @@ fn check_against(config: &Config, folder: &Path, free: u64) -> Finding {
     );
     if free < checkpoints + LEAST {
         Finding::Problem(format!(
-            "the disk is too full to begin: {figures}. Free some space or choose another place with --run"
+            "the disk is too full to begin: {figures}, and {} must stay free beside the checkpoints. Free some space or \
+             choose another place with --run",
+            bytes(LEAST)
         ))
     } else if free < checkpoints + recordings + LEAST {
         Finding::Warning(format!(
@@ -71,7 +73,10 @@ mod tests {
     fn a_full_disk_is_a_problem_and_a_small_one_a_warning() {
         let paper = Config::resolve("paper", None).unwrap();
         let folder = Path::new("/somewhere");
-        assert!(matches!(check_against(&paper, folder, 100 << 20), Finding::Problem(_)));
+        // The checkpoints would fit; what must stay free beside them is named, because no other figure explains it.
+        let Finding::Problem(text) = check_against(&paper, folder, need(&paper).0 + LEAST - 1) else { panic!("full") };
+        assert!(text.contains("and 256 MiB must stay free beside the checkpoints. Free some space"), "{text}");
+        assert!(!matches!(check_against(&paper, folder, need(&paper).0 + LEAST), Finding::Problem(_)));
         assert!(matches!(check_against(&paper, folder, 2 << 30), Finding::Warning(_)));
         assert!(matches!(check_against(&paper, folder, 1 << 40), Finding::Good(_)));
         let mut quiet = paper.clone();

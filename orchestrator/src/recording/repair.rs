@@ -1,7 +1,7 @@
 //! Makes a complete file from a truncated one.
 
 use super::reader::{Extent, FileEnd, RecordingError, read};
-use crate::recording::recorder::segment::write_options;
+use crate::recording::recorder::segment::{in_words, write_options};
 use mcap::records::{Metadata, Record};
 use mcap::{Attachment, McapError, Writer};
 use std::borrow::Cow;
@@ -23,7 +23,7 @@ pub enum RepairError {
     #[error("{path} exists: move it away first", path = .0.display())]
     Exists(PathBuf),
     /// The new file.
-    #[error("cannot write {path}: {cause}", path = .path.display())]
+    #[error("cannot write {path}: {cause}", path = .path.display(), cause = in_words(.cause))]
     Write {
         /// Where it was to be.
         path: PathBuf,

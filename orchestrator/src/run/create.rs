@@ -3,12 +3,15 @@
 use super::identity::{Identity, is_evaluation};
 use super::lock::{Held, RunLock, holder};
 use super::scenes;
+use super::unfinished::{clear, is_cut_off};
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use std::path::PathBuf;
+use wire::fault;
 
-/// Refuses a folder that holds anything.
+/// Refuses a folder that holds anything. Where the making of a run was cut off there is nothing to lose: such a folder is
+/// as good as empty.
 pub fn check_free(folder: &RunFolder) -> Result<()> {
     let root = folder.root().display();
     match std::fs::read_dir(folder.root()) {
@@ -20,8 +23,13 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
             }
         }
     }
-    if let Held::By(holder) = holder(folder)? {
-        bail!("run folder {root} is already in use: pid {} on {} runs it", holder.pid, holder.host);
+    match holder(folder)? {
+        Held::By(holder) => bail!("run folder {root} is already in use: pid {} on {} runs it", holder.pid, holder.host),
+        Held::Unsigned => bail!("run folder {root} is already in use: another orchestrator begins in it"),
+        Held::Free => {}
+    }
+    if is_cut_off(folder).with_context(|| format!("run folder {root}"))? {
+        return Ok(());
     }
     if folder.identity().exists() && is_evaluation(folder) {
         bail!("folder {root} is already in use: it holds an evaluation");
@@ -36,7 +44,9 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
 pub fn create(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> Result<(Identity, RunLock)> {
     let lock = prepare(folder, config, folders)?;
     let identity = Identity::new()?;
+    fault::reach("create.before_identity");
     identity.write(folder)?;
+    fault::reach("create.after_identity");
     Ok((identity, lock))
 }
 
@@ -45,12 +55,17 @@ pub fn prepare(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> 
     check_free(folder)?;
     for path in [folder.root().to_path_buf(), folder.logs()].iter().chain(folders) {
         std::fs::create_dir_all(path).with_context(|| format!("cannot create {}", path.display()))?;
+        fault::reach("create.after_folder");
     }
     let lock = RunLock::acquire(folder)?;
-    if folder.identity().exists() {
+    fault::reach("create.after_lock");
+    // Looked at again now that nobody else can begin in it.
+    if !is_cut_off(folder).with_context(|| format!("run folder {}", folder.root().display()))? {
         bail!("run folder {} is already in use: another orchestrator was faster", folder.root().display());
     }
+    clear(folder).with_context(|| format!("cannot clear {}", folder.root().display()))?;
     scenes::keep(config, folder)?;
+    fault::reach("create.before_config");
     write_atomically(&folder.config(), config.to_toml().as_bytes())
         .with_context(|| format!("cannot write {}", folder.config().display()))?;
     Ok(lock)

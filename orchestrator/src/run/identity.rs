@@ -1,5 +1,6 @@
 //! Who a run is: `run.toml`.
 
+use super::unfinished::is_cut_off;
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
@@ -109,6 +110,12 @@ impl Identity {
         let text = match std::fs::read_to_string(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                if is_cut_off(folder).unwrap_or(false) {
+                    bail!(
+                        "{root} is not a run yet: `orchestrator` was cut off while it made the folder. Nothing is \
+                         trained there: the same command takes the folder again (`orchestrator up --run {root}`)"
+                    );
+                }
                 bail!("{root} is not a run folder: it has no run.toml")
             }
             Err(error) => return Err(error).with_context(|| path.display().to_string()),

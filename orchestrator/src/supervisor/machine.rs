@@ -26,7 +26,7 @@ use super::stage::StageMachine;
 use super::words::{given_up, quote, rewinds};
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
-use proto::exit::EXIT_LOST_PEERS;
+use proto::exit::{EXIT_LOST_PEERS, EXIT_UNSAVED};
 use std::time::Duration;
 
 /// How a learner ends that has lost another.
@@ -243,6 +243,9 @@ impl Supervisor {
             && matches!(exit, Exit::Code(_) | Exit::NotStarted(_));
         if refused {
             return self.fail(now, format!("{who} could not begin: {exit}{}", quote(last_words)));
+        }
+        if *exit == Exit::Code(EXIT_UNSAVED) {
+            return self.fail(now, format!("{who} could not save{}", quote(last_words)));
         }
         if self.gang.met_non_finite_again(exit) {
             let met = format!("{who} met non-finite numbers twice after the same checkpoint{}", quote(last_words));

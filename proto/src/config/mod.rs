@@ -4,6 +4,7 @@
 //! overlaid by the user's TOML file, overlaid by single settings (`--set`), overlaid by command-line flags.
 //! [`Config::resolve_set`] does all but the last.
 
+mod changes;
 mod episode;
 mod error;
 mod experiment;

@@ -1,5 +1,5 @@
 //! What joins Stillroom's processes: payloads and services in shared memory, and what every process does in the same
-//! way (log, hold its lifeline, check its processor, pass fault points).
+//! way (log, hold its lifeline, check its processor, raise its limit of open files, pass fault points).
 //!
 //! The crate `proto` says what the processes exchange; this one carries it from process to process.
 //!
@@ -39,6 +39,7 @@
 mod address;
 mod announcer;
 mod bells;
+pub mod descriptors;
 mod error;
 pub mod fault;
 mod ffi;

@@ -1,6 +1,7 @@
 //! Every mistake gets one clear message, a non-zero exit, and leaves nothing behind.
 
 use std::path::Path;
+use std::process::{Command, Stdio};
 use system_tests::{Printed, Workshop, complete, finish, start};
 
 /// Fails, says `expected` on standard error, and does not panic.
@@ -47,17 +48,42 @@ fn a_dev_shm_that_is_too_small() {
     let workshop = Workshop::new();
     // A mount namespace of our own, in which /dev/shm has Docker's problem.
     let up = workshop.up("small", 4, 16, 1_000);
-    let mut command = std::process::Command::new("unshare");
+    let mut command = Command::new("unshare");
     command.args(["--user", "--map-root-user", "--mount", "sh", "-c"]);
     command.arg("mount -t tmpfs -o size=4m tmpfs /dev/shm && exec \"$0\" \"$@\"");
     command.arg(up.get_program()).args(up.get_args()).current_dir(workshop.path(""));
-    command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
     let printed = complete(command);
     if printed.stderr.contains("unshare:") || printed.stderr.contains("mount:") {
         eprintln!("skipped: this machine allows no mount namespaces: {}", printed.stderr);
         return;
     }
     refused(&printed, "/dev/shm");
+}
+
+/// The command in a shell that first sets its limits of open files with `ulimit`.
+fn limited(workshop: &Workshop, limits: &str, up: &Command) -> Command {
+    let mut command = Command::new("sh");
+    command.args(["-c", &format!("{limits} && exec \"$0\" \"$@\"")]);
+    command.arg(up.get_program()).args(up.get_args()).current_dir(workshop.path("")).env_remove("STILLROOM_FAULT");
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+#[test]
+fn too_few_open_files_are_refused_if_the_limit_cannot_be_raised() {
+    let workshop = Workshop::new();
+    let printed = complete(limited(&workshop, "ulimit -n 100", &workshop.up("few", 2, 2, 400)));
+    refused(&printed, "more actors than open files allow: with 2 actors and 1 learner a process needs up to");
+    refused(&printed, "may have 100 (the hard limit");
+    assert!(!workshop.path("few").exists(), "nothing is left of a run that never began");
+    let doctor = workshop.orchestrator(&["doctor", "--preset", "demo"]);
+    let printed = complete(limited(&workshop, "ulimit -n 100", &doctor));
+    let row = printed.stdout.lines().find(|line| line.starts_with("open files")).expect("a finding of its own");
+    assert!(row.contains("PROBLEM") && !printed.success, "{printed:#?}");
+
+    // The orchestrator has 83 open files in such a run, the learner 92.
+    complete(limited(&workshop, "ulimit -Sn 64", &workshop.up("raised", 2, 2, 400))).result();
 }
 
 #[test]

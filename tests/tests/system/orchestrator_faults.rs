@@ -57,3 +57,35 @@ fn killed_while_it_announces() {
 fn killed_while_it_ends() {
     killed_at(&[("before_recorder_finish", 1), ("before_summary", 1)]);
 }
+
+/// Whoever is killed while it makes the folder leaves one that `resume` or `up` takes.
+#[test]
+fn killed_while_it_makes_the_folder() {
+    let workshop = Workshop::new();
+    let undisturbed = complete(workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result();
+    let points = [
+        ("after_folder:1", false),
+        ("after_folder:2", false),
+        ("after_folder:4", false),
+        ("after_lock", false),
+        ("before_config", false),
+        ("before_identity", false),
+        ("after_identity", true),
+    ];
+    for (number, (point, is_run)) in points.into_iter().enumerate() {
+        let name = format!("run-{number}");
+        let mut command = workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES);
+        command.env("STILLROOM_FAULT", format!("create.{point}"));
+        assert!(complete(command).killed, "the point {point} is never reached");
+        let resumed = complete(workshop.resume(&name));
+        let again = complete(workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES));
+        let (run, refused, why) = if is_run {
+            (resumed, again, "it holds a run, and `orchestrator resume")
+        } else {
+            (again, resumed, if point == "after_folder:1" { "has no run.toml" } else { "is not a run yet" })
+        };
+        assert_eq!(run.result(), undisturbed, "killed at {point}");
+        assert!(!refused.success && refused.stderr.contains(why), "killed at {point}: {refused:#?}");
+        workshop.run(&name).assert_nothing_left();
+    }
+}

@@ -17,6 +17,7 @@ use std::borrow::Cow;
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -49,12 +50,22 @@ const CHUNKS_MAX: u32 = 2048;
 
 /// A recording that could not be written.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot write recording {path}: {cause}", path = .path.display())]
+#[error("cannot write recording {path}: {cause}", path = .path.display(), cause = in_words(.cause))]
 pub struct SegmentError {
     /// The segment.
     pub path: PathBuf,
     /// Error of the file system or of the writer.
     pub cause: McapError,
+}
+
+/// Why nothing can be written: the writer says of any error of the file system only that there was one, and the user
+/// needs to read which.
+pub fn in_words(cause: &McapError) -> String {
+    match cause {
+        McapError::Io(cause) if cause.kind() == ErrorKind::StorageFull => format!("the disk is full ({cause})"),
+        McapError::Io(cause) => cause.to_string(),
+        cause => cause.to_string(),
+    }
 }
 
 /// How all our MCAP files are written.
@@ -262,5 +273,21 @@ impl Segments {
 
     fn path(&self) -> &Path {
         self.files.last().expect("the first segment is begun on creation")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_called_that() {
+        let full = rustix::io::Errno::NOSPC;
+        let error = SegmentError { path: "runs/a/b.mcap".into(), cause: McapError::Io(full.into()) };
+        let said = error.to_string();
+        let expected = "cannot write recording runs/a/b.mcap: the disk is full (No space left on device";
+        assert!(said.starts_with(expected), "{said}");
+        let denied = SegmentError { path: "b.mcap".into(), cause: McapError::Io(rustix::io::Errno::ACCESS.into()) };
+        assert!(denied.to_string().contains("Permission denied"), "{denied}");
     }
 }

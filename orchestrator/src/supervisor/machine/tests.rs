@@ -8,7 +8,7 @@ use crate::supervisor::stage::StageSwitch;
 use proptest::prelude::*;
 use proto::config::Config;
 use proto::event::Timing;
-use proto::exit::EXIT_NON_FINITE;
+use proto::exit::{EXIT_NON_FINITE, EXIT_UNSAVED};
 use proto::kitchen::KitchenId;
 use proto::reward::RewardKind;
 use proto::stage::{RolloutShape, position_at};
@@ -301,7 +301,10 @@ impl World {
             (0..=9, _) => self.learner_step(u32::from(pick) / 3 % self.learners, pick.is_multiple_of(3)),
             (10, Some(process)) => self.exit(process, Exit::Signal(9)),
             (11, Some(process)) if pick.is_multiple_of(4) => {
-                self.exit(process, Exit::Code([0, 1, 3, EXIT_LOST_PEERS, 101][usize::from(pick) / 4 % 5]));
+                self.exit(
+                    process,
+                    Exit::Code([0, 1, 3, EXIT_LOST_PEERS, EXIT_UNSAVED, 101][usize::from(pick) / 4 % 6]),
+                );
             }
             (12..=15, _) => self.pass(Duration::from_millis(u64::from(time_ms))),
             (16..=17, _) => self.obey(),

@@ -97,6 +97,24 @@ fn a_learner_that_refuses_to_begin_is_not_asked_again() {
 }
 
 #[test]
+fn a_learner_that_cannot_save_is_not_started_again() {
+    for learners in [1, 3] {
+        let mut world = World::with(learners);
+        for _ in 0..4 {
+            world.step(true);
+        }
+        for rank in 1..learners {
+            world.exit(Process::Learner(rank), Exit::Code(EXIT_LOST_PEERS));
+        }
+        world.exit(LEARNER, Exit::Code(EXIT_UNSAVED));
+        train(&mut world);
+        let Some(Outcome { end: End::Failed(reason), saved: None }) = &world.outcome else { panic!("it cannot go on") };
+        assert!(reason.starts_with("learner-0 could not save"), "{reason}");
+        assert!(world.spawned.values().all(|&starts| starts == 1), "{:?}", world.spawned);
+    }
+}
+
+#[test]
 fn non_finite_numbers_are_forgiven_once_between_progress() {
     let mut world = World::new();
     for _ in 0..4 {

@@ -1,0 +1,83 @@
+//! A run folder whose making was cut off: the orchestrator was killed after it made the folder, and before it wrote the
+//! identity, which makes it a run. Nothing is lost with it, so the next one takes it over.
+
+use proto::run_folder::RunFolder;
+use std::io::Result;
+use std::path::{Path, PathBuf};
+
+/// Whether a folder holds only what is in a run folder before its identity: empty folders, and beside an orchestrator's
+/// lock the configuration and copies of scenes. False for one that holds nothing, or the work of a run.
+pub fn is_cut_off(folder: &RunFolder) -> Result<bool> {
+    let folders = [folder.logs(), folder.checkpoints(), folder.recordings()];
+    let lock = folder.orchestrator_lock();
+    // Without the lock it is somebody else's file that has the same name.
+    let files = if lock.exists() {
+        vec![partial(&folder.identity()), folder.config(), partial(&folder.config()), folder.scenes(), lock]
+    } else {
+        vec![]
+    };
+    let mut any = false;
+    for entry in std::fs::read_dir(folder.root())? {
+        let path = entry?.path();
+        let ours = files.contains(&path) || (folders.contains(&path) && is_empty(&path)?);
+        if !ours {
+            return Ok(false);
+        }
+        any = true;
+    }
+    Ok(any)
+}
+
+/// Removes what a new run would not write over. Its lock must be held.
+pub fn clear(folder: &RunFolder) -> Result<()> {
+    match std::fs::remove_dir_all(folder.scenes()) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
+fn is_empty(folder: &Path) -> Result<bool> {
+    Ok(folder.is_dir() && std::fs::read_dir(folder)?.next().is_none())
+}
+
+/// What is left of an atomic write that was cut off.
+fn partial(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(proto::run_folder::PARTIAL);
+    name.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_is_there_before_the_identity_counts() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        let seen = || is_cut_off(&folder).unwrap();
+        assert!(!seen(), "empty");
+        std::fs::create_dir(folder.logs()).unwrap();
+        assert!(seen());
+        std::fs::write(folder.config(), "seed = 1").unwrap();
+        assert!(!seen(), "a configuration without a lock is the user's own");
+        std::fs::write(folder.orchestrator_lock(), "").unwrap();
+        assert!(seen());
+        std::fs::create_dir_all(folder.scene(0)).unwrap();
+        std::fs::write(folder.scene(0).join("scene.toml"), "").unwrap();
+        for path in [folder.config(), folder.identity()] {
+            std::fs::write(partial(&path), "").unwrap();
+        }
+        assert!(seen());
+        clear(&folder).unwrap();
+        assert!(!folder.scenes().exists());
+        clear(&folder).unwrap();
+        std::fs::create_dir(folder.checkpoints()).unwrap();
+        assert!(seen());
+        std::fs::write(folder.checkpoint_manifest(3), "").unwrap();
+        assert!(!seen(), "work");
+        std::fs::remove_file(folder.checkpoint_manifest(3)).unwrap();
+        std::fs::write(folder.identity(), "").unwrap();
+        assert!(!seen(), "a run");
+    }
+}
