@@ -1,7 +1,8 @@
 //! A run on disk and at work, be it one that trains or an evaluation: its folder ([`create`]), who it is ([`identity`]),
 //! who works on it ([`lock`]) and how it stands ([`state`]); one start of the orchestrator on it ([`session`]), whom it
 //! leaves with ([`lifeline`]), its own scenes ([`scenes`]), what a dead one leaves in shared memory ([`remains`]), the
-//! end of a process to wait for ([`process_end`]), a signal to it ([`signal`]), and files of one JSON object a line ([`json_lines`]).
+//! end of a process to wait for ([`process_end`]), a signal to its orchestrator ([`signal`]), and files of one JSON
+//! object a line ([`json_lines`]).
 
 pub mod create;
 pub mod identity;

@@ -185,7 +185,8 @@ pub fn sweep(address: &WireAddress, patience: Duration) -> Result<Swept> {
     while open_owner(address).is_some_and(|owner| is_locked(&owner)) {
         if begin.elapsed() >= patience {
             bail!(
-                "an orchestrator that runs holds {}, so nothing of it is removed: end that run first (`orchestrator stop`)",
+                "an orchestrator that runs holds {}, so nothing of it is removed: end that run first \
+                 (`orchestrator stop`)",
                 owner_file(address).display()
             );
         }
