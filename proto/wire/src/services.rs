@@ -517,7 +517,7 @@ mod tests {
             .map(|entry| (entry.metadata().unwrap().mode() & 0o777, entry.path()))
             .collect();
         assert!(open.len() > 2, "{open:?}");
-        assert!(open.iter().all(|(mode, _)| mode & 0o077 == 0), "{open:?}");
+        assert!(open.iter().all(|(mode, _)| mode & !0o700 == 0), "{open:?}");
         assert_eq!(std::fs::metadata(address.root()).unwrap().mode() & 0o777, 0o700);
         drop((publisher, actor, host));
         address.sweep().unwrap();
