@@ -22,6 +22,7 @@ pub mod event;
 pub mod exit;
 pub mod kitchen;
 pub mod metric;
+pub mod plain_file;
 pub mod random;
 pub mod replay;
 pub mod reward;

@@ -206,7 +206,12 @@ pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
     let mut temporary = path.as_os_str().to_owned();
     temporary.push(PARTIAL);
     let temporary = PathBuf::from(temporary);
-    let written = std::fs::File::create(&temporary).and_then(|mut file| {
+    // One that a crash left gives way. Made anew, it cannot be a link to a file elsewhere.
+    match std::fs::remove_file(&temporary) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    let written = std::fs::File::create_new(&temporary).and_then(|mut file| {
         file.write_all(content)?;
         file.sync_all()
     });
@@ -257,5 +262,19 @@ mod tests {
         write_atomically(&path, b"two").unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"two");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn no_link_is_written_through() {
+        let folder = tempfile::tempdir().unwrap();
+        let [precious, path, partial] = ["precious", "a", "a.partial"].map(|name| folder.path().join(name));
+        std::fs::write(&precious, "precious").unwrap();
+        for link in [&path, &partial] {
+            std::os::unix::fs::symlink(&precious, link).unwrap();
+        }
+        write_atomically(&path, b"one").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"one");
+        assert!(!path.is_symlink() && !partial.is_symlink());
+        assert_eq!(std::fs::read_to_string(&precious).unwrap(), "precious");
     }
 }

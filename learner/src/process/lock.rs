@@ -1,6 +1,7 @@
 //! At most one learner for each run and rank: only the holder of the lock may write checkpoints.
 
 use anyhow::{Context, Result, bail};
+use proto::plain_file::open_plain;
 use rustix::fs::{FlockOperation, flock};
 use std::fs::File;
 use std::io::{Read, Seek, Write};
@@ -20,8 +21,8 @@ impl Lock {
     /// Takes the lock, waiting up to `patience` for its holder to exit. `stop` ends the wait early.
     pub fn take(path: &Path, patience: Duration, stop: impl Fn() -> bool) -> Result<Self> {
         let cannot = || format!("cannot open the learner's lock {}", path.display());
-        let mut file =
-            File::options().create(true).truncate(false).read(true).write(true).open(path).with_context(cannot)?;
+        let mut file = open_plain(path, File::options().create(true).truncate(false).read(true).write(true))
+            .with_context(cannot)?;
         let began = Instant::now();
         let mut told = false;
         loop {
@@ -61,6 +62,17 @@ fn holder(file: &mut File) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_lock_that_is_a_link_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (precious, path) = (folder.path().join("precious"), folder.path().join("learner-0.lock"));
+        std::fs::write(&precious, "precious").unwrap();
+        std::os::unix::fs::symlink(&precious, &path).unwrap();
+        let error = format!("{:#}", Lock::take(&path, Duration::ZERO, || false).unwrap_err());
+        assert!(error.contains("a link"), "{error}");
+        assert_eq!(std::fs::read_to_string(&precious).unwrap(), "precious");
+    }
 
     #[test]
     fn a_second_holder_waits_then_names_the_first() {

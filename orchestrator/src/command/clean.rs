@@ -1,9 +1,9 @@
 //! `orchestrator clean`: frees the shared memory of dead runs.
 
-use crate::run::remains::{processes_of, survey, sweep};
+use crate::run::remains::{Remains, processes_of, survey, sweep};
 use crate::showing::format::{self, counted};
 use crate::showing::terminal;
-use anyhow::Result;
+use anyhow::{Result, bail};
 use std::time::Duration;
 
 /// Free the shared memory that dead runs left
@@ -24,8 +24,13 @@ pub struct CleanArgs {
 
 /// Runs the command.
 pub fn run(args: &CleanArgs) -> Result<()> {
-    let (mut freed, mut dead, mut living) = (0, 0, 0);
-    for remains in survey()? {
+    free(&survey()?, args)
+}
+
+/// Removes what is dead of all this. What cannot be removed does not keep the rest from it.
+fn free(found: &[Remains], args: &CleanArgs) -> Result<()> {
+    let (mut freed, mut dead, mut living, mut failed) = (0, 0, 0, 0);
+    for remains in found {
         let of = remains.run.as_ref().map_or_else(String::new, |run| format!(" of {}", run.display()));
         let prefix = remains.address.prefix().trim_end_matches('_');
         if remains.alive {
@@ -33,12 +38,11 @@ pub fn run(args: &CleanArgs) -> Result<()> {
             tracing::debug!("{prefix}{of} is alive");
             continue;
         }
-        dead += 1;
-        freed += remains.bytes;
         let names = counted(remains.names as u64, "name");
         let what = format!("{prefix}{of}: {names}, {}", format::bytes(remains.bytes));
         let left = processes_of(&remains.address);
         if args.dry_run {
+            (dead, freed) = (dead + 1, freed + remains.bytes);
             terminal::out(&format!("would remove {what}; processes that still run: {}", left.len()));
             continue;
         }
@@ -46,7 +50,15 @@ pub fn run(args: &CleanArgs) -> Result<()> {
             let processes = counted(left.len() as u64, "process");
             terminal::note(&format!("{prefix}: waiting up to {} s for {processes}", args.patience));
         }
-        let swept = sweep(&remains.address, Duration::from_secs(args.patience))?;
+        let swept = match sweep(&remains.address, Duration::from_secs(args.patience)) {
+            Ok(swept) => swept,
+            Err(error) => {
+                failed += 1;
+                terminal::note(&format!("{prefix} is not removed: {error:#}"));
+                continue;
+            }
+        };
+        (dead, freed) = (dead + 1, freed + remains.bytes);
         let killed = match swept.killed {
             0 => String::new(),
             killed => format!("; {} ended", counted(killed as u64, "process")),
@@ -56,5 +68,32 @@ pub fn run(args: &CleanArgs) -> Result<()> {
     let verb = if args.dry_run { "would be freed" } else { "freed" };
     let (dead, living) = (counted(dead, "dead run"), counted(living, "living run"));
     terminal::out(&format!("{} of {dead} {verb}, {living} left alone", format::bytes(freed)));
+    if failed > 0 {
+        bail!("{} could not be removed: the reasons stand above", counted(failed, "dead run"));
+    }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::remains::claim;
+    use std::path::Path;
+    use wire::WireAddress;
+
+    #[test]
+    fn what_cannot_be_removed_does_not_stop_the_rest() {
+        let address = |test: &str| WireAddress::new(&format!("test{test}{}", std::process::id()), 1);
+        let (held, dead) = (address("held"), address("dead"));
+        let claimed = claim(&held, Path::new("/r")).unwrap();
+        std::fs::create_dir(dead.root()).unwrap();
+        let found =
+            [&held, &dead].map(|at| Remains { address: at.clone(), run: None, names: 1, bytes: 1, alive: false });
+        let args = CleanArgs { dry_run: false, patience: 0 };
+        let message = free(&found, &args).unwrap_err().to_string();
+        assert!(message.contains("1 dead run could not"), "{message}");
+        assert!(!dead.root().exists());
+        drop(claimed);
+        held.sweep().unwrap();
+    }
 }

@@ -20,7 +20,6 @@ use proto::run_folder::RunFolder;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
-use wire::WireAddress;
 
 /// How long actors may take to notice that their orchestrator is gone.
 const ACTORS_LEAVE: Duration = Duration::from_secs(5);
@@ -129,10 +128,32 @@ fn settle(folder: &RunFolder, identity: &Identity, learners: u32, patience: Dura
         if incarnation.host != host_name() {
             continue;
         }
-        let address: WireAddress =
-            incarnation.wire.parse().with_context(|| format!("run.toml: {}", incarnation.wire))?;
-        let swept = remains::sweep(&address, ACTORS_LEAVE)?;
+        let swept = remains::sweep(&identity.address(incarnation), ACTORS_LEAVE)?;
         tracing::debug!("start {} was cut off; {} names of it removed", incarnation.number, swept.names);
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_file_names_no_folder_that_is_deleted() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path().join("run"));
+        std::fs::create_dir(folder.root()).unwrap();
+        let precious = temporary.path().join("precious");
+        std::fs::create_dir(&precious).unwrap();
+        let mut identity = Identity::new().unwrap();
+        let (_, address) = identity.begin_incarnation();
+        std::fs::create_dir(address.root()).unwrap();
+        for wire in ["stillroom_@", &format!("{}@", address.prefix()), "x"] {
+            identity.incarnations[0].wire = format!("{wire}{}", precious.display());
+            identity.write(&folder).unwrap();
+            settle(&folder, &Identity::read(&folder).unwrap(), 1, Duration::ZERO).unwrap();
+            assert!(precious.is_dir(), "{wire}");
+        }
+        assert!(!address.root().exists(), "the run's own is removed");
+    }
 }

@@ -2,13 +2,16 @@
 
 use crate::run::identity::{Ending, Identity, host_name, is_evaluation};
 use crate::run::lock::{Held, holder};
+use crate::run::signal::ask_to_stop;
 use crate::showing::terminal;
 use crate::suite;
 use anyhow::{Result, bail};
 use proto::run_folder::RunFolder;
-use rustix::process::{Pid, Signal, kill_process};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
+
+/// How often to look whether it has stopped.
+const LOOK: Duration = Duration::from_millis(50);
 
 /// Save and stop a run from another terminal
 ///
@@ -40,18 +43,20 @@ pub fn run(args: &StopArgs) -> Result<()> {
             Held::By(holder) if holder.host != host_name() => {
                 bail!("{root} is run on {}: stop it there", holder.host);
             }
-            // The lock is held and its holder signed it: the process id is that of the orchestrator.
-            Held::By(holder) if asked != Some(holder.pid) => {
-                let Some(pid) = i32::try_from(holder.pid).ok().and_then(Pid::from_raw) else {
-                    bail!("orchestrator.lock names no process");
-                };
-                match kill_process(pid, Signal::TERM) {
-                    Ok(()) => tracing::info!("asked pid {} to {asked_to}", holder.pid),
-                    // It has just gone by itself.
-                    Err(rustix::io::Errno::SRCH) => {}
-                    Err(error) => bail!("cannot ask pid {} to stop: {error}", holder.pid),
+            Held::By(signed) if asked != Some(signed.pid) => {
+                match ask_to_stop(signed.pid, &folder.orchestrator_lock()) {
+                    Ok(()) => {
+                        tracing::info!("asked pid {} to {asked_to}", signed.pid);
+                        asked = Some(signed.pid);
+                    }
+                    Err(error) => {
+                        // A holder that is just ending, or just starting, looks like a stranger for a moment.
+                        std::thread::sleep(LOOK);
+                        if holder(&folder)? == Held::By(signed) {
+                            return Err(error);
+                        }
+                    }
                 }
-                asked = Some(holder.pid);
             }
             // It is just starting, or has been asked.
             Held::Unsigned | Held::By(_) => {}
@@ -60,7 +65,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
             bail!("{root} has not stopped within {} s; it still may", args.timeout);
         }
         // The lock tells when it is over, and a lock wakes nobody who waits with a deadline.
-        std::thread::sleep(Duration::from_millis(50));
+        std::thread::sleep(LOOK);
     }
     if asked.is_none() {
         terminal::note(&format!("{root} does not run"));
@@ -83,4 +88,31 @@ pub fn run(args: &StopArgs) -> Result<()> {
         terminal::out(&format!("frames: {frames}"));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::lock::Holder;
+    use std::process::Command;
+
+    #[test]
+    fn a_process_that_a_lock_names_falsely_is_not_signalled() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        Identity::new().unwrap().write(&folder).unwrap();
+        let mut victim = Command::new("sleep").arg("60").spawn().unwrap();
+        let planted = Holder { pid: victim.id(), host: host_name(), incarnation: 1 };
+        std::fs::write(folder.orchestrator_lock(), toml::to_string(&planted).unwrap()).unwrap();
+        let args = StopArgs { run: temporary.path().to_path_buf(), timeout: 5 };
+        // Free, the lock names nobody.
+        assert!(run(&args).unwrap_err().to_string().contains("cut off"));
+        let held = std::fs::File::open(folder.orchestrator_lock()).unwrap();
+        held.try_lock().unwrap();
+        let message = format!("{:#}", run(&args).unwrap_err());
+        assert!(message.contains("no orchestrator"), "{message}");
+        assert!(victim.try_wait().unwrap().is_none(), "it was left alone");
+        victim.kill().unwrap();
+        victim.wait().unwrap();
+    }
 }

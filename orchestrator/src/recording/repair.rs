@@ -109,7 +109,12 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 
 fn copy(from: &Path, to: &Path) -> Result<Extent, RepairError> {
     let failed = |cause: McapError| RepairError::Write { path: to.to_path_buf(), cause };
-    let file = File::create(to).map_err(|cause| failed(cause.into()))?;
+    // One that a cut repair left gives way. Made anew, it cannot be a link to a file elsewhere.
+    match std::fs::remove_file(to) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(failed(error.into())),
+        _ => {}
+    }
+    let file = File::create_new(to).map_err(|cause| failed(cause.into()))?;
     let mut writer = write_options().create(BufWriter::new(file)).map_err(failed)?;
     let mut channels = BTreeSet::new();
     let extent = read(from, |record| copy_record(&mut writer, &mut channels, record).map_err(failed))?;

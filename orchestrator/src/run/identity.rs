@@ -10,7 +10,7 @@ use std::fmt::{Display, Formatter};
 use std::fs::File;
 use std::io::Read;
 use std::time::{SystemTime, UNIX_EPOCH};
-use wire::WireAddress;
+use wire::{WireAddress, is_run_id};
 
 /// `run.toml`: what a run is called and what has become of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -33,7 +33,7 @@ pub struct Identity {
 pub struct Incarnation {
     /// From 1.
     pub number: u32,
-    /// Address of its services.
+    /// Address of its services, to be read by people: see [`Identity::address`].
     pub wire: String,
     /// Machine it ran on.
     pub host: String,
@@ -128,6 +128,9 @@ impl Identity {
                 identity.schema_version
             );
         }
+        if !is_run_id(&identity.id) {
+            bail!("{} is damaged: an id has letters and digits only, not `{}`", path.display(), identity.id);
+        }
         Ok(identity)
     }
 
@@ -151,6 +154,12 @@ impl Identity {
             ended: None,
         });
         (number, address)
+    }
+
+    /// Address of one of its incarnations. What lies there is deleted after a crash, so it is made from the id and the
+    /// number, whatever `wire` holds: a run folder can come from anybody.
+    pub fn address(&self, incarnation: &Incarnation) -> WireAddress {
+        WireAddress::new(&self.id, incarnation.number)
     }
 
     /// Notes how the last incarnation ended.
@@ -218,5 +227,19 @@ mod tests {
         let identity = Identity { schema_version: SCHEMA_VERSION + 1, ..Identity::new().unwrap() };
         identity.write(&folder).unwrap();
         assert!(Identity::read(&folder).unwrap_err().to_string().contains("schema"));
+        let identity = Identity { id: "../../home/me".into(), ..Identity::new().unwrap() };
+        identity.write(&folder).unwrap();
+        assert!(Identity::read(&folder).unwrap_err().to_string().contains("letters and digits"));
+    }
+
+    #[test]
+    fn an_address_is_the_runs_own_whatever_its_file_says() {
+        let (_temporary, folder) = folder();
+        let mut identity = Identity::new().unwrap();
+        let (_, address) = identity.begin_incarnation();
+        identity.incarnations[0].wire = "stillroom_@/home/me".into();
+        identity.write(&folder).unwrap();
+        let read = Identity::read(&folder).unwrap();
+        assert_eq!(read.address(&read.incarnations[0]), address);
     }
 }

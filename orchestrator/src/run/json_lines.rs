@@ -2,6 +2,7 @@
 //! begins after it, and readers skip incomplete objects.
 
 use anyhow::{Context, Result};
+use proto::plain_file::open_plain;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::fs::{File, OpenOptions};
@@ -34,7 +35,8 @@ impl Writer {
     /// Opens a file for appending, made if there is none. A line that a crash cut short is ended.
     pub fn open(path: &Path) -> Result<Self> {
         let cannot = || format!("cannot open {}", path.display());
-        let mut file = OpenOptions::new().create(true).read(true).append(true).open(path).with_context(cannot)?;
+        let mut options = OpenOptions::new();
+        let mut file = open_plain(path, options.create(true).read(true).append(true)).with_context(cannot)?;
         let mut last = [b'\n'];
         if file.metadata().with_context(cannot)?.len() > 0 {
             file.seek(SeekFrom::End(-1)).and_then(|_| file.read_exact(&mut last)).with_context(cannot)?;
@@ -84,5 +86,9 @@ mod tests {
         writer.clear().unwrap();
         writer.append(&[5]).unwrap();
         assert_eq!(read::<Vec<u32>>(&path).unwrap(), [vec![5]]);
+
+        let link = temporary.path().join("link");
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        assert!(Writer::open(&link).is_err());
     }
 }

@@ -2,11 +2,11 @@
 
 use super::identity::host_name;
 use anyhow::{Context, Result, bail};
+use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use serde::{Deserialize, Serialize};
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{Seek, Write};
-use std::path::Path;
+use std::io::{Read, Seek, Write};
 use std::time::{Duration, Instant};
 
 /// Who holds a run.
@@ -30,12 +30,7 @@ impl RunLock {
     /// Takes the lock, or says who holds it. Waits a moment: `status` holds it shared for microseconds.
     pub fn acquire(folder: &RunFolder) -> Result<Self> {
         let path = folder.orchestrator_lock();
-        let file = OpenOptions::new()
-            .create(true)
-            .truncate(false)
-            .read(true)
-            .write(true)
-            .open(&path)
+        let file = open_plain(&path, OpenOptions::new().create(true).truncate(false).read(true).write(true))
             .with_context(|| format!("cannot open {}", path.display()))?;
         if wait_for_lock(&file, Duration::from_millis(500))? {
             // The last holder's signature: its process id may belong to another process by now, and `stop` would signal
@@ -43,7 +38,7 @@ impl RunLock {
             file.set_len(0).with_context(|| format!("cannot write {}", path.display()))?;
             return Ok(Self { file });
         }
-        match holder_in(&path) {
+        match holder_in(&file) {
             Some(holder) => bail!(
                 "{} is already in use: pid {} on {} runs it (`orchestrator status` shows how it stands, \
                  `orchestrator stop` ends it)",
@@ -79,20 +74,22 @@ pub enum Held {
 /// Who holds the run in `folder` now.
 pub fn holder(folder: &RunFolder) -> Result<Held> {
     let path = folder.orchestrator_lock();
-    let file = match File::open(&path) {
+    let file = match open_plain(&path, OpenOptions::new().read(true)) {
         Ok(file) => file,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Held::Free),
         Err(error) => return Err(error).with_context(|| path.display().to_string()),
     };
     match file.try_lock_shared() {
         Ok(()) => Ok(Held::Free),
-        Err(TryLockError::WouldBlock) => Ok(holder_in(&path).map_or(Held::Unsigned, Held::By)),
+        Err(TryLockError::WouldBlock) => Ok(holder_in(&file).map_or(Held::Unsigned, Held::By)),
         Err(TryLockError::Error(error)) => Err(error).with_context(|| path.display().to_string()),
     }
 }
 
-fn holder_in(path: &Path) -> Option<Holder> {
-    toml::from_str(&std::fs::read_to_string(path).ok()?).ok()
+fn holder_in(mut file: &File) -> Option<Holder> {
+    let mut text = String::new();
+    file.read_to_string(&mut text).ok()?;
+    toml::from_str(&text).ok()
 }
 
 /// Waits until all learners that outlived their orchestrator have let go of the folder: those that there are to be, and
@@ -108,7 +105,7 @@ pub fn wait_for_learners(
     let mut tell = Some(tell);
     for rank in (0..).take_while(|&rank| rank < learners || folder.learner_lock(rank).exists()) {
         let path = folder.learner_lock(rank);
-        let file = match OpenOptions::new().read(true).write(true).open(&path) {
+        let file = match open_plain(&path, OpenOptions::new().read(true).write(true)) {
             Ok(file) => file,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
             Err(error) => return Err(error).with_context(|| path.display().to_string()),
@@ -164,6 +161,18 @@ mod tests {
         assert_eq!(holder(&folder).unwrap(), Held::Free);
         let _unsigned = RunLock::acquire(&folder).unwrap();
         assert_eq!(holder(&folder).unwrap(), Held::Unsigned, "the signature of the holder before");
+    }
+
+    #[test]
+    fn a_lock_that_is_a_link_is_refused() {
+        let (_temporary, folder) = folder();
+        let precious = folder.root().join("precious");
+        std::fs::write(&precious, "precious").unwrap();
+        std::os::unix::fs::symlink(&precious, folder.orchestrator_lock()).unwrap();
+        let message = format!("{:#}", RunLock::acquire(&folder).unwrap_err());
+        assert!(message.contains("orchestrator.lock") && message.contains("a link"), "{message}");
+        assert!(holder(&folder).is_err());
+        assert_eq!(std::fs::read_to_string(&precious).unwrap(), "precious");
     }
 
     #[test]

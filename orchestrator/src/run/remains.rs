@@ -2,19 +2,23 @@
 //!
 //! An orchestrator claims its names by holding a lock on `/dev/shm/PREFIXowner` for as long as it lives. The kernel
 //! releases the lock when the process dies: a free lock means a dead owner, even if another process has its id by now.
-//! The file lies in /dev/shm, so it is found under any TMPDIR, and it contains the folder's path.
+//! The file lies in /dev/shm, so it is found under any TMPDIR.
+//!
+//! Anybody can write to /dev/shm, and a run folder can come from anybody. So no file names what is deleted: an address
+//! is made from the run's id and the number of the start alone.
 
 use crate::run::process_end::sleep_until_end;
-use anyhow::{Context, Result};
-use rustix::process::Pid;
+use anyhow::{Context, Result, bail};
+use proto::plain_file::open_plain;
+use rustix::process::{Pid, geteuid};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions, TryLockError};
-use std::io::Write;
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::fs::{File, OpenOptions, Permissions, TryLockError};
+use std::io::{Read, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
-use wire::{PREFIX_MARK, SHARED_MEMORY, WireAddress};
+use wire::{SHARED_MEMORY, WireAddress};
 
 /// An owner file is locked and signed within this time of its creation; a younger one without an owner is left alone.
 const CLAIMING: Duration = Duration::from_secs(10);
@@ -29,35 +33,46 @@ pub struct Claim {
 
 #[derive(Debug, Serialize, Deserialize)]
 struct Signature {
-    wire: String,
     run: PathBuf,
     pid: u32,
 }
 
 /// Claims the names at `address` for the run in `run`. To be done before anything else is created there.
 pub fn claim(address: &WireAddress, run: &Path) -> Result<Claim> {
-    let path = owner_file(address.prefix());
+    let path = owner_file(address);
     let mut file = OpenOptions::new()
         .create_new(true)
         .write(true)
         .mode(0o600)
         .open(&path)
         .with_context(|| format!("cannot create {}", path.display()))?;
+    // The umask may have taken from the mode.
+    file.set_permissions(Permissions::from_mode(0o600)).with_context(|| path.display().to_string())?;
     file.try_lock().map_err(std::io::Error::from).with_context(|| format!("cannot lock {}", path.display()))?;
-    let signature = Signature { wire: address.to_string(), run: run.to_path_buf(), pid: std::process::id() };
+    let signature = Signature { run: run.to_path_buf(), pid: std::process::id() };
     file.write_all(serde_json::to_string(&signature)?.as_bytes())
         .with_context(|| format!("cannot write {}; is /dev/shm full?", path.display()))?;
     Ok(Claim { _file: file })
 }
 
-fn owner_file(prefix: &str) -> PathBuf {
-    Path::new(SHARED_MEMORY).join(format!("{prefix}owner"))
+fn owner_file(address: &WireAddress) -> PathBuf {
+    Path::new(SHARED_MEMORY).join(format!("{}owner", address.prefix()))
+}
+
+/// The owner file of an address, if this user made it. Another user's claims nothing and tells nothing.
+fn open_owner(address: &WireAddress) -> Option<File> {
+    let file = open_plain(&owner_file(address), OpenOptions::new().read(true)).ok()?;
+    file.metadata().is_ok_and(|metadata| metadata.uid() == geteuid().as_raw()).then_some(file)
+}
+
+fn is_locked(owner: &File) -> bool {
+    matches!(owner.try_lock_shared(), Err(TryLockError::WouldBlock))
 }
 
 /// What lies in shared memory under one prefix.
 #[derive(Debug)]
 pub struct Remains {
-    /// Address, as far as it is known.
+    /// Address, made from the names.
     pub address: WireAddress,
     /// The run it belongs to, if its owner signed.
     pub run: Option<PathBuf>,
@@ -71,66 +86,60 @@ pub struct Remains {
 
 /// Everything of this user's runs that lies in /dev/shm or the temporary folder, living and dead.
 pub fn survey() -> Result<Vec<Remains>> {
-    let me = rustix::process::getuid().as_raw();
-    let mut found: BTreeMap<String, (usize, u64, SystemTime)> = BTreeMap::new();
+    let me = geteuid().as_raw();
+    let mut found: BTreeMap<String, Names> = BTreeMap::new();
     for entry in std::fs::read_dir(SHARED_MEMORY).context(SHARED_MEMORY)? {
         let entry = entry?;
-        let (Some(prefix), Ok(metadata)) = (prefix_of(&entry.file_name().to_string_lossy()), entry.metadata()) else {
-            continue;
-        };
-        if metadata.uid() == me {
-            let group = found.entry(prefix).or_insert((0, 0, SystemTime::UNIX_EPOCH));
-            group.0 += 1;
-            group.1 += metadata.blocks() * 512;
-            group.2 = group.2.max(metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH));
+        let address = WireAddress::of_name(&entry.file_name().to_string_lossy());
+        let (Some(address), Ok(metadata)) = (address, entry.metadata()) else { continue };
+        if metadata.uid() == me && metadata.is_file() {
+            let names = found.entry(address.prefix().to_owned()).or_insert_with(|| Names::none(address));
+            names.count += 1;
+            names.bytes += metadata.blocks() * 512;
+            names.changed = names.changed.max(metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH));
         }
     }
     for entry in std::fs::read_dir(std::env::temp_dir())?.flatten() {
         let name = format!("{}_", entry.file_name().to_string_lossy());
-        if let (Some(prefix), Ok(metadata)) = (prefix_of(&name), entry.metadata())
-            && prefix == name
+        if let (Some(address), Ok(metadata)) = (WireAddress::of_name(&name), entry.metadata())
+            && address.prefix() == name
             && metadata.uid() == me
+            && metadata.is_dir()
         {
             let changed = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
-            found.entry(prefix).or_insert((0, 0, changed));
+            found.entry(name).or_insert_with(|| Names { changed, ..Names::none(address) });
         }
     }
-    found.into_iter().map(|(prefix, (names, bytes, changed))| examine(&prefix, names, bytes, changed)).collect()
+    Ok(found.into_values().map(examine).collect())
 }
 
-fn examine(prefix: &str, names: usize, bytes: u64, changed: SystemTime) -> Result<Remains> {
-    let path = owner_file(prefix);
-    let signature: Option<Signature> =
-        std::fs::read_to_string(&path).ok().and_then(|text| serde_json::from_str(&text).ok());
-    let locked = match File::open(&path) {
-        Ok(file) => matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)),
-        Err(_) => false,
-    };
+/// What a survey sees under one prefix.
+struct Names {
+    address: WireAddress,
+    count: usize,
+    bytes: u64,
+    changed: SystemTime,
+}
+
+impl Names {
+    fn none(address: WireAddress) -> Self {
+        Self { address, count: 0, bytes: 0, changed: SystemTime::UNIX_EPOCH }
+    }
+}
+
+fn examine(Names { address, count, bytes, changed }: Names) -> Remains {
+    let mut owner = open_owner(&address);
+    let mut text = String::new();
+    let read = owner.as_mut().is_some_and(|file| file.read_to_string(&mut text).is_ok());
+    let signature: Option<Signature> = serde_json::from_str(&text).ok().filter(|_| read);
+    let locked = owner.is_some_and(|file| is_locked(&file));
     let young = changed.elapsed().is_ok_and(|age| age < CLAIMING);
-    let signed_address = signature.as_ref().and_then(|signature| signature.wire.parse::<WireAddress>().ok());
-    let address = if let Some(address) = signed_address.filter(|address| address.prefix() == prefix) {
-        address
-    } else {
-        let root = std::env::temp_dir().join(prefix.trim_end_matches('_'));
-        format!("{prefix}@{}", root.display()).parse()?
-    };
     // Without an owner's signature (another program's services, a test's) use is what shows life.
-    let alive = locked || (signature.is_none() && (young || is_mapped(prefix)));
-    Ok(Remains { address, run: signature.map(|signature| signature.run), names, bytes, alive })
+    let alive = locked || (signature.is_none() && (young || is_mapped(address.prefix())));
+    Remains { address, run: signature.map(|signature| signature.run), names: count, bytes, alive }
 }
 
-/// `stillroom_ID_INCARNATION_` of a name that begins so.
-fn prefix_of(name: &str) -> Option<String> {
-    let mut parts = name.strip_prefix(PREFIX_MARK)?.splitn(3, '_');
-    let (id, incarnation, _) = (parts.next()?, parts.next()?, parts.next()?);
-    let valid = !id.is_empty()
-        && id.bytes().all(|byte| byte.is_ascii_alphanumeric())
-        && !incarnation.is_empty()
-        && incarnation.bytes().all(|byte| byte.is_ascii_digit());
-    valid.then(|| format!("{PREFIX_MARK}{id}_{incarnation}_"))
-}
-
-/// Processes that were started with this address on their command line.
+/// This user's processes that were started with this address on their command line.
 pub fn processes_of(address: &WireAddress) -> Vec<u32> {
     let Ok(entries) = std::fs::read_dir("/proc") else { return Vec::new() };
     let pids = entries.flatten().filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
@@ -138,6 +147,10 @@ pub fn processes_of(address: &WireAddress) -> Vec<u32> {
 }
 
 fn was_started_with(pid: u32, address: &WireAddress) -> bool {
+    // Anybody can start a process with such a command line.
+    if !std::fs::metadata(format!("/proc/{pid}")).is_ok_and(|metadata| metadata.uid() == geteuid().as_raw()) {
+        return false;
+    }
     let wanted = format!("{}@", address.prefix());
     std::fs::read(format!("/proc/{pid}/cmdline")).is_ok_and(|line| {
         line.split(|&byte| byte == 0).any(|argument| {
@@ -165,8 +178,21 @@ pub struct Swept {
 }
 
 /// Removes what a dead incarnation left. Its processes notice by themselves that their orchestrator is gone; those
-/// that have not left after `patience` are killed.
+/// that have not left after `patience` are killed. Fails if the incarnation lives: a copied or forged run folder can
+/// carry the id of a run at work.
 pub fn sweep(address: &WireAddress, patience: Duration) -> Result<Swept> {
+    let begin = Instant::now();
+    while open_owner(address).is_some_and(|owner| is_locked(&owner)) {
+        if begin.elapsed() >= patience {
+            bail!(
+                "an orchestrator that runs holds {}, so nothing of it is removed: end that run first \
+                 (`orchestrator stop`)",
+                owner_file(address).display()
+            );
+        }
+        // Of a lock that is let go the kernel tells only who waits for it without a deadline.
+        std::thread::sleep(Duration::from_millis(20));
+    }
     let mut swept = Swept::default();
     let outlived = await_ends(address, patience);
     for &pid in &outlived {
@@ -230,26 +256,46 @@ mod tests {
     }
 
     #[test]
-    fn names_are_taken_apart_and_strangers_left_alone() {
-        assert_eq!(prefix_of("stillroom_0a1b_12_x.y"), Some("stillroom_0a1b_12_".into()));
-        assert_eq!(prefix_of("stillroom_0a1b_12_"), Some("stillroom_0a1b_12_".into()));
-        for stranger in ["stillroom_", "stillroom_0a1b_12", "stillroom_0a-b_12_", "stillroom_0a1b_x_", "other_a_1_"] {
-            assert_eq!(prefix_of(stranger), None, "{stranger}");
-        }
-    }
-
-    #[test]
     fn a_claim_lives_as_long_as_its_owner_and_is_swept_after() {
         let address = address("claim");
         let claim = claim(&address, Path::new("/somewhere/run")).unwrap();
         assert!(super::claim(&address, Path::new("/other")).is_err(), "claimed once");
         let remains = found(&address).unwrap();
         assert!(remains.alive);
+        let message = sweep(&address, Duration::ZERO).unwrap_err().to_string();
+        assert!(message.contains("orchestrator stop") && owner_file(&address).exists(), "{message}");
         assert_eq!(remains.run.as_deref(), Some(Path::new("/somewhere/run")));
         drop(claim);
         assert!(!found(&address).unwrap().alive);
         assert_eq!(sweep(&address, Duration::ZERO).unwrap(), Swept { names: 1, killed: 0 });
         assert!(found(&address).is_none());
+    }
+
+    #[test]
+    fn an_owner_file_names_nothing_that_is_deleted() {
+        let address = address("planted");
+        let precious = tempfile::tempdir().unwrap();
+        let forged = format!(r#"{{"wire":"{}@{}","run":"/r","pid":1}}"#, address.prefix(), precious.path().display());
+        std::fs::write(owner_file(&address), forged).unwrap();
+        let remains = found(&address).unwrap();
+        assert!(!remains.alive, "it is signed and nobody holds it");
+        assert_eq!(remains.run.as_deref(), Some(Path::new("/r")), "an older program's signature is read");
+        assert_eq!(sweep(&remains.address, Duration::ZERO).unwrap().names, 1);
+        assert!(precious.path().is_dir());
+    }
+
+    #[test]
+    fn an_owner_file_that_is_a_link_or_a_pipe_is_not_opened() {
+        let address = address("pipe");
+        let signed = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(signed.path(), r#"{"run":"/r","pid":1}"#).unwrap();
+        signed.as_file().try_lock().unwrap();
+        std::os::unix::fs::symlink(signed.path(), owner_file(&address)).unwrap();
+        assert!(open_owner(&address).is_none());
+        std::fs::remove_file(owner_file(&address)).unwrap();
+        assert!(Command::new("mkfifo").arg(owner_file(&address)).status().unwrap().success());
+        assert!(open_owner(&address).is_none());
+        std::fs::remove_file(owner_file(&address)).unwrap();
     }
 
     #[test]

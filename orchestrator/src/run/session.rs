@@ -13,6 +13,7 @@ use crate::supervisor::shell::{Audience, Shell, Signals};
 use anyhow::{Context, Result};
 use proto::config::ActorsConfig;
 use proto::config::Config;
+use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use std::fs::OpenOptions;
 use std::time::Duration;
@@ -41,7 +42,7 @@ impl Session<'_> {
     /// Has the log go to the folder, too.
     pub fn begin_log(&self) -> Result<()> {
         let path = self.folder.log("orchestrator");
-        let log = OpenOptions::new().create(true).append(true).open(&path);
+        let log = open_plain(&path, OpenOptions::new().create(true).append(true));
         terminal::log_to_file(log.with_context(|| format!("cannot open {}", path.display()))?);
         Ok(())
     }

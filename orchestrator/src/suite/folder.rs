@@ -17,6 +17,7 @@ use crate::run::lock::{Held, holder};
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::evaluation::RESULT_FILE;
+use proto::plain_file::open_plain;
 use proto::run_folder::{RunFolder, write_atomically};
 use report::study::differences_between;
 use std::ffi::OsStr;
@@ -185,7 +186,7 @@ impl SuiteFolder {
         let root = self.root.display();
         std::fs::create_dir_all(&self.root).with_context(|| format!("cannot create {root}"))?;
         let path = self.root.join(LOCK);
-        let lock = OpenOptions::new().create(true).truncate(false).write(true).open(&path);
+        let lock = open_plain(&path, OpenOptions::new().create(true).truncate(false).write(true));
         let lock = lock.with_context(|| format!("cannot open {}", path.display()))?;
         match lock.try_lock() {
             Ok(()) => {}

@@ -11,6 +11,7 @@ use crate::training::means::recent;
 use crate::training::metrics::History;
 use anyhow::{Context, Result};
 use proto::device::VISIBLE_DEVICES;
+use proto::plain_file::open_plain;
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;
 use std::io::{Read, Seek, SeekFrom};
@@ -259,7 +260,7 @@ impl Scheduler<'_> {
 
     fn command(&self, entry: &Entry, step: &Step, place: usize) -> Result<Command> {
         let log_path = self.folder.log(entry);
-        let log = OpenOptions::new().create(true).append(true).open(&log_path);
+        let log = open_plain(&log_path, OpenOptions::new().create(true).append(true));
         let log = log.with_context(|| format!("cannot open {}", log_path.display()))?;
         let mut command = Command::from(this_program());
         command.arg("--parent").arg(std::process::id().to_string());

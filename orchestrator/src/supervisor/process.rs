@@ -10,6 +10,7 @@ use crate::showing::log_line::LogLine;
 use proto::device::VISIBLE_DEVICES;
 use proto::device::device_name;
 use proto::event::LearnerEvent;
+use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use std::collections::{BTreeMap, VecDeque};
 use std::ffi::OsString;
@@ -125,10 +126,7 @@ impl Processes {
     /// Starts a child. On failure the child counts as one that exited at once.
     pub fn spawn(&mut self, process: Process, incarnation: u32) -> Result<(), String> {
         let log_path = self.launch.folder.log(&process.to_string());
-        let mut log = OpenOptions::new()
-            .create(true)
-            .append(true)
-            .open(&log_path)
+        let mut log = open_plain(&log_path, OpenOptions::new().create(true).append(true))
             .map_err(|cause| format!("cannot open its log {}: {cause}", log_path.display()))?;
         let mut command = self.launch.command(process, incarnation);
         let program = command.as_std().get_program().to_owned();

@@ -20,6 +20,7 @@ use crate::run::remains;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
+use proto::plain_file::open_plain;
 use proto::run_folder::{RolloutName, RunFolder};
 use proto::stage::total_frames;
 use serde::{Deserialize, Serialize};
@@ -28,7 +29,6 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::Duration;
-use wire::WireAddress;
 
 /// Time that an evaluation has to stop its processes.
 const STOPS: Duration = Duration::from_secs(10);
@@ -242,7 +242,7 @@ impl Validation {
         let result = self.result(rollout);
         clear(&result)?;
         let log_path = self.log();
-        let log = OpenOptions::new().create(true).append(true).open(&log_path);
+        let log = open_plain(&log_path, OpenOptions::new().create(true).append(true));
         let log = log.with_context(|| format!("cannot open {}", log_path.display()))?;
         let validation = self.config.validation;
         let mut command = this_program();
@@ -387,8 +387,7 @@ fn clear(result: &Path) -> Result<()> {
     }
     if let Ok(identity) = Identity::read(&RunFolder::new(result)) {
         for incarnation in identity.incarnations.iter().filter(|incarnation| incarnation.ended.is_none()) {
-            let address: WireAddress = incarnation.wire.parse().with_context(|| incarnation.wire.clone())?;
-            remains::sweep(&address, Duration::from_secs(2))?;
+            remains::sweep(&identity.address(incarnation), Duration::from_secs(2))?;
         }
     }
     std::fs::remove_dir_all(result).with_context(|| format!("cannot remove {}", result.display()))
@@ -512,6 +511,21 @@ pub mod tests {
         std::fs::write(&path, text.replace("500", "501")).unwrap();
         let again = Validation::open(&folder, &config).unwrap().unwrap();
         assert_eq!((again.pinned().unwrap(), again.waiting, again.reached), (vec![3], Some(3), 300));
+    }
+
+    #[test]
+    fn an_evaluation_that_was_cut_off_names_no_folder_that_is_deleted() {
+        let temporary = tempfile::tempdir().unwrap();
+        let (result, precious) = (temporary.path().join("result"), temporary.path().join("precious"));
+        for folder in [&result, &precious] {
+            std::fs::create_dir(folder).unwrap();
+        }
+        let mut identity = Identity::new().unwrap();
+        identity.begin_incarnation();
+        identity.incarnations[0].wire = format!("stillroom_@{}", precious.display());
+        identity.write(&RunFolder::new(&result)).unwrap();
+        clear(&result).unwrap();
+        assert!(precious.is_dir() && !result.exists());
     }
 
     #[test]

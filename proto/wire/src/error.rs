@@ -13,6 +13,15 @@ pub enum WireError {
         /// iceoryx2's error text.
         cause: String,
     },
+    /// The folder of small files was there already, and is not ours.
+    #[error(
+        "{root} was made by somebody else, or is a link: have it removed, or set TMPDIR to a folder that only you can \
+         write, then start again"
+    )]
+    Foreign {
+        /// Root folder of the incarnation.
+        root: String,
+    },
     /// A service could not be created or opened.
     #[error("cannot {verb} service `{service}`: {cause}")]
     Service {

@@ -49,7 +49,7 @@ pub mod message;
 pub mod processor;
 mod services;
 
-pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress};
+pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id};
 pub use announcer::Announcer;
 pub use bells::{Bells, ThreadBell, Waiting};
 pub use error::WireError;

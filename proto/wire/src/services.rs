@@ -381,6 +381,7 @@ impl Debug for WireHost {
 impl WireHost {
     /// Creates all services of an incarnation.
     pub fn create(address: &WireAddress, shape: WireShape) -> Result<Self, WireError> {
+        address.create_root()?;
         let wire = Wire::join(address, shape, "orchestrator")?;
         let attributes = defined_attributes();
         let mut held: Vec<Box<dyn std::any::Any>> = Vec::new();
@@ -402,6 +403,10 @@ impl WireHost {
             create!(wire.restore(actor), &restore_name(actor));
             create!(wire.actions_ready(actor), &actions_ready_name(actor));
         }
+        address.close_to_others().map_err(|cause| WireError::Node {
+            root: address.root().display().to_string(),
+            cause: cause.to_string(),
+        })?;
         Ok(Self { wire, address: address.clone(), _services: held })
     }
 
@@ -494,6 +499,28 @@ mod tests {
 
     fn address(test: &str) -> WireAddress {
         WireAddress::new(&format!("test{test}{}", std::process::id()), 1)
+    }
+
+    #[test]
+    fn nobody_else_can_open_what_a_host_makes_whatever_the_umask() {
+        use std::os::unix::fs::MetadataExt;
+        let address = address("modes");
+        let before = rustix::process::umask(rustix::fs::Mode::empty());
+        let host = WireHost::create(&address, WireShape { shares: Shares::of_one(2), environments_per_actor: 1 });
+        let actor = Wire::join(&address, host.as_ref().unwrap().wire().shape, "actor-00").unwrap();
+        let publisher = actor.observation_publisher(0).unwrap();
+        rustix::process::umask(before);
+        let open: Vec<_> = std::fs::read_dir(SHARED_MEMORY)
+            .unwrap()
+            .map(|entry| entry.unwrap())
+            .filter(|entry| entry.file_name().to_string_lossy().starts_with(address.prefix()))
+            .map(|entry| (entry.metadata().unwrap().mode() & 0o777, entry.path()))
+            .collect();
+        assert!(open.len() > 2, "{open:?}");
+        assert!(open.iter().all(|(mode, _)| mode & !0o700 == 0), "{open:?}");
+        assert_eq!(std::fs::metadata(address.root()).unwrap().mode() & 0o777, 0o700);
+        drop((publisher, actor, host));
+        address.sweep().unwrap();
     }
 
     #[test]

@@ -525,6 +525,10 @@ fn a_repair_replaces_no_file_of_the_user() {
     }
     assert_eq!(std::fs::read(&path).unwrap(), &whole[..whole.len() / 2]);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3, "nothing is left behind");
+    // Nor does it write through a link that lies where it writes first.
+    std::os::unix::fs::symlink(&output, folder.path().join("c.partial")).unwrap();
+    repair(&path, Some(&folder.path().join("c"))).unwrap();
+    assert_eq!(std::fs::read_to_string(&output).unwrap(), "precious");
 }
 
 #[test]

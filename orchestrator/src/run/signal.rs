@@ -1,0 +1,106 @@
+//! A signal to the orchestrator that holds a run, and to no other process.
+//!
+//! `orchestrator.lock` names its holder, but a run folder can come from anybody: any process of ours could stand there.
+//! So a process is signalled only if it is ours, runs this program, and has this very lock file open.
+
+use anyhow::{Context, Result, bail};
+use rustix::io::Errno;
+use rustix::process::{Pid, PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
+use std::ffi::OsString;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+
+/// Asks the holder of a lock to save and stop. A process that has just gone by itself is no error.
+pub fn ask_to_stop(pid: u32, lock: &Path) -> Result<()> {
+    let Some(process) = i32::try_from(pid).ok().and_then(Pid::from_raw) else {
+        bail!("{} names no process", lock.display());
+    };
+    // Before anything is read of the process: from here on its number cannot pass to another unnoticed.
+    let descriptor = match pidfd_open(process, PidfdFlags::empty()) {
+        Err(Errno::SRCH) => return Ok(()),
+        opened => opened.with_context(|| format!("cannot look at pid {pid}"))?,
+    };
+    check(pid, lock).with_context(|| {
+        format!("{} names pid {pid}, which is not signalled; a run of yours is stopped with Ctrl-C too", lock.display())
+    })?;
+    match pidfd_send_signal(&descriptor, Signal::TERM) {
+        Ok(()) | Err(Errno::SRCH) => Ok(()),
+        Err(error) => bail!("cannot ask pid {pid} to stop: {error}"),
+    }
+}
+
+/// Fails unless the process is an orchestrator of this user's that has this lock file of this user's open.
+fn check(pid: u32, lock: &Path) -> Result<()> {
+    let me = geteuid().as_raw();
+    let file = std::fs::symlink_metadata(lock)?;
+    if !file.is_file() || file.uid() != me {
+        bail!("the lock is not a file of this user's");
+    }
+    let process = format!("/proc/{pid}");
+    if std::fs::metadata(&process)?.uid() != me {
+        bail!("the process is another user's: stop the run as that user");
+    }
+    if program(&process)? != program("/proc/self")? {
+        bail!("the process is no orchestrator");
+    }
+    let open = std::fs::read_dir(format!("{process}/fd"))?.flatten();
+    let mut open = open.filter_map(|entry| std::fs::metadata(entry.path()).ok());
+    if !open.any(|other| (other.dev(), other.ino()) == (file.dev(), file.ino())) {
+        bail!("the process does not hold the lock");
+    }
+    Ok(())
+}
+
+/// Name of a process's program, also when its file has been replaced since the process began.
+fn program(process: &str) -> Result<OsString> {
+    let path = std::fs::read_link(format!("{process}/exe"))?;
+    let name = path.file_name().context("a program has a name")?.to_string_lossy().into_owned();
+    Ok(name.trim_end_matches(" (deleted)").into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs::File;
+    use std::os::unix::process::ExitStatusExt;
+    use std::process::{Child, Command};
+
+    fn reason(pid: u32, lock: &Path) -> String {
+        format!("{:#}", check(pid, lock).unwrap_err())
+    }
+
+    /// Ends a child that is to have been left alone; panics if something else ended it.
+    fn was_left_alone(mut child: Child) {
+        child.kill().unwrap();
+        assert_eq!(child.wait().unwrap().signal(), Some(Signal::KILL.as_raw()));
+    }
+
+    #[test]
+    fn only_an_orchestrator_that_has_the_lock_open_is_its_holder() {
+        let folder = tempfile::tempdir().unwrap();
+        let (lock, other, link) = (folder.path().join("lock"), folder.path().join("other"), folder.path().join("link"));
+        let _held = File::create(&lock).unwrap();
+        drop(File::create(&other).unwrap());
+        std::os::unix::fs::symlink(&lock, &link).unwrap();
+        let me = std::process::id();
+        check(me, &lock).unwrap();
+        assert!(reason(me, &other).contains("does not hold"));
+        assert!(reason(me, &link).contains("not a file"));
+    }
+
+    #[test]
+    fn a_planted_process_is_not_signalled() {
+        let folder = tempfile::tempdir().unwrap();
+        let lock = folder.path().join("lock");
+        let held = File::create(&lock).unwrap();
+        // Another program, with the lock open and without.
+        let holding = Command::new("sleep").arg("60").stdin(held.try_clone().unwrap()).spawn().unwrap();
+        let sleeping = Command::new("sleep").arg("60").spawn().unwrap();
+        for child in [holding, sleeping] {
+            let message = format!("{:#}", ask_to_stop(child.id(), &lock).unwrap_err());
+            assert!(message.contains("no orchestrator") && message.contains("not signalled"), "{message}");
+            was_left_alone(child);
+        }
+        assert!(ask_to_stop(0, &lock).unwrap_err().to_string().contains("no process"));
+    }
+}
