@@ -25,8 +25,10 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
     }
     match holder(folder)? {
         Held::By(holder) => bail!("run folder {root} is already in use: pid {} on {} runs it", holder.pid, holder.host),
-        Held::Unsigned => bail!("run folder {root} is already in use: another orchestrator begins in it"),
-        Held::Free => {}
+        Held::Unsigned if !folder.identity().exists() => {
+            bail!("run folder {root} is already in use: another orchestrator begins in it")
+        }
+        Held::Unsigned | Held::Free => {}
     }
     if is_cut_off(folder).with_context(|| format!("run folder {root}"))? {
         return Ok(());
@@ -88,6 +90,14 @@ mod tests {
         let message = check_free(&new).unwrap_err().to_string();
         assert!(message.contains("already in use") && message.contains("resume"), "{message}");
         drop(lock);
+
+        // One that is being made is not cut off.
+        let begun = RunFolder::new(temporary.path().join("begun"));
+        let lock = prepare(&begun, &mut config, &[]).unwrap();
+        let message = check_free(&begun).unwrap_err().to_string();
+        assert!(message.contains("another orchestrator begins in it"), "{message}");
+        drop(lock);
+        check_free(&begun).unwrap();
 
         let foreign = RunFolder::new(temporary.path());
         let message = check_free(&foreign).unwrap_err().to_string();
