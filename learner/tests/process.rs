@@ -110,7 +110,8 @@ fn a_checkpoint_that_cannot_be_written_costs_nothing_but_at_the_end() {
         let ended = scene.learner(&Plan::Undisturbed);
         assert_eq!(ended.status.code(), Some(EXIT_UNSAVED), "{ended:?}");
         std::fs::remove_dir(&there).unwrap();
-        assert_eq!(complete(&scene, &scene.learner(&Plan::Undisturbed)), undisturbed());
+        let again = scene.learner(&Plan::Undisturbed);
+        assert_eq!(complete(&scene, &again), undisturbed());
     }
 }
 
