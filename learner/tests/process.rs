@@ -103,7 +103,7 @@ fn a_checkpoint_that_cannot_be_written_costs_nothing_but_at_the_end() {
     }
 
     // Without its last one, or its first, it may not end well.
-    for (name, rollout) in [("unsaved-last", 5), ("unsaved-first", 0)] {
+    for (name, rollout) in [("unsavedlast", 5), ("unsavedfirst", 0)] {
         let mut scene = Scene::new(name, tiny());
         let there = obstacle(&scene, rollout);
         std::fs::create_dir_all(&there).unwrap();

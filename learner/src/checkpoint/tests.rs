@@ -125,23 +125,29 @@ fn a_torn_one_does_not_push_a_good_one_out() {
 }
 
 #[test]
-fn a_full_disk_is_named_and_harms_nothing() {
+fn a_checkpoint_that_cannot_be_written_is_named_and_harms_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(&folder, 1);
     store.save(&snapshot(1)).unwrap();
     let checkpoints = folder.path().join("checkpoints");
     for name in ["rollout-00000002.safetensors.partial", "rollout-00000002.json.partial"] {
-        // A device that is always full, where the file is about to be written.
-        std::os::unix::fs::symlink("/dev/full", checkpoints.join(name)).unwrap();
+        // A folder where the file is about to be written stands for a disk that does not take it.
+        let obstacle = checkpoints.join(name);
+        std::fs::create_dir(&obstacle).unwrap();
         let error = store.save(&snapshot(2)).unwrap_err().to_string();
         let path = checkpoints.join(name.trim_end_matches(".partial"));
         assert!(error.contains(&format!("cannot write checkpoint {}", path.display())), "{error}");
-        assert!(error.contains("No space left on device") && error.contains("bytes are free there"), "{error}");
+        assert!(error.contains("bytes are free there"), "{error}");
         let loaded = store.load().unwrap().unwrap();
         assert!(same(&loaded.snapshot, &snapshot(1)), "the last good one is untouched");
+        std::fs::remove_dir(&obstacle).unwrap();
     }
     store.save(&snapshot(2)).unwrap();
     assert_eq!(names(&folder), ["02.json", "02.safetensors"]);
+
+    let cause = std::io::Error::from_raw_os_error(libc::ENOSPC);
+    let full = CheckpointError::Write { path: checkpoints, cause, free_bytes: Some(0) }.to_string();
+    assert!(full.contains("No space left on device") && full.contains("(0 bytes are free there"), "{full}");
 }
 
 #[test]

@@ -176,14 +176,18 @@ fn learners_that_cannot_save_go_on_and_are_not_started_again_at_the_end() {
     run.wait_for_rollouts(3);
     let obstacles = (10..100).map(|rollout| run.folder.checkpoint_tensors(rollout).with_added_extension("partial"));
     let obstacles: Vec<_> = obstacles.collect();
-    obstacles.iter().for_each(|path| std::fs::create_dir(path).expect("a writable run folder"));
+    for path in &obstacles {
+        std::fs::create_dir(path).expect("a writable run folder");
+    }
     let printed = finish(child);
     assert!(!printed.success && printed.deaths().is_empty(), "{printed:#?}");
     for part in ["The run goes on and tries again", "learner-0 could not save", "cannot write checkpoint"] {
         assert!(printed.stderr.contains(part), "{part}: {printed:#?}");
     }
     assert_eq!(run.trained(), FRAMES, "all of it was trained");
-    obstacles.iter().for_each(|path| std::fs::remove_dir(path).expect("an empty folder"));
+    for path in &obstacles {
+        std::fs::remove_dir(path).expect("an empty folder");
+    }
     assert_eq!(&complete(workshop.resume("unsaved")).result(), undisturbed());
     run.assert_nothing_left();
 }
