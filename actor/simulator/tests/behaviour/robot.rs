@@ -10,7 +10,7 @@ use simulator::physics::geometry::Solid;
 use simulator::robot::arm::{self, Joints};
 use simulator::robot::configuration::{Configuration, Posture};
 use simulator::robot::dimensions::{FOREARM_LENGTH_M, SCALE, UPPER_ARM_LENGTH_M, WRIST_LENGTH_M};
-use simulator::robot::links::{HAND, Motion, PartPoses, part_poses, part_shapes};
+use simulator::robot::links::{HAND, Motion, part_poses, part_shapes};
 
 fn numbers<const N: usize>(value: &Value) -> [f32; N] {
     let numbers: Vec<f32> = value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap() as f32).collect();
@@ -130,29 +130,4 @@ fn no_point_of_a_link_outruns_the_origins() {
         }
     }
     assert!(compared > 2000, "{compared} motions");
-}
-
-/// Not a test: a figure for the notes, by `--test behaviour -- --ignored --nocapture speed`
-#[test]
-#[ignore = "a measurement"]
-fn speed() {
-    let from = Configuration::start(0.3, -0.2, 1).posture();
-    let to = Posture { wrist_m: from.wrist_m + Vec3::new(0.0, 0.05, 0.0), ..from };
-    let turned = Posture { yaw_rad: from.yaw_rad + 0.5, ..from };
-    let bending = |t: f32| part_poses(&from.towards(&to, t)).unwrap();
-    let motion = Motion::between(&from, &turned).unwrap();
-    let riding = |t: f32| motion.at(t).unwrap();
-    let best_ns = |at: &dyn Fn(f32) -> PartPoses| {
-        let runs = (0..20).map(|_| {
-            let start = std::time::Instant::now();
-            for k in 0..100_000 {
-                std::hint::black_box(at(k as f32 * 1e-5));
-            }
-            start.elapsed().as_secs_f64() * 1e4
-        });
-        runs.fold(f64::INFINITY, f64::min)
-    };
-    let (bending_ns, riding_ns) = (best_ns(&bending), best_ns(&riding));
-    println!("poses with the arm in motion {bending_ns:.0} ns, with the arm rigid {riding_ns:.0} ns");
-    assert!(riding_ns < bending_ns, "a rigid arm needs no inverse kinematics");
 }

@@ -270,42 +270,6 @@ fn the_arm_does_not_enter_what_is_fixed() {
     assert!(stopped.iter().all(|&count| count >= 10), "stopped downwards, outwards, ahead: {stopped:?} times");
 }
 
-/// Not a test: figures for the notes, by `--test behaviour -- --ignored --nocapture speed`
-#[test]
-#[ignore = "a measurement"]
-fn speed() {
-    let mut build_s = 0.0;
-    let mut reset_s = 0.0;
-    let mut step_s = 0.0;
-    let (mut steps, mut resets) = (0, 0);
-    for number in [1, 4, 11, 20, 29] {
-        let start = std::time::Instant::now();
-        let kitchen = kitchen(number);
-        build_s += start.elapsed().as_secs_f64();
-        let mut environment = environment(&kitchen, 0);
-        for episode in 0..5 {
-            let start = std::time::Instant::now();
-            environment.start_episode(episode);
-            reset_s += start.elapsed().as_secs_f64();
-            resets += 1;
-            let start = std::time::Instant::now();
-            run(&mut environment, 0, episode, 200);
-            step_s += start.elapsed().as_secs_f64();
-            steps += 200;
-        }
-        println!(
-            "kitchen {number}: {} things, {} stands, {} spots for an apple",
-            kitchen.thing_count(),
-            kitchen.robot_stands().len(),
-            kitchen.target_spots(TargetCategory::Apple).len()
-        );
-    }
-    println!("build {:.0} ms", build_s / 5.0 * 1e3);
-    println!("reset {:.0} µs", reset_s / f64::from(resets) * 1e6);
-    println!("step {:.0} µs", step_s / f64::from(steps) * 1e6);
-    assert!(step_s / f64::from(steps) < 0.01, "a step takes microseconds to few milliseconds");
-}
-
 #[test]
 fn out_of_a_jam_the_robot_can_leave() {
     // Once every motion failed, even the arm's, while a chair was wedged against the body.
