@@ -56,6 +56,8 @@ pub struct Module {
 pub struct Kernel {
     launch: LaunchKernel,
     function: Handle,
+    /// Shared memory that a block gets besides what the source declares, bytes.
+    shared_bytes: u32,
 }
 
 type LaunchKernel = unsafe extern "C" fn(
@@ -78,11 +80,13 @@ struct Driver {
     load: ModuleLoad,
     function: ModuleFunction,
     launch: LaunchKernel,
+    set: SetFunctionAttribute,
 }
 
 type DeviceAttribute = unsafe extern "C" fn(*mut c_int, c_int, c_int) -> c_int;
 type ModuleLoad = unsafe extern "C" fn(*mut Handle, *const c_void) -> c_int;
 type ModuleFunction = unsafe extern "C" fn(*mut Handle, Handle, *const c_char) -> c_int;
+type SetFunctionAttribute = unsafe extern "C" fn(Handle, c_int, c_int) -> c_int;
 
 #[derive(Debug, Clone, Copy)]
 struct Nvrtc {
@@ -116,6 +120,7 @@ impl Driver {
             load: function!(library, c"cuModuleLoadData" as ModuleLoad),
             function: function!(library, c"cuModuleGetFunction" as ModuleFunction),
             launch: function!(library, c"cuLaunchKernel" as LaunchKernel),
+            set: function!(library, c"cuFuncSetAttribute" as SetFunctionAttribute),
         })
     }
 
@@ -206,13 +211,20 @@ impl Module {
         Ok(Self { driver, module })
     }
 
-    /// One of its `extern "C" __global__` functions.
-    pub fn kernel(&self, name: &CStr) -> Result<Kernel, CudaError> {
+    /// One of its `extern "C" __global__` functions, whose blocks get so much shared memory besides what the source
+    /// declares.
+    pub fn kernel(&self, name: &CStr, shared_bytes: u32) -> Result<Kernel, CudaError> {
+        /// `CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES`: more than 48 KiB in all must be asked for.
+        const LARGEST_SHARED_BYTES: c_int = 8;
         let mut function = null_mut();
         // SAFETY: a loaded module and a C string.
         let code = unsafe { (self.driver.function)(&raw mut function, self.module, name.as_ptr()) };
         succeed("cuModuleGetFunction", code)?;
-        Ok(Kernel { launch: self.driver.launch, function })
+        let bytes = c_int::try_from(shared_bytes).unwrap_or(c_int::MAX);
+        // SAFETY: a function of that module.
+        let code = unsafe { (self.driver.set)(function, LARGEST_SHARED_BYTES, bytes) };
+        succeed("cuFuncSetAttribute", code)?;
+        Ok(Kernel { launch: self.driver.launch, function, shared_bytes })
     }
 }
 
@@ -238,7 +250,19 @@ impl Kernel {
         let mut pointers: Vec<*mut c_void> = slots.iter_mut().map(|slot| std::ptr::from_mut(slot).cast()).collect();
         // SAFETY: the slots outlive the call, which copies them; the rest is the caller's promise.
         let code = unsafe {
-            (self.launch)(self.function, blocks, 1, 1, threads, 1, 1, 0, null_mut(), pointers.as_mut_ptr(), null_mut())
+            (self.launch)(
+                self.function,
+                blocks,
+                1,
+                1,
+                threads,
+                1,
+                1,
+                self.shared_bytes,
+                null_mut(),
+                pointers.as_mut_ptr(),
+                null_mut(),
+            )
         };
         succeed("cuLaunchKernel", code)
     }

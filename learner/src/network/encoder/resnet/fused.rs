@@ -1,5 +1,5 @@
-//! The encoder on a CUDA device in bfloat16: libtorch's convolutions on maps with channels last, everything between two
-//! convolutions in one kernel of our own, and the backward pass written out.
+//! The encoder on a CUDA device in bfloat16: the stem in kernels of our own, then libtorch's convolutions on maps with
+//! channels last, everything between two of them in one kernel, and the backward pass written out.
 //!
 //! Weights stay f32; this pass works on rounded copies, which are made once an optimiser step. Only what the backward
 //! pass reads is kept, and autograd never sees the encoder: it ends at the visual embedding, whose gradient
@@ -9,7 +9,7 @@ use super::super::visual::Gradients;
 use super::plain::{BASE, Block, COMPRESSED, Resnet};
 use crate::ffi::convolution::convolution_backward;
 use crate::ffi::cuda::CudaError;
-use crate::ffi::kernels::{Affine, Kernels, NormGradients, Statistics, Winners, channels_last};
+use crate::ffi::kernels::{Affine, Kernels, NormGradients, Statistics, Stem, StemGradients, StemTape, channels_last};
 use crate::network::layers::{Convolution, GroupNorm};
 use crate::network::parameters::Parameters;
 use std::cell::RefCell;
@@ -64,9 +64,9 @@ struct BlockTape {
 /// What a forward pass leaves for its backward pass.
 #[derive(Debug)]
 pub(super) struct Tape {
-    stem_input: Tensor,
-    stem: Normed,
-    winners: Winners,
+    /// Frames, f32.
+    kept: Tensor,
+    stem: StemTape,
     blocks: Vec<BlockTape>,
     /// What the compression saw.
     features: Tensor,
@@ -76,9 +76,9 @@ pub(super) struct Tape {
 }
 
 impl Fused {
-    /// Compiles the kernels. libtorch must have made a tensor on the device before.
-    pub(super) fn new() -> Result<Self, CudaError> {
-        Ok(Self { kernels: Kernels::compile()?, rounded: RefCell::new(None) })
+    /// Compiles the kernels for frames of this side. libtorch must have made a tensor on the device before.
+    pub(super) fn new(side: i64) -> Result<Self, CudaError> {
+        Ok(Self { kernels: Kernels::compile(side)?, rounded: RefCell::new(None) })
     }
 
     /// Kept frames \[rows, side, side\] → visual embedding \[rows, 512\], f32 and outside autograd. The network sees
@@ -88,7 +88,7 @@ impl Fused {
         resnet: &Resnet,
         parameters: &Parameters,
         kept: &Tensor,
-        [scale, offset]: [f32; 2],
+        scale_offset: [f32; 2],
     ) -> (Tensor, Tape) {
         let _no_grad = tch::no_grad_guard();
         let mut rounded = self.rounded.borrow_mut();
@@ -99,10 +99,9 @@ impl Fused {
         let kernels = &self.kernels;
         let affine = |norm: &GroupNorm| affine(parameters, norm);
 
-        let stem_input = kernels.stem_input(&kept.to_kind(Kind::Float).contiguous(), scale, offset);
-        let x = convolve(&stem_input, &weights.stem, [1, 0]);
-        let (mut features, winners, statistics) = kernels.stem_forward(&x, affine(&resnet.stem.1));
-        let stem = Normed { x, statistics };
+        let kept = kept.to_kind(Kind::Float).contiguous();
+        let stem = Stem { taps: &weights.stem, norm: affine(&resnet.stem.1), scale_offset };
+        let (mut features, stem) = kernels.stem_forward(&kept, stem);
 
         let mut blocks = Vec::with_capacity(resnet.blocks.len());
         for (block, weights) in resnet.blocks.iter().zip(&weights.blocks) {
@@ -134,7 +133,7 @@ impl Fused {
         let compression = Normed { x, statistics };
         let visual = flat(&compressed).linear(&weights.linear, Some(&weights.linear_bias)).relu_();
         let embedding = visual.to_kind(Kind::Float);
-        (embedding, Tape { stem_input, stem, winners, blocks, features, compression, compressed, visual })
+        (embedding, Tape { kept, stem, blocks, features, compression, compressed, visual })
     }
 
     /// Gradients of all of the encoder's parameters for that of the embedding \[rows, 512\].
@@ -148,6 +147,7 @@ impl Fused {
         parameters: &Parameters,
         tape: Tape,
         gradient: &Tensor,
+        scale_offset: [f32; 2],
     ) -> Gradients {
         let _no_grad = tch::no_grad_guard();
         let rounded = self.rounded.borrow();
@@ -168,7 +168,7 @@ impl Fused {
             dx.map(channels_last)
         };
 
-        let Tape { stem_input, stem, winners, blocks, features, compression, compressed, visual } = tape;
+        let Tape { kept, stem, blocks, features, compression, compressed, visual } = tape;
         let d_visual = gradient.to_kind(Kind::BFloat16) * visual.gt(0);
         let d_linear = d_visual.tr().matmul(&flat(&compressed));
         let d_linear_bias = d_visual.sum_dim_intlist([0i64].as_slice(), false, Kind::Float);
@@ -222,14 +222,15 @@ impl Fused {
             };
         }
 
-        let norm = &resnet.stem.1;
+        let (part, norm) = &resnet.stem;
         let users = [through.as_ref(), around.as_ref()];
-        let d = kernels.stem_backward(users, &winners, &stem.x, &stem.statistics, affine(norm));
-        let d = of_norm(norm, d);
-        let (d_stem, _) = convolution_gradients(&d, &stem_input, &weights.stem, [1, 0], false);
+        let words = Stem { taps: &weights.stem, norm: affine(norm), scale_offset };
+        let StemGradients { taps, affine } = kernels.stem_backward(users, &stem, &kept, words);
+        gradients.push((norm.bias, affine.get(0)));
+        gradients.push((norm.weight, affine.get(1)));
+        gradients.push((part.weight, from_stem_weight(&taps)));
 
         gradients.append(&mut convolutions);
-        gradients.push((resnet.stem.0.weight, from_stem_weight(&d_stem.to_kind(Kind::Float))));
         gradients.push((resnet.linear.weight, from_pixel_order(&d_linear.to_kind(Kind::Float))));
         gradients.push((resnet.linear.bias, d_linear_bias));
         gradients
@@ -295,7 +296,7 @@ fn from_pixel_order(weight: &Tensor) -> Tensor {
     weight.view([outputs, -1, COMPRESSED]).permute([0, 2, 1]).reshape([outputs, -1])
 }
 
-/// The stem's weight \[32, 1, 7, 7\] → \[32, 8, 4, 4\], for an input as `stem_input` in `kernels.cu` makes it: taps
+/// The stem's weight \[32, 1, 7, 7\] → \[32, 8, 4, 4\], for an input as `fill_band` in `stem.cu` makes it: taps
 /// −1..6 in twos, the first of which is zero, and the same for both parts of a number.
 fn to_stem_weight(weight: &Tensor) -> Tensor {
     let taps = weight.constant_pad_nd([1, 0, 1, 0]).view([BASE, 4, 2, 4, 2]);
@@ -315,7 +316,7 @@ mod tests {
     use super::*;
     use tch::Device;
 
-    /// The computation of `stem_input` with libtorch's operations and without rounding.
+    /// The computation of `fill_band` with libtorch's operations and without rounding.
     fn stem_input(x: &Tensor) -> Tensor {
         let (rows, _, side, _) = x.size4().unwrap();
         let half = side / 2;

@@ -17,7 +17,7 @@ pub(crate) const ENTRY: Entry = Entry {
     encoder: Encoder::Resnet,
     linear: plain::LINEAR,
     features: plain::features,
-    declare: |layout, side| Box::new(ResnetEncoder { resnet: Resnet::new(layout, PATH, side), fused: None }),
+    declare: |layout, side| Box::new(ResnetEncoder { resnet: Resnet::new(layout, PATH, side), side, fused: None }),
     allenact: &[
         ("visual_encoder.backbone.", "visual_encoder.backbone."),
         ("visual_encoder.compression.", "visual_encoder.compression."),
@@ -28,6 +28,8 @@ pub(crate) const ENTRY: Entry = Entry {
 #[derive(Debug)]
 struct ResnetEncoder {
     resnet: Resnet,
+    /// Side of a frame, pixels.
+    side: i64,
     /// The kernels, once they are compiled.
     fused: Option<Fused>,
 }
@@ -42,7 +44,7 @@ impl VisualEncoder for ResnetEncoder {
     }
 
     fn fuse(&mut self) -> Result<(), CudaError> {
-        self.fused = Some(Fused::new()?);
+        self.fused = Some(Fused::new(self.side)?);
         Ok(())
     }
 
@@ -58,7 +60,7 @@ impl VisualEncoder for ResnetEncoder {
     ) -> Option<(Tensor, Backward<'a>)> {
         let fused = self.fused.as_ref()?;
         let (visual, tape) = fused.forward(&self.resnet, parameters, kept, scale_offset);
-        let backward = move |gradient: &Tensor| fused.backward(&self.resnet, parameters, tape, gradient);
+        let backward = move |gradient: &Tensor| fused.backward(&self.resnet, parameters, tape, gradient, scale_offset);
         Some((visual, Box::new(backward)))
     }
 }

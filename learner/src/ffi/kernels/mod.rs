@@ -1,18 +1,18 @@
-//! The encoder's kernels (`kernels.cu`), each as a safe function over tensors.
+//! The encoder's kernels (`*.cu` beside this file), each as a safe function over tensors.
 //!
 //! A feature map is a bfloat16 tensor \[rows, channels, height, width\] whose channels come last in memory.
 
+mod stem;
+
+pub use stem::{Stem, StemGradients, StemTape};
+
 use super::cuda::{Argument, CudaError, Kernel, Module};
+use stem::StemKernels;
 use tch::{Kind, Tensor};
 
 /// Threads of a block, one block a row: enough to hide memory's latency, few enough that several blocks share a
-/// multiprocessor. The stem's maps are the largest.
+/// multiprocessor.
 const NORM_THREADS: u32 = 256;
-const STEM_THREADS: u32 = 512;
-
-/// Pixels that the stem's input has more than half the frame's side: the border of a 4 × 4 window, two before and one
-/// behind.
-const STEM_BORDER: i64 = 3;
 
 /// Weight and bias of a group normalisation, f32 \[channels\].
 #[derive(Debug, Clone, Copy)]
@@ -25,10 +25,6 @@ pub struct Affine<'a> {
 /// What a norm's backward needs of its forward: means and reciprocal standard deviations, f32 \[rows, groups, 2\].
 #[derive(Debug)]
 pub struct Statistics(Tensor);
-
-/// Which pixel of its window each number of the stem's output came from, u8 \[rows, side, side, channels\].
-#[derive(Debug)]
-pub struct Winners(Tensor);
 
 /// Gradients of a norm.
 #[derive(Debug)]
@@ -44,99 +40,26 @@ pub struct NormGradients {
 pub struct Kernels {
     norm_forward: Kernel,
     norm_backward: Kernel,
-    stem_input: Kernel,
-    stem_forward: Kernel,
-    stem_backward: Kernel,
+    stem: StemKernels,
 }
 
 impl Kernels {
-    /// Compiles them for the first CUDA device, where libtorch must have made a tensor before. Takes a second.
-    pub fn compile() -> Result<Self, CudaError> {
-        let module = Module::compile(include_str!("kernels.cu"), "kernels.cu")?;
+    /// Compiles them for the first CUDA device, where libtorch must have made a tensor before, and for frames of this
+    /// side. Takes a second.
+    pub fn compile(side: i64) -> Result<Self, CudaError> {
+        let source = format!(
+            "#define SIDE {side}\n{}{}{}{}",
+            include_str!("common.cu"),
+            include_str!("matrix.cu"),
+            include_str!("norm.cu"),
+            include_str!("stem.cu")
+        );
+        let module = Module::compile(&source, "kernels.cu")?;
         Ok(Self {
-            norm_forward: module.kernel(c"norm_forward")?,
-            norm_backward: module.kernel(c"norm_backward")?,
-            stem_input: module.kernel(c"stem_input")?,
-            stem_forward: module.kernel(c"stem_forward")?,
-            stem_backward: module.kernel(c"stem_backward")?,
+            norm_forward: module.kernel(c"norm_forward", 0)?,
+            norm_backward: module.kernel(c"norm_backward", 0)?,
+            stem: StemKernels::find(&module, side)?,
         })
-    }
-
-    /// Kept frames f32 \[rows, side, side\] → what the stem's convolution sees: \[rows, 8, side / 2 + 3, side / 2 +
-    /// 3\], numbers multiplied by `scale` and moved by `offset` on the way.
-    pub fn stem_input(&self, kept: &Tensor, scale: f32, offset: f32) -> Tensor {
-        let (rows, side, _) = kept.size3().expect("frames have three dimensions");
-        assert!(kept.kind() == Kind::Float && kept.is_contiguous() && side % 2 == 0, "float frames of an even side");
-        let y = map(kept, [rows, 8, side / 2 + STEM_BORDER, side / 2 + STEM_BORDER]);
-        launch(
-            self.stem_input,
-            rows,
-            STEM_THREADS,
-            &[address(kept), address(&y), int(side), Argument::Float(scale), Argument::Float(offset)],
-        );
-        y
-    }
-
-    /// `max_pool(relu(norm(x)))`, windows of 3 × 3, stride 2, padding 1.
-    pub fn stem_forward(&self, x: &Tensor, norm: Affine) -> (Tensor, Winners, Statistics) {
-        let [rows, channels, side, _] = shape(x);
-        let half = (side + 1) / 2;
-        let y = map(x, [rows, channels, half, half]);
-        let winners = Tensor::empty([rows, half, half, channels], (Kind::Uint8, x.device()));
-        let statistics = norm.statistics(x);
-        launch(
-            self.stem_forward,
-            rows,
-            STEM_THREADS,
-            &[
-                address(x),
-                address(norm.weight),
-                address(norm.bias),
-                address(&y),
-                address(&winners),
-                address(&statistics),
-                int(side),
-                int(channels),
-                int(norm.groups),
-            ],
-        );
-        (y, Winners(winners), Statistics(statistics))
-    }
-
-    /// Gradients of [`Kernels::stem_forward`] for those of its output's users, one or two.
-    pub fn stem_backward(
-        &self,
-        dy: [Option<&Tensor>; 2],
-        winners: &Winners,
-        x: &Tensor,
-        statistics: &Statistics,
-        norm: Affine,
-    ) -> NormGradients {
-        let [rows, channels, side, _] = shape(x);
-        let dx = map(x, shape(x));
-        let affine = Tensor::empty([rows, 2, channels], (Kind::Float, x.device()));
-        let half = (side + 1) / 2;
-        let [first, second] = dy.map(|dy| optional(dy, [rows, channels, half, half]));
-        assert!(dy[0].is_some(), "somebody uses the output");
-        launch(
-            self.stem_backward,
-            rows,
-            STEM_THREADS,
-            &[
-                first,
-                second,
-                address(&winners.0),
-                address(x),
-                address(&statistics.0),
-                address(norm.weight),
-                address(&dx),
-                address(&affine),
-                int(side),
-                int(channels),
-                int(norm.groups),
-            ],
-        );
-        NormGradients { input: dx, affine: over_rows(&affine) }
     }
 
     /// `relu?(norm(x) + around?)`.
@@ -209,11 +132,15 @@ impl Affine<'_> {
     /// Room for a map's statistics.
     fn statistics(&self, x: &Tensor) -> Tensor {
         let [rows, channels, ..] = shape(x);
+        self.check(channels);
+        Tensor::empty([rows, self.groups, 2], (Kind::Float, x.device()))
+    }
+
+    fn check(&self, channels: i64) {
         for tensor in [self.weight, self.bias] {
             assert!(tensor.kind() == Kind::Float && tensor.size() == [channels] && tensor.is_contiguous());
         }
         assert!([32, 64, 128, 256].contains(&channels) && channels % self.groups == 0, "{channels} channels");
-        Tensor::empty([rows, self.groups, 2], (Kind::Float, x.device()))
     }
 }
 
@@ -283,31 +210,31 @@ fn launch(kernel: Kernel, rows: i64, threads: u32, arguments: &[Argument]) {
 /// Each kernel beside libtorch's float32 autograd on the same bfloat16 numbers. They need a CUDA device:
 /// `cargo nextest run --release --workspace --run-ignored only kernels`.
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use tch::Device;
 
-    const DEVICE: Device = Device::Cuda(0);
+    pub const DEVICE: Device = Device::Cuda(0);
     /// A number rounded to bfloat16 is off by at most 2⁻⁹; the root mean square of that over many is less.
-    const ROUNDING: f64 = 0.003;
+    pub const ROUNDING: f64 = 0.003;
 
-    fn kernels() -> Kernels {
+    pub fn kernels(side: i64) -> Kernels {
         crate::device::load_cuda();
         tch::manual_seed(1);
         let _context = Tensor::zeros([1], (Kind::Float, DEVICE));
-        Kernels::compile().unwrap()
+        Kernels::compile(side).unwrap()
     }
 
-    fn random_map(size: [i64; 4]) -> Tensor {
+    pub fn random_map(size: [i64; 4]) -> Tensor {
         channels_last(Tensor::randn(size, (Kind::Float, DEVICE)).to_kind(Kind::BFloat16))
     }
 
-    fn leaf(tensor: &Tensor) -> Tensor {
+    pub fn leaf(tensor: &Tensor) -> Tensor {
         tensor.to_kind(Kind::Float).detach().copy().set_requires_grad(true)
     }
 
     #[track_caller]
-    fn assert_close(ours: &Tensor, theirs: &Tensor, tolerance: f64) {
+    pub fn assert_close(ours: &Tensor, theirs: &Tensor, tolerance: f64) {
         let (ours, theirs) = (ours.to_kind(Kind::Float), theirs.to_kind(Kind::Float));
         let error = (&ours - &theirs).norm().double_value(&[]) / theirs.norm().double_value(&[]);
         assert!(error < tolerance, "relative error {error}");
@@ -316,7 +243,7 @@ mod tests {
     #[test]
     #[ignore = "needs a CUDA device"]
     fn kernels_of_the_norms() {
-        let kernels = kernels();
+        let kernels = kernels(112);
         for (channels, side, groups) in [(32, 28, 16), (64, 14, 16), (128, 7, 16), (256, 4, 16), (128, 4, 1)] {
             let size = [5, channels, side, side];
             let (x, around) = (random_map(size) * 2.0 + 1.5, random_map(size));
@@ -349,35 +276,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    #[ignore = "needs a CUDA device"]
-    fn kernels_of_the_stem() {
-        let kernels = kernels();
-        let kept = (Tensor::rand([3, 112, 112], (Kind::Float, DEVICE)) * 6000.0).round();
-        let input = kernels.stem_input(&kept, 0.004, -2.0);
-        let quarters = (&kept * 0.004 - 2.0).view([3, 56, 2, 56, 2]).permute([0, 2, 4, 1, 3]).reshape([3, 4, 56, 56]);
-        let inner = input.narrow(2, 2, 56).narrow(3, 2, 56).to_kind(Kind::Float);
-        assert_close(&(inner.narrow(1, 0, 4) + inner.narrow(1, 4, 4)), &quarters, 1e-4);
-        assert_eq!(inner.abs().sum(Kind::Double).double_value(&[]), input.abs().sum(Kind::Double).double_value(&[]));
-
-        let x = random_map([3, 32, 56, 56]);
-        let weight = Tensor::randn([32], (Kind::Float, DEVICE));
-        let bias = weight.randn_like();
-        let norm = Affine { weight: &weight, bias: &bias, groups: 16 };
-        let leaves = [&x, &weight, &bias].map(leaf);
-        let expected = leaves[0].group_norm(16, Some(&leaves[1]), Some(&leaves[2]), 1e-5, true).relu();
-        let expected = expected.max_pool2d([3, 3], [2, 2], [1, 1], [1, 1], false);
-        let (y, winners, statistics) = kernels.stem_forward(&x, norm);
-        assert_close(&y, &expected, ROUNDING);
-
-        let dy = random_map([3, 32, 28, 28]);
-        let loss = (&expected * dy.to_kind(Kind::Float)).sum(Kind::Float);
-        let gradients = Tensor::run_backward(&[loss], &leaves, false, false);
-        let ours = kernels.stem_backward([Some(&dy), None], &winners, &x, &statistics, norm);
-        assert_close(&ours.input, &gradients[0], ROUNDING);
-        assert_close(&ours.affine.get(1), &gradients[1], ROUNDING);
-        assert_close(&ours.affine.get(0), &gradients[2], ROUNDING);
     }
 }
