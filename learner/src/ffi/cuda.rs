@@ -2,7 +2,7 @@
 //! loaded at first use. Neither building nor running needs a CUDA toolkit, because libtorch ships NVRTC.
 //!
 //! Everything happens in the context and on the stream that libtorch uses: the device's primary context, and its
-//! default stream. So launches are ordered with libtorch's. Dropping a tensor while a kernel uses it is safe: the
+//! default stream, except while a graph is recorded ([`super::graph`]). So launches are ordered with libtorch's. Dropping a tensor while a kernel uses it is safe: the
 //! allocator reuses the memory only for later work on the same stream.
 //!
 //! By hand, because cudarc (0.19) does not fit. It loads NVRTC by a list of names that begins with `libnvrtc.so`,
@@ -11,8 +11,22 @@
 //! unsafe there too.
 
 use super::library::{Handle, LibraryError, function, open};
+use std::cell::Cell;
 use std::ffi::{CStr, CString, c_char, c_int, c_uint, c_void};
 use std::ptr::{null, null_mut};
+
+thread_local! {
+    /// The stream that launches go to; null = the default stream.
+    static STREAM: Cell<Handle> = const { Cell::new(null_mut()) };
+}
+
+/// Runs `body` with its launches on another stream than the default one; libtorch must use the same one meanwhile.
+pub(super) fn on_stream<T>(stream: Handle, body: impl FnOnce() -> T) -> T {
+    let before = STREAM.replace(stream);
+    let result = body();
+    STREAM.set(before);
+    result
+}
 
 /// Why there are no kernels.
 #[derive(Debug, thiserror::Error)]
@@ -195,7 +209,7 @@ fn bytes(program: Handle, size: ResultSize, read: ReadResult) -> Result<Vec<u8>,
     if code == 0 { Ok(bytes) } else { Err(CudaError::Compilation(format!("no result: error {code}"))) }
 }
 
-fn succeed(call: &'static str, code: c_int) -> Result<(), CudaError> {
+pub(super) fn succeed(call: &'static str, code: c_int) -> Result<(), CudaError> {
     if code == 0 { Ok(()) } else { Err(CudaError::Driver { call, code }) }
 }
 
@@ -259,7 +273,7 @@ impl Kernel {
                 1,
                 1,
                 self.shared_bytes,
-                null_mut(),
+                STREAM.get(),
                 pointers.as_mut_ptr(),
                 null_mut(),
             )

@@ -2,11 +2,15 @@
 //!
 //! A feature map is a bfloat16 tensor \[rows, channels, height, width\] whose channels come last in memory.
 
+mod acting;
 mod stem;
 
+pub use acting::{CHOSEN_WORDS, Chosen};
 pub use stem::{Stem, StemGradients, StemTape};
 
 use super::cuda::{Argument, CudaError, Kernel, Module};
+use acting::ActingKernels;
+use proto::camera::FRAME_SIDE;
 use stem::StemKernels;
 use tch::{Kind, Tensor};
 
@@ -41,6 +45,9 @@ pub struct Kernels {
     norm_forward: Kernel,
     norm_backward: Kernel,
     stem: StemKernels,
+    acting: ActingKernels,
+    /// Side of a kept frame, pixels.
+    side: i64,
 }
 
 impl Kernels {
@@ -48,17 +55,21 @@ impl Kernels {
     /// side. Takes a second.
     pub fn compile(side: i64) -> Result<Self, CudaError> {
         let source = format!(
-            "#define SIDE {side}\n{}{}{}{}",
+            "#define SIDE {side}\n#define POOL {}\n{}{}{}{}{}",
+            FRAME_SIDE as i64 / side,
             include_str!("common.cu"),
             include_str!("matrix.cu"),
             include_str!("norm.cu"),
-            include_str!("stem.cu")
+            include_str!("stem.cu"),
+            include_str!("act.cu")
         );
         let module = Module::compile(&source, "kernels.cu")?;
         Ok(Self {
             norm_forward: module.kernel(c"norm_forward", 0)?,
             norm_backward: module.kernel(c"norm_backward", 0)?,
             stem: StemKernels::find(&module, side)?,
+            acting: ActingKernels::find(&module)?,
+            side,
         })
     }
 

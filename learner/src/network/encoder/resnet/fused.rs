@@ -81,6 +81,21 @@ impl Fused {
         Ok(Self { kernels: Kernels::compile(side)?, rounded: RefCell::new(None) })
     }
 
+    /// The kernels.
+    pub(super) fn kernels(&self) -> &Kernels {
+        &self.kernels
+    }
+
+    /// Rounds the weights anew if they have changed. The copies stay in their places, which recorded graphs know.
+    pub(super) fn refresh(&self, resnet: &Resnet, parameters: &Parameters) {
+        let mut rounded = self.rounded.borrow_mut();
+        match &mut *rounded {
+            Some(weights) if weights.version == parameters.version() => {}
+            Some(weights) => weights.take(Rounded::new(resnet, parameters)),
+            none => *none = Some(Rounded::new(resnet, parameters)),
+        }
+    }
+
     /// Kept frames \[rows, side, side\] → visual embedding \[rows, 512\], f32 and outside autograd. The network sees
     /// `frame · scale + offset`.
     pub(super) fn forward(
@@ -91,11 +106,9 @@ impl Fused {
         scale_offset: [f32; 2],
     ) -> (Tensor, Tape) {
         let _no_grad = tch::no_grad_guard();
-        let mut rounded = self.rounded.borrow_mut();
-        let weights = match rounded.take() {
-            Some(weights) if weights.version == parameters.version() => rounded.insert(weights),
-            _ => rounded.insert(Rounded::new(resnet, parameters)),
-        };
+        self.refresh(resnet, parameters);
+        let rounded = self.rounded.borrow();
+        let weights = rounded.as_ref().expect("just made");
         let kernels = &self.kernels;
         let affine = |norm: &GroupNorm| affine(parameters, norm);
 
@@ -246,6 +259,7 @@ impl Rounded {
             projection: block.projection.as_ref().map(|(part, _)| round(part)),
         };
         let linear = |id| parameters[id].detach().to_kind(Kind::BFloat16);
+        let _no_grad = tch::no_grad_guard();
         Self {
             version: parameters.version(),
             stem: channels_last(to_stem_weight(&parameters[resnet.stem.0.weight].detach()).to_kind(Kind::BFloat16)),
@@ -254,6 +268,25 @@ impl Rounded {
             linear: to_pixel_order(&linear(resnet.linear.weight)),
             linear_bias: linear(resnet.linear.bias),
         }
+    }
+}
+
+impl Rounded {
+    fn tensors(&mut self) -> impl Iterator<Item = &mut Tensor> {
+        let blocks = self.blocks.iter_mut().flat_map(|block| {
+            [&mut block.first, &mut block.second].into_iter().chain(block.projection.as_mut())
+        });
+        [&mut self.stem, &mut self.compression, &mut self.linear, &mut self.linear_bias].into_iter().chain(blocks)
+    }
+
+    /// Copies other numbers into these places.
+    fn take(&mut self, mut newer: Self) {
+        self.version = newer.version;
+        tch::no_grad(|| {
+            for (place, newer) in self.tensors().zip(newer.tensors()) {
+                place.copy_(newer);
+            }
+        });
     }
 }
 

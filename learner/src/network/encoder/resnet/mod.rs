@@ -6,6 +6,7 @@ mod plain;
 
 use super::visual::{Backward, Entry, PATH, VisualEncoder};
 use crate::ffi::cuda::CudaError;
+use crate::ffi::kernels::Kernels;
 use crate::network::parameters::Parameters;
 use fused::Fused;
 use plain::Resnet;
@@ -48,8 +49,14 @@ impl VisualEncoder for ResnetEncoder {
         Ok(())
     }
 
-    fn is_fused(&self) -> bool {
-        self.fused.is_some()
+    fn kernels(&self) -> Option<&Kernels> {
+        self.fused.as_ref().map(Fused::kernels)
+    }
+
+    fn refresh(&self, parameters: &Parameters) {
+        if let Some(fused) = &self.fused {
+            fused.refresh(&self.resnet, parameters);
+        }
     }
 
     fn forward_fused<'a>(
