@@ -15,13 +15,21 @@ struct Eight {
     float at[8];
 };
 
+__device__ inline float low(u32 bits) {
+    return __uint_as_float(bits << 16);
+}
+
+__device__ inline float high(u32 bits) {
+    return __uint_as_float(bits & 0xffff0000u);
+}
+
 __device__ inline Eight unpack(uint4 bits) {
     const u32 words[4] = {bits.x, bits.y, bits.z, bits.w};
     Eight out;
 #pragma unroll
     for (int i = 0; i < 4; i++) {
-        out.at[2 * i] = __uint_as_float(words[i] << 16);
-        out.at[2 * i + 1] = __uint_as_float(words[i] & 0xffff0000u);
+        out.at[2 * i] = low(words[i]);
+        out.at[2 * i + 1] = high(words[i]);
     }
     return out;
 }

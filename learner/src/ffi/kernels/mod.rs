@@ -3,13 +3,16 @@
 //! A feature map is a bfloat16 tensor \[rows, channels, height, width\] whose channels come last in memory.
 
 mod acting;
+mod block;
 mod stem;
 
 pub use acting::{CHOSEN_WORDS, Chosen};
+pub use block::{Block, BlockGradients};
 pub use stem::{Stem, StemGradients, StemTape};
 
 use super::cuda::{Argument, CudaError, Kernel, Module};
 use acting::ActingKernels;
+use block::BlockKernels;
 use proto::camera::FRAME_SIDE;
 use stem::StemKernels;
 use tch::{Kind, Tensor};
@@ -46,6 +49,8 @@ pub struct Kernels {
     norm_backward: Kernel,
     stem: StemKernels,
     acting: ActingKernels,
+    /// None where a block of threads has too little shared memory.
+    block: Option<BlockKernels>,
     /// Side of a kept frame, pixels.
     side: i64,
 }
@@ -55,13 +60,14 @@ impl Kernels {
     /// side. Takes a second.
     pub fn compile(side: i64) -> Result<Self, CudaError> {
         let source = format!(
-            "#define SIDE {side}\n#define POOL {}\n{}{}{}{}{}",
+            "#define SIDE {side}\n#define POOL {}\n{}{}{}{}{}{}",
             FRAME_SIDE as i64 / side,
             include_str!("common.cu"),
             include_str!("matrix.cu"),
             include_str!("norm.cu"),
             include_str!("stem.cu"),
-            include_str!("act.cu")
+            include_str!("act.cu"),
+            include_str!("block.cu")
         );
         let module = Module::compile(&source, "kernels.cu")?;
         Ok(Self {
@@ -69,6 +75,7 @@ impl Kernels {
             norm_backward: module.kernel(c"norm_backward", 0)?,
             stem: StemKernels::find(&module, side)?,
             acting: ActingKernels::find(&module)?,
+            block: BlockKernels::find(&module).ok(),
             side,
         })
     }

@@ -80,14 +80,6 @@ __device__ inline void convolve_tile(u32 (&out)[4][2], u32 address, Weight weigh
     }
 }
 
-__device__ inline float low(u32 bits) {
-    return __uint_as_float(bits << 16);
-}
-
-__device__ inline float high(u32 bits) {
-    return __uint_as_float(bits & 0xffff0000u);
-}
-
 // Sums of a thread over the numbers of four groups, as differences to the first of each: no cancellation.
 struct Spread {
     float origin[4], sum[4], squares[4];

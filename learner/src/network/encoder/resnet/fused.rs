@@ -9,7 +9,9 @@ use super::super::visual::Gradients;
 use super::plain::{BASE, Block, COMPRESSED, Resnet};
 use crate::ffi::convolution::convolution_backward;
 use crate::ffi::cuda::CudaError;
-use crate::ffi::kernels::{Affine, Kernels, NormGradients, Statistics, Stem, StemGradients, StemTape, channels_last};
+use crate::ffi::kernels::{
+    self, Affine, BlockGradients, Kernels, NormGradients, Statistics, Stem, StemGradients, StemTape, channels_last,
+};
 use crate::network::layers::{Convolution, GroupNorm};
 use crate::network::parameters::Parameters;
 use std::cell::RefCell;
@@ -53,12 +55,23 @@ struct Normed {
 #[derive(Debug)]
 struct BlockTape {
     input: Tensor,
-    first: Normed,
-    /// After the first norm's ReLU.
-    between: Tensor,
-    second: Normed,
-    projection: Option<Normed>,
+    inner: Inner,
     output: Tensor,
+}
+
+/// What a block leaves between input and output.
+#[derive(Debug)]
+enum Inner {
+    /// A kernel of our own for the whole block keeps nothing else.
+    Whole(Statistics),
+    /// Layer by layer.
+    Layers {
+        first: Normed,
+        /// After the first norm's ReLU.
+        between: Tensor,
+        second: Normed,
+        projection: Option<Normed>,
+    },
 }
 
 /// What a forward pass leaves for its backward pass.
@@ -124,20 +137,20 @@ impl Fused {
                 (y, Normed { x, statistics })
             };
             let input = features;
+            if let Some(whole) = whole(kernels, parameters, block, weights, &input) {
+                let (output, statistics) = kernels.block_forward(&input, whole);
+                features = output.shallow_clone();
+                blocks.push(BlockTape { input, inner: Inner::Whole(statistics), output });
+                continue;
+            }
             let (between, first) = normed(&input, &weights.first, &block.first, None, true);
             let projection = block.projection.as_ref().zip(weights.projection.as_ref());
             let projection = projection.map(|(part, weight)| normed(&input, weight, part, None, false));
             let around = projection.as_ref().map_or(&input, |(around, _)| around);
             let (output, second) = normed(&between, &weights.second, &block.second, Some(around), true);
             features = output.shallow_clone();
-            blocks.push(BlockTape {
-                input,
-                first,
-                between,
-                second,
-                projection: projection.map(|(_, normed)| normed),
-                output,
-            });
+            let projection = projection.map(|(_, normed)| normed);
+            blocks.push(BlockTape { input, inner: Inner::Layers { first, between, second, projection }, output });
         }
 
         let part = &resnet.compression;
@@ -174,7 +187,7 @@ impl Fused {
             gradients.push((norm.weight, affine.get(1)));
             input
         };
-        let mut convolutions: Gradients = Vec::new();
+        let (mut convolutions, mut whole_blocks): (Gradients, Gradients) = (Vec::new(), Vec::new());
         let mut of_convolution = |part: &Convolution, dy: &Tensor, x: &Tensor, weight: &Tensor| {
             let (dw, dx) = convolution_gradients(dy, x, weight, [part.stride, part.padding], true);
             convolutions.push((part.weight, dw.to_kind(Kind::Float)));
@@ -204,7 +217,24 @@ impl Fused {
         let mut around: Option<Tensor> = None;
 
         for ((block, weights), tape) in resnet.blocks.iter().zip(&weights.blocks).zip(blocks).rev() {
-            let BlockTape { input, first, between, second, projection, output } = tape;
+            let BlockTape { input, inner, output } = tape;
+            let (first, between, second, projection) = match inner {
+                Inner::Layers { first, between, second, projection } => (first, between, second, projection),
+                Inner::Whole(statistics) => {
+                    let words = whole(kernels, parameters, block, weights, &input).expect("as in the forward pass");
+                    let users = [through.as_ref(), around.as_ref()];
+                    let d = kernels.block_backward(users, &output, &input, &statistics, words);
+                    let BlockGradients { input, weights, affine } = d;
+                    let parts = [&block.first, &block.second].into_iter().zip(weights.into_iter().zip(affine));
+                    for ((part, norm), (weight, affine)) in parts {
+                        whole_blocks.push((part.weight, weight));
+                        whole_blocks.push((norm.bias, affine.get(0)));
+                        whole_blocks.push((norm.weight, affine.get(1)));
+                    }
+                    (through, around) = (Some(input), None);
+                    continue;
+                }
+            };
             let (d, d_around) = kernels.norm_backward(
                 [through.as_ref(), around.as_ref()],
                 Some(&output),
@@ -244,6 +274,7 @@ impl Fused {
         gradients.push((part.weight, from_stem_weight(&taps)));
 
         gradients.append(&mut convolutions);
+        gradients.append(&mut whole_blocks);
         gradients.push((resnet.linear.weight, from_pixel_order(&d_linear.to_kind(Kind::Float))));
         gradients.push((resnet.linear.bias, d_linear_bias));
         gradients
@@ -288,6 +319,20 @@ impl Rounded {
             }
         });
     }
+}
+
+/// The block as a kernel for whole blocks takes it, if there is one for such maps.
+fn whole<'a>(
+    kernels: &Kernels,
+    parameters: &'a Parameters,
+    block: &Block,
+    weights: &'a BlockWeights,
+    input: &Tensor,
+) -> Option<kernels::Block<'a>> {
+    (weights.projection.is_none() && kernels.has_blocks_for(input)).then(|| kernels::Block {
+        weights: [&weights.first, &weights.second],
+        norms: [affine(parameters, &block.first.1), affine(parameters, &block.second.1)],
+    })
 }
 
 fn affine<'a>(parameters: &'a Parameters, norm: &GroupNorm) -> Affine<'a> {
