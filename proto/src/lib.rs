@@ -27,6 +27,7 @@ pub mod random;
 pub mod replay;
 pub mod reward;
 pub mod run_folder;
+pub mod run_state;
 pub mod shares;
 pub mod stage;
 pub mod step;

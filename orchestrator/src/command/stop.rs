@@ -1,12 +1,13 @@
 //! `orchestrator stop`: an orderly stop of a run that another process runs.
 
-use crate::run::identity::{Ending, Identity, host_name, is_evaluation};
+use crate::run::identity::{Identity, host_name, is_evaluation};
 use crate::run::lock::{Held, holder};
 use crate::run::signal::ask_to_stop;
 use crate::showing::terminal;
 use crate::suite;
 use anyhow::{Result, bail};
 use proto::run_folder::RunFolder;
+use proto::run_state::Ending;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 

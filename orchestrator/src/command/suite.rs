@@ -3,11 +3,11 @@
 use crate::preflight::{device, libtorch, programs};
 use crate::reporting::files;
 use crate::reporting::gather::gather;
-use crate::run::session::EXIT_INTERRUPTED;
 use crate::showing::format::counted;
-use crate::showing::next_steps::{program, quoted};
 use crate::showing::terminal;
 use crate::suite::{Suite, SuiteFolder, SuiteOutcome, lines, run as work};
+use crate::supervisor::session::EXIT_INTERRUPTED;
+use crate::training::next_steps::{program, quoted};
 use anyhow::{Context, Result, ensure};
 use proto::device::VISIBLE_DEVICES;
 use report::Options;

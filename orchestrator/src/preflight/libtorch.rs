@@ -3,7 +3,7 @@
 //! The library that the programs were built with is found by itself. `LIBTORCH` names another one, for example a torch
 //! with CUDA: its `lib` folder then comes first for the learner.
 
-use crate::run::process_end::wait_for_child;
+use crate::process_end::wait_for_child;
 use crate::showing::log_line::error_in;
 use anyhow::{Context, Result, bail};
 use proto::device::Torch;

@@ -5,7 +5,7 @@
 //! camera saw where that is asked for. The work is divided by kitchen over as many actors as there are cores.
 
 use crate::preflight::programs;
-use crate::run::process_end::wait_for_child;
+use crate::process_end::wait_for_child;
 use crate::showing::terminal;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use proto::episode::EnvironmentId;

@@ -2,7 +2,7 @@
 
 use crate::run::identity::Identity;
 use crate::run::lock::holder;
-use crate::run::state::RunState;
+use crate::run::state::state_of;
 use crate::showing::format::counted;
 use crate::training::metrics::{History, Trained, total_s};
 use crate::training::summary::Summary;
@@ -153,7 +153,7 @@ fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
     let history = History::read(&folder)?;
     Ok(Run {
         name: path.display().to_string(),
-        origin: Origin::Run(RunState::of(&identity, &holder(&folder)?, complete).to_string()),
+        origin: Origin::Run(state_of(&identity, &holder(&folder)?, complete)),
         config: Config::of_run(&folder)?,
         rollouts: rollouts(&history),
         evaluations: evaluations_of(&folder, notes)?,

@@ -7,7 +7,7 @@
 //! Anybody can write to /dev/shm, and a run folder can come from anybody. So no file names what is deleted: an address
 //! is made from the run's id and the number of the start alone.
 
-use crate::run::process_end::sleep_until_end;
+use crate::process_end::sleep_until_end;
 use anyhow::{Context, Result, bail};
 use proto::plain_file::open_plain;
 use rustix::process::{Pid, geteuid};

@@ -6,18 +6,16 @@
 //! to the terminal. A learner's standard output is its voice ([`proto::event`]).
 
 use super::event::{Event, Exit, Process};
+use crate::preflight::programs::Programs;
 use crate::showing::log_line::LogLine;
-use proto::device::VISIBLE_DEVICES;
-use proto::device::device_name;
+use proto::device::{VISIBLE_DEVICES, device_name};
 use proto::event::LearnerEvent;
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use std::collections::{BTreeMap, VecDeque};
-use std::ffi::OsString;
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::os::unix::process::ExitStatusExt;
-use std::path::PathBuf;
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncRead, BufReader};
@@ -32,17 +30,6 @@ const LAST_WORDS: usize = 10;
 const LONGEST_LINE: usize = 64 << 10;
 /// After a child's death its pipes close at once, unless a grandchild holds them.
 const PIPES_CLOSE: Duration = Duration::from_secs(2);
-
-/// The programs and what they need to start.
-#[derive(Debug, Clone)]
-pub struct Programs {
-    /// The learner's executable.
-    pub learner: PathBuf,
-    /// The actor's executable.
-    pub actor: PathBuf,
-    /// Variables for the learner, besides the orchestrator's own.
-    pub learner_environment: Vec<(OsString, OsString)>,
-}
 
 /// What all children of one incarnation have in common.
 #[derive(Debug, Clone)]

@@ -4,7 +4,7 @@
 //! listened to by small tasks on the same thread, which send events. A turn of the loop takes milliseconds, the
 //! longest part being the sweep after a death.
 
-use super::event::{Action, End, Event, Exit, Level, Outcome, Process};
+use super::event::{Action, Event, Exit, Level, Outcome, Process, SessionEnd};
 use super::machine::Supervisor;
 use super::policy::Policy;
 use super::process::{Launch, Processes};
@@ -19,8 +19,7 @@ use std::time::{Duration, Instant};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
 use tokio::time::{Interval, MissedTickBehavior};
-use wire::fault;
-use wire::{Announcer, WireHost};
+use wire::{Announcer, WireHost, fault};
 
 /// Interval of checking deadlines, of repeating the announcement for late subscribers, and of showing progress.
 const TICK: Duration = Duration::from_millis(250);
@@ -184,8 +183,8 @@ impl<A: Audience> Supervision<'_, A> {
             Action::Report(Level::Warning, text) => tracing::warn!("{text}"),
             Action::Report(Level::Error, text) => tracing::error!("{text}"),
             Action::Finish(mut outcome) => {
-                if outcome.end == End::Complete && !self.wait_for_audience().await {
-                    outcome.end = End::Stopped;
+                if outcome.end == SessionEnd::Complete && !self.wait_for_audience().await {
+                    outcome.end = SessionEnd::Stopped;
                 }
                 self.audience.over();
                 return Ok(Some(outcome));

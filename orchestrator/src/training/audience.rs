@@ -3,9 +3,9 @@
 use crate::recording::recorder::Recorder;
 use crate::run::identity::unix_now;
 use crate::run::json_lines::Writer;
-use crate::showing::progress::Progress;
 use crate::supervisor::shell::Audience;
 use crate::training::metrics::{History, Trained};
+use crate::training::progress::Progress;
 use crate::training::validation::Validation;
 use anyhow::Result;
 use proto::config::Config;

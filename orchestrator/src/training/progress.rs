@@ -2,10 +2,10 @@
 //!
 //! No crate for progress bars: theirs count to a total, these lines tell of stages, shares of time and success.
 
+use super::means::{EpisodeMeans, Recent, recent};
+use super::metrics::History;
 use crate::showing::format;
 use crate::showing::terminal::Live;
-use crate::training::means::{EpisodeMeans, Recent, recent};
-use crate::training::metrics::History;
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
 use std::time::Duration;
@@ -133,8 +133,8 @@ pub fn figures_line(recent: &Recent) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::means::tests::{history, stages};
     use super::*;
-    use crate::training::means::tests::{history, stages};
 
     #[test]
     fn lines_read_as_they_should() {

@@ -83,8 +83,9 @@ impl Wall {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::identity::{Ended, Ending};
+    use crate::run::identity::Ended;
     use crate::run::json_lines::Writer;
+    use proto::run_state::Ending;
 
     /// Starts at 1000, 2000 and 3000 s: stopped after 100 s, killed, and the last.
     fn identity() -> Identity {

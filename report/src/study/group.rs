@@ -155,12 +155,13 @@ fn label(groups: &mut [Group<'_>]) {
 pub(crate) mod tests {
     use super::*;
     use proto::config::{Config, FromConfig};
+    use proto::run_state::{Ending, RunState};
 
     pub fn run(name: &str, preset: &str, seed: u64) -> Run {
         let config = Config { seed, ..Config::resolve(preset, None).unwrap() };
         Run {
             name: name.into(),
-            origin: Origin::Run("complete".into()),
+            origin: Origin::Run(RunState::Ended(Ending::Complete)),
             config,
             rollouts: Vec::new(),
             evaluations: Vec::new(),

@@ -3,6 +3,7 @@
 use super::field::{Field, Source};
 use proto::config::Config;
 use proto::evaluation::{Distribution, EpisodeRecord, Evaluation};
+use proto::run_state::RunState;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -27,8 +28,8 @@ pub struct Run {
 /// Who trained the weights of a [`Run`]. Its words are those of the page and of `report.json`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Origin {
-    /// The run itself, with the word for how it stands: `complete`, `running`, `stopped`, ...
-    Run(String),
+    /// The run itself, which stands so.
+    Run(RunState),
     /// A run that is not in the study: only its configuration is known.
     NotGiven,
     /// Nobody: the weights are fresh.
@@ -50,12 +51,12 @@ impl Origin {
 
 impl fmt::Display for Origin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Run(state) => state,
-            Self::NotGiven => "its run was not given",
-            Self::Untrained => "untrained",
-            Self::Unknown => "its run cannot be found",
-        })
+        match self {
+            Self::Run(state) => state.fmt(f),
+            Self::NotGiven => f.write_str("its run was not given"),
+            Self::Untrained => f.write_str("untrained"),
+            Self::Unknown => f.write_str("its run cannot be found"),
+        }
     }
 }
 
