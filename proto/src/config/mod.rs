@@ -15,6 +15,7 @@ mod resolve;
 mod setting;
 mod validate;
 
+pub use changes::{Difference, Lists, differences};
 pub use episode::EpisodeConfig;
 pub use error::{ConfigError, nearest};
 pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, NetworkConfig};
