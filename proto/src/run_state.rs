@@ -1,4 +1,4 @@
-//! How a run stands, and how a session on it ended: the words of `run.toml`, of the status and of reports.
+//! The state of a run, and how a session on it ended: the words of `run.toml`, of `orchestrator status` and of reports.
 
 use serde::{Deserialize, Serialize, Serializer};
 use std::fmt::{Display, Formatter};
@@ -28,7 +28,7 @@ impl Display for Ending {
     }
 }
 
-/// How a run stands.
+/// The state of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RunState {
     /// An orchestrator works on it.

@@ -17,7 +17,7 @@ pub struct Comparison {
     pub title: String,
     /// Where ours were evaluated: `test-novel`, ...
     pub field: String,
-    /// Heads of the columns that say what a row is.
+    /// Heads of the columns that identify a row.
     pub columns: Vec<&'static str>,
     /// The paper's rows in its order, each with ours.
     pub rows: Vec<Row>,

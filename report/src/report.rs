@@ -73,7 +73,7 @@ pub struct GroupReport {
 pub struct RunReport {
     /// Its folder.
     pub name: String,
-    /// How it stands, or why its training is not known.
+    /// Its state, or why its training is not known.
     pub state: Origin,
     /// Seed.
     pub seed: u64,

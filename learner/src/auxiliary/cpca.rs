@@ -114,7 +114,7 @@ impl Task for Cpca {
         &SUMS
     }
 
-    /// Shares of positive and of negative samples that are told right.
+    /// Shares of positive and of negative samples that are classified correctly.
     fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
         let asked = tally.sum("asked");
         ["positives_right", "negatives_right"]

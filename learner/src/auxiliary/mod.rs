@@ -92,7 +92,7 @@ mod tests {
     fn every_task_of_the_configuration_has_a_line() {
         use AuxiliaryTask::{Cpca16, Disturb, InverseDynamics, None};
         for task in [None, Disturb, InverseDynamics, Cpca16] {
-            // Without an arm for all others: a new variant compiles only when it stands here and in the list above.
+            // Without an arm for all others: a new variant compiles only when it is here and in the list above.
             let expected = match task {
                 None => false,
                 Disturb | InverseDynamics | Cpca16 => true,

@@ -4,7 +4,7 @@ use proto::config::StageConfig;
 use proto::stage::position_at;
 use wire::message::{StageAnnouncement, directive};
 
-/// The newest announcement heard.
+/// The newest announcement received.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Announcements {
     newest: Option<StageAnnouncement>,
@@ -28,7 +28,7 @@ pub enum Permission {
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "rollout {rollout} was announced in stage {announced}, but {frames} frames belong to stage {expected}: \
-     orchestrator and learner do not speak of the same run or configuration"
+     orchestrator and learner do not have the same run or configuration"
 )]
 pub struct WrongStage {
     rollout: u64,
@@ -38,7 +38,7 @@ pub struct WrongStage {
 }
 
 impl Announcements {
-    /// Hears one. Versions only grow; an older one changes nothing.
+    /// Takes one in. Versions only grow; an older one changes nothing.
     pub fn hear(&mut self, announcement: StageAnnouncement) {
         if self.newest.is_none_or(|newest| newest.version < announcement.version) {
             self.newest = Some(announcement);

@@ -18,7 +18,7 @@ use rustix::process::Signal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Environments of an actor at most, unless told otherwise.
+/// Environments of an actor at most, unless the user sets another number.
 const ENVIRONMENTS_MAX: u32 = 32;
 
 /// Play episodes of the test, validation or training kitchens with a policy, and measure success and disturbance

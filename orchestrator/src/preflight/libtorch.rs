@@ -90,7 +90,7 @@ pub fn check(learner: &Path, environment: &[(OsString, OsString)]) -> Result<Tor
         bail!("{}", explain(learner, &status.to_string(), &complaint));
     }
     let line = output.lines().last().unwrap_or_default();
-    serde_json::from_str(line).with_context(|| format!("`{} check` said: {output}{complaint}", learner.display()))
+    serde_json::from_str(line).with_context(|| format!("`{} check` printed: {output}{complaint}", learner.display()))
 }
 
 fn read(pipe: Option<impl Read>) -> String {

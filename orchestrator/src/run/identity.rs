@@ -131,8 +131,8 @@ impl Identity {
         (number, address)
     }
 
-    /// Address of one of its incarnations. What lies there is deleted after a crash, so it is made from the id and the
-    /// number, whatever `wire` holds: a run folder can come from anybody.
+    /// Address of one of its incarnations. What is left there is deleted after a crash. So it is made from the id and
+    /// the number, whatever `wire` holds: a run folder can come from anybody.
     pub fn address(&self, incarnation: &Incarnation) -> WireAddress {
         WireAddress::new(&self.id, incarnation.number)
     }

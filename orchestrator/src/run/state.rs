@@ -4,7 +4,7 @@ use super::identity::Identity;
 use super::lock::Held;
 use proto::run_state::{Ending, RunState};
 
-/// The state of a run that is `held` so. `complete`: whether its result is there, whatever its last session noted.
+/// The state of a run with this lock. `complete`: its result is there, whatever its last session noted.
 pub fn state_of(identity: &Identity, held: &Held, complete: bool) -> RunState {
     match (held, identity.incarnations.last().and_then(|last| last.ended.as_ref())) {
         (Held::By(_) | Held::Unsigned, _) => RunState::Running,

@@ -275,8 +275,8 @@ impl Planned {
     }
 }
 
-/// Refuses keys that are said elsewhere in the file, and keys and values that no configuration has. A key is named as
-/// the user wrote it: the line of an error would be one of a text that he has not written.
+/// Refuses keys that have their place elsewhere in the file, and keys and values that no configuration has. A key is
+/// named as the user wrote it: the line number of an error would be that of a text which the user has not written.
 fn check_keys(keys: &Table) -> Result<()> {
     let elsewhere = [
         ("seed", "`seeds`"),
@@ -286,7 +286,7 @@ fn check_keys(keys: &Table) -> Result<()> {
     ];
     for (key, instead) in elsewhere {
         if keys.contains_key(key) {
-            bail!("config.{key}: say it by {instead}");
+            bail!("config.{key}: set it by {instead}");
         }
     }
     for (path, alone) in leaves(keys) {
@@ -533,7 +533,7 @@ mod tests {
         assert!(kind.starts_with(&second("config.reward.lagrangian.initial: invalid type: string")), "{kind}");
         let range = of_second("config.ppo.clip = 0.0");
         assert_eq!(range, second("configuration: ppo.clip = 0: must be greater than 0"));
-        assert!(of_second("config.from.frames = 3").ends_with("config.from: say it by `from` of the run"));
+        assert!(of_second("config.from.frames = 3").ends_with("config.from: set it by `from` of the run"));
         // Values that fit each other alone.
         Suite::parse(
             "seeds = [1]\n[config]\nactors.count = 600\n[[runs]]\npreset = \"demo\"\nconfig.actors.count = 2\n",

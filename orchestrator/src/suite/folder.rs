@@ -3,7 +3,7 @@
 //! ```text
 //! SUITE/
 //!   suite.toml        the file as it was at the last call
-//!   suite.json        how every run stands
+//!   suite.json        the state of every run
 //!   suite.lock        held (flock) by whoever works on it
 //!   configs/NAME.toml what `orchestrator up --config` is given
 //!   logs/NAME.log     what its processes print
@@ -83,7 +83,7 @@ impl SuiteFolder {
         self.root.join(FILE)
     }
 
-    /// How every run stands.
+    /// The file with the state of every run.
     pub fn state(&self) -> PathBuf {
         self.root.join("suite.json")
     }
@@ -165,7 +165,7 @@ impl SuiteFolder {
         Ok(())
     }
 
-    /// Whose weights a run was begun with, if not with those that the file says.
+    /// Whose weights a run was begun with, if not with those that the suite's file names.
     fn other_source(&self, suite: &Suite, entry: &SuiteEntry, begun: &Config) -> Option<String> {
         let checkpoint = begun.from.as_ref().map(|from| Path::new(&from.checkpoint));
         let same = match (entry.from, checkpoint) {

@@ -157,7 +157,7 @@ impl Scheduler<'_> {
         Ok(())
     }
 
-    /// Decides what the end of a process means: what is done is what lies in the folder.
+    /// Decides what the end of a process means: only what is in the folder counts as done.
     fn ended(&mut self, worker: &Worker, exit: ExitStatus) -> Result<()> {
         let entry = &self.suite.entries[worker.entry];
         let next = self.folder.next(self.suite, entry)?;
@@ -332,7 +332,7 @@ impl Scheduler<'_> {
     }
 }
 
-/// The last line of a log that says what was wrong, else how the process ended.
+/// The last error in a log, else how the process ended.
 fn last_words(log: &Path, exit: ExitStatus) -> String {
     let mut end = Vec::new();
     let read = std::fs::File::open(log).and_then(|mut file| {

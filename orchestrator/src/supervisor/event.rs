@@ -42,7 +42,7 @@ pub enum Exit {
     Code(i32),
     /// A signal ended it.
     Signal(i32),
-    /// It could not be started at all.
+    /// It could not be started.
     NotStarted(String),
 }
 

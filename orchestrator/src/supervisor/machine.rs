@@ -40,7 +40,7 @@ enum Phase {
         failure: Option<String>,
         until: Duration,
     },
-    /// Whatever still runs has been told to go.
+    /// All that still run have been asked to exit.
     Leaving {
         since: Duration,
     },
@@ -418,7 +418,7 @@ impl Supervisor {
         let end = match &self.phase {
             Phase::Saving { failure: Some(failure), .. } => SessionEnd::Failed(failure.clone()),
             Phase::Leaving { .. } | Phase::Over => {
-                // It was told to go and saved on its way.
+                // It saved after it had been asked to exit.
                 if let Some(outcome) = &mut self.outcome {
                     outcome.saved = Some(saved);
                 }

@@ -138,7 +138,7 @@ impl Shell<'_> {
     }
 }
 
-/// The loop's own state: what it knows besides the machine.
+/// The loop's own state, besides the machine.
 struct Supervision<'a, A> {
     shell: Shell<'a>,
     audience: &'a mut A,
@@ -147,18 +147,18 @@ struct Supervision<'a, A> {
     inbox: mpsc::Receiver<Event>,
     begin: Instant,
     tick: Interval,
-    /// The learners that are listened to.
+    /// Incarnation of the learners whose events count.
     learner_incarnation: u32,
     /// Ticks on which dead processes' ports are still to be swept.
     sweeps: u32,
-    /// What the loop has to tell the machine itself.
+    /// Events that the loop itself has for the machine.
     own_events: VecDeque<Event>,
     recording_failed: bool,
     asked_to_stop: bool,
 }
 
 impl<A: Audience> Supervision<'_, A> {
-    /// Does what the machine says; the outcome, when there is nothing more to do.
+    /// Executes an action of the machine; returns the outcome when there is nothing more to do.
     async fn carry_out(&mut self, action: Action) -> Result<Option<Outcome>> {
         match action {
             Action::Spawn { process, incarnation } => {
@@ -204,7 +204,7 @@ impl<A: Audience> Supervision<'_, A> {
         }
     }
 
-    /// What an event means outside the machine, which hears of it next.
+    /// Does what an event requires outside the machine, which receives it next.
     fn take_note(&mut self, now: Duration, event: &Event) {
         let recorder = self.shell.recorder;
         match event {

@@ -44,7 +44,7 @@ impl Audience for TrainingAudience {
         match event {
             LearnerEvent::Ready { rollout, frames, .. } => {
                 self.history.rewind_to(*rollout);
-                // The orchestrator may not know this checkpoint: it was written after the last orchestrator had ended.
+                // This checkpoint can be new to the orchestrator: it was written after the last one had ended.
                 if let Some(validation) = &mut self.validation {
                     validation.checkpoint(*rollout, *frames);
                 }

@@ -1,6 +1,6 @@
 //! Live progress: two lines refreshed in place on a terminal, one line every few seconds elsewhere.
 //!
-//! No crate for progress bars: theirs count to a total, these lines tell of stages, shares of time and success.
+//! No crate for progress bars: theirs count to a total, these lines show stages, shares of time and success.
 
 use super::means::{EpisodeMeans, Recent, recent};
 use super::metrics::History;
@@ -61,8 +61,8 @@ impl Progress {
         }
     }
 
-    /// Shows where the run stands, if it is time to. `validating`: whether a checkpoint is being validated, or is to
-    /// be.
+    /// Shows the progress of the run, if it is time to. `validating`: whether a checkpoint is being validated or waits
+    /// for it.
     pub fn show(&mut self, now: Duration, history: &History, validating: bool) {
         if self.live.is_due(now) {
             let recent = recent(&self.stages, history);

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Everything that is said about a run at its end.
+/// The summary of a run at its end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Version of the format.
@@ -51,7 +51,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// The summary of a run that stands at `frames` with `weights`.
+    /// The summary of a run that has trained `frames` and has these `weights`.
     pub fn of(
         folder: &RunFolder,
         config: &Config,
@@ -222,7 +222,7 @@ mod tests {
         let summary = summary();
         summary.write(&folder).unwrap();
         assert_eq!(Summary::read(&folder).unwrap(), Some(summary.clone()));
-        // One of an older version: nobody knows how long it took.
+        // One of an older version: its duration is unknown.
         let text = std::fs::read_to_string(folder.summary()).unwrap();
         let mut older: serde_json::Value = serde_json::from_str(&text).unwrap();
         older.as_object_mut().unwrap().remove("wall").unwrap();

@@ -23,8 +23,8 @@ pub enum Lists {
     ByElement,
 }
 
-/// All differences between two configurations as plain data: at each level first the keys of `now`, then those that only
-/// `then` has.
+/// All differences between two configurations as plain data: at each level first the keys of `now`, then those that
+/// only `then` has.
 pub fn differences<'a>(then: &'a Value, now: &'a Value, lists: Lists) -> Vec<Difference<'a>> {
     let mut found = vec![];
     compare("", Some(then), Some(now), lists, &mut found);

@@ -10,9 +10,10 @@ use csv::{ErrorKind, Reader, StringRecord, WriterBuilder};
 use serde::{Deserialize, Serialize, Serializer};
 use std::fmt::Display;
 
-/// Makes a line of the table of one list of columns, in order. A column of the record is copied both ways. A computed one
-/// has its value beside it; what reading does with it is in [`Row::record`]. serde alone cannot do this: csv writes no
-/// names for nested or flattened structs, and the record's own form, in JSON, has other flags and another hash.
+/// Makes the type of a line of the table from one list of columns, in order. A column of the record is copied both
+/// ways. A computed one has its value beside it; what reading does with it is in [`Row::record`]. serde alone cannot do
+/// this: csv writes no names for nested or flattened structs, and the record's own form, in JSON, has other flags and
+/// another hash.
 macro_rules! columns {
     ($record:ident, $distribution:ident; $(
         copied { $($(#[$of_copied:meta])* $copied:ident: $copied_type:ty,)* }
@@ -94,7 +95,8 @@ columns! { record, distribution;
         state_hash: u64,
     }
     computed {
-        // Only in tables of drawn episodes, after all others: tables of fixed ones stay as they were before there were two.
+        // Only in tables of drawn episodes, after all others: tables of fixed ones stay as they were before there were
+        // two.
         #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
         distribution: Option<Distribution> = (distribution == Distribution::Run).then_some(distribution),
     }

@@ -9,7 +9,7 @@ use toml::Table;
 #[derive(Debug, Clone)]
 pub struct Group<'a> {
     /// Its name in tables and figures: the preset's, with a star where it has other settings than the preset. Where
-    /// that is not enough to tell groups apart: what their folders are called, or else a letter.
+    /// that does not distinguish groups, also their folders' names, or else a letter.
     pub label: String,
     /// Preset.
     pub preset: String,

@@ -13,7 +13,7 @@ use std::fmt;
 pub struct Run {
     /// Its folder, as the user named it.
     pub name: String,
-    /// Who trained its weights, and how that run stands.
+    /// Who trained its weights, and the state of that run.
     pub origin: Origin,
     /// Its configuration.
     pub config: Config,
@@ -25,10 +25,10 @@ pub struct Run {
     pub validation: Vec<Validated>,
 }
 
-/// Who trained the weights of a [`Run`]. Its words are those of the page and of `report.json`.
+/// Who trained the weights of a [`Run`]. Its text is that of the page and of `report.json`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Origin {
-    /// The run itself, which stands so.
+    /// The run itself, with its state.
     Run(RunState),
     /// A run that is not in the study: only its configuration is known.
     NotGiven,
@@ -114,7 +114,7 @@ impl Evaluated {
 }
 
 impl Run {
-    /// The evaluation that stands for this run in a field: of the newest checkpoint that was evaluated there, by
+    /// The evaluation that represents this run in a field: of the newest checkpoint that was evaluated there, by
     /// frames; of that with sampled actions before the most probable ones, then the one with the most episodes, then
     /// the newest.
     pub(crate) fn evaluation_in(&self, field: Field) -> Option<&Evaluated> {

@@ -5,7 +5,7 @@ use proto::config::{self, Config, Difference, Lists, StageConfig};
 use proto::reward::RewardKind;
 use toml::{Table, Value};
 
-/// Settings that say what a run is called, where and how it computes and what it keeps, not what it learns.
+/// Settings of a run's name, of where and how it computes, and of what it keeps; none changes what it learns.
 const INCIDENTAL: [&str; 7] = ["preset", "seed", "learner", "checkpoint", "recording", "validation", "evaluation"];
 
 /// What must be equal in all runs of a group. One experiment may go by the names of two presets.

@@ -4,7 +4,8 @@
 //! that only declares and re-exports is tied to nothing. Tests may use anything: their paths are no ties.
 //!
 //! A room is a folder or a file beside the crate's root. Rooms can use each other both ways without a circle between
-//! their files, so they are looked at by themselves. A circle of rooms that comes from one of files is not reported again.
+//! their files, so they are looked at by themselves. A circle of rooms that comes from one of files is not reported
+//! again.
 
 use crate::modules::{Place, Target};
 use crate::paths::Reach;

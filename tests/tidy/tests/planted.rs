@@ -134,7 +134,7 @@ fn a_function_of_ninety_lines_needs_a_reason() {
         let body =
             "    if (length) {\n        length--;\n    }\n".repeat(lines / 3) + &"    length--;\n".repeat(lines % 3);
         format!(
-            "#include <x>\n\nnamespace {{\n{above}template <int N>\n__global__ void __launch_bounds__(256) saw(int a,\n    int \
+            "#include <x>\n\nnamespace {{\n{above}template <int N>\n__global__ void __launch_bounds__(256) saw(\n    int \
              length) {{\n{body}}}\n\nvoid rest() {{\n    int a[] = {{\n        1,\n    }};\n}}\n}}\n",
         )
     };

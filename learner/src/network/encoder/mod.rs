@@ -28,7 +28,7 @@ mod tests {
     #[test]
     fn every_encoder_of_the_configuration_has_a_line() {
         for encoder in [Encoder::Resnet, Encoder::Cnn] {
-            // Without an arm for all others: a new variant compiles only when it stands here and in the list above.
+            // Without an arm for all others: a new variant compiles only when it is here and in the list above.
             let expected = match encoder {
                 Encoder::Resnet | Encoder::Cnn => 1,
             };
