@@ -207,7 +207,7 @@ async fn hear(stdout: impl AsyncRead + Unpin, process: Process, incarnation: u32
         };
         match serde_json::from_str::<LearnerEvent>(&line) {
             Ok(event) if event.rank() != rank => {
-                tracing::warn!("{process} sent an event in another learner's name: {line}")
+                tracing::warn!("{process} sent an event in another learner's name: {line}");
             }
             Ok(event) => {
                 if events.send(Event::Learner { incarnation, event }).await.is_err() {

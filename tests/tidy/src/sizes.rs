@@ -86,7 +86,7 @@ impl Measure<'_> {
             let Some(name) = name_in_c(&head) else { continue };
             let depth = indent(self.lines[first]);
             let ends = |line: &&str| line.trim_start().starts_with('}') && indent(line) == depth;
-            let Some(length) = self.lines[index + 1..].iter().position(|line| ends(line)) else { continue };
+            let Some(length) = self.lines[index + 1..].iter().position(ends) else { continue };
             self.judge(name, first + 1, index + 2 + length);
         }
     }
