@@ -8,7 +8,7 @@ use tch::{Kind, Tensor};
 const CHANNELS: i64 = 32;
 const GROUPS: i64 = 16;
 const WIDE: i64 = 28;
-const WARPS: i64 = 9;
+const WARPS: i64 = 12;
 
 /// Blocks, each of which works on one map after another and adds up the weights' gradients over its maps: one for each
 /// of the 132 multiprocessors of an H100. The same number on every device, because it is part of the order of sums.

@@ -64,6 +64,7 @@ impl StemKernels {
         // `StemGradients` of stem.cu.
         let gradients_bytes = (CHUNK + 3) * padded * 16
             + pixels * STRIDE * 2
+            + pixels * STRIDE * 4
             + windows * STRIDE * 4
             + windows * CHANNELS
             + CHANNELS * (TAPS / 2 + 4) * 4
