@@ -156,10 +156,7 @@ fn functions() -> Result<Functions, CudaError> {
     Ok(Functions {
         construct: function!(library, c"_ZN2at4cuda9CUDAGraphC1Eb" as Member),
         destroy: function!(library, c"_ZN2at4cuda9CUDAGraphD1Ev" as Member),
-        begin: function!(
-            library,
-            c"_ZN2at4cuda9CUDAGraph13capture_beginESt4pairIyyE21cudaStreamCaptureMode" as Member
-        ),
+        begin: function!(library, c"_ZN2at4cuda9CUDAGraph13capture_beginESt4pairIyyE21cudaStreamCaptureMode" as Member),
         end: function!(library, c"_ZN2at4cuda9CUDAGraph11capture_endEv" as Member),
         replay: function!(library, c"_ZN2at4cuda9CUDAGraph6replayEv" as Member),
     })

@@ -83,7 +83,8 @@ impl<W: Write> Training<'_, W> {
     }
 
     fn train(&mut self) -> Result<()> {
-        let mut state = Loop { last_save: Instant::now(), timing: Timing::default(), preempted: false, actor_starts: 0 };
+        let mut state =
+            Loop { last_save: Instant::now(), timing: Timing::default(), preempted: false, actor_starts: 0 };
         if self.saved.is_none() {
             self.save(&mut state)?;
         }
