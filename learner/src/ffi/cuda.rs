@@ -2,8 +2,9 @@
 //! loaded at first use. Neither building nor running needs a CUDA toolkit, because libtorch ships NVRTC.
 //!
 //! Everything happens in the context and on the stream that libtorch uses: the device's primary context, and its
-//! default stream, except while a graph is recorded ([`super::graph`]). So launches are ordered with libtorch's. Dropping a tensor while a kernel uses it is safe: the
-//! allocator reuses the memory only for later work on the same stream.
+//! default stream, except while a graph is recorded ([`super::graph`]). So launches are ordered with libtorch's.
+//! Dropping a tensor while a kernel uses it is safe: the allocator reuses the memory only for later work on the same
+//! stream.
 //!
 //! By hand, because cudarc (0.19) does not fit. It loads NVRTC by a list of names that begins with `libnvrtc.so`,
 //! whichever the machine has, and panics without one; we need the one beside libtorch, and an error. It compiles to

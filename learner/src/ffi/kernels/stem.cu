@@ -194,7 +194,8 @@ __device__ inline void pool_chunk(const u32* rows, uint4 turned, uint4* raw, uin
     }
 }
 
-// Normalises what `pool_chunk` has chosen, by the same threads. Where the ReLU stops a number, no pixel gets a gradient.
+// Normalises what `pool_chunk` has chosen, by the same threads. Where the ReLU stops a number, no pixel gets a
+// gradient.
 __device__ inline void finish_pooling(const float (*group)[2], const float* weight, const float* bias, const uint4* raw,
                                       uint4* y, uint2* winner) {
     Eight scale, offset;
