@@ -1,6 +1,7 @@
 //! The recorder against real shared memory, read back by the code that replays.
 
 mod live;
+mod receipts;
 
 use super::testing::{self, EPISODE_STEPS, FakeActor, action, hash};
 use super::{Recorder, RecorderSetup};
