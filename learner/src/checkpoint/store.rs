@@ -269,7 +269,7 @@ fn sync_recordings(folder: &Path) -> Result<(), CheckpointError> {
     std::fs::File::open(folder).and_then(|folder| folder.sync_all()).map_err(|cause| failed(folder, cause))
 }
 
-/// Reads the checkpoint with this manifest, wherever it lies, and verifies it.
+/// Reads the checkpoint with this manifest, in any folder, and verifies it.
 pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
     let manifest = Manifest::read(manifest_path)
         .map_err(|cause| Rejected { path: manifest_path.to_path_buf(), reason: cause.to_string() })?;
