@@ -39,6 +39,15 @@ pub enum CheckpointError {
         /// Free space on its file system, if known.
         free_bytes: Option<u64>,
     },
+    /// The recording could not be seen onto the disk: a checkpoint must not be ahead of it.
+    #[error("cannot see recording {path} onto the disk: {cause} (the checkpoint is not written; earlier ones are kept)",
+        path = .path.display())]
+    Recording {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
     /// The folder could not be read or created.
     #[error("cannot use checkpoint folder {path}: {cause}", path = .path.display())]
     Folder {
@@ -102,7 +111,8 @@ impl Store {
         &self.machine
     }
 
-    /// Writes a checkpoint, then deletes those that need not be kept. Returns the manifest's path relative to the run
+    /// Writes a checkpoint, then deletes those that need not be kept. The recordings, which hold everything up to it,
+    /// are on the disk before it counts. Returns the manifest's path relative to the run
     /// folder. After an error everything that was there before is still there.
     pub fn save(&self, snapshot: &Snapshot) -> Result<String, CheckpointError> {
         wire::fault::reach("learner.before_checkpoint");
@@ -133,6 +143,8 @@ impl Store {
         };
         write(&tensors_path, &bytes)?;
         wire::fault::reach("learner.after_tensors");
+        sync_recordings(&self.run.recordings())?;
+        wire::fault::reach("learner.after_sync");
         write(&manifest_path, &manifest.seal())?;
         wire::fault::reach("learner.after_manifest");
         self.prune(snapshot.rollout);
@@ -232,6 +244,29 @@ impl Store {
             }
         }
     }
+}
+
+/// Has all recordings and their names written to the disk. Those that are there already cost next to nothing.
+fn sync_recordings(folder: &Path) -> Result<(), CheckpointError> {
+    let failed = |path: &Path, cause| CheckpointError::Recording { path: path.to_path_buf(), cause };
+    let entries = match std::fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(cause) => return Err(failed(folder, cause)),
+    };
+    for entry in entries {
+        let entry = entry.map_err(|cause| failed(folder, cause))?;
+        let path = entry.path();
+        let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
+        if is_file && path.extension().is_some_and(|extension| extension == "mcap") {
+            match std::fs::File::open(&path).and_then(|file| file.sync_all()) {
+                // Somebody has moved or deleted it: it is no longer ours to keep.
+                Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => {}
+                synced => synced.map_err(|cause| failed(&path, cause))?,
+            }
+        }
+    }
+    std::fs::File::open(folder).and_then(|folder| folder.sync_all()).map_err(|cause| failed(folder, cause))
 }
 
 /// Reads the checkpoint with this manifest, in any folder, and verifies it.

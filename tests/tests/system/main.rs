@@ -6,6 +6,7 @@ mod evaluation;
 mod gpu;
 mod learners;
 mod orchestrator_faults;
+mod recordings;
 mod same_weights;
 mod suite;
 mod whole_run;

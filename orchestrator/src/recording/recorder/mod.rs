@@ -14,6 +14,7 @@ mod live;
 mod note;
 mod scribe;
 pub mod segment;
+mod tally;
 mod tap;
 #[cfg(test)]
 pub mod testing;
