@@ -59,6 +59,11 @@ pub enum LearnerEvent {
         /// Named figures: see [`crate::metric`].
         metrics: BTreeMap<String, f64>,
     },
+    /// A checkpoint is being written. What follows is [`LearnerEvent::CheckpointWritten`], or nothing if it fails.
+    CheckpointBegun {
+        /// Rank in the process group.
+        rank: u32,
+    },
     /// A checkpoint is complete on disk.
     CheckpointWritten {
         /// Rank in the process group.
@@ -108,6 +113,7 @@ impl LearnerEvent {
             | Self::ActorsConnected { rank }
             | Self::RolloutCollected { rank, .. }
             | Self::RolloutTrained { rank, .. }
+            | Self::CheckpointBegun { rank }
             | Self::CheckpointWritten { rank, .. }
             | Self::WaitingForActor { rank, .. }
             | Self::Finished { rank, .. } => rank,

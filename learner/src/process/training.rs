@@ -198,6 +198,7 @@ impl<W: Write> Training<'_, W> {
 
     /// Writes a checkpoint. Rank 0 writes it, with the other learners' parts about their own environments.
     fn save(&mut self, state: &mut Loop) -> Result<()> {
+        self.tell_for_all(|rank| LearnerEvent::CheckpointBegun { rank });
         let (peers, weights) = (self.agent.peers(), self.agent.weights_digest());
         let head = u64::from_str_radix(&weights[..16], 16).expect("a digest is hex digits");
         peers.agree("the heads of their weights' digests", head)?;

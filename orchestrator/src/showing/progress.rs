@@ -46,6 +46,7 @@ impl Progress {
             }
             LearnerEvent::Finished { complete, .. } => Doing::Leaving { complete },
             LearnerEvent::ActorsConnected { .. }
+            | LearnerEvent::CheckpointBegun { .. }
             | LearnerEvent::CheckpointWritten { .. }
             | LearnerEvent::EpisodePlayed { .. } => return,
         };

@@ -1,15 +1,17 @@
 //! Supervision: which processes run, which are restarted, which stage is in force, and when the run ends.
 //!
-//! [`machine`] decides; [`children`], [`gang`], [`restart`] and [`stage`] are its parts that stand on their own,
-//! [`policy`] is its bounds and [`deadlines`] says which of them is exceeded, [`words`] what is said of deaths; all are
-//! pure functions of events ([`event`]) and a clock. [`shell`] is where processes, signals, shared memory and files
+//! [`machine`] decides; [`children`], [`gang`], [`pace`], [`restart`] and [`stage`] are its parts that stand on their
+//! own, [`clock`] is its time, [`policy`] is its bounds and [`deadlines`] says which of them is exceeded, [`words`] what is said of deaths; all
+//! are pure functions of events ([`event`]) and a clock. [`shell`] is where processes, signals, shared memory and files
 //! are: it turns signals and messages into events, executes the machine's actions, and decides nothing.
 
 pub mod children;
+pub mod clock;
 pub mod deadlines;
 pub mod event;
 pub mod gang;
 pub mod machine;
+pub mod pace;
 pub mod policy;
 pub mod process;
 pub mod restart;

@@ -81,8 +81,11 @@ impl Recorder {
             LearnerEvent::ActorsConnected { rank } => {
                 self.learner_log(*rank, Level::Info, "all actors have answered".to_owned());
             }
-            // Each is followed by its metrics; an episode that was played has its end in the recording.
-            LearnerEvent::RolloutCollected { .. } | LearnerEvent::EpisodePlayed { .. } => {}
+            // Each is followed by its metrics, or by what was written; an episode that was played has its end in the
+            // recording.
+            LearnerEvent::RolloutCollected { .. }
+            | LearnerEvent::EpisodePlayed { .. }
+            | LearnerEvent::CheckpointBegun { .. } => {}
             LearnerEvent::CheckpointWritten { rank, rollout, frames, path } => {
                 self.learner_log(
                     *rank,
