@@ -134,3 +134,10 @@ pub struct Timing {
     /// Everything else: waiting for announcements and other learners, checkpoints.
     pub other_s: f64,
 }
+
+impl Timing {
+    /// All parts together, seconds.
+    pub fn total_s(&self) -> f64 {
+        self.simulate_s + self.infer_s + self.update_s + self.other_s
+    }
+}

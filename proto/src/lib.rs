@@ -22,6 +22,7 @@ pub mod event;
 pub mod exit;
 pub mod kitchen;
 pub mod metric;
+pub mod pin;
 pub mod plain_file;
 pub mod random;
 pub mod replay;
@@ -30,6 +31,7 @@ pub mod run_folder;
 pub mod shares;
 pub mod stage;
 pub mod step;
+pub mod trained;
 
 /// Version of everything that is written to a file or told between processes. Raised on any incompatible change. Each
 /// payload in shared memory has a number of its own besides, in the name of its type.

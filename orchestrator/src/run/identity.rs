@@ -6,6 +6,7 @@ use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fmt::{Display, Formatter};
 use std::fs::File;
 use std::io::Read;
@@ -41,6 +42,9 @@ pub struct Incarnation {
     pub pid: u32,
     /// When it began, seconds since 1970.
     pub started_unix_s: u64,
+    /// When it was last known to live, seconds since 1970: noted by the next start, if it left no word.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seen_unix_s: Option<u64>,
     /// How it ended; absent while it runs and after a crash.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<Ended>,
@@ -151,6 +155,7 @@ impl Identity {
             host: host_name(),
             pid: std::process::id(),
             started_unix_s: unix_now(),
+            seen_unix_s: None,
             ended: None,
         });
         (number, address)
@@ -160,6 +165,13 @@ impl Identity {
     /// number, whatever `wire` holds: a run folder can come from anybody.
     pub fn address(&self, incarnation: &Incarnation) -> WireAddress {
         WireAddress::new(&self.id, incarnation.number)
+    }
+
+    /// Notes when incarnations that left no word were last known to live, by their numbers.
+    pub fn note_signs_of_life(&mut self, seen: &BTreeMap<u32, u64>) {
+        for incarnation in self.incarnations.iter_mut().filter(|incarnation| incarnation.ended.is_none()) {
+            incarnation.seen_unix_s = incarnation.seen_unix_s.max(seen.get(&incarnation.number).copied());
+        }
     }
 
     /// Notes how the last incarnation ended.

@@ -5,9 +5,9 @@
 use crate::showing::format;
 use crate::showing::terminal::Live;
 use crate::training::means::{EpisodeMeans, Recent, recent};
-use crate::training::metrics::History;
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
+use proto::trained::History;
 use std::time::Duration;
 
 /// The learner's current activity according to its events.

@@ -514,6 +514,9 @@ impl Supervisor {
     fn stop(&mut self, now: Duration) {
         if self.phase == Phase::Running {
             self.save(now, None);
+            if matches!(self.phase, Phase::Saving { .. }) {
+                self.report(Level::Info, stopping(self.gang.size(), self.evaluates()));
+            }
         }
     }
 

@@ -9,7 +9,6 @@ use crate::showing::format;
 use crate::showing::next_steps;
 use crate::showing::terminal;
 use crate::supervisor::event::{End, Outcome};
-use crate::training::metrics::History;
 use crate::training::summary::Summary;
 use crate::training::wall::Last;
 use crate::training::wall::Wall;
@@ -17,6 +16,7 @@ use anyhow::Result;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use proto::stage::total_frames;
+use proto::trained::History;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 use wire::WireAddress;
@@ -40,6 +40,8 @@ impl TrainingRun {
     /// Runs it and reports; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
         let begin = Instant::now();
+        // Before the lines are removed by which it is known how long a killed one lived.
+        self.identity.note_signs_of_life(&Wall::signs_of_life(&self.folder)?);
         let (incarnation, address) = self.identity.begin_incarnation();
         self.identity.write(&self.folder)?;
         match self.session(incarnation, &address) {
@@ -67,7 +69,7 @@ impl TrainingRun {
         fault::reach("orchestrator.after_lock");
         let mut audience = TrainingAudience::open(folder, config, incarnation)?;
         let (outcome, recording) = session.run(lock, &mut audience)?;
-        Ok((outcome, recording, audience.history))
+        Ok((outcome, recording, audience.journal.history))
     }
 
     fn report(

@@ -3,6 +3,8 @@
 mod bad_input;
 mod budget;
 mod evaluation;
+mod figures;
+mod hangs;
 mod learners;
 mod orchestrator_faults;
 mod same_weights;
