@@ -6,20 +6,21 @@ use crate::recording::Recordings;
 use crate::run::identity::{Identity, Incarnation, host_name, unix_now};
 use crate::run::lock::{Held, holder};
 use crate::run::process_state::{Stopped, stopped};
-use crate::run::state::RunState;
+use crate::run::state::state_of;
 use crate::showing::format;
-use crate::showing::next_steps;
-use crate::showing::progress::{figures_line, frames_line};
 use crate::showing::terminal;
 use crate::suite;
 use crate::training::means::{Recent, StageMeans, by_stage, recent};
 use crate::training::metrics::Figures;
+use crate::training::next_steps;
+use crate::training::progress::{figures_line, frames_line};
 use crate::training::scores::Scores;
 use crate::training::summary::{Summary, table};
 use crate::training::wall::{Last, Wall};
 use anyhow::Result;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
+use proto::run_state::RunState;
 use proto::trained::History;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -185,7 +186,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     let work = Work::read(&folder, &config, &identity, &held)?;
     let status = Status {
         id: identity.id.clone(),
-        state: RunState::of(&identity, &held, work.is_complete()),
+        state: state_of(&identity, &held, work.is_complete()),
         preset: config.preset.clone(),
         seed: config.seed,
         incarnations: identity.incarnations,

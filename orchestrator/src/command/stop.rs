@@ -1,7 +1,7 @@
 //! `orchestrator stop`: an orderly stop of a run that another process runs. While it waits it shows what the
 //! orchestrator says.
 
-use crate::run::identity::{Ending, Identity, host_name, is_evaluation};
+use crate::run::identity::{Identity, host_name, is_evaluation};
 use crate::run::lock::{Held, Holder, holder};
 use crate::run::process_state::stopped;
 use crate::run::signal::ask_to_stop;
@@ -11,6 +11,7 @@ use crate::suite;
 use anyhow::{Result, bail};
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
+use proto::run_state::Ending;
 use std::fs::OpenOptions;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::PathBuf;
@@ -87,7 +88,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
         if begin.elapsed() > Duration::from_secs(args.timeout) {
             bail!("{root} has not stopped within {} s; it still may", args.timeout);
         }
-        // The lock tells when it is over, and a lock wakes nobody who waits with a deadline.
+        // A released lock shows that it is over, and a lock wakes nobody who waits with a deadline.
         std::thread::sleep(LOOK);
     }
     log.show();
@@ -102,7 +103,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
         bail!("{root} was cut off; `orchestrator resume {root}` goes on from its last checkpoint");
     };
     if ended.how == Ending::Failed {
-        bail!("{what} {} failed: {}", identity.id, ended.reason.as_deref().unwrap_or("no reason is written down"));
+        bail!("{what} {} failed: {}", identity.id, ended.reason.as_deref().unwrap_or("no reason is recorded"));
     }
     terminal::out(&format!("{what} {} {}", identity.id, ended.how));
     if let Some(weights) = &ended.weights {

@@ -19,7 +19,7 @@
 
 use super::children::Children;
 use super::deadlines::{self, Overdue};
-use super::event::{Action, End, Event, Exit, Level, Outcome, Process, Saved};
+use super::event::{Action, Event, Exit, Level, Outcome, Process, Saved, SessionEnd};
 use super::gang::{Bereaved, Gang};
 use super::pace::Work;
 use super::policy::Policy;
@@ -45,7 +45,7 @@ enum Phase {
         since: Duration,
         patience: Duration,
     },
-    /// Whatever still runs has been told to go.
+    /// All that still run have been asked to exit.
     Leaving {
         since: Duration,
     },
@@ -193,7 +193,7 @@ impl Supervisor {
                     let died = died_at_stop(process, self.evaluates(), exit, last_words);
                     let reason = also(failure.as_deref(), &died);
                     self.report(Level::Error, died);
-                    self.leave(now, End::Failed(reason), None);
+                    self.leave(now, SessionEnd::Failed(reason), None);
                 }
                 Process::Actor(_) => {
                     self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.policy.kitchens)));
@@ -390,9 +390,9 @@ impl Supervisor {
     fn finished(&mut self, now: Duration, saved: Saved, complete: bool) {
         let budget = self.stages.budget();
         let end = match &self.phase {
-            Phase::Saving { failure: Some(failure), .. } => End::Failed(failure.clone()),
+            Phase::Saving { failure: Some(failure), .. } => SessionEnd::Failed(failure.clone()),
             Phase::Leaving { .. } | Phase::Over => {
-                // It was told to go and saved on its way.
+                // It saved after it had been asked to exit.
                 if let Some(outcome) = &mut self.outcome {
                     outcome.saved = Some(saved);
                 }
@@ -402,10 +402,10 @@ impl Supervisor {
                 let reason =
                     format!("learner-0 calls the run complete at {} frames, but its budget is {budget}", saved.frames);
                 self.report(Level::Error, reason.clone());
-                End::Failed(reason)
+                SessionEnd::Failed(reason)
             }
-            _ if complete => End::Complete,
-            _ => End::Stopped,
+            _ if complete => SessionEnd::Complete,
+            _ => SessionEnd::Stopped,
         };
         self.leave(now, end, Some(saved));
     }
@@ -467,7 +467,7 @@ impl Supervisor {
             Some(Overdue::Fails(late)) => {
                 let reason = also(failure.as_deref(), &late);
                 self.report(Level::Error, late);
-                self.leave(now, End::Failed(reason), None);
+                self.leave(now, SessionEnd::Failed(reason), None);
                 self.kill_learners(now);
             }
             _ => {}
@@ -533,7 +533,7 @@ impl Supervisor {
             // Also after an orderly stop from elsewhere: Ctrl-C then means to end at once.
             Phase::Saving { .. } | Phase::Leaving { .. } => {
                 if let Phase::Saving { failure, .. } = &self.phase {
-                    let end = failure.clone().map_or(End::Interrupted, End::Failed);
+                    let end = failure.clone().map_or(SessionEnd::Interrupted, SessionEnd::Failed);
                     self.outcome = Some(Outcome { end, saved: None });
                     self.phase = Phase::Leaving { since: now };
                 }
@@ -562,11 +562,11 @@ impl Supervisor {
             self.gang.waits(now);
             self.announce_stop();
         } else {
-            self.leave(now, failure.map_or(End::Stopped, End::Failed), None);
+            self.leave(now, failure.map_or(SessionEnd::Stopped, SessionEnd::Failed), None);
         }
     }
 
-    fn leave(&mut self, now: Duration, end: End, saved: Option<Saved>) {
+    fn leave(&mut self, now: Duration, end: SessionEnd, saved: Option<Saved>) {
         self.phase = Phase::Leaving { since: now };
         self.outcome = Some(Outcome { end, saved });
         self.children.stay_down();

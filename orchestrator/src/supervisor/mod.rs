@@ -1,9 +1,11 @@
 //! Supervision: which processes run, which are restarted, which stage is in force, and when the run ends.
 //!
-//! [`machine`] decides; [`children`], [`gang`], [`pace`], [`restart`] and [`stage`] are its parts that stand on their
-//! own, [`clock`] is its time, [`policy`] is its bounds and [`deadlines`] says which of them is exceeded, [`words`] what is said of deaths; all
-//! are pure functions of events ([`event`]) and a clock. [`shell`] is where processes, signals, shared memory and files
-//! are: it turns signals and messages into events, executes the machine's actions, and decides nothing.
+//! [`machine`] decides. [`children`], [`gang`], [`pace`], [`restart`] and [`stage`] are its independent parts, [`clock`]
+//! is its time, [`policy`] holds its bounds, [`deadlines`] finds the one that is exceeded, and [`words`] phrases reports
+//! of starts and deaths. All are pure functions of events ([`event`]) and a clock. [`shell`] is where processes, signals,
+//! shared memory and files are: it turns signals and messages into events, executes the machine's actions, and decides
+//! nothing. [`session`] is one start of the orchestrator on a run folder, with its services, its recorder and this
+//! supervision.
 
 pub mod children;
 pub mod clock;
@@ -15,6 +17,7 @@ pub mod pace;
 pub mod policy;
 pub mod process;
 pub mod restart;
+pub mod session;
 pub mod shell;
 pub mod stage;
 mod words;

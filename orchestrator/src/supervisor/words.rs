@@ -85,5 +85,5 @@ pub fn quote(last_words: &[String]) -> String {
         return String::new();
     }
     let error = last_words.iter().rposition(|line| error_in(line).is_some()).unwrap_or(0);
-    format!("; its last words:\n    {}", last_words[error..].join("\n    "))
+    format!("; its last messages:\n    {}", last_words[error..].join("\n    "))
 }

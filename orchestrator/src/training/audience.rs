@@ -2,9 +2,9 @@
 
 use crate::recording::recorder::Recorder;
 use crate::run::identity::unix_now;
-use crate::showing::progress::Progress;
 use crate::supervisor::shell::Audience;
 use crate::training::metrics::Journal;
+use crate::training::progress::Progress;
 use crate::training::validation::Validation;
 use anyhow::Result;
 use proto::config::Config;

@@ -10,12 +10,12 @@
 //! checkpoint stays pinned. So the lines, and which checkpoint is the best, do not depend on what was killed.
 
 use crate::evaluation::subject::read_manifest;
+use crate::process_end::wait_for_child;
 use crate::recording::recorder::Recorder;
 use crate::recording::schema::stillroom;
 use crate::run::identity::Identity;
 use crate::run::json_lines::Writer;
 use crate::run::lifeline::this_program;
-use crate::run::process_end::wait_for_child;
 use crate::run::remains;
 use crate::training::scores::{Score, Scores, best, read_result, result_folder};
 use anyhow::{Context, Result};
