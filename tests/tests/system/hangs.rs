@@ -99,7 +99,7 @@ fn a_stopped_orchestrator_is_told_of_and_kills_nobody_when_it_goes_on() {
         std::thread::sleep(Duration::from_millis(100));
     }
     let status = complete(workshop.orchestrator(&["status", "asleep"])).stdout;
-    for part in [&format!("its orchestrator (pid {}) is stopped", child.id()), "no rollout for 1"] {
+    for part in [&format!("its orchestrator (pid {}) is stopped", child.id()), "no rollout for "] {
         assert!(status.contains(part), "{part}: {status}");
     }
     let stop = complete(workshop.orchestrator(&["stop", "asleep"]));
@@ -107,7 +107,7 @@ fn a_stopped_orchestrator_is_told_of_and_kills_nobody_when_it_goes_on() {
     signal(child.id(), Signal::CONT);
     let printed = finish(child);
     assert!(printed.success && printed.deaths().is_empty(), "{printed:#?}");
-    assert!(printed.stderr.contains("this orchestrator stood still for 1"), "{printed:#?}");
+    assert!(printed.stderr.contains("this orchestrator stood still for "), "{printed:#?}");
     assert_eq!(&complete(workshop.resume("asleep")).result(), undisturbed());
     run.assert_nothing_left();
 }
