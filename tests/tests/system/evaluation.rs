@@ -287,7 +287,7 @@ fn validation_keeps_the_best_and_changes_nothing() {
 fn validation_survives_a_killed_orchestrator() {
     let workshop = Workshop::new();
     write_validating(&workshop);
-    let mut child = start(workshop.up("run", 2, 3, 3000));
+    let mut child = start(workshop.up("run", 2, 3, 1200));
     let run = workshop.run("run");
     let begun = Instant::now();
     while run.processes("--beside").is_empty() {
