@@ -204,6 +204,7 @@ mod tests {
     fn an_address_survives_the_command_line() {
         let address = WireAddress::new("text", 1);
         assert_eq!(address.to_string().parse::<WireAddress>().unwrap(), address);
+        assert_eq!((address.run_id(), address.incarnation()), ("text", 1));
         for wrong in [
             "nonsense",
             "stillroom_@/home/me",
