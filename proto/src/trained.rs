@@ -30,7 +30,7 @@ pub struct Trained {
 
 impl Trained {
     /// Whether both are of the same training: all is equal but the times, and who noted them.
-    pub fn is_as(&self, other: &Self) -> bool {
+    fn is_as(&self, other: &Self) -> bool {
         (self.rollout, self.frames, self.stage, &self.metrics)
             == (other.rollout, other.frames, other.stage, &other.metrics)
     }

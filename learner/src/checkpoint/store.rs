@@ -121,7 +121,7 @@ impl Store {
     }
 
     /// Fails if the folder is another run's, or nobody's: it was removed, and perhaps made anew, while we worked.
-    pub fn check_run(&self) -> Result<(), CheckpointError> {
+    pub(crate) fn check_run(&self) -> Result<(), CheckpointError> {
         let found = match self.run.id() {
             _ if self.id.is_empty() => return Ok(()),
             Some(id) if id == self.id => return Ok(()),
@@ -224,7 +224,7 @@ impl Store {
     }
 
     /// The figures of the rollouts before this one in `metrics.jsonl`, as far as it has them.
-    pub fn figures_of_file(&self, rollout: u64) -> History {
+    pub(crate) fn figures_of_file(&self, rollout: u64) -> History {
         let bytes = std::fs::read(self.run.metrics()).unwrap_or_default();
         let (mut figures, _) = History::decode(&bytes);
         figures.rewind_to(rollout);
