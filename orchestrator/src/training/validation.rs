@@ -427,20 +427,17 @@ pub mod tests {
         let mut validation = Validation::open(&folder, &config).unwrap().unwrap();
         validation.checkpoint(3, 300);
         validation.checkpoint(5, 500);
-        for failures in 1..=TRIES {
-            assert_eq!(validation.waiting.pop_front(), Some(3));
-            let mut child = Command::new("sleep").arg("60").spawn().unwrap();
-            child.kill().unwrap();
-            assert_eq!(child.wait().unwrap().signal(), Some(9));
-            validation.running = Some(Running { rollout: 3, child });
-            // `look` would start the next.
-            let waiting = std::mem::take(&mut validation.waiting);
-            validation.look(None);
-            assert_eq!(validation.failures[&3], failures);
-            validation.running = None;
-            validation.waiting.clear();
-            validation.waiting.extend((failures < TRIES).then_some(3).into_iter().chain(waiting));
-        }
+        assert_eq!(validation.waiting.pop_front(), Some(3));
+        let mut child = Command::new("sleep").arg("60").spawn().unwrap();
+        child.kill().unwrap();
+        assert_eq!(child.wait().unwrap().signal(), Some(9));
+        validation.running = Some(Running { rollout: 3, child });
+        // Killed, and then it cannot be started: there is no folder for its log.
+        validation.look(None);
+        assert_eq!((validation.failures[&3], validation.is_busy()), (2, true));
+        assert_eq!(validation.waiting, [3, 5]);
+        validation.look(None);
+        assert_eq!(validation.failures, BTreeMap::from([(3, TRIES)]));
         assert_eq!(validation.waiting, [5]);
         assert_eq!(validation.pinned().unwrap(), [3, 5], "its checkpoint is kept");
         let again = Validation::open(&folder, &config).unwrap().unwrap();

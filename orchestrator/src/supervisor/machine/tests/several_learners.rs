@@ -295,9 +295,9 @@ fn silent_learners_are_killed_together() {
 #[test]
 fn a_learner_that_is_never_ready_or_connected_is_named() {
     let mut world = World::with(2);
-    world.learner_step(0, true);
     for _ in 0..400 {
         if world.outcome.is_none() {
+            world.learner_step(0, true);
             world.pass(Duration::from_secs(1));
             world.obey();
         }
