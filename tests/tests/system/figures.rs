@@ -95,7 +95,10 @@ fn an_orchestrator_that_hears_nothing_before_it_is_killed_loses_no_figures() {
     let workshop = Workshop::new();
     for (number, rollouts) in [1, 5].into_iter().enumerate() {
         let name = format!("deaf-{number}");
-        let child = start(workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES));
+        let mut command = workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES);
+        // A recorder that is stopped would stop the actors, too.
+        command.args(["--set", "recording.enabled=false"]);
+        let child = start(command);
         let run = workshop.run(&name);
         run.wait_for_rollouts(rollouts);
         // What its learner tells now lies in a pipe that nobody reads.
