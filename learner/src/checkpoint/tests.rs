@@ -23,9 +23,14 @@ fn machine() -> Machine {
 
 fn store(folder: &tempfile::TempDir, keep: u32) -> Store {
     name(folder, RUN);
+    store_of(folder, RUN, keep)
+}
+
+/// The store of the run with this id.
+fn store_of(folder: &tempfile::TempDir, id: &str, keep: u32) -> Store {
     let stages =
         ["I", "II"].map(|name| StageConfig { name: name.into(), reward: RewardKind::Task, frames: 100 }).to_vec();
-    Store::new((RunFolder::new(folder.path()), RUN), &stages, "seed = 1", machine(), keep)
+    Store::new((RunFolder::new(folder.path()), id), &stages, "seed = 1", machine(), keep)
 }
 
 /// Has the folder be that of the run with this id.
@@ -206,7 +211,7 @@ fn nothing_is_written_to_the_folder_of_another_run_and_its_checkpoints_are_passe
     assert_eq!(names(&folder), ["01.json", "01.jsonl", "01.safetensors"]);
 
     name(&folder, "another");
-    let other = Store { id: "another".into(), ..store.clone() };
+    let other = store_of(&folder, "another", 2);
     assert!(other.load().unwrap().is_none(), "the run begins");
     other.save(&snapshot(0), false).unwrap();
     assert_eq!(other.load().unwrap().unwrap().snapshot.rollout, 0);
