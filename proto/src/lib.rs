@@ -22,6 +22,7 @@ pub mod event;
 pub mod exit;
 pub mod kitchen;
 pub mod metric;
+pub mod pin;
 pub mod plain_file;
 pub mod random;
 pub mod replay;
@@ -31,6 +32,7 @@ pub mod run_state;
 pub mod shares;
 pub mod stage;
 pub mod step;
+pub mod trained;
 
 /// Version of everything that is written to a file or sent between processes. Raised on any incompatible change. Each
 /// payload in shared memory has a number of its own besides, in the name of its type.

@@ -7,10 +7,11 @@
 //!   orchestrator.lock      held (flock) by the orchestrator that runs it
 //!   learner-0.lock, ...    held by the learner of that rank while it lives
 //!   scenes/000/            copies of the scenes it trains in, if it has its own
-//!   checkpoints/           rollout-00000012.safetensors + rollout-00000012.json (manifest, written last)
+//!   checkpoints/           rollout-00000012.safetensors, rollout-00000012.jsonl (figures of all rollouts before it) and
+//!                          rollout-00000012.json (manifest, written last)
 //!   recordings/            incarnation-001.000.mcap, ...
 //!   logs/                  orchestrator.log, learner-0.log, ..., actor-00.log, ...
-//!   metrics.jsonl          one line a trained rollout
+//!   metrics.jsonl          one line a trained rollout; what is missing is taken from the checkpoint
 //!   validation.jsonl       one line an evaluation made while it trained
 //!   validation/rollout-00000012/   its result; the checkpoint, too, until it is known not to be the best
 //!   best -> validation/rollout-00000012   the best checkpoint so far
@@ -19,6 +20,7 @@
 //!   summary.json           written when the budget is reached
 //! ```
 
+use serde::Deserialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -44,6 +46,16 @@ impl RunFolder {
         self.root.join("run.toml")
     }
 
+    /// The id in `run.toml`; none where there is none that can be read.
+    pub fn id(&self) -> Option<String> {
+        #[derive(Deserialize)]
+        struct Named {
+            id: String,
+        }
+        let text = std::fs::read_to_string(self.identity()).ok()?;
+        toml::from_str(&text).ok().map(|Named { id }| id)
+    }
+
     /// Effective configuration.
     pub fn config(&self) -> PathBuf {
         self.root.join("config.toml")
@@ -67,6 +79,11 @@ impl RunFolder {
     /// Tensors of the checkpoint whose first missing rollout is `rollout`.
     pub fn checkpoint_tensors(&self, rollout: u64) -> PathBuf {
         self.checkpoints().join(RolloutName::Tensors.of(rollout))
+    }
+
+    /// Figures of all rollouts before that checkpoint.
+    pub fn checkpoint_figures(&self, rollout: u64) -> PathBuf {
+        self.checkpoints().join(RolloutName::Figures.of(rollout))
     }
 
     /// Manifest of that checkpoint. It is written last: a checkpoint without one does not exist.
@@ -165,6 +182,8 @@ pub enum RolloutName {
     Manifest,
     /// Its tensors, beside it: `rollout-00000012.safetensors`.
     Tensors,
+    /// The figures of all rollouts before it: `rollout-00000012.jsonl`.
+    Figures,
     /// Folder of a validation: `rollout-00000012`.
     Folder,
 }
@@ -188,6 +207,7 @@ impl RolloutName {
         match self {
             Self::Manifest => "json",
             Self::Tensors => "safetensors",
+            Self::Figures => "jsonl",
             Self::Folder => "",
         }
     }
@@ -237,10 +257,10 @@ mod tests {
 
     #[test]
     fn a_rollouts_name_is_read_as_it_was_made() {
-        let kinds = [RolloutName::Manifest, RolloutName::Tensors, RolloutName::Folder];
+        let kinds = [RolloutName::Manifest, RolloutName::Tensors, RolloutName::Figures, RolloutName::Folder];
         assert_eq!(
             kinds.map(|kind| kind.of(12)),
-            ["rollout-00000012.json", "rollout-00000012.safetensors", "rollout-00000012"]
+            ["rollout-00000012.json", "rollout-00000012.safetensors", "rollout-00000012.jsonl", "rollout-00000012"]
         );
         for kind in kinds {
             for rollout in [0, 12, 123_456_789] {
@@ -250,7 +270,7 @@ mod tests {
             }
         }
         for other in ["rollout-1.json.partial", "rollout-x.json", "best", "rollout-", ".json"] {
-            assert_eq!(kinds.map(|kind| kind.rollout_of(Path::new(other))), [None; 3], "{other}");
+            assert_eq!(kinds.map(|kind| kind.rollout_of(Path::new(other))), [None; 4], "{other}");
         }
     }
 

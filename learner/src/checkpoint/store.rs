@@ -6,8 +6,10 @@ use crate::agent::AgentState;
 use proto::checkpoint::{Machine, Manifest};
 use proto::config::StageConfig;
 use proto::digest::sha256;
+use proto::pin::pin;
 use proto::run_folder::{RolloutName, RunFolder, write_atomically};
 use proto::stage::position_at;
+use proto::trained::History;
 use std::path::{Path, PathBuf};
 
 /// A checkpoint that cannot be used, and why.
@@ -59,6 +61,16 @@ pub enum CheckpointError {
     /// The state could not be turned into a file.
     #[error("cannot encode the state: {0}")]
     Encode(#[from] TensorsError),
+    /// The folder does not belong to this run any more: whoever made it anew would go on from our checkpoint.
+    #[error("{folder} is not the folder of run {run} any more ({found}): nothing is written there", folder = .folder.display())]
+    Foreign {
+        /// The run's folder.
+        folder: PathBuf,
+        /// Our run.
+        run: String,
+        /// Whose it is now.
+        found: String,
+    },
     /// There are checkpoints, and none can be used.
     #[error("no checkpoint in {folder} can be used:\n{}", list(.rejected), folder = .folder.display())]
     NoneGood {
@@ -88,12 +100,16 @@ pub struct Loaded {
     pub path: String,
     /// Newer checkpoints that could not be used.
     pub rejected: Vec<Rejected>,
+    /// Why it holds no figures of the rollouts before it, if that is so.
+    pub without_figures: Option<String>,
 }
 
 /// The checkpoints of one run.
 #[derive(Debug, Clone)]
 pub struct Store {
     run: RunFolder,
+    /// The run's id. Empty where nobody gave it one: then nothing is compared with it.
+    id: String,
     stages: Vec<StageConfig>,
     config: String,
     machine: Machine,
@@ -102,8 +118,26 @@ pub struct Store {
 
 impl Store {
     /// The checkpoints of `run`. The `keep` newest are kept, and the one at each stage's end.
-    pub fn new(run: RunFolder, stages: &[StageConfig], config_toml: &str, machine: Machine, keep: u32) -> Self {
-        Self { run, stages: stages.to_vec(), config: config_toml.to_owned(), machine, keep: keep as usize }
+    pub fn new(
+        (run, id): (RunFolder, &str),
+        stages: &[StageConfig],
+        config_toml: &str,
+        machine: Machine,
+        keep: u32,
+    ) -> Self {
+        let (id, stages, config) = (id.to_owned(), stages.to_vec(), config_toml.to_owned());
+        Self { run, id, stages, config, machine, keep: keep as usize }
+    }
+
+    /// Fails if the folder is another run's, or nobody's: it was removed, and perhaps made anew, while we worked.
+    pub(crate) fn check_run(&self) -> Result<(), CheckpointError> {
+        let found = match self.run.id() {
+            _ if self.id.is_empty() => return Ok(()),
+            Some(id) if id == self.id => return Ok(()),
+            Some(id) => format!("it is that of run {id}"),
+            None => format!("{} is gone or damaged", self.run.identity().display()),
+        };
+        Err(CheckpointError::Foreign { folder: self.run.root().to_path_buf(), run: self.id.clone(), found })
     }
 
     /// The machine that new checkpoints carry.
@@ -112,18 +146,21 @@ impl Store {
     }
 
     /// Writes a checkpoint, then deletes those that need not be kept. The recordings, which hold everything up to it,
-    /// are on the disk before it counts. Returns the manifest's path relative to the run
-    /// folder. After an error everything that was there before is still there.
-    pub fn save(&self, snapshot: &Snapshot) -> Result<String, CheckpointError> {
+    /// are on the disk before it counts. Returns the manifest's path relative to the run folder. After an error
+    /// everything that was there before is still there. `evaluated`: it is to be evaluated, so it is pinned, too.
+    pub fn save(&self, snapshot: &Snapshot, evaluated: bool) -> Result<String, CheckpointError> {
         wire::fault::reach("learner.before_checkpoint");
+        self.check_run()?;
         let folder = self.run.checkpoints();
         std::fs::create_dir_all(&folder).map_err(|cause| CheckpointError::Folder { path: folder.clone(), cause })?;
         let tensors_path = self.run.checkpoint_tensors(snapshot.rollout);
         let manifest_path = self.run.checkpoint_manifest(snapshot.rollout);
         let bytes = tensors::encode(&snapshot.agent.tensors, &snapshot.boundary)?;
+        let figures = snapshot.figures.encode();
         let position = position_at(&self.stages, snapshot.frames);
         let manifest = Manifest {
             schema_version: proto::SCHEMA_VERSION,
+            run: self.id.clone(),
             rollout: snapshot.rollout,
             frames: snapshot.frames,
             exchange: snapshot.boundary.exchange,
@@ -135,6 +172,7 @@ impl Store {
             tensors: file_name(&tensors_path),
             tensors_bytes: bytes.len() as u64,
             tensors_sha256: sha256(&bytes),
+            figures_sha256: sha256(&figures),
             config_sha256: sha256(self.config.as_bytes()),
             config: self.config.clone(),
             weights: snapshot.weights.clone(),
@@ -143,15 +181,21 @@ impl Store {
         };
         write(&tensors_path, &bytes)?;
         wire::fault::reach("learner.after_tensors");
+        write(&self.run.checkpoint_figures(snapshot.rollout), &figures)?;
+        wire::fault::reach("learner.after_figures");
         sync_recordings(&self.run.recordings())?;
         wire::fault::reach("learner.after_sync");
         write(&manifest_path, &manifest.seal())?;
         wire::fault::reach("learner.after_manifest");
+        if evaluated && let Err(cause) = pin(&self.run, snapshot.rollout) {
+            tracing::warn!("the checkpoint at {} frames is not kept for its evaluation: {cause}", snapshot.frames);
+        }
+        wire::fault::reach("learner.after_pin");
         self.prune(snapshot.rollout);
         Ok(relative(&self.run, &manifest_path))
     }
 
-    /// The newest good checkpoint; none when none was ever completed.
+    /// The newest good checkpoint; none when none was ever completed. Those of other runs do not count.
     pub fn load(&self) -> Result<Option<Loaded>, CheckpointError> {
         let folder = self.run.checkpoints();
         let rollouts = match self.rollouts() {
@@ -161,15 +205,41 @@ impl Store {
         };
         let mut rejected = vec![];
         for rollout in rollouts.into_iter().rev() {
+            let manifest_path = self.run.checkpoint_manifest(rollout);
+            if let Ok(manifest) = self.manifest(rollout)
+                && manifest.is_of_another(&self.id)
+            {
+                let path = manifest_path.display();
+                tracing::warn!(
+                    "checkpoint passed over: {path} is of run {}, and this is run {}",
+                    manifest.run,
+                    self.id
+                );
+                continue;
+            }
             match self.open(rollout) {
-                Ok((snapshot, manifest)) => {
-                    let path = relative(&self.run, &self.run.checkpoint_manifest(rollout));
-                    return Ok(Some(Loaded { snapshot, manifest, path, rejected }));
+                Ok((mut snapshot, manifest)) => {
+                    let path = relative(&self.run, &manifest_path);
+                    let (figures, without_figures) = match manifest.figures(&self.run) {
+                        Ok(Some(figures)) => (figures, None),
+                        Ok(None) => (History::default(), Some(format!("{path} is of an older version"))),
+                        Err(error) => (History::default(), Some(error.to_string())),
+                    };
+                    snapshot.figures = figures;
+                    return Ok(Some(Loaded { snapshot, manifest, path, rejected, without_figures }));
                 }
                 Err(reason) => rejected.push(reason),
             }
         }
         if rejected.is_empty() { Ok(None) } else { Err(CheckpointError::NoneGood { folder, rejected }) }
+    }
+
+    /// The figures of the rollouts before this one in `metrics.jsonl`, as far as it has them.
+    pub(crate) fn figures_of_file(&self, rollout: u64) -> History {
+        let bytes = std::fs::read(self.run.metrics()).unwrap_or_default();
+        let (mut figures, _) = History::decode(&bytes);
+        figures.rewind_to(rollout);
+        figures
     }
 
     fn open(&self, rollout: u64) -> Result<(Snapshot, Manifest), Rejected> {
@@ -209,7 +279,7 @@ impl Store {
         for rollout in rollouts.into_iter().rev() {
             let whole = self.manifest(rollout).ok().filter(|manifest| {
                 let tensors = std::fs::metadata(self.run.checkpoint_tensors(rollout));
-                tensors.is_ok_and(|file| file.len() == manifest.tensors_bytes)
+                tensors.is_ok_and(|file| file.len() == manifest.tensors_bytes) && !manifest.is_of_another(&self.id)
             });
             if whole.is_some() && kept < self.keep {
                 kept += 1;
@@ -219,7 +289,8 @@ impl Store {
                 continue;
             }
             // The manifest first: without it the rest does not count.
-            for path in [self.run.checkpoint_manifest(rollout), self.run.checkpoint_tensors(rollout)] {
+            for kind in [RolloutName::Manifest, RolloutName::Tensors, RolloutName::Figures] {
+                let path = self.run.checkpoints().join(kind.of(rollout));
                 match std::fs::remove_file(&path) {
                     Err(cause) if cause.kind() != std::io::ErrorKind::NotFound => {
                         tracing::warn!("cannot delete old checkpoint {}: {cause}", path.display());
@@ -231,14 +302,13 @@ impl Store {
         self.sweep_fragments();
     }
 
-    /// Deletes the remains of a process that died while it wrote: temporary files, and tensors without a manifest.
+    /// Deletes the remains of a process that died while it wrote: temporary files, and others without a manifest.
     fn sweep_fragments(&self) {
         let Ok(entries) = std::fs::read_dir(self.run.checkpoints()) else { return };
         for path in entries.filter_map(|entry| entry.ok().map(|entry| entry.path())) {
             let temporary = path.extension().is_some_and(|extension| extension == "partial");
-            let orphan = RolloutName::Tensors
-                .rollout_of(&path)
-                .is_some_and(|rollout| !self.run.checkpoint_manifest(rollout).exists());
+            let rollout = RolloutName::Tensors.rollout_of(&path).or_else(|| RolloutName::Figures.rollout_of(&path));
+            let orphan = rollout.is_some_and(|rollout| !self.run.checkpoint_manifest(rollout).exists());
             if temporary || orphan {
                 let _ = std::fs::remove_file(&path);
             }
@@ -269,7 +339,7 @@ fn sync_recordings(folder: &Path) -> Result<(), CheckpointError> {
     std::fs::File::open(folder).and_then(|folder| folder.sync_all()).map_err(|cause| failed(folder, cause))
 }
 
-/// Reads the checkpoint with this manifest, in any folder, and verifies it.
+/// Reads the checkpoint with this manifest, wherever it lies, and verifies it. Its figures are left out.
 pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
     let manifest = Manifest::read(manifest_path)
         .map_err(|cause| Rejected { path: manifest_path.to_path_buf(), reason: cause.to_string() })?;
@@ -292,7 +362,8 @@ fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
     let (tensors, boundary) =
         tensors::decode(&bytes, exchange).map_err(|cause| at(format!("cannot be used: {cause}")))?;
     let agent = AgentState { tensors, adam_steps, multiplier, carried_goal };
-    Ok(Snapshot { rollout, frames, agent, boundary, weights: manifest.weights.clone() })
+    let (weights, figures) = (manifest.weights.clone(), History::default());
+    Ok(Snapshot { rollout, frames, agent, boundary, weights, figures })
 }
 
 fn write(path: &Path, content: &[u8]) -> Result<(), CheckpointError> {

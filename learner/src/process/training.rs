@@ -6,7 +6,7 @@ use super::conversation::{Conversation, Silent};
 use super::failure::{NonFinite, Unsaved, is_non_finite};
 use super::stop::Stop;
 use crate::agent::{Agent, AgentError};
-use crate::checkpoint::{Part, Snapshot, Store, encode_tensors};
+use crate::checkpoint::{CheckpointError, Part, Snapshot, Store, encode_tensors};
 use crate::collector::{Reward, Task};
 use crate::optimizer::learning_rate_progress;
 use crate::peers::PeerError;
@@ -17,8 +17,10 @@ use proto::metric;
 use proto::reward::RewardKind;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::stage::{RolloutShape, StagePosition, position_at};
+use proto::trained::{History, Trained};
+use std::collections::BTreeMap;
 use std::io::Write;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use wire::fault;
 
 /// Longest wait for a rollout's announcement.
@@ -46,6 +48,10 @@ pub struct Training<'a, W> {
     pub frames: u64,
     /// The rollout of the last checkpoint on disk, if this process has written or loaded one.
     pub saved: Option<u64>,
+    /// Figures of all rollouts trained so far.
+    pub figures: History,
+    /// Number of the orchestrator's start.
+    pub orchestrator: u32,
 }
 
 /// Why a rollout is abandoned. The work up to its beginning is good.
@@ -72,6 +78,8 @@ struct Loop {
     timing: Timing,
     /// This learner ended the rollout in progress, or the last one, early, because the others had finished.
     preempted: bool,
+    /// The next checkpoint is to be evaluated.
+    evaluated: bool,
     /// See [`crate::collector::Collector::actor_starts`].
     actor_starts: u64,
 }
@@ -87,8 +95,13 @@ impl<W: Write> Training<'_, W> {
     }
 
     fn train(&mut self) -> Result<()> {
-        let mut state =
-            Loop { last_save: Instant::now(), timing: Timing::default(), preempted: false, actor_starts: 0 };
+        let mut state = Loop {
+            last_save: Instant::now(),
+            timing: Timing::default(),
+            preempted: false,
+            evaluated: false,
+            actor_starts: 0,
+        };
         if self.saved.is_none() {
             self.save(&mut state)?;
         }
@@ -142,12 +155,15 @@ impl<W: Write> Training<'_, W> {
 
             let timing = state.timing_of(began.elapsed());
             let stage = position.stage as u32;
+            self.note(rollout, stage, timing, &metrics);
             self.tell_for_all(|rank| LearnerEvent::RolloutTrained { rank, rollout, frames, stage, timing, metrics });
             let stage_ended = collected == position.frames_left;
             let due = self.first_says(state.last_save.elapsed().as_secs_f64() >= self.config.checkpoint.interval_s)?;
-            // The orchestrator evaluates that checkpoint.
-            let validated = self.config.validation.is_due(before, frames);
-            if stage_ended || due || validated {
+            // The orchestrator evaluates that checkpoint. One that cannot be written leaves it to the next.
+            let complete =
+                position_at(&self.config.stages, frames).is_none() && self.config.validation.every_frames > 0;
+            state.evaluated |= complete || self.config.validation.is_due(before, frames);
+            if stage_ended || due || state.evaluated {
                 let began = Instant::now();
                 self.save_or_go_on(&mut state)?;
                 // Counts as time of the next rollout.
@@ -210,8 +226,18 @@ impl<W: Write> Training<'_, W> {
         Ok(())
     }
 
+    /// Keeps the figures of a rollout for the next checkpoint, which rank 0 writes.
+    fn note(&mut self, rollout: u64, stage: u32, timing: Timing, metrics: &BTreeMap<String, f64>) {
+        if self.conversation.rank == 0 {
+            let at_unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+            let (frames, incarnation, metrics) = (self.frames, self.orchestrator, metrics.clone());
+            self.figures.insert(Trained { rollout, frames, stage, at_unix_s, incarnation, timing, metrics });
+        }
+    }
+
     /// Writes a checkpoint. Rank 0 writes it, with the other learners' parts about their own environments.
     fn save(&mut self, state: &mut Loop) -> Result<()> {
+        self.tell_for_all(|rank| LearnerEvent::CheckpointBegun { rank });
         let (peers, weights) = (self.agent.peers(), self.agent.weights_digest());
         let head = u64::from_str_radix(&weights[..16], 16).expect("a digest is hex digits");
         peers.agree("the heads of their weights' digests", head)?;
@@ -219,23 +245,27 @@ impl<W: Write> Training<'_, W> {
         let mut written = Ok(None);
         if self.conversation.rank == 0 {
             let Self { rollout, frames, .. } = *self;
-            let mut snapshot = Snapshot { rollout, frames, agent: self.agent.state(), boundary, weights };
+            let (agent, figures) = (self.agent.state(), self.figures.clone());
+            let mut snapshot = Snapshot { rollout, frames, agent, boundary, weights, figures };
             for part in peers.gather(&[])? {
                 snapshot.append(Part::decode(&part)?);
             }
-            written = self.store.save(&snapshot).map(Some);
+            written = self.store.save(&snapshot, state.evaluated).map(Some);
         } else {
             peers.gather(&Part { beliefs: self.agent.boundary_beliefs(), boundary }.encode()?)?;
         }
         // A barrier, too: no learner continues or exits before the checkpoint is on disk.
         let mut good = f64::from(u8::from(written.is_ok()));
         peers.first(&mut good)?;
+        if let Err(error @ CheckpointError::Foreign { .. }) = written {
+            return Err(error.into());
+        }
         let written = written.map_err(Unsaved::Here)?;
         if good == 0.0 {
             return Err(Unsaved::Elsewhere.into());
         }
         self.saved = Some(self.rollout);
-        state.last_save = Instant::now();
+        (state.last_save, state.evaluated) = (Instant::now(), false);
         if let Some(path) = written {
             let (rollout, frames) = (self.rollout, self.frames);
             self.tell_for_all(|rank| LearnerEvent::CheckpointWritten { rank, rollout, frames, path });

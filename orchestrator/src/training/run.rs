@@ -8,7 +8,6 @@ use crate::showing::format;
 use crate::showing::terminal;
 use crate::supervisor::event::{Outcome, SessionEnd};
 use crate::supervisor::session::{EXIT_INTERRUPTED, Session, shape};
-use crate::training::metrics::History;
 use crate::training::next_steps;
 use crate::training::summary::Summary;
 use crate::training::wall::{Last, Wall};
@@ -17,6 +16,7 @@ use proto::config::Config;
 use proto::run_folder::RunFolder;
 use proto::run_state::Ending;
 use proto::stage::total_frames;
+use proto::trained::History;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 use wire::{WireAddress, fault};
@@ -39,6 +39,8 @@ impl TrainingRun {
     /// Runs it and reports; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
         let begin = Instant::now();
+        // Before the lines are removed by which it is known how long a killed one lived.
+        self.identity.note_signs_of_life(&Wall::signs_of_life(&self.folder)?);
         let (incarnation, address) = self.identity.begin_incarnation();
         self.identity.write(&self.folder)?;
         match self.session(incarnation, &address) {
@@ -66,7 +68,7 @@ impl TrainingRun {
         fault::reach("orchestrator.after_lock");
         let mut audience = TrainingAudience::open(folder, config, incarnation)?;
         let (outcome, recording) = session.run(lock, &mut audience)?;
-        Ok((outcome, recording, audience.history))
+        Ok((outcome, recording, audience.journal.history))
     }
 
     fn report(

@@ -241,6 +241,9 @@ pub struct LearnerConfig {
     pub threads: u32,
     /// How long to wait for an actor's observations before giving up, seconds.
     pub actor_deadline_s: f64,
+    /// Learners that finish neither a rollout nor an update for ten times as long as the last ones took are taken to
+    /// hang and started again, but not before this time, seconds. An actor that a learner waits for: half of it.
+    pub progress_deadline_s: f64,
 }
 
 /// Checkpoints.
@@ -394,6 +397,7 @@ impl Default for LearnerConfig {
             deterministic: true,
             threads: 1,
             actor_deadline_s: 120.0,
+            progress_deadline_s: 60.0,
         }
     }
 }

@@ -3,7 +3,9 @@
 mod bad_input;
 mod budget;
 mod evaluation;
+mod figures;
 mod gpu;
+mod hangs;
 mod learners;
 mod orchestrator_faults;
 mod recordings;

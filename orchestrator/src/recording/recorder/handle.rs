@@ -88,8 +88,8 @@ impl Recorder {
             LearnerEvent::RolloutCollected { rollout, frames, .. } => {
                 self.note(Note::Collected { learner_incarnation, rollout: *rollout, frames: *frames });
             }
-            // An episode that was played has its end in the recording.
-            LearnerEvent::EpisodePlayed { .. } => {}
+            // What begins is followed by what was written; an episode that was played has its end in the recording.
+            LearnerEvent::EpisodePlayed { .. } | LearnerEvent::CheckpointBegun { .. } => {}
             LearnerEvent::CheckpointWritten { rank, rollout, frames, path } => {
                 self.learner_log(
                     *rank,
