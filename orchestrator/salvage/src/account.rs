@@ -170,7 +170,7 @@ impl Account {
 
     /// Whether all that was recorded was read, and as it was recorded.
     pub fn is_lossless(&self) -> bool {
-        !self.costly && !self.cut && self.lost == 0 && !self.lost_unknown && self.doubtful == 0
+        !self.costly && self.lost == 0 && !self.lost_unknown && self.doubtful == 0
     }
 
     /// The outcome in a few words: what was lost, or that nothing was.
@@ -182,7 +182,7 @@ impl Account {
         if self.lost > 0 {
             let more = if self.lost_unknown { " at least" } else { "" };
             words.push(format!("{}{more} lost", messages(self.lost)));
-        } else if self.cut {
+        } else if self.lost_unknown && self.cut {
             words.push("what came after its end is lost".to_owned());
         } else if self.lost_unknown {
             words.push("an unknown number of messages lost".to_owned());
@@ -208,7 +208,6 @@ impl Account {
     /// Adds a finding; returns its number, for what is learned about it later.
     pub(crate) fn add(&mut self, finding: Finding) -> Option<usize> {
         self.charge(finding.cost);
-        self.cut |= finding.problem == Problem::Cut;
         if self.findings.len() == FINDINGS_MAX {
             self.further += 1;
             return None;

@@ -228,6 +228,7 @@ impl<S: Source> Reader<'_, S> {
         if self.ending.footer.is_some() && !self.is_end_mark(at)? {
             let marked = peek(self.source, at)? == Some(END_MARK);
             let what = if marked { "something comes after the end mark" } else { "the end mark is missing" };
+            self.account.cut |= !marked;
             self.finding(at, length - at, Problem::Summary(what), Cost::Nothing);
         }
         let consistent = |statistics: &Statistics| {

@@ -422,6 +422,7 @@ impl<'a, S: Source> Reader<'a, S> {
         } else {
             (Problem::Cut, Cost::Lost(None))
         };
+        self.account.cut = true;
         self.account.add(Finding { offset, bytes, problem, cost, times_ns });
     }
 
