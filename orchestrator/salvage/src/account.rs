@@ -5,6 +5,9 @@ use std::fmt::{Display, Formatter};
 /// Findings that are kept one by one; further ones are counted.
 const FINDINGS_MAX: usize = 64;
 
+/// Name of the metadata record in which a file that was repaired carries what was lost: `outcome` in a few words, and
+/// `finding-00` and so on.
+pub const REPAIR_METADATA: &str = "stillroom.repair";
 /// What is wrong somewhere.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Problem {

@@ -2,9 +2,10 @@
 
 use crate::account::{Cost, Finding, Problem};
 use crate::definitions::Schema;
+use crate::last_chunk::LastChunk;
 use crate::layout::{Frame, HEAD_BYTES, PRIVATE, Shape, map_fits, next_frame, shape};
-use crate::reader::{Reader, Stop, Trust};
 use crate::source::{Source, peek};
+use crate::state::{Reader, Stop, Trust};
 use crate::unpack::{Unpacked, is_known, unpack};
 use mcap::parse_record;
 use mcap::records::{ChunkHeader, MessageIndex, Record, op};
@@ -12,42 +13,6 @@ use std::collections::HashMap;
 
 /// Longest name of a compression that is looked at, bytes.
 const COMPRESSION_NAME_MAX: u32 = 64;
-
-/// The chunk that was read last, until its indexes are read.
-#[derive(Debug)]
-pub struct LastChunk {
-    offset: u64,
-    /// What is wrong with it; what that cost, its indexes may tell.
-    finding: Option<Finding>,
-    /// Messages handed on, and those of channels that cannot be read.
-    seen: u64,
-    /// Log time and place of every message, by channel.
-    messages: HashMap<u16, Vec<(u64, u64)>>,
-    /// Messages that its indexes name, if it has any.
-    indexed: Option<u64>,
-    index_broken: bool,
-    /// Its lengths agree, so that what follows it was not passed over.
-    complete: bool,
-}
-
-impl LastChunk {
-    /// One of its indexes cannot be read.
-    pub fn lose_index(&mut self) {
-        self.index_broken = true;
-    }
-
-    /// Whether the index is that of one of its channels.
-    fn describes(&mut self, index: &MessageIndex) -> bool {
-        let Some(messages) = self.messages.get_mut(&index.channel_id) else { return index.records.is_empty() };
-        if messages.len() != index.records.len() {
-            return false;
-        }
-        let mut entries: Vec<_> = index.records.iter().map(|entry| (entry.log_time, entry.offset)).collect();
-        entries.sort_unstable();
-        messages.sort_unstable();
-        entries == *messages
-    }
-}
 
 /// What goes through a chunk has found.
 #[derive(Debug, Default)]

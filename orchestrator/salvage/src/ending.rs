@@ -1,10 +1,9 @@
 //! The end of a file: checksums, statistics and indexes, compared with what was read.
 
-use crate::account::{Account, Cost, Problem};
+use crate::account::{Account, Cost, Problem, REPAIR_METADATA};
 use crate::layout::{END_MARK, Frame, HEAD_BYTES, PRIVATE, Shape, map_fits, next_frame, shape};
-use crate::reader::{Reader, Stop, Trust};
-use crate::rewrite::REPAIR_METADATA;
 use crate::source::{Source, peek};
+use crate::state::{Reader, Stop, Trust};
 use mcap::parse_record;
 use mcap::records::{Footer, Metadata, Record, Statistics, op};
 use std::ops::Range;
@@ -18,80 +17,6 @@ const DEFINITION_BYTES_MAX: u64 = 16 << 20;
 const SUMMARY_BYTES_MAX: u64 = 4 << 20;
 /// ... behind so many of what may be marks of the data's end.
 const SUMMARY_MARKS_MAX: u32 = 16;
-
-/// What the end is compared with, and how far it has come.
-#[derive(Debug, Default)]
-pub struct Ending {
-    /// Place and length of every chunk, in order.
-    chunks: Vec<(u64, u64)>,
-    indexes: Vec<u64>,
-    attachments: Vec<u64>,
-    metadata: Vec<u64>,
-    /// Where the summary begins: after the mark of the data's end.
-    data_end: Option<u64>,
-    /// That mark is there.
-    marked: bool,
-    /// The footer points to the summary.
-    begins: bool,
-    statistics: Option<Statistics>,
-    chunk_indexes: usize,
-    /// Something in the summary does not describe what is there.
-    wrong: bool,
-    footer: Option<Footer>,
-    /// The summary has a checksum, and it agrees.
-    proven: bool,
-}
-
-impl Ending {
-    /// Whether the mark of the data's end was read.
-    pub fn has_data_end(&self) -> bool {
-        self.data_end.is_some()
-    }
-
-    /// The summary begins without the mark of the data's end.
-    pub fn data_ends_unmarked(&mut self, offset: u64) {
-        self.data_end = Some(offset);
-    }
-
-    /// Whether the footer was read.
-    pub fn has_footer(&self) -> bool {
-        self.footer.is_some()
-    }
-
-    /// Notes a chunk.
-    pub fn chunk_at(&mut self, offset: u64, length: u64) {
-        self.chunks.push((offset, length));
-    }
-
-    /// Notes a message index.
-    pub fn index_at(&mut self, offset: u64) {
-        self.indexes.push(offset);
-    }
-
-    /// Notes an attachment.
-    pub fn attachment_at(&mut self, offset: u64) {
-        self.attachments.push(offset);
-    }
-
-    /// Notes a metadata record.
-    pub fn metadata_at(&mut self, offset: u64) {
-        self.metadata.push(offset);
-    }
-
-    fn compare(&mut self, record: &Record<'_>) {
-        self.wrong |= match record {
-            Record::ChunkIndex(index) => {
-                self.chunk_indexes += 1;
-                let place = (index.chunk_start_offset, index.chunk_length);
-                let indexed = |offset| self.indexes.binary_search(offset).is_ok();
-                self.chunks.binary_search(&place).is_err() || !index.message_index_offsets.values().all(indexed)
-            }
-            Record::AttachmentIndex(index) => self.attachments.binary_search(&index.offset).is_err(),
-            Record::MetadataIndex(index) => self.metadata.binary_search(&index.offset).is_err(),
-            _ => false,
-        };
-    }
-}
 
 impl<S: Source> Reader<'_, S> {
     /// Schemas and channels that the summary repeats, if there is one at the end.

@@ -1,8 +1,8 @@
 //! How records lie in a file: their heads, and the lengths inside them.
 //!
 //! All lengths of a record are checked here before `mcap`'s parser is given it. In version 0.26.0 that parser panics on
-//! an attachment of fewer than four bytes after its header (`mcap/src/read.rs:176`, `body.len() - 4`), and it makes
-//! room for what a text's length claims.
+//! an attachment of fewer than four bytes after its header (`parse_record` in its module `read`, line 176: `body.len() - 4`), and it
+//! makes room for what a text's length claims.
 
 use crate::source::{Source, peek};
 use mcap::records::op;

@@ -3,8 +3,8 @@
 use crate::account::{Cost, Problem};
 use crate::chunk::header_at;
 use crate::layout::{END_MARK, Frame, PRIVATE, Shape, next_frame, shape};
-use crate::reader::{Reader, Stop, cost_of};
 use crate::source::{Source, peek};
+use crate::state::{Reader, Stop, cost_of};
 use crate::unpack::is_known;
 use mcap::records::op;
 use std::io::Result;

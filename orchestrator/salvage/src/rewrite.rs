@@ -1,17 +1,15 @@
 //! A whole file of what can be read of another.
 
-use crate::account::Account;
-use crate::reader::{Limits, ReadError, Trust, read};
+use crate::account::{Account, REPAIR_METADATA};
+use crate::reader::{ReadError, read};
 use crate::source::Source;
+use crate::state::{Limits, Trust};
 use mcap::records::{Metadata, Record};
 use mcap::write::PrivateRecordOptions;
 use mcap::{Attachment, McapError, WriteOptions, Writer};
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
-/// Name of the metadata record in which a file that was repaired carries what was lost: `outcome` in a few words, and
-/// `finding-00` and so on.
-pub const REPAIR_METADATA: &str = "stillroom.repair";
 /// What an attachment whose content was altered is called after its name.
 const ALTERED: &str = ".altered";
 

@@ -348,12 +348,11 @@ impl Collection {
                 // Void: the learner went back to before it.
                 continue;
             }
-            let missing =
-                follows.filter(|before| episode - before > 1 && self.wanted.episodes.is_empty() && !failures_only);
-            if let Some(before) = missing {
-                let (first, end) = (place(before + 1), episode - 1);
-                let range = if before + 1 == end { String::new() } else { format!(" to {end}") };
-                self.faults.push(format!("{first}{range}: not recorded, though episode {episode} is"));
+            // Numbers begin with 0.
+            let next = follows.map(|before| before + 1).or(from_the_start.then_some(0));
+            if let Some(next) = next.filter(|next| all && *next < episode) {
+                let range = if next + 1 == episode { String::new() } else { format!(" to {}", episode - 1) };
+                self.faults.push(format!("{}{range}: not recorded, though episode {episode} is", place(next)));
             }
             if let Some((config, step)) = assembly.moved_to {
                 let (then, now) = (&self.settings[assembly.config].world, &self.settings[config].world);
