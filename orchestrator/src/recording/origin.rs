@@ -68,6 +68,9 @@ impl Origin {
     ) -> Result<String, RecordingError> {
         let foreign = |problem: String| RecordingError::Foreign { path: path.to_path_buf(), problem };
         let start = |origin: &Self| origin.place.map(|place| place.0);
+        if self.run_id.is_none() {
+            return Err(foreign("it was not written by this program, or its identity is lost".to_owned()));
+        }
         let same_start =
             |other: &&Self| other.run_id == self.run_id && start(other) == start(self) && other.config.is_some();
         let of_folder = || {
