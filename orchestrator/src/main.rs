@@ -24,8 +24,8 @@ wire::require_processor!();
 #[command(
     version,
     propagate_version = true,
-    after_help = "Exit status: 0 when all went well (an orderly stop included), 1 on failure, 2 on wrong usage, 130 after \
-                  a second Ctrl-C."
+    after_help = "Exit status: 0 when all went well (an orderly stop included), 1 on failure, 2 on wrong usage, 6 if \
+                  recordings are damaged or not complete (recover, replay), 130 after a second Ctrl-C."
 )]
 struct CommandLine {
     #[command(subcommand)]
@@ -76,8 +76,8 @@ fn main() -> ExitCode {
         Command::Presets(args) => command::presets::run(args).map(done),
         Command::Import(args) => command::import::run(args).map(done),
         Command::Kitchens(args) => command::kitchens::run(args).map(done),
-        Command::Replay(args) => command::replay::run(args).map(done),
-        Command::Recover(args) => command::recover::run(args).map(done),
+        Command::Replay(args) => command::replay::run(args),
+        Command::Recover(args) => command::recover::run(args),
         Command::Clean(args) => command::clean::run(args).map(done),
         Command::Doctor(args) => command::doctor::run(args),
     });

@@ -141,6 +141,8 @@ impl Workshop {
 pub struct Printed {
     /// Exit status 0.
     pub success: bool,
+    /// Exit status; none after a signal.
+    pub status: Option<i32>,
     /// Ended by SIGKILL.
     pub killed: bool,
     /// Standard output.
@@ -154,6 +156,7 @@ impl Printed {
         Self {
             success: output.status.success(),
             killed: output.status.signal() == Some(rustix::process::Signal::KILL.as_raw()),
+            status: output.status.code(),
             stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
             stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
         }

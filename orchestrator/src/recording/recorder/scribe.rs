@@ -15,6 +15,7 @@ use proto::episode::EnvironmentId;
 use proto::evaluation::Plan;
 use proto::event::Timing;
 use proto::metric;
+use proto::replay::length_m;
 use proto::reward::{RewardKind, UNDISTURBED_THRESHOLD_M};
 use proto::step::{Current, Transition, current_flag, transition_flag};
 use std::collections::BTreeMap;
@@ -510,8 +511,4 @@ fn goal_of(current: &Current) -> Goal {
 /// The number in an evaluation's table of an environment's episode.
 fn fixed(plan: Option<&Plan>, environment: EnvironmentId, episode: u32) -> Option<u32> {
     plan.and_then(|plan| plan.dealt(environment, episode))
-}
-
-fn length_m([x, y, z]: [f32; 3]) -> f32 {
-    (x * x + y * y + z * z).sqrt()
 }
