@@ -3,6 +3,7 @@
 pub mod arithmetic;
 pub mod convolution;
 pub mod cuda;
+pub mod gpu;
 pub mod group;
 pub mod kernels;
 pub mod library;

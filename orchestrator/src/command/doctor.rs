@@ -2,6 +2,7 @@
 
 use super::overrides::{Overrides, default_preset};
 use crate::preflight::Finding;
+use crate::preflight::cores;
 use crate::preflight::descriptors;
 use crate::preflight::device;
 use crate::preflight::disk;
@@ -63,7 +64,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         }
     };
     if let Some(torch) = &torch {
-        let Torch { version, library, devices, arithmetic } = torch;
+        let Torch { version, library, devices, arithmetic, .. } = torch;
         let text = format!("{version} from {library}, {arithmetic} on the CPU");
         table.row("libtorch", Finding::Good(text));
         table.row("devices", Finding::Good(devices.join(", ")));
@@ -81,6 +82,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
             }
             if let Some(torch) = &torch {
                 table.row("learners", device::check(&config, torch));
+                table.row("cores", cores::check(&config, torch));
             }
             let on_gpu = torch.as_ref().is_some_and(|torch| device::is_cuda(&config, torch));
             match memory::available() {

@@ -3,6 +3,7 @@
 //! of one configuration; [`tools`] finds the other two programs.
 
 pub mod all;
+pub mod cores;
 pub mod descriptors;
 pub mod device;
 pub mod disk;

@@ -3,6 +3,7 @@
 
 use super::lock::RunLock;
 use super::remains;
+use crate::preflight::cores;
 use crate::preflight::tools::Tools;
 use crate::recording::recorder::{Recorder, RecorderSetup};
 use crate::showing::format::{self, counted};
@@ -78,6 +79,10 @@ impl Session<'_> {
         };
         // Before the actors: none of their samples is missed.
         let recorder = config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
+        let placement = cores::placement(config, &tools.torch)?;
+        if let Some(placement) = &placement {
+            tracing::info!("cores: {}", placement.describe());
+        }
         let launch = Launch {
             programs: tools.programs.clone(),
             learners: config.learner.count,
@@ -85,6 +90,7 @@ impl Session<'_> {
             evaluates: config.evaluation.is_some(),
             folder: folder.clone(),
             address: address.clone(),
+            placement,
         };
         let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals };
         let outcome = shell.supervise(launch, audience).await;

@@ -10,6 +10,7 @@ pub mod deadlines;
 pub mod event;
 pub mod gang;
 pub mod machine;
+pub mod placement;
 pub mod policy;
 pub mod process;
 pub mod restart;

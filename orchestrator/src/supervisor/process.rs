@@ -6,6 +6,7 @@
 //! to the terminal. A learner's standard output is its voice ([`proto::event`]).
 
 use super::event::{Event, Exit, Process};
+use super::placement::Placement;
 use crate::showing::log_line::LogLine;
 use proto::device::VISIBLE_DEVICES;
 use proto::device::device_name;
@@ -59,6 +60,8 @@ pub struct Launch {
     pub folder: RunFolder,
     /// Its services.
     pub address: WireAddress,
+    /// Cores of each; none where the kernel chooses.
+    pub placement: Option<Placement>,
 }
 
 impl Launch {
@@ -131,7 +134,11 @@ impl Processes {
         let mut command = self.launch.command(process, incarnation);
         let program = command.as_std().get_program().to_owned();
         let _ = writeln!(log, "--- {process}, start {incarnation} of {}", self.launch.address);
-        let mut child = command.spawn().map_err(|cause| format!("{}: {cause}", program.display()))?;
+        let child = match &self.launch.placement {
+            None => command.spawn(),
+            Some(placement) => placement.start(process, || command.spawn()).map_err(|error| error.to_string())?,
+        };
+        let mut child = child.map_err(|cause| format!("{}: {cause}", program.display()))?;
         tracing::debug!("{process} started, pid {}", child.id().unwrap_or_default());
         let lifeline = child.stdin.take();
         let (kill, killed) = oneshot::channel();

@@ -8,6 +8,7 @@ mod changes;
 mod episode;
 mod error;
 mod experiment;
+mod machine;
 mod network;
 mod preset;
 mod presets;
@@ -17,6 +18,7 @@ mod validate;
 
 pub use episode::EpisodeConfig;
 pub use error::{ConfigError, nearest};
+pub use machine::{MachineConfig, Pin};
 pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, NetworkConfig};
 pub use preset::{Preset, overlay};
 pub use presets::presets;
@@ -56,6 +58,8 @@ pub struct Config {
     pub auxiliary: AuxiliaryConfig,
     /// Settings of the learner processes.
     pub learner: LearnerConfig,
+    /// Where processes run.
+    pub machine: MachineConfig,
     /// Checkpoints.
     pub checkpoint: CheckpointConfig,
     /// MCAP recording.
@@ -315,6 +319,7 @@ impl Default for Config {
             reward: RewardConfig::default(),
             auxiliary: AuxiliaryConfig::default(),
             learner: LearnerConfig::default(),
+            machine: MachineConfig::default(),
             checkpoint: CheckpointConfig::default(),
             recording: RecordingConfig::default(),
             validation: ValidationConfig::default(),
