@@ -1,7 +1,7 @@
 //! `learner check`: proof that libtorch loads and computes, before anything is started.
 
-use crate::ffi::gpu::pci_address;
 use super::machine::{TORCH_VERSION, machine, torch_library, torch_version};
+use crate::ffi::gpu::pci_address;
 use anyhow::{Result, bail};
 use proto::device::Torch;
 use std::io::Write;

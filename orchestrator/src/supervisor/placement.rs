@@ -143,7 +143,8 @@ impl Placement {
     /// As text: `learner 0 on 0-3, its actors on 4-15`.
     pub fn describe(&self) -> String {
         let each = self.learners.iter().zip(&self.actors).enumerate();
-        let each = each.map(|(rank, (own, actors))| format!("learner {rank} on {}, its actors on {}", text(own), text(actors)));
+        let each = each
+            .map(|(rank, (own, actors))| format!("learner {rank} on {}, its actors on {}", text(own), text(actors)));
         each.collect::<Vec<_>>().join("; ")
     }
 }
@@ -158,7 +159,9 @@ fn text(cores: &[usize]) -> String {
             _ => ranges.push((core, core)),
         }
     }
-    let shown = ranges.into_iter().map(|(first, last)| if first == last { first.to_string() } else { format!("{first}-{last}") });
+    let shown = ranges
+        .into_iter()
+        .map(|(first, last)| if first == last { first.to_string() } else { format!("{first}-{last}") });
     shown.collect::<Vec<_>>().join(",")
 }
 
