@@ -2,7 +2,7 @@
 
 use super::Finding;
 use super::device::is_cuda;
-use crate::supervisor::placement::{Cores, Placement, PlacementError};
+use super::placement::{Cores, Placement, PlacementError};
 use proto::config::Config;
 use proto::device::Torch;
 

@@ -9,6 +9,7 @@ pub mod device;
 pub mod disk;
 pub mod libtorch;
 pub mod memory;
+pub mod placement;
 pub mod processor;
 pub mod programs;
 pub mod shared_memory;

@@ -1,7 +1,6 @@
 //! Which cores a run's processes are held to (`machine.pin`): those near a learner's GPU for it and its actors. It
 //! changes when things happen, and nothing of what is computed.
 
-use super::event::Process;
 use proto::config::Pin;
 use proto::device::Torch;
 use proto::shares::Shares;
@@ -121,23 +120,14 @@ fn part(cores: &[usize], index: usize, among: usize) -> &[usize] {
 }
 
 impl Placement {
-    /// Starts a process on its cores: a child inherits them from the thread that starts it.
-    pub fn start<T>(&self, process: Process, start: impl FnOnce() -> T) -> Result<T, PlacementError> {
-        let cores = match process {
-            Process::Learner(rank) => &self.learners[rank as usize],
-            Process::Actor(actor) => &self.actors[self.shares.learner_of(actor) as usize],
-        };
-        let failed = |cause: rustix::io::Errno| PlacementError::Kernel {
-            what: format!("hold {process} to cores {}", text(cores)),
-            cause: cause.into(),
-        };
-        let mut set = CpuSet::new();
-        cores.iter().for_each(|&core| set.set(core));
-        let before = sched_getaffinity(None).map_err(failed)?;
-        sched_setaffinity(None, &set).map_err(failed)?;
-        let started = start();
-        sched_setaffinity(None, &before).map_err(failed)?;
-        Ok(started)
+    /// The cores of a learner.
+    pub fn of_learner(&self, rank: u32) -> &[usize] {
+        &self.learners[rank as usize]
+    }
+
+    /// The cores of an actor.
+    pub fn of_actor(&self, actor: u32) -> &[usize] {
+        &self.actors[self.shares.learner_of(actor) as usize]
     }
 
     /// As text: `learner 0 on 0-3, its actors on 4-15`.
@@ -147,6 +137,21 @@ impl Placement {
             .map(|(rank, (own, actors))| format!("learner {rank} on {}, its actors on {}", text(own), text(actors)));
         each.collect::<Vec<_>>().join("; ")
     }
+}
+
+/// Starts a child on some cores: it inherits them from the thread that starts it.
+pub fn start_on<T>(cores: &[usize], start: impl FnOnce() -> T) -> Result<T, PlacementError> {
+    let failed = |cause: rustix::io::Errno| PlacementError::Kernel {
+        what: format!("hold a process to cores {}", text(cores)),
+        cause: cause.into(),
+    };
+    let mut set = CpuSet::new();
+    cores.iter().for_each(|&core| set.set(core));
+    let before = sched_getaffinity(None).map_err(failed)?;
+    sched_setaffinity(None, &set).map_err(failed)?;
+    let started = start();
+    sched_setaffinity(None, &before).map_err(failed)?;
+    Ok(started)
 }
 
 /// A list of cores as the kernel writes it: `0-3,8`.
@@ -249,8 +254,8 @@ mod tests {
         };
         let before = list(&own());
         let child = || std::process::Command::new("cat").arg("/proc/self/status").output().unwrap();
-        for process in [Process::Actor(0), Process::Learner(0)] {
-            let status = placed.start(process, child).unwrap().stdout;
+        for cores in [placed.of_actor(0), placed.of_learner(0)] {
+            let status = start_on(cores, child).unwrap().stdout;
             assert_eq!(list(&String::from_utf8_lossy(&status)), Some(last.to_string()));
         }
         assert_eq!(list(&own()), before);
