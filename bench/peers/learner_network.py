@@ -43,13 +43,13 @@ class Block(nn.Module):
 
 def resnet() -> nn.Sequential:
     """The paper's encoder: ResNet18 with group normalisation, half as wide."""
-    shapes = [(32, 32, 1), (32, 32, 1), (32, 64, 2), (64, 64, 1), (64, 128, 2), (128, 128, 1), (128, 256, 2), (256, 256, 1)]
+    stages = [(32, 32, 1), (32, 64, 2), (64, 128, 2), (128, 256, 2)]
     return nn.Sequential(
         nn.Conv2d(1, 32, 7, 2, 3, bias=False),
         nn.GroupNorm(16, 32),
         nn.ReLU(),
         nn.MaxPool2d(3, 2, 1),
-        *(Block(*shape) for shape in shapes),
+        *(block for stage in stages for block in (Block(*stage), Block(stage[1], stage[1], 1))),
         nn.Conv2d(256, 128, 3, 1, 1, bias=False),
         nn.GroupNorm(1, 128),
         nn.ReLU(),

@@ -10,7 +10,7 @@ use crate::supervisor::session::EXIT_INTERRUPTED;
 use crate::training::metrics::total_s;
 use crate::training::next_steps::{program, quoted};
 use crate::tuning::search::{Choice, Search, Speed, Tried};
-use crate::tuning::trial::{self, Outcome, Patience, Workshop};
+use crate::tuning::trial::{self, Interrupts, Outcome, Patience, Workshop};
 use anyhow::{Context, Result, bail};
 use proto::config::{Config, MachineConfig, Pin, presets};
 use std::path::PathBuf;
@@ -94,6 +94,7 @@ enum Cut {
 
 /// Tries shapes until all is known or the time is over.
 async fn explore(args: &TuneArgs, config: &Config, tools: &Tools, search: &mut Search) -> Result<Option<Cut>> {
+    let mut interrupts = Interrupts::install()?;
     let workshop = Workshop::new()?;
     let began = Instant::now();
     let whole = Duration::from_secs_f64(args.minutes * 60.0);
@@ -111,11 +112,13 @@ async fn explore(args: &TuneArgs, config: &Config, tools: &Tools, search: &mut S
         let result =
             match changed.validate().map_err(Into::into).and_then(|()| demand_all(&changed, &workshop.run(), tools)) {
                 Err(problem) => Err(format!("{problem:#}")),
-                Ok(()) => match trial::run(&workshop, &changed, Patience { enough, longest: left }).await? {
-                    Outcome::Measured(speed) => Ok(speed),
-                    Outcome::Failed(reason) => Err(reason),
-                    Outcome::Interrupted => return Ok(Some(Cut::Interrupted)),
-                },
+                Ok(()) => {
+                    match trial::run(&workshop, &changed, Patience { enough, longest: left }, &mut interrupts).await? {
+                        Outcome::Measured(speed) => Ok(speed),
+                        Outcome::Failed(reason) => Err(reason),
+                        Outcome::Interrupted => return Ok(Some(Cut::Interrupted)),
+                    }
+                }
             };
         slowest = slowest.max(trial_began.elapsed());
         let tried = Tried { choice, result };

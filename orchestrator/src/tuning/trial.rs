@@ -8,13 +8,13 @@ use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::event::Timing;
 use proto::run_folder::RunFolder;
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, kill_process};
 use std::fs::File;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::signal::unix::{Signal, SignalKind, signal};
 
 /// Between two looks at a run's metrics.
 const LOOK: Duration = Duration::from_millis(100);
@@ -60,6 +60,27 @@ impl Drop for Workshop {
     }
 }
 
+/// Signals that ask for the end. One that comes between two trials is heard by the next.
+#[derive(Debug)]
+pub struct Interrupts(Signal, Signal);
+
+impl Interrupts {
+    /// From now on signals do not end the process. To be called inside a runtime.
+    pub fn install() -> Result<Self> {
+        let interrupt = signal(SignalKind::interrupt()).context("SIGINT")?;
+        Ok(Self(interrupt, signal(SignalKind::terminate()).context("SIGTERM")?))
+    }
+
+    /// Waits for one, at most for `longest`; whether one came.
+    async fn within(&mut self, longest: Duration) -> bool {
+        tokio::select! {
+            _ = self.0.recv() => true,
+            _ = self.1.recv() => true,
+            () = tokio::time::sleep(longest) => false,
+        }
+    }
+}
+
 /// How long a trial may take.
 #[derive(Debug, Clone, Copy)]
 pub struct Patience {
@@ -69,10 +90,13 @@ pub struct Patience {
     pub longest: Duration,
 }
 
-/// Runs a configuration for a while. To be called inside a runtime: it listens to signals.
-pub async fn run(workshop: &Workshop, config: &Config, patience: Patience) -> Result<Outcome> {
-    let mut interrupt = signal(SignalKind::interrupt()).context("SIGINT")?;
-    let mut terminate = signal(SignalKind::terminate()).context("SIGTERM")?;
+/// Runs a configuration for a while.
+pub async fn run(
+    workshop: &Workshop,
+    config: &Config,
+    patience: Patience,
+    interrupts: &mut Interrupts,
+) -> Result<Outcome> {
     let folder = workshop.run();
     let _ = std::fs::remove_dir_all(folder.root());
     let [file, log] = ["config.toml", "log"].map(|name| workshop.0.join(name));
@@ -80,12 +104,7 @@ pub async fn run(workshop: &Workshop, config: &Config, patience: Patience) -> Re
     let mut child = start(config, &file, &folder, File::create(&log)?)?;
     let began = Instant::now();
     loop {
-        let interrupted = tokio::select! {
-            _ = interrupt.recv() => true,
-            _ = terminate.recv() => true,
-            () = tokio::time::sleep(LOOK) => false,
-        };
-        if interrupted {
+        if interrupts.within(LOOK).await {
             stop(&mut child).await?;
             return Ok(Outcome::Interrupted);
         }
@@ -126,7 +145,7 @@ async fn stop(child: &mut Child) -> Result<()> {
     let began = Instant::now();
     if child.try_wait()?.is_none() {
         // Not reaped yet, so the number is still its own.
-        let _ = kill_process(Pid::from_child(child), Signal::INT);
+        let _ = kill_process(Pid::from_child(child), rustix::process::Signal::INT);
     }
     while child.try_wait()?.is_none() {
         if began.elapsed() >= STOPS {

@@ -4,6 +4,7 @@ mod bad_input;
 mod budget;
 mod evaluation;
 mod learners;
+mod measuring;
 mod orchestrator_faults;
 mod same_weights;
 mod suite;
