@@ -13,7 +13,9 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from .learner_table import table
@@ -109,16 +111,20 @@ def measure(options: argparse.Namespace) -> tuple[Measured, str]:
         return False
 
     size = (options.encoder, options.hidden)
+
+    def take(row: dict[str, float | None], name: str, what: str, call: Callable[[], float]) -> None:
+        if left(f"{name}, {what}"):
+            row[name], problem = peer.attempt(call)
+            measured.notes.extend([f"{name}, {what}: {problem}"] if problem else [])
+
     for shape, row in measured.epoch.items():
         for variant in peer.variants(device, training=True):
-            if left(f"{variant.name}, {shape[0]} × {shape[1]}"):
-                row[variant.name] = peer.attempt(lambda v=variant, s=shape: peer.epoch_s(*size, s, v, device))
+            what = f"{shape[0]} × {shape[1]}"
+            take(row, variant.name, what, lambda v=variant, s=shape: peer.epoch_s(*size, s, v, device))
     for batch, row in measured.inference.items():
         for variant in peer.variants(device, training=False):
-            if left(f"{variant.name}, batch {batch}"):
-                row[variant.name] = peer.attempt(
-                    lambda v=variant, b=batch: peer.inference_s(*size, b, v, device, options.seconds)
-                )
+            run = partial(peer.inference_s, *size, batch, variant, device, options.seconds)
+            take(row, variant.name, f"batch {batch}", run)
     name = torch.cuda.get_device_name() if cuda else "CPU, 1 thread"
     return measured, f"{name}, torch {torch.__version__}; {options.encoder}, {own['parameters'] / 1e6:.2f} M weights"
 

@@ -126,7 +126,10 @@ class Network(nn.Module):
         device = kept.device.type
         with torch.autocast(device, torch.bfloat16) if self.bf16 else contextlib.nullcontext():
             visual = self.encoder((kept * SCALE + OFFSET).unsqueeze(1))
-        return torch.cat([visual.float(), self.goal_embedder(goal), self.previous_action_embedder(previous_action)], 1)
+        # As a product: the gradient of a look-up sorts, which a CUDA graph may not hold.
+        actions = torch.arange(ACTIONS + 1, device=kept.device)
+        chosen = (previous_action.unsqueeze(1) == actions).float() @ self.previous_action_embedder.weight
+        return torch.cat([visual.float(), self.goal_embedder(goal), chosen], 1)
 
     def act(
         self, raw: Tensor, goal: Tensor, previous_action: Tensor, carried: Tensor, belief: Tensor, gumbel: Tensor

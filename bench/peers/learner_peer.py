@@ -130,12 +130,16 @@ def epoch_s(encoder: str, hidden: int, shape: tuple[int, int], variant: Variant,
     return timed_s(run, device, 0.5)
 
 
-def attempt(measure: Callable[[], float]) -> float | None:
-    """The figure; none if there is not enough memory."""
+def attempt(measure: Callable[[], float]) -> tuple[float | None, str]:
+    """The figure, or none and why: too little memory, or what a compiler lacks on this machine."""
     try:
-        return measure()
+        return measure(), ""
     except torch.OutOfMemoryError:
-        return None
+        return None, "out of memory"
+    except Exception as error:
+        # One variant less is no reason to lose the others.
+        first = next(iter(str(error).strip().splitlines()), "")
+        return None, f"{type(error).__name__}: {first}"
     finally:
         torch.compiler.reset()
         if torch.cuda.is_available():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-#: Seconds by variant; `ours` is one of them. None where memory did not suffice.
+#: Seconds by variant; `ours` is one of them. None where it failed.
 Row = Mapping[str, "float | None"]
 
 
@@ -24,7 +24,7 @@ def section(title: str, head: str, rows: dict[str, Row], show: Callable[[str, fl
             if name not in row:
                 cell = "-"
             elif (seconds := row[name]) is None:
-                cell = "out of memory"
+                cell = "failed"
             elif name == "ours":
                 cell = show(size, seconds)
             else:
