@@ -1,7 +1,8 @@
 //! One measurement: the learner's side with its actors, and what an actor process does.
 
 use crate::clock::processor_time;
-use crate::ways::{self, ActorArgs, EndArgs, LearnerEnd, MEASURED, Place, STOP, UNMEASURED, Way};
+use crate::end::{ActorArgs, EndArgs, LearnerEnd, MEASURED, Place, STOP, UNMEASURED, Way};
+use crate::ways;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde::{Deserialize, Serialize};
@@ -106,7 +107,8 @@ pub fn run(setting: &Setting) -> Result<()> {
     for actor in actors {
         let mut text = String::new();
         actor.stdout.as_mut().context("a piped standard output")?.read_to_string(&mut text)?;
-        trips.extend(serde_json::from_str::<Vec<u32>>(text.trim()).with_context(|| format!("not round trips: {text}"))?);
+        trips
+            .extend(serde_json::from_str::<Vec<u32>>(text.trim()).with_context(|| format!("not round trips: {text}"))?);
     }
     ensure!(frames > 0 && !trips.is_empty(), "nothing crossed within {} s", setting.seconds);
     trips.sort_unstable();
@@ -120,7 +122,7 @@ pub fn run(setting: &Setting) -> Result<()> {
     println!("{}", serde_json::to_string(&figures)?);
     drop(children);
     drop(learner);
-    place.sweep();
+    ways::sweep(&place);
     Ok(())
 }
 

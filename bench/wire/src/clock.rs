@@ -9,7 +9,8 @@ pub fn processor_time(pid: u32) -> Result<Duration> {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
     // SAFETY: both are given room for what they write.
     let done = unsafe {
-        libc::clock_getcpuclockid(pid.cast_signed(), &raw mut clock) == 0 && libc::clock_gettime(clock, &raw mut time) == 0
+        libc::clock_getcpuclockid(pid.cast_signed(), &raw mut clock) == 0
+            && libc::clock_gettime(clock, &raw mut time) == 0
     };
     ensure!(done, "process {pid} has no clock: it has ended");
     Ok(Duration::new(time.tv_sec.cast_unsigned(), time.tv_nsec as u32))

@@ -4,21 +4,23 @@
 //! ```text
 //! main    rounds over all ways and sizes; the table
 //! cell    one way with one size: the learner's side, which starts actors (and a recorder) and measures
-//! ways    what a way does: an actor's end and the learner's end
+//! end     what all ways have in common
+//! ways    each way: an actor's end and the learner's end
 //! ```
 
 mod cell;
 mod clock;
+mod end;
 mod table;
 mod ways;
 
 use anyhow::{Context, Result, ensure};
 use cell::{Figures, Setting};
 use clap::{Args, Parser, Subcommand};
+use end::{ActorArgs, EndArgs, Way};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::process::{Command, Stdio};
 use table::Row;
-use ways::Way;
 
 /// The wire beside raw shared memory, Unix sockets, ZeroMQ and gRPC
 ///
@@ -66,10 +68,10 @@ enum Part {
     Cell(Setting),
     /// An actor; started by a cell
     #[command(hide = true)]
-    Actor(ways::ActorArgs),
+    Actor(ActorArgs),
     /// A second reader of the wire's observations; started by a cell
     #[command(hide = true)]
-    Recorder(ways::EndArgs),
+    Recorder(EndArgs),
 }
 
 fn main() -> Result<()> {

@@ -1,7 +1,7 @@
 //! All that was measured: as a table with ratios, or as JSON.
 
 use crate::cell::{Figures, Setting};
-use crate::ways::Way;
+use crate::end::Way;
 use anyhow::Result;
 use serde_json::json;
 
@@ -75,7 +75,8 @@ pub fn text(rows: &[Row], actors: u32, machine: &str) -> String {
     for row in rows {
         let own = row.median();
         let ratio = |figure: fn(&Figures) -> f64| {
-            base(rows, row.frames()).map_or_else(|| "-".to_owned(), |base| format!("{:.2}", figure(&own) / figure(&base)))
+            base(rows, row.frames())
+                .map_or_else(|| "-".to_owned(), |base| format!("{:.2}", figure(&own) / figure(&base)))
         };
         lines.push(format!(
             "{:>6}  {:<15} {:>10.0} {:>6}  {:>9.0} {:>6}  {:>9.0} {:>6}  {:>13.1}",
@@ -123,7 +124,11 @@ mod tests {
 
     #[test]
     fn ratios_are_of_medians_and_the_bar_is_judged_without_the_recorder() {
-        let rows = [row(Way::Wire, true, &[1.0]), row(Way::Wire, false, &[85.0, 1000.0, 95.0]), row(Way::Shm, false, &[100.0])];
+        let rows = [
+            row(Way::Wire, true, &[1.0]),
+            row(Way::Wire, false, &[85.0, 1000.0, 95.0]),
+            row(Way::Shm, false, &[100.0]),
+        ];
         let text = text(&rows, 19, "2 cores");
         assert!(text.contains("0.95 of raw shared memory (target at least 0.9): met"), "{text}");
         assert!(text.contains("wire + recorder") && text.contains("0.01"), "{text}");

@@ -187,7 +187,8 @@ mod tests {
         (config.actors.count, config.actors.environments_per_actor) = (2, 3);
         let frames = Frames::new(&config).unwrap();
         let left = || {
-            let names = std::fs::read_dir(SHARED_MEMORY).unwrap().chain(std::fs::read_dir(std::env::temp_dir()).unwrap());
+            let names =
+                std::fs::read_dir(SHARED_MEMORY).unwrap().chain(std::fs::read_dir(std::env::temp_dir()).unwrap());
             let ours = format!("stillroom_bench{}_", std::process::id());
             names.flatten().filter(|name| name.file_name().to_string_lossy().starts_with(&ours)).count()
         };

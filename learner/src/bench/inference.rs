@@ -2,7 +2,7 @@
 
 use super::frames::{Frames, shape_of};
 use super::gpu::{Monitor, Use};
-use super::{percentile, synchronise};
+use super::time::{percentile, synchronise};
 use crate::agent::Agent;
 use crate::network::{FramePreparation, Staging};
 use anyhow::Result;

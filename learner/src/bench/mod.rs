@@ -5,6 +5,7 @@
 //! inference   one step of a half: from frames in shared memory to sampled actions
 //! update      an epoch, and a whole update
 //! whole_loop  a short real run, started with `orchestrator up`: where its time goes
+//! time        what all of them measure with
 //! gpu         how busy the GPU is meanwhile, and how much of its memory is taken
 //! report      all of it as one table, or as JSON
 //! ```
@@ -13,6 +14,7 @@ mod frames;
 mod gpu;
 mod inference;
 mod report;
+mod time;
 mod update;
 mod whole_loop;
 
@@ -25,7 +27,7 @@ use report::Report;
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
-use tch::{Cuda, Device};
+use tch::Cuda;
 
 /// What `learner bench` is asked.
 #[derive(Debug, Clone, clap::Args)]
@@ -124,16 +126,4 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
     let text = if arguments.json { format!("{:#}", report.json()) } else { report.table() };
     writeln!(output, "{text}")?;
     Ok(())
-}
-
-/// Waits until a device has done all that it was given.
-fn synchronise(device: Device) {
-    if let Device::Cuda(index) = device {
-        Cuda::synchronize(index as i64);
-    }
-}
-
-/// The value below which this share of sorted values lies.
-fn percentile(sorted: &[f64], share: f64) -> f64 {
-    sorted[((sorted.len() - 1) as f64 * share).round() as usize]
 }

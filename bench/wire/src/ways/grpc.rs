@@ -1,6 +1,6 @@
 //! gRPC by tonic: each actor has one bidirectional stream, over TCP of this machine.
 
-use super::{ActorEnd, LearnerEnd, Place, actions};
+use crate::end::{ActorEnd, LearnerEnd, Place, actions};
 use anyhow::{Context, Result, anyhow};
 use bytes::Bytes;
 use service::exchange_client::ExchangeClient;
@@ -20,7 +20,7 @@ const LARGEST: usize = 64 << 20;
 
 /// A half's observations.
 #[derive(Clone, PartialEq, prost::Message)]
-pub struct Observations {
+struct Observations {
     #[prost(uint32, tag = "1")]
     actor: u32,
     #[prost(uint32, tag = "2")]
@@ -31,7 +31,7 @@ pub struct Observations {
 
 /// A half's actions.
 #[derive(Clone, PartialEq, prost::Message)]
-pub struct Actions {
+struct Actions {
     #[prost(uint32, tag = "1")]
     half: u32,
     #[prost(bytes = "bytes", tag = "2")]
@@ -39,7 +39,7 @@ pub struct Actions {
 }
 
 mod service {
-    #![allow(clippy::all, clippy::pedantic, missing_docs, unreachable_pub)]
+    #![allow(clippy::all, clippy::pedantic, missing_docs, unreachable_pub, private_interfaces)]
     include!(concat!(env!("OUT_DIR"), "/bench.Exchange.rs"));
 }
 
@@ -52,7 +52,10 @@ struct Service(mpsc::Sender<(Observations, Answers)>);
 impl Exchange for Service {
     type ExchangeStream = Pin<Box<dyn Stream<Item = Result<Actions, Status>> + Send>>;
 
-    async fn exchange(&self, request: Request<Streaming<Observations>>) -> Result<Response<Self::ExchangeStream>, Status> {
+    async fn exchange(
+        &self,
+        request: Request<Streaming<Observations>>,
+    ) -> Result<Response<Self::ExchangeStream>, Status> {
         let (arrived, mut stream) = (self.0.clone(), request.into_inner());
         let (answers, outgoing) = tokio::sync::mpsc::unbounded_channel();
         tokio::spawn(async move {
@@ -97,7 +100,8 @@ impl Learner {
 impl LearnerEnd for Learner {
     fn receive(&mut self, half: u32, each: &mut dyn FnMut(u32, &[u8])) -> Result<()> {
         while self.held[half as usize].len() < self.place.actors as usize {
-            let (Observations { actor, half, frames }, answers) = self.arrived.recv().context("the server has ended")?;
+            let (Observations { actor, half, frames }, answers) =
+                self.arrived.recv().context("the server has ended")?;
             self.actors.entry(actor).or_insert(answers);
             self.held[half as usize].insert(actor, frames);
         }

@@ -1,7 +1,7 @@
 //! POSIX shared memory by hand: one slot for each half of each actor, and semaphores. Nothing is recovered when a
 //! process dies, and nobody can read along.
 
-use super::{ActorEnd, LearnerEnd, Place};
+use crate::end::{ActorEnd, LearnerEnd, Place};
 use anyhow::{Context, Result, ensure};
 use rustix::mm::{MapFlags, ProtFlags, mmap};
 use std::fs::{File, OpenOptions};

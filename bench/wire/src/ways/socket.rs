@@ -1,6 +1,6 @@
 //! Unix stream sockets, one for each actor; the learner polls them all.
 
-use super::{ActorEnd, LearnerEnd, Place, actions};
+use crate::end::{ActorEnd, LearnerEnd, Place, actions};
 use anyhow::{Context, Result, ensure};
 use rustix::event::{PollFd, PollFlags, poll};
 use std::io::{ErrorKind, Read, Write};
@@ -137,7 +137,12 @@ impl Actor {
     /// Connects.
     pub fn open(place: &Place, number: u32) -> Result<Self> {
         let stream = UnixStream::connect(path(place)).context("cannot connect")?;
-        Ok(Self { stream, number, message: vec![0; HEADER + place.bytes()], answer: vec![0; 1 + place.frames as usize] })
+        Ok(Self {
+            stream,
+            number,
+            message: vec![0; HEADER + place.bytes()],
+            answer: vec![0; 1 + place.frames as usize],
+        })
     }
 }
 

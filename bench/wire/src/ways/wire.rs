@@ -1,6 +1,6 @@
 //! The product's wire, with the services, settings and waits that actors, learner and recorder have.
 
-use super::{ActorEnd, EndArgs, LearnerEnd, Place};
+use crate::end::{ActorEnd, EndArgs, LearnerEnd, Place};
 use anyhow::{Context, Result, anyhow, ensure};
 use iceoryx2::sample::Sample;
 use proto::shares::Shares;

@@ -1,7 +1,7 @@
 //! ZeroMQ: a ROUTER socket of the learner's, a DEALER of each actor's, over IPC. Messages are handed over, not copied,
 //! where the library allows it.
 
-use super::{ActorEnd, LearnerEnd, Place, actions};
+use crate::end::{ActorEnd, LearnerEnd, Place, actions};
 use anyhow::{Context, Result, ensure};
 use std::collections::BTreeMap;
 use zmq::{Message, Socket};
