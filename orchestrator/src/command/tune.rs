@@ -13,6 +13,7 @@ use crate::tuning::search::{Choice, Search, Speed, Tried};
 use crate::tuning::trial::{self, Interrupts, Outcome, Patience, Workshop};
 use anyhow::{Context, Result, bail};
 use proto::config::{Config, MachineConfig, Pin, presets};
+use proto::run_folder::RunFolder;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -64,6 +65,8 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
         steps: config.ppo.rollout_steps,
         pinned: config.machine.pin != Pin::Automatic(false),
     };
+    // What the user asked for must work; what is tried from there on need not.
+    demand_all(&config, &RunFolder::new(std::env::temp_dir()), &tools)?;
     let mut search = Search::new(start, steps);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
     let cut_short = runtime.block_on(explore(args, &config, &tools, &mut search))?;
@@ -128,7 +131,7 @@ async fn explore(args: &TuneArgs, config: &Config, tools: &Tools, search: &mut S
     Ok(None)
 }
 
-/// The configuration of a trial. It is validated by nothing but its speed, and saved only at its ends.
+/// The configuration of a trial. Nothing is validated beside it, and it is saved only when it begins and ends.
 fn with(config: &Config, choice: Choice) -> Config {
     let mut changed = config.clone();
     changed.actors.environments_per_actor = choice.environments;
