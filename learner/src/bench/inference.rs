@@ -2,7 +2,7 @@
 
 use super::frames::{Frames, shape_of};
 use super::gpu::{Monitor, Use};
-use super::time::{percentile, synchronise};
+use super::time::percentile;
 use crate::agent::Agent;
 use crate::network::{FramePreparation, Staging};
 use anyhow::Result;
@@ -25,8 +25,9 @@ pub struct Inference {
     pub p50_s: f64,
     /// Its 99th percentile.
     pub p99_s: f64,
-    /// Median time from shared memory to kept frames on the device, seconds: a part of the step.
-    pub copy_s: f64,
+    /// Median time from shared memory to kept frames, seconds: a part of the step. None on a GPU, which reads the frames
+    /// itself.
+    pub copy_s: Option<f64>,
     /// What the GPU did.
     pub gpu: Option<Use>,
 }
@@ -50,7 +51,7 @@ pub fn measure(config: &Config, device: Device, batch: u32, span: Duration, moni
     });
     done?;
     times.sort_by(f64::total_cmp);
-    let copy_s = copy(&frames, &config, device);
+    let copy_s = (device == Device::Cpu).then(|| copy(&frames, &config));
     Ok(Inference { batch, p50_s: percentile(&times, 0.5), p99_s: percentile(&times, 0.99), copy_s, gpu })
 }
 
@@ -68,16 +69,15 @@ fn rollout(agent: &mut Agent, frames: &Frames, config: &Config, times: &mut Vec<
     Ok(())
 }
 
-/// The median time of the copy alone.
-fn copy(frames: &Frames, config: &Config, device: Device) -> f64 {
-    let preparation = FramePreparation::new(config.network.input_pool, device);
+/// The median time of the copy alone, on a CPU.
+fn copy(frames: &Frames, config: &Config) -> f64 {
+    let preparation = FramePreparation::new(config.network.input_pool, Device::Cpu);
     let mut staging = Staging::default();
     let batches = [0, 1].map(|half| frames.batch(half, 0));
     let mut times: Vec<f64> = (0..2 * FEWEST)
         .map(|turn| {
             let began = Instant::now();
             let kept = preparation.keep(batches[turn % 2].input().frames, &mut staging);
-            synchronise(device);
             drop(kept);
             began.elapsed().as_secs_f64()
         })

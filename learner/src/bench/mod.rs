@@ -33,9 +33,10 @@ use tch::Cuda;
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "\
 A batch is one half of the environments: 19 actors of 16 environments make batches of 152. Its time goes from frames in
-shared memory to sampled actions, so it includes the copy to the device, which the column `copy` also gives alone. An
-epoch is forward and backward pass of all frames with its optimiser step. The whole loop is a run of --loop-frames by
-`orchestrator up`, which must lie beside this program; its first rollout, in which processes start, is left out.
+shared memory to sampled actions, so it includes the way of the frames to the device. On a CPU the column `copy` gives
+that alone; a GPU reads the frames itself. An epoch is forward and backward pass of all frames with its optimiser step. The
+whole loop is a run of --loop-frames by `orchestrator up`, which must lie beside this program; its first rollout, in
+which processes start, is left out.
 
 Examples:
   learner bench
@@ -87,7 +88,7 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
     config.learner.device = arguments.device;
     // Whatever the configuration is of, this process is one learner.
     config.learner.count = 1;
-    let device = device::choose(config.learner.device, config.learner.cpu, config.learner.threads)?;
+    let device = device::choose(&config.learner)?;
     let monitor = Monitor::of(device);
     let agent = Agent::new(&config, device)?;
     let (place, parameters) = (agent.device(), agent.parameter_count());

@@ -36,7 +36,9 @@ impl Report {
         ));
         for Inference { batch, p50_s, p99_s, copy_s, gpu } in &self.inference {
             let [busy, memory] = cells(*gpu);
-            let [p50, p99, copy] = [p50_s, p99_s, copy_s].map(|seconds| format!("{:.2}", 1e3 * seconds));
+            let milliseconds = |seconds: f64| format!("{:.2}", 1e3 * seconds);
+            let [p50, p99] = [*p50_s, *p99_s].map(milliseconds);
+            let copy = copy_s.map_or_else(|| "-".to_owned(), milliseconds);
             let rate = f64::from(*batch) / p50_s;
             lines.push(format!("{batch:<22} {p50:>9} {p99:>9} {copy:>9} {rate:>12.0} {busy:>9} {memory:>10}"));
         }
@@ -146,7 +148,7 @@ mod tests {
             place: "cuda:0".to_owned(),
             encoder: "resnet",
             parameters: 5_800_000,
-            inference: vec![Inference { batch: 152, p50_s: 0.00076, p99_s: 0.001, copy_s: 0.0003, gpu }],
+            inference: vec![Inference { batch: 152, p50_s: 0.00076, p99_s: 0.001, copy_s: None, gpu }],
             updates: vec![Updates {
                 steps: 32,
                 environments: 304,
