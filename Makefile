@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up test lint doc bench-peers check-determinism
+.PHONY: help setup build install uninstall up test lint doc bench-peers bench-learner bench-wire check-determinism
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -23,6 +23,11 @@ help:
 	@echo 'make bench-peers'
 	@echo '             the simulator beside MuJoCo, Embree and PyBullet on one core; PYTHON=/path/to/python takes one that'
 	@echo '             has them, otherwise they go into .venv/ (once); ARGS="--kitchens 1,2" measures fewer kitchens'
+	@echo 'make bench-learner'
+	@echo '             the learner beside PyTorch, eager and compiled; PYTHON=/path/to/python must have torch 2.11 (with'
+	@echo '             CUDA on a GPU machine), nothing is installed; ARGS="--batches 152 --steps 32" measures less'
+	@echo 'make bench-wire'
+	@echo '             shared memory beside raw POSIX shared memory, Unix sockets, ZeroMQ and gRPC; needs a C++ compiler'
 
 setup:
 	@LIBTORCH='$(LIBTORCH)' deploy/setup
@@ -73,3 +78,13 @@ doc: setup
 bench-peers:
 	cargo build --release --locked --workspace --bin actor
 	@python=$$(PYTHON='$(PYTHON)' bench/peers/setup) && cd bench && "$$python" -m peers --actor ../target/release/actor $(ARGS)
+
+# torch is taken as it is found: a second one beside that of a GPU machine would be gigabytes.
+bench-learner:
+	cargo build --release --locked --workspace --bin learner
+	@cd bench && "$(or $(PYTHON),python3)" -m peers.learner --learner ../target/release/learner $(ARGS)
+
+# A package of its own with a lock file of its own: its dependencies are none of the product's.
+bench-wire:
+	cargo build --release --locked --manifest-path bench/wire/Cargo.toml --target-dir target/wire
+	@target/wire/release/bench-wire $(ARGS)

@@ -12,6 +12,7 @@ mod showing;
 mod suite;
 mod supervisor;
 mod training;
+mod tuning;
 
 use clap::{Parser, Subcommand};
 use rustix::process::Signal;
@@ -47,6 +48,7 @@ enum Command {
     Eval(command::eval::EvalArgs),
     Report(command::report::ReportArgs),
     Suite(command::suite::SuiteArgs),
+    Tune(command::tune::TuneArgs),
     Config(command::config::ConfigArgs),
     Presets(command::presets::PresetsArgs),
     Import(command::import::ImportArgs),
@@ -72,6 +74,7 @@ fn main() -> ExitCode {
         Command::Eval(args) => command::eval::run(args),
         Command::Report(args) => command::report::run(args).map(done),
         Command::Suite(args) => command::suite::run(args),
+        Command::Tune(args) => command::tune::run(args),
         Command::Config(args) => command::config::run(args).map(done),
         Command::Presets(args) => command::presets::run(args).map(done),
         Command::Import(args) => command::import::run(args).map(done),

@@ -4,6 +4,7 @@
 use super::event::Outcome;
 use super::process::Launch;
 use super::shell::{Audience, Shell, Signals};
+use crate::preflight::cores;
 use crate::preflight::tools::Tools;
 use crate::recording::recorder::{Recorder, RecorderSetup};
 use crate::run::lock::RunLock;
@@ -76,6 +77,10 @@ impl Session<'_> {
         };
         // Before the actors: none of their samples is missed.
         let recorder = config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
+        let placement = cores::placement(config, &tools.torch)?;
+        if let Some(placement) = &placement {
+            tracing::info!("cores: {}", placement.describe());
+        }
         let launch = Launch {
             programs: tools.programs.clone(),
             learners: config.learner.count,
@@ -83,6 +88,7 @@ impl Session<'_> {
             evaluates: config.evaluation.is_some(),
             folder: folder.clone(),
             address: address.clone(),
+            placement,
         };
         let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals };
         let outcome = shell.supervise(launch, audience).await;

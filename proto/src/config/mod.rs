@@ -8,6 +8,7 @@ mod changes;
 mod episode;
 mod error;
 mod experiment;
+mod machine;
 mod network;
 mod preset;
 mod presets;
@@ -18,6 +19,7 @@ mod validate;
 pub use changes::{Difference, Lists, differences};
 pub use episode::EpisodeConfig;
 pub use error::{ConfigError, nearest};
+pub use machine::{MachineConfig, Pin};
 pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, NetworkConfig};
 pub use preset::{Preset, overlay};
 pub use presets::presets;
@@ -57,6 +59,8 @@ pub struct Config {
     pub auxiliary: AuxiliaryConfig,
     /// Settings of the learner processes.
     pub learner: LearnerConfig,
+    /// Where processes run.
+    pub machine: MachineConfig,
     /// Checkpoints.
     pub checkpoint: CheckpointConfig,
     /// MCAP recording.
@@ -322,6 +326,7 @@ impl Default for Config {
             reward: RewardConfig::default(),
             auxiliary: AuxiliaryConfig::default(),
             learner: LearnerConfig::default(),
+            machine: MachineConfig::default(),
             checkpoint: CheckpointConfig::default(),
             recording: RecordingConfig::default(),
             validation: ValidationConfig::default(),

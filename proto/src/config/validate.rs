@@ -157,6 +157,9 @@ impl Config {
             recording.segment_bytes >= 1 << 20,
             "must be at least 1048576",
         )?;
+        if let Some(problem) = self.machine.pin.problem() {
+            check("machine.pin", &self.machine.pin, false, problem)?;
+        }
         let ValidationConfig { episodes, actors, .. } = self.validation;
         check("validation.episodes", episodes, episodes <= 360, "a kitchen has 360 episodes of each object set")?;
         check(

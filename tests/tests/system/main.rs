@@ -7,6 +7,7 @@ mod figures;
 mod gpu;
 mod hangs;
 mod learners;
+mod measuring;
 mod orchestrator_faults;
 mod recordings;
 mod same_weights;
