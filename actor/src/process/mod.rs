@@ -74,6 +74,7 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     let mut protocol = Protocol::new(settings.actor, settings.incarnation, config.actors.environments_per_actor);
     let mut accepted: [Vec<u8>; 2] = Default::default();
     loop {
+        fault::reach("actor.before_receive");
         // Restores before actions: the learner sends a restore before the actions that build on it.
         while let Some(restore) = link.receive_restore()? {
             let verdict = protocol.on_restore(restore.user_header(), restore.payload().len(), started.elapsed());

@@ -136,6 +136,7 @@ impl Store {
         write(&manifest_path, &manifest.seal())?;
         wire::fault::reach("learner.after_manifest");
         self.prune(snapshot.rollout);
+        wire::fault::reach("learner.after_prune");
         Ok(relative(&self.run, &manifest_path))
     }
 

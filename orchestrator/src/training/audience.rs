@@ -12,6 +12,7 @@ use proto::config::Config;
 use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
 use std::time::Duration;
+use wire::fault;
 
 /// The audience of a training run.
 #[derive(Debug)]
@@ -59,7 +60,9 @@ impl Audience for TrainingAudience {
                     timing: *timing,
                     metrics: metrics.clone(),
                 };
+                fault::reach("metrics.before_line");
                 self.journal.append(&trained)?;
+                fault::reach("metrics.after_line");
                 self.history.insert(trained);
             }
             LearnerEvent::CheckpointWritten { path, rollout, frames, .. } => {

@@ -29,6 +29,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::Duration;
+use wire::fault;
 
 /// Time that an evaluation has to stop its processes.
 const STOPS: Duration = Duration::from_secs(10);
@@ -175,6 +176,7 @@ impl Validation {
             return;
         }
         self.reached = frames;
+        fault::reach("validation.before_pin");
         match self.pin(rollout) {
             Ok(()) => self.enqueue(rollout),
             Err(error) => tracing::warn!("no validation at {frames} frames: {error:#}"),
@@ -257,6 +259,7 @@ impl Validation {
         command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log).process_group(0);
         let child = command.spawn().context("cannot start `orchestrator eval`")?;
         tracing::info!("validation after rollout {rollout} begins");
+        fault::reach("validation.after_start");
         self.running = Some(Running { rollout, child });
         Ok(())
     }
@@ -267,8 +270,10 @@ impl Validation {
         let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
         let evaluation: Evaluation = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
         let one = Score::of(rollout, &evaluation);
+        fault::reach("validation.before_line");
         let mut log = Writer::open(&self.folder.validation_log())?;
         log.append(&one)?;
+        fault::reach("validation.after_line");
         log.sync()?;
         self.scores.push(one.clone());
         self.crown()?;
@@ -313,8 +318,12 @@ impl Validation {
             }
             // Renamed into place: at every moment there is a best one, the old or the new.
             std::os::unix::fs::symlink(&target, &partial)
-                .and_then(|()| std::fs::rename(&partial, &link))
+                .and_then(|()| {
+                    fault::reach("validation.before_crown");
+                    std::fs::rename(&partial, &link)
+                })
                 .with_context(|| format!("cannot make {}", link.display()))?;
+            fault::reach("validation.after_crown");
         }
         for one in self.scores.iter().filter(|one| one.rollout != best.rollout) {
             self.unpin(one.rollout);
@@ -328,6 +337,7 @@ impl Validation {
         std::fs::create_dir_all(&place).with_context(|| format!("cannot create {}", place.display()))?;
         // The manifest last, as always: a checkpoint without one does not exist.
         for from in [self.folder.checkpoint_tensors(rollout), self.folder.checkpoint_manifest(rollout)] {
+            fault::reach("validation.before_link");
             let to = place.join(from.file_name().context("a checkpoint's files have names")?);
             let linked = match std::fs::hard_link(&from, &to) {
                 Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {

@@ -41,7 +41,6 @@ mod announcer;
 mod bells;
 pub mod descriptors;
 mod error;
-pub mod fault;
 mod ffi;
 pub mod lifeline;
 pub mod logging;
@@ -53,6 +52,7 @@ pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id};
 pub use announcer::Announcer;
 pub use bells::{Bells, ThreadBell, Waiting};
 pub use error::WireError;
+pub use proto::fault;
 pub use services::{
     ActionPublisher, ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
     RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wakeup, Wire, WireHost, WireShape,
