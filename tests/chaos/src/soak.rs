@@ -60,7 +60,7 @@ struct Life {
 
 struct Watch<'a> {
     soak: &'a Soak,
-    place: Place,
+    place: &'a Place,
     folder: RunFolder,
     draw: Draw,
     begun: Instant,
@@ -81,7 +81,7 @@ impl Soak {
         let mut watch = Watch {
             soak: self,
             folder: RunFolder::new(place.path("run")),
-            place,
+            place: &place,
             draw: Draw::new(self.seed, u32::MAX),
             begun: now,
             lives: BTreeMap::new(),
@@ -125,7 +125,7 @@ impl Watch<'_> {
             arguments = words.split(' ').chain(["--set", "recording.segment_bytes=8388608"]).collect();
             arguments.extend(["--run", &folder, "--learners", &learners, "--frames", &frames]);
         }
-        let mut session = Session::start(&self.place, format!("start-{number:03}"), &arguments, &Start::default())?;
+        let mut session = Session::start(self.place, format!("start-{number:03}"), &arguments, &Start::default())?;
         session.unlimited();
         let first = session.pid();
         while session.runs()? {
@@ -248,7 +248,7 @@ impl Watch<'_> {
         let folder = self.place.path("elsewhere").display().to_string();
         let arguments =
             ["doctor", "--json", "--preset", "demo", "--actors", "2", "--frames", &frames, "--run", &folder];
-        let ended = Session::start(&self.place, "doctor".to_owned(), &arguments, &Start::default())?.wait()?;
+        let ended = Session::start(self.place, "doctor".to_owned(), &arguments, &Start::default())?.wait()?;
         let value: serde_json::Value = serde_json::from_str(&ended.stdout).context("doctor --json")?;
         let checks = value["checks"].as_array().context("doctor's checks")?;
         let disk = checks.iter().find(|check| check["name"] == "disk").context("doctor's line on the disk")?;
