@@ -285,20 +285,29 @@ fn compare(shape: Shape, outcome: &Reference, reference: &Reference) -> Result<u
 }
 
 fn trained(shape: Shape, ours: &Complete, theirs: &Complete) -> Vec<String> {
-    if !shape.exact {
-        return ours.evidence.violations(shape.frames);
-    }
     let mut found = vec![];
+    if !ours.unsaid.is_empty() {
+        found.push(format!("damaged, and no start said so: {:?}", ours.unsaid));
+    }
+    if !ours.left.is_empty() {
+        found.push(format!("left behind: {:?}", ours.left));
+    }
+    if !ours.replay.ends_with("differences: 0") {
+        found.push(format!("replay: {}", ours.replay));
+    }
+    if !shape.exact {
+        found.extend(ours.evidence.violations(shape.frames, ours.lost_metrics));
+        return found;
+    }
     if ours.result != theirs.result {
         found.push(format!("weights and frames: {:?} instead of {:?}", ours.result, theirs.result));
     }
     if ours.evidence.recording.steps() != shape.frames {
         found.push(format!("recorded steps: {} of {}", ours.evidence.recording.steps(), shape.frames));
     }
-    found.extend(ours.evidence.differences(&theirs.evidence));
+    found.extend(ours.evidence.differences(&theirs.evidence, ours.lost_metrics));
     if ours.replay != theirs.replay {
-        let lines = |text: &str| text.lines().collect::<Vec<_>>().join(", ");
-        found.push(format!("replay: {} instead of {}", lines(&ours.replay), lines(&theirs.replay)));
+        found.push(format!("replay: {} instead of {}", ours.replay, theirs.replay));
     }
     found
 }

@@ -87,13 +87,18 @@ impl Evidence {
         })
     }
 
-    /// What differs from an undisturbed run's.
-    pub fn differences(&self, reference: &Self) -> Vec<String> {
+    /// What differs from an undisturbed run's. Where lines of metrics.jsonl were taken away, those that are left are
+    /// compared, and of the summary all but the means over them.
+    pub fn differences(&self, reference: &Self, lost_metrics: bool) -> Vec<String> {
         let mut found = vec![];
-        if self.summary != reference.summary {
-            found.push(format!("summary.json: {}", first_difference("", &self.summary, &reference.summary)));
+        let of_all = |summary: &Value| stripped(summary.clone(), if lost_metrics { &["stages"] } else { &[] });
+        let [ours, theirs] = [&self.summary, &reference.summary].map(of_all);
+        if ours != theirs {
+            found.push(format!("summary.json: {}", first_difference("", &ours, &theirs)));
         }
-        by_rollout("metrics.jsonl", &self.metrics, &reference.metrics, &mut found);
+        let mut metrics = reference.metrics.clone();
+        metrics.retain(|rollout, _| !lost_metrics || self.metrics.contains_key(rollout));
+        by_rollout("metrics.jsonl", &self.metrics, &metrics, &mut found);
         by_rollout("validation.jsonl", &self.validation, &reference.validation, &mut found);
         if self.best != reference.best {
             found.push(format!("best: {:?} instead of {:?}", self.best, reference.best));
@@ -111,7 +116,7 @@ impl Evidence {
     }
 
     /// What must hold of a run whose results depend on timing.
-    pub fn violations(&self, frames: u64) -> Vec<String> {
+    pub fn violations(&self, frames: u64, lost_metrics: bool) -> Vec<String> {
         let mut found = vec![];
         if self.summary["frames"].as_u64() != Some(frames) || self.summary["complete"] != Value::Bool(true) {
             found.push(format!("summary.json: {} frames of {frames}", self.summary["frames"]));
@@ -121,7 +126,7 @@ impl Evidence {
             found.push(format!("metrics.jsonl: {last:?} frames of {frames}"));
         }
         let rollouts: Vec<u64> = self.metrics.keys().copied().collect();
-        if rollouts != (0..rollouts.len() as u64).collect::<Vec<_>>() {
+        if !lost_metrics && rollouts != (0..rollouts.len() as u64).collect::<Vec<_>>() {
             found.push("metrics.jsonl: rollouts are missing".to_owned());
         }
         let recorded = self.recording.steps_that_count();
@@ -208,11 +213,12 @@ mod tests {
         let [one, other, short] = [(); 3].map(|()| tempfile::tempdir().unwrap());
         let reference = run(one.path(), &[line(0, 1), line(1, 2)]);
         let again = run(other.path(), &[line(0, 5), line(1, 6), line(0, 7), line(1, 8)]);
-        assert!(again.differences(&reference).is_empty());
+        assert!(again.differences(&reference, false).is_empty());
         // The line for rollout 0 voids that of 1.
         let short = run(short.path(), &[line(0, 5), line(1, 6), line(0, 7)]);
-        assert_eq!(short.differences(&reference), ["metrics.jsonl: rollouts missing: [1]"]);
-        assert!(short.violations(10).iter().any(|what| what.contains("Some(5) frames of 10")));
+        assert_eq!(short.differences(&reference, false), ["metrics.jsonl: rollouts missing: [1]"]);
+        assert!(short.differences(&reference, true).is_empty());
+        assert!(short.violations(10, false).iter().any(|what| what.contains("Some(5) frames of 10")));
     }
 
     #[test]
@@ -221,8 +227,8 @@ mod tests {
         let reference = run(one.path(), &[]);
         std::fs::write(other.path().join("x.partial"), "").unwrap();
         let left = run(other.path(), &[]);
-        assert_eq!(left.differences(&reference), ["files: besides [\"x.partial\"], missing []"]);
-        assert!(left.violations(10).iter().any(|what| what.contains("x.partial")));
+        assert_eq!(left.differences(&reference, false), ["files: besides [\"x.partial\"], missing []"]);
+        assert!(left.violations(10, false).iter().any(|what| what.contains("x.partial")));
     }
 
     #[test]

@@ -6,6 +6,8 @@ use crate::processes::{find, of_folder, signal};
 use crate::session::Session;
 use crate::tally::Fate;
 use anyhow::Result;
+use proto::checkpoint::Manifest;
+use proto::digest::sha256;
 use proto::run_folder::{RolloutName, RunFolder};
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};
@@ -13,6 +15,9 @@ use std::time::{Duration, Instant};
 
 /// The longest wait for a process that takes a killed one's place.
 const BACK: Duration = Duration::from_secs(15);
+
+/// What a start says when it misses lines of it.
+pub const METRICS: &str = "metrics.jsonl";
 
 /// Lets a fault happen to what runs under `folder`, of which `session` is the first command.
 pub fn carry_out(fault: Fault, folder: &Path, place: &Place, session: &mut Session<'_>) -> Result<Fate> {
@@ -95,28 +100,40 @@ fn pause(pid: u32, ms: u64, session: &mut Session<'_>) -> Result<Fate> {
     passed.map(|()| Fate::Landed)
 }
 
-/// Damages a file of a run that nobody runs.
-pub fn damage(fault: Fault, folder: &RunFolder) -> Result<Fate> {
+/// Damages a file of a run that nobody runs; the name that the next start has to complain of, if it happened and loses
+/// anything.
+pub fn damage(fault: Fault, folder: &RunFolder) -> Result<(Fate, Option<String>)> {
     match fault {
         Fault::Checkpoint(how) => damage_checkpoint(how, folder),
-        Fault::Metrics(how) => damage_lines(how, &folder.metrics()),
-        _ => Ok(Fate::Missed),
+        Fault::Metrics(how) => {
+            let fate = damage_lines(how, &folder.metrics())?;
+            let loses = fate == Fate::Landed && how != Journal::Torn;
+            Ok((fate, loses.then(|| METRICS.to_owned())))
+        }
+        _ => Ok((Fate::Missed, None)),
     }
 }
 
-/// The manifests of a run's checkpoints, the newest last.
-pub fn manifests(folder: &RunFolder) -> Vec<PathBuf> {
+/// The manifests of a run's whole checkpoints, the newest last.
+fn manifests(folder: &RunFolder) -> Vec<PathBuf> {
+    let is_whole = |path: &PathBuf| {
+        let tensors = std::fs::read(path.with_extension("safetensors"));
+        let manifest = Manifest::read(path).ok().zip(tensors.ok());
+        manifest.is_some_and(|(manifest, tensors)| sha256(&tensors) == manifest.tensors_sha256)
+    };
     let entries = std::fs::read_dir(folder.checkpoints()).into_iter().flatten().flatten();
-    let mut found: Vec<_> =
-        entries.map(|entry| entry.path()).filter(|path| RolloutName::Manifest.rollout_of(path).is_some()).collect();
+    let mut found: Vec<_> = entries
+        .map(|entry| entry.path())
+        .filter(|path| RolloutName::Manifest.rollout_of(path).is_some() && is_whole(path))
+        .collect();
     found.sort();
     found
 }
 
-fn damage_checkpoint(how: Damage, folder: &RunFolder) -> Result<Fate> {
+fn damage_checkpoint(how: Damage, folder: &RunFolder) -> Result<(Fate, Option<String>)> {
     let manifests = manifests(folder);
     // With a single one there is nothing to go back to.
-    let [.., _, newest] = manifests.as_slice() else { return Ok(Fate::Missed) };
+    let [.., _, newest] = manifests.as_slice() else { return Ok((Fate::Missed, None)) };
     let tensors = newest.with_extension("safetensors");
     match how {
         Damage::FlippedBit => {
@@ -130,7 +147,8 @@ fn damage_checkpoint(how: Damage, folder: &RunFolder) -> Result<Fate> {
         Damage::ShortManifest => shorten(newest)?,
         Damage::ZeroManifest => std::fs::write(newest, vec![0; std::fs::metadata(newest)?.len() as usize])?,
     }
-    Ok(Fate::Landed)
+    let name = newest.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    Ok((Fate::Landed, name))
 }
 
 fn shorten(path: &Path) -> Result<()> {

@@ -2,6 +2,9 @@
 
 use std::fmt::{Display, Formatter};
 
+/// Fewer samples say nothing of an hour.
+const SAMPLES_MIN: f64 = 20.0;
+
 /// Sums over samples (x, y).
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Slope {
@@ -65,7 +68,7 @@ impl Slope {
 impl Line {
     /// Whether it rises by more than this, beyond what two standard errors explain.
     pub fn exceeds(&self, limit: f64) -> bool {
-        self.slope - 2.0 * self.error > limit
+        self.count >= SAMPLES_MIN && self.slope - 2.0 * self.error > limit
     }
 }
 
@@ -86,19 +89,19 @@ mod tests {
     #[test]
     fn levels_of_groups_do_not_bend_their_slope() {
         let [mut one, mut other] = [Slope::default(); 2];
-        for step in 0..10 {
+        for step in 0..15 {
             let x = f64::from(step) * 0.1;
             one.add(x, 100.0 + 3.0 * x);
             other.add(x + 1.0, 20.0 + 3.0 * x);
         }
         let line = Slope::pooled([&one, &other]);
         assert!((line.slope - 3.0).abs() < 1e-9 && line.error < 1e-6, "{line:?}");
-        assert_eq!((line.least, line.count), (20.0, 20.0));
+        assert_eq!((line.least, line.count), (20.0, 30.0));
         assert!(line.exceeds(2.9) && !line.exceeds(3.1));
         let mut noisy = Slope::default();
-        for (x, y) in [(0.0, 0.0), (0.1, 50.0), (0.2, -50.0), (0.3, 60.0)] {
-            noisy.add(x, y);
+        for step in 0..24 {
+            noisy.add(f64::from(step) * 0.01, if step % 2 == 0 { 0.0 } else { 50.0 });
         }
-        assert!(noisy.line().slope > 10.0 && !noisy.line().exceeds(1.0), "scatter is no growth");
+        assert!(noisy.line().slope > 1.0 && !noisy.line().exceeds(1.0), "scatter is no growth");
     }
 }
