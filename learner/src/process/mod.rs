@@ -74,14 +74,14 @@ pub fn run(arguments: Arguments) -> Result<()> {
 
     let device = device::choose(config.learner.device, config.learner.cpu, config.learner.threads)?;
     // A new rendezvous for each joint start, so that files of dead learners are not used.
-    let meeting = wire.root().join(format!("learners-{incarnation}"));
+    let rendezvous = wire.root().join(format!("learners-{incarnation}"));
     // One that never comes is waited for in libtorch, which hears of no lifeline. There is nothing to save yet.
-    let meets = gone.end_while_held(|| {
-        tracing::error!("the orchestrator is gone before all learners have met: ends");
+    let joining = gone.end_while_held(|| {
+        tracing::error!("the orchestrator is gone before all learners have joined: ends");
         std::process::abort();
     })?;
-    let peers = Peers::meet(&meeting, [rank, learners], device)?;
-    drop(meets);
+    let peers = Peers::join(&rendezvous, [rank, learners], device)?;
+    drop(joining);
     let mut agent = Agent::among(peers, columns(rank, &config), &config, device)?;
     let machine = machine::machine(device, config.learner.threads, learners);
     let store = Store::new(run.clone(), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);

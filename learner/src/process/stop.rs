@@ -66,7 +66,7 @@ impl OrchestratorGone {
                 end();
             }
         };
-        std::thread::Builder::new().name("meeting".into()).spawn(watch).context("cannot start a thread")?;
+        std::thread::Builder::new().name("joining".into()).spawn(watch).context("cannot start a thread")?;
         Ok(held)
     }
 
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_for_others_is_ended_and_who_has_met_them_is_not() {
+    fn who_waits_for_others_is_ended_and_who_has_joined_them_is_not() {
         let gone = OrchestratorGone::new().unwrap();
         let (sender, ended) = channel();
         let end = |name| {
@@ -111,7 +111,7 @@ mod tests {
             move || sender.send(name).unwrap()
         };
         let waits = gone.end_while_held(end("waits")).unwrap();
-        drop(gone.end_while_held(end("has met")).unwrap());
+        drop(gone.end_while_held(end("has joined")).unwrap());
         gone.set();
         assert_eq!(ended.recv_timeout(Duration::from_secs(10)), Ok("waits"));
         assert_eq!(ended.recv_timeout(Duration::from_millis(100)), Err(RecvTimeoutError::Timeout));
