@@ -75,7 +75,7 @@ pub fn evaluate(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
         if let Some(armed) = armed {
             tally.add(armed, if struck(armed, &ended) { Fate::Landed } else { Fate::Missed });
         }
-        ensure!(!ended.stderr.contains("panicked at"), "a panic: {}", ended.last_words());
+        ended.ensure_no_panic()?;
         wait_for_end(&folder)?;
         if ended.status.success() && folder.join(RESULT_FILE).exists() {
             plan.drain(..).for_each(|planned| tally.add(planned.fault, Fate::Missed));

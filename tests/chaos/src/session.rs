@@ -42,6 +42,15 @@ impl Ended {
         self.status.signal()
     }
 
+    /// An error with the place and words of a panic, if there was one, in it or in a process whose words it shows.
+    pub fn ensure_no_panic(&self) -> Result<()> {
+        let mut lines = self.stderr.lines().skip_while(|line| !line.contains("panicked at"));
+        match lines.next() {
+            None => Ok(()),
+            Some(place) => bail!("a panic: {place} {}", lines.next().unwrap_or_default()),
+        }
+    }
+
     /// The last lines that it printed, for a message.
     pub fn last_words(&self) -> String {
         let lines: Vec<&str> = self.stderr.lines().rev().filter(|line| !line.is_empty()).take(6).collect();

@@ -85,7 +85,7 @@ pub fn complete(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
             tally.add(armed, if struck { Fate::Landed } else { Fate::Missed });
             disturbed = true;
         }
-        ensure!(!ended.stderr.contains("panicked at"), "a panic: {}", ended.last_words());
+        ended.ensure_no_panic()?;
         wait_for_end(&folder)?;
         if ended.status.success() && folder.join("report/report.html").exists() {
             plan.drain(..).for_each(|planned| tally.add(planned.fault, Fate::Missed));

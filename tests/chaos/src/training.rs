@@ -116,7 +116,7 @@ impl Training<'_> {
             self.recent.push(armed);
         }
         self.unsaid.retain(|name| !ended.stderr.contains(name));
-        ensure!(!ended.stderr.contains("panicked at"), "a panic: {}", ended.last_words());
+        ended.ensure_no_panic()?;
         let recent = std::mem::take(&mut self.recent);
         if let Some(result) = self.judge(&ended, &recent)? {
             return Ok(Some(result));
