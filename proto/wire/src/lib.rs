@@ -1,5 +1,5 @@
 //! What joins Stillroom's processes: payloads and services in shared memory, and what every process does in the same
-//! way (log, hold its lifeline, check its processor, raise its limit of open files, pass fault points).
+//! way (log, hold its lifeline, check its processor, raise its limit of open files).
 //!
 //! The crate `proto` defines what the processes exchange; this one carries it from process to process.
 //!

@@ -13,7 +13,7 @@ type Key = (u32, u32, u32, u32);
 
 /// What is the same in every copy of a step: all but who was started how often.
 #[derive(Clone, PartialEq, Message)]
-pub struct Step {
+struct Step {
     #[prost(uint32, tag = "1")]
     kitchen: u32,
     #[prost(uint32, tag = "2")]
@@ -76,7 +76,7 @@ pub struct Step {
 
 /// What is the same in every copy of an episode's start.
 #[derive(Clone, PartialEq, Message)]
-pub struct EpisodeStart {
+struct EpisodeStart {
     #[prost(uint32, tag = "1")]
     kitchen: u32,
     #[prost(uint32, tag = "2")]
@@ -97,7 +97,7 @@ pub struct EpisodeStart {
 
 /// What is the same in every copy of an episode's end. (Returns are missing where a recording begins in its middle.)
 #[derive(Clone, PartialEq, Message)]
-pub struct EpisodeEnd {
+struct EpisodeEnd {
     #[prost(uint32, tag = "1")]
     kitchen: u32,
     #[prost(uint32, tag = "2")]
