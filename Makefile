@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up test lint doc bench-peers bench-learner bench-wire check-determinism
+.PHONY: help setup build install uninstall up test chaos soak lint doc bench-peers bench-learner bench-wire check-determinism
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -17,6 +17,9 @@ help:
 	@echo 'make up      build and start a run: 19 actors, a learner, the orchestrator; ARGS="..." adds options'
 	@echo 'make install puts the programs and their libtorch under PREFIX (~/.local); make uninstall takes them away'
 	@echo 'make test    set up, build and run all tests'
+	@echo 'make chaos   let 200 faults happen to small runs and compare what they leave with undisturbed ones (half an hour);'
+	@echo '             ARGS="--seed S --faults N --minutes M" chooses, ARGS="--seed S --case K" does one case again'
+	@echo 'make soak    a run of two hours with faults, and how its processes and files grow; ARGS="--minutes M"'
 	@echo 'make check-determinism   the simulator, built for other processors and in debug, gives the same bits (minutes)'
 	@echo 'make lint    formatting and clippy, warnings are errors'
 	@echo 'make doc     the API documentation, warnings are errors'
@@ -54,6 +57,12 @@ test: build
 		set -x; cargo test --release --locked --workspace --tests; \
 	fi
 	cargo test --doc --release --locked --workspace
+
+chaos: build
+	@./target/release/chaos faults $(ARGS)
+
+soak: build
+	@./target/release/chaos soak $(ARGS)
 
 # The golden hashes, which every build must reproduce: debug, release (AVX2 and fused multiply-add at hand, see
 # .cargo/config.toml), the plainest x86-64 there is, and the processor that runs here. The first two are the workspace's

@@ -20,6 +20,7 @@ pub mod episode;
 pub mod evaluation;
 pub mod event;
 pub mod exit;
+pub mod fault;
 pub mod kitchen;
 pub mod metric;
 pub mod pin;

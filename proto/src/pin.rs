@@ -2,6 +2,7 @@
 //! is pruned. The learner pins each before it goes on; the orchestrator lets go of those that are not the best.
 
 use crate::checkpoint::Manifest;
+use crate::fault;
 use crate::run_folder::{RolloutName, RunFolder};
 use std::io::{Error, ErrorKind, Result};
 use std::path::Path;
@@ -18,6 +19,7 @@ pub fn pin(run: &RunFolder, rollout: u64) -> Result<()> {
     // The manifest last, as always: a checkpoint without one does not exist.
     remove(&manifest)?;
     for (from, to) in [(run.checkpoint_tensors(rollout), tensors), (run.checkpoint_manifest(rollout), manifest)] {
+        fault::reach("validation.before_link");
         remove(&to)?;
         std::fs::hard_link(&from, &to)
             .or_else(|_| std::fs::copy(&from, &to).map(drop))

@@ -35,6 +35,8 @@ pub enum Purpose {
     AuxiliaryNegatives = 16,
     /// Resamples behind the intervals of a report; `environment` is the number of seeds, `episode` the resample.
     Bootstrap = 24,
+    /// Which faults the chaos harness lets happen, and when; `episode` is the number of the case.
+    Chaos = 32,
 }
 
 /// The key of a stream of random numbers.

@@ -20,6 +20,7 @@
 //!   summary.json           written when the budget is reached
 //! ```
 
+use crate::fault;
 use serde::Deserialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -226,6 +227,7 @@ pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
     let mut temporary = path.as_os_str().to_owned();
     temporary.push(PARTIAL);
     let temporary = PathBuf::from(temporary);
+    fault::reach("file.before_write");
     // One that a crash left gives way. Made anew, it cannot be a link to a file elsewhere.
     match std::fs::remove_file(&temporary) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
@@ -233,6 +235,7 @@ pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
     }
     let written = std::fs::File::create_new(&temporary).and_then(|mut file| {
         file.write_all(content)?;
+        fault::reach("file.before_fsync");
         file.sync_all()
     });
     if let Err(error) = written {
@@ -240,7 +243,9 @@ pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
         let _ = std::fs::remove_file(&temporary);
         return Err(error);
     }
+    fault::reach("file.before_rename");
     std::fs::rename(&temporary, path)?;
+    fault::reach("file.after_rename");
     std::fs::File::open(folder)?.sync_all()
 }
 

@@ -52,7 +52,9 @@ pub const DEADLINE: Duration = Duration::from_mins(4);
 /// If it has not been built.
 pub fn binary(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a running test has a path");
-    let profile = test.parent().and_then(Path::parent).expect("tests lie in target/PROFILE/deps");
+    // Tests lie in target/PROFILE/deps, programs beside those that are started.
+    let folder = test.parent().expect("a program lies in a folder");
+    let profile = if folder.ends_with("deps") { folder.parent().expect("target/PROFILE") } else { folder };
     let path = profile.join(name);
     let release = if profile.ends_with("release") { " --release" } else { "" };
     assert!(path.exists(), "{} is not built: `cargo build{release} --workspace --bins` first", path.display());

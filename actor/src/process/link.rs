@@ -4,6 +4,7 @@ use super::shm;
 use anyhow::{Context, Result, anyhow};
 use std::mem::MaybeUninit;
 use std::time::Duration;
+use wire::fault;
 use wire::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
 use wire::{
     ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, Receipts, RestoreSubscriber,
@@ -90,12 +91,16 @@ impl Link {
     ) -> Result<bool> {
         // A subscriber that came after the last send is found here, and only here.
         self.observations.update_connections().context("cannot connect to the learner")?;
+        fault::reach("actor.before_loan");
         let mut sample = self.observations.loan_slice_uninit(count).context("no free slot for observations")?;
+        fault::reach("actor.after_loan");
         *sample.user_header_mut() = header;
         for (i, slot) in sample.payload_mut().iter_mut().enumerate() {
             write(i, slot);
         }
+        fault::reach("actor.after_write");
         let receivers = shm::assume_written(sample).send().context("cannot send observations")?;
+        fault::reach("actor.before_bell");
         self.bell.notify().context("cannot ring the observations' bell")?;
         Ok(receivers > 0 && receivers >= self.readers.count())
     }

@@ -78,6 +78,7 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
         if protocol.is_strange() {
             protocol.on_met(link.met());
         }
+        fault::reach("actor.before_receive");
         // Restores before actions: the learner sends a restore before the actions that build on it.
         while let Some(restore) = link.receive_restore()? {
             let verdict = protocol.on_restore(restore.user_header(), restore.payload().len(), started.elapsed());

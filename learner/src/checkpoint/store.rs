@@ -192,6 +192,7 @@ impl Store {
         }
         wire::fault::reach("learner.after_pin");
         self.prune(snapshot.rollout);
+        wire::fault::reach("learner.after_prune");
         Ok(relative(&self.run, &manifest_path))
     }
 

@@ -12,7 +12,7 @@ use proto::event::LearnerEvent;
 use std::io::Write;
 use std::ops::Range;
 use std::time::{Duration, Instant};
-use wire::{Waiting, Written};
+use wire::{Waiting, Written, fault};
 
 /// Longest sleep without a look around. Whatever is waited for rings, but a process can be killed before it does.
 const LOOK: Duration = Duration::from_millis(250);
@@ -113,7 +113,9 @@ impl<'a, W: Write> Conversation<'a, W> {
     /// Receives every waiting sample, so that an actor that is served first does not make others wait, and reads the
     /// recorder's receipts.
     pub fn receive_all(&mut self) -> Result<()> {
+        fault::reach("learner.before_receive");
         while let Some((header, sample)) = self.ports.receive()? {
+            fault::reach("learner.after_receive");
             match self.collector.receive(&header, sample)? {
                 Received::Hello { actor, actor_incarnation } => {
                     tracing::debug!("actor {actor}, start number {actor_incarnation}, asks for its state");
@@ -136,6 +138,7 @@ impl<'a, W: Write> Conversation<'a, W> {
     /// Reads the announcements; returns a reason to stop, if there is one.
     pub fn stop_asked(&mut self) -> Result<Option<Stop>> {
         for announcement in self.ports.announcements()? {
+            fault::reach("learner.after_announcement");
             self.announcements.hear(announcement);
         }
         Ok(if self.gone.is_set() {

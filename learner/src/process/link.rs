@@ -6,6 +6,7 @@ use iceoryx2::port::ReceiveError;
 use iceoryx2::sample::Sample as IoxSample;
 use proto::camera::FRAME_PIXELS;
 use proto::step::{Current, Transition};
+use wire::fault;
 use wire::message::{EnvironmentState, Observation, ObservationHeader, RestoreHeader, StageAnnouncement};
 use wire::{
     ActionPublisher, Bell, Bells, Ipc, ObservationSubscriber, Receipt, Receipts, RestorePublisher, StageSubscriber,
@@ -154,9 +155,12 @@ impl Ports {
     pub fn send_actions(&self, batch: &ActionBatch) -> Result<()> {
         let ports = self.ports_of(batch.actor);
         let failed = || format!("cannot send actions to actor {}", batch.actor);
+        fault::reach("learner.before_loan");
         let mut sample = ports.actions.loan_slice_uninit(batch.actions.len()).with_context(failed)?;
+        fault::reach("learner.after_loan");
         *sample.user_header_mut() = batch.header;
         sample.write_from_slice(&batch.actions).send().with_context(failed)?;
+        fault::reach("learner.after_send");
         ring(&ports.bell, batch.actor);
         Ok(())
     }
@@ -165,9 +169,11 @@ impl Ports {
     pub fn send_restore(&self, actor: u32, header: RestoreHeader, states: &[EnvironmentState]) -> Result<()> {
         let ports = self.ports_of(actor);
         let failed = || format!("cannot send a restore to actor {actor}");
+        fault::reach("learner.before_restore");
         let mut sample = ports.restores.loan_slice_uninit(states.len()).with_context(failed)?;
         *sample.user_header_mut() = header;
         sample.write_from_slice(states).send().with_context(failed)?;
+        fault::reach("learner.after_restore");
         ring(&ports.bell, actor);
         Ok(())
     }

@@ -76,7 +76,13 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let device = device::choose(&config.learner)?;
     // A new rendezvous for each joint start, so that files of dead learners are not used.
     let rendezvous = wire.root().join(format!("learners-{incarnation}"));
+    // One that never comes is waited for in libtorch, which hears of no lifeline. There is nothing to save yet.
+    let joining = gone.end_while_held(|| {
+        tracing::error!("the orchestrator is gone before all learners have joined: ends");
+        std::process::abort();
+    })?;
     let peers = Peers::join(&rendezvous, [rank, learners], device)?;
+    drop(joining);
     let mut agent = Agent::among(peers, columns(rank, &config), &config, device)?;
     let machine = machine::machine(device, config.learner.threads, learners);
     // A folder without an identity was made by hand.

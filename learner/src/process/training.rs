@@ -156,6 +156,7 @@ impl<W: Write> Training<'_, W> {
             let timing = state.timing_of(began.elapsed());
             let stage = position.stage as u32;
             self.note(rollout, stage, timing, &metrics);
+            fault::reach("learner.before_trained_told");
             self.tell_for_all(|rank| LearnerEvent::RolloutTrained { rank, rollout, frames, stage, timing, metrics });
             let stage_ended = collected == position.frames_left;
             let due = self.first_says(state.last_save.elapsed().as_secs_f64() >= self.config.checkpoint.interval_s)?;
@@ -192,6 +193,7 @@ impl<W: Write> Training<'_, W> {
             }
         }
         self.save_unsaved(state)?;
+        fault::reach("learner.before_finished");
         let weights = self.agent.weights_digest();
         self.conversation.tell(&LearnerEvent::Finished {
             rank: self.conversation.rank,
@@ -199,6 +201,7 @@ impl<W: Write> Training<'_, W> {
             weights,
             complete: stop.is_none(),
         });
+        fault::reach("learner.after_finished");
         Ok(())
     }
 
@@ -267,6 +270,7 @@ impl<W: Write> Training<'_, W> {
         self.saved = Some(self.rollout);
         (state.last_save, state.evaluated) = (Instant::now(), false);
         if let Some(path) = written {
+            fault::reach("learner.before_checkpoint_told");
             let (rollout, frames) = (self.rollout, self.frames);
             self.tell_for_all(|rank| LearnerEvent::CheckpointWritten { rank, rollout, frames, path });
         }

@@ -12,6 +12,7 @@ use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
 use proto::trained::Trained;
 use std::time::Duration;
+use wire::fault;
 
 /// The audience of a training run.
 #[derive(Debug)]
@@ -47,6 +48,7 @@ impl Audience for TrainingAudience {
                 }
             }
             LearnerEvent::RolloutTrained { rollout, frames, stage, timing, metrics, .. } => {
+                fault::reach("metrics.before_line");
                 self.journal.append(Trained {
                     rollout: *rollout,
                     frames: *frames,
@@ -56,6 +58,7 @@ impl Audience for TrainingAudience {
                     timing: *timing,
                     metrics: metrics.clone(),
                 })?;
+                fault::reach("metrics.after_line");
             }
             LearnerEvent::CheckpointWritten { path, rollout, frames, .. } => {
                 tracing::debug!("checkpoint {path} at {frames} frames");

@@ -90,6 +90,7 @@ impl TrainingRun {
         if let Some(summary) = summary.as_ref().filter(|_| outcome.end == SessionEnd::Complete) {
             summary.write(&self.folder)?;
         }
+        fault::reach("orchestrator.after_summary");
         self.note_end(how, outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.clone())), reason);
         if let Some(summary) = &summary {
             for line in summary.lines(&self.folder, &outcome.end) {

@@ -30,6 +30,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::Duration;
+use wire::fault;
 
 /// Time that an evaluation has to stop its processes.
 const STOPS: Duration = Duration::from_secs(10);
@@ -145,6 +146,7 @@ impl Validation {
         if runs || self.waiting.contains(&rollout) {
             return;
         }
+        fault::reach("validation.before_pin");
         match pin(&self.folder, rollout) {
             Ok(()) => self.enqueue(rollout),
             Err(error) => tracing::warn!("no validation at {frames} frames: {error:#}"),
@@ -247,6 +249,7 @@ impl Validation {
         command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log).process_group(0);
         let child = command.spawn().context("cannot start `orchestrator eval`")?;
         tracing::info!("validation after rollout {rollout} begins");
+        fault::reach("validation.after_start");
         self.running = Some(Running { rollout, child });
         Ok(())
     }
@@ -255,8 +258,10 @@ impl Validation {
     fn conclude(&mut self, rollout: u64, recorder: Option<&Recorder>) -> Result<()> {
         let evaluation = read_result(&self.result(rollout))?;
         let one = Score::of(rollout, &evaluation);
+        fault::reach("validation.before_line");
         let mut log = Writer::open(&self.folder.validation_log())?;
         log.append(&one)?;
+        fault::reach("validation.after_line");
         log.sync()?;
         self.scores.push(one.clone());
         self.crown()?;
@@ -301,8 +306,12 @@ impl Validation {
             }
             // Renamed into place: at every moment there is a best one, the old or the new.
             std::os::unix::fs::symlink(&target, &partial)
-                .and_then(|()| std::fs::rename(&partial, &link))
+                .and_then(|()| {
+                    fault::reach("validation.before_crown");
+                    std::fs::rename(&partial, &link)
+                })
                 .with_context(|| format!("cannot make {}", link.display()))?;
+            fault::reach("validation.after_crown");
         }
         for one in self.scores.iter().filter(|one| one.rollout != best.rollout) {
             self.unpin(one.rollout);

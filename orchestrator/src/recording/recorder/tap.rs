@@ -8,6 +8,7 @@ use super::tally::Tally;
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
+use wire::fault;
 use wire::message::{Halves, Observation, ObservationHeader, observation_kind};
 use wire::{
     Bell, Bells, ObservationSubscriber, PREFIX_MARK, Receipt, ReceiptBook, ThreadBell, Wire, WireError, WireShape,
@@ -91,6 +92,7 @@ fn drain(subscribers: &[ObservationSubscriber], desk: &mut Desk<'_>) -> Result<u
             .receive()
             .map_err(|cause| WireError::Port { service: "observations".to_owned(), cause: format!("{cause:?}") })?
         {
+            fault::reach("recorder.after_receive");
             desk.sample(sample.user_header(), sample.payload());
             taken += 1;
         }
