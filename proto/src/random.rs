@@ -35,6 +35,8 @@ pub enum Purpose {
     AuxiliaryNegatives = 16,
     /// Resamples behind the intervals of a report; `environment` is the number of seeds, `episode` the resample.
     Bootstrap = 24,
+    /// What happens when in the simulated world of the tests; `step` counts its streams.
+    Schedule = 32,
 }
 
 /// The key of a stream of random numbers.

@@ -19,7 +19,7 @@
 //!   summary.json           written when the budget is reached
 //! ```
 
-use std::io::Write;
+use crate::disk::{Disk, LocalDisk};
 use std::path::{Path, PathBuf};
 
 /// A run folder, existing or about to be created.
@@ -202,26 +202,31 @@ pub const PARTIAL: &str = ".partial";
 /// Writes a file so that a reader finds either the old content or the new, whole: temporary file in the same folder,
 /// fsync, rename, fsync of the folder.
 pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
+    write_atomically_on(&LocalDisk, path, content)
+}
+
+/// The same on any file system.
+pub fn write_atomically_on<D: Disk>(disk: &D, path: &Path, content: &[u8]) -> std::io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut temporary = path.as_os_str().to_owned();
     temporary.push(PARTIAL);
     let temporary = PathBuf::from(temporary);
     // One that a crash left gives way. Made anew, it cannot be a link to a file elsewhere.
-    match std::fs::remove_file(&temporary) {
+    match disk.remove(&temporary) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
         _ => {}
     }
-    let written = std::fs::File::create_new(&temporary).and_then(|mut file| {
-        file.write_all(content)?;
-        file.sync_all()
+    let written = disk.create_new(&temporary).and_then(|mut file| {
+        disk.write_all(&mut file, content)?;
+        disk.sync(&file)
     });
     if let Err(error) = written {
         // A full disk leaves nothing behind but the error.
-        let _ = std::fs::remove_file(&temporary);
+        let _ = disk.remove(&temporary);
         return Err(error);
     }
-    std::fs::rename(&temporary, path)?;
-    std::fs::File::open(folder)?.sync_all()
+    disk.rename(&temporary, path)?;
+    disk.sync_folder(folder)
 }
 
 #[cfg(test)]

@@ -3,10 +3,11 @@
 use super::Snapshot;
 use super::tensors::{self, TensorsError};
 use crate::agent::AgentState;
-use proto::checkpoint::{Machine, Manifest};
+use proto::checkpoint::{Machine, Manifest, ManifestError};
 use proto::config::StageConfig;
 use proto::digest::sha256;
-use proto::run_folder::{RolloutName, RunFolder, write_atomically};
+use proto::disk::{Disk, LocalDisk};
+use proto::run_folder::{RolloutName, RunFolder, write_atomically_on};
 use proto::stage::position_at;
 use std::path::{Path, PathBuf};
 
@@ -83,7 +84,8 @@ pub struct Loaded {
 
 /// The checkpoints of one run.
 #[derive(Debug, Clone)]
-pub struct Store {
+pub struct Store<D = LocalDisk> {
+    disk: D,
     run: RunFolder,
     stages: Vec<StageConfig>,
     config: String,
@@ -94,9 +96,18 @@ pub struct Store {
 impl Store {
     /// The checkpoints of `run`. The `keep` newest are kept, and the one at each stage's end.
     pub fn new(run: RunFolder, stages: &[StageConfig], config_toml: &str, machine: Machine, keep: u32) -> Self {
-        Self { run, stages: stages.to_vec(), config: config_toml.to_owned(), machine, keep: keep as usize }
+        let (stages, config) = (stages.to_vec(), config_toml.to_owned());
+        Self { disk: LocalDisk, run, stages, config, machine, keep: keep as usize }
     }
 
+    /// The same on another file system.
+    pub fn on<D: Disk>(self, disk: D) -> Store<D> {
+        let Self { disk: _, run, stages, config, machine, keep } = self;
+        Store { disk, run, stages, config, machine, keep }
+    }
+}
+
+impl<D: Disk> Store<D> {
     /// The machine that new checkpoints carry.
     pub fn machine(&self) -> &Machine {
         &self.machine
@@ -107,7 +118,7 @@ impl Store {
     pub fn save(&self, snapshot: &Snapshot) -> Result<String, CheckpointError> {
         wire::fault::reach("learner.before_checkpoint");
         let folder = self.run.checkpoints();
-        std::fs::create_dir_all(&folder).map_err(|cause| CheckpointError::Folder { path: folder.clone(), cause })?;
+        self.disk.create_folders(&folder).map_err(|cause| CheckpointError::Folder { path: folder.clone(), cause })?;
         let tensors_path = self.run.checkpoint_tensors(snapshot.rollout);
         let manifest_path = self.run.checkpoint_manifest(snapshot.rollout);
         let bytes = tensors::encode(&snapshot.agent.tensors, &snapshot.boundary)?;
@@ -131,9 +142,9 @@ impl Store {
             machine: self.machine.clone(),
             manifest_sha256: String::new(),
         };
-        write(&tensors_path, &bytes)?;
+        self.write(&tensors_path, &bytes)?;
         wire::fault::reach("learner.after_tensors");
-        write(&manifest_path, &manifest.seal())?;
+        self.write(&manifest_path, &manifest.seal())?;
         wire::fault::reach("learner.after_manifest");
         self.prune(snapshot.rollout);
         Ok(relative(&self.run, &manifest_path))
@@ -168,19 +179,18 @@ impl Store {
         if manifest.rollout != rollout || manifest.tensors != file_name(&tensors_path) {
             return Err(at(&manifest_path, format!("is the manifest of rollout {}", manifest.rollout)));
         }
-        Ok((tensors_of(&manifest, &tensors_path)?, manifest))
+        Ok((tensors_of(&self.disk, &manifest, &tensors_path)?, manifest))
     }
 
     fn manifest(&self, rollout: u64) -> Result<Manifest, String> {
-        Manifest::read(&self.run.checkpoint_manifest(rollout)).map_err(|cause| cause.to_string())
+        let bytes = self.disk.read(&self.run.checkpoint_manifest(rollout)).map_err(ManifestError::from);
+        bytes.and_then(|bytes| Manifest::open(&bytes)).map_err(|cause| cause.to_string())
     }
 
     /// Rollouts that have a manifest, ascending.
     fn rollouts(&self) -> std::io::Result<Vec<u64>> {
-        let mut rollouts = vec![];
-        for entry in std::fs::read_dir(self.run.checkpoints())? {
-            rollouts.extend(RolloutName::Manifest.rollout_of(&entry?.path()));
-        }
+        let names = self.disk.list(&self.run.checkpoints())?;
+        let mut rollouts: Vec<u64> = names.iter().filter_map(|path| RolloutName::Manifest.rollout_of(path)).collect();
         rollouts.sort_unstable();
         Ok(rollouts)
     }
@@ -196,8 +206,8 @@ impl Store {
         let mut kept = 0;
         for rollout in rollouts.into_iter().rev() {
             let whole = self.manifest(rollout).ok().filter(|manifest| {
-                let tensors = std::fs::metadata(self.run.checkpoint_tensors(rollout));
-                tensors.is_ok_and(|file| file.len() == manifest.tensors_bytes)
+                let bytes = self.disk.size(&self.run.checkpoint_tensors(rollout));
+                bytes.is_ok_and(|bytes| bytes == manifest.tensors_bytes)
             });
             if whole.is_some() && kept < self.keep {
                 kept += 1;
@@ -208,7 +218,7 @@ impl Store {
             }
             // The manifest first: without it the rest does not count.
             for path in [self.run.checkpoint_manifest(rollout), self.run.checkpoint_tensors(rollout)] {
-                match std::fs::remove_file(&path) {
+                match self.disk.remove(&path) {
                     Err(cause) if cause.kind() != std::io::ErrorKind::NotFound => {
                         tracing::warn!("cannot delete old checkpoint {}: {cause}", path.display());
                     }
@@ -221,16 +231,23 @@ impl Store {
 
     /// Deletes the remains of a process that died while it wrote: temporary files, and tensors without a manifest.
     fn sweep_fragments(&self) {
-        let Ok(entries) = std::fs::read_dir(self.run.checkpoints()) else { return };
-        for path in entries.filter_map(|entry| entry.ok().map(|entry| entry.path())) {
+        let Ok(paths) = self.disk.list(&self.run.checkpoints()) else { return };
+        let has_manifest = |rollout| paths.contains(&self.run.checkpoint_manifest(rollout));
+        for path in &paths {
             let temporary = path.extension().is_some_and(|extension| extension == "partial");
-            let orphan = RolloutName::Tensors
-                .rollout_of(&path)
-                .is_some_and(|rollout| !self.run.checkpoint_manifest(rollout).exists());
+            let orphan = RolloutName::Tensors.rollout_of(path).is_some_and(|rollout| !has_manifest(rollout));
             if temporary || orphan {
-                let _ = std::fs::remove_file(&path);
+                let _ = self.disk.remove(path);
             }
         }
+    }
+
+    fn write(&self, path: &Path, content: &[u8]) -> Result<(), CheckpointError> {
+        write_atomically_on(&self.disk, path, content).map_err(|cause| CheckpointError::Write {
+            path: path.to_path_buf(),
+            cause,
+            free_bytes: path.parent().and_then(free_bytes),
+        })
     }
 }
 
@@ -239,13 +256,13 @@ pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
     let manifest = Manifest::read(manifest_path)
         .map_err(|cause| Rejected { path: manifest_path.to_path_buf(), reason: cause.to_string() })?;
     let tensors_path = manifest_path.with_file_name(&manifest.tensors);
-    Ok((tensors_of(&manifest, &tensors_path)?, manifest))
+    Ok((tensors_of(&LocalDisk, &manifest, &tensors_path)?, manifest))
 }
 
 /// The state in the tensor file that belongs to a manifest.
-fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
+fn tensors_of<D: Disk>(disk: &D, manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
     let at = |reason: String| Rejected { path: path.to_path_buf(), reason };
-    let bytes = std::fs::read(path).map_err(|cause| at(format!("cannot be read: {cause}")))?;
+    let bytes = disk.read(path).map_err(|cause| at(format!("cannot be read: {cause}")))?;
     if bytes.len() as u64 != manifest.tensors_bytes {
         return Err(at(format!("is torn: it has {} bytes of {}", bytes.len(), manifest.tensors_bytes)));
     }
@@ -258,14 +275,6 @@ fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
         tensors::decode(&bytes, exchange).map_err(|cause| at(format!("cannot be used: {cause}")))?;
     let agent = AgentState { tensors, adam_steps, multiplier, carried_goal };
     Ok(Snapshot { rollout, frames, agent, boundary, weights: manifest.weights.clone() })
-}
-
-fn write(path: &Path, content: &[u8]) -> Result<(), CheckpointError> {
-    write_atomically(path, content).map_err(|cause| CheckpointError::Write {
-        path: path.to_path_buf(),
-        cause,
-        free_bytes: path.parent().and_then(free_bytes),
-    })
 }
 
 /// Bytes that this process may still write to the file system of a folder.

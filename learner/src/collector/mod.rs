@@ -547,7 +547,7 @@ impl<S: HalfSample> Collector<S> {
     ///
     /// # Panics
     /// If that was not the current task.
-    pub(crate) fn bootstrapped(&mut self, half: u32) {
+    pub fn bootstrapped(&mut self, half: u32) {
         assert_eq!(self.task(), Task::Bootstrap { half }, "a half is bootstrapped when it is due");
         self.cursor.as_mut().expect("a task is due in a rollout").turn += 1;
     }

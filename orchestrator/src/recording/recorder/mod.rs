@@ -21,4 +21,5 @@ pub mod testing;
 mod tests;
 
 pub use handle::Recorder;
+pub use ledger::{Ledger, Verdict};
 pub use note::RecorderSetup;
