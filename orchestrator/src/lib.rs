@@ -15,7 +15,7 @@ mod suite;
 mod supervisor;
 mod training;
 
-pub use recording::recorder::{Ledger, Verdict};
+pub use recording::recorder::{Gap, Ledger, Tally, Verdict};
 pub use supervisor::event::{Action, End, Event, Exit, Outcome, Process, Saved};
 pub use supervisor::machine::Supervisor;
 pub use supervisor::policy::Policy;

@@ -2,6 +2,7 @@
 //!
 //! [`LocalDisk`] is the machine's. The simulated world has another one, which forgets what was not synchronised.
 
+use crate::plain_file::open_plain;
 use std::fmt::Debug;
 use std::fs::File;
 use std::io::{Result, Write};
@@ -15,6 +16,8 @@ pub trait Disk: Debug {
     fn create_folders(&self, folder: &Path) -> Result<()>;
     /// Makes a new, empty file; an error if the name is taken.
     fn create_new(&self, path: &Path) -> Result<Self::File>;
+    /// Opens a plain file that is there; an error of the kind `InvalidInput` if it is a link or something else.
+    fn open(&self, path: &Path) -> Result<Self::File>;
     /// Appends to it.
     fn write_all(&self, file: &mut Self::File, content: &[u8]) -> Result<()>;
     /// Returns when its content would survive a power failure.
@@ -46,6 +49,10 @@ impl Disk for LocalDisk {
 
     fn create_new(&self, path: &Path) -> Result<File> {
         File::create_new(path)
+    }
+
+    fn open(&self, path: &Path) -> Result<File> {
+        open_plain(path, File::options().read(true))
     }
 
     fn write_all(&self, file: &mut File, content: &[u8]) -> Result<()> {

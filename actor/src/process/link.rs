@@ -6,8 +6,8 @@ use std::mem::MaybeUninit;
 use std::time::Duration;
 use wire::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
 use wire::{
-    ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, RestoreSubscriber, UpdateConnections,
-    Wakeup, Wire, WireAddress, WireShape,
+    ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, Receipts, RestoreSubscriber,
+    UpdateConnections, Wakeup, Wire, WireAddress, WireShape,
 };
 
 /// A received restore.
@@ -23,13 +23,17 @@ pub struct Link {
     restores: RestoreSubscriber,
     actions: ActionSubscriber,
     wakeup: Wakeup,
+    actor: u32,
+    /// None where nothing is recorded.
+    receipts: Option<Receipts>,
     // Ports refer to the node: dropped last.
     _wire: Wire,
 }
 
 impl Link {
-    /// Joins the run and opens the services of actor `actor`. The orchestrator has created them.
-    pub fn open(address: &WireAddress, shape: WireShape, actor: u32) -> Result<Self> {
+    /// Joins the run and opens the services of actor `actor`. The orchestrator has created them. `recorder`: whether
+    /// there is one.
+    pub fn open(address: &WireAddress, shape: WireShape, actor: u32, recorder: bool) -> Result<Self> {
         let actors = shape.shares.actors();
         anyhow::ensure!(actor < actors, "the run has actors 0 to {}: there is no actor {actor}", actors - 1);
         let wire = Wire::join(address, shape, &format!("actor-{actor:02}"))?;
@@ -41,8 +45,15 @@ impl Link {
             bell: wire.observations_bell(actor)?,
             observations: wire.observation_publisher(actor)?,
             readers: wire.observation_readers(actor)?,
+            actor,
+            receipts: recorder.then(|| Receipts::open(address, actors)).transpose()?,
             _wire: wire,
         })
+    }
+
+    /// The newest incarnation of this actor that the recorder has heard; 0 where there is none.
+    pub fn met(&self) -> u32 {
+        self.receipts.as_ref().map_or(0, |receipts| receipts.met(self.actor))
     }
 
     /// The next restore in the queue, if any.

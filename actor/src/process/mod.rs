@@ -60,7 +60,8 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     let bodies = kitchen.bodies().len();
     let kitchen_ms = started.elapsed().as_millis() as u64;
     let mut environments = Environments::new(&kitchen, kitchen_id, settings.actor, &config)?;
-    let link = Link::open(&settings.wire, WireShape::of(&config), settings.actor)?;
+    let recorder = config.recording.enabled;
+    let link = Link::open(&settings.wire, WireShape::of(&config), settings.actor, recorder)?;
     tracing::info!(
         bodies,
         triangles = environments.triangles(),
@@ -71,9 +72,13 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
         "ready"
     );
 
-    let mut protocol = Protocol::new(settings.actor, settings.incarnation, config.actors.environments_per_actor);
+    let environments_each = config.actors.environments_per_actor;
+    let mut protocol = Protocol::new(settings.actor, settings.incarnation, environments_each, recorder);
     let mut accepted: [Vec<u8>; 2] = Default::default();
     loop {
+        if protocol.is_strange() {
+            protocol.on_met(link.met());
+        }
         // Restores before actions: the learner sends a restore before the actions that build on it.
         while let Some(restore) = link.receive_restore()? {
             let verdict = protocol.on_restore(restore.user_header(), restore.payload().len(), started.elapsed());

@@ -9,6 +9,7 @@ use proto::digest::sha256;
 use proto::disk::{Disk, LocalDisk};
 use proto::run_folder::{RolloutName, RunFolder, write_atomically_on};
 use proto::stage::position_at;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// A checkpoint that cannot be used, and why.
@@ -39,6 +40,15 @@ pub enum CheckpointError {
         cause: std::io::Error,
         /// Free space on its file system, if known.
         free_bytes: Option<u64>,
+    },
+    /// The recording could not be seen onto the disk: a checkpoint must not be ahead of it.
+    #[error("cannot see recording {path} onto the disk: {cause} (the checkpoint is not written; earlier ones are kept)",
+        path = .path.display())]
+    Recording {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
     },
     /// The folder could not be read or created.
     #[error("cannot use checkpoint folder {path}: {cause}", path = .path.display())]
@@ -113,8 +123,8 @@ impl<D: Disk> Store<D> {
         &self.machine
     }
 
-    /// Writes a checkpoint, then deletes those that need not be kept. Returns the manifest's path relative to the run
-    /// folder. After an error everything that was there before is still there.
+    /// Writes a checkpoint, then deletes those that need not be kept. The recordings, which hold everything up to it,
+    /// are on the disk before it counts. Returns the manifest's path relative to the run folder. After an error everything that was there before is still there.
     pub fn save(&self, snapshot: &Snapshot) -> Result<String, CheckpointError> {
         wire::fault::reach("learner.before_checkpoint");
         let folder = self.run.checkpoints();
@@ -144,6 +154,8 @@ impl<D: Disk> Store<D> {
         };
         self.write(&tensors_path, &bytes)?;
         wire::fault::reach("learner.after_tensors");
+        self.sync_recordings()?;
+        wire::fault::reach("learner.after_sync");
         self.write(&manifest_path, &manifest.seal())?;
         wire::fault::reach("learner.after_manifest");
         self.prune(snapshot.rollout);
@@ -248,6 +260,25 @@ impl<D: Disk> Store<D> {
             cause,
             free_bytes: path.parent().and_then(free_bytes),
         })
+    }
+
+    /// Has all recordings and their names written to the disk. Those that are there already cost next to nothing.
+    fn sync_recordings(&self) -> Result<(), CheckpointError> {
+        let folder = self.run.recordings();
+        let failed = |path: &Path, cause| CheckpointError::Recording { path: path.to_path_buf(), cause };
+        let paths = match self.disk.list(&folder) {
+            Ok(paths) => paths,
+            Err(cause) if cause.kind() == ErrorKind::NotFound => return Ok(()),
+            Err(cause) => return Err(failed(&folder, cause)),
+        };
+        for path in paths.iter().filter(|path| path.extension().is_some_and(|extension| extension == "mcap")) {
+            match self.disk.open(path).and_then(|file| self.disk.sync(&file)) {
+                // Somebody has moved or deleted it, or it is no plain file: it is not ours to keep.
+                Err(cause) if matches!(cause.kind(), ErrorKind::NotFound | ErrorKind::InvalidInput) => {}
+                synced => synced.map_err(|cause| failed(path, cause))?,
+            }
+        }
+        self.disk.sync_folder(&folder).map_err(|cause| failed(&folder, cause))
     }
 }
 

@@ -13,7 +13,7 @@ use proto::event::LearnerEvent;
 use std::io::Write;
 use std::ops::Range;
 use std::time::{Duration, Instant};
-use wire::Waiting;
+use wire::{Waiting, Written};
 
 /// Longest sleep without a look around. Whatever is waited for rings, but a process can be killed before it does.
 const LOOK: Duration = Duration::from_millis(250);
@@ -48,6 +48,7 @@ pub struct Conversation<'a, W> {
     /// What the orchestrator allows, as far as it was heard.
     pub announcements: Announcements,
     actors: Range<u32>,
+    incarnation: u32,
     actor_deadline_s: f64,
     ports: &'a Ports,
     waiting: Waiting<'a>,
@@ -68,6 +69,7 @@ impl<'a, W: Write> Conversation<'a, W> {
             carried_goal: config.network.carried_goal,
             gamma: config.ppo.gamma,
             learner_incarnation: incarnation,
+            recorded: ports.recorded(),
         };
         let actors = config.shares().actors_of(rank);
         Ok(Self {
@@ -75,6 +77,7 @@ impl<'a, W: Write> Conversation<'a, W> {
             collector: Collector::new(settings, boundary),
             announcements: Announcements::default(),
             actors,
+            incarnation,
             actor_deadline_s: config.learner.actor_deadline_s,
             ports,
             waiting: ports.attach(gone.bell())?,
@@ -105,7 +108,8 @@ impl<'a, W: Write> Conversation<'a, W> {
         Ok(self.waiting.wait(longest.min(LOOK))?)
     }
 
-    /// Receives every waiting sample, so that an actor that is served first does not make others wait.
+    /// Receives every waiting sample, so that an actor that is served first does not make others wait, and reads the
+    /// recorder's receipts.
     pub fn receive_all(&mut self) -> Result<()> {
         while let Some((header, sample)) = self.ports.receive()? {
             match self.collector.receive(&header, sample)? {
@@ -117,6 +121,11 @@ impl<'a, W: Write> Conversation<'a, W> {
                     tracing::debug!("actor {} still follows learner {}", header.actor, header.learner_incarnation);
                 }
                 Received::Kept | Received::Duplicate => {}
+            }
+        }
+        for (actor, half, receipt) in self.ports.receipts() {
+            if half < self.collector.halves() {
+                self.collector.recorded(actor, half, receipt);
             }
         }
         Ok(())
@@ -136,11 +145,34 @@ impl<'a, W: Write> Conversation<'a, W> {
 
     /// Receives until the half whose turn it is is complete, or there is a reason to stop.
     pub fn await_observations(&mut self) -> Result<Option<Stop>> {
+        self.await_actors(Collector::missing)
+    }
+
+    /// Waits until the recorder has this half's observations, or there is a reason to stop. An actor that cannot send
+    /// them to it does not answer, whatever the learner has of it.
+    pub fn await_receipts(&mut self, half: u32) -> Result<Option<Stop>> {
+        self.await_actors(|collector| collector.unrecorded(half))
+    }
+
+    /// Whether the recording of this learner's rollouts before `rollout` is written; without a recorder it is.
+    pub fn is_written(&self, rollout: u64) -> bool {
+        let written =
+            |Written { learner_incarnation, rollout: to }| learner_incarnation == self.incarnation && to >= rollout;
+        !self.ports.recorded() || self.ports.written().is_some_and(written)
+    }
+
+    /// Whether nothing more can be recorded.
+    pub fn recording_failed(&self) -> bool {
+        self.ports.recording_failed()
+    }
+
+    /// Receives until no actor is waited for, or there is a reason to stop.
+    fn await_actors(&mut self, waits_for: impl Fn(&Collector<Sample>) -> Vec<u32>) -> Result<Option<Stop>> {
         let began = Instant::now();
         let mut patience = Patience::new(self.actor_deadline_s);
         loop {
             self.receive_all()?;
-            let missing = self.collector.missing();
+            let missing = waits_for(&self.collector);
             if let Some(stop) = self.stop_asked()? {
                 return Ok(Some(stop));
             }
@@ -176,11 +208,14 @@ impl<'a, W: Write> Conversation<'a, W> {
         }
     }
 
-    /// Sends a half's actions, in batch order.
-    pub fn answer(&mut self, half: u32, actions: &[u8]) -> Result<()> {
-        for batch in self.collector.answer(half, actions) {
-            self.ports.send_actions(&batch)?;
+    /// Sends a half's actions, in batch order, once the recorder has what they answer; or returns a reason to stop.
+    pub fn answer(&mut self, half: u32, actions: &[u8]) -> Result<Option<Stop>> {
+        let stop = self.await_receipts(half)?;
+        if stop.is_none() {
+            for batch in self.collector.answer(half, actions) {
+                self.ports.send_actions(&batch)?;
+            }
         }
-        Ok(())
+        Ok(stop)
     }
 }

@@ -8,8 +8,8 @@ use proto::camera::FRAME_PIXELS;
 use proto::step::{Current, Transition};
 use wire::message::{EnvironmentState, Observation, ObservationHeader, RestoreHeader, StageAnnouncement};
 use wire::{
-    ActionPublisher, Bell, Bells, Ipc, ObservationSubscriber, RestorePublisher, StageSubscriber, ThreadBell, Waiting,
-    Wakeup, Wire, WireAddress, WireError, WireShape,
+    ActionPublisher, Bell, Bells, Ipc, ObservationSubscriber, Receipt, Receipts, RestorePublisher, StageSubscriber,
+    ThreadBell, Waiting, Wakeup, Wire, WireAddress, WireError, WireShape, Written,
 };
 
 /// A received sample: borrowed from shared memory until it is dropped. A subscriber may hold two of each actor.
@@ -47,6 +47,9 @@ pub struct Ports {
     observations_wakeup: Wakeup,
     stage: StageSubscriber,
     stage_wakeup: Wakeup,
+    recorded_wakeup: Wakeup,
+    /// None where nothing is recorded.
+    receipts: Option<Receipts>,
     bells: Bells,
     /// The run's number of the first of [`Self::actors`].
     first_actor: u32,
@@ -55,14 +58,16 @@ pub struct Ports {
 }
 
 impl Ports {
-    /// Joins the services of an orchestrator incarnation.
-    pub fn open(address: &WireAddress, shape: WireShape, rank: u32) -> Result<Self> {
+    /// Joins the services of an orchestrator incarnation. `recorder`: whether it has one.
+    pub fn open(address: &WireAddress, shape: WireShape, rank: u32, recorder: bool) -> Result<Self> {
         let wire = Wire::join(address, shape, &format!("learner-{rank}"))?;
         // The bells' listeners first: whoever finds the subscriber finds someone to wake.
         let observations_wakeup = wire.observations_wakeup(rank)?;
         let observations = wire.observation_subscriber(rank)?;
         let stage_wakeup = wire.stage_wakeup()?;
         let stage = wire.stage_subscriber()?;
+        let recorded_wakeup = wire.recorded_wakeup(rank)?;
+        let receipts = recorder.then(|| Receipts::open(address, shape.shares.actors())).transpose()?;
         let actors = shape
             .shares
             .actors_of(rank)
@@ -76,7 +81,18 @@ impl Ports {
             .collect::<Result<_>>()?;
         let first_actor = shape.shares.actors_of(rank).start;
         let bells = Bells::new()?;
-        Ok(Self { observations, observations_wakeup, stage, stage_wakeup, bells, first_actor, actors, _wire: wire })
+        Ok(Self {
+            observations,
+            observations_wakeup,
+            stage,
+            stage_wakeup,
+            recorded_wakeup,
+            receipts,
+            bells,
+            first_actor,
+            actors,
+            _wire: wire,
+        })
     }
 
     /// The next observation sample, if one is waiting.
@@ -90,9 +106,33 @@ impl Ports {
         }
     }
 
-    /// Waiting for all that can happen: observations, announcements, and what rings `gone`.
+    /// Waiting for all that can happen: observations, announcements, receipts, and what rings `gone`.
     pub fn attach<'a>(&'a self, gone: &'a ThreadBell) -> Result<Waiting<'a>, WireError> {
-        self.bells.attach([&self.observations_wakeup, &self.stage_wakeup], gone)
+        self.bells.attach([&self.observations_wakeup, &self.stage_wakeup, &self.recorded_wakeup], gone)
+    }
+
+    /// Whether there is a recorder.
+    pub fn recorded(&self) -> bool {
+        self.receipts.is_some()
+    }
+
+    /// The recorder's newest receipts: actor, half, receipt.
+    pub fn receipts(&self) -> impl Iterator<Item = (u32, u32, Receipt)> {
+        let actors = self.first_actor..self.first_actor + self.actors.len() as u32;
+        self.receipts.iter().flat_map(move |receipts| {
+            let of = |(actor, half)| receipts.of(actor, half).map(|receipt| (actor, half, receipt));
+            actors.clone().flat_map(|actor| [(actor, 0), (actor, 1)]).filter_map(of)
+        })
+    }
+
+    /// How far the recording is written.
+    pub fn written(&self) -> Option<Written> {
+        self.receipts.as_ref().and_then(Receipts::written)
+    }
+
+    /// Whether nothing more can be recorded.
+    pub fn recording_failed(&self) -> bool {
+        self.receipts.as_ref().is_some_and(Receipts::failed)
     }
 
     /// Announcements made since the last call, the newest last.

@@ -88,7 +88,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let Resumed { rollout, frames, boundary, checkpoint } = resumed;
     // 0 = none was found, which is not the checkpoint of rollout 0.
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
-    let ports = Ports::open(&wire, WireShape::of(&config), rank)?;
+    let ports = Ports::open(&wire, WireShape::of(&config), rank, config.recording.enabled)?;
     let speaker = Speaker { rank, incarnation, ports: &ports, gone: &gone };
     let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout())?;
     conversation.tell(&LearnerEvent::Ready {

@@ -23,6 +23,10 @@ use wire::fault;
 
 /// Longest wait for a rollout's announcement.
 const ANNOUNCEMENT_DEADLINE: Duration = Duration::from_mins(1);
+/// Longest wait until a collected rollout's recording is written.
+const WRITING_DEADLINE: Duration = Duration::from_mins(1);
+/// The same once a stop is announced: the recorder may have died without a word.
+const WRITING_PATIENCE: Duration = Duration::from_secs(5);
 
 /// All that training needs.
 pub struct Training<'a, W> {
@@ -95,19 +99,17 @@ impl<W: Write> Training<'_, W> {
             let cut_short = self.await_and_collect(&mut state, position)?;
             let Meeting { collected, preempted, end } = self.meet(&state, cut_short)?;
             if let Some(end) = end {
-                // Also if this learner has taken all its steps, because another one has not.
-                self.agent.abandon_rollout();
-                return match end {
-                    CutShort::Stop(stop) => self.leave(&mut state, Some(stop)),
-                    CutShort::Fault(error) => self.save_unsaved(&mut state).and(Err(error)),
-                };
+                return self.break_off(&mut state, end);
             }
-            let statistics = self.conversation.collector.finish().over(self.agent.peers())?;
-            assert_eq!(statistics.frames(), collected, "every frame is counted once");
             let before = self.frames;
             let frames = before + collected;
             let rollout = self.rollout;
             self.tell_for_all(|rank| LearnerEvent::RolloutCollected { rank, rollout, frames });
+            if let Some(end) = self.await_writing()? {
+                return self.break_off(&mut state, end);
+            }
+            let statistics = self.conversation.collector.finish().over(self.agent.peers())?;
+            assert_eq!(statistics.frames(), collected, "every frame is counted once");
 
             fault::reach("learner.before_update");
             let update_began = Instant::now();
@@ -150,6 +152,15 @@ impl<W: Write> Training<'_, W> {
             }
         }
         self.leave(&mut state, None)
+    }
+
+    /// Abandons the rollout, also if this learner has taken all its steps: the state at its beginning is saved.
+    fn break_off(&mut self, state: &mut Loop, end: CutShort) -> Result<()> {
+        self.agent.abandon_rollout();
+        match end {
+            CutShort::Stop(stop) => self.leave(state, Some(stop)),
+            CutShort::Fault(error) => self.save_unsaved(state).and(Err(error)),
+        }
     }
 
     /// Saves the state if necessary and reports the end.
@@ -295,6 +306,57 @@ impl<W: Write> Training<'_, W> {
         Ok(Meeting { collected: collected as u64, preempted: preempted as u32, end })
     }
 
+    /// Waits until the recording of the collected rollout is written. Only then it is trained on: whoever is killed from
+    /// there on, what a checkpoint holds is recorded. Rank 0 waits for all. Returns why the rollout must be abandoned,
+    /// if it must.
+    fn await_writing(&mut self) -> Result<Option<CutShort>> {
+        if !self.config.recording.enabled {
+            return Ok(None);
+        }
+        let own = if self.conversation.rank == 0 { self.await_written()? } else { None };
+        let mut word = match &own {
+            None => 0.0,
+            Some(CutShort::Stop(Stop::Announced)) => 1.0,
+            Some(CutShort::Stop(Stop::OrchestratorGone)) => 2.0,
+            Some(CutShort::Fault(_)) => 3.0,
+        };
+        self.agent.peers().first(&mut word)?;
+        Ok(own.or_else(|| match word as u8 {
+            0 => None,
+            1 => Some(CutShort::Stop(Stop::Announced)),
+            2 => Some(CutShort::Stop(Stop::OrchestratorGone)),
+            _ => Some(CutShort::Fault(PeerError::Elsewhere.into())),
+        }))
+    }
+
+    fn await_written(&mut self) -> Result<Option<CutShort>> {
+        let began = Instant::now();
+        loop {
+            self.conversation.receive_all()?;
+            // Asked before it is looked whether all is written: a recorder that is gone writes nothing more.
+            let stop = self.conversation.stop_asked()?;
+            if self.conversation.is_written(self.rollout + 1) {
+                return Ok(None);
+            }
+            let waited = began.elapsed();
+            match stop {
+                Some(Stop::OrchestratorGone) => return Ok(stop.map(CutShort::Stop)),
+                Some(Stop::Announced) if self.conversation.recording_failed() || waited >= WRITING_PATIENCE => {
+                    return Ok(stop.map(CutShort::Stop));
+                }
+                _ if waited >= WRITING_DEADLINE => {
+                    return Ok(Some(CutShort::Fault(anyhow::anyhow!(
+                        "rollout {} was not recorded within {} s: the disk of {} hangs, or the orchestrator does",
+                        self.rollout,
+                        WRITING_DEADLINE.as_secs(),
+                        self.run.recordings().display()
+                    ))));
+                }
+                _ => self.conversation.wait(WRITING_PATIENCE)?,
+            }
+        }
+    }
+
     /// Waits until the next rollout is announced. Actors that start meanwhile are served.
     fn await_announcement(&mut self) -> Result<Result<u64, CutShort>> {
         let began = Instant::now();
@@ -352,7 +414,12 @@ impl<W: Write> Training<'_, W> {
                     let output = self.agent.step(t, &batch.input())?;
                     drop(batch);
                     state.timing.infer_s += began.elapsed().as_secs_f64();
-                    self.conversation.answer(half, &output.actions)?;
+                    let began = Instant::now();
+                    let stop = self.conversation.answer(half, &output.actions)?;
+                    state.timing.simulate_s += began.elapsed().as_secs_f64();
+                    if stop.is_some() {
+                        return Ok(stop);
+                    }
                     if half == 0 {
                         fault::reach("learner.mid_rollout");
                     }
@@ -364,6 +431,10 @@ impl<W: Write> Training<'_, W> {
                     self.agent.bootstrap(&batch.input())?;
                     drop(batch);
                     state.timing.infer_s += began.elapsed().as_secs_f64();
+                    let stop = self.conversation.await_receipts(half)?;
+                    if stop.is_some() {
+                        return Ok(stop);
+                    }
                     self.conversation.collector.bootstrapped(half);
                 }
                 Task::Finish => {

@@ -39,6 +39,8 @@ pub fn tiny() -> Config {
     config.learner.threads = 1;
     config.learner.actor_deadline_s = 30.0;
     config.checkpoint.interval_s = 0.0;
+    // There is no recorder here, whose receipts a learner would wait for.
+    config.recording.enabled = false;
     config.stages = vec![
         StageConfig { name: "I".into(), reward: RewardKind::Task, frames: 62 },
         StageConfig { name: "II".into(), reward: RewardKind::DisturbanceFree, frames: 40 },

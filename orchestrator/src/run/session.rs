@@ -100,12 +100,27 @@ impl Session<'_> {
                     counted(recorded.files.len() as u64, "file"),
                     format::bytes(recorded.bytes)
                 );
-                Ok(())
+                match &outcome {
+                    Ok(Outcome { saved: Some(saved), .. }) if config.evaluation.is_none() => {
+                        all_recorded(recorded.frames, saved.frames)
+                    }
+                    _ => Ok(()),
+                }
             }
             Some(Err(error)) => Err(anyhow::Error::new(error)),
         };
         Ok((outcome?, recording))
     }
+}
+
+/// Compares the frames of a run with those that the recorder has confirmed, rollout by rollout.
+fn all_recorded(confirmed: Option<u64>, frames: u64) -> Result<()> {
+    let confirmed = confirmed.unwrap_or(0);
+    anyhow::ensure!(
+        confirmed == frames,
+        "the run has {frames} frames, but only of {confirmed} was every step recorded"
+    );
+    Ok(())
 }
 
 /// The processes of a run, as text.

@@ -221,7 +221,7 @@ impl<A: Audience> Supervision<'_, A> {
             }
             Event::Learner { incarnation, event } if *incarnation == self.learner_incarnation => {
                 if let Some(recorder) = recorder {
-                    recorder.learner(event);
+                    recorder.learner(*incarnation, event);
                 }
                 if is_for_audience(event)
                     && let Err(error) = self.audience.learner(now, event)

@@ -81,7 +81,10 @@ impl TrainingRun {
         let reason = outcome.end.reason().map(str::to_owned);
         let saved = outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.as_str()));
         let wall = Wall::read(&self.folder, &self.identity, Last::Took(wall))?;
-        let summary = saved.map(|saved| Summary::of(&self.folder, &self.config, history, &self.identity, wall, saved));
+        let summary = saved.map(|saved| Summary {
+            recording_complete: self.config.recording.enabled.then_some(recording.is_ok()),
+            ..Summary::of(&self.folder, &self.config, history, &self.identity, wall, saved)
+        });
         fault::reach("orchestrator.before_summary");
         if let Some(summary) = summary.as_ref().filter(|_| outcome.end == End::Complete) {
             summary.write(&self.folder)?;

@@ -44,6 +44,9 @@ pub struct Summary {
     /// None in summaries of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wall: Option<Wall>,
+    /// Whether the recordings hold every step of the run. None without recordings, and in summaries of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recording_complete: Option<bool>,
     /// How often an orchestrator was started on it.
     pub incarnations: u32,
     /// Recordings, relative to the run folder.
@@ -75,6 +78,7 @@ impl Summary {
             training_s,
             frames_per_s: if training_s > 0.0 { frames as f64 / training_s } else { 0.0 },
             wall: Some(wall),
+            recording_complete: None,
             incarnations: identity.incarnations.len() as u32,
             recordings: recordings(folder),
         }
@@ -125,6 +129,9 @@ impl Summary {
             [] => {}
             [one] => lines.push(format!("recording   {}", folder.root().join(one).display())),
             many => lines.push(format!("recordings  {} ({} files)", folder.recordings().display(), many.len())),
+        }
+        if self.recording_complete == Some(false) {
+            lines.push("ERROR       the recordings do not hold every step of the run: see the error below".to_owned());
         }
         if !matches!(end, End::Failed(_)) {
             lines.push(format!("weights: {}", self.weights));

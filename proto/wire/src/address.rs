@@ -55,6 +55,11 @@ impl WireAddress {
         &self.root
     }
 
+    /// File of the recorder's receipts.
+    pub(super) fn receipts(&self) -> PathBuf {
+        self.root.join("receipts")
+    }
+
     /// Deletes everything of this user's at this address. To be called when no process uses it any more.
     ///
     /// What belongs to somebody else, and symbolic links, are left alone. Returns the number of files removed.

@@ -47,12 +47,16 @@ pub mod lifeline;
 pub mod logging;
 pub mod message;
 pub mod processor;
+mod receipts;
+mod recorded;
 mod services;
+mod shm;
 
 pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id};
 pub use announcer::Announcer;
 pub use bells::{Bells, ThreadBell, Waiting};
 pub use error::WireError;
+pub use receipts::{Receipt, ReceiptBook, Receipts, Written};
 pub use services::{
     ActionPublisher, ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
     RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wakeup, Wire, WireHost, WireShape,

@@ -7,11 +7,12 @@
 //! | `restore/ACTOR` | publish-subscribe | learner → one actor | `[EnvironmentState]` of all its environments |
 //! | `actions/ACTOR` | publish-subscribe | learner → one actor | `[u8]`, one action an environment of the half |
 //! | `actions-ready/ACTOR` | event | learner → one actor | |
+//! | `recorded/RANK` | event | recorder → a learner | |
 //! | `stage` | publish-subscribe, history 1 | orchestrator → learners | `StageAnnouncement` |
 //! | `stage-ready` | event | orchestrator → the same | |
 //!
 //! Each learner has its own observation services: samples of another learner's actors neither wake it nor fill its
-//! queue.
+//! queue. What the recorder has taken stands in its [receipts](crate::receipts), which are no service.
 //!
 //! One long-lived process, the orchestrator, creates every service ([`WireHost`]) and all others only open them
 //! ([`Wire`]): a process killed while it creates a service can leave it half-made for good. Each incarnation of the
@@ -23,6 +24,7 @@ use crate::error::WireError;
 use crate::message::{
     ActionHeader, EnvironmentState, Halves, Observation, ObservationHeader, RestoreHeader, StageAnnouncement,
 };
+use crate::receipts;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
@@ -283,6 +285,17 @@ impl Wire {
             .max_nodes(self.shape.nodes()))
     }
 
+    pub(crate) fn recorded(&self, rank: u32) -> Result<EventBuilder<Ipc>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(&recorded_name(rank))?)
+            .event()
+            .max_notifiers(1)
+            .max_listeners(RESTART_MARGIN)
+            .event_id_max_value(1)
+            .max_nodes(self.shape.nodes()))
+    }
+
     fn actions(&self, actor: u32) -> Result<SampleBuilder<[u8], ActionHeader>, WireError> {
         Ok(self
             .node
@@ -397,12 +410,14 @@ impl WireHost {
         for rank in 0..shape.shares.learners() {
             create!(wire.observations(rank), &observations_name(rank));
             create!(wire.observations_ready(rank), &observations_ready_name(rank));
+            create!(wire.recorded(rank), &recorded_name(rank));
         }
         for actor in 0..shape.shares.actors() {
             create!(wire.actions(actor), &actions_name(actor));
             create!(wire.restore(actor), &restore_name(actor));
             create!(wire.actions_ready(actor), &actions_ready_name(actor));
         }
+        receipts::create(address, shape.shares.actors())?;
         address.close_to_others().map_err(|cause| WireError::Node {
             root: address.root().display().to_string(),
             cause: cause.to_string(),
@@ -438,6 +453,10 @@ fn observations_name(rank: u32) -> String {
 
 fn observations_ready_name(rank: u32) -> String {
     format!("observations-ready/{rank}")
+}
+
+pub(crate) fn recorded_name(rank: u32) -> String {
+    format!("recorded/{rank}")
 }
 
 fn actions_name(actor: u32) -> String {

@@ -59,7 +59,7 @@ impl Actor {
             rank: config.shares().learner_of(number),
             environments: ids.iter().map(|&id| FakeEnvironment::rebuild(id, MAX_STEPS, &start)).collect(),
             ids,
-            protocol: Protocol::new(number, incarnation, each),
+            protocol: Protocol::new(number, incarnation, each, !world.setup.has(Mutation::IgnoresReceipts)),
             accepted: Default::default(),
             ports: None,
             doing: Doing::Starting,
@@ -81,6 +81,9 @@ impl Actor {
         let now = world.since(self.begun);
         let number = self.number as usize;
         let Some(Ports { restores, actions, .. }) = self.ports else { return Next::After(1) };
+        if self.protocol.is_strange() {
+            self.protocol.on_met(world.desks[self.session].met.get(&self.number).copied().unwrap_or(0));
+        }
         let mut rebuilt = 0;
         while let Some(restore) = world.wires[self.session].restores[number].receive(restores, &mut world.dice).0 {
             let (header, states) = &restore.value;

@@ -169,6 +169,11 @@ impl Disk for SimulatedDisk {
         Ok(state.open_or_make(path))
     }
 
+    fn open(&self, path: &Path) -> Result<usize> {
+        self.operate()?;
+        Ok(*self.0.borrow().names.get(path).ok_or(ErrorKind::NotFound)?)
+    }
+
     fn write_all(&self, file: &mut usize, content: &[u8]) -> Result<()> {
         let killed = self.operate();
         let mut state = self.0.borrow_mut();

@@ -11,6 +11,7 @@ use crate::model::Model;
 use crate::service::TaskId;
 use crate::setup::Setup;
 use crate::wire::Wire;
+use ::wire::{Receipt, Written};
 use orchestrator::{Event, Exit, Outcome, Process};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -80,7 +81,28 @@ enum Happening {
     LetGo(TaskId),
 }
 
-/// What a session and its recorder share.
+/// What the recorder is told of a learner.
+#[derive(Debug, Clone, Copy)]
+pub enum Note {
+    /// One goes on from this many frames.
+    Began {
+        /// Its incarnation.
+        learner_incarnation: u32,
+        /// Frames.
+        frames: u64,
+    },
+    /// A rollout is collected.
+    Collected {
+        /// By this incarnation.
+        learner_incarnation: u32,
+        /// Which.
+        rollout: u64,
+        /// Frames with it.
+        frames: u64,
+    },
+}
+
+/// What a session and its recorder share; and the recorder's receipts, which learners and actors read.
 #[derive(Debug, Default)]
 pub struct Desk {
     /// The recorder has its ports.
@@ -91,6 +113,16 @@ pub struct Desk {
     pub finished: bool,
     /// Why it stopped writing.
     pub failure: Option<String>,
+    /// What it is told of the learners.
+    pub notes: VecDeque<Note>,
+    /// By actor: the newest incarnation that it has heard.
+    pub met: BTreeMap<u32, u32>,
+    /// By actor and half: what it has taken.
+    pub receipts: BTreeMap<(u32, u32), Receipt>,
+    /// Frames of the run whose steps are all recorded, as it counts them.
+    pub confirmed: Option<u64>,
+    /// How far it has written.
+    pub written: Option<Written>,
     /// It takes no turn before this time: its thread gets no processor.
     pub lags_until: u64,
 }

@@ -17,7 +17,7 @@ pub enum Word {
     /// Its environments, for the first learner's checkpoint.
     Part(Boundary),
     /// The first learner's word counts.
-    First(bool),
+    First(u8),
 }
 
 /// Another learner is dead.

@@ -4,15 +4,16 @@
 
 use crate::disk::SimulatedDisk;
 use crate::environment::mix;
-use crate::kernel::{MILLISECOND, Next, Program, SECOND, World};
+use crate::kernel::{MILLISECOND, Next, Note, Program, SECOND, World};
 use crate::model::StepName;
 use crate::service::TaskId;
 use crate::wire::Observations;
-use orchestrator::{Ledger, Verdict};
+use orchestrator::{Ledger, Tally, Verdict};
 use proto::disk::Disk;
 use proto::step::transition_flag;
 use std::path::{Path, PathBuf};
 use wire::message::{Halves, observation_kind};
+use wire::{Receipt, Written};
 
 /// A killed recorder loses at most this much.
 const FLUSH_INTERVAL: u64 = SECOND;
@@ -28,17 +29,19 @@ pub struct Recorder {
     session: usize,
     ports: Vec<u32>,
     ledger: Ledger,
+    tally: Tally,
+    /// The last receipts that each learner was rung for.
+    told: Vec<[Option<Receipt>; 2]>,
     halves: Halves,
     /// By column: the transition that was last accounted for.
     taken: Vec<Option<(u32, u32, u32)>>,
     pending: Vec<u8>,
     flushed: u64,
-    /// Since when it finishes and nothing comes.
     failed: bool,
 }
 
 fn path(session: usize) -> PathBuf {
-    Path::new(FOLDER).join(format!("incarnation-{session:03}"))
+    Path::new(FOLDER).join(format!("incarnation-{session:03}.mcap"))
 }
 
 impl Recorder {
@@ -49,6 +52,8 @@ impl Recorder {
             session,
             ports: vec![],
             ledger: Ledger::new(config.actors.count),
+            tally: Tally::default(),
+            told: vec![[None; 2]; config.learner.count as usize],
             halves: Halves::of(config.actors.environments_per_actor),
             taken: vec![None; config.environments()],
             pending: vec![],
@@ -79,8 +84,13 @@ impl Recorder {
     }
 
     fn sample(&mut self, world: &mut World, (header, observations): &Observations) {
-        if header.kind != observation_kind::OBSERVATIONS {
-            return;
+        match header.kind {
+            observation_kind::OBSERVATIONS => {}
+            observation_kind::HELLO if self.ledger.knows(header.actor) => {
+                world.desks[self.session].met.insert(header.actor, header.actor_incarnation);
+                return;
+            }
+            _ => return,
         }
         let missed = self.ledger.missed();
         let verdict = self.ledger.judge(header);
@@ -96,16 +106,59 @@ impl Recorder {
             Verdict::Alien => return world.violate(format!("the recorder got a sample of nobody: {header:?}")),
         };
         let first = header.actor as usize * self.taken.len() / world.setup.config.actors.count as usize;
+        let mut steps = 0;
         for (index, (_, transition, _)) in self.halves.range(header.half).zip(observations.iter()) {
             let column = first + index;
             let taken = Some((header.learner_incarnation, transition.episode, transition.step));
             if transition.flags & transition_flag::VALID != 0 && self.taken[column] != taken {
                 self.taken[column] = taken;
                 if with_transitions {
+                    steps += 1;
                     self.write(column, transition.episode, transition.step, transition.state_hash);
                 }
             }
         }
+        self.tally.record(header.learner_incarnation, steps);
+        let receipt = Receipt { learner_incarnation: header.learner_incarnation, step: header.step };
+        world.desks[self.session].receipts.insert((header.actor, header.half), receipt);
+    }
+
+    /// Rings for each learner that now has the receipts of all its actors for the next exchange of a half.
+    fn tell(&mut self, world: &mut World, me: TaskId) {
+        let shares = world.setup.config.shares();
+        for (rank, told) in (0..).zip(&mut self.told) {
+            let complete = [0, 1].map(|half| self.ledger.complete(shares.actors_of(rank), half));
+            if std::mem::replace(told, complete) != complete {
+                ring_learner(world, self.session, rank, me);
+            }
+        }
+    }
+
+    /// Does what it is told.
+    fn heed(&mut self, world: &mut World, me: TaskId, note: Note) {
+        match note {
+            Note::Began { learner_incarnation, frames } => self.tally.begin(learner_incarnation, frames),
+            Note::Collected { learner_incarnation, rollout, frames } => {
+                if !self.failed {
+                    match self.tally.collect(learner_incarnation, rollout, frames) {
+                        Ok(()) => self.flush(world),
+                        Err(gap) => self.fail(world, gap.to_string()),
+                    }
+                }
+                if !self.failed {
+                    let written = Written { learner_incarnation, rollout: rollout + 1 };
+                    world.note(|| format!("recorder: {written:?}"));
+                    world.desks[self.session].written = Some(written);
+                }
+                ring_learner(world, self.session, 0, me);
+            }
+        }
+    }
+
+    fn fail(&mut self, world: &mut World, why: String) {
+        world.note(|| format!("recorder: {why}"));
+        self.failed = true;
+        world.desks[self.session].failure = Some(why);
     }
 
     fn write(&mut self, column: usize, episode: u32, step: u32, hash: u64) {
@@ -122,11 +175,7 @@ impl Recorder {
         }
         match world.disk.append(&path(self.session), &self.pending) {
             Ok(()) => self.pending.clear(),
-            Err(error) => {
-                self.failed = true;
-                world.note(|| format!("recorder: cannot write: {error}"));
-                world.desks[self.session].failure = Some(error.to_string());
-            }
+            Err(error) => self.fail(world, error.to_string()),
         }
     }
 }
@@ -142,6 +191,10 @@ impl Program for Recorder {
             return Next::After(lag);
         }
         let taken = self.drain(world);
+        self.tell(world, me);
+        while let Some(note) = world.desks[self.session].notes.pop_front() {
+            self.heed(world, me, note);
+        }
         if world.desks[self.session].finish {
             if taken > 0 {
                 return Next::After(QUIET);
@@ -150,6 +203,7 @@ impl Program for Recorder {
             if !self.failed && world.disk.sync_whole(&path(self.session)).is_err() {
                 world.desks[self.session].failure = Some("it cannot be seen onto the disk".to_owned());
             }
+            world.desks[self.session].confirmed = self.tally.frames();
             world.desks[self.session].finished = true;
             return Next::Wait(u64::from(u32::MAX));
         }
@@ -161,6 +215,12 @@ impl Program for Recorder {
         }
         Next::Wait((self.flushed + FLUSH_INTERVAL - world.now).max(1))
     }
+}
+
+/// Rings for the learner with this rank.
+fn ring_learner(world: &mut World, session: usize, rank: u32, me: TaskId) {
+    let listeners = world.wires[session].observations[rank as usize].listeners();
+    listeners.into_iter().filter(|&task| task != me).for_each(|task| world.ring(task));
 }
 
 /// Every step in the recordings of a run, with the hash of the state that it led to. What is torn is left out.

@@ -1,13 +1,14 @@
 //! The orchestrator's loop: the real supervisor in a shell that follows `orchestrator/src/supervisor/shell.rs`.
 
 use crate::actor::Actor;
-use crate::kernel::{Desk, Label, MILLISECOND, Next, Program, SECOND, World};
+use crate::kernel::{Desk, Label, MILLISECOND, Next, Note, Program, SECOND, World};
 use crate::learner::Learner;
 use crate::recorder::Recorder;
 use crate::service::TaskId;
 use crate::setup::Mutation;
 use crate::wire::Wire;
 use orchestrator::{Action, Event, Exit, Outcome, Policy, Process, Supervisor};
+use proto::event::LearnerEvent;
 use std::collections::{BTreeMap, VecDeque};
 use wire::message::StageAnnouncement;
 
@@ -40,6 +41,8 @@ pub struct Session {
     next_tick: u64,
     sweeps: u32,
     recording_failed: bool,
+    /// The learners that are listened to.
+    learner_incarnation: u32,
 }
 
 impl Session {
@@ -58,6 +61,7 @@ impl Session {
             next_tick: 0,
             sweeps: 0,
             recording_failed: false,
+            learner_incarnation: 0,
         }
     }
 
@@ -143,6 +147,7 @@ impl Session {
     fn spawn(&mut self, world: &mut World, me: TaskId, process: Process, incarnation: u32) {
         let (program, delay): (Box<dyn Program>, u64) = match process {
             Process::Learner(rank) => {
+                self.learner_incarnation = incarnation;
                 let delay = world.dice.spread(20 * MILLISECOND, SECOND);
                 (Box::new(Learner::new(world, self.number, rank, incarnation)), delay)
             }
@@ -183,12 +188,31 @@ impl Session {
         }
     }
 
+    /// What the recorder is told of a learner.
+    fn tell_recorder(&self, world: &mut World, event: &LearnerEvent) {
+        let learner_incarnation = self.learner_incarnation;
+        let note = match *event {
+            LearnerEvent::Ready { rank: 0, frames, .. } => Note::Began { learner_incarnation, frames },
+            LearnerEvent::RolloutCollected { rollout, frames, .. } => {
+                Note::Collected { learner_incarnation, rollout, frames }
+            }
+            _ => return,
+        };
+        world.desks[self.number].notes.push_back(note);
+        for recorder in world.tasks(|label| label == Label::Recorder) {
+            world.ring(recorder);
+        }
+    }
+
     fn take_note(&mut self, world: &mut World, event: &Event) {
         match event {
             Event::Exited { process, .. } => {
                 self.children.remove(process);
                 self.sweep(world);
                 self.sweeps = SWEEPS_AFTER_DEATH;
+            }
+            Event::Learner { incarnation, event } if *incarnation == self.learner_incarnation => {
+                self.tell_recorder(world, event);
             }
             Event::Tick => {
                 world.wires[self.number].stage.update(self.announcer);

@@ -7,6 +7,9 @@ use proto::reward::RewardKind;
 /// Something that is wrong on purpose, to see that the world finds it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mutation {
+    /// Nobody waits for the recorder: an action is the receipt for an observation, as it was until the world had shown
+    /// what follows from that.
+    IgnoresReceipts,
     /// The wire loses one observation sample in fifty on its way to the recorder.
     LosesSamples,
     /// The learner sends the actions of an exchange a second time with the number of the next.

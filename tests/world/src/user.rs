@@ -30,7 +30,7 @@ impl Program for User {
             self.looked_at += 1;
             world.note(|| format!("user: session {session} ended: {outcome:?}"));
             if outcome.end == End::Complete {
-                look(world, &outcome);
+                look(world, session, &outcome);
                 world.end();
                 return Next::Wait(SECOND);
             }
@@ -53,7 +53,11 @@ impl Program for User {
 }
 
 /// Looks at a complete run.
-fn look(world: &mut World, outcome: &Outcome) {
+fn look(world: &mut World, session: usize, outcome: &Outcome) {
+    let confirmed = world.desks[session].confirmed;
+    if confirmed != Some(world.model.frames) {
+        return world.violate(format!("the recorder has confirmed {confirmed:?} frames of {}", world.model.frames));
+    }
     let weights = format!("{:064x}", world.model.last_weights());
     match &outcome.saved {
         Some(saved) if saved.frames != world.model.frames => {

@@ -14,6 +14,7 @@ mod live;
 mod note;
 mod scribe;
 pub mod segment;
+mod tally;
 mod tap;
 #[cfg(test)]
 pub mod testing;
@@ -23,3 +24,4 @@ mod tests;
 pub use handle::Recorder;
 pub use ledger::{Ledger, Verdict};
 pub use note::RecorderSetup;
+pub use tally::{Gap, Tally};

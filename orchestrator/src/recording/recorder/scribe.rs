@@ -175,14 +175,16 @@ impl Scribe {
         }
     }
 
-    /// Describes one sample. `with_transitions` is false where the transitions were recorded before.
+    /// Describes one sample; returns how many steps it held. `with_transitions` is false where the transitions were
+    /// recorded before.
     pub fn observations(
         &mut self,
         time_ns: u64,
         header: &ObservationHeader,
         observations: &[Observation],
         with_transitions: bool,
-    ) -> Result<(), SegmentError> {
+    ) -> Result<u64, SegmentError> {
+        let mut steps = 0;
         let first = header.actor * self.shape.environments_per_actor;
         let range = Halves::of(self.shape.environments_per_actor).range(header.half);
         for (index, observation) in range.zip(observations) {
@@ -194,6 +196,7 @@ impl Scribe {
                 self.environments[environment].taken = taken;
                 if with_transitions {
                     self.step(time_ns, header, environment, index as u32, transition)?;
+                    steps += 1;
                     if transition.flags & transition_flag::ENDED != 0 {
                         self.episode_end(time_ns, header, environment, transition)?;
                     }
@@ -213,7 +216,7 @@ impl Scribe {
                 self.depth(time_ns, environment, observation)?;
             }
         }
-        Ok(())
+        Ok(steps)
     }
 
     /// Figures of a trained rollout.

@@ -116,14 +116,17 @@ fn every_step_is_recorded_once_and_puts_its_episode_together() {
         }
     }
     recorder.stage_switch(None, 0, 0, 0);
-    recorder.learner(&LearnerEvent::RolloutTrained {
-        rank: 0,
-        rollout: 0,
-        frames: 72,
-        stage: 0,
-        timing: Timing { update_s: 2.0, ..Timing::default() },
-        metrics: BTreeMap::from([(metric::ENTROPY.to_owned(), 3.0), ("auxiliary/recall".to_owned(), 0.5)]),
-    });
+    recorder.learner(
+        1,
+        &LearnerEvent::RolloutTrained {
+            rank: 0,
+            rollout: 0,
+            frames: 72,
+            stage: 0,
+            timing: Timing { update_s: 2.0, ..Timing::default() },
+            metrics: BTreeMap::from([(metric::ENTROPY.to_owned(), 3.0), ("auxiliary/recall".to_owned(), 0.5)]),
+        },
+    );
     assert_eq!(recorder.failure(), None);
     let summary = recorder.finish().unwrap();
     let environments = 6;

@@ -12,7 +12,7 @@ pub use save::tear_newest;
 use crate::kernel::{MILLISECOND, Next, Program, SECOND, World};
 use crate::meeting::{Lost, Meeting, Word};
 use crate::service::{NoPlace, TaskId};
-use crate::setup::{MAX_STEPS, NOISE};
+use crate::setup::{MAX_STEPS, Mutation, NOISE};
 use learner::collector::{ActionBatch, Boundary, Collector, ColumnMap, Settings};
 use learner::process::{Announcements, Patience};
 use orchestrator::{Event, Exit};
@@ -76,10 +76,16 @@ enum Phase {
     Announcing { began: u64 },
     /// Observations are to come.
     Collecting { patience: Patience, began: u64 },
+    /// The recorder is to have what this half's actions answer, or what its values are of.
+    Receipting { half: u32, chosen: Option<Vec<(usize, u64, u8)>>, t: usize, patience: Patience, began: u64 },
     /// Actions are being sent.
     Answering(VecDeque<ActionBatch>),
     /// At the end of the rollout.
     Agreed(Option<CutShort>),
+    /// The recording of the collected rollout is to be written: the first learner waits for it.
+    Recording { sum: u64, collected: u64, began: u64 },
+    /// Whether it is.
+    Recorded { sum: u64, collected: u64 },
     /// The update is being computed.
     Updating { sum: u64 },
     /// Whether a checkpoint is due.
@@ -232,6 +238,7 @@ impl Learner {
             carried_goal: config.network.carried_goal,
             gamma: config.ppo.gamma,
             learner_incarnation: self.incarnation,
+            recorded: !world.setup.has(Mutation::IgnoresReceipts),
         };
         self.collector = Some(Collector::new(settings, boundary));
         let word = Word::Same(self.saved.map_or(0, |rollout| rollout + 1));
@@ -323,15 +330,23 @@ impl Program for Learner {
             Phase::Restoring(actor) => self.restore_next(world, actor),
             Phase::Announcing { began } => self.await_announcement(world, me, began),
             Phase::Collecting { patience, began } => self.collect(world, me, patience, began),
+            Phase::Receipting { half, chosen, t, patience, began } => {
+                self.await_receipts(world, me, (half, t, chosen), (patience, began))
+            }
             Phase::Answering(batches) => self.answer(world, batches),
             Phase::Agreed(own) => match self.ended(world) {
                 Err(next) => self.stay(Phase::Agreed(own), next),
                 Ok(words) => self.agreed(world, me, own, &words),
             },
+            Phase::Recording { sum, collected, began } => self.await_written(world, me, [sum, collected, began]),
+            Phase::Recorded { sum, collected } => match self.ended(world) {
+                Err(next) => self.stay(Phase::Recorded { sum, collected }, next),
+                Ok(words) => self.recorded(world, me, [sum, collected], &words),
+            },
             Phase::Updating { sum } => self.updated(world, me, sum),
             Phase::Due { stage_ended } => match self.ended(world) {
                 Err(next) => self.stay(Phase::Due { stage_ended }, next),
-                Ok(words) if stage_ended || matches!(words[0], Word::First(true)) => self.save(world, me, Then::GoOn),
+                Ok(words) if stage_ended || matches!(words[0], Word::First(1)) => self.save(world, me, Then::GoOn),
                 Ok(_) => self.next_rollout(world),
             },
         }

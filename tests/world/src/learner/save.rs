@@ -85,13 +85,13 @@ impl Learner {
             }
             if let Err(error) = saved {
                 good = false;
-                if !matches!(error, CheckpointError::Write { .. }) {
+                if !matches!(error, CheckpointError::Write { .. } | CheckpointError::Recording { .. }) {
                     world.violate(format!("learner 0: {error}"));
                 }
                 world.note(|| format!("learner 0: {error}"));
             }
         }
-        self.begin(world, me, Word::First(good), Phase::Writing(then, good))
+        self.begin(world, me, Word::First(u8::from(good)), Phase::Writing(then, good))
     }
 
     fn snapshot(&self, words: &[Word], world: &mut World) -> Snapshot {
@@ -114,7 +114,7 @@ impl Learner {
 
     pub(super) fn written(&mut self, world: &mut World, me: TaskId, then: Then, words: &[Word]) -> Next {
         self.last_save = world.now;
-        if !matches!(words[0], Word::First(true)) {
+        if !matches!(words[0], Word::First(1)) {
             return match then {
                 Then::GoOn => self.next_rollout(world),
                 _ if self.rank == 0 => Next::Exit(Exit::Code(EXIT_UNSAVED)),

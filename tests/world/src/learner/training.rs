@@ -7,7 +7,7 @@ use crate::meeting::Word;
 use crate::model::{choose, look, of_action, of_bootstrap, of_outcome, update};
 use crate::service::TaskId;
 use crate::setup::{DISTURBANCE_WEIGHT, Mutation, NOISE};
-use learner::collector::{ActionBatch, Received, Reward, Task};
+use learner::collector::{ActionBatch, Collector, Received, Reward, Task};
 use learner::process::{Patience, Waited, Word as Announced};
 use orchestrator::Exit;
 use proto::event::{LearnerEvent, Timing};
@@ -15,9 +15,20 @@ use proto::exit::EXIT_LOST_PEERS;
 use proto::stage::{RolloutShape, position_at};
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
+use wire::{Receipt, Written};
 
 /// Longest wait for a rollout's announcement.
 const ANNOUNCEMENT_DEADLINE: u64 = 60 * SECOND;
+/// Longest wait until a collected rollout's recording is written.
+const WRITING_DEADLINE: u64 = 60 * SECOND;
+/// The same once a stop is announced.
+const WRITING_PATIENCE: u64 = 5 * SECOND;
+
+/// The first learner's word about the recording of a rollout.
+const WRITTEN: u8 = 0;
+const STOP_ANNOUNCED: u8 = 1;
+const ORCHESTRATOR_GONE: u8 = 2;
+const FAULT: u8 = 3;
 
 impl Learner {
     /// The head of the loop.
@@ -71,7 +82,7 @@ impl Learner {
             let service = &mut world.wires[self.session].observations[self.rank as usize];
             let (sample, awake) = service.receive(port, &mut world.dice);
             awake.into_iter().for_each(|task| world.ring(task));
-            let Some(sample) = sample else { return Ok(()) };
+            let Some(sample) = sample else { break };
             let header = sample.value.0;
             let received = self.collector().receive(&header, Sample(sample));
             world.note(|| format!("learner {}: {header:?}: {received:?}", self.rank));
@@ -85,6 +96,15 @@ impl Learner {
                 }
             }
         }
+        let actors = self.actors.clone();
+        let own = |(&(actor, half), &receipt): (&(u32, u32), &Receipt)| {
+            actors.contains(&actor).then_some((actor, half, receipt))
+        };
+        let receipts: Vec<_> = world.desks[self.session].receipts.iter().filter_map(own).collect();
+        for (actor, half, receipt) in receipts {
+            self.collector().recorded(actor, half, receipt);
+        }
+        Ok(())
     }
 
     pub(super) fn restore(&mut self, world: &mut World, actor: u32, actor_incarnation: u32) {
@@ -110,40 +130,79 @@ impl Learner {
         if self.gone { Some(Stop::OrchestratorGone) } else { self.announcements.stop().then_some(Stop::Announced) }
     }
 
+    /// Receives; an error with what is to be done, or with nothing if there is only to wait, while actors are missing.
+    fn await_actors(
+        &mut self,
+        world: &mut World,
+        me: TaskId,
+        waits_for: impl Fn(&Collector<Sample>) -> Vec<u32>,
+        (patience, began): (&mut Patience, u64),
+    ) -> Result<(), Option<Next>> {
+        self.receive_all(world).map_err(Some)?;
+        let missing = waits_for(self.collector());
+        if let Some(stop) = self.stop_asked(world) {
+            return Err(Some(self.meet(world, me, Some(CutShort::Stop(stop)))));
+        }
+        if missing.is_empty() {
+            return Ok(());
+        }
+        let waited = world.since(began);
+        match patience.after(waited) {
+            Waited::Overdue => return Err(Some(self.meet(world, me, Some(CutShort::Fault)))),
+            Waited::Wait(_) => {}
+            Waited::Notice(_) => {
+                for actor in missing {
+                    let (rank, waited_s) = (self.rank, waited.as_secs_f64());
+                    self.tell(world, me, LearnerEvent::WaitingForActor { rank, actor, waited_s });
+                }
+            }
+        }
+        Err(None)
+    }
+
+    /// Waits until the recorder has a half's observations; then its actions follow, or the next half's values.
+    pub(super) fn await_receipts(
+        &mut self,
+        world: &mut World,
+        me: TaskId,
+        (half, t, chosen): (u32, usize, Option<Vec<(usize, u64, u8)>>),
+        (mut patience, began): (Patience, u64),
+    ) -> Next {
+        let unrecorded = |collector: &Collector<Sample>| collector.unrecorded(half);
+        match self.await_actors(world, me, unrecorded, (&mut patience, began)) {
+            Err(Some(next)) => next,
+            Err(None) => self.stay(Phase::Receipting { half, chosen, t, patience, began }, Next::Wait(LOOK)),
+            Ok(()) => match chosen {
+                Some(chosen) => {
+                    let batches = self.act(half, t, &chosen);
+                    self.stay(Phase::Answering(batches.into()), Next::After(10))
+                }
+                None => {
+                    self.collector().bootstrapped(half);
+                    self.go_on(world, 20)
+                }
+            },
+        }
+    }
+
     /// The rollout in progress, up to what takes time.
     pub(super) fn collect(&mut self, world: &mut World, me: TaskId, mut patience: Patience, began: u64) -> Next {
         match self.collector().task() {
-            Task::Await { .. } => {
-                if let Err(next) = self.receive_all(world) {
-                    return next;
-                }
-                let missing = self.collector().missing();
-                if let Some(stop) = self.stop_asked(world) {
-                    return self.meet(world, me, Some(CutShort::Stop(stop)));
-                }
-                let waited = world.since(began);
-                let left = match patience.after(waited) {
-                    _ if missing.is_empty() => return self.go_on(world, 5),
-                    Waited::Overdue => return self.meet(world, me, Some(CutShort::Fault)),
-                    Waited::Wait(left) => left,
-                    Waited::Notice(left) => {
-                        for actor in missing {
-                            let (rank, waited_s) = (self.rank, waited.as_secs_f64());
-                            self.tell(world, me, LearnerEvent::WaitingForActor { rank, actor, waited_s });
-                        }
-                        left
-                    }
-                };
-                self.phase = Phase::Collecting { patience, began };
-                Next::Wait((left.as_micros() as u64).clamp(1, LOOK))
-            }
+            Task::Await { .. } => match self.await_actors(world, me, Collector::missing, (&mut patience, began)) {
+                Ok(()) => self.go_on(world, 5),
+                Err(Some(next)) => next,
+                Err(None) => self.stay(Phase::Collecting { patience, began }, Next::Wait(LOOK)),
+            },
             Task::Act { half, t } => {
                 if !std::mem::replace(&mut self.connected, true) {
                     self.tell(world, me, LearnerEvent::ActorsConnected { rank: self.rank });
                 }
                 self.settle(half);
-                let batches = self.act(half, t);
-                self.phase = Phase::Answering(batches.into());
+                let weights = self.weights;
+                let chosen = self.look(half).into_iter().map(|(column, seen)| (column, seen, choose(weights, seen)));
+                let chosen = Some(chosen.collect());
+                let patience = Patience::new(world.setup.config.learner.actor_deadline_s);
+                self.phase = Phase::Receipting { half, chosen, t, patience, began: world.now };
                 Next::After(world.dice.spread(200, 4 * MILLISECOND))
             }
             Task::Bootstrap { half } => {
@@ -151,8 +210,9 @@ impl Learner {
                 for (column, seen) in self.look(half) {
                     self.digest_of(column, of_bootstrap(self.columns.start + column, seen));
                 }
-                self.collector().bootstrapped(half);
-                self.go_on(world, 200)
+                let patience = Patience::new(world.setup.config.learner.actor_deadline_s);
+                self.phase = Phase::Receipting { half, chosen: None, t: 0, patience, began: world.now };
+                Next::After(world.dice.spread(100, MILLISECOND))
             }
             Task::Finish => self.meet(world, me, None),
         }
@@ -189,16 +249,14 @@ impl Learner {
         input.columns.iter().enumerate().map(seen).collect()
     }
 
-    fn act(&mut self, half: u32, t: usize) -> Vec<ActionBatch> {
-        let seen = self.look(half);
-        let weights = self.weights;
-        let actions: Vec<u8> = seen.iter().map(|&(_, seen)| choose(weights, seen)).collect();
+    fn act(&mut self, half: u32, t: usize, chosen: &[(usize, u64, u8)]) -> Vec<ActionBatch> {
+        let actions: Vec<u8> = chosen.iter().map(|&(_, _, action)| action).collect();
         let batches = self.collector().answer(half, &actions);
         // What the collector has made of the agent's choice: HOLD where a column does not act.
         let sent: Vec<u8> = batches.iter().flat_map(|batch| batch.actions.clone()).collect();
-        for ((column, seen), (chosen, sent)) in seen.into_iter().zip(actions.into_iter().zip(sent)) {
-            if chosen == sent {
-                self.digest_of(column, of_action(t, self.columns.start + column, chosen, seen));
+        for (&(column, seen, action), sent) in chosen.iter().zip(sent) {
+            if action == sent {
+                self.digest_of(column, of_action(t, self.columns.start + column, action, seen));
             }
         }
         batches
@@ -260,15 +318,55 @@ impl Learner {
         if announced + gone > 0 {
             return self.save_unsaved(world, me, Then::Leave { complete: false });
         }
-        let rollout = self.rollout;
-        self.collector().finish();
-        self.compare(world, collected);
-        let frames = self.frames + collected;
+        let (rollout, frames) = (self.rollout, self.frames + collected);
         if self.rank == 0 {
             self.tell(world, me, LearnerEvent::RolloutCollected { rank: 0, rollout, frames });
         }
-        self.phase = Phase::Updating { sum };
-        Next::After(world.dice.spread(2 * MILLISECOND, 60 * MILLISECOND))
+        if world.setup.has(Mutation::IgnoresReceipts) {
+            return self.train(world, [sum, collected]);
+        }
+        if self.rank > 0 {
+            return self.begin(world, me, Word::First(0), Phase::Recorded { sum, collected });
+        }
+        self.stay(Phase::Recording { sum, collected, began: world.now }, Next::After(10))
+    }
+
+    /// Until the recording of the collected rollout is written. The first learner waits for all.
+    pub(super) fn await_written(&mut self, world: &mut World, me: TaskId, numbers: [u64; 3]) -> Next {
+        let [sum, collected, began] = numbers;
+        if let Err(next) = self.receive_all(world) {
+            return next;
+        }
+        let stop = self.stop_asked(world);
+        let desk = &world.desks[self.session];
+        let is_written =
+            |written: &Written| written.learner_incarnation == self.incarnation && written.rollout > self.rollout;
+        let waited = world.now - began;
+        let word = match stop {
+            _ if desk.written.as_ref().is_some_and(is_written) => WRITTEN,
+            Some(Stop::OrchestratorGone) => ORCHESTRATOR_GONE,
+            Some(Stop::Announced) if desk.failure.is_some() || waited >= WRITING_PATIENCE => STOP_ANNOUNCED,
+            _ if waited >= WRITING_DEADLINE => FAULT,
+            _ => return self.stay(Phase::Recording { sum, collected, began }, Next::Wait(LOOK)),
+        };
+        self.begin(world, me, Word::First(word), Phase::Recorded { sum, collected })
+    }
+
+    pub(super) fn recorded(&mut self, world: &mut World, me: TaskId, numbers: [u64; 2], words: &[Word]) -> Next {
+        match words[0] {
+            Word::First(WRITTEN) => self.train(world, numbers),
+            Word::First(FAULT) => {
+                let status = if self.rank == 0 { 1 } else { EXIT_LOST_PEERS };
+                self.save_unsaved(world, me, Then::Fail { status })
+            }
+            _ => self.save_unsaved(world, me, Then::Leave { complete: false }),
+        }
+    }
+
+    fn train(&mut self, world: &mut World, [sum, collected]: [u64; 2]) -> Next {
+        self.collector().finish();
+        self.compare(world, collected);
+        self.stay(Phase::Updating { sum }, Next::After(world.dice.spread(2 * MILLISECOND, 60 * MILLISECOND)))
     }
 
     /// What is trained on is what an undisturbed run trains on.
@@ -312,6 +410,6 @@ impl Learner {
         }
         let stage_ended = collected == position.frames_left;
         let due = world.since(self.last_save).as_secs_f64() >= world.setup.config.checkpoint.interval_s;
-        self.begin(world, me, Word::First(due), Phase::Due { stage_ended })
+        self.begin(world, me, Word::First(u8::from(due)), Phase::Due { stage_ended })
     }
 }
