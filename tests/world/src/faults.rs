@@ -37,6 +37,31 @@ pub enum Fault {
     LosePower,
     /// The newest of several checkpoints is torn.
     TearCheckpoint,
+    /// The next process cannot be started.
+    NoProcess,
+}
+
+impl Fault {
+    /// What kind it is.
+    pub fn kind(self) -> &'static str {
+        match self {
+            Self::KillActor(_) => "kill actor",
+            Self::KillLearner(_) => "kill learner",
+            Self::KillOrchestrator => "kill orchestrator",
+            Self::StopActor(..) => "stop actor",
+            Self::StopLearner(..) => "stop learner",
+            Self::StopOrchestrator(_) => "stop orchestrator",
+            Self::Lag(_) => "lag of the recorder",
+            Self::AskToStop => "ask to stop",
+            Self::Interrupt => "interrupt",
+            Self::FillDisk => "full disk",
+            Self::FreeDisk => "free disk",
+            Self::CutSave(_, _) => "cut in a save",
+            Self::LosePower => "power failure",
+            Self::TearCheckpoint => "torn checkpoint",
+            Self::NoProcess => "no process",
+        }
+    }
 }
 
 /// Faults by the turn after which they strike.
@@ -44,24 +69,24 @@ pub type Plan = Vec<(u64, Fault)>;
 
 /// The plan of a seed. Gaps between faults are short as often as they are long, so that they meet in every way.
 pub fn plan(dice: &mut Dice) -> Plan {
-    let mut at = u64::from(dice.below(1500));
-    let count = dice.below(6);
+    let mut at = u64::from(dice.below(900));
+    let count = dice.below(7);
     let mut plan = vec![];
     for _ in 0..count {
         plan.push((at, any(dice)));
-        at += dice.spread(1, 1 << 11);
+        at += dice.spread(1, 1 << 9);
     }
     plan
 }
 
 fn any(dice: &mut Dice) -> Fault {
     let who = dice.below(16);
-    match dice.below(32) {
+    match dice.below(33) {
         0..=6 => Fault::KillActor(who),
         7..=10 => Fault::KillLearner(who),
         11..=13 => Fault::KillOrchestrator,
         14..=15 => Fault::StopActor(who, dice.spread(MILLISECOND, 128 * SECOND)),
-        16..=17 => Fault::StopLearner(who, dice.spread(MILLISECOND, 128 * SECOND)),
+        16..=17 => Fault::StopLearner(who, dice.spread(MILLISECOND, 2048 * SECOND)),
         18..=20 => Fault::StopOrchestrator(dice.spread(MILLISECOND, 16 * SECOND)),
         21..=22 => Fault::Lag(dice.spread(MILLISECOND, 16 * SECOND)),
         23 => Fault::AskToStop,
@@ -70,13 +95,16 @@ fn any(dice: &mut Dice) -> Fault {
         26 => Fault::FreeDisk,
         27..=29 => Fault::CutSave(dice.below(24), dice.once_in(2)),
         30 => Fault::LosePower,
-        _ => Fault::TearCheckpoint,
+        31 => Fault::TearCheckpoint,
+        _ => Fault::NoProcess,
     }
 }
 
 /// A fault strikes.
 pub fn strike(world: &mut World, fault: Fault) {
     world.note(|| format!("FAULT {fault:?}"));
+    *world.faults.entry(fault.kind()).or_default() += 1;
+    world.last_fault = world.now;
     let actor = |label| matches!(label, Label::Child(Process::Actor(_)));
     let learner = |label| matches!(label, Label::Child(Process::Learner(_)));
     let orchestrator = |label| label == Label::Orchestrator;
@@ -109,6 +137,7 @@ pub fn strike(world: &mut World, fault: Fault) {
         Fault::CutSave(operations, power) => world.cut_in_save = Some((operations, power)),
         Fault::LosePower => world.power_fails = true,
         Fault::TearCheckpoint => tear_newest(world),
+        Fault::NoProcess => world.no_process = true,
     }
 }
 

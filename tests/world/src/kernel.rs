@@ -151,10 +151,16 @@ pub struct World {
     pub outcomes: Vec<(usize, Outcome)>,
     /// The next checkpoint is interrupted at this operation of the file system; with true the power fails there.
     pub cut_in_save: Option<(u32, bool)>,
+    /// The next process cannot be started.
+    pub no_process: bool,
     /// The power is to fail now.
     pub power_fails: bool,
     /// The first thing that was wrong.
     pub violation: Option<String>,
+    /// Faults that struck, by their kind.
+    pub faults: BTreeMap<&'static str, u64>,
+    /// When the last one did.
+    pub last_fault: u64,
     /// Turns taken.
     pub turns: u64,
     /// Everything that happened, if it is kept.
@@ -182,8 +188,11 @@ impl World {
             locks: BTreeMap::new(),
             outcomes: vec![],
             cut_in_save: None,
+            no_process: false,
             power_fails: false,
             violation: None,
+            faults: BTreeMap::new(),
+            last_fault: 0,
             turns: 0,
             trace: traced.then(Vec::new),
             inboxes: BTreeMap::new(),

@@ -33,6 +33,7 @@ use faults::Plan;
 use kernel::{Label, World};
 use model::Model;
 use setup::Setup;
+use std::collections::BTreeMap;
 use user::User;
 
 /// Turns that a world may take at most.
@@ -43,8 +44,8 @@ const MOST_TURNS: u64 = 3_000_000;
 pub struct Report {
     /// The first thing that was wrong; none if all was well.
     pub violation: Option<String>,
-    /// Faults that struck.
-    pub faults: usize,
+    /// Faults that struck, by their kind.
+    pub faults: BTreeMap<&'static str, u64>,
     /// Starts of the orchestrator.
     pub sessions: usize,
     /// Sessions that ended in failure.
@@ -80,8 +81,7 @@ fn run(setup: Setup, plan: &Plan, dice: Dice, traced: bool) -> Report {
     world.spawn(Label::User, None, 1, Box::new(User::default()), 1);
     let mut struck = 0;
     while world.step() {
-        while let Some(&(at, fault)) = plan.get(struck).filter(|(at, _)| *at <= world.turns) {
-            let _ = at;
+        while let Some(&(_, fault)) = plan.get(struck).filter(|(at, _)| *at <= world.turns) {
             struck += 1;
             faults::strike(&mut world, fault);
         }
@@ -92,7 +92,7 @@ fn run(setup: Setup, plan: &Plan, dice: Dice, traced: bool) -> Report {
     }
     Report {
         violation: world.violation,
-        faults: struck,
+        faults: world.faults,
         sessions: world.wires.len(),
         failures: world.outcomes.iter().filter(|(_, outcome)| outcome.end.reason().is_some()).count(),
         turns: world.turns,

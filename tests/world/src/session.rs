@@ -145,6 +145,11 @@ impl Session {
     }
 
     fn spawn(&mut self, world: &mut World, me: TaskId, process: Process, incarnation: u32) {
+        if std::mem::take(&mut world.no_process) {
+            let exit = Exit::NotStarted("no process is left".to_owned());
+            self.own_events.push_back(Event::Exited { process, incarnation, exit, last_words: vec![] });
+            return;
+        }
         let (program, delay): (Box<dyn Program>, u64) = match process {
             Process::Learner(rank) => {
                 self.learner_incarnation = incarnation;

@@ -63,8 +63,8 @@ impl Setup {
         let environments = config.environments() as u64;
         let stage = |name: &str, reward, frames| StageConfig { name: name.into(), reward, frames };
         config.stages = vec![
-            stage("I", RewardKind::Task, dice.between(1, 10 * environments)),
-            stage("II", RewardKind::DisturbanceFree, dice.between(1, 12 * environments)),
+            stage("I", RewardKind::Task, dice.between(1, 14 * environments)),
+            stage("II", RewardKind::DisturbanceFree, dice.between(1, 16 * environments)),
         ];
         Self { config, mutation: None }
     }

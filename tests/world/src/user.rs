@@ -8,19 +8,21 @@ use crate::session::Session;
 use orchestrator::{End, Outcome, Process};
 use std::collections::BTreeMap;
 
-/// Longest that a run may take after the last fault.
-const PATIENCE: u64 = 4 * 3600 * SECOND;
+/// Longest that a run may take after the last fault: a learner that hangs is noticed after a quarter of an hour.
+const PATIENCE: u64 = 3600 * SECOND;
 
 /// The user.
 #[derive(Debug, Default)]
 pub struct User {
     session: Option<TaskId>,
     looked_at: usize,
+    /// When the session began.
+    began: u64,
 }
 
 impl Program for User {
     fn turn(&mut self, world: &mut World, me: TaskId) -> Next {
-        if world.now > PATIENCE {
+        if world.now > world.last_fault + PATIENCE {
             world.violate("the run does not come to its end".to_owned());
         }
         if self.session.is_some_and(|session| world.lives(session)) {
@@ -34,6 +36,9 @@ impl Program for User {
                 world.end();
                 return Next::Wait(SECOND);
             }
+            if outcome.end.reason().is_some() && world.last_fault < self.began {
+                world.violate(format!("a session without a fault failed: {outcome:?}"));
+            }
         }
         // `resume` waits for the locks of learners that outlived their orchestrator.
         if !world.tasks(|label| matches!(label, Label::Child(Process::Learner(_)))).is_empty() {
@@ -46,6 +51,7 @@ impl Program for User {
         world.note(|| "user: starts the run".to_owned());
         // Nothing that a command of the user does can be written while the disk is full.
         world.disk.set_full(false);
+        self.began = world.now;
         let session = Session::new(world);
         self.session = Some(world.spawn(Label::Orchestrator, Some(me), 1, Box::new(session), MILLISECOND));
         Next::Wait(60 * SECOND)
