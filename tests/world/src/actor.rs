@@ -115,8 +115,9 @@ impl Actor {
                 Next::After(10)
             }
             Todo::Act { half } => {
+                let times = if world.setup.has(Mutation::ActsTwice) && world.dice.once_in(50) { 2 } else { 1 };
                 for (index, &action) in self.protocol.halves().range(half).zip(&self.accepted[half as usize]) {
-                    self.environments[index].act(action);
+                    (0..times).for_each(|_| self.environments[index].act(action));
                 }
                 self.protocol.acted(half, now);
                 Next::After(world.dice.spread(500, 8 * MILLISECOND))
@@ -156,15 +157,9 @@ impl Actor {
     fn deliver(&mut self, world: &mut World, me: TaskId, sample: Observations, places: [usize; 2]) -> Next {
         let [mut place, mut receivers] = places;
         let Some(Ports { observations: port, .. }) = self.ports else { return Next::After(1) };
-        let loses = world.setup.has(Mutation::LosesSamples);
         let service = &mut world.wires[self.session].observations[self.rank as usize];
         service.update(port);
         while place < service.places() {
-            // The recorder's place is the first.
-            if loses && place == 0 && world.dice.once_in(50) {
-                (place, receivers) = (place + 1, receivers + 1);
-                continue;
-            }
             match service.deliver(port, me, place, &sample) {
                 Delivery::Blocked => {
                     self.doing = Doing::Sending { sample, place, receivers };

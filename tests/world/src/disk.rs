@@ -25,8 +25,9 @@ struct State {
     /// Changes of names that are not, in their order: a file's number, or none where it was removed.
     pending: Vec<(PathBuf, Option<usize>)>,
     full: bool,
-    /// Writes are never synchronised: a mutation that the power loss must find.
-    forgetful: bool,
+    /// Content, or names, are never synchronised: mutations that a power failure must find.
+    forgets_files: bool,
+    forgets_names: bool,
     /// Operations until the process that works here is killed.
     crash_in: Option<u32>,
     crashed: bool,
@@ -37,9 +38,10 @@ struct State {
 pub struct SimulatedDisk(Rc<RefCell<State>>);
 
 impl SimulatedDisk {
-    /// From now on `sync` does nothing.
-    pub fn forget_syncs(&self) {
-        self.0.borrow_mut().forgetful = true;
+    /// From now on it synchronises nothing of files, or of names.
+    pub fn forget(&self, files: bool, names: bool) {
+        let mut state = self.0.borrow_mut();
+        (state.forgets_files, state.forgets_names) = (files, names);
     }
 
     /// Whether nothing more can be written.
@@ -186,7 +188,7 @@ impl Disk for SimulatedDisk {
     fn sync(&self, file: &usize) -> Result<()> {
         self.operate()?;
         let mut state = self.0.borrow_mut();
-        if !state.forgetful {
+        if !state.forgets_files {
             let file = &mut state.files[*file];
             file.synced = file.content.len();
         }
@@ -196,7 +198,7 @@ impl Disk for SimulatedDisk {
     fn sync_folder(&self, folder: &Path) -> Result<()> {
         self.operate()?;
         let mut state = self.0.borrow_mut();
-        if state.forgetful {
+        if state.forgets_names {
             return Ok(());
         }
         let (here, elsewhere) =

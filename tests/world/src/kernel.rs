@@ -151,6 +151,8 @@ pub struct World {
     pub outcomes: Vec<(usize, Outcome)>,
     /// The next checkpoint is interrupted at this operation of the file system; with true the power fails there.
     pub cut_in_save: Option<(u32, bool)>,
+    /// The newest rollout whose checkpoint was called saved, and was not torn since.
+    pub saved: Option<u64>,
     /// The next process cannot be started.
     pub no_process: bool,
     /// The power is to fail now.
@@ -188,6 +190,7 @@ impl World {
             locks: BTreeMap::new(),
             outcomes: vec![],
             cut_in_save: None,
+            saved: None,
             no_process: false,
             power_fails: false,
             violation: None,
@@ -221,6 +224,16 @@ impl World {
         self.note(|| format!("VIOLATION: {what}"));
         self.violation.get_or_insert(what);
         self.over = true;
+    }
+
+    /// Whether somebody has been stopped so far: then others may find it silent.
+    pub fn may_hang(&self) -> bool {
+        self.faults.keys().any(|kind| kind.starts_with("stop") || kind.starts_with("lag"))
+    }
+
+    /// How many faults have struck.
+    pub fn struck(&self) -> u64 {
+        self.faults.values().sum()
     }
 
     /// The world ends as it should.

@@ -69,9 +69,8 @@ pub fn play(seed: u64, mutation: Option<Mutation>, traced: bool) -> Report {
 fn run(setup: Setup, plan: &Plan, dice: Dice, traced: bool) -> Report {
     let model = Model::of(&setup);
     let mut world = World::new(setup, model, dice, traced);
-    if world.setup.has(Mutation::ForgetsSyncs) {
-        world.disk.forget_syncs();
-    }
+    let [files, names] = [Mutation::ForgetsFiles, Mutation::ForgetsNames].map(|mutation| world.setup.has(mutation));
+    world.disk.forget(files, names);
     let setup = world.setup.config.clone();
     world.note(|| {
         let (learners, actors) = (setup.learner.count, setup.actors.count);

@@ -7,6 +7,7 @@ use crate::environment::mix;
 use crate::kernel::{MILLISECOND, Next, Note, Program, SECOND, World};
 use crate::model::StepName;
 use crate::service::TaskId;
+use crate::setup::Mutation;
 use crate::wire::Observations;
 use orchestrator::{Ledger, Tally, Verdict};
 use proto::disk::Disk;
@@ -114,6 +115,9 @@ impl Recorder {
                 self.taken[column] = taken;
                 if with_transitions {
                     steps += 1;
+                    if world.setup.has(Mutation::LosesSteps) && world.dice.once_in(50) {
+                        continue;
+                    }
                     self.write(column, transition.episode, transition.step, transition.state_hash);
                 }
             }
@@ -139,8 +143,9 @@ impl Recorder {
         match note {
             Note::Began { learner_incarnation, frames } => self.tally.begin(learner_incarnation, frames),
             Note::Collected { learner_incarnation, rollout, frames } => {
-                if !self.failed {
+                if !self.failed && !world.setup.has(Mutation::IgnoresReceipts) {
                     match self.tally.collect(learner_incarnation, rollout, frames) {
+                        Ok(()) if world.setup.has(Mutation::WritesLater) => {}
                         Ok(()) => self.flush(world),
                         Err(gap) => self.fail(world, gap.to_string()),
                     }

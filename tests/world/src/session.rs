@@ -132,7 +132,14 @@ impl Session {
                 }
             }
             Action::Announce(announcement) => self.announce(world, &announcement),
-            Action::SwitchStage(_) | Action::Report(..) => {}
+            Action::Report(_, text) => {
+                // Nobody who lives is silent, if nobody was stopped.
+                let hung = text.contains("has not answered for") || text.contains("finished neither");
+                if hung && !world.may_hang() {
+                    world.violate(text);
+                }
+            }
+            Action::SwitchStage(_) => {}
             Action::Finish(outcome) => {
                 world.desks[self.number].finish = true;
                 for recorder in world.tasks(|label| label == Label::Recorder) {
@@ -146,6 +153,7 @@ impl Session {
 
     fn spawn(&mut self, world: &mut World, me: TaskId, process: Process, incarnation: u32) {
         if std::mem::take(&mut world.no_process) {
+            world.last_fault = world.now;
             let exit = Exit::NotStarted("no process is left".to_owned());
             self.own_events.push_back(Event::Exited { process, incarnation, exit, last_words: vec![] });
             return;

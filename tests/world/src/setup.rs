@@ -10,16 +10,23 @@ pub enum Mutation {
     /// Nobody waits for the recorder: an action is the receipt for an observation, as it was until the world had shown
     /// what follows from that.
     IgnoresReceipts,
-    /// The wire loses one observation sample in fifty on its way to the recorder.
-    LosesSamples,
-    /// The learner sends the actions of an exchange a second time with the number of the next.
+    /// The recorder gives receipts for steps of which it writes all but one in fifty.
+    LosesSteps,
+    /// The recorder calls a rollout written that it has only in its memory.
+    WritesLater,
+    /// The learner sends some actions a second time, with their own number and with that of the next exchange. The
+    /// protocol forgives it: this is the one that must not be found.
     AnswersTwice,
+    /// An actor takes some actions twice.
+    ActsTwice,
     /// An actor that asks for its state is not answered.
     ForgetsRestores,
     /// The learner trains again on the rollout that its checkpoint ends with.
     TrainsTwice,
-    /// The disk synchronises nothing.
-    ForgetsSyncs,
+    /// The disk does not synchronise what is in files.
+    ForgetsFiles,
+    /// The disk does not synchronise names.
+    ForgetsNames,
     /// An announcement reaches only learners that listened when it was made, and a stop never comes.
     ForgetsHistory,
     /// Ports of the dead are never swept.

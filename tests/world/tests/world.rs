@@ -115,17 +115,25 @@ fn a_world_without_receipts_loses_steps() {
     assert!(found.iter().all(|(_, text)| text.contains("not in the recording")), "{found:?}");
 }
 
+/// A message names its exchange, so a second copy changes nothing.
+#[test]
+fn what_is_sent_twice_is_taken_once() {
+    assert_eq!(finders(Mutation::AnswersTwice, 500), []);
+}
+
 #[test]
 fn whatever_is_wrong_on_purpose_is_found() {
     for (mutation, seeds, said) in [
-        (Mutation::LosesSamples, 100, "recorder"),
-        (Mutation::AnswersTwice, 100, "exchange"),
-        (Mutation::ForgetsRestores, 100, ""),
-        (Mutation::TrainsTwice, 20, "differs"),
-        (Mutation::ForgetsSyncs, 1000, ""),
+        (Mutation::LosesSteps, 100, "not in the recording"),
+        (Mutation::WritesLater, 500, "not in the recording"),
+        (Mutation::ActsTwice, 100, "its transition is"),
         (Mutation::RestoresTooEarly, 200, "by its actions so far it must be at"),
-        (Mutation::ForgetsHistory, 1000, ""),
-        (Mutation::NeverSweeps, 1000, ""),
+        (Mutation::TrainsTwice, 20, "what is trained on differs"),
+        (Mutation::ForgetsRestores, 100, "has not answered"),
+        (Mutation::ForgetsHistory, 1000, "was not announced to learner"),
+        (Mutation::NeverSweeps, 500, "has not answered"),
+        (Mutation::ForgetsFiles, 500, "and the run goes on from"),
+        (Mutation::ForgetsNames, 500, "and the run goes on from"),
     ] {
         let found = finders(mutation, seeds);
         println!("{mutation:?}: {} of {seeds}, first {:?}", found.len(), found.first());

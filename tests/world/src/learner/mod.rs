@@ -215,6 +215,11 @@ impl Learner {
                 return Next::Exit(Exit::Code(1));
             }
         };
+        let found = loaded.as_ref().map(|loaded| loaded.snapshot.rollout);
+        if found < world.saved {
+            let saved = world.saved;
+            world.violate(format!("checkpoint {saved:?} was saved, and the run goes on from {found:?}"));
+        }
         let boundary = match loaded {
             None => Boundary::start(self.columns.len()),
             Some(loaded) => {

@@ -28,6 +28,7 @@ pub fn tear_newest(world: &mut World) {
     rollouts.sort_unstable();
     if let [.., _, newest] = rollouts[..] {
         let path = if world.dice.once_in(2) { run.checkpoint_manifest(newest) } else { run.checkpoint_tensors(newest) };
+        world.saved = None;
         let disk = world.disk.clone();
         disk.tear(&path, &mut world.dice);
     }
@@ -75,6 +76,7 @@ impl Learner {
             let snapshot = self.snapshot(words, world);
             let cut = world.cut_in_save.take();
             if let Some((operations, _)) = cut {
+                world.last_fault = world.now;
                 world.disk.crash_in(operations);
             }
             let saved = self.store(world).save(&snapshot);
@@ -82,6 +84,9 @@ impl Learner {
                 world.power_fails = cut.is_some_and(|(_, power)| power);
                 world.note(|| format!("learner 0 dies while it saves rollout {}", self.rollout));
                 return Next::Exit(Exit::Signal(9));
+            }
+            if saved.is_ok() {
+                world.saved = world.saved.max(Some(self.rollout));
             }
             if let Err(error) = saved {
                 good = false;

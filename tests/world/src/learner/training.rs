@@ -63,7 +63,13 @@ impl Learner {
                 Next::After(10)
             }
             Ok(Announced::Stop) => self.meet(world, me, Some(CutShort::Stop(Stop::Announced))),
-            Ok(Announced::Wait) if left == 0 => self.meet(world, me, Some(CutShort::Fault)),
+            Ok(Announced::Wait) if left == 0 => {
+                world.note(|| format!("learner {}: rollout {} was not announced", self.rank, self.rollout));
+                if !world.may_hang() {
+                    world.violate(format!("rollout {} was not announced to learner {}", self.rollout, self.rank));
+                }
+                self.meet(world, me, Some(CutShort::Fault))
+            }
             Ok(Announced::Wait) => {
                 self.phase = Phase::Announcing { began };
                 Next::Wait(left.min(LOOK))
@@ -269,13 +275,13 @@ impl Learner {
             let (port, _) = ports.actors[(actor - self.actors.start) as usize];
             let actions = Rc::new(actions);
             let twice = world.setup.has(Mutation::AnswersTwice) && world.dice.once_in(20);
-            for _ in 0..=u32::from(twice) {
+            for again in 0..if twice { 3 } else { 1 } {
                 let service = &mut world.wires[self.session].actions[actor as usize];
                 service.update(port);
                 for place in 0..service.places() {
                     service.deliver(port, 0, place, &(header, Rc::clone(&actions)));
                 }
-                header.step += 1;
+                header.step += u64::from(again == 1);
             }
             let listeners = world.wires[self.session].actions[actor as usize].listeners();
             listeners.into_iter().for_each(|task| world.ring(task));
