@@ -132,7 +132,7 @@ fn whatever_is_wrong_on_purpose_is_found() {
         (Mutation::ForgetsRestores, 100, "has not answered"),
         (Mutation::ForgetsHistory, 1000, "was not announced to learner"),
         (Mutation::NeverSweeps, 500, "has not answered"),
-        (Mutation::ForgetsFiles, 500, "and the run goes on from"),
+        (Mutation::ForgetsFiles, 500, "can be used"),
         (Mutation::ForgetsNames, 500, "and the run goes on from"),
     ] {
         let found = finders(mutation, seeds);
