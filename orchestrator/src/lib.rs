@@ -7,6 +7,7 @@
 mod command;
 mod evaluation;
 mod preflight;
+mod process_end;
 mod recording;
 mod reporting;
 mod run;
@@ -16,7 +17,7 @@ mod supervisor;
 mod training;
 
 pub use recording::recorder::{Gap, Ledger, Tally, Verdict};
-pub use supervisor::event::{Action, End, Event, Exit, Outcome, Process, Saved};
+pub use supervisor::event::{Action, Event, Exit, Outcome, Process, Saved, SessionEnd};
 pub use supervisor::machine::Supervisor;
 pub use supervisor::policy::Policy;
 

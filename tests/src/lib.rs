@@ -3,6 +3,10 @@
 //! The binaries are those that `cargo build` of the same profile put beside the test executable; `make test` builds
 //! them first.
 
+mod recorded;
+
+pub use recorded::RecordedSteps;
+
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
 use std::os::unix::process::ExitStatusExt;

@@ -282,7 +282,7 @@ impl<D: Disk> Store<D> {
     }
 }
 
-/// Reads the checkpoint with this manifest, wherever it lies, and verifies it.
+/// Reads the checkpoint with this manifest, in any folder, and verifies it.
 pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
     let manifest = Manifest::read(manifest_path)
         .map_err(|cause| Rejected { path: manifest_path.to_path_buf(), reason: cause.to_string() })?;

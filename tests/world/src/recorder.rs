@@ -87,7 +87,7 @@ impl Recorder {
     fn sample(&mut self, world: &mut World, (header, observations): &Observations) {
         match header.kind {
             observation_kind::OBSERVATIONS => {}
-            observation_kind::HELLO if self.ledger.knows(header.actor) => {
+            observation_kind::HELLO if self.ledger.has(header.actor) => {
                 world.desks[self.session].met.insert(header.actor, header.actor_incarnation);
                 return;
             }

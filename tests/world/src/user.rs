@@ -6,7 +6,7 @@ use crate::recorder::recorded;
 use crate::service::TaskId;
 use crate::session::Session;
 use crate::setup::Mutation;
-use orchestrator::{End, Outcome, Process};
+use orchestrator::{Outcome, Process, SessionEnd};
 use std::collections::BTreeMap;
 
 /// Longest that a run may take after the last fault: a learner that hangs is noticed after a quarter of an hour.
@@ -36,7 +36,7 @@ impl Program for User {
         if let Some((session, outcome)) = world.outcomes.get(self.looked_at).cloned() {
             self.looked_at += 1;
             world.note(|| format!("user: session {session} ended: {outcome:?}"));
-            if outcome.end == End::Complete {
+            if outcome.end == SessionEnd::Complete {
                 look(world, session, &outcome);
                 world.end();
                 return Next::Wait(SECOND);

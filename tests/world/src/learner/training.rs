@@ -8,7 +8,7 @@ use crate::model::{choose, look, of_action, of_bootstrap, of_outcome, update};
 use crate::service::TaskId;
 use crate::setup::{DISTURBANCE_WEIGHT, Mutation, NOISE};
 use learner::collector::{ActionBatch, Collector, Received, Reward, Task};
-use learner::process::{Patience, Waited, Word as Announced};
+use learner::process::{Patience, Permission, Waited};
 use orchestrator::Exit;
 use proto::event::{LearnerEvent, Timing};
 use proto::exit::EXIT_LOST_PEERS;
@@ -49,8 +49,8 @@ impl Learner {
         }
         let left = (began + ANNOUNCEMENT_DEADLINE).saturating_sub(world.now);
         let config = &world.setup.config;
-        match self.announcements.word(&config.stages, self.rollout, self.frames) {
-            Ok(Announced::Begin { version }) => {
+        match self.announcements.permission(&config.stages, self.rollout, self.frames) {
+            Ok(Permission::Begin { version }) => {
                 let kind = config.stages[position.stage].reward;
                 let reward = Reward { kind, disturbance_weight: DISTURBANCE_WEIGHT };
                 let steps = config.ppo.rollout_steps as usize;
@@ -62,15 +62,15 @@ impl Learner {
                 self.phase = Phase::Collecting { patience: Patience::new(deadline_s), began: world.now };
                 Next::After(10)
             }
-            Ok(Announced::Stop) => self.meet(world, me, Some(CutShort::Stop(Stop::Announced))),
-            Ok(Announced::Wait) if left == 0 => {
+            Ok(Permission::Stop) => self.meet(world, me, Some(CutShort::Stop(Stop::Announced))),
+            Ok(Permission::Wait) if left == 0 => {
                 world.note(|| format!("learner {}: rollout {} was not announced", self.rank, self.rollout));
                 if !world.may_hang() {
                     world.violate(format!("rollout {} was not announced to learner {}", self.rollout, self.rank));
                 }
                 self.meet(world, me, Some(CutShort::Fault))
             }
-            Ok(Announced::Wait) => {
+            Ok(Permission::Wait) => {
                 self.phase = Phase::Announcing { began };
                 Next::Wait(left.min(LOOK))
             }

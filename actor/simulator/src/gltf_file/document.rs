@@ -4,9 +4,9 @@
 //! them.
 
 use super::mirror;
-use ::gltf::buffer::Source;
-use ::gltf::mesh::Mode;
 use base64::Engine;
+use gltf::buffer::Source;
+use gltf::mesh::Mode;
 use rapier3d::math::{Pose3, Rot3, Vec3};
 use std::path::{Component, Path, PathBuf};
 
@@ -108,8 +108,8 @@ impl Document {
     pub fn open(path: &Path) -> Result<Self, DocumentError> {
         let file = || path.to_path_buf();
         let bytes = std::fs::read(path).map_err(|cause| DocumentError::Unreadable { file: file(), cause })?;
-        let unsound = |error: ::gltf::Error| DocumentError::Unsound { file: file(), problem: error.to_string() };
-        let parsed = ::gltf::Gltf::from_slice(&bytes).map_err(unsound)?;
+        let unsound = |error: gltf::Error| DocumentError::Unsound { file: file(), problem: error.to_string() };
+        let parsed = gltf::Gltf::from_slice(&bytes).map_err(unsound)?;
         if let Some(extension) = parsed.extensions_required().next() {
             return Err(DocumentError::Extension { file: file(), extension: extension.to_owned() });
         }
@@ -138,7 +138,7 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     /// A buffer's bytes, wherever they are.
-    fn buffer(&mut self, buffer: &::gltf::Buffer<'_>, blob: &mut Option<Vec<u8>>) -> Result<Vec<u8>, DocumentError> {
+    fn buffer(&mut self, buffer: &gltf::Buffer<'_>, blob: &mut Option<Vec<u8>>) -> Result<Vec<u8>, DocumentError> {
         let (uri, data) = match buffer.source() {
             Source::Bin => ("(binary chunk)".to_owned(), blob.take().ok_or("the file has no binary chunk".to_owned())),
             Source::Uri(uri) => match uri.strip_prefix("data:") {
@@ -174,13 +174,13 @@ impl Reader<'_> {
         Ok(bytes)
     }
 
-    fn node(&mut self, node: &::gltf::Node<'_>, parent: Option<usize>, above: &Affine) -> Result<(), DocumentError> {
+    fn node(&mut self, node: &gltf::Node<'_>, parent: Option<usize>, above: &Affine) -> Result<(), DocumentError> {
         let world = above.after(&Affine::of(node.transform().matrix()));
         let name = node.name().map_or_else(|| format!("node-{}", node.index()), str::to_owned);
         let problem = |problem| DocumentError::Mesh { file: self.path.to_path_buf(), node: name.clone(), problem };
         let (pose, rest) = world.split().ok_or_else(|| problem("has no extent: its scale is zero"))?;
         let mut pieces = Vec::new();
-        for primitive in node.mesh().iter().flat_map(::gltf::Mesh::primitives) {
+        for primitive in node.mesh().iter().flat_map(gltf::Mesh::primitives) {
             let has_surface = match primitive.mode() {
                 Mode::Triangles => true,
                 Mode::TriangleStrip | Mode::TriangleFan => {
@@ -201,7 +201,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn piece(&self, primitive: &::gltf::Primitive<'_>, rest: &Affine) -> Result<Piece, &'static str> {
+    fn piece(&self, primitive: &gltf::Primitive<'_>, rest: &Affine) -> Result<Piece, &'static str> {
         let data = primitive.reader(|buffer| self.buffers.get(buffer.index()).map(Vec::as_slice));
         let positions = data.read_positions().ok_or("has a mesh whose positions cannot be read")?;
         let vertices: Vec<Vec3> = positions.map(|position| mirror::vector(rest.point(position))).collect();
