@@ -111,11 +111,12 @@ impl Session<'_> {
     }
 }
 
-/// Compares the frames of a run with those that the recorder has confirmed, rollout by rollout.
+/// Compares the frames of a run with those that the recorder has confirmed, rollout by rollout. It may have confirmed a
+/// rollout that a stop then left aside.
 fn all_recorded(confirmed: Option<u64>, frames: u64) -> Result<()> {
     let confirmed = confirmed.unwrap_or(0);
     anyhow::ensure!(
-        confirmed == frames,
+        confirmed >= frames,
         "the run has {frames} frames, but only of {confirmed} was every step recorded"
     );
     Ok(())
@@ -130,4 +131,18 @@ pub fn shape(config: &Config) -> String {
     let ActorsConfig { count, environments_per_actor } = config.actors;
     let environments = counted(u64::from(environments_per_actor), "environment");
     format!("{learners}{} of {environments}", counted(u64::from(count), "actor"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_whose_steps_are_not_all_recorded_are_an_error() {
+        assert!(all_recorded(Some(1200), 1200).is_ok());
+        assert!(all_recorded(Some(1260), 1200).is_ok(), "a stop left the last rollout aside");
+        let message = all_recorded(Some(1185), 1200).unwrap_err().to_string();
+        assert!(message.contains("1200 frames, but only of 1185"), "{message}");
+        assert!(all_recorded(None, 1200).is_err(), "no learner ever began");
+    }
 }

@@ -47,7 +47,7 @@ impl Ledger {
     }
 
     /// Whether the run has this actor.
-    pub fn knows(&self, actor: u32) -> bool {
+    pub fn has(&self, actor: u32) -> bool {
         (actor as usize) < self.actors.len()
     }
 

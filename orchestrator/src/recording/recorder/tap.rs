@@ -180,7 +180,7 @@ impl<'a> Desk<'a> {
     fn sample(&mut self, header: &ObservationHeader, observations: &[Observation]) {
         match header.kind {
             observation_kind::OBSERVATIONS => {}
-            observation_kind::HELLO if self.ledger.knows(header.actor) => {
+            observation_kind::HELLO if self.ledger.has(header.actor) => {
                 return self.book.meet(header.actor, header.actor_incarnation);
             }
             _ => return,
