@@ -1,6 +1,6 @@
 //! Who starts the run, resumes it until it is complete, and then looks at what it left behind.
 
-use crate::kernel::{Label, MILLISECOND, Next, Program, SECOND, World};
+use crate::kernel::{Desk, Label, MILLISECOND, Next, Program, SECOND, World};
 use crate::model::StepName;
 use crate::recorder::recorded;
 use crate::service::TaskId;
@@ -36,8 +36,9 @@ impl Program for User {
         if let Some((session, outcome)) = world.outcomes.get(self.looked_at).cloned() {
             self.looked_at += 1;
             world.note(|| format!("user: session {session} ended: {outcome:?}"));
+            confirmed(world, session, &outcome);
             if outcome.end == SessionEnd::Complete {
-                look(world, session, &outcome);
+                look(world, &outcome);
                 world.end();
                 return Next::Wait(SECOND);
             }
@@ -61,6 +62,19 @@ impl Program for User {
     }
 }
 
+/// What a session has saved is recorded, as the recorder counts it; a stop can leave a rollout aside that it has
+/// confirmed.
+fn confirmed(world: &mut World, session: usize, outcome: &Outcome) {
+    let Desk { confirmed, failure, .. } = &world.desks[session];
+    if let (Some(saved), None) = (&outcome.saved, failure)
+        && *confirmed < Some(saved.frames)
+        && !world.setup.has(Mutation::IgnoresReceipts)
+    {
+        let text = format!("saved are {} frames, but only of {confirmed:?} was every step recorded", saved.frames);
+        world.violate(text);
+    }
+}
+
 impl User {
     /// A session fails only for a reason.
     fn judge(&self, world: &mut World, outcome: &Outcome) {
@@ -75,11 +89,7 @@ impl User {
 }
 
 /// Looks at a complete run.
-fn look(world: &mut World, session: usize, outcome: &Outcome) {
-    let confirmed = world.desks[session].confirmed;
-    if confirmed != Some(world.model.frames) && !world.setup.has(Mutation::IgnoresReceipts) {
-        return world.violate(format!("the recorder has confirmed {confirmed:?} frames of {}", world.model.frames));
-    }
+fn look(world: &mut World, outcome: &Outcome) {
     let weights = format!("{:064x}", world.model.last_weights());
     match &outcome.saved {
         Some(saved) if saved.frames != world.model.frames => {
