@@ -107,10 +107,13 @@ fn finders(mutation: Mutation, seeds: u64) -> Vec<(u64, String)> {
 }
 
 /// Until the recorder gave receipts, an action was the receipt for an observation, and a rollout was trained on before
-/// it was written. This is what the world said of it, before anything was mended.
+/// it was written. The world found it before anything was mended: at its first commit seed 1362 (an orchestrator stopped
+/// for 0.8 s while actors start) says `1 of 75 steps are not in the recording, first column 2, episode 0, step 0`, and
+/// seed 176 (an actor killed, the orchestrator stopped for 1.2 s once its successor comes) says the same of another step.
 #[test]
 fn a_world_without_receipts_loses_steps() {
     let found = finders(Mutation::IgnoresReceipts, 500);
+    println!("{} of 500, first {:?}", found.len(), found.first());
     assert!(found.len() > 10, "{found:?}");
     assert!(found.iter().all(|(_, text)| text.contains("not in the recording")), "{found:?}");
 }
