@@ -94,7 +94,8 @@ fn a_rollout_whose_recording_is_not_written_is_given_up() {
     let mut config = tiny();
     config.recording.enabled = true;
     config.checkpoint.interval_s = 300.0;
-    for (name, plan) in [("unwritten", Plan::CutLifelineUnwritten(2)), ("unrecorded", Plan::FailRecording(2))] {
+    let cases = [("unwritten", Plan::CutLifelineUnwritten(2), 21), ("unrecorded", Plan::FailRecording(2), 22)];
+    for (name, plan, incarnation) in cases {
         let mut rig = Rig::new(name, config.clone());
         let ended = rig.learner(&plan);
         assert!(ended.status.success(), "{ended:?}");
@@ -102,7 +103,7 @@ fn a_rollout_whose_recording_is_not_written_is_given_up() {
         let (frames, _, whole) = ended.finished();
         assert_eq!((frames, whole), (48, false));
         assert!(rig.run_folder().checkpoint_manifest(2).exists() && !rig.run_folder().checkpoint_manifest(3).exists());
-        rig.next_incarnation(2);
+        rig.next_incarnation(incarnation);
         let again = rig.learner(&Plan::Undisturbed);
         assert_eq!(complete(&rig, &again), undisturbed(), "{}", again.stderr);
     }

@@ -92,18 +92,7 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
                 Verdict::Ignored(reason) => tracing::debug!(?header, reason, "restore ignored"),
             }
         }
-        while let Some(actions) = link.receive_actions()? {
-            let header = actions.user_header();
-            match protocol.on_actions(header, actions.payload().len()) {
-                Verdict::Accepted => {
-                    fault::reach("actor.after_receive");
-                    let kept = &mut accepted[header.half as usize];
-                    kept.clear();
-                    kept.extend_from_slice(actions.payload());
-                }
-                Verdict::Ignored(reason) => tracing::debug!(?header, reason, "actions ignored"),
-            }
-        }
+        receive_actions(&link, &mut protocol, &mut accepted)?;
         match protocol.next(started.elapsed()) {
             Todo::Hello => {
                 link.send_hello(protocol.hello_header())?;
@@ -126,4 +115,21 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
             Todo::Wait(longest) => link.wait(longest)?,
         }
     }
+}
+
+/// Takes in the actions that wait; what is accepted is kept by half until it is applied.
+fn receive_actions(link: &Link, protocol: &mut Protocol, accepted: &mut [Vec<u8>; 2]) -> Result<()> {
+    while let Some(actions) = link.receive_actions()? {
+        let header = actions.user_header();
+        match protocol.on_actions(header, actions.payload().len()) {
+            Verdict::Accepted => {
+                fault::reach("actor.after_receive");
+                let kept = &mut accepted[header.half as usize];
+                kept.clear();
+                kept.extend_from_slice(actions.payload());
+            }
+            Verdict::Ignored(reason) => tracing::debug!(?header, reason, "actions ignored"),
+        }
+    }
+    Ok(())
 }

@@ -193,14 +193,7 @@ impl World {
             self.in_progress =
                 Some(RolloutRecord { shape, actions: vec![], outcomes: vec![], metrics: vec![], bootstrap: vec![] });
         }
-        if let Some([steps, planned]) = self.collector.between_steps() {
-            let record = self.in_progress.as_mut().unwrap();
-            assert_eq!(planned, record.shape.steps);
-            if self.run.cut == Some(steps) {
-                self.collector.cut();
-                record.shape = RolloutShape::next(u64::MAX, steps, column_map.columns());
-            }
-        }
+        self.cut_if_due();
         match self.collector.task() {
             Task::Await { .. } => return heard,
             Task::Act { half, .. } | Task::Bootstrap { half } if !self.collector.unrecorded(half).is_empty() => {
@@ -253,6 +246,16 @@ impl World {
             }
         }
         true
+    }
+
+    fn cut_if_due(&mut self) {
+        let Some([steps, planned]) = self.collector.between_steps() else { return };
+        let record = self.in_progress.as_mut().unwrap();
+        assert_eq!(planned, record.shape.steps);
+        if self.run.cut == Some(steps) {
+            self.collector.cut();
+            record.shape = RolloutShape::next(u64::MAX, steps, self.run.column_map.columns());
+        }
     }
 
     fn settle(&mut self, half: u32) {

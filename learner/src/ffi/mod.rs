@@ -3,7 +3,10 @@
 pub mod arithmetic;
 pub mod convolution;
 pub mod cuda;
+pub mod determinism;
+pub mod graph;
 pub mod group;
+pub mod host_memory;
 pub mod kernels;
 pub mod library;
 pub mod nccl;

@@ -94,22 +94,36 @@ impl Staging {
     /// Frames → i16 \[rows, 224, 224\] on the device. libtorch has no 16-bit unsigned arithmetic; depths end below
     /// 32.767 m, where both kinds agree.
     fn upload(&mut self, frames: &[&RawFrame], device: Device) -> Tensor {
-        let rows = frames.len() as i64;
-        let side = FRAME_SIDE as i64;
-        let mut room = match self.0.take() {
+        let mut room = self.room(frames.len(), device);
+        copy_frames(&mut ffi::frames_mut(&mut room)[..frames.len()], frames);
+        if !device.is_cuda() {
+            return room;
+        }
+        let raw = room.narrow(0, 0, frames.len() as i64).to_device_(device, Kind::Int16, true, false);
+        self.0 = Some(room);
+        raw
+    }
+
+    /// Frames → the address of the first of them, one after the other, for a GPU to read.
+    pub(crate) fn gather(&mut self, frames: &[&RawFrame], device: Device) -> *const RawFrame {
+        let mut room = self.room(frames.len(), device);
+        let places = ffi::frames_mut(&mut room);
+        copy_frames(&mut places[..frames.len()], frames);
+        let first = places.as_ptr();
+        self.0 = Some(room);
+        first
+    }
+
+    /// Takes out the room, if there is enough, or makes it.
+    fn room(&mut self, rows: usize, device: Device) -> Tensor {
+        let (rows, side) = (rows as i64, FRAME_SIDE as i64);
+        match self.0.take() {
             Some(room) if room.size()[0] >= rows && device.is_cuda() => room,
             _ => {
                 let room = Tensor::empty([rows, side, side], (Kind::Int16, Device::Cpu));
                 if device.is_cuda() { room.pin_memory(device) } else { room }
             }
-        };
-        copy_frames(&mut ffi::frames_mut(&mut room)[..frames.len()], frames);
-        if !device.is_cuda() {
-            return room;
         }
-        let raw = room.narrow(0, 0, rows).to_device_(device, Kind::Int16, true, false);
-        self.0 = Some(room);
-        raw
     }
 }
 
