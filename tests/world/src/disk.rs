@@ -17,6 +17,7 @@ struct File {
 }
 
 #[derive(Debug, Default)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a fault of its own")]
 struct State {
     files: Vec<File>,
     names: BTreeMap<PathBuf, usize>,

@@ -110,27 +110,49 @@ pub fn strike(world: &mut World, fault: Fault) {
     let orchestrator = |label| label == Label::Orchestrator;
     let killed = Exit::Signal(9);
     match fault {
-        Fault::KillActor(who) => pick(world, who, actor).into_iter().for_each(|task| world.finish(task, &killed)),
-        Fault::KillLearner(who) => pick(world, who, learner).into_iter().for_each(|task| world.finish(task, &killed)),
-        Fault::KillOrchestrator => {
-            pick(world, 0, orchestrator).into_iter().for_each(|task| world.finish(task, &killed))
+        Fault::KillActor(who) => {
+            if let Some(task) = pick(world, who, actor) {
+                world.finish(task, &killed);
+            }
         }
-        Fault::StopActor(who, micros) => pick(world, who, actor).into_iter().for_each(|task| world.stop(task, micros)),
+        Fault::KillLearner(who) => {
+            if let Some(task) = pick(world, who, learner) {
+                world.finish(task, &killed);
+            }
+        }
+        Fault::KillOrchestrator => {
+            if let Some(task) = pick(world, 0, orchestrator) {
+                world.finish(task, &killed);
+            }
+        }
+        Fault::StopActor(who, micros) => {
+            if let Some(task) = pick(world, who, actor) {
+                world.stop(task, micros);
+            }
+        }
         Fault::StopLearner(who, micros) => {
-            pick(world, who, learner).into_iter().for_each(|task| world.stop(task, micros));
+            if let Some(task) = pick(world, who, learner) {
+                world.stop(task, micros);
+            }
         }
         Fault::StopOrchestrator(micros) => {
-            pick(world, 0, orchestrator).into_iter().for_each(|task| world.stop(task, micros));
+            if let Some(task) = pick(world, 0, orchestrator) {
+                world.stop(task, micros);
+            }
         }
         Fault::Lag(micros) => {
             let until = world.now + micros;
             world.desks.iter_mut().for_each(|desk| desk.lags_until = until);
         }
         Fault::AskToStop => {
-            pick(world, 0, orchestrator).into_iter().for_each(|task| world.tell(task, Event::Stop));
+            if let Some(task) = pick(world, 0, orchestrator) {
+                world.tell(task, Event::Stop);
+            }
         }
         Fault::Interrupt => {
-            pick(world, 0, orchestrator).into_iter().for_each(|task| world.tell(task, Event::Interrupt));
+            if let Some(task) = pick(world, 0, orchestrator) {
+                world.tell(task, Event::Interrupt);
+            }
         }
         Fault::FillDisk => world.disk.set_full(true),
         Fault::FreeDisk => world.disk.set_full(false),

@@ -292,6 +292,13 @@ impl World {
         self.ring_in(id, delay);
     }
 
+    /// The same of several.
+    pub fn ring_all(&mut self, ids: impl IntoIterator<Item = TaskId>) {
+        for id in ids {
+            self.ring(id);
+        }
+    }
+
     /// The same after a delay.
     pub fn ring_in(&mut self, id: TaskId, delay: u64) {
         self.happen(self.now + delay, Happening::Ring(id));

@@ -75,7 +75,7 @@ impl Recorder {
             loop {
                 let service = &mut world.wires[self.session].observations[rank];
                 let (sample, awake) = service.receive(self.ports[rank], &mut world.dice);
-                awake.into_iter().for_each(|task| world.ring(task));
+                world.ring_all(awake);
                 let Some(sample) = sample else { break };
                 self.sample(world, &sample.value);
                 taken += 1;
@@ -225,7 +225,7 @@ impl Program for Recorder {
 /// Rings for the learner with this rank.
 fn ring_learner(world: &mut World, session: usize, rank: u32, me: TaskId) {
     let listeners = world.wires[session].observations[rank as usize].listeners();
-    listeners.into_iter().filter(|&task| task != me).for_each(|task| world.ring(task));
+    world.ring_all(listeners.into_iter().filter(|&task| task != me));
 }
 
 /// Every step in the recordings of a run, with the hash of the state that it led to. What is torn is left out.

@@ -61,12 +61,12 @@ fn play_all(seeds: u64) -> Sums {
                         break;
                     }
                     let report = play(seed, None, false);
-                    sums.lock().unwrap().add(seed, report);
+                    sums.lock().expect("no thread has panicked").add(seed, report);
                 }
             });
         }
     });
-    sums.into_inner().unwrap()
+    sums.into_inner().expect("no thread has panicked")
 }
 
 #[test]

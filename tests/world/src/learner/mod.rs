@@ -77,7 +77,7 @@ enum Phase {
     /// Observations are to come.
     Collecting { patience: Patience, began: u64 },
     /// The recorder is to have what this half's actions answer, or what its values are of.
-    Receipting { half: u32, chosen: Option<Vec<(usize, u64, u8)>>, t: usize, patience: Patience, began: u64 },
+    Receipting { half: u32, chosen: Option<Chosen>, t: usize, patience: Patience, began: u64 },
     /// Actions are being sent.
     Answering(VecDeque<ActionBatch>),
     /// At the end of the rollout.
@@ -91,6 +91,9 @@ enum Phase {
     /// Whether a checkpoint is due.
     Due { stage_ended: bool },
 }
+
+/// What the policy has chosen for a half: column, what it was given, action.
+type Chosen = Vec<(usize, u64, u8)>;
 
 /// Its open ports.
 struct Ports {
@@ -184,7 +187,7 @@ impl Learner {
     fn begin(&mut self, world: &mut World, me: TaskId, word: Word, phase: Phase) -> Next {
         self.phase = phase;
         let awake = self.meeting(world).begin(self.rank, me, word);
-        awake.into_iter().for_each(|task| world.ring(task));
+        world.ring_all(awake);
         Next::Wait(60 * SECOND)
     }
 
@@ -208,7 +211,7 @@ impl Learner {
     }
 
     fn load(&mut self, world: &mut World, me: TaskId) -> Next {
-        let loaded = match self.store(world).load() {
+        let loaded = match save::store_of(world).load() {
             Ok(loaded) => loaded,
             Err(error) => {
                 world.violate(format!("learner {}: {error}", self.rank));
@@ -251,13 +254,11 @@ impl Learner {
     }
 
     fn ready(&mut self, world: &mut World, me: TaskId) -> Next {
-        match self.open(world, me) {
-            Ok(ports) => self.ports = Some(ports),
-            Err(NoPlace) => {
-                world.note(|| format!("learner {}: no place for its ports", self.rank));
-                return Next::Exit(Exit::Code(1));
-            }
-        }
+        let Ok(ports) = self.open(world, me) else {
+            world.note(|| format!("learner {}: no place for its ports", self.rank));
+            return Next::Exit(Exit::Code(1));
+        };
+        self.ports = Some(ports);
         let ready = LearnerEvent::Ready {
             rank: self.rank,
             rollout: self.rollout,
@@ -300,13 +301,12 @@ impl Program for Learner {
         }
         match std::mem::replace(&mut self.phase, Phase::Starting) {
             Phase::Starting => self.take_lock(world, me),
-            Phase::Meeting => match self.ended(world) {
-                Err(next) => self.stay(Phase::Meeting, next),
-                Ok(_) => {
-                    self.phase = Phase::Loading;
-                    Next::After(world.dice.spread(MILLISECOND, 100 * MILLISECOND))
+            Phase::Meeting => {
+                if let Err(next) = self.ended(world) {
+                    return self.stay(Phase::Meeting, next);
                 }
-            },
+                self.stay(Phase::Loading, Next::After(world.dice.spread(MILLISECOND, 100 * MILLISECOND)))
+            }
             Phase::Loading => self.load(world, me),
             Phase::Loaded => match self.ended(world) {
                 Err(next) => self.stay(Phase::Loaded, next),

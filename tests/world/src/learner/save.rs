@@ -35,7 +35,7 @@ pub fn tear_newest(world: &mut World) {
 }
 
 /// The store of a world's checkpoints.
-fn store_of(world: &World) -> Store<SimulatedDisk> {
+pub(super) fn store_of(world: &World) -> Store<SimulatedDisk> {
     let config = &world.setup.config;
     let machine = Machine {
         torch: "none".to_owned(),
@@ -49,10 +49,6 @@ fn store_of(world: &World) -> Store<SimulatedDisk> {
 }
 
 impl Learner {
-    pub(super) fn store(&self, world: &World) -> Store<SimulatedDisk> {
-        store_of(world)
-    }
-
     /// Begins to save.
     pub(super) fn save(&mut self, world: &mut World, me: TaskId, then: Then) -> Next {
         let word = Word::Same(self.weights);
@@ -79,7 +75,7 @@ impl Learner {
                 world.last_fault = world.now;
                 world.disk.crash_in(operations);
             }
-            let saved = self.store(world).save(&snapshot);
+            let saved = store_of(world).save(&snapshot);
             if world.disk.take_crash() {
                 world.power_fails = cut.is_some_and(|(_, power)| power);
                 world.note(|| format!("learner 0 dies while it saves rollout {}", self.rollout));

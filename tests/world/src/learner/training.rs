@@ -1,7 +1,7 @@
 //! Rollouts: announced, collected, agreed on, trained.
 
 use super::sample::Sample;
-use super::{CutShort, LOOK, Learner, Phase, Stop, Then};
+use super::{Chosen, CutShort, LOOK, Learner, Phase, Stop, Then};
 use crate::kernel::{MILLISECOND, Next, SECOND, World};
 use crate::meeting::Word;
 use crate::model::{choose, look, of_action, of_bootstrap, of_outcome, update};
@@ -87,7 +87,7 @@ impl Learner {
         loop {
             let service = &mut world.wires[self.session].observations[self.rank as usize];
             let (sample, awake) = service.receive(port, &mut world.dice);
-            awake.into_iter().for_each(|task| world.ring(task));
+            world.ring_all(awake);
             let Some(sample) = sample else { break };
             let header = sample.value.0;
             let received = self.collector().receive(&header, Sample(sample));
@@ -124,7 +124,7 @@ impl Learner {
             service.deliver(port, 0, place, &sample);
         }
         let listeners = service.listeners();
-        listeners.into_iter().for_each(|task| world.ring(task));
+        world.ring_all(listeners);
     }
 
     fn stop_asked(&mut self, world: &mut World) -> Option<Stop> {
@@ -171,23 +171,22 @@ impl Learner {
         &mut self,
         world: &mut World,
         me: TaskId,
-        (half, t, chosen): (u32, usize, Option<Vec<(usize, u64, u8)>>),
+        (half, t, chosen): (u32, usize, Option<Chosen>),
         (mut patience, began): (Patience, u64),
     ) -> Next {
         let unrecorded = |collector: &Collector<Sample>| collector.unrecorded(half);
         match self.await_actors(world, me, unrecorded, (&mut patience, began)) {
             Err(Some(next)) => next,
             Err(None) => self.stay(Phase::Receipting { half, chosen, t, patience, began }, Next::Wait(LOOK)),
-            Ok(()) => match chosen {
-                Some(chosen) => {
+            Ok(()) => {
+                if let Some(chosen) = chosen {
                     let batches = self.act(half, t, &chosen);
                     self.stay(Phase::Answering(batches.into()), Next::After(10))
-                }
-                None => {
+                } else {
                     self.collector().bootstrapped(half);
                     self.go_on(world, 20)
                 }
-            },
+            }
         }
     }
 
@@ -284,7 +283,7 @@ impl Learner {
                 header.step += u64::from(again == 1);
             }
             let listeners = world.wires[self.session].actions[actor as usize].listeners();
-            listeners.into_iter().for_each(|task| world.ring(task));
+            world.ring_all(listeners);
             if world.dice.once_in(16) {
                 self.phase = Phase::Answering(batches);
                 return Next::After(world.dice.between(5, 50));
