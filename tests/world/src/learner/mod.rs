@@ -5,9 +5,10 @@
 
 mod sample;
 mod save;
+mod store;
 mod training;
 
-pub use save::tear_newest;
+pub use store::tear_newest;
 
 use crate::kernel::{MILLISECOND, Next, Program, SECOND, World};
 use crate::meeting::{Lost, Meeting, Word};
@@ -211,7 +212,7 @@ impl Learner {
     }
 
     fn load(&mut self, world: &mut World, me: TaskId) -> Next {
-        let loaded = match save::store_of(world).load() {
+        let loaded = match store::store_of(world).load() {
             Ok(loaded) => loaded,
             Err(error) => {
                 world.violate(format!("learner {}: {error}", self.rank));

@@ -1,52 +1,16 @@
 //! Saving: the order of `Training::save`, `save_or_go_on` and `leave`, with the real store on the world's disk.
 
+use super::store::store_of;
 use super::{Learner, Phase, Then};
-use crate::disk::SimulatedDisk;
 use crate::kernel::{MILLISECOND, Next, World};
 use crate::meeting::Word;
 use crate::service::TaskId;
 use learner::agent::AgentState;
-use learner::checkpoint::{CheckpointError, Snapshot, Store};
+use learner::checkpoint::{CheckpointError, Snapshot};
 use orchestrator::Exit;
-use proto::checkpoint::Machine;
-use proto::disk::Disk;
 use proto::event::LearnerEvent;
 use proto::exit::{EXIT_LOST_PEERS, EXIT_UNSAVED};
-use proto::run_folder::{RolloutName, RunFolder};
 use std::collections::BTreeMap;
-
-/// The run's folder on the world's disk.
-const RUN: &str = "run";
-/// What stands for the configuration in manifests.
-const CONFIG: &str = "preset = \"world\"";
-
-/// Tears the newest checkpoint, where there is an older one, too.
-pub fn tear_newest(world: &mut World) {
-    let run = RunFolder::new(RUN);
-    let names = world.disk.list(&run.checkpoints()).unwrap_or_default();
-    let mut rollouts: Vec<u64> = names.iter().filter_map(|path| RolloutName::Manifest.rollout_of(path)).collect();
-    rollouts.sort_unstable();
-    if let [.., _, newest] = rollouts[..] {
-        let path = if world.dice.once_in(2) { run.checkpoint_manifest(newest) } else { run.checkpoint_tensors(newest) };
-        world.saved = None;
-        let disk = world.disk.clone();
-        disk.tear(&path, &mut world.dice);
-    }
-}
-
-/// The store of a world's checkpoints.
-pub(super) fn store_of(world: &World) -> Store<SimulatedDisk> {
-    let config = &world.setup.config;
-    let machine = Machine {
-        torch: "none".to_owned(),
-        device: "cpu".to_owned(),
-        threads: 1,
-        arithmetic: "reproducible".to_owned(),
-        learners: config.learner.count,
-    };
-    let store = Store::new(RunFolder::new(RUN), &config.stages, CONFIG, machine, config.checkpoint.keep);
-    store.on(world.disk.clone())
-}
 
 impl Learner {
     /// Begins to save.
