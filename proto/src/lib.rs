@@ -16,6 +16,7 @@ pub mod checkpoint;
 pub mod config;
 pub mod device;
 pub mod digest;
+pub mod disk;
 pub mod episode;
 pub mod evaluation;
 pub mod event;

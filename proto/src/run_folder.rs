@@ -20,9 +20,9 @@
 //!   summary.json           written when the budget is reached
 //! ```
 
+use crate::disk::{Disk, LocalDisk};
 use crate::fault;
 use serde::Deserialize;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// A run folder, existing or about to be created.
@@ -223,30 +223,35 @@ pub const PARTIAL: &str = ".partial";
 /// Writes a file so that a reader finds either the old content or the new, whole: temporary file in the same folder,
 /// fsync, rename, fsync of the folder.
 pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
+    write_atomically_on(&LocalDisk, path, content)
+}
+
+/// The same on any file system.
+pub fn write_atomically_on<D: Disk>(disk: &D, path: &Path, content: &[u8]) -> std::io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut temporary = path.as_os_str().to_owned();
     temporary.push(PARTIAL);
     let temporary = PathBuf::from(temporary);
     fault::reach("file.before_write");
     // One that a crash left gives way. Made anew, it cannot be a link to a file elsewhere.
-    match std::fs::remove_file(&temporary) {
+    match disk.remove(&temporary) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
         _ => {}
     }
-    let written = std::fs::File::create_new(&temporary).and_then(|mut file| {
-        file.write_all(content)?;
+    let written = disk.create_new(&temporary).and_then(|mut file| {
+        disk.write_all(&mut file, content)?;
         fault::reach("file.before_fsync");
-        file.sync_all()
+        disk.sync(&file)
     });
     if let Err(error) = written {
         // A full disk leaves nothing behind but the error.
-        let _ = std::fs::remove_file(&temporary);
+        let _ = disk.remove(&temporary);
         return Err(error);
     }
     fault::reach("file.before_rename");
-    std::fs::rename(&temporary, path)?;
+    disk.rename(&temporary, path)?;
     fault::reach("file.after_rename");
-    std::fs::File::open(folder)?.sync_all()
+    disk.sync_folder(folder)
 }
 
 #[cfg(test)]

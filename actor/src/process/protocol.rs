@@ -77,7 +77,7 @@ struct HalfState {
 
 /// The state of the conversation with the learner. Times are measured from any fixed moment.
 #[derive(Debug, Clone)]
-pub(crate) struct Protocol {
+pub struct Protocol {
     actor: u32,
     incarnation: u32,
     halves: Halves,
@@ -116,18 +116,18 @@ impl Protocol {
     }
 
     /// The newest incarnation of this actor that the recorder has heard.
-    pub(crate) fn on_met(&mut self, incarnation: u32) {
+    pub fn on_met(&mut self, incarnation: u32) {
         self.met |= incarnation == self.incarnation;
     }
 
     /// Whether the recorder's word is still to come.
-    pub(crate) fn is_strange(&self) -> bool {
+    pub fn is_strange(&self) -> bool {
         !self.met
     }
 
     /// A restore has arrived with `states` environment states. If accepted, the shell rebuilds the environments
     /// before it asks for anything else.
-    pub(crate) fn on_restore(&mut self, header: &RestoreHeader, states: usize, now: Duration) -> Verdict {
+    pub fn on_restore(&mut self, header: &RestoreHeader, states: usize, now: Duration) -> Verdict {
         if header.actor_incarnation != 0 && header.actor_incarnation != self.incarnation {
             return Verdict::Ignored("it is for another incarnation of this actor");
         }
@@ -159,7 +159,7 @@ impl Protocol {
     }
 
     /// An action batch has arrived with `actions` actions. If accepted, the shell keeps them until [`Todo::Act`].
-    pub(crate) fn on_actions(&mut self, header: &ActionHeader, actions: usize) -> Verdict {
+    pub fn on_actions(&mut self, header: &ActionHeader, actions: usize) -> Verdict {
         if self.learner_incarnation != Some(header.learner_incarnation) {
             return Verdict::Ignored("they come from another learner incarnation");
         }
@@ -204,7 +204,7 @@ impl Protocol {
     }
 
     /// A HELLO went out.
-    pub(crate) fn hello_sent(&mut self, now: Duration) {
+    pub fn hello_sent(&mut self, now: Duration) {
         self.hello_due = now + HELLO_INTERVAL;
     }
 
@@ -229,7 +229,7 @@ impl Protocol {
     }
 
     /// Header of a HELLO.
-    pub(crate) fn hello_header(&self) -> ObservationHeader {
+    pub fn hello_header(&self) -> ObservationHeader {
         ObservationHeader {
             kind: observation_kind::HELLO,
             actor: self.actor,
@@ -242,7 +242,7 @@ impl Protocol {
     ///
     /// # Panics
     /// If no restore has been accepted yet.
-    pub(crate) fn observation_header(&self, half: u32) -> ObservationHeader {
+    pub fn observation_header(&self, half: u32) -> ObservationHeader {
         let state = self.half[half as usize];
         ObservationHeader {
             step: state.step,

@@ -3,13 +3,15 @@
 use super::Snapshot;
 use super::tensors::{self, TensorsError};
 use crate::agent::AgentState;
-use proto::checkpoint::{Machine, Manifest};
+use proto::checkpoint::{Machine, Manifest, ManifestError};
 use proto::config::StageConfig;
 use proto::digest::sha256;
+use proto::disk::{Disk, LocalDisk};
 use proto::pin::pin;
-use proto::run_folder::{RolloutName, RunFolder, write_atomically};
+use proto::run_folder::{RolloutName, RunFolder, write_atomically_on};
 use proto::stage::position_at;
 use proto::trained::History;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// A checkpoint that cannot be used, and why.
@@ -106,7 +108,8 @@ pub struct Loaded {
 
 /// The checkpoints of one run.
 #[derive(Debug, Clone)]
-pub struct Store {
+pub struct Store<D = LocalDisk> {
+    disk: D,
     run: RunFolder,
     /// The run's id. Empty where nobody gave it one: then nothing is compared with it.
     id: String,
@@ -126,9 +129,17 @@ impl Store {
         keep: u32,
     ) -> Self {
         let (id, stages, config) = (id.to_owned(), stages.to_vec(), config_toml.to_owned());
-        Self { run, id, stages, config, machine, keep: keep as usize }
+        Self { disk: LocalDisk, run, id, stages, config, machine, keep: keep as usize }
     }
 
+    /// The same on another file system.
+    pub fn on<D: Disk>(self, disk: D) -> Store<D> {
+        let Self { disk: _, run, id, stages, config, machine, keep } = self;
+        Store { disk, run, id, stages, config, machine, keep }
+    }
+}
+
+impl<D: Disk> Store<D> {
     /// Fails if the folder is another run's, or nobody's: it was removed, and perhaps made anew, while we worked.
     pub(crate) fn check_run(&self) -> Result<(), CheckpointError> {
         let found = match self.run.id() {
@@ -152,7 +163,7 @@ impl Store {
         wire::fault::reach("learner.before_checkpoint");
         self.check_run()?;
         let folder = self.run.checkpoints();
-        std::fs::create_dir_all(&folder).map_err(|cause| CheckpointError::Folder { path: folder.clone(), cause })?;
+        self.disk.create_folders(&folder).map_err(|cause| CheckpointError::Folder { path: folder.clone(), cause })?;
         let tensors_path = self.run.checkpoint_tensors(snapshot.rollout);
         let manifest_path = self.run.checkpoint_manifest(snapshot.rollout);
         let bytes = tensors::encode(&snapshot.agent.tensors, &snapshot.boundary)?;
@@ -179,13 +190,13 @@ impl Store {
             machine: self.machine.clone(),
             manifest_sha256: String::new(),
         };
-        write(&tensors_path, &bytes)?;
+        self.write(&tensors_path, &bytes)?;
         wire::fault::reach("learner.after_tensors");
-        write(&self.run.checkpoint_figures(snapshot.rollout), &figures)?;
+        self.write(&self.run.checkpoint_figures(snapshot.rollout), &figures)?;
         wire::fault::reach("learner.after_figures");
-        sync_recordings(&self.run.recordings())?;
+        self.sync_recordings()?;
         wire::fault::reach("learner.after_sync");
-        write(&manifest_path, &manifest.seal())?;
+        self.write(&manifest_path, &manifest.seal())?;
         wire::fault::reach("learner.after_manifest");
         if evaluated && let Err(cause) = pin(&self.run, snapshot.rollout) {
             tracing::warn!("the checkpoint at {} frames is not kept for its evaluation: {cause}", snapshot.frames);
@@ -251,19 +262,18 @@ impl Store {
         if manifest.rollout != rollout || manifest.tensors != file_name(&tensors_path) {
             return Err(at(&manifest_path, format!("is the manifest of rollout {}", manifest.rollout)));
         }
-        Ok((tensors_of(&manifest, &tensors_path)?, manifest))
+        Ok((tensors_of(&self.disk, &manifest, &tensors_path)?, manifest))
     }
 
     fn manifest(&self, rollout: u64) -> Result<Manifest, String> {
-        Manifest::read(&self.run.checkpoint_manifest(rollout)).map_err(|cause| cause.to_string())
+        let bytes = self.disk.read(&self.run.checkpoint_manifest(rollout)).map_err(ManifestError::from);
+        bytes.and_then(|bytes| Manifest::open(&bytes)).map_err(|cause| cause.to_string())
     }
 
     /// Rollouts that have a manifest, ascending.
     fn rollouts(&self) -> std::io::Result<Vec<u64>> {
-        let mut rollouts = vec![];
-        for entry in std::fs::read_dir(self.run.checkpoints())? {
-            rollouts.extend(RolloutName::Manifest.rollout_of(&entry?.path()));
-        }
+        let names = self.disk.list(&self.run.checkpoints())?;
+        let mut rollouts: Vec<u64> = names.iter().filter_map(|path| RolloutName::Manifest.rollout_of(path)).collect();
         rollouts.sort_unstable();
         Ok(rollouts)
     }
@@ -279,8 +289,8 @@ impl Store {
         let mut kept = 0;
         for rollout in rollouts.into_iter().rev() {
             let whole = self.manifest(rollout).ok().filter(|manifest| {
-                let tensors = std::fs::metadata(self.run.checkpoint_tensors(rollout));
-                tensors.is_ok_and(|file| file.len() == manifest.tensors_bytes) && !manifest.is_of_another(&self.id)
+                let bytes = self.disk.size(&self.run.checkpoint_tensors(rollout));
+                bytes.is_ok_and(|bytes| bytes == manifest.tensors_bytes) && !manifest.is_of_another(&self.id)
             });
             if whole.is_some() && kept < self.keep {
                 kept += 1;
@@ -292,7 +302,7 @@ impl Store {
             // The manifest first: without it the rest does not count.
             for kind in [RolloutName::Manifest, RolloutName::Tensors, RolloutName::Figures] {
                 let path = self.run.checkpoints().join(kind.of(rollout));
-                match std::fs::remove_file(&path) {
+                match self.disk.remove(&path) {
                     Err(cause) if cause.kind() != std::io::ErrorKind::NotFound => {
                         tracing::warn!("cannot delete old checkpoint {}: {cause}", path.display());
                     }
@@ -305,39 +315,44 @@ impl Store {
 
     /// Deletes the remains of a process that died while it wrote: temporary files, and others without a manifest.
     fn sweep_fragments(&self) {
-        let Ok(entries) = std::fs::read_dir(self.run.checkpoints()) else { return };
-        for path in entries.filter_map(|entry| entry.ok().map(|entry| entry.path())) {
+        let Ok(paths) = self.disk.list(&self.run.checkpoints()) else { return };
+        let has_manifest = |rollout| paths.contains(&self.run.checkpoint_manifest(rollout));
+        for path in &paths {
             let temporary = path.extension().is_some_and(|extension| extension == "partial");
-            let rollout = RolloutName::Tensors.rollout_of(&path).or_else(|| RolloutName::Figures.rollout_of(&path));
-            let orphan = rollout.is_some_and(|rollout| !self.run.checkpoint_manifest(rollout).exists());
+            let rollout = RolloutName::Tensors.rollout_of(path).or_else(|| RolloutName::Figures.rollout_of(path));
+            let orphan = rollout.is_some_and(|rollout| !has_manifest(rollout));
             if temporary || orphan {
-                let _ = std::fs::remove_file(&path);
+                let _ = self.disk.remove(path);
             }
         }
     }
-}
 
-/// Has all recordings and their names written to the disk. Those that are there already cost next to nothing.
-fn sync_recordings(folder: &Path) -> Result<(), CheckpointError> {
-    let failed = |path: &Path, cause| CheckpointError::Recording { path: path.to_path_buf(), cause };
-    let entries = match std::fs::read_dir(folder) {
-        Ok(entries) => entries,
-        Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(()),
-        Err(cause) => return Err(failed(folder, cause)),
-    };
-    for entry in entries {
-        let entry = entry.map_err(|cause| failed(folder, cause))?;
-        let path = entry.path();
-        let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
-        if is_file && path.extension().is_some_and(|extension| extension == "mcap") {
-            match std::fs::File::open(&path).and_then(|file| file.sync_all()) {
-                // Somebody has moved or deleted it: it is no longer ours to keep.
-                Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => {}
-                synced => synced.map_err(|cause| failed(&path, cause))?,
+    fn write(&self, path: &Path, content: &[u8]) -> Result<(), CheckpointError> {
+        write_atomically_on(&self.disk, path, content).map_err(|cause| CheckpointError::Write {
+            path: path.to_path_buf(),
+            cause,
+            free_bytes: path.parent().and_then(free_bytes),
+        })
+    }
+
+    /// Has all recordings and their names written to the disk. Those that are there already cost next to nothing.
+    fn sync_recordings(&self) -> Result<(), CheckpointError> {
+        let folder = self.run.recordings();
+        let failed = |path: &Path, cause| CheckpointError::Recording { path: path.to_path_buf(), cause };
+        let paths = match self.disk.list(&folder) {
+            Ok(paths) => paths,
+            Err(cause) if cause.kind() == ErrorKind::NotFound => return Ok(()),
+            Err(cause) => return Err(failed(&folder, cause)),
+        };
+        for path in paths.iter().filter(|path| path.extension().is_some_and(|extension| extension == "mcap")) {
+            match self.disk.open(path).and_then(|file| self.disk.sync(&file)) {
+                // Somebody has moved or deleted it, or it is no plain file: it is not ours to keep.
+                Err(cause) if matches!(cause.kind(), ErrorKind::NotFound | ErrorKind::InvalidInput) => {}
+                synced => synced.map_err(|cause| failed(path, cause))?,
             }
         }
+        self.disk.sync_folder(&folder).map_err(|cause| failed(&folder, cause))
     }
-    std::fs::File::open(folder).and_then(|folder| folder.sync_all()).map_err(|cause| failed(folder, cause))
 }
 
 /// Reads the checkpoint with this manifest, wherever it lies, and verifies it. Its figures are left out.
@@ -345,13 +360,13 @@ pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
     let manifest = Manifest::read(manifest_path)
         .map_err(|cause| Rejected { path: manifest_path.to_path_buf(), reason: cause.to_string() })?;
     let tensors_path = manifest_path.with_file_name(&manifest.tensors);
-    Ok((tensors_of(&manifest, &tensors_path)?, manifest))
+    Ok((tensors_of(&LocalDisk, &manifest, &tensors_path)?, manifest))
 }
 
 /// The state in the tensor file that belongs to a manifest.
-fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
+fn tensors_of<D: Disk>(disk: &D, manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
     let at = |reason: String| Rejected { path: path.to_path_buf(), reason };
-    let bytes = std::fs::read(path).map_err(|cause| at(format!("cannot be read: {cause}")))?;
+    let bytes = disk.read(path).map_err(|cause| at(format!("cannot be read: {cause}")))?;
     if bytes.len() as u64 != manifest.tensors_bytes {
         return Err(at(format!("is torn: it has {} bytes of {}", bytes.len(), manifest.tensors_bytes)));
     }
@@ -365,14 +380,6 @@ fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
     let agent = AgentState { tensors, adam_steps, multiplier, carried_goal };
     let (weights, figures) = (manifest.weights.clone(), History::default());
     Ok(Snapshot { rollout, frames, agent, boundary, weights, figures })
-}
-
-fn write(path: &Path, content: &[u8]) -> Result<(), CheckpointError> {
-    write_atomically(path, content).map_err(|cause| CheckpointError::Write {
-        path: path.to_path_buf(),
-        cause,
-        free_bytes: path.parent().and_then(free_bytes),
-    })
 }
 
 /// Bytes that this process may still write to the file system of a folder.

@@ -333,7 +333,7 @@ impl<S: HalfSample> Collector<S> {
     ///
     /// # Panics
     /// If there is no such actor or half.
-    pub(crate) fn recorded(&mut self, actor: u32, half: u32, receipt: Receipt) {
+    pub fn recorded(&mut self, actor: u32, half: u32, receipt: Receipt) {
         let index = self.settings.column_map.index_of(actor).expect("a learner reads receipts of its own actors");
         if receipt.learner_incarnation == self.settings.learner_incarnation {
             self.halves[half as usize].recorded(index, receipt.step);
@@ -342,7 +342,7 @@ impl<S: HalfSample> Collector<S> {
 
     /// Actors whose observations of this half's exchange the recorder does not have yet, ascending. While there are
     /// some, the half is not answered.
-    pub(crate) fn unrecorded(&self, half: u32) -> Vec<u32> {
+    pub fn unrecorded(&self, half: u32) -> Vec<u32> {
         let column_map = self.settings.column_map;
         let half = Some(&self.halves[half as usize]).filter(|_| self.settings.recorded);
         half.into_iter().flat_map(Half::unrecorded).map(|index| column_map.actor(index)).collect()
@@ -546,7 +546,7 @@ impl<S: HalfSample> Collector<S> {
     ///
     /// # Panics
     /// If that was not the current task, or the recorder does not have these observations.
-    pub(crate) fn bootstrapped(&mut self, half: u32) {
+    pub fn bootstrapped(&mut self, half: u32) {
         assert_eq!(self.task(), Task::Bootstrap { half }, "a half is bootstrapped when it is due");
         assert!(self.unrecorded(half).is_empty(), "what a rollout ends with is recorded");
         for column in self.settings.column_map.batch(half) {

@@ -4,6 +4,7 @@
 use super::announcements::Announcements;
 use super::control::Control;
 use super::link::{Ports, Sample};
+use super::patience::{Patience, Waited};
 use super::stop::{OrchestratorGone, Stop};
 use crate::collector::{Boundary, Collector, ColumnMap, Received, Settings};
 use anyhow::Result;
@@ -16,9 +17,6 @@ use wire::{Waiting, Written, fault};
 
 /// Longest sleep without a look around. Whatever is waited for rings, but a process can be killed before it does.
 const LOOK: Duration = Duration::from_millis(250);
-/// An actor that has not answered for this long is reported, and again after each [`NOTICE_INTERVAL`].
-const FIRST_NOTICE: Duration = Duration::from_secs(2);
-const NOTICE_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Actors that did not answer in time.
 #[derive(Debug, thiserror::Error)]
@@ -174,8 +172,7 @@ impl<'a, W: Write> Conversation<'a, W> {
     /// Receives until no actor is waited for, or there is a reason to stop.
     fn await_actors(&mut self, waits_for: impl Fn(&Collector<Sample>) -> Vec<u32>) -> Result<Option<Stop>> {
         let began = Instant::now();
-        let deadline = Duration::try_from_secs_f64(self.actor_deadline_s).unwrap_or(Duration::MAX);
-        let mut notice = FIRST_NOTICE;
+        let mut patience = Patience::new(self.actor_deadline_s);
         loop {
             self.receive_all()?;
             let missing = waits_for(&self.collector);
@@ -186,21 +183,25 @@ impl<'a, W: Write> Conversation<'a, W> {
                 return Ok(None);
             }
             let waited = began.elapsed();
-            if waited >= deadline {
-                let named: Vec<String> = missing.iter().map(u32::to_string).collect();
-                let plural = if named.len() == 1 { "actor" } else { "actors" };
-                let actors = format!("{plural} {}", named.join(", "));
-                return Err(Silent { actors, deadline_s: self.actor_deadline_s }.into());
-            }
-            if waited >= notice {
-                notice = waited + NOTICE_INTERVAL;
-                let waited_s = waited.as_secs_f64();
-                for actor in missing {
-                    self.tell(&LearnerEvent::WaitingForActor { rank: self.rank, actor, waited_s });
+            let left = match patience.after(waited) {
+                Waited::Overdue => return Err(self.silent(&missing).into()),
+                Waited::Wait(left) => left,
+                Waited::Notice(left) => {
+                    let waited_s = waited.as_secs_f64();
+                    for actor in missing {
+                        self.tell(&LearnerEvent::WaitingForActor { rank: self.rank, actor, waited_s });
+                    }
+                    left
                 }
-            }
-            self.wait(notice.min(deadline).saturating_sub(waited))?;
+            };
+            self.wait(left)?;
         }
+    }
+
+    fn silent(&self, missing: &[u32]) -> Silent {
+        let named: Vec<String> = missing.iter().map(u32::to_string).collect();
+        let plural = if named.len() == 1 { "actor" } else { "actors" };
+        Silent { actors: format!("{plural} {}", named.join(", ")), deadline_s: self.actor_deadline_s }
     }
 
     /// An action is due, so all actors have answered. At the first time this is reported.

@@ -14,14 +14,17 @@ mod import;
 mod link;
 mod lock;
 mod machine;
+mod patience;
 mod stop;
 mod training;
 mod weights;
 
+pub use announcements::{Announcements, Permission};
 pub use check::check;
 pub use evaluation::{EvaluationArguments, evaluate};
 pub use failure::{is_non_finite, is_of_peers, is_unsaved};
 pub use import::{ImportArguments, import};
+pub use patience::{Patience, Waited};
 
 use crate::agent::Agent;
 use crate::checkpoint::Store;

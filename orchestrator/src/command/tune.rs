@@ -7,7 +7,6 @@ use crate::run::identity::unix_now;
 use crate::showing::format;
 use crate::showing::terminal;
 use crate::supervisor::session::EXIT_INTERRUPTED;
-use crate::training::metrics::total_s;
 use crate::training::next_steps::{program, quoted};
 use crate::tuning::search::{Choice, Search, Speed, Tried};
 use crate::tuning::trial::{self, Interrupts, Outcome, Patience, Workshop};
@@ -178,7 +177,7 @@ fn line(config: &Config, tried: &Tried) -> String {
     match &tried.result {
         Err(reason) => format!("{shape}  {reason}"),
         Ok(Speed { frames_per_s, timing }) => {
-            let share = |part: f64| format!("{:.0}%", 100.0 * part / total_s(timing));
+            let share = |part: f64| format!("{:.0}%", 100.0 * part / timing.total_s());
             let [waiting, infer, update, other] =
                 [timing.simulate_s, timing.infer_s, timing.update_s, timing.other_s].map(share);
             let rate = format::rate(*frames_per_s);

@@ -3,11 +3,11 @@
 
 use super::search::Speed;
 use crate::run::lifeline::this_program;
-use crate::training::metrics::{History, total_s};
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::event::Timing;
 use proto::run_folder::RunFolder;
+use proto::trained::History;
 use rustix::process::{Pid, kill_process};
 use std::fs::File;
 use std::os::unix::process::CommandExt;
@@ -109,10 +109,10 @@ pub async fn run(
             return Ok(Outcome::Interrupted);
         }
         let ended = child.try_wait()?;
-        let measured = measured(&History::read(&folder)?);
+        let measured = measured(&History::decode(&std::fs::read(folder.metrics()).unwrap_or_default()).0);
         let (rollouts, speed) = measured.map_or((0, None), |(rollouts, speed)| (rollouts, Some(speed)));
         let enough = speed.filter(|speed| {
-            rollouts >= ROLLOUTS && total_s(&speed.timing) >= patience.enough.as_secs_f64()
+            rollouts >= ROLLOUTS && speed.timing.total_s() >= patience.enough.as_secs_f64()
                 || began.elapsed() >= patience.longest
         });
         if let Some(speed) = enough.or(speed.filter(|_| ended.is_some_and(|status| status.success()))) {
@@ -170,7 +170,7 @@ fn measured(history: &History) -> Option<(usize, Speed)> {
         sum.other_s += other_s;
         rollouts += 1;
     }
-    let seconds = total_s(&sum);
+    let seconds = sum.total_s();
     let frames = history.frames() - first;
     (seconds > 0.0).then(|| (rollouts, Speed { frames_per_s: frames as f64 / seconds, timing: sum }))
 }
@@ -194,7 +194,7 @@ mod tests {
         // 50 frames in two seconds each.
         let (rollouts, speed) = measured(&history(4)).unwrap();
         assert_eq!(rollouts, 3);
-        assert!((speed.frames_per_s - 25.0).abs() < 1e-9 && (total_s(&speed.timing) - 6.0).abs() < 1e-9, "{speed:?}");
+        assert!((speed.frames_per_s - 25.0).abs() < 1e-9 && (speed.timing.total_s() - 6.0).abs() < 1e-9, "{speed:?}");
     }
 
     #[test]

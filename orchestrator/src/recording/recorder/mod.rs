@@ -22,4 +22,6 @@ pub mod testing;
 mod tests;
 
 pub use handle::Recorder;
+pub use ledger::{Ledger, Verdict};
 pub use note::RecorderSetup;
+pub use tally::{Gap, Tally};
