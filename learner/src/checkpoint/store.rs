@@ -113,6 +113,8 @@ pub struct Store<D = LocalDisk> {
     run: RunFolder,
     /// The run's id. Empty where nobody gave it one: then nothing is compared with it.
     id: String,
+    /// The run is still being made: `run.toml`, which says whose the folder is, comes last.
+    unmade: bool,
     stages: Vec<StageConfig>,
     config: String,
     machine: Machine,
@@ -129,13 +131,18 @@ impl Store {
         keep: u32,
     ) -> Self {
         let (id, stages, config) = (id.to_owned(), stages.to_vec(), config_toml.to_owned());
-        Self { disk: LocalDisk, run, id, stages, config, machine, keep: keep as usize }
+        Self { disk: LocalDisk, run, id, unmade: false, stages, config, machine, keep: keep as usize }
+    }
+
+    /// The same for a run that is still being made.
+    pub(crate) fn of_unmade(self) -> Self {
+        Self { unmade: true, ..self }
     }
 
     /// The same on another file system.
     pub fn on<D: Disk>(self, disk: D) -> Store<D> {
-        let Self { disk: _, run, id, stages, config, machine, keep } = self;
-        Store { disk, run, id, stages, config, machine, keep }
+        let Self { disk: _, run, id, unmade, stages, config, machine, keep } = self;
+        Store { disk, run, id, unmade, stages, config, machine, keep }
     }
 }
 
@@ -143,7 +150,7 @@ impl<D: Disk> Store<D> {
     /// Fails if the folder is another run's, or nobody's: it was removed, and perhaps made anew, while we worked.
     pub(crate) fn check_run(&self) -> Result<(), CheckpointError> {
         let found = match self.run.id() {
-            _ if self.id.is_empty() => return Ok(()),
+            _ if self.id.is_empty() || self.unmade => return Ok(()),
             Some(id) if id == self.id => return Ok(()),
             Some(id) => format!("it is that of run {id}"),
             None => format!("{} is gone or damaged", self.run.identity().display()),

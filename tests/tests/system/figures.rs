@@ -34,11 +34,15 @@ struct Figures {
 impl Figures {
     fn of(run: &Run) -> Self {
         let summary = std::fs::read_to_string(run.folder.summary()).expect("a summary");
+        let mut summary: Value = serde_json::from_str(&summary).expect("JSON");
+        // Absent without a recording.
+        let recorded = summary.as_object_mut().expect("an object").remove("recording_complete");
+        assert_ne!(recorded, Some(Value::Bool(false)));
         let others = ["id", "training_s", "frames_per_s", "wall", "incarnations", "recordings"];
         Self {
             metrics: lines(run.folder.metrics(), &["at_unix_s", "incarnation", "timing"]),
             validation: lines(run.folder.validation_log(), &["at_unix_s", "wall_s"]),
-            summary: without(serde_json::from_str(&summary).expect("JSON"), &others),
+            summary: without(summary, &others),
             best: std::fs::read_link(run.folder.best()).ok(),
         }
     }
