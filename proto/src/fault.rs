@@ -24,7 +24,7 @@ static ARMED: OnceLock<Option<Armed>> = OnceLock::new();
 
 /// Marks a fault point: kills this process if [`VARIABLE`] names the point.
 pub fn reach(point: &str) {
-    let armed = ARMED.get_or_init(|| armed_here());
+    let armed = ARMED.get_or_init(armed_here);
     if let Some(armed) = armed
         && armed.point == point
         && armed.countdown.fetch_sub(1, Ordering::Relaxed) == 1

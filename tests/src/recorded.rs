@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 
 /// What is needed of a `stillroom.Step`; readers of protobuf pass over fields that they do not know.
 #[derive(Clone, PartialEq, Message)]
+// Names of the recorded message.
+#[allow(clippy::struct_field_names)]
 struct Step {
     #[prost(uint32, tag = "1")]
     kitchen: u32,

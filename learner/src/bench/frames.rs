@@ -147,6 +147,8 @@ fn episode_step(column: usize, step: usize) -> usize {
 }
 
 /// Walls and edges at 0.3 to 4.3 m, other ones for each column.
+// A frame, once.
+#[allow(clippy::large_stack_arrays)]
 fn observation(column: usize) -> Observation {
     let mut observation = Observation {
         transition: Transition::default(),

@@ -60,7 +60,7 @@ impl Display for Problem {
             Self::Compression(name) => {
                 write!(out, "a chunk's compression `{}` is not known (only zstd and lz4 are)", name.escape_debug())
             }
-            Self::Limit(what) => write!(out, "{what}"),
+            Self::Limit(what) | Self::Summary(what) => write!(out, "{what}"),
             Self::Misplaced(opcode) => write!(out, "a record of type 0x{opcode:02x} may not stand here"),
             Self::Schema(id) => write!(out, "schema {id} is not valid, or contradicts an earlier one"),
             Self::Channel(id, why) => write!(out, "messages of channel {id} cannot be read: {why}"),
@@ -69,7 +69,6 @@ impl Display for Problem {
             }
             Self::Index => write!(out, "an index does not describe what is there"),
             Self::DataSum => write!(out, "the checksum over all data does not agree: something was altered"),
-            Self::Summary(what) => write!(out, "{what}"),
             Self::Count(count) => write!(out, "the statistics count {count} messages"),
         }
     }

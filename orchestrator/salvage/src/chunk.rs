@@ -220,15 +220,14 @@ impl<S: Source> Reader<'_, S> {
                 Some(frame) => self.inside_record(offset, bytes, frame, trust, &mut seen)?,
                 None => None,
             };
-            at = match end {
-                Some(end) => end,
-                None => {
-                    seen.unreadable = true;
-                    let found = next_frame(&bytes, at + 1, bytes.len() as u64, |frame| {
-                        Ok(self.is_plausible_inside(bytes, frame, header))
-                    })?;
-                    found.map_or(bytes.len() as u64, |frame| frame.offset)
-                }
+            at = if let Some(end) = end {
+                end
+            } else {
+                seen.unreadable = true;
+                let found = next_frame(&bytes, at + 1, bytes.len() as u64, |frame| {
+                    Ok(self.is_plausible_inside(bytes, frame, header))
+                })?;
+                found.map_or(bytes.len() as u64, |frame| frame.offset)
             };
         }
         Ok(seen)

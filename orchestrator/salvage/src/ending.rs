@@ -115,7 +115,7 @@ impl<S: Source> Reader<'_, S> {
             Record::Metadata(_) => self.hand_on(record, Trust::Doubtful)?,
             Record::Schema { .. } | Record::Channel(_) | Record::SummaryOffset(_) => {}
             Record::ChunkIndex(_) | Record::AttachmentIndex(_) | Record::MetadataIndex(_) => {
-                self.ending.compare(&record)
+                self.ending.compare(&record);
             }
             _ => self.finding(frame.offset, bytes, Problem::Misplaced(frame.opcode), Cost::Nothing),
         }

@@ -4,6 +4,8 @@ use mcap::records::{Footer, Record, Statistics};
 
 /// What the end is compared with, and how far it has come.
 #[derive(Debug, Default)]
+// Independent facts about a file's end.
+#[allow(clippy::struct_excessive_bools)]
 pub struct Ending {
     /// Place and length of every chunk, in order.
     pub chunks: Vec<(u64, u64)>,

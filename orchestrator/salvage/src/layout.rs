@@ -76,7 +76,7 @@ pub enum Shape {
 pub fn shape(source: &impl Source, opcode: u8, start: u64, end: u64) -> Result<Shape> {
     let mut walk = Walk { source, at: start, end, fits: true };
     match opcode {
-        op::HEADER => walk.texts(2)?,
+        op::HEADER | op::METADATA => walk.texts(2)?,
         op::FOOTER => walk.skip(20),
         op::SCHEMA => {
             walk.skip(2);
@@ -120,7 +120,6 @@ pub fn shape(source: &impl Source, opcode: u8, start: u64, end: u64) -> Result<S
             walk.skip(42);
             walk.entries(10)?;
         }
-        op::METADATA => walk.texts(2)?,
         op::METADATA_INDEX => {
             walk.skip(16);
             walk.texts(1)?;

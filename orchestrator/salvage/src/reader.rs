@@ -167,7 +167,7 @@ impl<S: Source> Reader<'_, S> {
         match record {
             Record::Header(_) if frame.offset == MAGIC.len() as u64 => self.hand_on(record, Trust::Sound)?,
             Record::Schema { header, data } => {
-                self.schema(frame.offset, Schema { header, data: data.into_owned() }, Trust::Sound)?
+                self.schema(frame.offset, Schema { header, data: data.into_owned() }, Trust::Sound)?;
             }
             Record::Channel(channel) => self.channel(frame.offset, channel, Trust::Sound)?,
             Record::Message { header, data } => {

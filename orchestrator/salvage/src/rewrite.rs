@@ -45,6 +45,8 @@ pub fn rewrite<W: Write + Seek>(
 }
 
 /// The new file. Its header is the first thing in it, so it begins with the old one's first record.
+// There is one at a time.
+#[allow(clippy::large_enum_variant)]
 enum Copy<W: Write + Seek> {
     Waiting(WriteOptions, W),
     Writing(Writer<W>),

@@ -192,9 +192,10 @@ fn tell_what_is_missing(recorded: &Recorded, args: &ReplayArgs, all: Option<&[Pa
         // One file out of many begins in the middle of episodes.
         let whole = recorded.from_the_start || args.paths.iter().any(|path| path.is_dir());
         incomplete |= whole;
-        match whole {
-            true => tracing::warn!("not complete: the first steps are missing: {episodes}"),
-            false => tracing::warn!("left out, because begun before these recordings: {episodes}"),
+        if whole {
+            tracing::warn!("not complete: the first steps are missing: {episodes}");
+        } else {
+            tracing::warn!("left out, because begun before these recordings: {episodes}");
         }
     }
     if recorded.broken > 0 {

@@ -214,7 +214,9 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         }
     }
     if let Held::By(holder) = &held {
-        stopped.iter().for_each(|process| terminal::out(&stopped_line(process, holder.pid)));
+        for process in &stopped {
+            terminal::out(&stopped_line(process, holder.pid));
+        }
     }
     for line in work.lines(&config, held != Held::Free, incarnations.len()) {
         terminal::out(&line);

@@ -57,7 +57,7 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
     let tools = Tools::find()?;
     let preset = args.overrides.preset(args.preset.as_deref(), || Ok(default_preset(&tools.torch)))?;
     let config = args.overrides.resolve(&preset)?;
-    let open = presets().iter().find(|known| known.name == preset).map(|known| known.open_rollout_steps());
+    let open = presets().iter().find(|known| known.name == preset).map(proto::config::Preset::open_rollout_steps);
     let steps = if args.steps.is_empty() { open.unwrap_or_default() } else { args.steps.clone() };
     let start = Choice {
         environments: config.actors.environments_per_actor,

@@ -146,7 +146,9 @@ pub fn start_on<T>(cores: &[usize], start: impl FnOnce() -> T) -> Result<T, Plac
         cause: cause.into(),
     };
     let mut set = CpuSet::new();
-    cores.iter().for_each(|&core| set.set(core));
+    for &core in cores {
+        set.set(core);
+    }
     let before = sched_getaffinity(None).map_err(failed)?;
     sched_setaffinity(None, &set).map_err(failed)?;
     let started = start();

@@ -99,7 +99,7 @@ pub fn world_of(config: &Config) -> Config {
         scenes: config.scenes.clone(),
         actors: config.actors,
         simulation: config.simulation,
-        episode: config.episode.clone(),
+        episode: config.episode,
         reward: config.reward,
         evaluation: config.evaluation.clone(),
         ..Config::default()

@@ -58,7 +58,7 @@ mod tests {
             std::thread::sleep(Duration::from_millis(5));
         }
         let expected = Stopped { program: "sleep".to_owned(), pid: child.id() };
-        assert_eq!(of_child(), [expected.clone()]);
+        assert_eq!(of_child(), std::slice::from_ref(&expected));
         assert!(stopped(std::process::id()).contains(&expected), "a child is found by its parent");
         signal(&child, Signal::KILL);
         child.wait().unwrap();

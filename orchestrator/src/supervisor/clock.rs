@@ -23,7 +23,7 @@ impl Clock {
         self.looked = self.looked.max(real);
         let stood = turn.checked_sub(LONGEST_TURN).filter(|stood| !stood.is_zero());
         self.stood += stood.unwrap_or_default();
-        (self.looked - self.stood, stood)
+        (self.looked.saturating_sub(self.stood), stood)
     }
 }
 

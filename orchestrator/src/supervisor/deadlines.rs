@@ -83,7 +83,7 @@ pub fn of_stop(gang: &Gang, policy: &Policy, (waited, patience): (Duration, Dura
     }
     let (who, have, are) = subject(gang);
     warning_is_due(gang, waited, policy.floor / 6).then(|| {
-        let (waited_s, left_s) = (waited.as_secs(), (patience - waited).as_secs());
+        let (waited_s, left_s) = (waited.as_secs(), patience.saturating_sub(waited).as_secs());
         let text = format!(
             "the stop waits for {who}: {who} {have} not {to} after {waited_s} s and {are} given {left_s} s more"
         );

@@ -423,7 +423,9 @@ impl Supervisor {
                     self.start_due(now);
                 }
             }
-            Phase::Saving { failure, since, patience } => self.check_saving(now, failure, now - since, patience),
+            Phase::Saving { failure, since, patience } => {
+                self.check_saving(now, failure.as_deref(), now.saturating_sub(since), patience);
+            }
             Phase::Leaving { since } => self.check_leaving(now, since),
             Phase::Over => {}
         }
@@ -460,12 +462,12 @@ impl Supervisor {
     }
 
     /// Learners that do not save in time hang: no more is asked of them.
-    fn check_saving(&mut self, now: Duration, failure: Option<String>, waited: Duration, patience: Duration) {
+    fn check_saving(&mut self, now: Duration, failure: Option<&str>, waited: Duration, patience: Duration) {
         let done = if self.evaluates() { "stopped" } else { "saved" };
         match deadlines::of_stop(&self.gang, &self.policy, (waited, patience), done) {
             Some(Overdue::Warns(warning, silent)) => self.warn(warning, silent),
             Some(Overdue::Fails(late)) => {
-                let reason = also(failure.as_deref(), &late);
+                let reason = also(failure, &late);
                 self.report(Level::Error, late);
                 self.leave(now, SessionEnd::Failed(reason), None);
                 self.kill_learners(now);

@@ -89,7 +89,7 @@ impl Policy {
     }
 
     /// From when on the user is warned that learners take longer than usual.
-    pub(crate) fn warning(&self, work: Work, pace: &Pace, first: bool) -> Duration {
+    pub(super) fn warning(&self, work: Work, pace: &Pace, first: bool) -> Duration {
         match pace.longest(work) {
             Some(longest) if !first => (longest * WARNING).max(self.floor / 6),
             _ => self.floor,
@@ -106,7 +106,7 @@ impl Policy {
     }
 
     /// How long an actor may leave its learner waiting. An answer is a small part of a rollout.
-    pub(crate) fn actor_patience(&self, pace: &Pace) -> Duration {
+    pub(super) fn actor_patience(&self, pace: &Pace) -> Duration {
         let measured = pace.longest(Work::Collect).map(|longest| (longest * MARGIN).max(self.floor / 2));
         measured.unwrap_or(self.actor_silence).min(self.actor_silence)
     }

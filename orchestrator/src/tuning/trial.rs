@@ -21,7 +21,7 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Rollouts that count at least. The first does not count: processes start in it.
 const ROLLOUTS: usize = 2;
 /// Time that a run has to save and stop.
-const STOPS: Duration = Duration::from_secs(60);
+const STOPS: Duration = Duration::from_mins(1);
 
 /// What came of a trial.
 #[derive(Debug)]

@@ -28,9 +28,10 @@ impl Words {
 
     /// Maps a file that holds at least `count` words.
     pub fn open(path: &Path, count: usize, writable: bool) -> Result<Self> {
-        let (access, protection) = match writable {
-            true => (OFlags::RDWR, ProtFlags::READ | ProtFlags::WRITE),
-            false => (OFlags::RDONLY, ProtFlags::READ),
+        let (access, protection) = if writable {
+            (OFlags::RDWR, ProtFlags::READ | ProtFlags::WRITE)
+        } else {
+            (OFlags::RDONLY, ProtFlags::READ)
         };
         let file = rustix::fs::open(path, access | OFlags::NOFOLLOW | OFlags::CLOEXEC, Mode::empty())?;
         let bytes = count * size_of::<u64>();

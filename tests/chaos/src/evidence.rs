@@ -146,7 +146,10 @@ fn collect(root: &Path, folder: &Path, files: &mut BTreeSet<String>) -> Result<(
         let path = entry?.path();
         let relative = path.strip_prefix(root)?.display().to_string();
         // One recording for each start, and a log for each that wrote one.
-        if relative.starts_with("recordings/") || relative.starts_with("logs/") || relative.ends_with(".log") {
+        if relative.starts_with("recordings/")
+            || relative.starts_with("logs/")
+            || Path::new(&relative).extension().is_some_and(|extension| extension == "log")
+        {
             continue;
         }
         if path.is_dir() && !path.is_symlink() {

@@ -158,7 +158,7 @@ fn shorten(path: &Path) -> Result<()> {
 
 fn damage_lines(how: Journal, path: &Path) -> Result<Fate> {
     let Ok(mut bytes) = std::fs::read(path) else { return Ok(Fate::Missed) };
-    if bytes.iter().filter(|&&byte| byte == b'\n').count() < 2 {
+    if bytes.split(|&byte| byte == b'\n').count() < 3 {
         return Ok(Fate::Missed);
     }
     match how {

@@ -13,6 +13,8 @@ type Key = (u32, u32, u32, u32);
 
 /// What is the same in every copy of a step: all but who was started how often.
 #[derive(Clone, PartialEq, Message)]
+// Names and flags of the recorded message.
+#[allow(clippy::struct_field_names, clippy::struct_excessive_bools)]
 struct Step {
     #[prost(uint32, tag = "1")]
     kitchen: u32,
@@ -97,6 +99,8 @@ struct EpisodeStart {
 
 /// What is the same in every copy of an episode's end. (Returns are missing where a recording begins in its middle.)
 #[derive(Clone, PartialEq, Message)]
+// Names and flags of the recorded message.
+#[allow(clippy::struct_field_names, clippy::struct_excessive_bools)]
 struct EpisodeEnd {
     #[prost(uint32, tag = "1")]
     kitchen: u32,
@@ -218,6 +222,7 @@ pub fn steps_that_count(folder: &RunFolder) -> Result<u64> {
 /// Of steps that were taken again the newest counts, and those that were given up do not.
 fn count(mut order: Vec<(Key, (u32, u32))>) -> u64 {
     // For each environment: its steps, and who took them.
+    #[allow(clippy::type_complexity)]
     let mut environments: BTreeMap<(u32, u32), BTreeMap<(u32, u32), (u32, u32)>> = BTreeMap::new();
     order.sort_by_key(|&(key, generation)| (generation, key));
     for ((kitchen, environment, episode, step), generation) in order {

@@ -226,7 +226,7 @@ impl Training<'_> {
     fn judge(&self, ended: &Ended, recent: &[Fault]) -> Result<Option<(String, u64)>> {
         let is = |test: fn(&Fault) -> bool| recent.iter().any(test);
         if ended.status.success() {
-            let line = |prefix: &str| Some(ended.stdout.lines().rev().find_map(|line| line.strip_prefix(prefix))?);
+            let line = |prefix: &str| ended.stdout.lines().rev().find_map(|line| line.strip_prefix(prefix));
             let result = line("weights: ").zip(line("frames: ").and_then(|frames| frames.parse().ok()));
             if let Some((weights, frames)) = result.filter(|_| self.folder.summary().exists()) {
                 return Ok(Some((weights.to_owned(), frames)));

@@ -89,7 +89,9 @@ fn the_learner_measures_itself_and_a_whole_run() {
     let positive = |value: &Value| assert!(value.as_f64().is_some_and(|value| value > 0.0), "{report:#}");
     let inference = &report["inference"][0];
     assert_eq!(inference["batch"], 3);
-    ["p50_s", "p99_s", "copy_s"].iter().for_each(|figure| positive(&inference[figure]));
+    for figure in ["p50_s", "p99_s", "copy_s"] {
+        positive(&inference[figure]);
+    }
     let update = &report["updates"][0];
     assert_eq!([&update["environments"], &update["frames"], &update["epochs"]], [4, 16, 2]);
     positive(&update["update_s"]);

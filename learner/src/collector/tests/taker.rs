@@ -20,6 +20,7 @@ pub struct Taker {
 impl Taker {
     /// Takes one sample, if one waits, and gives a receipt: actor, half, receipt. Outcomes at the point that a learner
     /// goes back to are taken to be known, as the ledger does.
+    #[allow(clippy::option_option)]
     pub fn take(&mut self) -> Option<Option<(u32, u32, Receipt)>> {
         let (header, sample) = self.queue.pop_front()?;
         if header.kind != observation_kind::OBSERVATIONS {

@@ -145,8 +145,8 @@ fn definitions_that_are_lost_in_the_data_are_taken_from_the_summary() {
 fn a_file_that_was_cut_keeps_what_was_unpacked_of_its_last_chunk() {
     let chunks = places(op::CHUNK);
     let file = recording("");
-    let uncompressed = records(&file).into_iter().filter(|record| record.0 == op::CHUNK).map(|record| record.1);
-    let last = uncompressed.last().unwrap() as usize;
+    let mut uncompressed = records(&file).into_iter().filter(|record| record.0 == op::CHUNK).map(|record| record.1);
+    let last = uncompressed.next_back().unwrap() as usize;
     let before = read(&file[..last]).account.messages;
     let cut = read(&file[..last + 2000]);
     assert!(cut.account.cut && !cut.account.is_lossless());

@@ -2,6 +2,7 @@
 
 mod live;
 mod receipts;
+mod throughput;
 
 use super::testing::{self, EPISODE_STEPS, FakeActor, action, hash};
 use super::{Recorder, RecorderSetup};
@@ -558,44 +559,4 @@ fn what_is_no_recording_is_said_to_be_none() {
     assert!(crate::recording::files_at(folder.path()).is_ok());
     let empty = tempfile::tempdir().unwrap();
     assert!(crate::recording::files_at(empty.path()).unwrap_err().to_string().contains("holds no recordings"));
-}
-
-/// `cargo test --release -p orchestrator throughput -- --ignored --nocapture`; with `KEEP_RECORDING=FOLDER` the file
-/// stays, for `tests/reference/read_mcap.py`.
-#[test]
-#[ignore = "a measurement"]
-fn throughput_of_the_scribe() {
-    use super::scribe::Scribe;
-    use super::segment::{Preamble, Segments};
-    let temporary = tempfile::tempdir().unwrap();
-    let folder = std::env::var_os("KEEP_RECORDING").map_or_else(|| temporary.path().to_path_buf(), PathBuf::from);
-    let config = Config::default();
-    let preamble = Preamble { run_id: "throughput".to_owned(), incarnation: 1, config: config.clone() };
-    let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 16 };
-    for (name, flags, exchanges) in [("steps", 0, 20_000u64), ("depth frames", current_flag::RECORD_DEPTH, 100)] {
-        let folder = RunFolder::new(folder.join(name));
-        let segments = Segments::create(folder, preamble.clone(), 0).unwrap();
-        let mut scribe = Scribe::new(segments, shape, 1, &config);
-        let header = wire::message::ObservationHeader { learner_incarnation: 1, ..Default::default() };
-        let mut half: Vec<_> = (0..8).map(|environment| testing::observation(environment, 0, flags)).collect();
-        let started = std::time::Instant::now();
-        for step in 0..=exchanges {
-            for observation in &mut half {
-                let fresh = testing::described(step, flags);
-                (observation.transition, observation.current) = fresh;
-            }
-            let header = wire::message::ObservationHeader { step, ..header };
-            scribe.observations(step * 1_000_000, &header, &half, step > 0).unwrap();
-        }
-        scribe.segments().finish().unwrap();
-        let seconds = started.elapsed().as_secs_f64();
-        let counts = scribe.counts();
-        let bytes = scribe.segments().bytes();
-        println!(
-            "{name}: {:.0} steps/s, {:.0} depth frames/s, {:.1} bytes a step",
-            counts.steps as f64 / seconds,
-            counts.depth_frames as f64 / seconds,
-            bytes as f64 / counts.steps as f64
-        );
-    }
 }
