@@ -18,6 +18,7 @@ mod training;
 mod tuning;
 
 pub use recording::recorder::{Gap, Ledger, Tally, Verdict};
+pub use supervisor::clock::Clock;
 pub use supervisor::event::{Action, Event, Exit, Outcome, Process, Saved, SessionEnd};
 pub use supervisor::machine::Supervisor;
 pub use supervisor::policy::Policy;

@@ -7,7 +7,7 @@ use crate::recorder::Recorder;
 use crate::service::TaskId;
 use crate::setup::Mutation;
 use crate::wire::Wire;
-use orchestrator::{Action, Event, Exit, Outcome, Policy, Process, Supervisor};
+use orchestrator::{Action, Clock, Event, Exit, Outcome, Policy, Process, Supervisor};
 use proto::event::LearnerEvent;
 use std::collections::{BTreeMap, VecDeque};
 use wire::message::StageAnnouncement;
@@ -38,6 +38,8 @@ pub struct Session {
     children: BTreeMap<Process, TaskId>,
     announcer: u32,
     begun: u64,
+    /// Stands still while this process is stopped.
+    clock: Clock,
     next_tick: u64,
     sweeps: u32,
     recording_failed: bool,
@@ -58,6 +60,7 @@ impl Session {
             children: BTreeMap::new(),
             announcer: 0,
             begun: 0,
+            clock: Clock::default(),
             next_tick: 0,
             sweeps: 0,
             recording_failed: false,
@@ -113,7 +116,8 @@ impl Session {
         if event != Event::Tick {
             world.note(|| format!("orchestrator: {event:?}"));
         }
-        self.pending = self.machine.on_event(world.since(self.begun), event).into();
+        let (now, _) = self.clock.at(world.since(self.begun));
+        self.pending = self.machine.on_event(now, event).into();
         Next::After(world.dice.between(10, 100))
     }
 
@@ -134,7 +138,8 @@ impl Session {
             Action::Announce(announcement) => self.announce(world, &announcement),
             Action::Report(_, text) => {
                 // Nobody who lives is silent, if nobody was stopped.
-                let hung = text.contains("has not answered for") || text.contains("finished neither");
+                let hung = text.contains("has not answered for")
+                    || (text.contains("have finished no ") || text.contains("has finished no "));
                 if hung && !world.may_hang() {
                     world.violate(text);
                 }
