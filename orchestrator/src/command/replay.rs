@@ -164,7 +164,9 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     terminal::out(&format!("differences: {}", totals.different));
     match totals.first {
         None if incomplete => {
-            terminal::note("all that is there agrees, but the recordings are not complete: see the warnings above");
+            terminal::note(
+                "all that is there agrees, but the recordings are damaged or not complete: see the warnings above",
+            );
             Ok(ExitCode::from(EXIT_INCOMPLETE as u8))
         }
         None => Ok(ExitCode::SUCCESS),

@@ -48,7 +48,7 @@ pub struct Recorded {
     pub steps: u64,
     /// Remarks about files: one that is being written, one that was damaged.
     pub complaints: Vec<String>,
-    /// Files that do not hold all that was recorded in them, or not as it was.
+    /// Files with which anything is wrong, also where nothing was lost.
     pub damaged_files: u64,
     /// What is missing between and in the files, or contradicts itself.
     pub faults: Vec<String>,
@@ -74,7 +74,7 @@ pub fn gather(files: &[PathBuf], wanted: Wanted) -> Result<Recorded, RecordingEr
         collection.incarnation = origin.place.map(|place| place.0);
         let extent = collection.add(path, &config)?;
         collection.complaints.extend(extent.complaints(path));
-        collection.damaged_files += u64::from(extent.is_incomplete());
+        collection.damaged_files += u64::from(extent.is_damaged());
     }
     let places: Vec<_> = in_time.iter().filter_map(|(origin, _)| origin.place).collect();
     collection.missing_segments(&places);

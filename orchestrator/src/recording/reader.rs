@@ -92,6 +92,11 @@ impl Extent {
         lines
     }
 
+    /// Whether anything is wrong with the file. What a recorder has not written yet does not count.
+    pub fn is_damaged(&self) -> bool {
+        !self.live && (self.end != FileEnd::Whole || self.account.repaired_with_loss.is_some())
+    }
+
     /// Whether something that was recorded is not in the file, or not as it was recorded. What a recorder has not
     /// written yet does not count.
     pub fn is_incomplete(&self) -> bool {

@@ -274,6 +274,9 @@ fn a_file_that_is_being_written_is_called_that_and_not_damaged() {
     drop(writer);
     let recorded = gather(std::slice::from_ref(&path), Wanted::default()).unwrap();
     assert!(recorded.complaints[0].contains("was cut off"), "{:?}", recorded.complaints);
+    // Its messages are all there, but no replay calls such a file complete.
+    assert!(recorded.complaints[0].contains("nothing was lost"), "{:?}", recorded.complaints);
+    assert_eq!(recorded.damaged_files, 1);
 }
 
 #[test]
