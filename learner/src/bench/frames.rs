@@ -1,7 +1,6 @@
 //! Observations of both halves of all environments, in the shared memory of the real services.
 
-use crate::agent::StepInput;
-use crate::collector::{ColumnMap, gumbel};
+use crate::collector::{Batch, ColumnMap, gumbel};
 use anyhow::{Context, Result, ensure};
 use iceoryx2::sample::Sample;
 use proto::action::NO_ACTION;
@@ -45,30 +44,6 @@ impl Drop for Swept {
     fn drop(&mut self) {
         if let Err(error) = self.0.sweep() {
             tracing::warn!("{}: {error}; `orchestrator clean` removes it", self.0);
-        }
-    }
-}
-
-/// What one half's step is made of, besides the frames.
-pub struct Batch<'a> {
-    columns: Vec<usize>,
-    frames: Vec<&'a [u16; FRAME_PIXELS]>,
-    goal_m: Vec<[f32; 3]>,
-    previous_action: Vec<u8>,
-    episode_start: Vec<bool>,
-    gumbel: Vec<f32>,
-}
-
-impl Batch<'_> {
-    /// As the agent takes it.
-    pub fn input(&self) -> StepInput<'_> {
-        StepInput {
-            columns: &self.columns,
-            frames: &self.frames,
-            goal_m: &self.goal_m,
-            previous_action: &self.previous_action,
-            episode_start: &self.episode_start,
-            gumbel: &self.gumbel,
         }
     }
 }

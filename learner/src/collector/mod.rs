@@ -173,12 +173,12 @@ pub struct Settled {
 /// One half's observations of all actors, in batch order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Batch<'a> {
-    columns: Vec<usize>,
-    frames: Vec<&'a [u16; FRAME_PIXELS]>,
-    goal_m: Vec<[f32; 3]>,
-    previous_action: Vec<u8>,
-    episode_start: Vec<bool>,
-    gumbel: Vec<f32>,
+    pub(crate) columns: Vec<usize>,
+    pub(crate) frames: Vec<&'a [u16; FRAME_PIXELS]>,
+    pub(crate) goal_m: Vec<[f32; 3]>,
+    pub(crate) previous_action: Vec<u8>,
+    pub(crate) episode_start: Vec<bool>,
+    pub(crate) gumbel: Vec<f32>,
 }
 
 impl Batch<'_> {

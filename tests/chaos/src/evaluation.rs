@@ -3,7 +3,7 @@
 
 use crate::evidence::{first_difference, result};
 use crate::fault::{Case, Fault, Phase};
-use crate::inject::carry_out;
+use crate::inject::disturb_by_time;
 use crate::place::{Place, Privileges, Start};
 use crate::session::{Ended, Session, wait_for_end};
 use crate::tally::{Fate, Tally};
@@ -12,7 +12,6 @@ use proto::evaluation::{RESULT_FILE, TABLE_FILE};
 use serde_json::Value;
 use std::collections::VecDeque;
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 /// As many starts as faults, and one more.
 const STARTS_MAX: usize = 12;
@@ -56,20 +55,9 @@ pub fn evaluate(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
         let words = "eval --preset demo --config config.toml --seed 5 --split test --objects novel --episodes 2 --out";
         let arguments: Vec<&str> = words.split(' ').chain([out.as_str()]).collect();
         let mut session = Session::start(place, format!("start-{starts:02}"), &arguments, &start)?;
-        let begun = Instant::now();
-        while session.runs()? {
-            if let Some(planned) = plan.front().filter(|planned| planned.fault.phase() == Phase::Running).copied()
-                && begun.elapsed() >= Duration::from_millis(planned.delay_ms)
-            {
-                plan.pop_front();
-                let fate = match planned.fault {
-                    Fault::FullDisk(_) | Fault::FullMemory(_) if !privileges.mounts => Fate::Skipped,
-                    fault => carry_out(fault, &folder, place, &mut session)?,
-                };
-                recent.push(planned.fault);
-                tally.add(planned.fault, fate);
-            }
-            std::thread::sleep(Duration::from_millis(5));
+        for (fault, fate) in disturb_by_time(&mut plan, &folder, place, privileges, &mut session)? {
+            recent.push(fault);
+            tally.add(fault, fate);
         }
         let ended = session.wait()?;
         if let Some(armed) = armed {

@@ -1,7 +1,7 @@
 //! Faults, carried out: those that happen to processes that run, and those that happen to files in between.
 
-use crate::fault::{Damage, Fault, Journal, Who};
-use crate::place::Place;
+use crate::fault::{Damage, Fault, Journal, Phase, Planned, Who};
+use crate::place::{Place, Privileges};
 use crate::processes::{find, of_folder, signal};
 use crate::session::Session;
 use crate::tally::Fate;
@@ -10,6 +10,7 @@ use proto::checkpoint::Manifest;
 use proto::digest::sha256;
 use proto::run_folder::{RolloutName, RunFolder};
 use rustix::process::Signal;
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -18,6 +19,33 @@ const BACK: Duration = Duration::from_secs(15);
 
 /// What a start says when it misses lines of it.
 pub const METRICS: &str = "metrics.jsonl";
+
+/// Lets the first faults of a plan happen to a session, each after its delay, until it ends or the next one is for
+/// another time; what became of each.
+pub fn disturb_by_time(
+    plan: &mut VecDeque<Planned>,
+    folder: &Path,
+    place: &Place,
+    privileges: Privileges,
+    session: &mut Session<'_>,
+) -> Result<Vec<(Fault, Fate)>> {
+    let begun = Instant::now();
+    let mut done = vec![];
+    while session.runs()? {
+        if let Some(planned) = plan.front().filter(|planned| planned.fault.phase() == Phase::Running).copied()
+            && begun.elapsed() >= Duration::from_millis(planned.delay_ms)
+        {
+            plan.pop_front();
+            let fate = match planned.fault {
+                Fault::FullDisk(_) | Fault::FullMemory(_) if !privileges.mounts => Fate::Skipped,
+                fault => carry_out(fault, folder, place, session)?,
+            };
+            done.push((planned.fault, fate));
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    Ok(done)
+}
 
 /// Lets a fault happen to what runs under `folder`, of which `session` is the first command.
 pub fn carry_out(fault: Fault, folder: &Path, place: &Place, session: &mut Session<'_>) -> Result<Fate> {

@@ -2,7 +2,7 @@
 
 use crate::evidence::{first_difference, result};
 use crate::fault::{Case, Fault, Phase};
-use crate::inject::carry_out;
+use crate::inject::disturb_by_time;
 use crate::place::{Place, Privileges, Start};
 use crate::session::{Session, wait_for_end};
 use crate::tally::{Fate, Tally};
@@ -11,7 +11,6 @@ use proto::evaluation::{RESULT_FILE, TABLE_FILE};
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 /// A suite that is not done after so many calls gets nowhere.
 const CALLS_MAX: usize = 15;
@@ -62,20 +61,9 @@ pub fn complete(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
         }
         let arguments = ["suite", "suite.toml", "--out", &out];
         let mut session = Session::start(place, format!("call-{calls:02}"), &arguments, &start)?;
-        let begun = Instant::now();
-        while session.runs()? {
-            if let Some(planned) = plan.front().filter(|planned| planned.fault.phase() == Phase::Running).copied()
-                && begun.elapsed() >= Duration::from_millis(planned.delay_ms)
-            {
-                plan.pop_front();
-                let fate = match planned.fault {
-                    Fault::FullDisk(_) | Fault::FullMemory(_) if !privileges.mounts => Fate::Skipped,
-                    fault => carry_out(fault, &folder, place, &mut session)?,
-                };
-                disturbed |= fate == Fate::Landed;
-                tally.add(planned.fault, fate);
-            }
-            std::thread::sleep(Duration::from_millis(5));
+        for (fault, fate) in disturb_by_time(&mut plan, &folder, place, privileges, &mut session)? {
+            disturbed |= fate == Fate::Landed;
+            tally.add(fault, fate);
         }
         let ended = session.wait()?;
         if let Some(armed) = armed {
