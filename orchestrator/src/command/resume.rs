@@ -31,9 +31,9 @@ const ACTORS_LEAVE: Duration = Duration::from_secs(5);
 
 /// Go on with a run that was stopped, or whose machine or orchestrator died
 ///
-/// Continues from the last good checkpoint with the configuration in the run folder. On the CPU the result is the same,
-/// bit for bit, as that of a run that was never interrupted. A run that is complete only prints its summary, unless
-/// `--frames` asks for more.
+/// Continues from the last good checkpoint with the configuration in the run folder. The result is the same,
+/// bit for bit, as that of a run that was never interrupted: on the CPU, and on GPUs of the same kind and number with
+/// `learner.deterministic`. A run that is complete only prints its summary, unless `--frames` asks for more.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator resume runs/20261121-020423-demo-1

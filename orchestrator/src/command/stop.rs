@@ -26,9 +26,9 @@ const ASLEEP: Duration = Duration::from_secs(3);
 
 /// Save and stop a run from another terminal
 ///
-/// Does what Ctrl-C in its terminal does, shows what the run says meanwhile, and waits until it is done. A learner that
-/// hangs is given ten times what its last updates took, then the run ends with its last checkpoint. `orchestrator
-/// resume RUN` goes on with it.
+/// Does what Ctrl-C in its terminal does, shows the run's log meanwhile, and waits until it is done. A learner that hangs
+/// is given ten times what its last rollouts or updates took (at least `learner.progress_deadline_s`) and time to save;
+/// then the run ends with its last checkpoint. `orchestrator resume RUN` goes on with it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:
   orchestrator stop runs/20261121-020423-demo-1")]
