@@ -1,7 +1,8 @@
 """Our learner beside PyTorch: the same network and batch, in the same run on the same device.
 
-Inference is a whole step, from frames on the host to actions on the host: ours copies them from shared memory, in which
-actors wrote them, theirs have them in pinned memory already. An epoch is forward and backward pass of a rollout with
+Inference is a whole step, from frames on the host to actions on the host. Ours takes the frames from the shared memory
+in which actors wrote them: on a CPU it copies them, a GPU reads them there. Theirs have them in pinned memory already. An
+epoch is forward and backward pass of a rollout with
 the optimiser's step. In ours episodes begin and end inside of it; in theirs none does, so that their GRU is one call.
 """
 
@@ -20,7 +21,7 @@ from pathlib import Path
 
 from .learner_table import table
 
-#: Presets of the network that is compared: the paper's shape, with batches for a GPU.
+#: Preset of the network that is compared: the paper's shape, with batches for a GPU.
 PRESET = "two-stage"
 #: Our program has not answered after this long: it hangs.
 LIMIT_S = 1800

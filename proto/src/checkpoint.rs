@@ -3,7 +3,8 @@
 
 use crate::config::CarriedGoal;
 use crate::digest::sha256;
-use crate::run_folder::{RolloutName, RunFolder};
+use crate::disk::Disk;
+use crate::run_folder::RunFolder;
 use crate::trained::History;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -97,7 +98,7 @@ pub struct Manifest {
     pub tensors_bytes: u64,
     /// Its SHA-256.
     pub tensors_sha256: String,
-    /// SHA-256 of the figures of all rollouts before it ([`RolloutName::Figures`]). Empty where an older version wrote
+    /// SHA-256 of the figures of all rollouts before it ([`crate::run_folder::RolloutName::Figures`]). Empty where an older version wrote
     /// the checkpoint, which has none.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub figures_sha256: String,
@@ -192,12 +193,13 @@ impl Manifest {
     }
 
     /// The figures of all rollouts before this checkpoint of a run; none where an older version wrote it.
-    pub fn figures(&self, run: &RunFolder) -> Result<Option<History>, FiguresError> {
+    pub fn figures<D: Disk>(&self, disk: &D, run: &RunFolder) -> Result<Option<History>, FiguresError> {
         if self.figures_sha256.is_empty() {
             return Ok(None);
         }
-        let path = run.checkpoints().join(RolloutName::Figures.of(self.rollout));
-        let bytes = std::fs::read(&path)
+        let path = run.checkpoint_figures(self.rollout);
+        let bytes = disk
+            .read(&path)
             .map_err(|cause| FiguresError { path: path.clone(), problem: format!("cannot be read: {cause}") })?;
         if sha256(&bytes) != self.figures_sha256 {
             return Err(FiguresError { path, problem: "does not match the checksum in its manifest".to_owned() });

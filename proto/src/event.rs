@@ -125,14 +125,23 @@ impl LearnerEvent {
 /// Seconds that one rollout and its update took, by activity of the learner.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Timing {
-    /// Waiting for actors (simulation that inference did not hide).
+    /// Waiting for actors (simulation that inference did not hide), and for the recorder to have what they sent.
     pub simulate_s: f64,
     /// Policy inference, with copies and sampling.
     pub infer_s: f64,
     /// PPO epochs.
     pub update_s: f64,
-    /// Everything else: waiting for announcements and other learners, checkpoints.
+    /// Everything else: waiting for announcements, other learners and the recording's file; checkpoints.
     pub other_s: f64,
+}
+
+impl std::ops::AddAssign for Timing {
+    fn add_assign(&mut self, other: Self) {
+        self.simulate_s += other.simulate_s;
+        self.infer_s += other.infer_s;
+        self.update_s += other.update_s;
+        self.other_s += other.other_s;
+    }
 }
 
 impl Timing {

@@ -5,6 +5,10 @@
 //! evaluations, the events of a learner, and the layout of a run folder. This crate contains neither physics nor
 //! tensors, and no transport: what crosses shared memory, and how, is the crate `wire`.
 //!
+//! Beside the contract stand the few functions by which every process writes files that must survive ([`disk`],
+//! [`run_folder`], [`pin`]), opens files that others may have put there ([`plain_file`]), and passes the places where a
+//! test kills it ([`fault`]).
+//!
 //! # Axes and units
 //! World and robot frames follow AI2-THOR: **x right, y up, z ahead**, metres, radians. Yaw turns about +y; yaw 0
 //! looks along +z and a positive yaw turns to the right (towards +x). A vector written "in the robot's frame" has

@@ -11,7 +11,7 @@ use std::path::Path;
 /// Opens a file with these options, if what is there is a plain file or nothing.
 pub fn open_plain(path: &Path, options: &mut OpenOptions) -> Result<File> {
     let refused = || {
-        let text = "it is a link or no plain file, and is not opened: remove it, or look who put it there";
+        let text = "it is a link or no plain file, and is not opened: find out who put it there, and remove it";
         Error::new(ErrorKind::InvalidInput, text)
     };
     // Without O_NONBLOCK the opening of a pipe waits for its other end. A plain file does not care.

@@ -153,14 +153,16 @@ fn bits(number: f32) -> u32 {
 
 /// FNV-1a over the words' bytes.
 fn digest(words: impl IntoIterator<Item = u32>) -> u32 {
-    let bytes = words.into_iter().flat_map(u32::to_le_bytes);
-    bytes.fold(0x811C_9DC5_u32, |digest, byte| (digest ^ u32::from(byte)).wrapping_mul(0x0100_0193))
+    fnv_1a(words.into_iter().flat_map(u32::to_le_bytes))
+}
+
+fn fnv_1a(bytes: impl IntoIterator<Item = u8>) -> u32 {
+    bytes.into_iter().fold(0x811C_9DC5, |digest, byte| (digest ^ u32::from(byte)).wrapping_mul(0x0100_0193))
 }
 
 /// Digest of a goal vector, and of which of its two kinds it is: FNV-1a over its bits. Never 0.
 pub fn goal_digest(holding: bool, goal_m: [f32; 3]) -> u32 {
-    let bytes = goal_m.into_iter().flat_map(f32::to_le_bytes).chain([u8::from(holding)]);
-    bytes.fold(0x811C_9DC5_u32, |digest, byte| (digest ^ u32::from(byte)).wrapping_mul(0x0100_0193)).max(1)
+    fnv_1a(goal_m.into_iter().flat_map(f32::to_le_bytes).chain([u8::from(holding)])).max(1)
 }
 
 /// Every line of the output: the verdict on one episode, in input order.

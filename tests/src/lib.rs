@@ -363,15 +363,13 @@ impl Run {
     /// If something is.
     pub fn assert_nothing_left(&self) {
         self.wait_for_end();
-        let identity = std::fs::read_to_string(self.folder.identity()).expect("a run has an identity");
-        let identity: toml::Table = identity.parse().expect("run.toml is TOML");
-        let id = identity["id"].as_str().expect("run.toml holds the run's id");
+        let id = self.folder.id().expect("run.toml holds the run's id");
         let prefix = format!("{}{id}_", wire::PREFIX_MARK);
         for folder in [Path::new(wire::SHARED_MEMORY), &std::env::temp_dir()] {
             let left: Vec<_> = std::fs::read_dir(folder)
                 .expect("a readable folder")
                 .flatten()
-                .filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix.trim_end_matches('_')))
+                .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix))
                 .map(|entry| entry.path())
                 .collect();
             assert!(left.is_empty(), "{} holds {left:?}", folder.display());

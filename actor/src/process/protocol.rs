@@ -10,9 +10,9 @@
 //!  until then                     └──────── sent and received ─────────────┘
 //! ```
 //!
-//! An actor does not take part before the recorder has received a HELLO of its: until then the recorder may not know
-//! this publisher, and a sample for it is dropped as soon as its queue is full. Afterwards it is waited for, and no
-//! sample passes it by.
+//! An actor takes part only after the recorder has received one of its HELLOs. Before that the recorder may not know
+//! this publisher, and a sample for it is dropped as soon as its queue is full. Afterwards the publisher waits for the
+//! recorder, and no sample is lost.
 //!
 //! Everything is idempotent because every message names its exchange: a duplicate, a batch of another learner
 //! incarnation or one for another step changes nothing.
@@ -24,7 +24,7 @@ use wire::message::{ActionHeader, Halves, ObservationHeader, RestoreHeader, obse
 const HELLO_INTERVAL: Duration = Duration::from_millis(200);
 /// Time until an undelivered observation is sent again.
 const RESEND_INTERVAL: Duration = Duration::from_millis(50);
-/// Time between two looks for the recorder's word that it has met this actor; it rings no bell of an actor.
+/// Time between two looks whether the recorder has met this actor; the recorder rings no bell of an actor.
 const MEETING_INTERVAL: Duration = Duration::from_millis(10);
 /// Longest single wait for a message. Every message rings, but its sender can be killed before it does.
 const WAIT_MAX: Duration = Duration::from_millis(250);

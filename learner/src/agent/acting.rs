@@ -133,7 +133,7 @@ impl Acting {
             self.recorded.len() - 1
         };
         let recorded = &mut self.recorded[at];
-        recorded.fill(&frames, rows);
+        fill(&mut recorded.inputs, &recorded.layout, &frames, rows);
         recorded.graph.replay()?;
         Cuda::synchronize(0);
         let words = ffi::floats_mut(&mut recorded.choices);
@@ -152,7 +152,7 @@ impl Acting {
         (0..frames.len()).map(|row| gathered.wrapping_add(row) as i64).collect()
     }
 
-    // Long because: it hands on all that `step` has.
+    // Many arguments: all that `step` was given.
     #[allow(clippy::too_many_arguments)]
     fn record(
         &self,
@@ -199,12 +199,6 @@ impl Acting {
             unsafe { kernels.acting.keep(&after.contiguous(), &part(&layout.beliefs_to, Kind::Int64), beliefs) };
         })?;
         Ok(Recorded { layout, store: store.data_ptr() as usize, graph, inputs, choices })
-    }
-}
-
-impl Recorded {
-    fn fill(&mut self, frames: &[i64], rows: Rows) {
-        fill(&mut self.inputs, &self.layout, frames, rows);
     }
 }
 

@@ -7,7 +7,8 @@
 //! It reads no files and no clock, and it draws nothing: the noise that samples actions comes in with the observations.
 //! It exchanges numbers with the other learners in [`Agent::update`], where their gradients add up, and with
 //! `ppo.preemption_share` in [`Agent::is_preempted`]. Without that setting the same calls give the same weights, bit
-//! for bit, on the CPU with the same number of threads and learners.
+//! for bit, with the same number of learners: on the CPU with the same number of threads, and with
+//! `learner.deterministic` on the same kind of GPU.
 
 mod acting;
 mod error;

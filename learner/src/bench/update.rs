@@ -29,7 +29,7 @@ pub struct Updates {
     pub epoch_s: f64,
     /// Time of a whole update, seconds: targets, all epochs, figures.
     pub update_s: f64,
-    /// What the GPU did.
+    /// What the GPU did meanwhile: the agent's start and the collection of the rollouts included.
     pub gpu: Option<Use>,
 }
 

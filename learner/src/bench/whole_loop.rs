@@ -5,7 +5,7 @@ use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
 use proto::event::Timing;
 use proto::run_folder::RunFolder;
-use serde_json::Value;
+use proto::trained::History;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -27,8 +27,7 @@ pub struct WholeLoop {
 impl WholeLoop {
     /// Time of the rollouts that count, seconds.
     pub fn seconds(&self) -> f64 {
-        let Timing { simulate_s, infer_s, update_s, other_s } = self.timing;
-        simulate_s + infer_s + update_s + other_s
+        self.timing.total_s()
     }
 }
 
@@ -76,20 +75,12 @@ pub fn measure(config: &Config, frames: Option<u64>, monitor: &Monitor) -> Resul
 
 /// Frames and times of all rollouts in a run's metrics but the first, in which processes start.
 fn read(path: &Path) -> Result<(u64, Timing)> {
-    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
-    let (mut before, mut frames, mut sum) = (None, 0, Timing::default());
-    for line in text.lines() {
-        let line: Value = serde_json::from_str(line).with_context(|| format!("{}: {line}", path.display()))?;
-        let now = line["frames"].as_u64().context("a line of metrics has frames")?;
-        let timing: Timing = serde_json::from_value(line["timing"].clone()).context("a line of metrics has timing")?;
-        if let Some(before) = before.replace(now) {
-            frames += now.saturating_sub(before);
-            sum.simulate_s += timing.simulate_s;
-            sum.infer_s += timing.infer_s;
-            sum.update_s += timing.update_s;
-            sum.other_s += timing.other_s;
-        }
-    }
+    let (history, _) = History::decode(&std::fs::read(path).with_context(|| path.display().to_string())?);
+    let mut rollouts = history.iter();
+    let first = rollouts.next().map_or(0, |trained| trained.frames);
+    let mut sum = Timing::default();
+    rollouts.for_each(|trained| sum += trained.timing);
+    let frames = history.frames() - first;
     ensure!(frames > 0, "the run has only one rollout, which does not count: give it more --loop-frames");
     Ok((frames, sum))
 }
@@ -97,18 +88,24 @@ fn read(path: &Path) -> Result<(u64, Timing)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::trained::Trained;
 
     #[test]
     fn the_first_rollout_does_not_count() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("metrics.jsonl");
-        let line = |frames: u64, update_s: f64| {
-            let timing = Timing { simulate_s: 1.0, infer_s: 2.0, update_s, other_s: 0.5 };
-            format!("{}\n", serde_json::json!({ "frames": frames, "timing": timing }))
+        let write = |rollouts: &[(u64, f64)]| {
+            let mut history = History::default();
+            for (rollout, &(frames, update_s)) in (0..).zip(rollouts) {
+                let timing = Timing { simulate_s: 1.0, infer_s: 2.0, update_s, other_s: 0.5 };
+                let (stage, at_unix_s, incarnation, metrics) = Default::default();
+                history.insert(Trained { rollout, frames, stage, at_unix_s, incarnation, timing, metrics });
+            }
+            std::fs::write(&path, history.encode()).unwrap();
         };
-        std::fs::write(&path, line(100, 9.0)).unwrap();
+        write(&[(100, 9.0)]);
         assert!(read(&path).unwrap_err().to_string().contains("--loop-frames"));
-        std::fs::write(&path, line(100, 9.0) + &line(200, 1.0) + &line(250, 2.0)).unwrap();
+        write(&[(100, 9.0), (200, 1.0), (250, 2.0)]);
         let (frames, timing) = read(&path).unwrap();
         assert_eq!(frames, 150);
         let whole = WholeLoop { frames, timing, gpu: None };

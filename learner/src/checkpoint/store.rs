@@ -225,7 +225,8 @@ impl<D: Disk> Store<D> {
         let mut rejected = vec![];
         for rollout in rollouts.into_iter().rev() {
             let manifest_path = self.run.checkpoint_manifest(rollout);
-            if let Ok(manifest) = self.manifest(rollout)
+            let manifest = self.manifest(rollout);
+            if let Ok(manifest) = &manifest
                 && manifest.is_of_another(&self.id)
             {
                 let path = manifest_path.display();
@@ -236,10 +237,10 @@ impl<D: Disk> Store<D> {
                 );
                 continue;
             }
-            match self.open(rollout) {
+            match self.open(rollout, manifest) {
                 Ok((mut snapshot, manifest)) => {
                     let path = relative(&self.run, &manifest_path);
-                    let (figures, without_figures) = match manifest.figures(&self.run) {
+                    let (figures, without_figures) = match manifest.figures(&self.disk, &self.run) {
                         Ok(Some(figures)) => (figures, None),
                         Ok(None) => (History::default(), Some(format!("{path} is of an older version"))),
                         Err(error) => (History::default(), Some(error.to_string())),
@@ -261,11 +262,11 @@ impl<D: Disk> Store<D> {
         figures
     }
 
-    fn open(&self, rollout: u64) -> Result<(Snapshot, Manifest), Rejected> {
+    fn open(&self, rollout: u64, manifest: Result<Manifest, String>) -> Result<(Snapshot, Manifest), Rejected> {
         let manifest_path = self.run.checkpoint_manifest(rollout);
         let tensors_path = self.run.checkpoint_tensors(rollout);
         let at = |path: &Path, reason: String| Rejected { path: path.to_path_buf(), reason };
-        let manifest = self.manifest(rollout).map_err(|reason| at(&manifest_path, reason))?;
+        let manifest = manifest.map_err(|reason| at(&manifest_path, reason))?;
         if manifest.rollout != rollout || manifest.tensors != file_name(&tensors_path) {
             return Err(at(&manifest_path, format!("is the manifest of rollout {}", manifest.rollout)));
         }

@@ -9,12 +9,10 @@ use super::cuda::{CudaError, succeed};
 use super::library::{Handle, function, open};
 use std::ffi::{c_int, c_uint};
 use std::ops::Range;
+use wire::SHARED_MEMORY;
 
 /// `CU_MEMHOSTREGISTER_DEVICEMAP` and `CU_MEMHOSTREGISTER_READ_ONLY`: a subscriber's mapping cannot be written.
 const READ_BY_DEVICE: c_uint = 2 | 8;
-
-/// Only files in this folder are registered.
-const SHARED_MEMORY: &str = "/dev/shm/";
 
 type Register = unsafe extern "C" fn(Handle, usize, c_uint) -> c_int;
 type Unregister = unsafe extern "C" fn(Handle) -> c_int;
@@ -62,7 +60,7 @@ impl HostMemory {
             return false;
         }
         let Some(mapping) = mappings().into_iter().find(within) else { return false };
-        let admitted = mapping.file.contains(SHARED_MEMORY) && self.admit(&mapping);
+        let admitted = mapping.file.contains(&format!("{SHARED_MEMORY}/")) && self.admit(&mapping);
         if admitted { &mut self.registered } else { &mut self.refused }.push(mapping);
         admitted
     }
@@ -72,24 +70,20 @@ impl HostMemory {
         // SAFETY: a mapping of this process; the driver checks it. It is unregistered when it is gone, or with the
         // process.
         let code = unsafe { (self.register)(start, mapping.addresses.len(), READ_BY_DEVICE) };
-        let mut on_device = 0;
-        let same = succeed("cuMemHostRegister", code).and_then(|()| {
-            // SAFETY: registered above; the out-pointer is ours.
-            let code = unsafe { (self.device_pointer)(&raw mut on_device, start, 0) };
-            succeed("cuMemHostGetDevicePointer", code).map(|()| on_device == mapping.addresses.start as u64)
-        });
-        match same {
-            Ok(true) => true,
-            Ok(false) => {
-                // SAFETY: registered above.
-                let _ = unsafe { (self.unregister)(start) };
-                false
-            }
-            Err(error) => {
-                tracing::debug!("{} cannot be read by the GPU itself: {error}", mapping.file);
-                false
-            }
+        if let Err(error) = succeed("cuMemHostRegister", code) {
+            tracing::debug!("{} cannot be read by the GPU itself: {error}", mapping.file);
+            return false;
         }
+        let mut on_device = 0;
+        // SAFETY: registered above; the out-pointer is ours.
+        let code = unsafe { (self.device_pointer)(&raw mut on_device, start, 0) };
+        let same = code == 0 && on_device == mapping.addresses.start as u64;
+        if !same {
+            tracing::debug!("{} has another address on the GPU, or none (CUDA error {code})", mapping.file);
+            // SAFETY: registered above.
+            let _ = unsafe { (self.unregister)(start) };
+        }
+        same
     }
 
     /// Forgets mappings that are not there any more, or are of another file now.

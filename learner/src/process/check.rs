@@ -23,14 +23,11 @@ pub fn check(mut output: impl Write) -> Result<()> {
     if sum != 16.0 {
         bail!("libtorch from {library} computes 16 as {sum}");
     }
-    let mut devices = vec![];
-    if Cuda::is_available() {
-        devices.extend((0..Cuda::device_count()).map(|index| format!("cuda:{index}")));
-    }
+    let gpus = if Cuda::is_available() { Cuda::device_count() } else { 0 };
+    let mut devices: Vec<String> = (0..gpus).map(|index| format!("cuda:{index}")).collect();
     devices.push("cpu".to_owned());
     let machine = machine(Device::Cpu, 1, 1);
-    let pci = (0..Cuda::device_count().max(0)).map(|index| pci_address(index as usize)).collect();
-    let pci = if Cuda::is_available() { Option::unwrap_or_default(pci) } else { vec![] };
+    let pci = (0..gpus).map(|index| pci_address(index as usize)).collect::<Option<Vec<_>>>().unwrap_or_default();
     let torch = Torch { version: machine.torch, library, devices, pci, arithmetic: machine.arithmetic };
     writeln!(output, "{}", serde_json::to_string(&torch)?)?;
     Ok(())

@@ -68,7 +68,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let run = RunFolder::new(run);
     let config = Config::of_run(&run)?;
     gone.end_after(Duration::from_secs_f64(config.longest_update_s()), || {
-        tracing::error!("the orchestrator is gone, and there was time to save: ends");
+        tracing::error!("the orchestrator is gone, and there was time to save: this learner ends");
         // Without destructors: those of the GPU would wait for a hanging operation.
         std::process::abort();
     })?;
@@ -79,9 +79,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let device = device::choose(&config.learner)?;
     // A new rendezvous for each joint start, so that files of dead learners are not used.
     let rendezvous = wire.root().join(format!("learners-{incarnation}"));
-    // One that never comes is waited for in libtorch, which hears of no lifeline. There is nothing to save yet.
+    // libtorch waits for a learner that never comes, and does not notice the lifeline. There is nothing to save yet.
     let joining = gone.end_while_held(|| {
-        tracing::error!("the orchestrator is gone before all learners have joined: ends");
+        tracing::error!("the orchestrator is gone before all learners have joined: this learner ends");
         std::process::abort();
     })?;
     let peers = Peers::join(&rendezvous, [rank, learners], device)?;

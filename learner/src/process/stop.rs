@@ -55,8 +55,8 @@ impl OrchestratorGone {
         Ok(())
     }
 
-    /// Calls `end` on a thread of its own as soon as it was noted, if what is returned is still held then: for a wait
-    /// that nothing else ends, of a process that has nothing to save.
+    /// Starts a thread that calls `end` when the orchestrator is gone, unless the returned guard was dropped before. For
+    /// a wait that nothing else ends, in a process that has nothing to save.
     pub fn end_while_held(&self, end: impl FnOnce() + Send + 'static) -> Result<Arc<()>> {
         let held = Arc::new(());
         let (noted, is_held) = (Arc::clone(&self.0), Arc::downgrade(&held));

@@ -160,11 +160,12 @@ impl<W: Write> Training<'_, W> {
             self.tell_for_all(|rank| LearnerEvent::RolloutTrained { rank, rollout, frames, stage, timing, metrics });
             let stage_ended = collected == position.frames_left;
             let due = self.first_says(state.last_save.elapsed().as_secs_f64() >= self.config.checkpoint.interval_s)?;
-            // The orchestrator evaluates that checkpoint. One that cannot be written leaves it to the next.
+            // The orchestrator evaluates that checkpoint. If it cannot be written, the next one is evaluated in its place.
             let complete =
                 position_at(&self.config.stages, frames).is_none() && self.config.validation.every_frames > 0;
-            state.evaluated |= complete || self.config.validation.is_due(before, frames);
-            if stage_ended || due || state.evaluated {
+            let validated = complete || self.config.validation.is_due(before, frames);
+            state.evaluated |= validated;
+            if stage_ended || due || validated {
                 let began = Instant::now();
                 self.save_or_go_on(&mut state)?;
                 // Counts as time of the next rollout.
@@ -343,9 +344,9 @@ impl<W: Write> Training<'_, W> {
         Ok(Agreement { collected: collected as u64, preempted: preempted as u32, end })
     }
 
-    /// Waits until the recording of the collected rollout is written. Only then it is trained on: whoever is killed from
-    /// there on, what a checkpoint holds is recorded. Rank 0 waits for all. Returns why the rollout must be abandoned,
-    /// if it must.
+    /// Waits until the recording of the collected rollout is written: a rollout is trained on only after that. So
+    /// whatever a checkpoint holds is recorded, whichever process is killed later. Rank 0 waits for all learners. Returns
+    /// the reason if the rollout must be abandoned.
     fn await_writing(&mut self) -> Result<Option<CutShort>> {
         if !self.config.recording.enabled {
             return Ok(None);
@@ -370,7 +371,7 @@ impl<W: Write> Training<'_, W> {
         let began = Instant::now();
         loop {
             self.conversation.receive_all()?;
-            // Asked before it is looked whether all is written: a recorder that is gone writes nothing more.
+            // First the reason to stop, then the recording: once the recorder is gone, it writes nothing more.
             let stop = self.conversation.stop_asked()?;
             if self.conversation.is_written(self.rollout + 1) {
                 return Ok(None);
@@ -470,7 +471,9 @@ impl<W: Write> Training<'_, W> {
                     self.agent.bootstrap(&batch.input())?;
                     drop(batch);
                     state.timing.infer_s += began.elapsed().as_secs_f64();
+                    let began = Instant::now();
                     let stop = self.conversation.await_receipts(half)?;
+                    state.timing.simulate_s += began.elapsed().as_secs_f64();
                     if stop.is_some() {
                         return Ok(stop);
                     }

@@ -22,8 +22,8 @@ struct Seen {
     messages: HashMap<u16, Vec<(u64, u64)>>,
     /// Bytes in which no record can be recognised.
     unreadable: bool,
-    /// Kind and number of records that may not be in a chunk.
-    misplaced: Option<(u8, u64)>,
+    /// Kind of the first record that may not be in a chunk.
+    misplaced: Option<u8>,
 }
 
 /// Header and packed bytes of what begins as a chunk at `offset`; of its own sizes only the compressed one is used, and
@@ -95,7 +95,7 @@ impl<S: Source> Reader<'_, S> {
             Unpacked::Whole if !header_agrees => Some((Problem::ChunkHeader, Cost::Nothing)),
             Unpacked::Whole => None,
         };
-        if let Some((opcode, _)) = seen.misplaced {
+        if let Some(opcode) = seen.misplaced {
             self.finding(offset, end - offset, Problem::Misplaced(opcode), Cost::Nothing);
         }
         let times_ns = Some(times_ns).filter(|(from, to)| from <= to && *to != 0).or(seen.times_ns);
@@ -248,8 +248,7 @@ impl<S: Source> Reader<'_, S> {
         }
         let content = &bytes[frame.content() as usize..end as usize];
         if !matches!(frame.opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE | PRIVATE..) {
-            let misplaced = seen.misplaced.get_or_insert((frame.opcode, 0));
-            misplaced.1 += 1;
+            seen.misplaced.get_or_insert(frame.opcode);
             return Ok(Some(end));
         }
         if !map_fits(frame.opcode, content) {

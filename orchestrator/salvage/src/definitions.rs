@@ -44,16 +44,27 @@ pub struct Definitions {
     kept_bytes: u64,
 }
 
+/// What keeping a channel takes, bytes.
+fn channel_bytes(channel: &Channel) -> usize {
+    let pairs = channel.metadata.iter().map(|(key, value)| key.len() + value.len() + 64);
+    channel.topic.len() + channel.message_encoding.len() + pairs.sum::<usize>()
+}
+
+/// What keeping a schema takes, bytes.
+fn schema_bytes(header: &SchemaHeader, data: &[u8]) -> usize {
+    header.name.len() + header.encoding.len() + data.len()
+}
+
 impl Definitions {
     /// Takes a record of the file's summary.
     pub fn spare(&mut self, record: &Record<'_>, proven: bool) {
         self.spare_proven = proven;
         match record {
-            Record::Schema { header, data } if header.id != 0 && self.keep(data.len()) => {
+            Record::Schema { header, data } if header.id != 0 && self.keep(schema_bytes(header, data)) => {
                 let schema = Schema { header: header.clone(), data: data.to_vec() };
                 self.spare_schemas.entry(header.id).or_insert(schema);
             }
-            Record::Channel(channel) if self.keep(channel.topic.len()) => {
+            Record::Channel(channel) if self.keep(channel_bytes(channel)) => {
                 self.spare_channels.entry(channel.id).or_insert_with(|| channel.clone());
             }
             _ => {}
@@ -73,7 +84,7 @@ impl Definitions {
                 self.contested.insert(id);
                 Defined::Refused
             }
-            None if id != 0 && self.keep(schema.data.len()) => {
+            None if id != 0 && self.keep(schema_bytes(&schema.header, &schema.data)) => {
                 self.schemas.insert(id, schema);
                 Defined::New
             }
@@ -92,7 +103,7 @@ impl Definitions {
         let outcome = match known {
             Some(true) => return Defined::Known,
             Some(false) => Err("two different channels have this number"),
-            None if !self.keep(channel.topic.len()) => Err("there are too many channels"),
+            None if !self.keep(channel_bytes(&channel)) => Err("there are too many channels"),
             None if self.contested.contains(&channel.schema_id) => {
                 Err("two different schemas have its schema's number")
             }

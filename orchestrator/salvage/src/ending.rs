@@ -18,6 +18,9 @@ const SUMMARY_BYTES_MAX: u64 = 4 << 20;
 /// ... behind so many of what may be marks of the data's end.
 const SUMMARY_MARKS_MAX: u32 = 16;
 
+/// Of the accounts of earlier repairs no more is kept than until this is reached.
+const EARLIER_REPAIRS_BYTES: usize = 1024;
+
 impl<S: Source> Reader<'_, S> {
     /// Schemas and channels that the summary repeats, if there is one at the end.
     pub(crate) fn read_spare_definitions(&mut self) -> Result<(), Stop> {
@@ -221,13 +224,19 @@ impl<S: Source> Reader<'_, S> {
 
     /// An earlier repair left in the file what it lost.
     pub(crate) fn note_earlier_repair(&mut self, metadata: &Metadata) {
-        if metadata.name == REPAIR_METADATA {
-            self.account.repaired_with_loss = metadata.metadata.get("outcome").cloned();
+        if metadata.name == REPAIR_METADATA
+            && let Some(outcome) = metadata.metadata.get("outcome")
+        {
+            let known = self.account.repaired_with_loss.get_or_insert_default();
+            if known.len() < EARLIER_REPAIRS_BYTES {
+                let between = if known.is_empty() { "" } else { "; then " };
+                *known = format!("{known}{between}{outcome}");
+            }
         }
     }
 }
 
-/// Says what the findings cost of which that was not known, now that it is known how many messages are missing.
+/// Now that the number of missing messages is known: sets the cost of the findings whose cost was not.
 fn price(account: &mut Account, missing: u64, others: bool) {
     let unknown = account.findings.iter_mut().filter(|finding| finding.cost == Cost::Lost(None));
     let mut unknown: Vec<_> = unknown.collect();

@@ -15,7 +15,7 @@ pub enum ReadError<E> {
     /// An empty file.
     #[error("it is empty")]
     Empty,
-    /// Something else.
+    /// It is no MCAP file.
     #[error("it does not begin with MCAP's magic bytes")]
     NotMcap,
     /// The file system returned an error.

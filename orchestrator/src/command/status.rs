@@ -92,7 +92,7 @@ impl Work {
         let Figures { history, mut notes } = Figures::read(folder, at_rest)?;
         notes.extend(Scores::read(folder, at_rest)?.notes);
         let silent_s = (!at_rest).then(|| silence(&history, identity)).flatten();
-        let last = if *held == Held::Free { Last::AsNoted } else { Last::Until(unix_now()) };
+        let last = if at_rest { Last::AsNoted } else { Last::Until(unix_now()) };
         Ok(Self::Training {
             recent: recent(&config.stages, &history),
             stages: by_stage(&config.stages, &history),

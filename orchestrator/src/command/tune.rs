@@ -82,7 +82,10 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
     }
     terminal::out(text.trim_end());
     let file = args.out.as_ref().map_or_else(|| "FILE".to_owned(), |path| quoted(&path.display().to_string()));
-    let beside = if args.overrides.config.is_some() { " (with the keys of your --config in it)" } else { "" };
+    let own = [("--config", args.overrides.config.is_some()), ("--set", !args.overrides.set.is_empty())];
+    let own: Vec<&str> = own.into_iter().filter(|(_, given)| *given).map(|(flag, _)| flag).collect();
+    let beside =
+        if own.is_empty() { String::new() } else { format!(" (with the keys of your {} in it)", own.join(" and ")) };
     terminal::note(&format!("run it with: {} up --config {file}{beside}", program()));
     Ok(ExitCode::SUCCESS)
 }

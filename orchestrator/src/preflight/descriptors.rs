@@ -2,7 +2,7 @@
 //! this check a large run would fail amid its start, with an error of the transport that names no limit.
 //!
 //! The figures are those of processes at work, read from /proc/PID/fd in runs of 1 to 4 actors and 1 to 4 learners, and of
-//! 76 actors and 2 learners. They do not depend on the number of environments.
+//! 76 actors and 2 learners (its last services added by hand). They do not depend on the number of environments.
 
 use super::Finding;
 use crate::showing::format::counted;
@@ -83,7 +83,8 @@ mod tests {
         assert!(!text.contains("--actors"), "{text}");
     }
 
-    /// What was counted in real runs (of the largest before each learner had a bell for receipts, which is added here): the estimate is not below it, and not above it by more than the spare and a few.
+    /// What was counted in real runs: the estimate is not below it, and not above it by more than the spare and a few.
+    /// The run of 76 actors was counted before each learner had a bell for receipts: those are added by hand.
     #[test]
     fn the_need_is_what_was_counted() {
         let runs = [((1, 1), 79), ((2, 1), 99), ((4, 1), 139), ((4, 2), 143), ((4, 4), 197), ((76, 2), 1079)];

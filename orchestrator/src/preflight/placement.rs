@@ -69,7 +69,7 @@ impl Cores {
             let path = format!("/sys/devices/system/cpu/cpu{core}/topology/thread_siblings_list");
             list_in(Path::new(&path)).and_then(|siblings| siblings.first().copied()).unwrap_or(core)
         };
-        usable.sort_by_key(|&core| (first_thread(core), core));
+        usable.sort_by_cached_key(|&core| (first_thread(core), core));
         let local = |pci: &String| {
             let path = format!("/sys/bus/pci/devices/{pci}/local_cpulist");
             list_in(Path::new(&path)).unwrap_or_default()

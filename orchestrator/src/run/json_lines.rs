@@ -3,12 +3,22 @@
 
 use anyhow::{Context, Result};
 use proto::plain_file::open_plain;
+use proto::run_folder::write_atomically;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+
+/// Has a file hold these bytes and no others; whether it held something else.
+pub fn set_content(path: &Path, wanted: &[u8]) -> Result<bool> {
+    let differs = std::fs::read(path).map_or(!wanted.is_empty(), |found| found != wanted);
+    if differs {
+        write_atomically(path, wanted).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(differs)
+}
 
 /// The whole lines of a file, in order; none when there is no file.
 pub fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>> {

@@ -78,10 +78,10 @@ fn of_progress(gang: &Gang, policy: &Policy, silent: Duration) -> Option<Overdue
 /// Whether an orderly stop takes too long: what it has waited for learners `to` be done, and how long it may. Those that
 /// exceed it hang.
 pub fn of_stop(gang: &Gang, policy: &Policy, (waited, patience): (Duration, Duration), to: &str) -> Option<Overdue> {
-    if waited >= patience {
-        return Some(Overdue::Fails(format!("learner-0 has not {to} within {} s", patience.as_secs())));
-    }
     let (who, have, are) = subject(gang);
+    if waited >= patience {
+        return Some(Overdue::Fails(format!("{who} {have} not {to} within {} s", patience.as_secs())));
+    }
     warning_is_due(gang, waited, policy.floor / 6).then(|| {
         let (waited_s, left_s) = (waited.as_secs(), patience.saturating_sub(waited).as_secs());
         let text = format!(

@@ -29,7 +29,8 @@ pub struct Policy {
     pub learner_ready: Duration,
     /// From the last learner's `Ready` until all actors have answered.
     pub actors_connected: Duration,
-    /// The longest that learners may be without a finished rollout or update, while it is not known how long they take.
+    /// The longest that learners may be without a finished rollout or update: all that counts while it is not known how
+    /// long they take, and the upper bound afterwards.
     pub silence: Duration,
     /// No learner is taken to hang before this, however quick it was.
     pub floor: Duration,

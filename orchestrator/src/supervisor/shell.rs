@@ -52,7 +52,8 @@ impl Signals {
         })
     }
 
-    async fn next(&mut self) -> Event {
+    /// Waits for one.
+    pub async fn next(&mut self) -> Event {
         let hang_up = async {
             match &mut self.hang_up {
                 Some(hang_up) => hang_up.recv().await,

@@ -55,7 +55,7 @@ pub fn died_at_stop(who: Process, evaluates: bool, exit: &Exit, last_words: &[St
     }
 }
 
-/// That SIGKILL ends nothing.
+/// That a process is still there after SIGKILL.
 pub fn immortal(who: &str) -> String {
     format!("SIGKILL does not end {who}: the kernel holds on")
 }

@@ -5,11 +5,12 @@
 //! it, so whenever a learner begins, the file is made to say what its checkpoint says: missing lines are added, and
 //! those behind it removed, because these rollouts are trained again.
 
-use crate::run::json_lines::Writer;
+use crate::run::json_lines::{Writer, set_content};
 use crate::showing::format::counted;
 use anyhow::{Context, Result};
 use proto::checkpoint::Manifest;
-use proto::run_folder::{RolloutName, RunFolder, write_atomically};
+use proto::disk::LocalDisk;
+use proto::run_folder::{RolloutName, RunFolder};
 use proto::trained::{History, Trained};
 use std::io::ErrorKind;
 use std::ops::RangeInclusive;
@@ -52,7 +53,7 @@ impl Figures {
         if damaged > 0 {
             notes.push(format!("metrics.jsonl has {}", counted(damaged as u64, "damaged line")));
         }
-        let of_checkpoint = newest.map_or(Ok(None), |manifest| manifest.figures(folder));
+        let of_checkpoint = newest.map_or(Ok(None), |manifest| manifest.figures(&LocalDisk, folder));
         let added = match of_checkpoint {
             Ok(figures) => figures.map_or(0, |figures| history.fill(&figures)),
             Err(error) => {
@@ -116,7 +117,10 @@ impl Journal {
         self.history.rewind_to(rollout);
         if let Some(path) = checkpoint {
             let manifest = Manifest::read(&self.folder.root().join(path));
-            match manifest.map_err(anyhow::Error::from).and_then(|manifest| Ok(manifest.figures(&self.folder)?)) {
+            match manifest
+                .map_err(anyhow::Error::from)
+                .and_then(|manifest| Ok(manifest.figures(&LocalDisk, &self.folder)?))
+            {
                 Ok(figures) => {
                     let added = figures.map_or(0, |figures| self.history.correct(&figures));
                     if added > 0 {
@@ -158,9 +162,8 @@ impl Journal {
     /// Has the file say what the history says; whether it said something else.
     fn mend(&mut self) -> Result<bool> {
         let (path, wanted) = (self.folder.metrics(), self.history.encode());
-        let differs = std::fs::read(&path).map_or(!wanted.is_empty(), |found| found != wanted);
+        let differs = set_content(&path, &wanted)?;
         if differs {
-            write_atomically(&path, &wanted).with_context(|| format!("cannot write {}", path.display()))?;
             self.writer = Writer::open(&path)?;
         }
         Ok(differs)

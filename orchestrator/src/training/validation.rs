@@ -14,7 +14,7 @@ use crate::process_end::wait_for_child;
 use crate::recording::recorder::Recorder;
 use crate::recording::schema::stillroom;
 use crate::run::identity::Identity;
-use crate::run::json_lines::Writer;
+use crate::run::json_lines::{Writer, set_content};
 use crate::run::lifeline::this_program;
 use crate::run::remains;
 use crate::training::scores::{Score, Scores, best, read_result, result_folder};
@@ -22,7 +22,7 @@ use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::pin::{pin, unpin};
 use proto::plain_file::open_plain;
-use proto::run_folder::{RolloutName, RunFolder, write_atomically};
+use proto::run_folder::{RolloutName, RunFolder};
 use proto::stage::total_frames;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::OpenOptions;
@@ -110,16 +110,12 @@ impl Validation {
 
     /// Has the file say what is known.
     fn mend_log(&self) -> Result<()> {
-        let path = self.folder.validation_log();
         let mut wanted = Vec::new();
         for one in &self.scores {
             serde_json::to_writer(&mut wanted, one)?;
             wanted.push(b'\n');
         }
-        if std::fs::read(&path).map_or(!wanted.is_empty(), |found| found != wanted) {
-            write_atomically(&path, &wanted).with_context(|| format!("cannot write {}", path.display()))?;
-        }
-        Ok(())
+        set_content(&self.folder.validation_log(), &wanted).map(drop)
     }
 
     fn is_scored(&self, rollout: u64) -> bool {
@@ -264,7 +260,9 @@ impl Validation {
         fault::reach("validation.after_line");
         log.sync()?;
         self.scores.push(one.clone());
-        self.crown()?;
+        if let Err(error) = self.crown() {
+            tracing::warn!("the link to the best checkpoint is left to the next validation or start: {error:#}");
+        }
         let is_best = best(&self.scores).is_some_and(|best| best.rollout == rollout);
         tracing::info!(
             "validation at {} frames, {}: success {:.1}%, SRwoD {:.1}%{}",

@@ -62,12 +62,11 @@ impl Search {
 
     /// The best of what was tried; none if nothing worked.
     pub fn best(&self) -> Option<Choice> {
-        let untried = match self.walk() {
-            Ok(best) => return self.speed(best).map(|_| best),
-            Err(untried) => untried,
-        };
-        // Cut short: the walk's last good place is the fastest of what was tried on the way to what was not.
-        let worked = self.tried.iter().filter(|tried| tried.choice != untried && tried.result.is_ok());
+        if let Ok(best) = self.walk() {
+            return self.speed(best).map(|_| best);
+        }
+        // Cut short: the fastest of what was tried.
+        let worked = self.tried.iter().filter(|tried| tried.result.is_ok());
         let rate = |tried: &&Tried| tried.result.as_ref().map_or(0.0, |speed| speed.frames_per_s);
         worked.max_by(|left, right| rate(left).total_cmp(&rate(right))).map(|tried| tried.choice)
     }

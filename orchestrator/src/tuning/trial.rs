@@ -3,6 +3,7 @@
 
 use super::search::Speed;
 use crate::run::lifeline::this_program;
+use crate::supervisor::shell::Signals;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::event::Timing;
@@ -14,7 +15,6 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
-use tokio::signal::unix::{Signal, SignalKind, signal};
 
 /// Between two looks at a run's metrics.
 const LOOK: Duration = Duration::from_millis(100);
@@ -62,22 +62,17 @@ impl Drop for Workshop {
 
 /// Signals that ask for the end. One that comes between two trials is heard by the next.
 #[derive(Debug)]
-pub struct Interrupts(Signal, Signal);
+pub struct Interrupts(Signals);
 
 impl Interrupts {
     /// From now on signals do not end the process. To be called inside a runtime.
     pub fn install() -> Result<Self> {
-        let interrupt = signal(SignalKind::interrupt()).context("SIGINT")?;
-        Ok(Self(interrupt, signal(SignalKind::terminate()).context("SIGTERM")?))
+        Ok(Self(Signals::install()?))
     }
 
     /// Waits for one, at most for `longest`; whether one came.
     async fn within(&mut self, longest: Duration) -> bool {
-        tokio::select! {
-            _ = self.0.recv() => true,
-            _ = self.1.recv() => true,
-            () = tokio::time::sleep(longest) => false,
-        }
+        tokio::time::timeout(longest, self.0.next()).await.is_ok()
     }
 }
 
@@ -163,11 +158,7 @@ fn measured(history: &History) -> Option<(usize, Speed)> {
     let first = history.iter().next()?.frames;
     let (mut rollouts, mut sum) = (0, Timing::default());
     for trained in history.iter().skip(1) {
-        let Timing { simulate_s, infer_s, update_s, other_s } = trained.timing;
-        sum.simulate_s += simulate_s;
-        sum.infer_s += infer_s;
-        sum.update_s += update_s;
-        sum.other_s += other_s;
+        sum += trained.timing;
         rollouts += 1;
     }
     let seconds = sum.total_s();

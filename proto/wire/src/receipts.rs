@@ -1,4 +1,5 @@
-//! The recorder's receipts: which observations it has taken, and how far the recording is on disk.
+//! The recorder's receipts: which observations it has taken, and how much of the recording it has handed to the
+//! operating system.
 //!
 //! Actors send each observation once, to learner and recorder. An actor can be killed after the one and before the
 //! other has it; its successor rebuilds only what the learner has not answered yet. So a learner answers when the

@@ -296,7 +296,7 @@ fn trained(shape: Shape, ours: &Complete, theirs: &Complete) -> Vec<String> {
         found.push(format!("replay: {}", ours.replay));
     }
     if !shape.exact {
-        found.extend(ours.evidence.violations(shape.frames, ours.lost_metrics));
+        found.extend(ours.evidence.violations(shape.frames));
         return found;
     }
     if ours.result != theirs.result {
@@ -305,7 +305,7 @@ fn trained(shape: Shape, ours: &Complete, theirs: &Complete) -> Vec<String> {
     if ours.evidence.recording.steps() != shape.frames {
         found.push(format!("recorded steps: {} of {}", ours.evidence.recording.steps(), shape.frames));
     }
-    found.extend(ours.evidence.differences(&theirs.evidence, ours.lost_metrics));
+    found.extend(ours.evidence.differences(&theirs.evidence));
     if ours.replay != theirs.replay {
         found.push(format!("replay: {} instead of {}", ours.replay, theirs.replay));
     }

@@ -1,7 +1,7 @@
 //! What a complete run leaves, as far as it must be the same whatever happened: no times, no counts of starts.
 
 use crate::recording::Recording;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use proto::run_folder::RunFolder;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,10 +27,11 @@ pub struct Evidence {
 }
 
 /// The lines of a file, without some of their fields; an error for a line that is none.
-fn lines(path: &Path, without: &[&str]) -> Vec<Value> {
+fn lines(path: &Path, without: &[&str]) -> Result<Vec<Value>> {
     let bytes = std::fs::read(path).unwrap_or_default();
-    let values = bytes.split(|&byte| byte == b'\n').filter_map(|line| serde_json::from_slice::<Value>(line).ok());
-    values.map(|value| stripped(value, without)).collect()
+    let whole = bytes.split(|&byte| byte == b'\n').filter(|line| !line.is_empty());
+    let value = |line| serde_json::from_slice::<Value>(line).with_context(|| format!("a line of {}", path.display()));
+    whole.map(|line| Ok(stripped(value(line)?, without))).collect()
 }
 
 fn stripped(mut value: Value, without: &[&str]) -> Value {
@@ -59,15 +60,15 @@ impl Evidence {
         let text = std::fs::read_to_string(folder.summary()).context("summary.json")?;
         let summary: Value = serde_json::from_str(&text).context("summary.json")?;
         let varying = ["id", "training_s", "frames_per_s", "wall", "incarnations", "recordings"];
-        let mut metrics = BTreeMap::new();
-        for line in lines(&folder.metrics(), &["at_unix_s", "incarnation", "timing"]) {
+        let mut metrics: BTreeMap<u64, Value> = BTreeMap::new();
+        for line in lines(&folder.metrics(), &["at_unix_s", "incarnation", "timing"])? {
             let rollout = line["rollout"].as_u64().context("a line of metrics.jsonl names its rollout")?;
-            // A line voids those of later rollouts.
-            drop(metrics.split_off(&rollout));
+            let in_order = metrics.last_key_value().is_none_or(|(last, _)| *last < rollout);
+            ensure!(in_order, "metrics.jsonl: rollout {rollout} again, or out of order");
             metrics.insert(rollout, line);
         }
         let mut validation: BTreeMap<u64, Vec<Value>> = BTreeMap::new();
-        for line in lines(&folder.validation_log(), &["at_unix_s", "wall_s"]) {
+        for line in lines(&folder.validation_log(), &["at_unix_s", "wall_s"])? {
             let rollout = line["rollout"].as_u64().context("a line of validation.jsonl names its rollout")?;
             validation.entry(rollout).or_default().push(line);
         }
@@ -87,18 +88,13 @@ impl Evidence {
         })
     }
 
-    /// What differs from an undisturbed run's. Where lines of metrics.jsonl were taken away, those that are left are
-    /// compared, and of the summary all but the means over them.
-    pub fn differences(&self, reference: &Self, lost_metrics: bool) -> Vec<String> {
+    /// What differs from an undisturbed run's.
+    pub fn differences(&self, reference: &Self) -> Vec<String> {
         let mut found = vec![];
-        let of_all = |summary: &Value| stripped(summary.clone(), if lost_metrics { &["stages"] } else { &[] });
-        let [ours, theirs] = [&self.summary, &reference.summary].map(of_all);
-        if ours != theirs {
-            found.push(format!("summary.json: {}", first_difference("", &ours, &theirs)));
+        if self.summary != reference.summary {
+            found.push(format!("summary.json: {}", first_difference("", &self.summary, &reference.summary)));
         }
-        let mut metrics = reference.metrics.clone();
-        metrics.retain(|rollout, _| !lost_metrics || self.metrics.contains_key(rollout));
-        by_rollout("metrics.jsonl", &self.metrics, &metrics, &mut found);
+        by_rollout("metrics.jsonl", &self.metrics, &reference.metrics, &mut found);
         by_rollout("validation.jsonl", &self.validation, &reference.validation, &mut found);
         if self.best != reference.best {
             found.push(format!("best: {:?} instead of {:?}", self.best, reference.best));
@@ -116,7 +112,7 @@ impl Evidence {
     }
 
     /// What must hold of a run whose results depend on timing.
-    pub fn violations(&self, frames: u64, lost_metrics: bool) -> Vec<String> {
+    pub fn violations(&self, frames: u64) -> Vec<String> {
         let mut found = vec![];
         if self.summary["frames"].as_u64() != Some(frames) || self.summary["complete"] != Value::Bool(true) {
             found.push(format!("summary.json: {} frames of {frames}", self.summary["frames"]));
@@ -126,7 +122,7 @@ impl Evidence {
             found.push(format!("metrics.jsonl: {last:?} frames of {frames}"));
         }
         let rollouts: Vec<u64> = self.metrics.keys().copied().collect();
-        if !lost_metrics && rollouts != (0..rollouts.len() as u64).collect::<Vec<_>>() {
+        if rollouts != (0..rollouts.len() as u64).collect::<Vec<_>>() {
             found.push("metrics.jsonl: rollouts are missing".to_owned());
         }
         let recorded = self.recording.steps_that_count();
@@ -201,37 +197,36 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    fn run(folder: &Path, metrics: &[Value]) -> Evidence {
+    fn run(folder: &Path, metrics: &[Value]) -> Result<Evidence> {
         let folder = RunFolder::new(folder);
         let summary = json!({ "frames": 10, "complete": true, "training_s": 1.0 });
         std::fs::write(folder.summary(), summary.to_string()).unwrap();
         let lines: Vec<String> = metrics.iter().map(|line| format!("{line}\n")).collect();
         std::fs::write(folder.metrics(), lines.concat()).unwrap();
-        Evidence::read(&folder).unwrap()
+        Evidence::read(&folder)
     }
 
     #[test]
-    fn metrics_are_compared_without_times_and_after_rewinds() {
+    fn metrics_are_compared_without_times_and_must_be_in_order() {
         let line = |rollout: u64, at: u64| json!({ "rollout": rollout, "frames": (rollout + 1) * 5, "at_unix_s": at });
-        let [one, other, short] = [(); 3].map(|()| tempfile::tempdir().unwrap());
-        let reference = run(one.path(), &[line(0, 1), line(1, 2)]);
-        let again = run(other.path(), &[line(0, 5), line(1, 6), line(0, 7), line(1, 8)]);
-        assert!(again.differences(&reference, false).is_empty());
-        // The line for rollout 0 voids that of 1.
-        let short = run(short.path(), &[line(0, 5), line(1, 6), line(0, 7)]);
-        assert_eq!(short.differences(&reference, false), ["metrics.jsonl: rollouts missing: [1]"]);
-        assert!(short.differences(&reference, true).is_empty());
-        assert!(short.violations(10, false).iter().any(|what| what.contains("Some(5) frames of 10")));
+        let [one, other, short, twice] = [(); 4].map(|()| tempfile::tempdir().unwrap());
+        let reference = run(one.path(), &[line(0, 1), line(1, 2)]).unwrap();
+        assert!(run(other.path(), &[line(0, 5), line(1, 6)]).unwrap().differences(&reference).is_empty());
+        let error = run(twice.path(), &[line(0, 5), line(1, 6), line(0, 7)]).unwrap_err().to_string();
+        assert_eq!(error, "metrics.jsonl: rollout 0 again, or out of order");
+        let short = run(short.path(), &[line(0, 5)]).unwrap();
+        assert_eq!(short.differences(&reference), ["metrics.jsonl: rollouts missing: [1]"]);
+        assert!(short.violations(10).iter().any(|what| what.contains("Some(5) frames of 10")));
     }
 
     #[test]
     fn a_file_that_is_left_is_a_difference() {
         let [one, other] = [(); 2].map(|()| tempfile::tempdir().unwrap());
-        let reference = run(one.path(), &[]);
+        let reference = run(one.path(), &[]).unwrap();
         std::fs::write(other.path().join("x.partial"), "").unwrap();
-        let left = run(other.path(), &[]);
-        assert_eq!(left.differences(&reference, false), ["files: besides [\"x.partial\"], missing []"]);
-        assert!(left.violations(10, false).iter().any(|what| what.contains("x.partial")));
+        let left = run(other.path(), &[]).unwrap();
+        assert_eq!(left.differences(&reference), ["files: besides [\"x.partial\"], missing []"]);
+        assert!(left.violations(10).iter().any(|what| what.contains("x.partial")));
     }
 
     #[test]

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 /// The longest wait for a process that takes a killed one's place.
 const BACK: Duration = Duration::from_secs(15);
 
-/// What a start says when it misses lines of it.
+/// The file that a start names when lines of it are missing.
 pub const METRICS: &str = "metrics.jsonl";
 
 /// Lets the first faults of a plan happen to a session, each after its delay, until it ends or the next one is for

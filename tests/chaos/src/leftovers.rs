@@ -7,10 +7,8 @@ use std::path::Path;
 
 /// What is left of a run whose processes have ended.
 pub fn of_run(folder: &RunFolder) -> Result<Vec<String>> {
-    let text = std::fs::read_to_string(folder.identity()).context("run.toml")?;
-    let identity: toml::Table = text.parse().context("run.toml")?;
-    let id = identity["id"].as_str().context("run.toml holds the run's id")?;
-    let mut left = of_id(id)?;
+    let id = folder.id().context("run.toml holds the run's id")?;
+    let mut left = of_id(&id)?;
     for entry in std::fs::read_dir(folder.root())?.flatten().map(|entry| entry.path()) {
         let is_lock = entry.extension().is_some_and(|extension| extension == "lock");
         if is_lock && File::open(&entry)?.try_lock().is_err() {
@@ -20,10 +18,9 @@ pub fn of_run(folder: &RunFolder) -> Result<Vec<String>> {
     Ok(left)
 }
 
-/// Names of the run with this id, or, without one, of any run of this process's user, in shared memory and among
-/// temporary folders.
+/// Names of the run with this id in shared memory and among temporary folders.
 pub fn of_id(id: &str) -> Result<Vec<String>> {
-    let prefix = format!("{}{id}", wire::PREFIX_MARK);
+    let prefix = format!("{}{id}_", wire::PREFIX_MARK);
     let mut left = vec![];
     for folder in [Path::new(wire::SHARED_MEMORY), &std::env::temp_dir()] {
         for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {

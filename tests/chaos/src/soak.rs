@@ -283,9 +283,8 @@ fn descriptors(pid: u32) -> Option<usize> {
 
 fn shared_bytes(folder: &RunFolder) -> Result<u64> {
     use std::os::unix::fs::MetadataExt;
-    let Ok(text) = std::fs::read_to_string(folder.identity()) else { return Ok(0) };
-    let identity: toml::Table = text.parse().context("run.toml")?;
-    let names = leftovers::of_id(identity["id"].as_str().unwrap_or_default())?;
+    let Some(id) = folder.id() else { return Ok(0) };
+    let names = leftovers::of_id(&id)?;
     let in_memory = names.iter().filter(|name| name.starts_with(wire::SHARED_MEMORY));
     Ok(in_memory.filter_map(|name| Some(std::fs::metadata(name).ok()?.blocks() * 512)).sum())
 }

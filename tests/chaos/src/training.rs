@@ -2,7 +2,7 @@
 
 use crate::evidence::Evidence;
 use crate::fault::{Case, Fault, Phase, Planned};
-use crate::inject::{METRICS, carry_out, damage};
+use crate::inject::{carry_out, damage};
 use crate::leftovers;
 use crate::place::{Place, Privileges, Start};
 use crate::processes::signal;
@@ -29,8 +29,6 @@ pub struct Complete {
     pub replay: String,
     /// Starts that it took.
     pub starts: usize,
-    /// Lines of metrics.jsonl were taken away: those that are left are compared.
-    pub lost_metrics: bool,
     /// Damaged files that no start complained of.
     pub unsaid: Vec<String>,
     /// What it left behind in memory.
@@ -52,8 +50,6 @@ struct Training<'a> {
     armed: Option<Fault>,
     /// Damaged files that no start has complained of since.
     unsaid: Vec<String>,
-    /// Lines of metrics.jsonl were taken away, which nothing can bring back.
-    lost_metrics: bool,
 }
 
 /// Runs a case to its end and reads what it left. What happened on the way is counted in `tally`.
@@ -71,7 +67,6 @@ pub fn train(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tal
         recent: vec![],
         armed: None,
         unsaid: vec![],
-        lost_metrics: false,
     };
     let mut starts = 0;
     let result = loop {
@@ -84,11 +79,11 @@ pub fn train(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tal
     for planned in training.plan.drain(..) {
         tally.add(planned.fault, Fate::Missed);
     }
-    let Training { folder, lost_metrics, unsaid, .. } = training;
+    let Training { folder, unsaid, .. } = training;
     wait_for_end(folder.root())?;
     let left = leftovers::of_run(&folder)?;
     let replay = replay(place, folder.root())?;
-    Ok(Complete { evidence: Evidence::read(&folder)?, result, replay, starts, lost_metrics, unsaid, left })
+    Ok(Complete { evidence: Evidence::read(&folder)?, result, replay, starts, unsaid, left })
 }
 
 /// Simulates the recordings again; what was printed.
@@ -112,7 +107,13 @@ impl Training<'_> {
         self.disturb(&mut session, tally)?;
         let ended = session.wait()?;
         if let Some(armed) = self.armed.take() {
-            tally.add(armed, if happened(armed, &ended) { Fate::Landed } else { Fate::Missed });
+            // A death that the harness itself caused does not show that a point was reached.
+            let own = |fault: &Fault| {
+                use Fault::{Kill, KillAgain, KillAll, KillAndHold, KillTwo};
+                matches!(fault, Kill(_) | KillTwo(..) | KillAll | KillAgain(..) | KillAndHold(..))
+            };
+            let unclear = matches!(armed, Fault::Point(..)) && self.recent.iter().any(own);
+            tally.add(armed, if happened(armed, &ended) && !unclear { Fate::Landed } else { Fate::Missed });
             self.recent.push(armed);
         }
         self.unsaid.retain(|name| !ended.stderr.contains(name));
@@ -129,7 +130,6 @@ impl Training<'_> {
             wait_for_end(self.folder.root())?;
             let (fate, complaint) = damage(planned.fault, &self.folder)?;
             tally.add(planned.fault, fate);
-            self.lost_metrics |= complaint.as_deref() == Some(METRICS);
             self.unsaid.extend(complaint);
         }
         Ok(None)

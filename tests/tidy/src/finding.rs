@@ -7,7 +7,7 @@ use std::fmt;
 pub enum Rule {
     /// No circle between the files of one crate.
     Circle,
-    /// No circle between the folders beside the root of one crate.
+    /// No circle between the rooms of one crate: the folders and files beside its root.
     RoomCircle,
     /// No function over 80 lines without a stated reason.
     LongFunction,

@@ -206,7 +206,7 @@ impl Program for Recorder {
             }
             self.flush(world);
             if !self.failed && world.disk.sync_whole(&path(self.session)).is_err() {
-                world.desks[self.session].failure = Some("it cannot be seen onto the disk".to_owned());
+                world.desks[self.session].failure = Some("it cannot be synchronised".to_owned());
             }
             world.desks[self.session].confirmed = self.tally.frames();
             world.desks[self.session].finished = true;

@@ -138,8 +138,8 @@ impl Session {
             Action::Announce(announcement) => self.announce(world, &announcement),
             Action::Report(_, text) => {
                 // Nobody who lives is silent, if nobody was stopped.
-                let hung = text.contains("has not answered for")
-                    || (text.contains("have finished no ") || text.contains("has finished no "));
+                let words = ["has not answered for", "have finished no ", "has finished no "];
+                let hung = words.iter().any(|words| text.contains(words));
                 if hung && !world.may_hang() {
                     world.violate(text);
                 }

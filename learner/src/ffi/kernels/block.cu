@@ -47,7 +47,6 @@ struct BlockRoom {
     uint4 zeros[4];
     float partial[WARPS][CHANNELS][2];
     float channel[CHANNELS][2];
-    float group[GROUPS][2];
 };
 
 struct ForwardRoom {

@@ -16,8 +16,7 @@ const BLOCKS: i64 = 132;
 
 /// Bytes of a map, and of `BlockRoom`.
 const MAP_BYTES: i64 = WIDE * WIDE * CHANNELS * 2;
-const ROOM_BYTES: i64 =
-    2 * CHANNELS * (9 * CHANNELS + 8) * 2 + 64 + (WARPS * CHANNELS * 2 + CHANNELS * 2 + GROUPS * 2) * 4;
+const ROOM_BYTES: i64 = 2 * CHANNELS * (9 * CHANNELS + 8) * 2 + 64 + (WARPS * CHANNELS * 2 + CHANNELS * 2) * 4;
 
 /// The kernels.
 #[derive(Debug)]

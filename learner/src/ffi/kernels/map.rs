@@ -63,7 +63,7 @@ pub(super) fn shape(x: &Tensor) -> [i64; 4] {
     [rows, channels, height, width]
 }
 
-/// Rows' shares of affine gradients → their sum.
+/// Shares of gradients, one a row or a block of threads → their sum.
 pub(super) fn over_rows(shares: &Tensor) -> Tensor {
     shares.sum_dim_intlist([0i64].as_slice(), false, Kind::Float)
 }
@@ -80,14 +80,14 @@ pub(super) fn optional(map: Option<&Tensor>, expected: [i64; 4]) -> Argument {
 }
 
 pub(super) fn int(number: i64) -> Argument {
-    Argument::Int(i32::try_from(number).expect("sides and channels are small"))
+    Argument::Int(i32::try_from(number).expect("sides, channels and rows fit 32 bits"))
 }
 
-/// One block a row.
-pub(super) fn launch(kernel: Kernel, rows: i64, threads: u32, arguments: &[Argument]) {
+/// Launches so many blocks of so many threads.
+pub(super) fn launch(kernel: Kernel, blocks: i64, threads: u32, arguments: &[Argument]) {
     // SAFETY: each caller above gives its kernel's parameters in order; tensors have the kinds, sizes and layouts that
     // were asserted or allocated there, and they outlive the launch on libtorch's stream.
-    let launched = unsafe { kernel.launch(rows as usize, threads, arguments) };
+    let launched = unsafe { kernel.launch(blocks as usize, threads, arguments) };
     // As in tch: a device that fails in the middle of a pass ends the process.
     if let Err(error) = launched {
         panic!("{error}");

@@ -1,4 +1,5 @@
-//! The encoder's kernels (`*.cu` beside this file), each as a safe function over tensors.
+//! Our kernels (`*.cu` beside this file): the encoder's, and those around the network when it acts. Each is a function
+//! over tensors; those that follow addresses or row numbers in device memory are unsafe.
 //!
 //! A feature map is a bfloat16 tensor \[rows, channels, height, width\] whose channels come last in memory.
 
@@ -49,7 +50,9 @@ impl Kernels {
         let module = Module::compile(&source, "kernels.cu")?;
         Ok(Self {
             stem: StemKernels::find(&module, side)?,
-            block: BlockKernels::find(&module).ok(),
+            block: BlockKernels::find(&module)
+                .inspect_err(|error| tracing::info!("blocks of the first stage run layer by layer: {error}"))
+                .ok(),
             norm: NormKernels::find(&module)?,
             acting: ActingKernels::find(&module, side)?,
         })

@@ -10,10 +10,7 @@ use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
 use wire::fault;
 use wire::message::{Halves, Observation, ObservationHeader, observation_kind};
-use wire::{
-    Bell, Bells, ObservationSubscriber, PREFIX_MARK, Receipt, ReceiptBook, ThreadBell, Wire, WireError, WireShape,
-    Written,
-};
+use wire::{Bell, Bells, ObservationSubscriber, Receipt, ReceiptBook, ThreadBell, Wire, WireError, WireShape, Written};
 
 /// A killed recorder loses at most this much.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
@@ -160,7 +157,7 @@ impl<'a> Desk<'a> {
     fn new(setup: &RecorderSetup, failure: &'a OnceLock<String>, book: &'a ReceiptBook) -> Result<Self, SegmentError> {
         let time_ns = now_ns();
         let preamble = Preamble {
-            run_id: run_id(setup.address.prefix()).to_owned(),
+            run_id: setup.address.run_id().to_owned(),
             incarnation: setup.incarnation,
             config: setup.config.clone(),
         };
@@ -295,10 +292,4 @@ fn write_note(scribe: &mut Scribe, time_ns: u64, note: Note) -> Result<(), Segme
         Note::Log { level, process, line } => scribe.log(time_ns, level, &process, line),
         Note::Began { .. } | Note::Collected { .. } | Note::Finish => Ok(()),
     }
-}
-
-/// The run id in a wire address's prefix.
-fn run_id(prefix: &str) -> &str {
-    let rest = prefix.strip_prefix(PREFIX_MARK).unwrap_or(prefix);
-    rest.split('_').next().unwrap_or(rest)
 }

@@ -1,5 +1,6 @@
-//! The encoder on a CUDA device in bfloat16: the stem in kernels of our own, then libtorch's convolutions on maps with
-//! channels last, everything between two of them in one kernel, and the backward pass written out.
+//! The encoder on a CUDA device in bfloat16: the stem and the blocks of the first stage in kernels of our own; in later
+//! stages libtorch's convolutions on maps with channels last, and one kernel for everything between two of them. The
+//! backward pass is written out.
 //!
 //! Weights stay f32; this pass works on rounded copies, which are made once an optimiser step. Only what the backward
 //! pass reads is kept, and autograd never sees the encoder: it ends at the visual embedding, whose gradient
@@ -190,7 +191,7 @@ impl Fused {
         };
         let (mut convolutions, mut whole_blocks): (Gradients, Gradients) = (Vec::new(), Vec::new());
         let mut of_convolution = |part: &Convolution, dy: &Tensor, x: &Tensor, weight: &Tensor| {
-            let (dw, dx) = convolution_gradients(dy, x, weight, [part.stride, part.padding], true);
+            let (dw, dx) = convolution_gradients(dy, x, weight, [part.stride, part.padding]);
             convolutions.push((part.weight, dw.to_kind(Kind::Float)));
             dx.map(channels_last)
         };
@@ -353,9 +354,8 @@ fn convolution_gradients(
     x: &Tensor,
     weight: &Tensor,
     stride_padding: [i64; 2],
-    wants_dx: bool,
 ) -> (Tensor, Option<Tensor>) {
-    match convolution_backward(dy, x, weight, stride_padding, wants_dx) {
+    match convolution_backward(dy, x, weight, stride_padding, true) {
         Ok(gradients) => gradients,
         // As in tch: a device that fails in the middle of a pass ends the process.
         Err(error) => panic!("{error}"),
