@@ -46,6 +46,18 @@ depth_share = 0.2
 /// How long any one command of a test may take.
 pub const DEADLINE: Duration = Duration::from_mins(4);
 
+/// Waits until `condition` holds, looking fifty times a second.
+///
+/// # Panics
+/// If it does not within [`DEADLINE`].
+pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !condition() {
+        assert!(begun.elapsed() < DEADLINE, "not within {} s: {what}", DEADLINE.as_secs());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
 /// Path of one of our binaries.
 ///
 /// # Panics

@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 const BACK: Duration = Duration::from_secs(15);
 
 /// The file that a start names when lines of it are missing.
-pub const METRICS: &str = "metrics.jsonl";
+const METRICS: &str = "metrics.jsonl";
 
 /// Lets the first faults of a plan happen to a session, each after its delay, until it ends or the next one is for
 /// another time; what became of each.

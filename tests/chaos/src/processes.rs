@@ -76,7 +76,12 @@ mod tests {
         let mut sleeper = Command::new("sh");
         sleeper.args(["-c", "read -r line", "--actor", "7", "--config"]).arg(folder.path().join("config.toml"));
         let mut child = sleeper.stdin(Stdio::piped()).spawn().unwrap();
-        let found = of_folder(folder.path());
+        // The kernel shows the command line of a process a moment after it began.
+        let mut found = vec![];
+        system_tests::wait_until("the process has a command line", || {
+            found = of_folder(folder.path());
+            !found.is_empty()
+        });
         assert_eq!(found.iter().map(|one| one.pid).collect::<Vec<_>>(), [child.id()]);
         assert_eq!(found[0].name(), "sh-7");
         assert_eq!(find(Who::Actor(7), folder.path(), 0), None, "it is no actor");

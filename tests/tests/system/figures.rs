@@ -7,8 +7,7 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::process::Child;
 use std::sync::OnceLock;
-use std::time::{Duration, Instant};
-use system_tests::{DEADLINE, Run, TINY, Workshop, complete, finish, kill, kill_child, signal, start};
+use system_tests::{Run, TINY, Workshop, complete, finish, kill, kill_child, signal, start, wait_until};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
@@ -84,15 +83,6 @@ fn assert_resumes(workshop: &Workshop, name: &str, what: &str) {
     let run = workshop.run(name);
     assert_eq!(&Figures::of(&run), undisturbed(workshop), "{what}");
     run.assert_nothing_left();
-}
-
-/// Waits until this holds.
-fn wait_until(what: &str, condition: impl Fn() -> bool) {
-    let begun = Instant::now();
-    while !condition() {
-        assert!(begun.elapsed() < DEADLINE, "{what}: not within {DEADLINE:?}");
-        std::thread::sleep(Duration::from_millis(5));
-    }
 }
 
 #[test]

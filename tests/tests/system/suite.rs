@@ -3,8 +3,7 @@
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
-use std::time::{Duration, Instant};
-use system_tests::{DEADLINE, Printed, Run, TINY, Workshop, binary, complete, finish, kill_child, signal, start};
+use system_tests::{Printed, Run, TINY, Workshop, binary, complete, finish, kill_child, signal, start, wait_until};
 
 /// Two seeds of the tiny configuration and one run more, each evaluated on 30 episodes.
 fn suite(workshop: &Workshop, frames: u64, more: &str) {
@@ -46,14 +45,6 @@ fn killed_at(mut command: std::process::Command, point: &str) {
 
 fn run(workshop: &Workshop, name: &str) -> Run {
     workshop.run(&format!("all/runs/{name}"))
-}
-
-fn wait_until(what: &str, mut test: impl FnMut() -> bool) {
-    let begun = Instant::now();
-    while !test() {
-        assert!(begun.elapsed() < DEADLINE, "{what}: not within {DEADLINE:?}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
 }
 
 #[test]

@@ -45,9 +45,9 @@ impl SimulatedDisk {
         (state.forgets_files, state.forgets_names) = (files, names);
     }
 
-    /// Whether nothing more can be written.
-    pub fn set_full(&self, full: bool) {
-        self.0.borrow_mut().full = full;
+    /// From now on nothing more can be written, or it can again; false if that is so already.
+    pub fn set_full(&self, full: bool) -> bool {
+        std::mem::replace(&mut self.0.borrow_mut().full, full) != full
     }
 
     /// Whoever works here is killed at the operation after this many.
@@ -80,15 +80,15 @@ impl SimulatedDisk {
         self.sync_folder(path.parent().unwrap_or(Path::new("")))
     }
 
-    /// Cuts a file to a part of its length, as a tool or a bad sector would.
-    pub fn tear(&self, path: &Path, dice: &mut Dice) {
+    /// Cuts a file to a part of its length, as a tool or a bad sector would; false if there is none.
+    pub fn tear(&self, path: &Path, dice: &mut Dice) -> bool {
         let mut state = self.0.borrow_mut();
-        if let Some(&number) = state.names.get(path) {
-            let file = &mut state.files[number];
-            let left = dice.below(file.content.len().max(1) as u32) as usize;
-            file.content.truncate(left);
-            file.synced = file.synced.min(left);
-        }
+        let Some(&number) = state.names.get(path) else { return false };
+        let file = &mut state.files[number];
+        let left = dice.below(file.content.len().max(1) as u32) as usize;
+        file.content.truncate(left);
+        file.synced = file.synced.min(left);
+        true
     }
 
     /// The power fails, and is there again.

@@ -100,67 +100,87 @@ fn any(dice: &mut Dice) -> Fault {
     }
 }
 
-/// A fault strikes.
+/// A fault of the plan is due. One that finds nobody to strike is none; one that waits for its moment (a cut in a
+/// save, a process that cannot be started) counts when that comes.
 pub fn strike(world: &mut World, fault: Fault) {
     world.note(|| format!("FAULT {fault:?}"));
-    *world.faults.entry(fault.kind()).or_default() += 1;
+    if carry_out(world, fault) {
+        count(world, fault.kind());
+    }
+}
+
+/// Counts a fault that has struck.
+fn count(world: &mut World, kind: &'static str) {
+    *world.faults.entry(kind).or_default() += 1;
     world.last_fault = world.now;
+}
+
+/// Where the next save is to be cut, and whether by a power failure; counted, for it happens now.
+pub fn take_cut(world: &mut World) -> Option<(u32, bool)> {
+    let (operations, power) = world.cut_in_save.take()?;
+    count(world, Fault::CutSave(operations, power).kind());
+    Some((operations, power))
+}
+
+/// Whether the process that is about to start cannot be started; counted, for it happens now.
+pub fn take_no_process(world: &mut World) -> bool {
+    let none = std::mem::take(&mut world.no_process);
+    if none {
+        count(world, Fault::NoProcess.kind());
+    }
+    none
+}
+
+/// True if it struck somebody or something already.
+fn carry_out(world: &mut World, fault: Fault) -> bool {
     let actor = |label| matches!(label, Label::Child(Process::Actor(_)));
     let learner = |label| matches!(label, Label::Child(Process::Learner(_)));
     let orchestrator = |label| label == Label::Orchestrator;
-    let killed = Exit::Signal(9);
     match fault {
-        Fault::KillActor(who) => {
-            if let Some(task) = pick(world, who, actor) {
-                world.finish(task, &killed);
-            }
-        }
-        Fault::KillLearner(who) => {
-            if let Some(task) = pick(world, who, learner) {
-                world.finish(task, &killed);
-            }
-        }
-        Fault::KillOrchestrator => {
-            if let Some(task) = pick(world, 0, orchestrator) {
-                world.finish(task, &killed);
-            }
-        }
-        Fault::StopActor(who, micros) => {
-            if let Some(task) = pick(world, who, actor) {
-                world.stop(task, micros);
-            }
-        }
-        Fault::StopLearner(who, micros) => {
-            if let Some(task) = pick(world, who, learner) {
-                world.stop(task, micros);
-            }
-        }
-        Fault::StopOrchestrator(micros) => {
-            if let Some(task) = pick(world, 0, orchestrator) {
-                world.stop(task, micros);
-            }
-        }
+        Fault::KillActor(who) => kill(world, who, actor),
+        Fault::KillLearner(who) => kill(world, who, learner),
+        Fault::KillOrchestrator => kill(world, 0, orchestrator),
+        Fault::StopActor(who, micros) => stop(world, who, actor, micros),
+        Fault::StopLearner(who, micros) => stop(world, who, learner, micros),
+        Fault::StopOrchestrator(micros) => stop(world, 0, orchestrator, micros),
         Fault::Lag(micros) => {
             let until = world.now + micros;
             world.desks.iter_mut().for_each(|desk| desk.lags_until = until);
+            !world.desks.is_empty()
         }
-        Fault::AskToStop => {
-            if let Some(task) = pick(world, 0, orchestrator) {
-                world.tell(task, Event::Stop);
-            }
-        }
-        Fault::Interrupt => {
-            if let Some(task) = pick(world, 0, orchestrator) {
-                world.tell(task, Event::Interrupt);
-            }
-        }
+        Fault::AskToStop => tell_orchestrator(world, Event::Stop),
+        Fault::Interrupt => tell_orchestrator(world, Event::Interrupt),
         Fault::FillDisk => world.disk.set_full(true),
         Fault::FreeDisk => world.disk.set_full(false),
-        Fault::CutSave(operations, power) => world.cut_in_save = Some((operations, power)),
-        Fault::LosePower => world.power_fails = true,
+        Fault::CutSave(operations, power) => {
+            world.cut_in_save = Some((operations, power));
+            false
+        }
+        Fault::LosePower => {
+            world.power_fails = true;
+            true
+        }
         Fault::TearCheckpoint => tear_newest(world),
-        Fault::NoProcess => world.no_process = true,
+        Fault::NoProcess => {
+            world.no_process = true;
+            false
+        }
     }
+}
+
+fn kill(world: &mut World, who: u32, is: impl Fn(Label) -> bool) -> bool {
+    let task = pick(world, who, is);
+    task.inspect(|task| world.finish(*task, &Exit::Signal(9))).is_some()
+}
+
+fn stop(world: &mut World, who: u32, is: impl Fn(Label) -> bool, micros: u64) -> bool {
+    let task = pick(world, who, is);
+    task.inspect(|task| world.stop(*task, micros)).is_some()
+}
+
+fn tell_orchestrator(world: &mut World, event: Event) -> bool {
+    let task = pick(world, 0, |label| label == Label::Orchestrator);
+    task.inspect(|task| world.tell(*task, event)).is_some()
 }
 
 /// One of the processes of a kind, if there is any.

@@ -2,6 +2,7 @@
 
 use super::store::store_of;
 use super::{Learner, Phase, Then};
+use crate::faults::take_cut;
 use crate::kernel::{MILLISECOND, Next, World};
 use crate::meeting::Word;
 use crate::service::TaskId;
@@ -35,9 +36,8 @@ impl Learner {
         let mut good = true;
         if self.rank == 0 {
             let snapshot = self.snapshot(words, world);
-            let cut = world.cut_in_save.take();
+            let cut = take_cut(world);
             if let Some((operations, _)) = cut {
-                world.last_fault = world.now;
                 world.disk.crash_in(operations);
             }
             let saved = store_of(world).save(&snapshot, false);

@@ -12,18 +12,17 @@ const RUN: &str = "run";
 /// What stands for the configuration in manifests.
 const CONFIG: &str = "preset = \"world\"";
 
-/// Tears the newest checkpoint, where there is an older one, too.
-pub fn tear_newest(world: &mut World) {
+/// Tears the newest checkpoint; false where there is no older one.
+pub fn tear_newest(world: &mut World) -> bool {
     let run = RunFolder::new(RUN);
     let names = world.disk.list(&run.checkpoints()).unwrap_or_default();
     let mut rollouts: Vec<u64> = names.iter().filter_map(|path| RolloutName::Manifest.rollout_of(path)).collect();
     rollouts.sort_unstable();
-    if let [.., _, newest] = rollouts[..] {
-        let path = if world.dice.once_in(2) { run.checkpoint_manifest(newest) } else { run.checkpoint_tensors(newest) };
-        world.saved = None;
-        let disk = world.disk.clone();
-        disk.tear(&path, &mut world.dice);
-    }
+    let [.., _, newest] = rollouts[..] else { return false };
+    let path = if world.dice.once_in(2) { run.checkpoint_manifest(newest) } else { run.checkpoint_tensors(newest) };
+    world.saved = None;
+    let disk = world.disk.clone();
+    disk.tear(&path, &mut world.dice)
 }
 
 /// The store of a world's checkpoints.
