@@ -158,7 +158,9 @@ impl Work<'_> {
                         println!("           {planned}");
                     }
                     println!("           {error:#}");
-                    println!("           files: {}", self.folder(number).display());
+                    let folder = self.folder(number);
+                    let files = Some(kept(&folder)).filter(|copy| copy.exists()).unwrap_or(folder);
+                    println!("           files: {}", files.display());
                     println!("           again: make chaos ARGS=\"--seed {} --case {number}\"", self.campaign.seed);
                 }
             }
@@ -204,12 +206,10 @@ impl Work<'_> {
                 place.remove()?;
                 Ok(starts)
             }
-            Err(error) => {
-                if own_disk {
-                    keep(&folder)?;
-                }
-                Err(error)
-            }
+            Err(error) if own_disk => Err(match keep(&folder) {
+                Ok(()) => error,
+                Err(loss) => error.context(format!("its files go with its file system: {loss:#}")),
+            }),
             outcome => outcome,
         }
     }
@@ -258,10 +258,13 @@ impl Work<'_> {
 
 /// A case's own file system goes with it: what is needed to look into a failure is copied.
 fn keep(folder: &Path) -> Result<()> {
-    let copy = folder.with_extension("kept");
-    let status = std::process::Command::new("cp").arg("-r").arg(folder).arg(copy).status()?;
-    anyhow::ensure!(status.success(), "cannot keep {}", folder.display());
+    let status = std::process::Command::new("cp").arg("-r").arg(folder).arg(kept(folder)).status()?;
+    anyhow::ensure!(status.success(), "cannot copy {}", folder.display());
     Ok(())
+}
+
+fn kept(folder: &Path) -> PathBuf {
+    folder.with_extension("kept")
 }
 
 fn play(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tally) -> Result<Reference> {

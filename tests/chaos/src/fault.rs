@@ -149,8 +149,8 @@ impl Fault {
 }
 
 fn anyone(shape: &Shape, draw: &mut Draw) -> Who {
-    let learner = Who::Learner(draw.between(0, u64::from(shape.learners) - 1) as u32);
-    let actor = Who::Actor(draw.between(0, u64::from(shape.actors) - 1) as u32);
+    let learner = Who::Learner(draw.within(0..=u64::from(shape.learners) - 1) as u32);
+    let actor = Who::Actor(draw.within(0..=u64::from(shape.actors) - 1) as u32);
     let child = if shape.validates || shape.kind == Kind::Suite { 2 } else { 0 };
     draw.weighed(&[(2, Who::Orchestrator), (2, learner), (3, actor), (child, Who::Child)])
 }
@@ -172,9 +172,9 @@ fn fault(shape: &Shape, is_first: bool, draw: &mut Draw) -> Fault {
         Who::Orchestrator | Who::Child => Who::Learner(0),
         child => child,
     };
-    let again = Fault::KillAgain(child, draw.between(0, 400));
-    let hold = Fault::KillAndHold(draw.between(0, u64::from(shape.actors) - 1) as u32, draw.between(800, 1500));
-    let pause = Fault::Pause(who, draw.between(20, 1200));
+    let again = Fault::KillAgain(child, draw.within(0..=400));
+    let hold = Fault::KillAndHold(draw.within(0..=u64::from(shape.actors) - 1) as u32, draw.within(800..=1500));
+    let pause = Fault::Pause(who, draw.within(20..=1200));
     let points: &[&[Point]] = match shape.kind {
         Kind::Evaluation => &[EVALUATION],
         Kind::Suite => &[SUITE],
@@ -188,7 +188,7 @@ fn fault(shape: &Shape, is_first: bool, draw: &mut Draw) -> Fault {
     let damage = draw.of(&damages);
     let journal = draw.of(&[Journal::Torn, Journal::Torn, Journal::Garbled, Journal::Missing]);
     let few = draw.of(&[24, 48, 96, 4096]);
-    let full = draw.between(100, 1500);
+    let full = draw.within(100..=1500);
     // What needs a run folder that goes on, or a folder or memory of its own.
     let if_training = |weight| if training { weight } else { 0 };
     draw.weighed(&[
@@ -214,15 +214,15 @@ impl Case {
     pub fn draw(seed: u64, number: u32) -> Self {
         let mut draw = Draw::new(seed, number);
         let shape = draw.weighed(SHAPES);
-        let count = draw.between(2, 5);
+        let count = draw.within(2..=5);
         // The end is left alone: what comes after it does not happen.
         let latest = shape.rollouts().saturating_sub(3);
-        let mut rollouts: Vec<u64> = (0..count).map(|_| draw.between(0, latest)).collect();
+        let mut rollouts: Vec<u64> = (0..count).map(|_| draw.within(0..=latest)).collect();
         rollouts.sort_unstable();
         let planned = |(index, rollout): (usize, u64)| {
             let fault = fault(&shape, index == 0, &mut draw);
             let longest = if shape.kind == Kind::Training { 250 } else { 2500 };
-            let delay_ms = draw.between(0, longest);
+            let delay_ms = draw.within(0..=longest);
             // A start that has not come yet cannot be waited for.
             let rollout = if index == 0 && fault.phase() == Phase::Start { 0 } else { rollout };
             Planned { rollout, delay_ms, fault }

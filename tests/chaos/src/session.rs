@@ -1,5 +1,6 @@
 //! One start of a command, watched until it ends.
 
+use crate::fault::Fault;
 use crate::place::{Place, Start};
 use crate::processes;
 use anyhow::{Result, bail};
@@ -42,6 +43,18 @@ impl Ended {
         self.status.signal()
     }
 
+    /// Whether it shows that what was armed has struck: it died itself, or tells of the death of a child.
+    pub fn shows(&self, armed: Fault) -> bool {
+        match armed {
+            Fault::Point(point, _) if point.program == "orchestrator" => self.signal() == Some(9),
+            Fault::Point(point, _) => {
+                let dead = |line: &str| line.contains(" died") && line.contains(&format!("{}-", point.program));
+                self.stderr.lines().any(dead) || self.stderr.contains(&format!("{} died", point.program))
+            }
+            _ => true,
+        }
+    }
+
     /// An error with the place and words of a panic, if there was one, in it or in a process whose words it shows.
     pub fn ensure_no_panic(&self) -> Result<()> {
         let mut lines = self.stderr.lines().skip_while(|line| !line.contains("panicked at"));
@@ -74,6 +87,11 @@ impl<'a> Session<'a> {
     /// It may take as long as it likes.
     pub fn unlimited(&mut self) {
         self.deadline = Duration::MAX;
+    }
+
+    /// It was told to end: from now on it has the usual time.
+    pub fn must_end(&mut self) {
+        self.deadline = self.begun.elapsed() + DEADLINE;
     }
 
     /// Whether it still runs; an error if it has hung.

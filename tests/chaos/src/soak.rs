@@ -132,6 +132,7 @@ impl Watch<'_> {
             let now = Instant::now();
             if self.is_over() {
                 signal(first, Signal::INT);
+                session.must_end();
                 break;
             }
             if now >= self.next_sample {
@@ -139,7 +140,7 @@ impl Watch<'_> {
                 self.sample(first)?;
             }
             if self.soak.every_s > 0 && now >= self.next_fault {
-                let wait = self.draw.between(self.soak.every_s / 2, self.soak.every_s * 3 / 2);
+                let wait = self.draw.within(self.soak.every_s / 2..=self.soak.every_s * 3 / 2);
                 self.next_fault = now + Duration::from_secs(wait.max(1));
                 self.disturb(first);
             }
@@ -152,8 +153,8 @@ impl Watch<'_> {
     }
 
     fn disturb(&mut self, first: u32) {
-        let learner = Who::Learner(self.draw.between(0, u64::from(self.soak.learners) - 1) as u32);
-        let actor = Who::Actor(self.draw.between(0, 1) as u32);
+        let learner = Who::Learner(self.draw.within(0..=u64::from(self.soak.learners) - 1) as u32);
+        let actor = Who::Actor(self.draw.within(0..=1) as u32);
         let choices = [
             (6, (actor, Signal::KILL)),
             (3, (learner, Signal::KILL)),
@@ -168,7 +169,7 @@ impl Watch<'_> {
         if signal(pid, how) {
             self.faults += 1;
             if how == Signal::STOP {
-                std::thread::sleep(Duration::from_millis(self.draw.between(100, 2000)));
+                std::thread::sleep(Duration::from_millis(self.draw.within(100..=2000)));
                 signal(pid, Signal::CONT);
             }
         }

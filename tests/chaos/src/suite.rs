@@ -67,10 +67,9 @@ pub fn complete(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
         }
         let ended = session.wait()?;
         if let Some(armed) = armed {
-            // Its children's deaths are in their own logs.
-            let struck = !matches!(armed, Fault::Point(point, _) if point.program == "orchestrator")
-                || ended.signal() == Some(9);
-            tally.add(armed, if struck { Fate::Landed } else { Fate::Missed });
+            // The deaths of its runs' processes are in the runs' own logs.
+            let is_elsewhere = matches!(armed, Fault::Point(point, _) if point.program != "orchestrator");
+            tally.add(armed, if is_elsewhere || ended.shows(armed) { Fate::Landed } else { Fate::Missed });
             disturbed = true;
         }
         ended.ensure_no_panic()?;

@@ -113,7 +113,7 @@ impl Training<'_> {
                 matches!(fault, Kill(_) | KillTwo(..) | KillAll | KillAgain(..) | KillAndHold(..))
             };
             let unclear = matches!(armed, Fault::Point(..)) && self.recent.iter().any(own);
-            tally.add(armed, if happened(armed, &ended) && !unclear { Fate::Landed } else { Fate::Missed });
+            tally.add(armed, if ended.shows(armed) && !unclear { Fate::Landed } else { Fate::Missed });
             self.recent.push(armed);
         }
         self.unsaid.retain(|name| !ended.stderr.contains(name));
@@ -259,18 +259,6 @@ impl Training<'_> {
             bail!("it failed: {}", ended.last_words());
         }
         Ok(None)
-    }
-}
-
-/// Whether what was armed has struck.
-fn happened(armed: Fault, ended: &Ended) -> bool {
-    match armed {
-        Fault::Point(point, _) if point.program == "orchestrator" => ended.signal() == Some(9),
-        Fault::Point(point, _) => {
-            let died = |line: &str| line.contains(" died") && line.contains(&format!("{}-", point.program));
-            ended.stderr.lines().any(died) || ended.stderr.contains(&format!("{} died", point.program))
-        }
-        _ => true,
     }
 }
 
