@@ -202,7 +202,7 @@ impl Work<'_> {
         if over {
             return None;
         }
-        let number = (desk.next..).find(|&number| self.campaign.is_wanted(number))?;
+        let number = (desk.next..u32::MAX).find(|&number| self.campaign.is_wanted(number))?;
         desk.next = number + 1;
         Some(number)
     }
