@@ -36,7 +36,7 @@ impl Disk {
     }
 
     fn mount(&self) -> Result<()> {
-        call(Command::new("mount").args(["-o", "loop"]).arg(&self.image).arg(&self.folder))
+        call(Command::new("mount").args(["-o", "loop"]).arg(&self.image).arg(&self.folder)).map(drop)
     }
 
     /// What is there now outlasts the power.
@@ -58,6 +58,11 @@ impl Disk {
             ensure!(begun.elapsed() < BUSY, "{error:#}");
             std::thread::sleep(Duration::from_millis(20));
         }
+        // A namespace of mounts that is about to vanish holds it a little longer: mounted now, it would be the old one.
+        while !call(Command::new("losetup").arg("-j").arg(&self.image))?.is_empty() {
+            ensure!(begun.elapsed() < BUSY, "{} is still in use", self.image.display());
+            std::thread::sleep(Duration::from_millis(20));
+        }
         self.mount()
     }
 }
@@ -70,11 +75,12 @@ impl Drop for Disk {
     }
 }
 
-fn call(command: &mut Command) -> Result<()> {
+/// What a command prints.
+fn call(command: &mut Command) -> Result<String> {
     let output = command.stdin(Stdio::null()).output().with_context(|| format!("{command:?}"))?;
     let said = String::from_utf8_lossy(&output.stderr);
     ensure!(output.status.success(), "{command:?}: {}", said.trim());
-    Ok(())
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
 #[cfg(test)]
