@@ -243,6 +243,11 @@ impl Training<'_> {
                     return Ok(());
                 }
                 self.recent.push(fault);
+                if fault == Fault::LosePower {
+                    // What is printed goes with the power.
+                    let said = session.said();
+                    self.unsaid.retain(|name| !said.contains(name));
+                }
                 let fate = carry_out(fault, self.folder.root(), self.place, session)?;
                 tally.add(fault, fate);
             }
