@@ -1,6 +1,7 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up test chaos soak lint doc bench-peers bench-learner bench-wire check-determinism
+.PHONY: help setup build install uninstall up test chaos soak lint doc bench-peers bench-learner bench-wire check-determinism \
+	python test-python bench-python
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -21,6 +22,8 @@ help:
 	@echo '             ARGS="--seed S --faults N --minutes M" chooses, ARGS="--seed S --case K" does one case again'
 	@echo 'make soak    a run of two hours with faults, and how its processes and files grow; ARGS="--minutes M"'
 	@echo 'make check-determinism   the simulator, built for other processors and in debug, gives the same bits (minutes)'
+	@echo 'make python  build the Python package stillroom: a wheel in target/wheels/, installed in .venv/ (no libtorch)'
+	@echo 'make test-python   build it and run its tests; make bench-python measures it beside Gymnasium'
 	@echo 'make lint    formatting and clippy, warnings are errors'
 	@echo 'make doc     the API documentation, warnings are errors'
 	@echo 'make bench-peers'
@@ -75,6 +78,17 @@ check-determinism:
 		set -x; RUSTFLAGS="-C target-cpu=$$cpu" cargo test --release $(golden_hashes) \
 			--target-dir target/determinism/$$cpu; { set +x; } 2>/dev/null; \
 	done
+
+# Not part of `make build`: it needs no libtorch, and nothing else needs it. PYTHON=... makes .venv/.
+python:
+	@python=$$(PYTHON='$(PYTHON)' python/setup) && echo "installed; $$python -c 'import stillroom'"
+
+test-python:
+	@python=$$(PYTHON='$(PYTHON)' python/setup) && cd python && "$$python" -m pytest -q $(ARGS)
+
+bench-python:
+	cargo build --release --locked --workspace --bin actor
+	@python=$$(PYTHON='$(PYTHON)' python/setup) && "$$python" python/bench.py --actor target/release/actor $(ARGS)
 
 lint: setup
 	cargo fmt --all --check

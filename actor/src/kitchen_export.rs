@@ -4,7 +4,7 @@
 //! hold `role` (`fixed` or `movable`), `category`, and for movable things `mass_kg` and `friction`. The ceiling is
 //! nearly transparent, so that a viewer can look in from above. The robot is left out.
 
-use crate::picture::{Subject, palette};
+use crate::sheet::Subject;
 use anyhow::{Context, Result};
 use gltf::binary::{Glb, Header};
 use gltf::json::accessor::{ComponentType, GenericComponentType, Type};
@@ -14,6 +14,7 @@ use gltf::json::material::{AlphaMode, PbrBaseColorFactor, PbrMetallicRoughness, 
 use gltf::json::mesh::{Mode, Semantic};
 use gltf::json::validation::{Checked, USize64};
 use gltf::json::{Index, Root, scene::UnitQuaternion};
+use picture::palette::{colour, linear};
 use rapier3d::math::Vec3;
 use simulator::gltf_file::mirror;
 use simulator::kitchen::{BodyRole, Kitchen};
@@ -109,7 +110,7 @@ impl Writer {
         if let Some(material) = self.materials.get(category) {
             return *material;
         }
-        let [red, green, blue] = palette::colour(category).map(palette::linear);
+        let [red, green, blue] = colour(category).map(linear);
         let see_through = category == "Ceiling";
         let material = gltf::json::Material {
             name: Some(category.to_owned()),

@@ -371,6 +371,14 @@ impl Environment {
         self.displacement.total_m as f32
     }
 
+    /// How far each movable thing is from where it stood at step 0, metres, capped as in the sum; 0 of the target.
+    pub fn displacements_m(&self) -> impl Iterator<Item = f32> + '_ {
+        let poses = self.simulation.things().poses();
+        self.origins.iter().zip(poses).enumerate().map(|(movable, (origin, pose))| {
+            if movable == self.target { 0.0 } else { displacement_m(*origin, pose.translation) }
+        })
+    }
+
     /// Whether the episode has ended.
     pub fn ended(&self) -> bool {
         self.ended
@@ -442,7 +450,7 @@ impl Environment {
             }
             let moved = pose.translation - *origin;
             assert!(moved.is_finite(), "a body's pose is not a number");
-            let moved_m = moved.length().min(OBJECT_DISPLACEMENT_CAP_M);
+            let moved_m = displacement_m(*origin, pose.translation);
             displacement.total_m += f64::from(moved_m);
             displacement.farthest_m = displacement.farthest_m.max(moved_m);
             if moved.abs().max_element() > DISTURBED_AXIS_M {
@@ -452,6 +460,11 @@ impl Environment {
         }
         displacement
     }
+}
+
+/// How far one thing is from where it stood, metres.
+fn displacement_m(origin: Vec3, now: Vec3) -> f32 {
+    (now - origin).length().min(OBJECT_DISPLACEMENT_CAP_M)
 }
 
 /// The settled kitchen as an episode begins in it.

@@ -1,6 +1,5 @@
 //! Where the actions of a measurement come from.
 
-use crate::oracle;
 use proto::action::{Action, ActionSpace};
 use proto::episode::EnvironmentId;
 use proto::random::{Key, Purpose};

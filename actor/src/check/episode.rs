@@ -1,10 +1,10 @@
 //! What an episode must satisfy.
 //!
-//! Resting places are tried in the physics, reach and paths by the planner of [`crate::oracle`] among what is fixed. No
+//! Resting places are tried in the physics, reach and paths by the planner of [`oracle`] among what is fixed. No
 //! check depends on how well any policy, the oracle included, does in the episode.
 
-use crate::oracle::{self, Leg};
 use crate::parallel::in_parallel;
+use oracle::Leg;
 use proto::config::Config;
 use rapier3d::math::Vec3;
 use simulator::episode::{Episode, at_goal};

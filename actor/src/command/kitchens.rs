@@ -1,6 +1,6 @@
 //! `actor kitchens`.
 
-use actor::picture::{self, SheetOptions, Subject};
+use actor::sheet::{SheetOptions, Subject, sheet};
 use actor::{categories, figures, kitchen_export};
 use anyhow::{Context, Result};
 use proto::kitchen::{KitchenChoice, KitchenId};
@@ -56,7 +56,7 @@ pub fn run(command: &KitchensCommand) -> Result<()> {
             let built_in = || kitchens.0.iter().map(|&id| Subject::BuiltIn(id)).collect();
             let scenes = || scene.iter().cloned().map(Subject::Scene).collect();
             let subjects = if scene.is_empty() { built_in() } else { scenes() };
-            picture::sheet(&SheetOptions { subjects, width: *width, out: out.clone() })
+            sheet(&SheetOptions { subjects, width: *width, out: out.clone() })
         }
         KitchensCommand::Gltf { kitchen, of_scene, out, scene } => {
             let subject = match of_scene {

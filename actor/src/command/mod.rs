@@ -9,7 +9,7 @@ mod soak;
 
 pub use rollout::RolloutArgs;
 
-use actor::{episodes, oracle, replay};
+use actor::{episodes, oracle_table, replay};
 use anyhow::Result;
 
 /// What else the program can do.
@@ -26,7 +26,7 @@ pub enum Command {
     #[command(subcommand)]
     Episodes(episodes::command::Command),
     /// Let a planner with privileged knowledge play episodes, to see that they can be solved.
-    Oracle(oracle::table::Settings),
+    Oracle(oracle_table::Settings),
     /// Take random actions in many kitchens; fails if anything moves too fast, leaves the room or is not a number.
     Soak(soak::SoakArgs),
     /// Measure physics, rendering and whole steps on one core.
@@ -45,7 +45,7 @@ pub fn run(command: &Command) -> Result<()> {
         Command::Kitchens(command) => kitchens::run(command),
         Command::Check(args) => check::run(args),
         Command::Episodes(command) => episodes::command::run(command),
-        Command::Oracle(settings) => oracle::table::run(settings),
+        Command::Oracle(settings) => oracle_table::run(settings),
         Command::Soak(args) => soak::run(args),
         Command::Bench(args) => bench::run(args),
         Command::ExportPeers(args) => export_peers::run(args),

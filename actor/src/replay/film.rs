@@ -4,18 +4,18 @@
 //! for the whole way.
 
 use super::picture::Sink;
-use crate::picture::{Moment, Storyboard, Task, Words};
 use anyhow::Result;
-use proto::action::Action;
+use picture::{Moment, Storyboard, Task};
 use proto::episode::EnvironmentId;
 use proto::kitchen::TargetCategory;
 use proto::replay::{ImageFormat, ReplayImages};
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 use proto::step::{Transition, transition_flag};
-use rapier3d::math::{Pose3, Vec3};
+use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Who played the episode: its name, without target and outcome.
 #[derive(Debug, Clone, Copy)]
@@ -121,14 +121,8 @@ impl Film {
 
     /// Keeps the moment that the environment is in; `transition`: what led there, none at the start.
     pub fn keep(&mut self, environment: &Environment, transition: Option<Transition>) {
-        let simulation = environment.simulation();
         self.last = transition.or(self.last);
-        self.moments.push(Moment {
-            things: simulation.things().poses().to_vec(),
-            robot: *simulation.part_poses(),
-            world_from_camera: environment.world_from_camera(),
-            words: words(environment, transition.as_ref()),
-        });
+        self.moments.push(Moment::of(environment, transition.as_ref()));
     }
 
     /// Draws and writes everything; returns the number of pictures.
@@ -156,16 +150,12 @@ impl Film {
         let story = (images.format != ImageFormat::Png).then(|| {
             let target = kitchen.target_movable(episode.category);
             let task = Task { target, goal: episode.goal, title: self.played.title(episode.category) };
-            Storyboard::new(kitchen, task, &self.moments, side)
+            Storyboard::new(Arc::clone(kitchen), task, &self.moments, side)
         });
         let mut depth_mm = vec![0; side * side];
         let mut bodies: Vec<Pose3> = Vec::new();
         for moment in &self.moments {
-            bodies.clear();
-            bodies.extend_from_slice(&kitchen.settled_poses()[kitchen.static_bodies()]);
-            bodies.extend_from_slice(&moment.things);
-            // The robot's body is not drawn: the camera sits inside it.
-            bodies.extend_from_slice(&moment.robot[1..]);
+            moment.world_from_bodies(kitchen, &mut bodies);
             camera.render(&bodies, moment.world_from_camera, side, &mut depth_mm);
             match &story {
                 Some(story) => sink.moment(&story.draw(moment, &depth_mm))?,
@@ -173,34 +163,6 @@ impl Film {
             }
         }
         sink.finish()
-    }
-}
-
-/// Caption of a moment, without its number and the episode's end.
-fn words(environment: &Environment, transition: Option<&Transition>) -> Words {
-    let current = environment.current();
-    let is = |flag: u32| transition.is_some_and(|transition| transition.flags & flag != 0);
-    let action = transition.and_then(|transition| Action::from_index(u8::try_from(transition.action).ok()?));
-    let remark = if is(transition_flag::PICKED_UP) {
-        "picked up"
-    } else if is(transition_flag::ACTION_FAILED) {
-        "failed"
-    } else {
-        ""
-    };
-    let category = environment.episode().category.name();
-    let target = if environment.simulation().holding() {
-        format!("{category} in hand")
-    } else {
-        format!("{category} {:.2} m from the wrist", Vec3::from(current.wrist_to_object_m).length())
-    };
-    Words {
-        action: action.map_or_else(String::new, |action| action.name().to_owned()),
-        remark: remark.to_owned(),
-        target,
-        goal: format!("goal {:.2} m from the {category}", Vec3::from(current.object_to_goal_m).length()),
-        disturbance: format!("disturbance {:.3} m", environment.disturbance_m()),
-        outcome: None,
     }
 }
 

@@ -1,7 +1,7 @@
 //! Pictures as files: a folder of depth stills, an animated PNG, or a film that `ffmpeg` encodes.
 
-use crate::picture::{Canvas, Storyboard};
 use anyhow::{Context, Result, ensure};
+use picture::{Canvas, Storyboard};
 use proto::replay::{Ffmpeg, ImageFormat, ReplayImages};
 use std::fs::File;
 use std::io::{BufWriter, Write};

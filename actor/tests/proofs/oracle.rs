@@ -1,9 +1,9 @@
 //! The task can be solved in our kitchens, and care pays: a planner plays some of the fixed episodes.
 
 use actor::check::episode as check;
-use actor::oracle::Variant;
-use actor::oracle::table::{Outcome, play};
+use actor::oracle_table::{Outcome, play};
 use actor::parallel::in_parallel;
+use oracle::Variant;
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;

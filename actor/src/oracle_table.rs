@@ -1,9 +1,10 @@
 //! `actor oracle`: runs the oracle on episodes and prints its results, one line per kitchen.
 
-use super::{Policy, Variant};
 use crate::arguments::numbered;
 use crate::parallel::in_parallel;
 use anyhow::{Context, Result, bail, ensure};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use oracle::{Policy, Variant};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -66,7 +67,7 @@ pub struct Settings {
     #[arg(long, value_parser = numbered, conflicts_with = "split", value_name = "1..30")]
     pub kitchen: Option<KitchenId>,
     /// How it goes about it.
-    #[arg(long, value_enum, default_value = "fast")]
+    #[arg(long, value_parser = variant(), default_value = "fast")]
     pub variant: Variant,
     /// Episodes in each kitchen.
     #[arg(long, default_value_t = 720, value_name = "N")]
@@ -77,6 +78,11 @@ pub struct Settings {
     /// List the episodes that failed.
     #[arg(long)]
     pub failures: bool,
+}
+
+fn variant() -> impl TypedValueParser<Value = Variant> {
+    PossibleValuesParser::new(Variant::ALL.map(Variant::name))
+        .map(|name| Variant::named(&name).expect("the parser takes the names of variants only"))
 }
 
 fn split(text: &str) -> Result<Split, String> {

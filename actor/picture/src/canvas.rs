@@ -1,9 +1,8 @@
 //! A picture in memory: text, rectangles, other pictures, PNG.
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
-use anyhow::{Context, Result};
 use std::io::BufWriter;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// 24-bit sRGB.
 pub type Rgb = [u8; 3];
@@ -17,6 +16,14 @@ pub struct Canvas {
     pub height: usize,
     /// Row after row from the top.
     pub pixels: Vec<Rgb>,
+}
+
+/// A picture could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot write {}", path.display())]
+pub struct PictureError {
+    path: PathBuf,
+    source: png::EncodingError,
 }
 
 impl Canvas {
@@ -77,16 +84,19 @@ impl Canvas {
     }
 
     /// The picture as a PNG file, 8 bits a channel.
-    pub(crate) fn write_png(&self, path: &Path) -> Result<()> {
-        let problem = || format!("cannot write {}", path.display());
-        let file = std::fs::File::create(path).with_context(problem)?;
+    pub fn write_png(&self, path: &Path) -> Result<(), PictureError> {
+        self.encode_png(path).map_err(|source| PictureError { path: path.to_owned(), source })
+    }
+
+    fn encode_png(&self, path: &Path) -> Result<(), png::EncodingError> {
+        let file = std::fs::File::create(path)?;
         let mut encoder = png::Encoder::new(BufWriter::new(file), self.width as u32, self.height as u32);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
         encoder.set_compression(png::Compression::High);
-        let mut writer = encoder.write_header().with_context(problem)?;
-        writer.write_image_data(self.pixels.as_flattened()).with_context(problem)?;
-        writer.finish().with_context(problem)
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(self.pixels.as_flattened())?;
+        writer.finish()
     }
 }
 

@@ -9,7 +9,6 @@
 //! shade    pixels to colours: light, section fill, edge lines
 //! view     the two pictures of a kitchen: floor plan, and what the robot sees
 //! canvas   a picture in memory: text, rectangles, PNG
-//! sheet    all kitchens side by side
 //! outside  from where an episode is seen best
 //! marks    lines over a picture: ring about the target, box about the goal
 //! storyboard   a moment of an episode: depth, the room from outside, words
@@ -24,12 +23,11 @@ mod model;
 mod outside;
 pub mod palette;
 mod shade;
-mod sheet;
 mod sky;
 mod storyboard;
 mod view;
 mod visible;
 
-pub(crate) use canvas::Canvas;
-pub use sheet::{SheetOptions, Subject, sheet};
-pub(crate) use storyboard::{Moment, Storyboard, Task, Words};
+pub use canvas::{Canvas, PictureError, Rgb};
+pub use storyboard::{Moment, Storyboard, Task, Words};
+pub use view::Views;

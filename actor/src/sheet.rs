@@ -1,9 +1,8 @@
 //! Kitchens side by side: floor plan and robot's view of each, with what there is to say about it.
 
-use super::canvas::{Canvas, Rgb};
-use super::view::Views;
 use crate::parallel::in_parallel;
 use anyhow::{Context, Result, ensure};
+use picture::{Canvas, Rgb, Views};
 use proto::config::SimulationConfig;
 use proto::kitchen::{KitchenId, Split};
 use simulator::kitchen::Kitchen;
@@ -137,7 +136,8 @@ fn draw_all(subjects: &[Subject], side: usize) -> Result<Vec<Drawn>> {
     let draw = |index: usize| -> Result<Drawn> {
         let subject: &Subject = &subjects[index];
         let kitchen = subject.load()?;
-        let views = Views::of(&kitchen, side, PAPER).with_context(|| subject.to_string())?;
+        let views =
+            Views::of(&kitchen, side, PAPER).with_context(|| format!("{subject}: the kitchen has no free floor"))?;
         let plan = kitchen.plan().map_or_else(String::new, |plan| format!("{}, ", plan.name()));
         Ok((views, plan, kitchen.thing_count()))
     };

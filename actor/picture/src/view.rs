@@ -6,7 +6,6 @@ use super::model::Model;
 use super::shade::Exposure;
 use super::sky::{self, Lit};
 use super::visible::{NOTHING, Visible};
-use anyhow::{Context, Result};
 use rapier3d::math::{Pose3, Vec3};
 use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
 use simulator::kitchen::Kitchen;
@@ -40,10 +39,10 @@ pub struct Views {
 
 impl Views {
     /// Draws them; the robot stands where it sees the most things.
-    pub fn of(kitchen: &Kitchen, side: usize, paper: Rgb) -> Result<Self> {
+    pub fn of(kitchen: &Kitchen, side: usize, paper: Rgb) -> Option<Self> {
         let furnished = Model::of(kitchen);
         let configuration = best_look(kitchen, &furnished)?;
-        let poses = part_poses(&configuration.posture())?;
+        let poses = part_poses(&configuration.posture()).ok()?;
         let (mut whole, mut seen) = (furnished.clone(), furnished);
         whole.add_robot(&poses, true);
         seen.add_robot(&poses, false);
@@ -51,7 +50,7 @@ impl Views {
         let robot = Exposure::take(&seen, &robot_camera(&configuration), side, side, paper);
         let waiting: Vec<Lit> = plan.waiting().chain(robot.waiting()).collect();
         let mut light = sky::light(&seen, &waiting).into_iter();
-        Ok(Self { plan: plan.develop(&mut light), robot: robot.develop(&mut light) })
+        Some(Self { plan: plan.develop(&mut light), robot: robot.develop(&mut light) })
     }
 }
 
@@ -72,7 +71,7 @@ fn robot_camera(configuration: &Configuration) -> Camera {
 }
 
 /// Among start poses spread over the kitchen, the one from which the robot sees the most things.
-fn best_look(kitchen: &Kitchen, model: &Model) -> Result<Configuration> {
+fn best_look(kitchen: &Kitchen, model: &Model) -> Option<Configuration> {
     let stands = kitchen.robot_stands();
     let step = (stands.len() / TRIALS).max(1);
     let mut best: Option<(f32, Configuration)> = None;
@@ -99,5 +98,5 @@ fn best_look(kitchen: &Kitchen, model: &Model) -> Result<Configuration> {
             best = Some((score, configuration));
         }
     }
-    Ok(best.context("the kitchen has no free floor")?.1)
+    Some(best?.1)
 }

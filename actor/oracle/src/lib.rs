@@ -16,7 +16,6 @@ mod plan;
 mod reach;
 mod search;
 mod space;
-pub mod table;
 
 use moment::Moment;
 use plan::{Carriage, Stands};
@@ -44,7 +43,7 @@ const GRASPS_MOST: usize = 12;
 const BRUSH_M: f32 = 0.003;
 
 /// How the oracle goes about it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Variant {
     /// The shortest way; movable things are pushed.
     Fast,
@@ -53,6 +52,14 @@ pub enum Variant {
 }
 
 impl Variant {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Fast, Self::Careful];
+
+    /// The variant with this name, if there is one.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|variant| variant.name() == name)
+    }
+
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {
@@ -184,7 +191,7 @@ impl Policy {
 
 /// A part of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Leg {
+pub enum Leg {
     /// From the start pose to the target.
     ToTarget,
     /// With the target to its goal.
@@ -193,7 +200,7 @@ pub(crate) enum Leg {
 
 /// The first leg of an episode for which there is no way among what is fixed; none if both have one. A grasp after
 /// which the robot cannot turn away with the target in hand is not the end of it: it is tried from other places.
-pub(crate) fn first_obstructed_leg(kitchen: &Kitchen, episode: &Episode) -> Option<Leg> {
+pub fn first_obstructed_leg(kitchen: &Kitchen, episode: &Episode) -> Option<Leg> {
     let leg = |moment: &Moment, avoided: &[Configuration]| {
         let carriages = Variant::Fast.carriages(moment.held.is_some());
         carriages.iter().find_map(|&carriage| plan::leg(moment, Care::NONE, carriage, &[], Stands::all_but(avoided)))
@@ -214,7 +221,7 @@ pub(crate) fn first_obstructed_leg(kitchen: &Kitchen, episode: &Episode) -> Opti
 }
 
 /// Whether the robot touches nothing, fixed or movable, as an episode begins.
-pub(crate) fn start_is_free(kitchen: &Kitchen, episode: &Episode) -> bool {
+pub fn start_is_free(kitchen: &Kitchen, episode: &Episode) -> bool {
     let moment = Moment::beginning(kitchen, episode);
     let care = Care { driving_m: Some(0.0), reaching_m: Some(0.0) };
     Space::of(&moment, care).for_driving().free(&moment.robot.posture())

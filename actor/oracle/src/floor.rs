@@ -70,7 +70,7 @@ impl Graph for Floor<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::oracle::search::Search;
+    use crate::search::Search;
     use proptest::prelude::*;
     use std::collections::BTreeSet;
 

@@ -8,11 +8,15 @@ use super::outside;
 use super::shade::Exposure;
 use super::sky::{self, Lit};
 use super::visible::{NOTHING, Visible};
+use proto::action::Action;
+use proto::step::{Transition, transition_flag};
 use rapier3d::math::{Pose3, Vec3};
 use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
+use simulator::environment::Environment;
 use simulator::episode::GOAL_TOLERANCE_M;
 use simulator::kitchen::Kitchen;
 use simulator::robot::links::PartPoses;
+use std::sync::Arc;
 
 const PAPER: Rgb = [250, 250, 248];
 const INK: Rgb = [34, 38, 44];
@@ -54,6 +58,29 @@ pub struct Moment {
     pub words: Words,
 }
 
+impl Moment {
+    /// The moment that an environment is in; `transition`: what led there, none at the start. Its words lack the
+    /// number of the step and the episode's end.
+    pub fn of(environment: &Environment, transition: Option<&Transition>) -> Self {
+        let simulation = environment.simulation();
+        Self {
+            things: simulation.things().poses().to_vec(),
+            robot: *simulation.part_poses(),
+            world_from_camera: environment.world_from_camera(),
+            words: words(environment, transition),
+        }
+    }
+
+    /// Pose of every body that the depth camera sees, in the kitchen's order.
+    pub fn world_from_bodies(&self, kitchen: &Kitchen, out: &mut Vec<Pose3>) {
+        out.clear();
+        out.extend_from_slice(&kitchen.settled_poses()[kitchen.static_bodies()]);
+        out.extend_from_slice(&self.things);
+        // The robot's body is not drawn: the camera sits inside it.
+        out.extend_from_slice(&self.robot[1..]);
+    }
+}
+
 /// What is said below the title.
 #[derive(Debug, Clone, Default)]
 pub struct Words {
@@ -72,8 +99,8 @@ pub struct Words {
 }
 
 /// What stays the same in all pictures of an episode.
-pub struct Storyboard<'a> {
-    kitchen: &'a Kitchen,
+pub struct Storyboard {
+    kitchen: Arc<Kitchen>,
     task: Task,
     side: usize,
     fixed: Model,
@@ -82,15 +109,15 @@ pub struct Storyboard<'a> {
     lit: (Exposure, Vec<f32>),
 }
 
-impl<'a> Storyboard<'a> {
+impl Storyboard {
     /// Chooses where to look from, for all `moments`; `side`: width and height of each of the two views, pixels.
     ///
     /// # Panics
     /// If there is no moment.
-    pub fn new(kitchen: &'a Kitchen, task: Task, moments: &[Moment], side: usize) -> Self {
-        let fixed = Model::fixed_of(kitchen);
+    pub fn new(kitchen: Arc<Kitchen>, task: Task, moments: &[Moment], side: usize) -> Self {
+        let fixed = Model::fixed_of(&kitchen);
         let mut model = fixed.clone();
-        model.add_things(kitchen, &moments[0].things, task.target, TARGET);
+        model.add_things(&kitchen, &moments[0].things, task.target, TARGET);
         // Where the robot stands at first and at last it hides things, too.
         let mut with_robot = model.clone();
         for moment in [&moments[0], &moments[moments.len() - 1]] {
@@ -101,6 +128,11 @@ impl<'a> Storyboard<'a> {
         let waiting: Vec<Lit> = exposure.waiting().collect();
         let light = sky::light(&model, &waiting);
         Self { kitchen, task, side, fixed, outside, lit: (exposure, light) }
+    }
+
+    /// Width and height of each of the two views, pixels.
+    pub fn side(&self) -> usize {
+        self.side
     }
 
     /// Width and height of every picture; both even, which video encoders demand.
@@ -114,7 +146,7 @@ impl<'a> Storyboard<'a> {
         let (width, height) = Self::size(self.side);
         let mut canvas = Canvas::new(width, height, PAPER);
         let mut model = self.fixed.clone();
-        let target = model.add_things(self.kitchen, &moment.things, self.task.target, TARGET);
+        let target = model.add_things(&self.kitchen, &moment.things, self.task.target, TARGET);
         let mut seen = model.clone();
         seen.add_robot(&moment.robot, false);
         model.add_robot(&moment.robot, true);
@@ -219,6 +251,34 @@ fn brightness(depth_mm: u16) -> u8 {
     }
 }
 
+/// Caption of a moment, without its number and the episode's end.
+fn words(environment: &Environment, transition: Option<&Transition>) -> Words {
+    let current = environment.current();
+    let is = |flag: u32| transition.is_some_and(|transition| transition.flags & flag != 0);
+    let action = transition.and_then(|transition| Action::from_index(u8::try_from(transition.action).ok()?));
+    let remark = if is(transition_flag::PICKED_UP) {
+        "picked up"
+    } else if is(transition_flag::ACTION_FAILED) {
+        "failed"
+    } else {
+        ""
+    };
+    let category = environment.episode().category.name();
+    let target = if environment.simulation().holding() {
+        format!("{category} in hand")
+    } else {
+        format!("{category} {:.2} m from the wrist", Vec3::from(current.wrist_to_object_m).length())
+    };
+    Words {
+        action: action.map_or_else(String::new, |action| action.name().to_owned()),
+        remark: remark.to_owned(),
+        target,
+        goal: format!("goal {:.2} m from the {category}", Vec3::from(current.object_to_goal_m).length()),
+        disturbance: format!("disturbance {:.3} m", environment.disturbance_m()),
+        outcome: None,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -236,6 +296,7 @@ mod tests {
     /// one to the left; for one place of the goal.
     fn pictures(goal: Vec3) -> [Canvas; 2] {
         let kitchen = Kitchen::build(KitchenId::new(1).unwrap(), &SimulationConfig::default()).unwrap();
+        let kitchen = Arc::new(kitchen);
         let stand = kitchen.robot_stands()[0];
         let configuration = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
         let camera = world_from_camera(&configuration.posture(), configuration.camera_pitch_rad());
@@ -247,7 +308,7 @@ mod tests {
             Moment { things, robot, world_from_camera: camera, words: Words::default() }
         });
         let task = Task { target, goal: camera * goal, title: "bring the Bread".to_owned() };
-        let story = Storyboard::new(&kitchen, task, &moments, SIDE);
+        let story = Storyboard::new(Arc::clone(&kitchen), task, &moments, SIDE);
         moments.map(|moment| story.draw(&moment, &vec![2_000; SIDE * SIDE]))
     }
 

@@ -1,0 +1,39 @@
+"""Kitchens for mobile manipulators that leave everything as they found it.
+
+`gymnasium.make("stillroom/ArmPointNav-v0", kitchen=7)` makes one environment, `stillroom.VectorEnv` many that threads
+step together. Observations and all else that they return are described in `stillroom.types`.
+"""
+
+from __future__ import annotations
+
+import gymnasium
+
+from stillroom._stillroom import ACTIONS, FRAME_SIDE, TARGETS, Kitchen, Snapshot, __version__, kitchens
+from stillroom.checkpoint import Checkpoint, load
+from stillroom.env import ArmPointNav
+from stillroom.oracle import Oracle, oracle
+from stillroom.vector import VectorEnv
+
+__all__ = [
+    "ACTIONS",
+    "FRAME_SIDE",
+    "TARGETS",
+    "ArmPointNav",
+    "Checkpoint",
+    "Kitchen",
+    "Oracle",
+    "Snapshot",
+    "VectorEnv",
+    "__version__",
+    "kitchens",
+    "load",
+    "oracle",
+]
+
+gymnasium.register(
+    id="stillroom/ArmPointNav-v0",
+    entry_point="stillroom.env:ArmPointNav",
+    vector_entry_point="stillroom.vector:VectorEnv",
+    # An episode's own limit, `max_steps`, is part of the task.
+    max_episode_steps=None,
+)

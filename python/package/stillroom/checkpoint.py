@@ -1,0 +1,139 @@
+"""Checkpoints of runs: their weights as numpy arrays, and with torch the network that they belong to."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib  # type: ignore[no-redef]
+
+if TYPE_CHECKING:
+    from stillroom.network import Network
+
+# In a checkpoint the names of the weights begin so; beside them lie Adam's moments, beliefs and environments.
+PREFIX = "model."
+# Checkpoints that do not say their sign are older than the setting, and were trained with this one.
+OLDER_SIGN = "object_to_goal"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The weights of a policy, and what they were trained for."""
+
+    path: Path
+    """The file that the weights were read from."""
+    weights: dict[str, NDArray[Any]]
+    """Weights by name, float32; the names are PyTorch's module paths, as in ARCHITECTURE.md."""
+    carried_goal: str
+    """Sign of the goal vector while the target is held: give it to the environment."""
+    config: dict[str, Any] = field(default_factory=dict)
+    """The run's whole configuration; empty for a file of weights alone."""
+    manifest: dict[str, Any] = field(default_factory=dict)
+    """The checkpoint's manifest: `frames`, `rollout`, `stage`, ...; empty for a file of weights alone."""
+
+    @property
+    def frames(self) -> int | None:
+        """Frames that it was trained on, if it says so."""
+        return self.manifest.get("frames")
+
+    @property
+    def goal(self) -> str:
+        """How the network is given the goal: "polar" or "cartesian"."""
+        return self.config.get("network", {}).get("goal", "polar")
+
+    def environment(self) -> dict[str, Any]:
+        """Keywords for `ArmPointNav` and `VectorEnv` that make the task that it was trained in."""
+        episode = self.config.get("episode", {})
+        names = ("max_steps", "action_space", "start_distance_max_m", "goal_distance_max_m")
+        return {"carried_goal": self.carried_goal, **{name: episode[name] for name in names if name in episode}}
+
+    def network(self) -> Network:
+        """The network in PyTorch with these weights; needs torch."""
+        from stillroom.network import Network
+
+        return Network.of(self.weights, goal=self.goal)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Writes the weights alone as a safetensors file, which `load` and `learner probe` read."""
+        save_file(self.weights, path)
+
+
+class CheckpointError(ValueError):
+    """A path holds no checkpoint that can be used."""
+
+
+def load(path: str | PathLike[str], *, rollout: int | None = None, verify: bool = True) -> Checkpoint:
+    """Reads a checkpoint.
+
+    Args:
+        path: a run folder (its newest complete checkpoint), `RUN/best` or another folder with checkpoints, one of a
+            checkpoint's files, or a safetensors file with weights alone.
+        rollout: of a folder, the checkpoint with this number instead of the newest.
+        verify: compare the SHA-256 that the manifest names.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return _newest(path, rollout, verify)
+    if path.suffix == ".json":
+        return _checkpoint(path, verify)
+    if path.suffix != ".safetensors":
+        raise CheckpointError(f"{path} is neither a run folder nor a checkpoint (rollout-....safetensors)")
+    if path.with_suffix(".json").exists():
+        return _checkpoint(path.with_suffix(".json"), verify)
+    tensors = _tensors(path)
+    weights = {name.removeprefix(PREFIX): tensor for name, tensor in tensors.items() if name.startswith(PREFIX)}
+    return Checkpoint(path, weights or tensors, "goal_to_object")
+
+
+def _newest(folder: Path, rollout: int | None, verify: bool) -> Checkpoint:
+    """The newest checkpoint of a folder that is whole: a torn one is followed by the one before it."""
+    manifests = sorted([*folder.glob("checkpoints/rollout-*.json"), *folder.glob("rollout-*.json")], reverse=True)
+    if rollout is not None:
+        manifests = [path for path in manifests if path.stem == f"rollout-{rollout:08}"]
+    problem: CheckpointError | None = None
+    for manifest in manifests:
+        try:
+            return _checkpoint(manifest, verify)
+        except CheckpointError as error:
+            problem = problem or error
+    what = "no checkpoint" if rollout is None else f"no checkpoint of rollout {rollout}"
+    raise problem or CheckpointError(f"{folder} holds {what}: a run folder has them in checkpoints/")
+
+
+def _checkpoint(path: Path, verify: bool) -> Checkpoint:
+    try:
+        manifest = json.loads(path.read_bytes())
+        file = path.parent / manifest["tensors"]
+        digest = manifest["tensors_sha256"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CheckpointError(f"{path} is no manifest of a checkpoint: {error}") from error
+    if verify:
+        try:
+            found = hashlib.sha256(file.read_bytes()).hexdigest()
+        except OSError as error:
+            raise CheckpointError(f"{path} names tensors that are not there: {error}") from error
+        if found != digest:
+            raise CheckpointError(f"{file} is damaged: its SHA-256 is not the one that its manifest names")
+    tensors = _tensors(file)
+    weights = {name.removeprefix(PREFIX): tensor for name, tensor in tensors.items() if name.startswith(PREFIX)}
+    config = tomllib.loads(manifest.get("config", ""))
+    return Checkpoint(file, weights, manifest.get("carried_goal", OLDER_SIGN), config, manifest)
+
+
+def _tensors(path: Path) -> dict[str, NDArray[Any]]:
+    try:
+        return {name: np.asarray(tensor) for name, tensor in load_file(path).items()}
+    except (OSError, SafetensorError) as error:
+        raise CheckpointError(f"{path} is no safetensors file: {error}") from error

@@ -1,0 +1,178 @@
+"""One environment: `gymnasium.make("stillroom/ArmPointNav-v0", kitchen=7)`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from os import PathLike
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from stillroom._stillroom import TARGETS, Batch, Kitchen, Snapshot
+from stillroom.spaces import choice_of, kitchen_of, observation_space, settings_of
+from stillroom.types import Observation, RewardParts, State
+
+
+class ArmPointNav(gymnasium.Env):
+    """A robot fetches an object in a kitchen and brings it to its goal, and should move nothing else.
+
+    Observations are dictionaries (`stillroom.types.Observation`), actions are `Discrete(21)`, or `Discrete(13)` with
+    `action_space="small"`; `action_names` has their names. An episode is terminated by the action Done, and truncated
+    after `max_steps` actions.
+    """
+
+    metadata = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 5}
+
+    def __init__(
+        self,
+        kitchen: int | Kitchen = 1,
+        *,
+        scene: str | PathLike[str] | None = None,
+        number: int = 0,
+        preset: str = "paper",
+        reward: str | Callable[[RewardParts], float] = "r",
+        disturbance_weight: float | None = None,
+        action_space: str | None = None,
+        max_steps: int | None = None,
+        start_distance_max_m: float | None = None,
+        goal_distance_max_m: float | None = None,
+        carried_goal: str | None = None,
+        depth: str = "uint16",
+        frame_side: int = 224,
+        render_mode: str | None = None,
+        render_side: int = 448,
+    ) -> None:
+        """Makes the environment; the kitchen is built (a second or two) unless another environment is in it.
+
+        Args:
+            kitchen: number of a built-in kitchen (`stillroom.kitchens("train")`), or a `stillroom.Kitchen`.
+            scene: TOML file of a scene of your own, instead of a kitchen.
+            number: which environment of its kitchen this is; environments with other numbers sample other episodes.
+            preset: preset whose task this is (`orchestrator config` lists them); the following override it.
+            reward: "r" (the task), "r_prime" (minus `disturbance_weight` for each metre of displacement), or a function
+                of the reward's parts.
+            disturbance_weight: reward of one metre less displacement in "r_prime"; 15 in the paper.
+            action_space: "large" (21 actions) or "small" (13: no elbow, wrist rotation or camera).
+            max_steps: actions after which an episode is truncated; 200 in the paper.
+            start_distance_max_m: the robot starts at most this far from the target, metres; 0 is anywhere.
+            goal_distance_max_m: the goal is at most this far from the target's start, metres; 0 is anywhere.
+            carried_goal: what the goal vector is while the target is held: "goal_to_object" (the paper) or
+                "object_to_goal" (presets `demo` and `short-...`). A policy wants the sign that it was trained with.
+            depth: "uint16" for millimetres, "float32" for metres.
+            frame_side: width and height of the depth frame, pixels. The camera and its 100 degrees stay the same.
+            render_mode: "rgb_array" or "depth_array".
+            render_side: height of each of the two views in an "rgb_array", pixels.
+        """
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(
+                f"render_mode {render_mode!r} is not there: stillroom opens no window. Use 'rgb_array' (and show or "
+                "save the pictures) or 'depth_array'."
+            )
+        if scene is not None and kitchen != 1:
+            raise ValueError("give either a kitchen or a scene")
+        self.render_mode = render_mode
+        self._render_side = render_side
+        self._settings = settings_of(
+            reward=reward,
+            depth=depth,
+            frame_side=frame_side,
+            preset=preset,
+            action_space=action_space,
+            max_steps=max_steps,
+            start_distance_max_m=start_distance_max_m,
+            goal_distance_max_m=goal_distance_max_m,
+            disturbance_weight=disturbance_weight,
+            carried_goal=carried_goal,
+        )
+        self.kitchen = kitchen_of(kitchen) if scene is None else Kitchen(scene=scene)
+        """The kitchen."""
+        self.action_names: list[str] = self._settings.actions
+        """Names of the actions."""
+        self._reward = reward if callable(reward) else None
+        self._objects = self.kitchen.objects
+        self.batch = Batch(self._settings, [self.kitchen], [number], "Disabled", 1)
+        self._begun = False
+        self._ended = False
+        self.observation_space = observation_space(self._settings, depth=depth, frame_side=frame_side)
+        self.action_space = gymnasium.spaces.Discrete(len(self.action_names))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begins an episode: the next one, episode 0 of a new seed, or the one that `options` names (`choice_of`).
+
+        The same seed, kitchen, number and episode begin the same, on every machine, as in training with this seed.
+        """
+        super().reset(seed=seed)
+        if seed is None and not self._begun:
+            seed = int(self.np_random.integers(2**63))
+        series, seed, episode = choice_of(options, seed)
+        facts = self.batch.reset([(series, seed, episode)])
+        self._begun, self._ended = True, False
+        return self._observation(), self._info(facts)
+
+    def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Takes an action; returns observation, reward, terminated, truncated and `stillroom.types.Info`."""
+        if not self._begun or self._ended:
+            raise gymnasium.error.ResetNeeded("call reset() first: no episode has begun, or the last one has ended")
+        rewards, terminated, truncated, facts, _, _, _ = self.batch.step(np.array([action], np.int64))
+        info = self._info(facts)
+        reward = float(rewards[0]) if self._reward is None else float(self._reward(info["reward_parts"]))
+        self._ended = bool(terminated[0] or truncated[0])
+        return self._observation(), reward, bool(terminated[0]), bool(truncated[0]), info
+
+    def render(self) -> NDArray[Any] | None:
+        """The moment as a picture. "rgb_array": [rows, columns, 3] uint8, the robot's depth view and the room from
+        outside, target and goal marked, captions. "depth_array": [side, side] float32, metres, 0 where nothing is."""
+        if not self._begun:
+            raise gymnasium.error.ResetNeeded("call reset() before render()")
+        if self.render_mode == "rgb_array":
+            return self.batch.picture(0, self._render_side)
+        if self.render_mode == "depth_array":
+            depth = self.batch.depth[0]
+            return depth.copy() if depth.dtype == np.float32 else depth.astype(np.float32) / np.float32(1000.0)
+        return None
+
+    def state(self) -> State:
+        """The privileged state: poses of everything."""
+        return self.batch.state(0)
+
+    def displacement_m(self) -> dict[str, float]:
+        """Each object that is not where it stood at the episode's start, and how far from there, metres."""
+        return moved(self._objects, self.batch.displacements_m(0))
+
+    def snapshot(self) -> Snapshot:
+        """The moment, to return to it with `restore`: an exact copy. It can be pickled: it then holds the episode's
+        actions, and reading it simulates them again, to the same bits."""
+        return self.batch.snapshot(0)
+
+    def restore(self, snapshot: Snapshot) -> tuple[Observation, dict[str, Any]]:
+        """Returns to a moment of the same kitchen; returns observation and info as `reset` does."""
+        facts = self.batch.restore(0, snapshot)
+        self._begun = True
+        info = self._info(facts)
+        self._ended = self.batch.ended(0)
+        return self._observation(), info
+
+    def _observation(self) -> Observation:
+        batch = self.batch
+        return {
+            "depth": batch.depth[0].copy(),
+            "goal": batch.goal[0].copy(),
+            "previous_action": np.int64(batch.previous_action[0]),
+        }
+
+    def _info(self, facts: dict[str, Any]) -> dict[str, Any]:
+        parts = {name: float(part[0]) for name, part in facts.pop("reward_parts").items()}
+        info = {name: fact[0].item() for name, fact in facts.items()}
+        info["target"] = TARGETS[info["target"]]
+        info["displacement_m"] = self.displacement_m()
+        info["reward_parts"] = parts
+        return info
+
+
+def moved(objects: list[str], displacements_m: NDArray[np.float32]) -> dict[str, float]:
+    """The objects that are not where they stood."""
+    return {objects[index]: float(displacements_m[index]) for index in np.flatnonzero(displacements_m)}

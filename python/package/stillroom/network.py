@@ -1,0 +1,199 @@
+"""The learner's network in PyTorch: encoder, embeddings, GRU, heads (docs/method.md, Network).
+
+Names of modules and weights are those of checkpoints. Everything is float32; `learner probe` on a CPU agrees with it to
+rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+RAW_SIDE = 224
+# Millimetres to the network's input: (metres - 0.5) / 0.25.
+SCALE, OFFSET = 1 / 250, -2.0
+
+
+class Block(nn.Module):
+    """Two 3 x 3 convolutions and a way around them."""
+
+    def __init__(self, inputs: int, planes: int, stride: int) -> None:
+        super().__init__()
+        self.convs = nn.Sequential(
+            nn.Conv2d(inputs, planes, 3, stride, 1, bias=False),
+            nn.GroupNorm(16, planes),
+            nn.ReLU(),
+            nn.Conv2d(planes, planes, 3, 1, 1, bias=False),
+            nn.GroupNorm(16, planes),
+        )
+        self.downsample: nn.Module | None = None
+        if stride != 1 or inputs != planes:
+            self.downsample = nn.Sequential(nn.Conv2d(inputs, planes, 1, stride, bias=False), nn.GroupNorm(16, planes))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """[rows, inputs, h, w] to [rows, planes, h / stride, w / stride]."""
+        return F.relu(self.convs(x) + (x if self.downsample is None else self.downsample(x)))
+
+
+class Backbone(nn.Module):
+    """ResNet18 with group normalisation, half as wide."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.conv1 = nn.Sequential(nn.Conv2d(1, 32, 7, 2, 3, bias=False), nn.GroupNorm(16, 32), nn.ReLU())
+        self.maxpool = nn.MaxPool2d(3, 2, 1)
+        self.layer1 = nn.Sequential(Block(32, 32, 1), Block(32, 32, 1))
+        self.layer2 = nn.Sequential(Block(32, 64, 2), Block(64, 64, 1))
+        self.layer3 = nn.Sequential(Block(64, 128, 2), Block(128, 128, 1))
+        self.layer4 = nn.Sequential(Block(128, 256, 2), Block(256, 256, 1))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """[rows, 1, side, side] to [rows, 256, side / 32, side / 32]."""
+        return self.layer4(self.layer3(self.layer2(self.layer1(self.maxpool(self.conv1(x))))))
+
+
+class Resnet(nn.Module):
+    """The paper's encoder."""
+
+    def __init__(self, side: int) -> None:
+        super().__init__()
+        self.backbone = Backbone()
+        self.compression = nn.Sequential(nn.Conv2d(256, 128, 3, 1, 1, bias=False), nn.GroupNorm(1, 128), nn.ReLU())
+        # The stem's convolution and pooling and three stages halve the side, rounding up.
+        for _ in range(5):
+            side = (side + 1) // 2
+        self.fc = nn.Sequential(nn.Flatten(), nn.Linear(128 * side * side, 512), nn.ReLU())
+
+    def forward(self, x: Tensor) -> Tensor:
+        """[rows, 1, side, side] to [rows, 512]."""
+        return self.fc(self.compression(self.backbone(x)))
+
+
+class Cnn(nn.Module):
+    """The small encoder."""
+
+    def __init__(self, side: int) -> None:
+        super().__init__()
+        for size, stride in [(8, 4), (4, 2), (3, 1)]:
+            side = (side - size) // stride + 1
+        self.cnn = nn.Sequential(
+            nn.Conv2d(1, 32, 8, 4),
+            nn.ReLU(),
+            nn.Conv2d(32, 64, 4, 2),
+            nn.ReLU(),
+            nn.Conv2d(64, 32, 3),
+            nn.Flatten(),
+            nn.Linear(32 * side * side, 512),
+            nn.ReLU(),
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """[rows, 1, side, side] to [rows, 512]."""
+        return self.cnn(x)
+
+
+class Network(nn.Module):
+    """Observations and a belief to log-probabilities, a value and the next belief."""
+
+    def __init__(
+        self,
+        *,
+        encoder: str = "resnet",
+        input_pool: int = 2,
+        goal: str = "polar",
+        previous_action: bool = True,
+        hidden: int = 512,
+        actions: int = 21,
+    ) -> None:
+        super().__init__()
+        self.input_pool, self.goal, self.hidden, self.actions = input_pool, goal, hidden, actions
+        self.visual_encoder = {"resnet": Resnet, "cnn": Cnn}[encoder](RAW_SIDE // input_pool)
+        self.goal_embedder = nn.Sequential(nn.Linear(3, 100), nn.LeakyReLU(0.01), nn.Linear(100, 32))
+        self.previous_action_embedder = nn.Embedding(actions + 1, 16) if previous_action else None
+        self.belief = nn.GRU(560 if previous_action else 544, hidden)
+        self.actor = nn.Linear(hidden, actions)
+        self.critic = nn.Linear(hidden, 1)
+
+    @classmethod
+    def of(cls, weights: dict[str, NDArray[Any]], *, goal: str = "polar") -> Network:
+        """The network that weights belong to: names and shapes give all but `goal`. Heads of auxiliary tasks are left
+        out."""
+        try:
+            actions, hidden = weights["actor.weight"].shape
+            encoder = "resnet" if "visual_encoder.fc.1.weight" in weights else "cnn"
+            last = weights["visual_encoder.fc.1.weight" if encoder == "resnet" else "visual_encoder.cnn.6.weight"]
+        except KeyError as error:
+            raise ValueError(f"these are no weights of a policy: {error} is missing") from error
+        for input_pool in (1, 2, 4):
+            network = cls(
+                encoder=encoder,
+                input_pool=input_pool,
+                goal=goal,
+                previous_action="previous_action_embedder.weight" in weights,
+                hidden=hidden,
+                actions=actions,
+            )
+            own = network.state_dict()
+            if (
+                own["visual_encoder.fc.1.weight" if encoder == "resnet" else "visual_encoder.cnn.6.weight"].shape
+                == last.shape
+            ):
+                # A copy: arrays of numpy may be read-only.
+                network.load_state_dict({name: torch.tensor(weights[name]) for name in own if name in weights})
+                return network.eval()
+        raise ValueError(f"no input pooling gives the encoder {last.shape[1]} features")
+
+    def begin(self, rows: int = 1) -> Tensor:
+        """The belief at an episode's start: zeros [rows, hidden]."""
+        return torch.zeros(rows, self.hidden, device=self.actor.weight.device)
+
+    def pool(self, depth: Tensor) -> Tensor:
+        """Depth as environments give it, [rows, 224, 224] in millimetres (integers) or metres (floats), to millimetres
+        [rows, side, side] averaged over `input_pool` pixels each way."""
+        depth_mm = depth * 1000.0 if depth.is_floating_point() else depth.to(torch.float32)
+        return F.avg_pool2d(depth_mm.unsqueeze(1), self.input_pool).squeeze(1)
+
+    def coordinates(self, goal_m: Tensor) -> Tensor:
+        """Goal vectors [rows, 3], metres, to what the network is given [rows, 3]."""
+        if self.goal == "cartesian":
+            return goal_m.abs()
+        x, y, z = goal_m.to(torch.float64).unbind(1)
+        distance = (x * x + y * y + z * z).sqrt()
+        elevation = torch.atan2(z, (x * x + y * y).sqrt())
+        azimuth = torch.atan2(y, x)
+        return torch.stack([distance, elevation / (math.pi / 2), azimuth / math.pi], 1).to(torch.float32)
+
+    def embed(self, depth_mm: Tensor, goal: Tensor, previous_action: Tensor) -> Tensor:
+        """Pooled millimetres [rows, side, side], goal coordinates [rows, 3] and rows of the action table [rows] (0 is
+        none yet, else 1 + action) to [rows, 560]."""
+        parts = [self.visual_encoder((depth_mm * SCALE + OFFSET).unsqueeze(1)), self.goal_embedder(goal)]
+        if self.previous_action_embedder is not None:
+            parts.append(self.previous_action_embedder(previous_action))
+        return torch.cat(parts, 1)
+
+    def forward(self, observations: dict[str, Any], belief: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """One step of `rows` environments.
+
+        Args:
+            observations: those of a `VectorEnv`, arrays or tensors: depth [rows, 224, 224], goal [rows, 3], and
+                previous_action [rows].
+            belief: [rows, hidden]; zeros (`begin`) where an episode begins.
+
+        Returns:
+            log-probabilities of the actions [rows, actions], values [rows], and beliefs for the next step.
+        """
+        device = self.actor.weight.device
+        depth, goal, previous = (
+            torch.as_tensor(observations[name], device=device) for name in ("depth", "goal", "previous_action")
+        )
+        # In observations "none yet" is the last number, in the table the first row.
+        rows = (previous.long() + 1) % (self.actions + 1)
+        embedded = self.embed(self.pool(depth), self.coordinates(goal), rows)
+        gru = self.belief
+        belief = torch.gru_cell(embedded, belief, gru.weight_ih_l0, gru.weight_hh_l0, gru.bias_ih_l0, gru.bias_hh_l0)
+        return F.log_softmax(self.actor(belief), -1), self.critic(belief).squeeze(1), belief

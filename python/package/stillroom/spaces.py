@@ -1,0 +1,77 @@
+"""Spaces and arguments that `ArmPointNav` and `VectorEnv` share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from stillroom._stillroom import Kitchen, Settings
+
+# Farther than any room is wide: a scene of a user may be large, and spaces must not depend on the kitchen.
+GOAL_MAX_M = 1000.0
+
+
+def settings_of(
+    *,
+    reward: str | Callable[[dict[str, Any]], Any],
+    depth: str,
+    frame_side: int,
+    preset: str,
+    **overrides: Any,
+) -> Settings:
+    """The settings of the arguments; a reward that is a function leaves the composed one at r."""
+    if depth not in ("uint16", "float32"):
+        raise ValueError(f'depth `{depth}` is none of "uint16" (millimetres), "float32" (metres)')
+    return Settings(
+        preset=preset,
+        reward="r" if callable(reward) else reward,
+        frame_side=frame_side,
+        in_metres=depth == "float32",
+        **overrides,
+    )
+
+
+def kitchen_of(kitchen: int | Kitchen) -> Kitchen:
+    """The kitchen with this number, or the one given."""
+    return kitchen if isinstance(kitchen, Kitchen) else Kitchen(kitchen)
+
+
+def observation_space(settings: Settings, *, depth: str, frame_side: int) -> gymnasium.spaces.Dict:
+    """What `types.Observation` describes."""
+    shape = (frame_side, frame_side)
+    if depth == "float32":
+        depths = gymnasium.spaces.Box(0.0, np.float32(65.535), shape, np.float32)
+    else:
+        depths = gymnasium.spaces.Box(0, 65535, shape, np.uint16)
+    return gymnasium.spaces.Dict(
+        {
+            "depth": depths,
+            "goal": gymnasium.spaces.Box(-GOAL_MAX_M, GOAL_MAX_M, (3,), np.float32),
+            "previous_action": gymnasium.spaces.Discrete(len(settings.actions) + 1),
+        }
+    )
+
+
+SERIES = ("sampled", "fixed", "drawn")
+
+
+def choice_of(options: dict[str, Any] | None, seed: int | None) -> tuple[str | None, int | None, int | None]:
+    """The episode that the options of `reset` ask for: (series, seed, number), None as before or the next.
+
+    `{"episode": 5}` is the sampled episode 5 of the seed, `{"fixed": 5}` the fixed one with this number (validation and
+    test kitchens), `{"drawn": 5}` the one that an evaluation draws.
+    """
+    options = dict(options or {})
+    if "episode" in options:
+        options["sampled"] = options.pop("episode")
+    unknown = sorted(set(options) - set(SERIES))
+    if unknown:
+        raise ValueError(f"reset has no option {unknown[0]!r}; it has 'episode', 'fixed', 'drawn'")
+    if len(options) > 1:
+        raise ValueError("give one of the options 'episode', 'fixed', 'drawn'")
+    for series, number in options.items():
+        return series, seed, int(number)
+    return None, seed, None

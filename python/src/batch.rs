@@ -1,0 +1,429 @@
+//! Many environments. Threads step them while Python's lock is free; what they see goes straight into arrays.
+//!
+//! Nothing depends on the number of threads: an environment's step is a function of its own state alone.
+
+use crate::facts::{self, Facts};
+use crate::frames::{Frame, Frames};
+use crate::place::{Chosen, Place, Series};
+use crate::room::Kitchen;
+use crate::settings::Settings;
+use crate::snapshot::Snapshot;
+use crate::{state, value_error};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1};
+use oracle::Variant;
+use proto::action::{Action, NO_ACTION};
+use proto::config::{CarriedGoal, Config};
+use proto::step::{Current, current_flag, transition_flag};
+use pyo3::exceptions::{PyIndexError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+use simulator::depth::DepthCamera;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::{iter, thread};
+
+/// When an episode that has ended is followed by the next (the names are Gymnasium's).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Autoreset {
+    /// The step after its last one ignores its action and begins the next.
+    NextStep,
+    /// Its last step.
+    SameStep,
+    /// When the caller says so.
+    Disabled,
+}
+
+/// The episode that Python asks for: series, seed, number.
+type Asked = (Option<String>, Option<u64>, Option<u32>);
+
+/// What a thread keeps between calls: a camera for each kitchen, and scratch memory.
+#[derive(Default)]
+struct Worker {
+    cameras: HashMap<u8, DepthCamera>,
+    scratch: Vec<u16>,
+}
+
+impl Worker {
+    fn look(&mut self, place: &mut Place, side: usize, frame: &mut Frame) {
+        let kitchen = &place.room.kitchen;
+        let camera = self.cameras.entry(kitchen.id().number());
+        let camera = camera.or_insert_with(|| DepthCamera::new(kitchen.bodies()));
+        frame.take(&mut place.environment, camera, side, &mut self.scratch);
+    }
+}
+
+/// The part of an observation that is no picture.
+#[derive(Clone, Copy)]
+struct Seen {
+    goal_m: [f32; 3],
+    previous_action: i64,
+}
+
+/// What a step made of one environment.
+struct Report {
+    /// After the action, before any reset.
+    done: Facts,
+    /// Now, and what is seen now.
+    now: Facts,
+    seen: Seen,
+    /// In the mode of the same step, after an episode's end: its last observation.
+    last: Option<(Vec<u16>, Seen)>,
+    /// The action was ignored, and an episode begun instead.
+    reset: bool,
+}
+
+/// Environments that are stepped together.
+#[pyclass(module = "stillroom._stillroom")]
+pub struct Batch {
+    settings: Settings,
+    autoreset: Autoreset,
+    places: Vec<Place>,
+    workers: Vec<Worker>,
+    frames: Frames,
+    goals_m: Py<PyArray2<f32>>,
+    previous_actions: Py<PyArray1<i64>>,
+}
+
+#[pymethods]
+impl Batch {
+    /// An environment for each of `kitchens`; `numbers` tell those of one kitchen apart. Call `reset` before `step`.
+    #[new]
+    fn new(
+        py: Python<'_>,
+        settings: &Settings,
+        kitchens: Vec<Kitchen>,
+        numbers: Vec<u32>,
+        autoreset: &str,
+        threads: usize,
+    ) -> PyResult<Self> {
+        if kitchens.is_empty() || kitchens.len() != numbers.len() || threads == 0 {
+            return Err(PyValueError::new_err("a batch has at least one environment and one thread"));
+        }
+        let autoreset = match autoreset {
+            "NextStep" => Autoreset::NextStep,
+            "SameStep" => Autoreset::SameStep,
+            "Disabled" => Autoreset::Disabled,
+            _ => return Err(PyValueError::new_err(format!("there is no autoreset mode `{autoreset}`"))),
+        };
+        let chosen = Chosen { series: Series::Sampled, number: 0, seed: 0 };
+        let config: &Arc<Config> = &settings.config;
+        let make = |(kitchen, number): (Kitchen, u32)| Place::new(kitchen.room, Arc::clone(config), number, chosen);
+        let places = py.detach(|| kitchens.into_iter().zip(numbers).map(make).collect::<Result<Vec<_>, _>>());
+        let places = places.map_err(value_error)?;
+        let count = places.len();
+        let threads = threads.min(count);
+        Ok(Self {
+            frames: Frames::new(py, count, settings.frame_side, settings.in_metres),
+            goals_m: PyArray2::zeros(py, [count, 3], false).unbind(),
+            previous_actions: PyArray1::zeros(py, [count], false).unbind(),
+            workers: iter::repeat_with(Worker::default).take(threads).collect(),
+            settings: settings.clone(),
+            autoreset,
+            places,
+        })
+    }
+
+    /// Depth \[environments, side, side\]: the array that every step overwrites.
+    #[getter]
+    fn depth(&self, py: Python<'_>) -> Py<PyAny> {
+        self.frames.array(py)
+    }
+
+    /// Goal vectors \[environments, 3\], metres: the array that every step overwrites.
+    #[getter]
+    fn goal(&self, py: Python<'_>) -> Py<PyArray2<f32>> {
+        self.goals_m.clone_ref(py)
+    }
+
+    /// Previous actions \[environments\]: the array that every step overwrites.
+    #[getter]
+    fn previous_action(&self, py: Python<'_>) -> Py<PyArray1<i64>> {
+        self.previous_actions.clone_ref(py)
+    }
+
+    /// Threads that step.
+    #[getter]
+    fn threads(&self) -> usize {
+        self.workers.len()
+    }
+
+    /// Begins episodes: for each environment none, or (series, seed, number), where None is the series, the seed and
+    /// the next number of the episode before. Returns the facts of all.
+    fn reset<'py>(&mut self, py: Python<'py>, asked: Vec<Option<Asked>>) -> PyResult<Bound<'py, PyAny>> {
+        if asked.len() != self.places.len() {
+            return Err(PyValueError::new_err("one entry for each environment"));
+        }
+        let mut begun = Vec::with_capacity(asked.len());
+        for (place, asked) in self.places.iter().zip(asked) {
+            begun.push(asked.map(|asked| choose(place, asked)).transpose()?);
+        }
+        let reports = self.in_threads(py, |worker, index, place, frame, settings| {
+            if let Some(chosen) = begun[index] {
+                place.begin(chosen).map_err(value_error)?;
+                worker.look(place, settings.frame_side, frame);
+            }
+            Ok(report_of(place, settings, false, None))
+        })?;
+        self.put(py, &reports)?;
+        let rows: Vec<Facts> = reports.iter().map(|report| report.now).collect();
+        Ok(facts::table(py, &rows)?.into_any())
+    }
+
+    /// Takes an action in each environment. Returns rewards, terminated, truncated, facts after the actions, facts now
+    /// (the same object but in the mode of the same step), which environments were reset instead, and for each episode
+    /// that ended in the mode of the same step (index, depth, goal, previous action).
+    // An argument from Python is a value.
+    #[allow(clippy::needless_pass_by_value)]
+    fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray1<'py, i64>) -> PyResult<Bound<'py, PyTuple>> {
+        let actions = self.checked(&actions)?;
+        let autoreset = self.autoreset;
+        let reports = self.in_threads(py, |worker, index, place, frame, settings| {
+            let side = settings.frame_side;
+            if autoreset == Autoreset::NextStep && place.ended() {
+                place.begin(place.next()).map_err(value_error)?;
+                worker.look(place, side, frame);
+                return Ok(report_of(place, settings, true, None));
+            }
+            place.step(actions[index]);
+            let mut last = None;
+            let done = report_of(place, settings, false, None);
+            if autoreset == Autoreset::SameStep && place.ended() {
+                let mut depth_mm = vec![0; side * side];
+                worker.look(place, side, &mut Frame::Millimetres(&mut depth_mm));
+                last = Some((depth_mm, done.seen));
+                place.begin(place.next()).map_err(value_error)?;
+            }
+            worker.look(place, side, frame);
+            Ok(Report { done: done.done, ..report_of(place, settings, false, last) })
+        })?;
+        self.put(py, &reports)?;
+        self.told(py, &reports)
+    }
+
+    /// Whether an environment's episode has ended.
+    fn ended(&self, index: usize) -> PyResult<bool> {
+        Ok(self.place(index)?.ended())
+    }
+
+    /// Everything about one environment's moment.
+    fn state<'py>(&self, py: Python<'py>, index: usize) -> PyResult<Bound<'py, PyAny>> {
+        Ok(state::state(py, self.place(index)?)?.into_any())
+    }
+
+    /// How far each object of an environment is from where it stood at the episode's start, metres.
+    fn displacements_m<'py>(&self, py: Python<'py>, index: usize) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        Ok(PyArray1::from_iter(py, self.place(index)?.environment.displacements_m()))
+    }
+
+    /// A picture for people, rows × columns × RGB.
+    fn picture<'py>(&mut self, py: Python<'py>, index: usize, side: usize) -> PyResult<Bound<'py, PyArray3<u8>>> {
+        self.place(index)?;
+        let place = &mut self.places[index];
+        let canvas = py.detach(|| place.picture(side));
+        let pixels = PyArray1::from_slice(py, canvas.pixels.as_flattened());
+        pixels.reshape([canvas.height, canvas.width, 3])
+    }
+
+    /// A copy of an environment's moment.
+    fn snapshot(&self, index: usize) -> PyResult<Snapshot> {
+        Ok(Snapshot { place: self.place(index)?.clone() })
+    }
+
+    /// Returns an environment to a moment of its kitchen; returns the facts of all.
+    fn restore<'py>(&mut self, py: Python<'py>, index: usize, snapshot: &Snapshot) -> PyResult<Bound<'py, PyAny>> {
+        let (kept, here) = (&snapshot.place, self.place(index)?);
+        if kept.room.origin != here.room.origin || kept.config.simulation != here.config.simulation {
+            let (then, now) = (kept.room.kitchen.id(), here.room.kitchen.id());
+            return Err(PyValueError::new_err(format!("a snapshot of kitchen {then} is none of kitchen {now}")));
+        }
+        if kept.config.episode != here.config.episode {
+            return Err(PyValueError::new_err("the snapshot's episodes have other settings than this environment's"));
+        }
+        self.places[index] = kept.clone();
+        let reports = self.in_threads(py, |worker, at, place, frame, settings| {
+            if at == index {
+                worker.look(place, settings.frame_side, frame);
+            }
+            Ok(report_of(place, settings, false, None))
+        })?;
+        self.put(py, &reports)?;
+        let rows: Vec<Facts> = reports.iter().map(|report| report.now).collect();
+        Ok(facts::table(py, &rows)?.into_any())
+    }
+
+    /// What the oracle would do now in each environment; in one whose episode has ended, action 0.
+    fn oracle<'py>(&mut self, py: Python<'py>, variant: &str) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let variant = Variant::named(variant)
+            .ok_or_else(|| PyValueError::new_err(format!("variant `{variant}` is none of \"fast\", \"careful\"")))?;
+        let advised = self.in_threads(py, |_, _, place, _, settings| {
+            if place.ended() {
+                return Ok(0);
+            }
+            let action = place.advise(variant);
+            let index = settings.space().iter().position(|&other| other == action);
+            index.map(|index| index as i64).ok_or_else(|| {
+                PyValueError::new_err(
+                    "the oracle needs all 21 actions: make the environment with action_space=\"large\"",
+                )
+            })
+        })?;
+        Ok(PyArray1::from_vec(py, advised))
+    }
+}
+
+impl Batch {
+    fn place(&self, index: usize) -> PyResult<&Place> {
+        let count = self.places.len();
+        let missing = || PyIndexError::new_err(format!("there are environments 0 to {}, not {index}", count - 1));
+        self.places.get(index).ok_or_else(missing)
+    }
+
+    /// The actions, if all can be taken.
+    fn checked(&self, actions: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<Action>> {
+        let (space, actions) = (self.settings.space(), actions.as_slice()?);
+        let count = self.places.len();
+        if actions.len() != count {
+            return Err(PyValueError::new_err(format!("{} actions for {count} environments", actions.len())));
+        }
+        let checked = actions.iter().zip(&self.places).enumerate().map(|(index, (&number, place))| {
+            if self.autoreset == Autoreset::Disabled && place.ended() {
+                return Err(PyValueError::new_err(format!(
+                    "the episode of environment {index} has ended: reset it before the next step"
+                )));
+            }
+            let action = usize::try_from(number).ok().and_then(|number| space.get(number)).copied();
+            action.ok_or_else(|| {
+                PyValueError::new_err(format!(
+                    "environment {index}: there are actions 0 to {}, not {number}",
+                    space.len() - 1
+                ))
+            })
+        });
+        checked.collect()
+    }
+
+    /// Calls `work` for each environment in the threads, Python's lock being free; the results in order.
+    fn in_threads<T: Send>(
+        &mut self,
+        py: Python<'_>,
+        work: impl Fn(&mut Worker, usize, &mut Place, &mut Frame, &Settings) -> PyResult<T> + Sync,
+    ) -> PyResult<Vec<T>> {
+        let Self { settings, places, workers, frames, .. } = self;
+        let settings = &*settings;
+        let mut writing = frames.write(py)?;
+        let frames = writing.frames(settings.frame_side * settings.frame_side)?;
+        let tasks = places.iter_mut().zip(frames).enumerate();
+        py.detach(|| {
+            if let [worker] = workers.as_mut_slice() {
+                return tasks
+                    .map(|(index, (place, mut frame))| work(worker, index, place, &mut frame, settings))
+                    .collect();
+            }
+            let (tasks, done) = (Mutex::new(tasks), Mutex::new(Vec::new()));
+            thread::scope(|scope| {
+                for worker in workers {
+                    scope.spawn(|| {
+                        loop {
+                            let task = tasks.lock().unwrap_or_else(PoisonError::into_inner).next();
+                            let Some((index, (place, mut frame))) = task else { return };
+                            let result = work(worker, index, place, &mut frame, settings);
+                            done.lock().unwrap_or_else(PoisonError::into_inner).push((index, result));
+                        }
+                    });
+                }
+            });
+            let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+            done.sort_by_key(|(index, _)| *index);
+            done.into_iter().map(|(_, result)| result).collect::<PyResult<Vec<T>>>()
+        })
+    }
+
+    /// Puts what is seen beside the frames into its arrays.
+    fn put(&self, py: Python<'_>, reports: &[Report]) -> PyResult<()> {
+        let goals_m: Vec<[f32; 3]> = reports.iter().map(|report| report.seen.goal_m).collect();
+        facts::put_vectors(self.goals_m.bind(py), &goals_m)?;
+        let previous: Vec<i64> = reports.iter().map(|report| report.seen.previous_action).collect();
+        self.previous_actions.bind(py).try_readwrite()?.as_slice_mut()?.copy_from_slice(&previous);
+        Ok(())
+    }
+
+    /// What `step` returns.
+    fn told<'py>(&self, py: Python<'py>, reports: &[Report]) -> PyResult<Bound<'py, PyTuple>> {
+        let reward = |report: &Report| {
+            let weight = self.settings.config.reward.lambda_disturb;
+            let reward = f64::from(report.done.parts().compose(self.settings.reward, weight));
+            if report.reset { 0.0 } else { reward }
+        };
+        let rows: Vec<Facts> = reports.iter().map(|report| report.done).collect();
+        let done = facts::table(py, &rows)?;
+        let mut last = Vec::new();
+        for (index, report) in reports.iter().enumerate() {
+            if let Some((depth_mm, seen)) = &report.last {
+                let side = self.settings.frame_side;
+                let depth = PyArray1::from_slice(py, depth_mm).reshape([side, side])?;
+                last.push((index, depth, PyArray1::from_slice(py, &seen.goal_m), seen.previous_action));
+            }
+        }
+        let now = if last.is_empty() {
+            done.clone()
+        } else {
+            facts::table(py, &reports.iter().map(|report| report.now).collect::<Vec<_>>())?
+        };
+        (
+            facts::column(py, reports, reward),
+            facts::column(py, &rows, |facts| facts.is(transition_flag::DONE)),
+            facts::column(py, &rows, |facts| facts.is(transition_flag::TIME_LIMIT)),
+            done,
+            now,
+            facts::column(py, reports, |report| report.reset),
+            last,
+        )
+            .into_pyobject(py)
+    }
+}
+
+/// The episode that an environment is asked to begin.
+fn choose(place: &Place, (series, seed, number): Asked) -> PyResult<Chosen> {
+    let before = place.chosen;
+    let series = match series.as_deref() {
+        None => before.series,
+        Some("sampled") => Series::Sampled,
+        Some("fixed") => Series::Fixed,
+        Some("drawn") => Series::Drawn,
+        Some(other) => return Err(PyValueError::new_err(format!("there is no series of episodes `{other}`"))),
+    };
+    let begun = seed.is_some() || series != before.series;
+    let number = number.unwrap_or_else(|| if begun { 0 } else { place.next().number });
+    Ok(Chosen { series, number, seed: seed.unwrap_or(before.seed) })
+}
+
+/// What is told of an environment now.
+fn report_of(place: &Place, settings: &Settings, reset: bool, last: Option<(Vec<u16>, Seen)>) -> Report {
+    let current = place.environment.current();
+    let facts = Facts::of(place.transition.as_ref(), &current);
+    let seen = Seen {
+        goal_m: goal_vector_m(settings.carried_goal(), &current),
+        previous_action: previous_action(settings, &current),
+    };
+    Report { done: facts, now: facts, seen, last, reset }
+}
+
+/// Number of the action that led here; the number of actions if none did.
+fn previous_action(settings: &Settings, current: &Current) -> i64 {
+    let space = settings.space();
+    let is = |action: &Action| u32::from(action.index()) == current.previous_action;
+    if current.previous_action == u32::from(NO_ACTION) {
+        return space.len() as i64;
+    }
+    space.iter().position(is).expect("an environment takes actions of its space only") as i64
+}
+
+/// The goal vector as the learner gives it to its policy.
+fn goal_vector_m(carried: CarriedGoal, current: &Current) -> [f32; 3] {
+    match carried {
+        _ if current.flags & current_flag::HOLDING == 0 => current.wrist_to_object_m,
+        CarriedGoal::ObjectToGoal => current.object_to_goal_m,
+        // Not the negation: of 0 that is -0.
+        CarriedGoal::GoalToObject => current.object_to_goal_m.map(|coordinate| 0.0 - coordinate),
+    }
+}

@@ -1,0 +1,118 @@
+//! What is told of a step beside the observation, and of an episode's start: one row for each environment.
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use proto::replay::length_m;
+use proto::reward::RewardParts;
+use proto::step::{Current, Transition, transition_flag};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// What is told. At an episode's start nothing was done, so flags are false and the parts of the reward 0.
+#[derive(Debug, Clone, Copy)]
+pub struct Facts {
+    state_hash: u64,
+    episode: i64,
+    step: i64,
+    target: i64,
+    flags: u32,
+    parts: RewardParts,
+    disturbance_m: f32,
+    peak_disturbance_m: f32,
+    farthest_m: f32,
+    disturbed_objects: i64,
+    ever_disturbed_objects: i64,
+    wrist_object_m: f32,
+    object_goal_m: f32,
+}
+
+impl Facts {
+    /// Of the moment that `transition` led to; of an episode's start if there was none.
+    pub fn of(transition: Option<&Transition>, current: &Current) -> Self {
+        let done = transition.copied().unwrap_or_default();
+        Self {
+            state_hash: current.state_hash,
+            episode: i64::from(current.episode),
+            step: i64::from(current.step),
+            target: i64::from(current.target),
+            flags: done.flags,
+            parts: done.reward,
+            disturbance_m: done.disturbance_m,
+            peak_disturbance_m: done.peak_disturbance_m,
+            farthest_m: done.farthest_m,
+            disturbed_objects: i64::from(done.disturbed_objects),
+            ever_disturbed_objects: i64::from(done.ever_disturbed_objects),
+            wrist_object_m: length_m(current.wrist_to_object_m),
+            object_goal_m: length_m(current.object_to_goal_m),
+        }
+    }
+
+    /// Whether one of these flags is set.
+    pub fn is(&self, flag: u32) -> bool {
+        self.flags & flag != 0
+    }
+
+    /// The parts of the reward.
+    pub fn parts(&self) -> RewardParts {
+        self.parts
+    }
+}
+
+/// A dictionary of arrays \[environments\] by name, as `stillroom.types` describes it.
+pub fn table<'py>(py: Python<'py>, rows: &[Facts]) -> PyResult<Bound<'py, PyDict>> {
+    let table = PyDict::new(py);
+    table.set_item("state_hash", column(py, rows, |facts| facts.state_hash))?;
+    for (name, figure) in [
+        ("episode", (|facts| facts.episode) as fn(&Facts) -> i64),
+        ("step", |facts| facts.step),
+        ("target", |facts| facts.target),
+        ("disturbed_objects", |facts| facts.disturbed_objects),
+        ("ever_disturbed_objects", |facts| facts.ever_disturbed_objects),
+    ] {
+        table.set_item(name, column(py, rows, figure))?;
+    }
+    for (name, flag) in [
+        ("success", transition_flag::SUCCESS),
+        ("picked_up", transition_flag::PICKED_UP),
+        ("holding", transition_flag::HOLDING),
+        ("action_failed", transition_flag::ACTION_FAILED),
+    ] {
+        table.set_item(name, column(py, rows, |facts| facts.is(flag)))?;
+    }
+    for (name, figure) in [
+        ("disturbance_m", (|facts| facts.disturbance_m) as fn(&Facts) -> f32),
+        ("peak_disturbance_m", |facts| facts.peak_disturbance_m),
+        ("farthest_m", |facts| facts.farthest_m),
+        ("wrist_object_m", |facts| facts.wrist_object_m),
+        ("object_goal_m", |facts| facts.object_goal_m),
+    ] {
+        table.set_item(name, column(py, rows, figure))?;
+    }
+    let parts = PyDict::new(py);
+    for (name, part) in [
+        ("wrist_object_progress_m", (|parts| parts.wrist_object_progress_m) as fn(&RewardParts) -> f32),
+        ("object_goal_progress_m", |parts| parts.object_goal_progress_m),
+        ("disturbance_progress_m", |parts| parts.disturbance_progress_m),
+        ("failed_action", |parts| parts.failed_action),
+        ("picked_up", |parts| parts.picked_up),
+        ("goal_success", |parts| parts.goal_success),
+    ] {
+        parts.set_item(name, column(py, rows, |facts| part(&facts.parts)))?;
+    }
+    table.set_item("reward_parts", parts)?;
+    Ok(table)
+}
+
+/// One figure of each row.
+pub fn column<'py, T: numpy::Element, R>(
+    py: Python<'py>,
+    rows: &[R],
+    figure: impl Fn(&R) -> T,
+) -> Bound<'py, PyArray1<T>> {
+    PyArray1::from_iter(py, rows.iter().map(figure))
+}
+
+/// Rows of three numbers into an array that stays where it is.
+pub fn put_vectors(array: &Bound<'_, PyArray2<f32>>, rows: &[[f32; 3]]) -> PyResult<()> {
+    array.try_readwrite()?.as_slice_mut()?.copy_from_slice(rows.as_flattened());
+    Ok(())
+}

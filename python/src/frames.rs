@@ -1,0 +1,92 @@
+//! Depth frames of all environments in one array of numpy, in either of two units.
+
+use numpy::{PyArray3, PyArrayMethods, PyReadwriteArray3};
+use pyo3::prelude::*;
+use simulator::depth::DepthCamera;
+use simulator::environment::Environment;
+
+/// The frames' array: environments, rows, columns.
+pub enum Frames {
+    /// 16-bit millimetres, 0 where nothing is seen.
+    Millimetres(Py<PyArray3<u16>>),
+    /// Metres, 0 where nothing is seen.
+    Metres(Py<PyArray3<f32>>),
+}
+
+/// The frames' array while it is written.
+pub enum Writing<'py> {
+    /// In millimetres.
+    Millimetres(PyReadwriteArray3<'py, u16>),
+    /// In metres.
+    Metres(PyReadwriteArray3<'py, f32>),
+}
+
+/// One environment's frame in the array.
+pub enum Frame<'a> {
+    /// In millimetres.
+    Millimetres(&'a mut [u16]),
+    /// In metres.
+    Metres(&'a mut [f32]),
+}
+
+impl Frames {
+    /// An array of zeros.
+    pub fn new(py: Python<'_>, count: usize, side: usize, in_metres: bool) -> Self {
+        let shape = [count, side, side];
+        if in_metres {
+            Self::Metres(PyArray3::zeros(py, shape, false).unbind())
+        } else {
+            Self::Millimetres(PyArray3::zeros(py, shape, false).unbind())
+        }
+    }
+
+    /// The array as Python sees it.
+    pub fn array(&self, py: Python<'_>) -> Py<PyAny> {
+        match self {
+            Self::Millimetres(array) => array.clone_ref(py).into_any(),
+            Self::Metres(array) => array.clone_ref(py).into_any(),
+        }
+    }
+
+    /// The array to be written by Rust.
+    pub fn write<'py>(&self, py: Python<'py>) -> PyResult<Writing<'py>> {
+        Ok(match self {
+            Self::Millimetres(array) => Writing::Millimetres(array.bind(py).try_readwrite()?),
+            Self::Metres(array) => Writing::Metres(array.bind(py).try_readwrite()?),
+        })
+    }
+}
+
+impl Writing<'_> {
+    /// A frame for each environment, in order.
+    pub fn frames(&mut self, pixels: usize) -> PyResult<Vec<Frame<'_>>> {
+        Ok(match self {
+            Self::Millimetres(array) => {
+                array.as_slice_mut()?.chunks_exact_mut(pixels).map(Frame::Millimetres).collect()
+            }
+            Self::Metres(array) => array.as_slice_mut()?.chunks_exact_mut(pixels).map(Frame::Metres).collect(),
+        })
+    }
+}
+
+impl Frame<'_> {
+    /// Renders what the environment's head camera sees. `scratch` is memory that is used in passing.
+    pub fn take(
+        &mut self,
+        environment: &mut Environment,
+        camera: &mut DepthCamera,
+        side: usize,
+        scratch: &mut Vec<u16>,
+    ) {
+        match self {
+            Frame::Millimetres(depth_mm) => environment.look(camera, side, depth_mm),
+            Frame::Metres(depth_m) => {
+                scratch.resize(side * side, 0);
+                environment.look(camera, side, scratch);
+                for (metres, &millimetres) in depth_m.iter_mut().zip(scratch.iter()) {
+                    *metres = f32::from(millimetres) / 1000.0;
+                }
+            }
+        }
+    }
+}

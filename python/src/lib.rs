@@ -1,0 +1,70 @@
+//! The simulator as a Python module, `stillroom._stillroom`: what the package `stillroom` is made of.
+//!
+//! ```text
+//! settings   arguments from Python as a configuration
+//! room       a kitchen that environments share
+//! place      one environment with its episode and its oracle; knows no Python
+//! facts      what is told of a step beside the observation
+//! frames     depth frames in arrays of numpy
+//! snapshot   a moment to which an environment can return
+//! state      everything about a moment, for users who may know it
+//! batch      many environments, stepped by threads while Python's lock is free
+//! ```
+
+mod batch;
+mod facts;
+mod frames;
+mod place;
+mod room;
+mod settings;
+mod snapshot;
+mod state;
+
+use proto::action::Action;
+use proto::kitchen::{KitchenId, Split, TargetCategory};
+use pyo3::exceptions::{PyImportError, PyValueError};
+use pyo3::prelude::*;
+
+/// What Python gets of an error that the user can mend.
+fn value_error(error: impl std::error::Error) -> PyErr {
+    let mut text = error.to_string();
+    let mut source = error.source();
+    while let Some(cause) = source {
+        text = format!("{text}: {cause}");
+        source = cause.source();
+    }
+    PyValueError::new_err(text)
+}
+
+/// Numbers of the built-in kitchens of a split: `train`, `validation` or `test`.
+#[pyfunction]
+fn kitchens(split: &str) -> PyResult<Vec<u8>> {
+    let split = match split {
+        "train" => Split::Train,
+        "validation" => Split::Validation,
+        "test" => Split::Test,
+        _ => return Err(PyValueError::new_err(format!("`{split}` is none of train, validation, test"))),
+    };
+    Ok(KitchenId::of_split(split).into_iter().map(KitchenId::number).collect())
+}
+
+#[pymodule]
+fn _stillroom(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    // Before anything is computed: all of it is compiled for AVX2.
+    #[cfg(target_arch = "x86_64")]
+    if !std::arch::is_x86_feature_detected!("avx2") {
+        return Err(PyImportError::new_err(
+            "stillroom needs a processor with AVX2 (2015 or later); in a virtual machine, let the guest see the host's \
+             processor",
+        ));
+    }
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("ACTIONS", Action::ALL.map(Action::name).to_vec())?;
+    module.add("TARGETS", TargetCategory::ALL.map(TargetCategory::name).to_vec())?;
+    module.add("FRAME_SIDE", proto::camera::FRAME_SIDE)?;
+    module.add_function(wrap_pyfunction!(kitchens, module)?)?;
+    module.add_class::<settings::Settings>()?;
+    module.add_class::<room::Kitchen>()?;
+    module.add_class::<snapshot::Snapshot>()?;
+    module.add_class::<batch::Batch>()
+}

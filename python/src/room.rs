@@ -1,0 +1,146 @@
+//! A kitchen that environments share: built once while somebody uses it.
+
+use crate::value_error;
+use proto::config::SimulationConfig;
+use proto::kitchen::KitchenId;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde::{Deserialize, Serialize};
+use simulator::episode::Episode;
+use simulator::episodes::{self, EpisodesError};
+use simulator::scene_file;
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
+
+/// Where a kitchen comes from.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Origin {
+    /// The generator.
+    BuiltIn(u8),
+    /// A user's scene, and its place in the list of a run's scenes.
+    Scene {
+        /// Its TOML file.
+        path: PathBuf,
+        /// Its place.
+        index: usize,
+    },
+}
+
+/// A kitchen, where it comes from, and its fixed episodes.
+#[derive(Debug)]
+pub struct Room {
+    /// The kitchen.
+    pub kitchen: Arc<simulator::kitchen::Kitchen>,
+    /// Where it comes from.
+    pub origin: Origin,
+    fixed: OnceLock<Result<Vec<Episode>, EpisodesError>>,
+}
+
+/// What tells kitchens apart: origin, and how their physics steps (the time of a sub-step as bits, and how many).
+type Identity = (Origin, u32, u32);
+
+impl Room {
+    /// The kitchen of this origin: the one that is in use, or built anew.
+    pub fn of(origin: Origin, simulation: SimulationConfig) -> PyResult<Arc<Self>> {
+        static IN_USE: Mutex<Option<HashMap<Identity, Weak<Room>>>> = Mutex::new(None);
+        let identity = (origin.clone(), simulation.timestep_s.to_bits(), simulation.substeps);
+        // A scene may have been edited since: it is read again.
+        let shared = matches!(origin, Origin::BuiltIn(_));
+        if shared {
+            let in_use = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(room) = in_use.as_ref().and_then(|rooms| rooms.get(&identity)).and_then(Weak::upgrade) {
+                return Ok(room);
+            }
+        }
+        let room = Arc::new(Self::build(origin, simulation)?);
+        if shared {
+            let mut in_use = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
+            in_use.get_or_insert_default().insert(identity, Arc::downgrade(&room));
+        }
+        Ok(room)
+    }
+
+    fn build(origin: Origin, simulation: SimulationConfig) -> PyResult<Self> {
+        let kitchen = match &origin {
+            Origin::BuiltIn(number) => {
+                let id = KitchenId::built_in(*number).map_err(value_error)?;
+                simulator::kitchen::Kitchen::build(id, &simulation).map_err(value_error)?
+            }
+            Origin::Scene { path, index } => {
+                let id = KitchenId::scene(*index);
+                let id = id.ok_or_else(|| PyValueError::new_err("there are more scenes than 128"))?;
+                scene_file::load(path, id, &simulation).map_err(value_error)?
+            }
+        };
+        Ok(Self { kitchen: Arc::new(kitchen), origin, fixed: OnceLock::new() })
+    }
+
+    /// The fixed episodes.
+    pub fn fixed(&self) -> Result<&[Episode], EpisodesError> {
+        self.fixed.get_or_init(|| episodes::fixed(&self.kitchen)).as_deref().map_err(Clone::clone)
+    }
+
+    /// The objects that can be moved, in the order of all that is said of them.
+    pub fn objects(&self) -> Vec<String> {
+        let bodies = &self.kitchen.bodies()[self.kitchen.movable_bodies()];
+        bodies.iter().map(|body| body.name.clone()).collect()
+    }
+}
+
+/// A kitchen, built or read. Environments in the same one share it.
+#[pyclass(frozen, from_py_object, module = "stillroom._stillroom")]
+#[derive(Debug, Clone)]
+pub struct Kitchen {
+    /// What is shared.
+    pub room: Arc<Room>,
+}
+
+#[pymethods]
+impl Kitchen {
+    /// Kitchen `number`, or the scene in the TOML file `scene`, as number `scene_index` of several.
+    #[new]
+    #[pyo3(signature = (number=None, *, scene=None, scene_index=0))]
+    fn new(py: Python<'_>, number: Option<u8>, scene: Option<PathBuf>, scene_index: usize) -> PyResult<Self> {
+        let origin = match (number, scene) {
+            (Some(number), None) => Origin::BuiltIn(number),
+            (None, Some(path)) => Origin::Scene { path: std::path::absolute(path)?, index: scene_index },
+            _ => return Err(PyValueError::new_err("give either the number of a kitchen or the path of a scene")),
+        };
+        let room = py.detach(|| Room::of(origin, SimulationConfig::default()))?;
+        Ok(Self { room })
+    }
+
+    /// Number of a built-in kitchen, or 128 and up for scenes.
+    #[getter]
+    fn number(&self) -> u8 {
+        self.room.kitchen.id().number()
+    }
+
+    /// Names of the movable objects, in the order of every array about objects.
+    #[getter]
+    fn objects(&self) -> Vec<String> {
+        self.room.objects()
+    }
+
+    /// Masses of the movable objects, kilograms.
+    #[getter]
+    fn masses_kg(&self) -> Vec<f32> {
+        let kitchen = &self.room.kitchen;
+        kitchen.movable_bodies().map(|body| kitchen.matter(body).map_or(0.0, |matter| matter.mass_kg)).collect()
+    }
+
+    /// Number of fixed episodes: 720 in validation and test kitchens, 0 in others.
+    #[getter]
+    fn fixed_episodes(&self) -> usize {
+        self.room.fixed().map_or(0, <[Episode]>::len)
+    }
+
+    fn __repr__(&self) -> String {
+        match &self.room.origin {
+            Origin::BuiltIn(number) => format!("Kitchen({number})"),
+            Origin::Scene { path, .. } => format!("Kitchen(scene={:?})", path.display().to_string()),
+        }
+    }
+}
