@@ -13,4 +13,5 @@ pub mod parallel;
 pub mod picture;
 pub mod process;
 pub mod replay;
+pub mod show;
 pub mod soak;

@@ -2,7 +2,7 @@
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 use anyhow::{Context, Result};
-use std::io::BufWriter;
+use std::io::{BufWriter, Write};
 use std::path::Path;
 
 /// 24-bit sRGB.
@@ -76,17 +76,28 @@ impl Canvas {
         at
     }
 
-    /// The picture as a PNG file, 8 bits a channel.
+    /// The picture as a PNG file, 8 bits a channel, as small as it gets.
     pub(crate) fn write_png(&self, path: &Path) -> Result<()> {
         let problem = || format!("cannot write {}", path.display());
         let file = std::fs::File::create(path).with_context(problem)?;
-        let mut encoder = png::Encoder::new(BufWriter::new(file), self.width as u32, self.height as u32);
+        self.encode(BufWriter::new(file), png::Compression::High).with_context(problem)
+    }
+
+    /// The same in memory, as fast as it gets.
+    pub(crate) fn png(&self) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        self.encode(&mut bytes, png::Compression::Fast)?;
+        Ok(bytes)
+    }
+
+    fn encode(&self, to: impl Write, compression: png::Compression) -> Result<()> {
+        let mut encoder = png::Encoder::new(to, self.width as u32, self.height as u32);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_compression(png::Compression::High);
-        let mut writer = encoder.write_header().with_context(problem)?;
-        writer.write_image_data(self.pixels.as_flattened()).with_context(problem)?;
-        writer.finish().with_context(problem)
+        encoder.set_compression(compression);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(self.pixels.as_flattened())?;
+        Ok(writer.finish()?)
     }
 }
 
