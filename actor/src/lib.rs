@@ -13,4 +13,5 @@ pub mod parallel;
 pub mod process;
 pub mod replay;
 pub mod sheet;
+pub mod show;
 pub mod soak;

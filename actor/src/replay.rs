@@ -4,7 +4,7 @@
 //! is needed to simulate it. All that was recorded of it is compared on the way: state hashes, the goal vector before
 //! each action, outcomes, rewards, disturbance and distances.
 
-mod film;
+pub(crate) mod film;
 mod picture;
 
 use crate::process::whereabouts;

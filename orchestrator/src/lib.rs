@@ -16,6 +16,7 @@ mod suite;
 mod supervisor;
 mod training;
 mod tuning;
+mod viewing;
 
 pub use recording::recorder::{Gap, Ledger, Tally, Verdict};
 pub use supervisor::clock::Clock;
@@ -52,6 +53,8 @@ enum Command {
     Resume(command::resume::ResumeArgs),
     Stop(command::stop::StopArgs),
     Status(command::status::StatusArgs),
+    List(command::list::ListArgs),
+    View(command::view::ViewArgs),
     Eval(command::eval::EvalArgs),
     Report(command::report::ReportArgs),
     Suite(command::suite::SuiteArgs),
@@ -79,6 +82,8 @@ pub fn main() -> ExitCode {
         Command::Resume(args) => command::resume::run(args),
         Command::Stop(args) => command::stop::run(args).map(done),
         Command::Status(args) => command::status::run(args).map(done),
+        Command::List(args) => command::list::run(args).map(done),
+        Command::View(args) => command::view::run(args).map(done),
         Command::Eval(args) => command::eval::run(args),
         Command::Report(args) => command::report::run(args).map(done),
         Command::Suite(args) => command::suite::run(args),

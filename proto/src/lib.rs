@@ -36,6 +36,7 @@ pub mod reward;
 pub mod run_folder;
 pub mod run_state;
 pub mod shares;
+pub mod show;
 pub mod stage;
 pub mod step;
 pub mod trained;

@@ -53,4 +53,5 @@ mod styled_group;
 
 pub use chart::{Figure, PngError};
 pub use figures::{Sweep, SweepPoint};
+pub use method::level_of;
 pub use report::{FigureSet, GroupReport, IntervalMethod, Made, Options, Report, RunReport};

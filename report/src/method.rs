@@ -64,7 +64,19 @@ pub fn rows_beside(group: &Group<'_>) -> BTreeSet<&'static str> {
     if group.untrained() || group.unknown() || group.continued() {
         return BTreeSet::new();
     }
-    let ours = &group.runs[0].config;
+    rows_of_method(&group.runs[0].config)
+}
+
+/// SR and `SRwoD` on the test kitchens with novel targets of the paper's row that has a configuration's method, if there
+/// is one; shares 0..=1.
+pub fn level_of(config: &Config) -> Option<[f64; 2]> {
+    let rows = rows_of_method(config);
+    let (_, level) = rows_of(TEST_NOVEL).into_iter().find(|(preset, _)| rows.contains(preset.as_str()))?;
+    Some([level.success, level.success_without_disturbance])
+}
+
+/// Names of the paper's rows of a configuration's method: see [`rows_beside`].
+fn rows_of_method(ours: &Config) -> BTreeSet<&'static str> {
     let distance = |row: &Config| {
         let advantages = row.ppo.normalize_advantages != ours.ppo.normalize_advantages;
         (advantages, total_frames(&row.stages).abs_diff(total_frames(&ours.stages)))

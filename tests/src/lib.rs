@@ -3,9 +3,13 @@
 //! The binaries are those that `cargo build` of the same profile put beside the test executable; `make test` builds
 //! them first.
 
+mod browser;
 mod recorded;
+mod viewer;
 
+pub use browser::Browser;
 pub use recorded::RecordedSteps;
+pub use viewer::{Answer, Viewer};
 
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;

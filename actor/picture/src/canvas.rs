@@ -1,7 +1,7 @@
 //! A picture in memory: text, rectangles, other pictures, PNG.
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
-use std::io::BufWriter;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 /// 24-bit sRGB.
@@ -83,17 +83,25 @@ impl Canvas {
         at
     }
 
-    /// The picture as a PNG file, 8 bits a channel.
+    /// The picture as a PNG file, 8 bits a channel, as small as it gets.
     pub fn write_png(&self, path: &Path) -> Result<(), PictureError> {
-        self.encode_png(path).map_err(|source| PictureError { path: path.to_owned(), source })
+        let file = std::fs::File::create(path).map_err(png::EncodingError::from);
+        file.and_then(|file| self.encode(BufWriter::new(file), png::Compression::High))
+            .map_err(|source| PictureError { path: path.to_owned(), source })
     }
 
-    fn encode_png(&self, path: &Path) -> Result<(), png::EncodingError> {
-        let file = std::fs::File::create(path)?;
-        let mut encoder = png::Encoder::new(BufWriter::new(file), self.width as u32, self.height as u32);
+    /// The same in memory, as fast as it gets.
+    pub fn png(&self) -> Result<Vec<u8>, png::EncodingError> {
+        let mut bytes = Vec::new();
+        self.encode(&mut bytes, png::Compression::Fast)?;
+        Ok(bytes)
+    }
+
+    fn encode(&self, to: impl Write, compression: png::Compression) -> Result<(), png::EncodingError> {
+        let mut encoder = png::Encoder::new(to, self.width as u32, self.height as u32);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_compression(png::Compression::High);
+        encoder.set_compression(compression);
         let mut writer = encoder.write_header()?;
         writer.write_image_data(self.pixels.as_flattened())?;
         writer.finish()

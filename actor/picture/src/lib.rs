@@ -11,17 +11,23 @@
 //! canvas   a picture in memory: text, rectangles, PNG
 //! outside  from where an episode is seen best
 //! marks    lines over a picture: ring about the target, box about the goal
+//! moment   a moment of an episode: where everything is, what happens
+//! depth_view   what the robot's depth camera sees
 //! storyboard   a moment of an episode: depth, the room from outside, words
+//! scene    an episode from any camera: what was displaced, with a ghost where it stood
 //! ```
 //!
 //! None of this is part of the simulator: nothing here is fed back, and nothing but the poses comes from it.
 
 mod camera;
 mod canvas;
+mod depth_view;
 mod marks;
 mod model;
+mod moment;
 mod outside;
 pub mod palette;
+mod scene;
 mod shade;
 mod sky;
 mod storyboard;
@@ -29,5 +35,8 @@ mod view;
 mod visible;
 
 pub use canvas::{Canvas, PictureError, Rgb};
-pub use storyboard::{Moment, Storyboard, Task, Words};
+pub use moment::{Moment, Task, Words};
+pub use outside::Orbit;
+pub use scene::Scene;
+pub use storyboard::Storyboard;
 pub use view::Views;

@@ -1,5 +1,6 @@
 //! A kitchen as coloured triangles.
 
+use super::canvas::Rgb;
 use super::palette;
 use rapier3d::math::{Pose3, Vec3};
 use simulator::kitchen::{BodyRole, Kitchen};
@@ -24,9 +25,9 @@ pub struct Model {
     /// All triangles.
     pub triangles: Vec<Triangle>,
     /// sRGB colour of each body.
-    pub colours: Vec<[u8; 3]>,
+    pub colours: Vec<Rgb>,
     /// sRGB colour of each body where a section cuts it.
-    pub sections: Vec<[u8; 3]>,
+    pub sections: Vec<Rgb>,
     /// Whether each body is a movable thing.
     pub movable: Vec<bool>,
 }
@@ -56,15 +57,15 @@ impl Model {
         model
     }
 
-    /// Adds the kitchen's movable things in these poses; the target, by its place among them, has a colour of its own.
-    /// Returns the target's number among the bodies.
-    pub fn add_things(&mut self, kitchen: &Kitchen, poses: &[Pose3], target: usize, colour: [u8; 3]) -> u32 {
-        let first = self.colours.len();
+    /// Adds the kitchen's movable things in these poses; `colour`: of a thing by its place among them, if it is not to
+    /// have its own. Returns the first one's number among the bodies.
+    pub fn add_things(&mut self, kitchen: &Kitchen, poses: &[Pose3], colour: impl Fn(usize) -> Option<Rgb>) -> u32 {
+        let first = self.colours.len() as u32;
         for (index, (body, pose)) in kitchen.bodies()[kitchen.movable_bodies()].iter().zip(poses).enumerate() {
-            let colour = if index == target { colour } else { palette::colour(&body.category) };
+            let colour = colour(index).unwrap_or_else(|| palette::colour(&body.category));
             self.add(&body.shape, pose, colour, true);
         }
-        (first + target) as u32
+        first
     }
 
     /// Adds the robot's arm in these poses, with the body or without: the head camera sits inside it.
@@ -77,7 +78,7 @@ impl Model {
     }
 
     /// Adds a body.
-    pub fn add(&mut self, shape: &Shape, world_from_body: &Pose3, colour: [u8; 3], movable: bool) {
+    pub fn add(&mut self, shape: &Shape, world_from_body: &Pose3, colour: Rgb, movable: bool) {
         let body = self.colours.len() as u32;
         self.colours.push(colour);
         self.sections.push(palette::SECTION);

@@ -23,35 +23,49 @@ const TRIAL_SIDE: usize = 160;
 /// A point counts as seen through what is less than this before it, metres: what it stands on or in.
 const SLACK_M: f32 = 0.1;
 
-/// The camera from which most of the points are seen, each with its weight. What stands between it and the scene is cut
-/// away.
-pub fn camera(model: &Model, points: &[(Vec3, f32)]) -> Camera {
+/// Looks at a ball from outside and sees all of it; what stands between is cut away.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Orbit {
+    /// Middle of the ball, metres.
+    pub centre: Vec3,
+    /// Its radius, metres.
+    pub radius_m: f32,
+    /// Direction of the look, radians about the vertical.
+    pub yaw_rad: f32,
+    /// How far it looks down, radians.
+    pub pitch_rad: f32,
+}
+
+impl Orbit {
+    /// The camera there.
+    pub fn camera(&self) -> Camera {
+        let rotation = rotation_y(self.yaw_rad) * rotation_x(self.pitch_rad);
+        let distance_m = self.radius_m * (1.0 + TAN_HALF_WIDTH * TAN_HALF_WIDTH).sqrt() / TAN_HALF_WIDTH;
+        let pose = Pose3::from_parts(self.centre - rotation * Vec3::Z * distance_m, rotation);
+        Camera::new(pose, Projection::Central { tan_half_width: TAN_HALF_WIDTH }, distance_m - self.radius_m)
+    }
+}
+
+/// From where most of the points are seen, each with its weight.
+pub fn best(model: &Model, points: &[(Vec3, f32)]) -> Orbit {
     let (low, high) = points.iter().fold((Vec3::splat(f32::MAX), Vec3::splat(f32::MIN)), |(low, high), (point, _)| {
         (low.min(*point), high.max(*point))
     });
     let centre = 0.5 * (low + high);
     let radius_m = (0.5 * (high - low).length() + MARGIN_M).max(RADIUS_LEAST_M);
     let total: f32 = points.iter().map(|(_, weight)| weight).sum();
-    let mut best: Option<(f32, Camera)> = None;
+    let mut best: Option<(f32, Orbit)> = None;
     for (rank, pitch_rad) in PITCHES.into_iter().enumerate() {
         for direction in 0..DIRECTIONS {
             let yaw_rad = TAU * direction as f32 / DIRECTIONS as f32;
-            let camera = looking_at(centre, radius_m, yaw_rad, pitch_rad);
-            let score = seen(model, &camera, points) / total - PREFERENCE * rank as f32;
+            let orbit = Orbit { centre, radius_m, yaw_rad, pitch_rad };
+            let score = seen(model, &orbit.camera(), points) / total - PREFERENCE * rank as f32;
             if best.as_ref().is_none_or(|(highest, _)| score > *highest) {
-                best = Some((score, camera));
+                best = Some((score, orbit));
             }
         }
     }
     best.expect("there are directions").1
-}
-
-/// A camera that looks down at a ball and sees all of it.
-fn looking_at(centre: Vec3, radius_m: f32, yaw_rad: f32, pitch_rad: f32) -> Camera {
-    let rotation = rotation_y(yaw_rad) * rotation_x(pitch_rad);
-    let distance_m = radius_m * (1.0 + TAN_HALF_WIDTH * TAN_HALF_WIDTH).sqrt() / TAN_HALF_WIDTH;
-    let pose = Pose3::from_parts(centre - rotation * Vec3::Z * distance_m, rotation);
-    Camera::new(pose, Projection::Central { tan_half_width: TAN_HALF_WIDTH }, distance_m - radius_m)
 }
 
 /// Weight of the points that are seen.
@@ -83,7 +97,7 @@ mod tests {
             model.add(&block(0.5, 1.0, 0.05), &Pose3::translation(0.0, 1.0, z), [255; 3], false);
         }
         let points = [(Vec3::new(0.0, 0.2, 0.0), 1.0), (Vec3::new(0.05, 0.3, 0.0), 1.0)];
-        let camera = camera(&model, &points);
+        let camera = best(&model, &points).camera();
         let eye = camera.camera_from_world.inverse().translation;
         assert!(eye.x > eye.z.abs() && eye.y > 0.5, "looks from {eye}");
         assert!((seen(&model, &camera, &points) - 2.0).abs() < 1e-6);

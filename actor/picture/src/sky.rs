@@ -7,6 +7,7 @@ use super::camera::{Camera, Projection};
 use super::model::Model;
 use super::visible::Visible;
 use rapier3d::math::{Pose3, Rot3, Vec3};
+use std::borrow::Borrow;
 use std::f32::consts::PI;
 
 /// Lamps on the dome.
@@ -32,39 +33,68 @@ pub struct Lit {
 /// Light that falls onto each point: 1 for a floor under the open dome. Lamp after lamp, so that only one lamp's
 /// picture is held at a time.
 pub fn light(model: &Model, points: &[Lit]) -> Vec<f32> {
-    let (low, high) = model.bounds();
-    let (centre, radius) = (0.5 * (low + high), 0.5 * (high - low).length());
+    shine((0..LAMPS).map(|index| Lamp::hung(model, index, LAMPS)), points)
+}
+
+/// Fewer lamps whose pictures are kept, for many pictures of one scene.
+pub struct Dome(Vec<Lamp>);
+
+impl Dome {
+    /// Over this scene, with so many lamps.
+    pub fn over(model: &Model, lamps: usize) -> Self {
+        Self((0..lamps).map(|index| Lamp::hung(model, index, lamps)).collect())
+    }
+
+    /// As [`light`].
+    pub fn light(&self, points: &[Lit]) -> Vec<f32> {
+        shine(self.0.iter(), points)
+    }
+}
+
+fn shine(lamps: impl Iterator<Item = impl Borrow<Lamp>>, points: &[Lit]) -> Vec<f32> {
     let mut sums = vec![0.0_f32; points.len()];
     let mut full = 0.0;
-    for index in 0..LAMPS {
-        // A spiral with equal steps in height is uniform over the sphere (Archimedes), and the golden angle keeps
-        // its turns apart.
-        let up = LOWEST + (1.0 - LOWEST) * (index as f32 + 0.5) / LAMPS as f32;
-        let (sin, cos) = libm::sincosf(PI * (3.0 - 5.0_f32.sqrt()) * index as f32);
-        let flat = (1.0 - up * up).sqrt();
-        let towards = Vec3::new(flat * cos, up, flat * sin);
-        let rotation = Rot3::from_rotation_arc(Vec3::Z, -towards);
-        let pose = Pose3::from_parts(centre + towards * (radius + 0.1), rotation);
-        let camera = Camera::new(pose, Projection::Parallel { half_width_m: radius }, 0.0);
-        let lamp = Lamp { visible: Visible::draw(&camera, SIDE, SIDE, (0..).zip(model.corners())), camera };
+    for lamp in lamps {
+        let lamp = lamp.borrow();
         for (sum, lit) in sums.iter_mut().zip(points) {
-            let slant = lit.normal.dot(towards);
+            let slant = lit.normal.dot(lamp.towards);
             if slant > 0.0 {
                 *sum += slant * lamp.reaches(lit.point + lit.normal * LIFT_M);
             }
         }
-        full += up;
+        full += lamp.up;
     }
     sums.iter().map(|sum| sum / full).collect()
 }
 
 /// One lamp and what it reaches.
 struct Lamp {
+    /// Where it hangs, seen from below; its height there.
+    towards: Vec3,
+    up: f32,
     camera: Camera,
-    visible: Visible,
+    /// Nearness of what it reaches (see [`Visible`]).
+    nearness: Vec<f32>,
 }
 
 impl Lamp {
+    /// Number `index` of `count` lamps over the scene.
+    fn hung(model: &Model, index: usize, count: usize) -> Self {
+        let (low, high) = model.bounds();
+        let (centre, radius) = (0.5 * (low + high), 0.5 * (high - low).length());
+        // A spiral with equal steps in height is uniform over the sphere (Archimedes), and the golden angle keeps
+        // its turns apart.
+        let up = LOWEST + (1.0 - LOWEST) * (index as f32 + 0.5) / count as f32;
+        let (sin, cos) = libm::sincosf(PI * (3.0 - 5.0_f32.sqrt()) * index as f32);
+        let flat = (1.0 - up * up).sqrt();
+        let towards = Vec3::new(flat * cos, up, flat * sin);
+        let rotation = Rot3::from_rotation_arc(Vec3::Z, -towards);
+        let pose = Pose3::from_parts(centre + towards * (radius + 0.1), rotation);
+        let camera = Camera::new(pose, Projection::Parallel { half_width_m: radius }, 0.0);
+        let nearness = Visible::draw(&camera, SIDE, SIDE, (0..).zip(model.corners())).nearness;
+        Self { towards, up, camera, nearness }
+    }
+
     /// Share of the four pixels about a point that the lamp sees through to it, weighted by nearness in the picture.
     fn reaches(&self, point: Vec3) -> f32 {
         let pixel = self.camera.project(self.camera.camera_from_world * point, SIDE, SIDE);
@@ -73,7 +103,7 @@ impl Lamp {
         let (column, row) = (x as usize, y as usize);
         let (along, down) = (x - column as f32, y - row as f32);
         let at = row * SIDE + column;
-        let seen = |index: usize| f32::from(u8::from(self.visible.nearness[index] <= pixel.nearness + SLACK_M));
+        let seen = |index: usize| f32::from(u8::from(self.nearness[index] <= pixel.nearness + SLACK_M));
         let above = seen(at) * (1.0 - along) + seen(at + 1) * along;
         let below = seen(at + SIDE) * (1.0 - along) + seen(at + SIDE + 1) * along;
         above * (1.0 - down) + below * down

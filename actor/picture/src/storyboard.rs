@@ -1,103 +1,24 @@
 //! An episode in pictures: what the robot's depth camera sees, the room from outside, and what happens in words.
 
-use super::camera::{Camera, Projection};
-use super::canvas::{Canvas, Rgb, mix};
-use super::marks::{GOAL, Marks, TARGET};
+use super::camera::Camera;
+use super::canvas::{Canvas, Rgb};
+use super::depth_view::{depth_view, mark};
+use super::marks::{GOAL, TARGET};
 use super::model::Model;
+use super::moment::{Moment, Task, Words, points};
 use super::outside;
 use super::shade::Exposure;
 use super::sky::{self, Lit};
-use super::visible::{NOTHING, Visible};
-use proto::action::Action;
-use proto::step::{Transition, transition_flag};
-use rapier3d::math::{Pose3, Vec3};
-use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
-use simulator::environment::Environment;
-use simulator::episode::GOAL_TOLERANCE_M;
 use simulator::kitchen::Kitchen;
-use simulator::robot::links::PartPoses;
 use std::sync::Arc;
 
-const PAPER: Rgb = [250, 250, 248];
+pub const PAPER: Rgb = [250, 250, 248];
 const INK: Rgb = [34, 38, 44];
 const FAINT: Rgb = [112, 118, 126];
 const GOOD: Rgb = [0, 128, 64];
 const BAD: Rgb = [196, 40, 28];
-/// Depth that is drawn black, millimetres.
-const BLACK_MM: u32 = 5_000;
-/// How much of the target's colour lies over it in the depth picture.
-const TINT: f32 = 0.7;
-/// Radius of the ring about a target at least, metres.
-const RING_M: f32 = 0.09;
 /// Room between the two views, pixels.
 const GAP: usize = 4;
-/// Moments whose places the outside camera is chosen for.
-const SAMPLES: usize = 12;
-
-/// What an episode is about, as far as pictures of it go.
-#[derive(Debug, Clone)]
-pub struct Task {
-    /// Place of the target among the kitchen's movable things.
-    pub target: usize,
-    /// Where it is to be brought, metres.
-    pub goal: Vec3,
-    /// Which episode, and what is to be brought.
-    pub title: String,
-}
-
-/// One moment of an episode.
-#[derive(Debug, Clone)]
-pub struct Moment {
-    /// Poses of the kitchen's movable things.
-    pub things: Vec<Pose3>,
-    /// Poses of the robot's parts.
-    pub robot: PartPoses,
-    /// Pose of the head camera.
-    pub world_from_camera: Pose3,
-    /// What happens.
-    pub words: Words,
-}
-
-impl Moment {
-    /// The moment that an environment is in; `transition`: what led there, none at the start. Its words lack the
-    /// number of the step and the episode's end.
-    pub fn of(environment: &Environment, transition: Option<&Transition>) -> Self {
-        let simulation = environment.simulation();
-        Self {
-            things: simulation.things().poses().to_vec(),
-            robot: *simulation.part_poses(),
-            world_from_camera: environment.world_from_camera(),
-            words: words(environment, transition),
-        }
-    }
-
-    /// Pose of every body that the depth camera sees, in the kitchen's order.
-    pub fn world_from_bodies(&self, kitchen: &Kitchen, out: &mut Vec<Pose3>) {
-        out.clear();
-        out.extend_from_slice(&kitchen.settled_poses()[kitchen.static_bodies()]);
-        out.extend_from_slice(&self.things);
-        // The robot's body is not drawn: the camera sits inside it.
-        out.extend_from_slice(&self.robot[1..]);
-    }
-}
-
-/// What is said below the title.
-#[derive(Debug, Clone, Default)]
-pub struct Words {
-    /// The step, and the action that led here.
-    pub action: String,
-    /// What is to be noted of it: failed, picked up.
-    pub remark: String,
-    /// How far the wrist is from the target, or that it is held.
-    pub target: String,
-    /// How far the target is from the goal.
-    pub goal: String,
-    /// What was disturbed.
-    pub disturbance: String,
-    /// How the episode ended, and whether well; none before its last moment.
-    pub outcome: Option<(String, bool)>,
-}
-
 /// What stays the same in all pictures of an episode.
 pub struct Storyboard {
     kitchen: Arc<Kitchen>,
@@ -117,13 +38,14 @@ impl Storyboard {
     pub fn new(kitchen: Arc<Kitchen>, task: Task, moments: &[Moment], side: usize) -> Self {
         let fixed = Model::fixed_of(&kitchen);
         let mut model = fixed.clone();
-        model.add_things(&kitchen, &moments[0].things, task.target, TARGET);
+        let of_target = |thing: usize| (thing == task.target).then_some(TARGET);
+        model.add_things(&kitchen, &moments[0].things, of_target);
         // Where the robot stands at first and at last it hides things, too.
         let mut with_robot = model.clone();
         for moment in [&moments[0], &moments[moments.len() - 1]] {
             with_robot.add_robot(&moment.robot, true);
         }
-        let outside = outside::camera(&with_robot, &points(&task, moments));
+        let outside = outside::best(&with_robot, &points(&task, moments)).camera();
         let exposure = Exposure::take(&model, &outside, side, side, PAPER);
         let waiting: Vec<Lit> = exposure.waiting().collect();
         let light = sky::light(&model, &waiting);
@@ -146,40 +68,16 @@ impl Storyboard {
         let (width, height) = Self::size(self.side);
         let mut canvas = Canvas::new(width, height, PAPER);
         let mut model = self.fixed.clone();
-        let target = model.add_things(&self.kitchen, &moment.things, self.task.target, TARGET);
+        let of_target = |thing: usize| (thing == self.task.target).then_some(TARGET);
+        let target = model.add_things(&self.kitchen, &moment.things, of_target) + self.task.target as u32;
         let mut seen = model.clone();
         seen.add_robot(&moment.robot, false);
         model.add_robot(&moment.robot, true);
         let top = height - self.side;
-        self.draw_depth(&mut canvas, top, moment, &seen, target, depth_mm);
+        canvas.place(&depth_view(&self.task, moment, (&seen, target), self.side, depth_mm), 0, top);
         self.draw_outside(&mut canvas, top, moment, &model);
         write(&mut canvas, self.side, &self.task.title, &moment.words);
         canvas
-    }
-
-    fn draw_depth(
-        &self,
-        canvas: &mut Canvas,
-        top: usize,
-        moment: &Moment,
-        model: &Model,
-        target: u32,
-        depth_mm: &[u16],
-    ) {
-        let projection = Projection::Central { tan_half_width: TAN_HALF_FIELD_OF_VIEW };
-        let camera = Camera::new(moment.world_from_camera, projection, NEAR_M);
-        let visible = Visible::draw(&camera, self.side, self.side, (0..).zip(model.corners()));
-        for (index, (&depth, &triangle)) in depth_mm.iter().zip(&visible.triangle).enumerate() {
-            let (x, y) = (index % self.side, top + index / self.side);
-            let grey = [brightness(depth); 3];
-            let is_target = triangle != NOTHING && model.triangles[triangle as usize].body == target;
-            canvas.pixels[y * canvas.width + x] = if is_target { mix(grey, TARGET, TINT) } else { grey };
-        }
-        let depth_m = |x: usize, y: usize| match depth_mm[y * self.side + x] {
-            0 => f32::MAX,
-            depth => f32::from(depth) / 1000.0,
-        };
-        self.mark(canvas, (0, top), &camera, moment, depth_m);
     }
 
     fn draw_outside(&self, canvas: &mut Canvas, top: usize, moment: &Moment, model: &Model) {
@@ -187,24 +85,9 @@ impl Storyboard {
         let (before, light) = &self.lit;
         let light: Vec<f32> = exposure.light_as_in(before, light).collect();
         let depths_m = exposure.depths_m();
-        canvas.place(&exposure.develop(&mut light.into_iter()), self.side + GAP, top);
-        self.mark(canvas, (self.side + GAP, top), &self.outside, moment, |x, y| depths_m[y * self.side + x]);
-    }
-
-    fn mark(
-        &self,
-        canvas: &mut Canvas,
-        (x, y): (usize, usize),
-        camera: &Camera,
-        moment: &Moment,
-        depth_m: impl Fn(usize, usize) -> f32,
-    ) {
-        let mut goal = Marks::new(camera, self.side, self.side, &depth_m);
-        goal.cube(self.task.goal, GOAL_TOLERANCE_M);
-        goal.lay(canvas, x, y, GOAL);
-        let mut target = Marks::new(camera, self.side, self.side, &depth_m);
-        target.ring(moment.things[self.task.target].translation, RING_M);
-        target.lay(canvas, x, y, TARGET);
+        let mut picture = exposure.develop(&mut light.into_iter());
+        mark(&mut picture, &self.outside, &self.task, moment, |x, y| depths_m[y * self.side + x]);
+        canvas.place(&picture, self.side + GAP, top);
     }
 }
 
@@ -230,60 +113,15 @@ fn text(side: usize) -> (f32, f32) {
     (text_px, 0.5 * text_px)
 }
 
-/// What the outside view has to show, each point with its weight: start and goal of the target, and everybody's way.
-/// The robot's body is in the picture, but large enough to be seen behind whatever there is.
-fn points(task: &Task, moments: &[Moment]) -> Vec<(Vec3, f32)> {
-    let mut points = vec![(task.goal, 3.0), (moments[0].things[task.target].translation, 3.0)];
-    let step = moments.len().div_ceil(SAMPLES).max(1);
-    // The last moment counts whatever the step.
-    for moment in moments.iter().rev().step_by(step) {
-        let [body, .., hand] = moment.robot.map(|pose| pose.translation);
-        points.extend([(moment.things[task.target].translation, 1.0), (hand, 1.0), (body, 0.0)]);
-    }
-    points
-}
-
-/// Near is bright; nothing, and everything far, is black.
-fn brightness(depth_mm: u16) -> u8 {
-    match u32::from(depth_mm) {
-        0 => 0,
-        depth => (255 * BLACK_MM.saturating_sub(depth) / BLACK_MM) as u8,
-    }
-}
-
-/// Caption of a moment, without its number and the episode's end.
-fn words(environment: &Environment, transition: Option<&Transition>) -> Words {
-    let current = environment.current();
-    let is = |flag: u32| transition.is_some_and(|transition| transition.flags & flag != 0);
-    let action = transition.and_then(|transition| Action::from_index(u8::try_from(transition.action).ok()?));
-    let remark = if is(transition_flag::PICKED_UP) {
-        "picked up"
-    } else if is(transition_flag::ACTION_FAILED) {
-        "failed"
-    } else {
-        ""
-    };
-    let category = environment.episode().category.name();
-    let target = if environment.simulation().holding() {
-        format!("{category} in hand")
-    } else {
-        format!("{category} {:.2} m from the wrist", Vec3::from(current.wrist_to_object_m).length())
-    };
-    Words {
-        action: action.map_or_else(String::new, |action| action.name().to_owned()),
-        remark: remark.to_owned(),
-        target,
-        goal: format!("goal {:.2} m from the {category}", Vec3::from(current.object_to_goal_m).length()),
-        disturbance: format!("disturbance {:.3} m", environment.disturbance_m()),
-        outcome: None,
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::canvas::mix;
+    use super::super::depth_view::{TINT, brightness};
     use super::*;
     use proto::config::SimulationConfig;
     use proto::kitchen::{KitchenId, TargetCategory};
+    use rapier3d::math::{Pose3, Vec3};
+    use simulator::depth::TAN_HALF_FIELD_OF_VIEW;
     use simulator::robot::configuration::Configuration;
     use simulator::robot::links::{part_poses, world_from_camera};
 

@@ -56,12 +56,33 @@ impl Views {
 
 /// Straight down on the whole kitchen.
 fn plan_camera(model: &Model) -> Camera {
-    let (low, high) = model.bounds();
-    let centre = 0.5 * (low + high);
-    let half_width_m = 0.51 * (high - low).x.max((high - low).z);
-    let height_m = high.y + 1.0;
-    let pose = Pose3::from_parts(Vec3::new(centre.x, height_m, centre.z), rotation_x(FRAC_PI_2));
-    Camera::new(pose, Projection::Parallel { half_width_m }, height_m - SECTION_M)
+    PlanFrame::of(model).camera()
+}
+
+/// What of a kitchen its floor plan shows.
+#[derive(Debug, Clone, Copy)]
+pub struct PlanFrame {
+    /// Its middle on the highest thing, metres.
+    pub centre: Vec3,
+    /// Half of its width, metres.
+    pub half_width_m: f32,
+}
+
+impl PlanFrame {
+    /// Of the whole kitchen.
+    pub fn of(model: &Model) -> Self {
+        let (low, high) = model.bounds();
+        let middle = 0.5 * (low + high);
+        let half_width_m = 0.51 * (high - low).x.max((high - low).z);
+        Self { centre: Vec3::new(middle.x, high.y, middle.z), half_width_m }
+    }
+
+    /// Straight down, cut at [`SECTION_M`].
+    pub fn camera(&self) -> Camera {
+        let height_m = self.centre.y + 1.0;
+        let pose = Pose3::from_parts(Vec3::new(self.centre.x, height_m, self.centre.z), rotation_x(FRAC_PI_2));
+        Camera::new(pose, Projection::Parallel { half_width_m: self.half_width_m }, height_m - SECTION_M)
+    }
 }
 
 /// The robot's own camera.

@@ -9,7 +9,7 @@ mod soak;
 
 pub use rollout::RolloutArgs;
 
-use actor::{episodes, oracle_table, replay};
+use actor::{episodes, oracle_table, replay, show};
 use anyhow::Result;
 
 /// What else the program can do.
@@ -17,6 +17,8 @@ use anyhow::Result;
 pub enum Command {
     /// Re-simulate recorded episodes: reads them from standard input, writes verdicts to standard output.
     Replay,
+    /// Re-simulate episodes and draw them from any camera: `orchestrator view` calls this.
+    Show,
     /// Look at kitchens: pictures, scene files, figures beside iTHOR's.
     #[command(subcommand)]
     Kitchens(kitchens::KitchensCommand),
@@ -42,6 +44,7 @@ pub enum Command {
 pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Replay => replay::run(std::io::stdin().lock(), std::io::stdout().lock()),
+        Command::Show => show::run(std::io::stdin().lock(), std::io::stdout().lock()),
         Command::Kitchens(command) => kitchens::run(command),
         Command::Check(args) => check::run(args),
         Command::Episodes(command) => episodes::command::run(command),

@@ -56,18 +56,22 @@ impl Played {
 
 /// How an episode ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Outcome {
+pub enum Outcome {
+    /// With less disturbance than counts.
     SuccessWithoutDisturbance,
+    /// With disturbance.
     Success,
     /// Done was declared elsewhere than at the goal.
     Failure,
+    /// The last step that there may be.
     TimeLimit,
     /// The recording stops before its end.
     Unfinished,
 }
 
 impl Outcome {
-    fn of(last: Option<&Transition>) -> Self {
+    /// What the last transition tells of it.
+    pub fn of(last: Option<&Transition>) -> Self {
         let Some(last) = last else { return Self::Unfinished };
         let is = |flag: u32| last.flags & flag != 0;
         if is(transition_flag::SUCCESS) && last.disturbance_m < UNDISTURBED_THRESHOLD_M {
@@ -83,7 +87,8 @@ impl Outcome {
         }
     }
 
-    fn word(self) -> &'static str {
+    /// As names of files have it.
+    pub fn word(self) -> &'static str {
         match self {
             Self::SuccessWithoutDisturbance => "success-without-disturbance",
             Self::Success => "success",

@@ -28,6 +28,7 @@ use std::process::ExitCode;
   orchestrator up --preset paper --seed 2          the paper's exact shape
   orchestrator up --preset demo --actors 4 --envs-per-actor 2 --frames 20000 --run runs/small
   orchestrator up --preset two-stage --actors 38 --learners 2               a learner on each of two GPUs
+  orchestrator up --preset demo --view             the same with a page to watch it on
   orchestrator up --config mine.toml               some settings of your own over the default preset
   orchestrator up --preset demo --set ppo.learning_rate=1e-3 --set network.encoder=resnet      single settings
   orchestrator up --preset disturb-stage2-25m --from runs/stage-1           stage II as a run of its own
@@ -46,6 +47,9 @@ pub struct UpArgs {
     /// Run folder, new or empty [default: runs/TIME-PRESET-SEED]
     #[arg(long, value_name = "DIR")]
     run: Option<PathBuf>,
+    /// Show the run on a page while it goes on (`orchestrator view`), and open that in a browser
+    #[arg(long)]
+    view: bool,
 }
 
 /// Runs the command.
@@ -74,7 +78,23 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
         terminal::note(&format!("begins with the weights of {checkpoint}, {} frames", format::count(*frames)));
     }
     let (identity, lock) = create(&folder, &mut config, &[folder.checkpoints(), folder.recordings()])?;
+    if args.view {
+        show(&folder);
+    }
     TrainingRun { folder, config, identity, lock, tools }.run()
+}
+
+/// Starts a viewer that ends with this process. Without one the run goes on all the same.
+fn show(folder: &RunFolder) {
+    let started = std::env::current_exe().and_then(|program| {
+        let mut command = std::process::Command::new(program);
+        command.arg("view").arg(folder.root()).args(["--open", "--parent", &std::process::id().to_string()]);
+        // Standard output is the run's, down to its last line.
+        command.stdin(std::process::Stdio::null()).stdout(std::io::stderr()).spawn()
+    });
+    if let Err(error) = started {
+        terminal::note(&format!("cannot start a viewer ({error}): `orchestrator view {}`", folder.root().display()));
+    }
 }
 
 /// Whose weights the run begins with; refused where the networks differ.

@@ -3,7 +3,7 @@
 //! ([`run`]).
 
 mod audience;
-mod journal;
+pub mod journal;
 pub mod run;
 pub mod standing;
 pub mod subject;

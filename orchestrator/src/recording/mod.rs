@@ -1,6 +1,6 @@
 //! Recordings: [`recorder`] makes them, in the messages of [`schema`]. Reading them back: [`reader`] goes through a
 //! file however damaged it is, [`origin`] knows where it comes from, [`episodes`] puts together what can be re-simulated
-//! (each of them an [`assembly`]), [`wanted`] chooses among it, [`simulate`] simulates it, [`repair`] makes a whole file
+//! (each of them an [`assembly`]), [`shelf`] finds single episodes in recordings that grow, [`wanted`] chooses among it, [`simulate`] simulates it, [`repair`] makes a whole file
 //! of a damaged one. [`ffmpeg`] is looked for where films are to be made.
 
 mod assembly;
@@ -11,6 +11,7 @@ pub mod reader;
 pub mod recorder;
 pub mod repair;
 pub mod schema;
+pub mod shelf;
 pub mod simulate;
 #[cfg(test)]
 mod tests;

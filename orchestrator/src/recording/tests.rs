@@ -1,5 +1,7 @@
 //! Recordings as files of which something is missing or wrong: what is said of them.
 
+mod shelved;
+
 use super::episodes::{Recorded, gather};
 use super::reader::RecordingError;
 use super::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, identity};

@@ -57,7 +57,7 @@ impl Wall {
     }
 
     /// `seen`: when each incarnation was last known to be alive, seconds since 1970.
-    fn of(identity: &Identity, seen: &BTreeMap<u32, u64>, last: Last) -> Self {
+    pub fn of(identity: &Identity, seen: &BTreeMap<u32, u64>, last: Last) -> Self {
         let starts = &identity.incarnations;
         let noted = |number: usize| {
             let start = &starts[number];

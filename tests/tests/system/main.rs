@@ -12,4 +12,6 @@ mod orchestrator_faults;
 mod recordings;
 mod same_weights;
 mod suite;
+mod view;
+mod view_page;
 mod whole_run;

@@ -1,0 +1,56 @@
+//! What the robot's depth camera sees, for people: near is bright, target and goal are marked.
+
+use super::camera::{Camera, Projection};
+use super::canvas::{Canvas, mix};
+use super::marks::{GOAL, Marks, TARGET};
+use super::model::Model;
+use super::moment::{Moment, Task};
+use super::visible::{NOTHING, Visible};
+use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
+use simulator::episode::GOAL_TOLERANCE_M;
+
+/// Depth that is drawn black, millimetres.
+const BLACK_MM: u32 = 5_000;
+/// How much of the target's colour lies over it.
+pub const TINT: f32 = 0.7;
+/// Radius of the ring about a target at least, metres.
+const RING_M: f32 = 0.09;
+
+/// The picture, side × side, of as many depths in millimetres. `seen`: the scene without the robot's body, and the
+/// target's number among its bodies.
+pub fn depth_view(task: &Task, moment: &Moment, seen: (&Model, u32), side: usize, depth_mm: &[u16]) -> Canvas {
+    let (model, target) = seen;
+    let projection = Projection::Central { tan_half_width: TAN_HALF_FIELD_OF_VIEW };
+    let camera = Camera::new(moment.world_from_camera, projection, NEAR_M);
+    let visible = Visible::draw(&camera, side, side, (0..).zip(model.corners()));
+    let mut canvas = Canvas::new(side, side, [0; 3]);
+    for (pixel, (&depth, &triangle)) in canvas.pixels.iter_mut().zip(depth_mm.iter().zip(&visible.triangle)) {
+        let grey = [brightness(depth); 3];
+        let is_target = triangle != NOTHING && model.triangles[triangle as usize].body == target;
+        *pixel = if is_target { mix(grey, TARGET, TINT) } else { grey };
+    }
+    mark(&mut canvas, &camera, task, moment, |x, y| match depth_mm[y * side + x] {
+        0 => f32::MAX,
+        depth => f32::from(depth) / 1000.0,
+    });
+    canvas
+}
+
+/// Marks target and goal in a picture; `depth_m`: of what it shows at a pixel.
+pub fn mark(canvas: &mut Canvas, camera: &Camera, task: &Task, moment: &Moment, depth_m: impl Fn(usize, usize) -> f32) {
+    let (width, height) = (canvas.width, canvas.height);
+    let mut goal = Marks::new(camera, width, height, &depth_m);
+    goal.cube(task.goal, GOAL_TOLERANCE_M);
+    goal.lay(canvas, 0, 0, GOAL);
+    let mut target = Marks::new(camera, width, height, &depth_m);
+    target.ring(moment.things[task.target].translation, RING_M);
+    target.lay(canvas, 0, 0, TARGET);
+}
+
+/// Near is bright; nothing, and everything far, is black.
+pub fn brightness(depth_mm: u16) -> u8 {
+    match u32::from(depth_mm) {
+        0 => 0,
+        depth => (255 * BLACK_MM.saturating_sub(depth) / BLACK_MM) as u8,
+    }
+}

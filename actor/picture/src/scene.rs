@@ -1,0 +1,210 @@
+//! An episode from any camera: what was displaced is highlighted, and a ghost stands where it stood.
+
+use super::camera::Camera;
+use super::canvas::{Canvas, Rgb};
+use super::depth_view::{depth_view, mark};
+use super::marks::TARGET;
+use super::model::Model;
+use super::moment::{Moment, Task, points};
+use super::outside::{self, Orbit};
+use super::shade::Exposure;
+use super::sky::{Dome, Lit};
+use super::storyboard::PAPER;
+use super::view::PlanFrame;
+use super::visible::Visible;
+use rapier3d::math::Pose3;
+use simulator::depth::DepthCamera;
+use simulator::kitchen::Kitchen;
+use std::sync::{Arc, OnceLock};
+
+/// Colour of what is not where it stood, and of its ghost.
+const DISPLACED: Rgb = [242, 142, 0];
+/// How much of a ghost's colour lies over what is behind it, and over what hides it.
+const GHOST: [f32; 2] = [0.5, 0.18];
+/// A ghost is hidden by what is this much nearer, metres.
+const SLACK_M: f32 = 0.005;
+/// Lamps of the soft light: a picture waits for all of them.
+const LAMPS: usize = 24;
+/// Light on an upright surface in a draft, as a share of that on a floor.
+const DRAFT_SIDE_LIGHT: f32 = 0.6;
+
+/// What all pictures of one episode have in common.
+pub struct Scene {
+    kitchen: Arc<Kitchen>,
+    task: Task,
+    /// Things at the episode's start.
+    origins: Vec<Pose3>,
+    fixed: Model,
+    /// Light on the first moment without the robot: what moves later is small. Made with the first fine picture.
+    dome: OnceLock<Dome>,
+    frame: PlanFrame,
+}
+
+impl Scene {
+    /// Of an episode that begins with this moment.
+    pub fn new(kitchen: Arc<Kitchen>, task: Task, first: &Moment) -> Self {
+        let fixed = Model::fixed_of(&kitchen);
+        let origins = first.things.clone();
+        let frame = PlanFrame::of(&fixed);
+        Self { kitchen, task, origins, fixed, dome: OnceLock::new(), frame }
+    }
+
+    /// What the floor plan shows.
+    pub fn frame(&self) -> PlanFrame {
+        self.frame
+    }
+
+    /// From where the whole way is seen best.
+    pub fn best(&self, moments: &[Moment]) -> Orbit {
+        let mut model = self.at(&self.origins, &[]).0;
+        for moment in moments.iter().take(1).chain(moments.last()) {
+            model.add_robot(&moment.robot, true);
+        }
+        outside::best(&model, &points(&self.task, moments))
+    }
+
+    /// The room from a free camera. `displaced`: things that are not where they stood, by their places.
+    pub fn orbit(
+        &self,
+        moment: &Moment,
+        displaced: &[usize],
+        orbit: &Orbit,
+        (width, height): (usize, usize),
+        fine: bool,
+    ) -> Canvas {
+        let camera = orbit.camera();
+        let mut model = self.at(&moment.things, displaced).0;
+        model.add_robot(&moment.robot, true);
+        let exposure = Exposure::take(&model, &camera, width, height, PAPER);
+        let depths_m = exposure.depths_m();
+        let mut picture = self.develop(exposure, fine);
+        self.haunt(&mut picture, displaced, &camera, &depths_m);
+        mark(&mut picture, &camera, &self.task, moment, |x, y| depths_m[y * width + x]);
+        picture
+    }
+
+    /// The floor plan at the start, without the robot.
+    pub fn plan(&self, side: usize) -> Canvas {
+        let model = self.at(&self.origins, &[]).0;
+        self.develop(Exposure::take(&model, &self.frame.camera(), side, side, PAPER), true)
+    }
+
+    /// What the robot's depth camera sees.
+    pub fn depth(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Canvas {
+        let mut bodies = self.kitchen.settled_poses()[self.kitchen.static_bodies()].to_vec();
+        bodies.extend_from_slice(&moment.things);
+        // The robot's body is not drawn: the camera sits inside it.
+        bodies.extend_from_slice(&moment.robot[1..]);
+        let mut depth_mm = vec![0; side * side];
+        camera.render(&bodies, moment.world_from_camera, side, &mut depth_mm);
+        let (mut model, first) = self.at(&moment.things, &[]);
+        model.add_robot(&moment.robot, false);
+        depth_view(&self.task, moment, (&model, first + self.task.target as u32), side, &depth_mm)
+    }
+
+    /// The kitchen with its things in these poses, and the first thing's number among the bodies.
+    fn at(&self, things: &[Pose3], displaced: &[usize]) -> (Model, u32) {
+        let mut model = self.fixed.clone();
+        let colour = |thing: usize| {
+            let displaced = displaced.contains(&thing).then_some(DISPLACED);
+            if thing == self.task.target { Some(TARGET) } else { displaced }
+        };
+        let first = model.add_things(&self.kitchen, things, colour);
+        (model, first)
+    }
+
+    fn develop(&self, exposure: Exposure, fine: bool) -> Canvas {
+        let waiting: Vec<Lit> = exposure.waiting().collect();
+        let light = if fine {
+            self.dome.get_or_init(|| Dome::over(&self.at(&self.origins, &[]).0, LAMPS)).light(&waiting)
+        } else {
+            let slope = |lit: &Lit| DRAFT_SIDE_LIGHT + (1.0 - DRAFT_SIDE_LIGHT) * lit.normal.y.max(0.0);
+            waiting.iter().map(slope).collect()
+        };
+        exposure.develop(&mut light.into_iter())
+    }
+
+    /// Lays ghosts over the picture: each thing of `displaced` where it stood.
+    fn haunt(&self, picture: &mut Canvas, displaced: &[usize], camera: &Camera, depths_m: &[f32]) {
+        if displaced.is_empty() {
+            return;
+        }
+        let (width, height) = (picture.width, picture.height);
+        let mut ghosts = Model::default();
+        let bodies = &self.kitchen.bodies()[self.kitchen.movable_bodies()];
+        for &thing in displaced {
+            ghosts.add(&bodies[thing].shape, &self.origins[thing], DISPLACED, true);
+        }
+        let visible = Visible::draw(camera, width, height, (0..).zip(ghosts.corners()));
+        for (index, &nearness) in visible.nearness.iter().enumerate().filter(|(_, nearness)| nearness.is_finite()) {
+            let is_hidden = 1.0 / nearness > depths_m[index] + SLACK_M;
+            picture.blend(index % width, index / width, DISPLACED, GHOST[usize::from(is_hidden)]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::moment::Words;
+    use super::*;
+    use proto::config::SimulationConfig;
+    use proto::kitchen::{KitchenId, TargetCategory};
+    use rapier3d::math::Vec3;
+    use simulator::robot::configuration::Configuration;
+    use simulator::robot::links::{part_poses, world_from_camera};
+
+    fn scene() -> (Scene, Moment, usize) {
+        let kitchen = Arc::new(Kitchen::build(KitchenId::new(1).unwrap(), &SimulationConfig::default()).unwrap());
+        let stand = kitchen.robot_stands()[0];
+        let configuration = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
+        let things = kitchen.settled_poses()[kitchen.movable_bodies()].to_vec();
+        let target = kitchen.target_movable(TargetCategory::Bread);
+        let moment = Moment {
+            robot: part_poses(&configuration.posture()).unwrap(),
+            world_from_camera: world_from_camera(&configuration.posture(), configuration.camera_pitch_rad()),
+            words: Words::default(),
+            things,
+        };
+        let task = Task { target, goal: Vec3::new(0.0, 1.0, 0.0), title: String::new() };
+        let other = usize::from(target == 0);
+        (Scene::new(kitchen, task, &moment), moment, other)
+    }
+
+    fn orange(picture: &Canvas) -> usize {
+        picture.pixels.iter().filter(|[r, g, b]| *r > 150 && *b < 90 && *g > 70 && *g < *r).count()
+    }
+
+    #[test]
+    fn what_was_displaced_is_highlighted_and_its_ghost_stands_where_it_stood() {
+        let (scene, mut moment, thing) = scene();
+        let stood = moment.things[thing].translation;
+        let orbit = Orbit { centre: stood, radius_m: 0.6, yaw_rad: 0.3, pitch_rad: 0.9 };
+        let draw = |moment: &Moment, displaced: &[usize]| scene.orbit(moment, displaced, &orbit, (160, 120), false);
+        let before = draw(&moment, &[]);
+        // Far away: only its ghost is left in the picture.
+        moment.things[thing].translation += Vec3::new(0.0, 40.0, 0.0);
+        let gone = draw(&moment, &[]);
+        let haunted = draw(&moment, &[thing]);
+        let changed = |a: &Canvas, b: &Canvas| a.pixels.iter().zip(&b.pixels).filter(|(a, b)| a != b).count();
+        assert!(changed(&before, &gone) > 20, "the thing was in the picture");
+        assert!(changed(&gone, &haunted) > 20, "its ghost is not");
+        // Lifted a little: highlighted itself.
+        moment.things[thing].translation = stood + Vec3::new(0.0, 0.15, 0.0);
+        assert!(orange(&draw(&moment, &[thing])) > orange(&draw(&moment, &[])) + 20);
+    }
+
+    #[test]
+    fn turning_the_camera_changes_the_picture_and_soft_light_does_not_change_its_shape() {
+        let (scene, moment, thing) = scene();
+        let mut orbit = Orbit { centre: moment.things[thing].translation, radius_m: 1.2, yaw_rad: 0.3, pitch_rad: 0.8 };
+        let size = (120, 90);
+        let draft = scene.orbit(&moment, &[], &orbit, size, false);
+        let fine = scene.orbit(&moment, &[], &orbit, size, true);
+        assert_eq!((fine.width, fine.height), size);
+        assert_ne!(fine, draft);
+        orbit.yaw_rad += 0.5;
+        let turned = scene.orbit(&moment, &[], &orbit, size, false);
+        let changed = turned.pixels.iter().zip(&draft.pixels).filter(|(a, b)| a != b).count();
+        assert!(changed > 120 * 90 / 4, "{changed} pixels changed");
+    }
+}

@@ -1,0 +1,317 @@
+//! `actor show`: episodes simulated again, and any moment of them drawn from any camera.
+//!
+//! Input and output are those of [`proto::show`]. An episode is simulated once, when it is opened; what is kept of it
+//! are the poses of each moment, from which every picture is drawn.
+
+use picture::{Moment, Orbit, Scene, Task, Words};
+use crate::process::whereabouts;
+use crate::replay::film::Outcome;
+use anyhow::{Context, Result, ensure};
+use proto::action::Action;
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::kitchen::KitchenId;
+use proto::replay::{Aspect, Difference, RecordedEpisode, ReplaySetup};
+use proto::reward::RewardKind;
+use proto::show::{
+    SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownReward, ShownThing,
+};
+use proto::step::{Transition, transition_flag};
+use rapier3d::math::Vec3;
+use simulator::depth::DepthCamera;
+use simulator::environment::Environment;
+use simulator::episode::GOAL_TOLERANCE_M;
+use simulator::episodes::Programme;
+use simulator::kitchen::Kitchen;
+use simulator::source;
+use std::io::{BufRead, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Episodes that are kept; the one that was asked for longest ago gives way.
+const KEPT: usize = 6;
+/// Kitchens that are kept.
+const KITCHENS: usize = 4;
+/// What moved less than this is not listed, metres.
+const LISTED_M: f32 = 0.001;
+/// What moved more than this on some axis is highlighted, metres (as `disturbed_objects` counts).
+const DISTURBED_AXIS_M: f32 = 0.01;
+/// Bounds of a free camera: radius of what it sees (metres), angle at which it looks down (radians).
+const RADIUS_M: (f32, f32) = (0.1, 20.0);
+const PITCH_RAD: (f32, f32) = (-0.2, 1.57);
+const SIDE_MIN: u32 = 8;
+
+/// Answers requests from `input` until it ends.
+pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
+    let mut stage = Stage::default();
+    for line in input.lines() {
+        let line = line.context("cannot read a request")?;
+        let request: ShowRequest = serde_json::from_str(&line).context("a line is not a request")?;
+        let (answer, picture) = match stage.answer(request) {
+            Ok(answered) => answered,
+            Err(error) => (ShowAnswer::Failed { problem: format!("{error:#}") }, Vec::new()),
+        };
+        serde_json::to_writer(&mut output, &answer).context("cannot write an answer")?;
+        output
+            .write_all(b"\n")
+            .and_then(|()| output.write_all(&picture))
+            .and_then(|()| output.flush())
+            .context("cannot write an answer")?;
+    }
+    Ok(())
+}
+
+/// A kitchen under a configuration.
+struct House {
+    config: String,
+    id: KitchenId,
+    kitchen: Arc<Kitchen>,
+    programme: Programme,
+}
+
+/// An episode that is kept.
+struct Kept {
+    name: String,
+    scene: Scene,
+    moments: Vec<Moment>,
+    /// Of each moment the things that are highlighted.
+    displaced: Vec<Vec<usize>>,
+    camera: DepthCamera,
+}
+
+/// What is kept, the last used last.
+#[derive(Default)]
+struct Stage {
+    houses: Vec<House>,
+    kept: Vec<Kept>,
+}
+
+impl Stage {
+    fn answer(&mut self, request: ShowRequest) -> Result<(ShowAnswer, Vec<u8>)> {
+        match request {
+            ShowRequest::Open { name, setup, episode } => {
+                let shown = self.open(name, &setup, &episode)?;
+                Ok((ShowAnswer::Opened(Box::new(shown)), Vec::new()))
+            }
+            ShowRequest::Draw { name, step, view, width, height, fine } => {
+                let sides = SIDE_MIN..=SHOWN_SIDE_MAX;
+                ensure!(
+                    sides.contains(&width) && sides.contains(&height),
+                    "pictures are {SIDE_MIN} to {SHOWN_SIDE_MAX} pixels wide and high, not {width} by {height}"
+                );
+                let Some(at) = self.kept.iter().position(|kept| kept.name == name) else {
+                    return Ok((ShowAnswer::NotOpen, Vec::new()));
+                };
+                let mut kept = self.kept.remove(at);
+                let drawn = kept.draw(step as usize, &view, (width as usize, height as usize), fine);
+                self.kept.push(kept);
+                let picture = drawn?;
+                Ok((ShowAnswer::Picture { bytes: picture.len() as u64 }, picture))
+            }
+        }
+    }
+
+    fn open(&mut self, name: String, setup: &ReplaySetup, recorded: &RecordedEpisode) -> Result<ShownEpisode> {
+        whereabouts::enter(recorded.environment, recorded.episode);
+        let config = Config::from_toml(&setup.config, "the recording's configuration")?;
+        let house = self.house(setup, &config, recorded.environment)?;
+        let kitchen = Arc::clone(&house.kitchen);
+        let mut environment = house.programme.environment(&kitchen, recorded.environment, &config)?;
+        house.programme.start(&mut environment, recorded.environment, recorded.episode);
+        let told = Telling::of(&environment).play(&mut environment, recorded, &config)?;
+        let Telling { moments, displaced, shown, outcome, things, compared, first_difference, .. } = told;
+        let episode = *environment.episode();
+        let task = Task { target: kitchen.target_movable(episode.category), goal: episode.goal, title: String::new() };
+        let scene = Scene::new(Arc::clone(&kitchen), task, &moments[0]);
+        let frame = scene.frame();
+        let Orbit { centre, radius_m, yaw_rad, pitch_rad } = scene.best(&moments);
+        let camera = DepthCamera::new(kitchen.bodies());
+        self.kept.retain(|kept| kept.name != name);
+        if self.kept.len() >= KEPT {
+            self.kept.remove(0);
+        }
+        self.kept.push(Kept { name, scene, moments, displaced, camera });
+        Ok(ShownEpisode {
+            target: episode.category.name().to_owned(),
+            outcome: outcome.word().to_owned(),
+            goal_m: episode.goal.into(),
+            goal_tolerance_m: GOAL_TOLERANCE_M,
+            orbit: ShowOrbit { centre_m: centre.into(), radius_m, yaw_rad, pitch_rad },
+            plan_centre_m: [frame.centre.x, frame.centre.z],
+            plan_half_width_m: frame.half_width_m,
+            moments: shown,
+            things,
+            compared,
+            first_difference,
+        })
+    }
+
+    /// The environment's kitchen under this configuration.
+    fn house(&mut self, setup: &ReplaySetup, config: &Config, id: EnvironmentId) -> Result<&House> {
+        let is_it = |house: &House| house.id == id.kitchen && house.config == setup.config;
+        if let Some(at) = self.houses.iter().position(is_it) {
+            let house = self.houses.remove(at);
+            self.houses.push(house);
+        } else {
+            let folder = PathBuf::from(setup.folder.clone().unwrap_or_default());
+            let kitchen = source::of_run(id.kitchen, config, &folder)?;
+            let programme = Programme::of(config, &kitchen)?;
+            if self.houses.len() >= KITCHENS {
+                self.houses.remove(0);
+            }
+            let kitchen = Arc::new(kitchen);
+            self.houses.push(House { config: setup.config.clone(), id: id.kitchen, kitchen, programme });
+        }
+        self.houses.last().context("the kitchen was just put there")
+    }
+}
+
+impl Kept {
+    fn draw(&mut self, step: usize, view: &ShowView, size: (usize, usize), fine: bool) -> Result<Vec<u8>> {
+        let last = self.moments.len() - 1;
+        ensure!(step <= last, "the episode has {last} steps, not {step}");
+        let moment = &self.moments[step];
+        let picture = match view {
+            ShowView::Orbit(orbit) => {
+                let orbit = checked(orbit)?;
+                self.scene.orbit(moment, &self.displaced[step], &orbit, size, fine)
+            }
+            ShowView::Depth => self.scene.depth(moment, &mut self.camera, size.0),
+            ShowView::Plan => self.scene.plan(size.0),
+        };
+        Ok(picture.png()?)
+    }
+}
+
+/// The camera within its bounds; an error if it is nowhere.
+fn checked(orbit: &ShowOrbit) -> Result<Orbit> {
+    let ShowOrbit { centre_m, radius_m, yaw_rad, pitch_rad } = *orbit;
+    let numbers = [radius_m, yaw_rad, pitch_rad];
+    ensure!(centre_m.into_iter().chain(numbers).all(f32::is_finite), "a camera's place is of finite numbers");
+    let centre = Vec3::from(centre_m).clamp(Vec3::splat(-50.0), Vec3::splat(50.0));
+    Ok(Orbit {
+        centre,
+        radius_m: radius_m.clamp(RADIUS_M.0, RADIUS_M.1),
+        yaw_rad: yaw_rad % std::f32::consts::TAU,
+        pitch_rad: pitch_rad.clamp(PITCH_RAD.0, PITCH_RAD.1),
+    })
+}
+
+/// An episode while it is simulated.
+struct Telling {
+    target: usize,
+    origins: Vec<Vec3>,
+    moments: Vec<Moment>,
+    displaced: Vec<Vec<usize>>,
+    shown: Vec<ShownMoment>,
+    /// Of each movable thing its number among `things`.
+    listed: Vec<Option<u32>>,
+    things: Vec<ShownThing>,
+    outcome: Outcome,
+    compared: u64,
+    first_difference: Option<Difference>,
+}
+
+impl Telling {
+    fn of(environment: &Environment) -> Self {
+        let poses = environment.simulation().things().poses();
+        Self {
+            target: environment.kitchen().target_movable(environment.episode().category),
+            origins: poses.iter().map(|pose| pose.translation).collect(),
+            moments: Vec::new(),
+            displaced: Vec::new(),
+            shown: Vec::new(),
+            listed: vec![None; poses.len()],
+            things: Vec::new(),
+            outcome: Outcome::of(None),
+            compared: 0,
+            first_difference: None,
+        }
+    }
+
+    fn play(mut self, environment: &mut Environment, recorded: &RecordedEpisode, config: &Config) -> Result<Self> {
+        if let Some(hash) = recorded.start_hash {
+            self.compare(0, hash, environment.state_hash());
+        }
+        self.keep(environment, None, config);
+        let mut last = None;
+        for (step, &index) in recorded.actions.iter().enumerate() {
+            let action =
+                Action::from_index(index).with_context(|| format!("step {step}: there is no action {index}"))?;
+            let transition = environment.step(action);
+            if let Some(&hash) = recorded.hashes.get(step) {
+                self.compare(step as u64 + 1, hash, transition.state_hash);
+            }
+            self.keep(environment, Some(&transition), config);
+            last = Some(transition);
+            if transition.flags & transition_flag::ENDED != 0 {
+                break;
+            }
+        }
+        self.outcome = Outcome::of(last.as_ref());
+        Ok(self)
+    }
+
+    fn compare(&mut self, step: u64, recorded: u64, simulated: u64) {
+        self.compared += 1;
+        if recorded != simulated {
+            self.first_difference.get_or_insert(Difference { step, aspect: Aspect::State });
+        }
+    }
+
+    /// Keeps the moment that the environment is in.
+    fn keep(&mut self, environment: &Environment, transition: Option<&Transition>, config: &Config) {
+        let (simulation, current) = (environment.simulation(), environment.current());
+        let poses = simulation.things().poses();
+        let (mut moved, mut displaced) = (Vec::new(), Vec::new());
+        for (thing, (origin, pose)) in self.origins.iter().zip(poses).enumerate() {
+            let way = pose.translation - *origin;
+            if thing == self.target || way.length() < LISTED_M {
+                continue;
+            }
+            if way.abs().max_element() > DISTURBED_AXIS_M {
+                displaced.push(thing);
+            }
+            let number = *self.listed[thing].get_or_insert_with(|| {
+                let kitchen = environment.kitchen();
+                let category = kitchen.bodies()[kitchen.movable_bodies()][thing].category.clone();
+                self.things.push(ShownThing { category, stood_m: [origin.x, origin.z] });
+                self.things.len() as u32 - 1
+            });
+            moved.push((number, way.length(), [pose.translation.x, pose.translation.z]));
+        }
+        let is = |flag: u32| transition.is_some_and(|transition| transition.flags & flag != 0);
+        let parts = transition.map(|transition| transition.reward).unwrap_or_default();
+        let rewards = [RewardKind::Task, RewardKind::DisturbanceFree]
+            .map(|kind| transition.map_or(0.0, |_| parts.compose(kind, config.reward.lambda_disturb)));
+        let action = transition.and_then(|transition| Action::from_index(u8::try_from(transition.action).ok()?));
+        let [x, z] = current.base_position_m;
+        let metres = |vector: [f32; 3]| Vec3::from(vector).length();
+        self.shown.push(ShownMoment {
+            action: action.map(|action| action.name().to_owned()),
+            failed: is(transition_flag::ACTION_FAILED),
+            picked_up: is(transition_flag::PICKED_UP),
+            holding: simulation.holding(),
+            parts: ShownReward::from(parts),
+            reward_r: rewards[0],
+            reward_r_prime: rewards[1],
+            wrist_object_m: metres(current.wrist_to_object_m),
+            object_goal_m: metres(current.object_to_goal_m),
+            disturbance_m: environment.disturbance_m(),
+            base: [x, z, current.base_yaw_rad],
+            wrist_m: current.wrist_position_m,
+            target_m: current.target_position_m,
+            moved,
+        });
+        self.displaced.push(displaced);
+        self.moments.push(Moment {
+            things: poses.to_vec(),
+            robot: *simulation.part_poses(),
+            world_from_camera: environment.world_from_camera(),
+            words: Words::default(),
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests;

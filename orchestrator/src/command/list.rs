@@ -1,0 +1,95 @@
+//! `orchestrator list`: runs with their state, a line each.
+
+use crate::showing::{format, terminal};
+use crate::viewing::Gallery;
+use anyhow::{Result, ensure};
+use std::path::PathBuf;
+use std::time::Duration;
+use view::data::{Card, Runs};
+
+/// List runs and evaluations with their state, the newest first
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  orchestrator list
+  orchestrator list /data/runs --json | jq -r '.[] | select(.state == \"running\") | .folder'")]
+pub struct ListArgs {
+    /// Folders that hold runs, or runs
+    #[arg(value_name = "DIR", default_value = "runs")]
+    folders: Vec<PathBuf>,
+    /// Print one JSON array
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &ListArgs) -> Result<()> {
+    for folder in &args.folders {
+        ensure!(folder.is_dir(), "{} is not a folder: give one that holds runs", folder.display());
+    }
+    let cards = Gallery::of(args.folders.clone()).list();
+    if args.json {
+        terminal::out(&serde_json::to_string(&cards)?);
+        return Ok(());
+    }
+    if cards.is_empty() {
+        terminal::note("no run yet: `orchestrator up` starts one");
+    }
+    for line in table(&cards) {
+        terminal::out(&line);
+    }
+    Ok(())
+}
+
+/// A line a run; the columns are as wide as their widest cell.
+fn table(cards: &[Card]) -> Vec<String> {
+    let rows: Vec<Vec<String>> = cards.iter().map(cells).collect();
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| {
+        let of = |row: &Vec<String>| row.get(column).map_or(0, |cell| cell.chars().count());
+        rows.iter().map(of).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    let line = |row: &Vec<String>| {
+        let cells = row.iter().zip(&widths).map(|(cell, &width)| format!("{cell:width$}"));
+        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    };
+    rows.iter().map(line).collect()
+}
+
+fn cells(card: &Card) -> Vec<String> {
+    if let Some(problem) = &card.problem {
+        return vec![card.folder.clone(), "unreadable".to_owned(), problem.clone()];
+    }
+    let what = if card.evaluation { "episodes" } else { "frames" };
+    let done = format!("{} / {} {what}", format::count(card.done), format::count(card.budget));
+    let figures =
+        format!("SR {}  SRwoD {}", format::percent(card.success), format::percent(card.success_without_disturbance));
+    let left = card.left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok());
+    let left = left.map_or_else(String::new, |left| format!("{} left", format::duration(left)));
+    let subject = format!("{}, seed {}", card.preset, card.seed);
+    vec![card.folder.clone(), card.state.clone(), subject, done, figures, left]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_stand_below_each_other_and_a_damaged_run_is_named() {
+        let card = |folder: &str, done| Card {
+            folder: folder.to_owned(),
+            state: "complete".to_owned(),
+            preset: "demo".to_owned(),
+            done,
+            budget: 440_000,
+            success: Some(0.5),
+            ..Card::default()
+        };
+        let broken = Card { problem: Some("no run.toml".to_owned()), ..card("runs/c", 0) };
+        let lines = table(&[card("runs/a", 440_000), card("runs/longer", 7), broken]);
+        let place = |line: &str| line.find("SR ").map(|at| line[..at].chars().count());
+        assert_eq!(place(&lines[0]), place(&lines[1]));
+        assert!(lines[0].starts_with("runs/a       complete    demo, seed 0"), "{}", lines[0]);
+        assert!(lines[2].contains("unreadable") && lines[2].ends_with("no run.toml"), "{}", lines[2]);
+    }
+}

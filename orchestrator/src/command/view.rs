@@ -1,0 +1,163 @@
+//! `orchestrator view`: a page on runs, live, and any recorded episode from any camera.
+
+use crate::preflight::programs;
+use crate::run::identity::host_name;
+use crate::showing::terminal;
+use crate::viewing::Gallery;
+use anyhow::{Context, Result, bail, ensure};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use view::data::Runs;
+use view::{Settings, serve};
+
+/// Show runs on a page: live, and any recorded episode from any camera
+///
+/// Serves a page to browsers on this machine until Ctrl-C. It only reads run folders, from a process of its own: it can
+/// be started and ended at any time, and a run neither waits for it nor ends with it. Episodes are simulated again from
+/// their recorded actions and drawn as they are looked at; nothing needs to have been recorded as pictures.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  orchestrator view                          all runs below runs/
+  orchestrator view runs/a runs/b            these two, their curves over each other
+  orchestrator view --compare E1 E2          the same episodes of two evaluations side by side
+  ssh -L 8765:127.0.0.1:8765 HOST            then the page of a run on another machine is at http://127.0.0.1:8765
+  orchestrator view --address 0.0.0.0        for other machines, too: the address then holds a token")]
+pub struct ViewArgs {
+    /// Run folders, those of evaluations, or folders that hold runs [default: runs]
+    #[arg(value_name = "RUN")]
+    runs: Vec<PathBuf>,
+    /// Port; another one is taken if it is in use and was not asked for [default: 8765]
+    #[arg(long, value_name = "N")]
+    port: Option<u16>,
+    /// Address to listen at; other than this machine's own it needs a token, which is made and printed
+    #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    address: IpAddr,
+    /// Show episodes of two evaluations or runs side by side
+    #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "runs")]
+    compare: Vec<PathBuf>,
+    /// Open the page in a browser
+    #[arg(long)]
+    open: bool,
+}
+
+/// Port that is tried first.
+const PORT: u16 = 8765;
+/// Ports after it that are tried.
+const PORTS: u16 = 20;
+/// The server gives way to whatever trains on the machine.
+const NICENESS: i32 = 10;
+
+/// Runs the command.
+pub fn run(args: &ViewArgs) -> Result<()> {
+    let asked = if args.compare.is_empty() { &args.runs } else { &args.compare };
+    for path in asked {
+        ensure!(path.is_dir(), "{} is not a folder: give the folder of a run, or one that holds runs", path.display());
+    }
+    let paths = if asked.is_empty() { vec![PathBuf::from("runs")] } else { asked.clone() };
+    if asked.is_empty() && !Path::new("runs").is_dir() {
+        bail!("there is no folder runs/ here: give the folder of a run, or start one with `orchestrator up`");
+    }
+    let gallery = Gallery::of(paths);
+    let (count, open) = (gallery.count(), gallery.names_of(asked));
+    if count == 0 && !asked.is_empty() {
+        bail!("there is no run in {} (a run has a run.toml)", asked[0].display());
+    }
+    ensure!(args.compare.is_empty() || open.len() == 2, "--compare takes the folders of two different runs");
+    let listener = listen(args)?;
+    let address = listener.local_addr().context("the listener has no address")?;
+    let token = if args.address.is_loopback() { None } else { Some(token()?) };
+    let settings = Settings {
+        actor: programs::find("actor")?,
+        token: token.clone(),
+        host_name: host_name(),
+        open,
+        compare: !args.compare.is_empty(),
+    };
+    // Where it is refused the server is as important as others.
+    let _ = rustix::process::setpriority_process(None, NICENESS);
+    let place = link(address, token.as_deref());
+    terminal::out(&format!("view: {place}"));
+    terminal::note(&format!(
+        "shows {} until Ctrl-C; it only reads, and ends no run",
+        crate::showing::format::counted(count as u64, "run")
+    ));
+    if args.open {
+        open_browser(&place);
+    }
+    serve_until_interrupted(listener, Arc::new(gallery), settings)
+}
+
+fn serve_until_interrupted(listener: TcpListener, runs: Arc<dyn Runs>, settings: Settings) -> Result<()> {
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+    let served = runtime.block_on(async {
+        let listener = tokio::net::TcpListener::from_std(listener)?;
+        let mut terminated = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
+        let end = async move {
+            tokio::select! {
+                _ = tokio::signal::ctrl_c() => {}
+                _ = terminated.recv() => {}
+            }
+        };
+        Ok(serve(listener, runs, settings, end).await?)
+    });
+    // Readings that still go on are nobody's any more.
+    runtime.shutdown_background();
+    served
+}
+
+fn listen(args: &ViewArgs) -> Result<TcpListener> {
+    let ports = args.port.map_or(PORT..=PORT + PORTS, |port| port..=port);
+    let (first, mut last_error) = (*ports.start(), None);
+    for port in ports {
+        match TcpListener::bind(SocketAddr::new(args.address, port)) {
+            Ok(listener) => {
+                listener.set_nonblocking(true).context("cannot listen")?;
+                return Ok(listener);
+            }
+            Err(error) => last_error = Some(error),
+        }
+    }
+    let cause = last_error.map_or_else(String::new, |error| error.to_string());
+    bail!("cannot listen at {}: {cause}; choose another port with --port", SocketAddr::new(args.address, first))
+}
+
+/// What others cannot guess: 128 bits of the kernel's, as hex digits.
+fn token() -> Result<String> {
+    use std::io::Read;
+    let mut bytes = [0u8; 16];
+    std::fs::File::open("/dev/urandom").and_then(|mut file| file.read_exact(&mut bytes)).context("/dev/urandom")?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// The address that a browser opens.
+fn link(address: SocketAddr, token: Option<&str>) -> String {
+    let host =
+        if address.ip().is_unspecified() { format!("{}:{}", host_name(), address.port()) } else { address.to_string() };
+    let token = token.map_or_else(String::new, |token| format!("?token={token}"));
+    format!("http://{host}/{token}")
+}
+
+/// A browser that is not there is no failure: the address was printed.
+fn open_browser(place: &str) {
+    let mut command = std::process::Command::new("xdg-open");
+    command.arg(place).stdin(std::process::Stdio::null()).stdout(std::process::Stdio::null());
+    if let Err(error) = command.stderr(std::process::Stdio::null()).spawn() {
+        terminal::note(&format!("cannot open a browser (xdg-open: {error}): open the address above"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_address_holds_the_token_and_a_name_that_can_be_opened() {
+        let loopback: SocketAddr = "127.0.0.1:8765".parse().unwrap();
+        assert_eq!(link(loopback, None), "http://127.0.0.1:8765/");
+        let all: SocketAddr = "0.0.0.0:80".parse().unwrap();
+        assert_eq!(link(all, Some("ab")), format!("http://{}:80/?token=ab", host_name()));
+        let (one, other) = (token().unwrap(), token().unwrap());
+        assert!(one.len() == 32 && one != other);
+    }
+}

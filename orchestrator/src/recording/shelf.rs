@@ -1,0 +1,540 @@
+//! The recordings of a run as a table of episodes that grows with them: what came of each episode, and where its steps
+//! lie, so that one can be taken out without reading the others.
+//!
+//! Chunks are read once, in the order of time, a little at a time. A recorder replaces index and end mark of its file
+//! with every flush; what comes before them stays. A chunk that cannot be read yet is looked at again later while its
+//! file grows; in a file at rest it is damage, which `orchestrator recover` repairs, and the file is read up to it.
+
+use super::assembly::{Assembly, Generation, Taken};
+use super::origin::Origin;
+use super::reader::RecordingError;
+use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, Step};
+use mcap::read::{ChunkReader, parse_record};
+use mcap::records::{Record, op};
+use prost::Message;
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::kitchen::KitchenId;
+use proto::replay::RecordedEpisode;
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::fs::{File, TryLockError};
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// A record longer than this is none.
+const RECORD_MAX: u64 = 256 << 20;
+/// Bytes before a record's content: its kind and its length.
+const RECORD_HEAD: u64 = 9;
+/// Episodes that are kept.
+const EPISODES_MAX: usize = 1_000_000;
+
+/// Episodes that are known to have ended last, in each kitchen.
+const ENDED_KEPT: usize = 100;
+
+/// Kitchen, environment, episode.
+pub type Key = (u8, u32, u32);
+
+/// What is known of an episode.
+#[derive(Debug, Clone, Default)]
+pub struct Shelved {
+    generation: Generation,
+    /// When it was first met, counted in episodes.
+    pub order: u64,
+    /// Steps that were recorded.
+    pub steps: u32,
+    /// One bit for each step: its action failed.
+    failed: Vec<u64>,
+    /// Its end, if it has ended.
+    pub end: Option<EpisodeEnd>,
+    /// Category of its target, as recordings number it.
+    pub target: Option<i32>,
+    /// Number of the fixed episode, in an evaluation.
+    pub fixed: Option<u32>,
+    /// Chunks with messages about it: number of the file, offsets of the first and the last.
+    places: Vec<(usize, u64, u64)>,
+    /// Its first step is there.
+    from_its_start: bool,
+}
+
+impl Shelved {
+    /// Actions that failed.
+    pub fn failed_actions(&self) -> u32 {
+        self.failed.iter().map(|word| word.count_ones()).sum()
+    }
+
+    /// Whether it can be simulated again.
+    pub fn is_playable(&self) -> bool {
+        self.from_its_start && self.steps > 0
+    }
+
+    /// Takes a message of this generation; false if a newer one has gone on from before it.
+    fn admits(&mut self, generation: Generation, step: u32) -> bool {
+        if generation > self.generation {
+            self.generation = generation;
+            self.steps = self.steps.min(step);
+            self.failed.truncate((step as usize).div_ceil(64));
+            if let Some(last) = self.failed.last_mut().filter(|_| !step.is_multiple_of(64)) {
+                *last &= (1 << (step % 64)) - 1;
+            }
+            self.end = None;
+        }
+        generation == self.generation
+    }
+
+    fn lies_at(&mut self, file: usize, offset: u64) {
+        match self.places.last_mut() {
+            Some((last, _, end)) if *last == file => *end = offset,
+            _ => self.places.push((file, offset, offset)),
+        }
+    }
+}
+
+/// What of a step the table needs: the rest of the message is passed over.
+#[derive(Clone, PartialEq, prost::Message)]
+struct StepBrief {
+    #[prost(uint32, tag = "1")]
+    kitchen: u32,
+    #[prost(uint32, tag = "2")]
+    environment: u32,
+    #[prost(uint32, tag = "5")]
+    episode: u32,
+    #[prost(uint32, tag = "6")]
+    step: u32,
+    #[prost(uint32, tag = "8")]
+    incarnation: u32,
+    #[prost(uint32, tag = "9")]
+    learner_incarnation: u32,
+    #[prost(int32, tag = "13")]
+    target: i32,
+    #[prost(bool, tag = "14")]
+    action_failed: bool,
+    #[prost(uint32, optional, tag = "34")]
+    fixed_episode: Option<u32>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Carries {
+    Step,
+    Start,
+    End,
+}
+
+/// A file of recordings.
+#[derive(Debug)]
+struct Volume {
+    path: PathBuf,
+    /// Read up to here.
+    offset: u64,
+    length: u64,
+    channels: HashMap<u16, Carries>,
+    /// The configuration that it was recorded under, once it was read.
+    config: Option<String>,
+    /// Nothing more is read of it.
+    given_up: bool,
+    /// All of its data was read, as long as its length stays.
+    caught_up: bool,
+}
+
+/// What of a chunk matters here.
+enum Found {
+    Channel(u16, Carries),
+    Message(u16, Vec<u8>),
+}
+
+/// The shelf of one run's recordings.
+#[derive(Debug)]
+pub struct Shelf {
+    folder: PathBuf,
+    volumes: Vec<Volume>,
+    episodes: BTreeMap<Key, Shelved>,
+    /// Of every environment the newest learner, and the last episode that it began.
+    newest: HashMap<(u8, u32), (Generation, u32)>,
+    met: u64,
+    /// Of every kitchen the episodes that ended last, the newest last.
+    ended: HashMap<u8, VecDeque<Key>>,
+    /// What is wrong with the files, as sentences without an end.
+    pub notes: Vec<String>,
+}
+
+/// What comes next in a file.
+enum Next {
+    /// A chunk, and where the record after it begins.
+    Chunk(Vec<u8>, u64),
+    /// Something else, which ends here.
+    Other(u64),
+    /// The end of what is there.
+    End,
+    /// No record.
+    Damaged,
+}
+
+impl Shelf {
+    /// Of the recordings in this folder; nothing is read yet.
+    pub fn of(folder: PathBuf) -> Self {
+        Self {
+            folder,
+            volumes: Vec::new(),
+            episodes: BTreeMap::new(),
+            newest: HashMap::new(),
+            met: 0,
+            ended: HashMap::new(),
+            notes: Vec::new(),
+        }
+    }
+
+    /// Reads on for about as long as this; true if all that is there was read.
+    pub fn advance(&mut self, patience: Duration) -> bool {
+        let began = Instant::now();
+        self.find_volumes();
+        for number in 0..self.volumes.len() {
+            while !self.volumes[number].given_up && !self.volumes[number].caught_up {
+                if began.elapsed() > patience {
+                    return false;
+                }
+                if !self.read_on(number) {
+                    break;
+                }
+            }
+        }
+        true
+    }
+
+    /// Share of the files' bytes that was read, 0..1.
+    pub fn indexed(&self) -> f64 {
+        let sum = |of: fn(&Volume) -> u64| self.volumes.iter().map(of).sum::<u64>();
+        // After the data come index and end mark, which are not read.
+        let all = sum(|volume| if volume.given_up || volume.caught_up { volume.offset } else { volume.length });
+        let read = sum(|volume| volume.offset);
+        if all == 0 { 1.0 } else { (read as f64 / all as f64).min(1.0) }
+    }
+
+    /// All episodes that count: not those that a learner had played before it went back.
+    pub fn episodes(&self) -> impl Iterator<Item = (Key, &Shelved)> {
+        self.episodes
+            .iter()
+            .filter(|((kitchen, environment, episode), _)| {
+                self.newest.get(&(*kitchen, *environment)).is_none_or(|(_, last)| episode <= last)
+            })
+            .map(|(key, shelved)| (*key, shelved))
+    }
+
+    /// The last episode of an environment.
+    pub fn last_of(&self, kitchen: u8, environment: u32) -> Option<Key> {
+        let (_, last) = self.newest.get(&(kitchen, environment))?;
+        let range = (kitchen, environment, 0)..=(kitchen, environment, *last);
+        self.episodes.range(range).rev().find(|(_, shelved)| shelved.is_playable()).map(|(key, _)| *key)
+    }
+
+    /// Episodes that were begun so far.
+    pub fn met(&self) -> u64 {
+        self.met
+    }
+
+    /// The episodes of a kitchen that ended last, at most so many.
+    pub fn newest_of(&self, kitchen: u8, count: usize) -> impl Iterator<Item = &Shelved> {
+        let ended = self.ended.get(&kitchen).into_iter().flatten().rev();
+        ended.filter_map(|key| self.episodes.get(key)).take(count)
+    }
+
+    /// The environments of which something was recorded.
+    pub fn environments(&self) -> impl Iterator<Item = (u8, u32)> {
+        self.newest.keys().copied()
+    }
+
+    /// Takes an episode out: the configuration of its file, and what was recorded of it. None if it is not there.
+    pub fn take_out(&self, key: Key) -> Result<Option<(String, RecordedEpisode)>, RecordingError> {
+        let Some(shelved) = self.episodes.get(&key) else { return Ok(None) };
+        let Ok(kitchen) = KitchenId::new(key.0) else { return Ok(None) };
+        let mut assembly = Assembly::default();
+        let mut config = None;
+        for &(number, first, last) in &shelved.places {
+            let volume = &self.volumes[number];
+            let unreadable = |cause| RecordingError::Unreadable { path: volume.path.clone(), cause };
+            config = config.or_else(|| volume.config.clone());
+            let file = File::open(&volume.path).map_err(unreadable)?;
+            let mut offset = first;
+            while offset <= last {
+                offset = match next(&file, offset, volume.length).map_err(unreadable)? {
+                    Next::Chunk(body, end) => {
+                        for found in contents(&body).unwrap_or_default() {
+                            if let Found::Message(channel, data) = found
+                                && let Some(&carries) = volume.channels.get(&channel)
+                            {
+                                assemble(&mut assembly, key, carries, &data);
+                            }
+                        }
+                        end
+                    }
+                    Next::Other(end) => end,
+                    Next::End | Next::Damaged => break,
+                };
+            }
+        }
+        let Some(config) = config.filter(|_| !assembly.actions.is_empty()) else { return Ok(None) };
+        let recorded = RecordedEpisode {
+            environment: EnvironmentId { kitchen, number: key.1 },
+            episode: key.2,
+            start_hash: assembly.start_hash,
+            actions: assembly.actions,
+            hashes: assembly.hashes,
+            goals: assembly.goals,
+            start: assembly.start,
+            steps: assembly.steps,
+        };
+        Ok(Some((config, recorded)))
+    }
+
+    /// Takes in files that are new, and how long all are now.
+    fn find_volumes(&mut self) {
+        let Ok(entries) = std::fs::read_dir(&self.folder) else { return };
+        let mut found: Vec<(PathBuf, u64)> = entries
+            .flatten()
+            .map(|entry| entry.path())
+            .filter(|path| path.extension().is_some_and(|extension| extension == "mcap"))
+            .filter_map(|path| Some((path.clone(), std::fs::metadata(&path).ok()?.len())))
+            .collect();
+        // Names hold incarnation and segment with leading zeros: their order is that of time.
+        found.sort();
+        for (path, length) in found {
+            match self.volumes.iter_mut().find(|volume| volume.path == path) {
+                Some(volume) => {
+                    volume.caught_up &= volume.length == length;
+                    volume.length = length;
+                }
+                None => {
+                    let offset = mcap::MAGIC.len() as u64;
+                    let channels = HashMap::new();
+                    self.volumes.push(Volume {
+                        path,
+                        offset,
+                        length,
+                        channels,
+                        config: None,
+                        given_up: false,
+                        caught_up: false,
+                    });
+                }
+            }
+        }
+    }
+
+    /// Reads the next record of a file; false if there is none yet, or never.
+    fn read_on(&mut self, number: usize) -> bool {
+        let volume = &mut self.volumes[number];
+        if volume.config.is_none() {
+            match config_of(&volume.path) {
+                Ok(config) => volume.config = Some(config),
+                Err(_) if volume.offset >= volume.length || is_growing(&volume.path) => return false,
+                Err(error) => {
+                    volume.given_up = true;
+                    self.notes.push(error.to_string());
+                    return false;
+                }
+            }
+        }
+        let record = File::open(&volume.path).and_then(|file| next(&file, volume.offset, volume.length));
+        let (offset, read) = match record {
+            Ok(Next::Chunk(body, end)) => (end, contents(&body)),
+            Ok(Next::Other(end)) => (end, Some(Vec::new())),
+            Ok(Next::End) => {
+                volume.caught_up = true;
+                return false;
+            }
+            Err(_) => return false,
+            Ok(Next::Damaged) => (volume.offset, None),
+        };
+        let Some(contents) = read else {
+            // A flush that is seen half is whole a moment later.
+            if !is_growing(&volume.path) {
+                volume.given_up = true;
+                let path = volume.path.display();
+                self.notes.push(format!(
+                    "{path} is damaged after {} bytes: the table has what comes before, `orchestrator recover {path}` \
+                     saves the rest",
+                    volume.offset
+                ));
+            }
+            return false;
+        };
+        let at = volume.offset;
+        volume.offset = offset;
+        for found in contents {
+            match found {
+                Found::Channel(id, carries) => drop(self.volumes[number].channels.insert(id, carries)),
+                Found::Message(channel, data) => {
+                    if let Some(&carries) = self.volumes[number].channels.get(&channel) {
+                        self.take((number, at), carries, &data);
+                    }
+                }
+            }
+        }
+        true
+    }
+
+    fn take(&mut self, place: (usize, u64), carries: Carries, data: &[u8]) {
+        match carries {
+            Carries::Step => {
+                let Ok(step) = StepBrief::decode(data) else { return };
+                let generation = (step.incarnation, step.learner_incarnation);
+                let whose = (step.kitchen, step.environment, step.episode);
+                let Some(shelved) = self.shelved(whose, generation, step.step, place) else { return };
+                shelved.from_its_start |= step.step == 0;
+                shelved.target = Some(step.target);
+                shelved.fixed = step.fixed_episode;
+                shelved.steps = shelved.steps.max(step.step + 1);
+                let word = step.step as usize / 64;
+                // A step's number is bounded by an episode's length; a damaged one costs no memory.
+                if word < 1024 {
+                    shelved.failed.resize(shelved.failed.len().max(word + 1), 0);
+                    shelved.failed[word] |= u64::from(step.action_failed) << (step.step % 64);
+                }
+            }
+            Carries::Start => {
+                let Ok(start) = EpisodeStart::decode(data) else { return };
+                let generation = (start.incarnation, start.learner_incarnation);
+                let whose = (start.kitchen, start.environment, start.episode);
+                if let Some(shelved) = self.shelved(whose, generation, 0, place) {
+                    shelved.target = Some(start.target);
+                }
+            }
+            Carries::End => {
+                let Ok(end) = EpisodeEnd::decode(data) else { return };
+                let generation = (end.incarnation, end.learner_incarnation);
+                let whose = (end.kitchen, end.environment, end.episode);
+                let Some(shelved) = self.shelved(whose, generation, end.length, place) else { return };
+                shelved.end = Some(end);
+                let Ok(kitchen) = u8::try_from(whose.0) else { return };
+                let ended = self.ended.entry(kitchen).or_default();
+                if ended.len() == ENDED_KEPT {
+                    ended.pop_front();
+                }
+                ended.push_back((kitchen, whose.1, whose.2));
+            }
+        }
+    }
+
+    /// The episode that a message is about, if the message counts.
+    fn shelved(
+        &mut self,
+        (kitchen, environment, episode): (u32, u32, u32),
+        generation: Generation,
+        step: u32,
+        (number, at): (usize, u64),
+    ) -> Option<&mut Shelved> {
+        let kitchen = u8::try_from(kitchen).ok()?;
+        let newest = self.newest.entry((kitchen, environment)).or_insert((generation, episode));
+        if generation > newest.0 {
+            *newest = (generation, episode);
+        } else if generation == newest.0 {
+            newest.1 = newest.1.max(episode);
+        }
+        let key = (kitchen, environment, episode);
+        if !self.episodes.contains_key(&key) {
+            if self.episodes.len() >= EPISODES_MAX {
+                if self.episodes.len() as u64 == self.met {
+                    self.met += 1;
+                    self.notes
+                        .push(format!("the table has the first {EPISODES_MAX} episodes, later ones are left out"));
+                }
+                return None;
+            }
+            self.met += 1;
+            let new = Shelved { order: self.met, generation, ..Shelved::default() };
+            self.episodes.insert(key, new);
+        }
+        let shelved = self.episodes.get_mut(&key)?;
+        if !shelved.admits(generation, step) {
+            return None;
+        }
+        shelved.lies_at(number, at);
+        Some(shelved)
+    }
+}
+
+/// Feeds one message to the assembly, if it is about this episode.
+fn assemble(assembly: &mut Assembly, key: Key, carries: Carries, data: &[u8]) {
+    let is_it = |kitchen: u32, environment: u32, episode: u32| {
+        (kitchen, environment, episode) == (u32::from(key.0), key.1, key.2)
+    };
+    match carries {
+        Carries::Step => {
+            let Ok(step) = Step::decode(data) else { return };
+            if is_it(step.kitchen, step.environment, step.episode)
+                && let Some(taken) = Taken::of(&step)
+            {
+                assembly.step((step.incarnation, step.learner_incarnation), step.step as usize, &taken);
+            }
+        }
+        Carries::Start => {
+            let Ok(start) = EpisodeStart::decode(data) else { return };
+            if is_it(start.kitchen, start.environment, start.episode) {
+                assembly.begin(&start);
+            }
+        }
+        Carries::End => {}
+    }
+}
+
+/// What a chunk holds; none if its content is not what its checksum says.
+fn contents(body: &[u8]) -> Option<Vec<Found>> {
+    let Ok(Record::Chunk { header, data }) = parse_record(op::CHUNK, body) else { return None };
+    let mut found = Vec::new();
+    for record in ChunkReader::new(header, &data).ok()? {
+        match record.ok()? {
+            Record::Channel(channel) => {
+                let carries = match channel.topic.as_str() {
+                    "/step" => Carries::Step,
+                    "/episode/start" => Carries::Start,
+                    "/episode/end" => Carries::End,
+                    _ => continue,
+                };
+                found.push(Found::Channel(channel.id, carries));
+            }
+            Record::Message { header, data } => found.push(Found::Message(header.channel_id, data.into_owned())),
+            _ => {}
+        }
+    }
+    Some(found)
+}
+
+/// The configuration of a file.
+fn config_of(path: &Path) -> Result<String, RecordingError> {
+    let text = Origin::of(path)?.configuration(path, std::iter::empty())?;
+    let problem =
+        |cause: toml::de::Error| RecordingError::Foreign { path: path.to_path_buf(), problem: cause.to_string() };
+    toml::from_str::<Config>(&text).map_err(problem)?;
+    Ok(text)
+}
+
+/// Whether a recorder writes it at this moment.
+fn is_growing(path: &Path) -> bool {
+    File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
+/// The record at this offset of a file of this length.
+fn next(file: &File, offset: u64, length: u64) -> std::io::Result<Next> {
+    if offset + RECORD_HEAD > length {
+        return Ok(Next::End);
+    }
+    let mut head = [0; RECORD_HEAD as usize];
+    file.read_exact_at(&mut head, offset)?;
+    let size = u64::from_le_bytes(std::array::from_fn(|at| head[at + 1]));
+    // What follows the data is index; a recorder that goes on replaces it.
+    if head[0] == op::DATA_END {
+        return Ok(Next::End);
+    }
+    if head[0] == 0 || size > RECORD_MAX {
+        return Ok(Next::Damaged);
+    }
+    let end = offset + RECORD_HEAD + size;
+    if end > length {
+        return Ok(Next::Damaged);
+    }
+    if head[0] != op::CHUNK {
+        return Ok(Next::Other(end));
+    }
+    let mut body = vec![0; size as usize];
+    file.read_exact_at(&mut body, offset + RECORD_HEAD)?;
+    Ok(Next::Chunk(body, end))
+}

@@ -1,0 +1,91 @@
+//! The shelf that grows with recordings has what a reading of them all gathers.
+
+use super::{Said, Shelf, episodes, same, step};
+use crate::recording::episodes::gather;
+use crate::recording::shelf;
+use crate::recording::wanted::Wanted;
+use proto::config::Config;
+use proto::replay::RecordedEpisode;
+use std::path::PathBuf;
+use std::time::Duration;
+
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Every episode that the shelf can take out.
+fn all(shelf: &shelf::Shelf) -> Vec<RecordedEpisode> {
+    let keys: Vec<_> = shelf.episodes().filter(|(_, shelved)| shelved.is_playable()).map(|(key, _)| key).collect();
+    keys.into_iter().map(|key| shelf.take_out(key).unwrap().expect("it is on the shelf").1).collect()
+}
+
+fn gathered(files: &[PathBuf]) -> Vec<RecordedEpisode> {
+    gather(files, Wanted::default()).unwrap().episodes
+}
+
+fn failing(said: Vec<Said>, failed: &[(u32, u32)]) -> Vec<Said> {
+    let fail = |said| match said {
+        Said::Step(step) if failed.contains(&(step.episode, step.step)) => {
+            Said::Step(crate::recording::schema::stillroom::Step { action_failed: true, ..step })
+        }
+        said => said,
+    };
+    said.into_iter().map(fail).collect()
+}
+
+#[test]
+fn episodes_over_two_files_are_found_as_the_files_appear() {
+    let folder = Shelf::new();
+    let mut shelf = shelf::Shelf::of(folder.0.path().to_path_buf());
+    assert!(shelf.advance(PATIENCE) && shelf.episodes().count() == 0);
+    let said = failing(episodes(1), &[(0, 0), (1, 1), (1, 2)]);
+    // Cut in the middle of episode 1.
+    let cut = said.iter().position(step(1, 1)).unwrap();
+    let first = folder.segment(0, &Config::default(), &said[..cut], same);
+    assert!(shelf.advance(PATIENCE));
+    assert_eq!(all(&shelf), gathered(std::slice::from_ref(&first)));
+    let second = folder.segment(1, &Config::default(), &said[cut..], same);
+    assert!(shelf.advance(PATIENCE));
+    assert_eq!(all(&shelf), gathered(&[first, second]));
+    let told: Vec<_> = shelf
+        .episodes()
+        .map(|((_, _, episode), shelved)| (episode, shelved.steps, shelved.failed_actions(), shelved.end.is_some()))
+        .collect();
+    assert_eq!(told, [(0, 3, 1, true), (1, 3, 2, true), (2, 3, 0, true), (3, 2, 0, false)]);
+    assert_eq!((shelf.last_of(1, 0), shelf.last_of(2, 0)), (Some((1, 0, 3)), None));
+    assert!((shelf.indexed() - 1.0).abs() < 1e-9 && shelf.notes.is_empty());
+    assert_eq!(
+        shelf.newest_of(1, 2).filter_map(|shelved| Some(shelved.end.as_ref()?.episode)).collect::<Vec<_>>(),
+        [2, 1]
+    );
+}
+
+#[test]
+fn what_a_newer_learner_went_back_behind_is_void() {
+    let folder = Shelf::new();
+    let mut said = failing(episodes(1), &[(1, 0), (1, 2)]);
+    said.extend(failing(episodes(2).into_iter().filter(step(1, 1)).collect(), &[(1, 1)]));
+    let file = folder.segment(0, &Config::default(), &said, same);
+    let mut shelf = shelf::Shelf::of(folder.0.path().to_path_buf());
+    assert!(shelf.advance(PATIENCE));
+    let told: Vec<_> =
+        shelf.episodes().map(|((_, _, episode), shelved)| (episode, shelved.steps, shelved.failed_actions())).collect();
+    assert_eq!(told, [(0, 3, 0), (1, 2, 2)], "episodes 2 and 3 are void, and step 2 of episode 1");
+    let taken = shelf.take_out((1, 0, 1)).unwrap().unwrap().1;
+    assert_eq!(taken, gathered(&[file]).remove(1));
+}
+
+#[test]
+fn a_damaged_file_is_read_up_to_its_damage_and_named() {
+    let folder = Shelf::new();
+    let file = folder.segment(0, &Config::default(), &episodes(1), same);
+    let mut bytes = std::fs::read(&file).unwrap();
+    // The one chunk's content: its last bytes are before the index.
+    let chunk = bytes.windows(4).rposition(|window| window == [0x28, 0xb5, 0x2f, 0xfd]).unwrap();
+    bytes[chunk + 20] ^= 0xff;
+    std::fs::write(&file, bytes).unwrap();
+    let mut shelf = shelf::Shelf::of(folder.0.path().to_path_buf());
+    assert!(shelf.advance(PATIENCE));
+    assert_eq!(all(&shelf), []);
+    let expected = format!("orchestrator recover {}", file.display());
+    assert!(shelf.notes.len() == 1 && shelf.notes[0].contains(&expected), "{:?}", shelf.notes);
+    assert!(shelf.advance(PATIENCE) && shelf.notes.len() == 1, "it is said once");
+}

@@ -1,0 +1,228 @@
+//! A headless Chromium, driven over its debugging protocol: a page as a person would use it.
+//!
+//! The protocol goes through the browser's standard input and output, so that nothing has to be installed beside the
+//! browser itself.
+
+use base64::Engine;
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader, Write};
+use std::path::PathBuf;
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+/// How long the browser may take to answer, and the page to get where it is waited for.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// Names of the browser.
+const PROGRAMS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
+
+/// A browser with one page.
+#[derive(Debug)]
+pub struct Browser {
+    child: Child,
+    input: ChildStdin,
+    messages: Receiver<Value>,
+    session: String,
+    last: u64,
+    /// What the page complained about: errors on its console, and exceptions.
+    pub complaints: Vec<String>,
+    _profile: tempfile::TempDir,
+}
+
+impl Browser {
+    /// Starts it; none where no browser is installed.
+    ///
+    /// # Panics
+    /// If it is installed and cannot be used.
+    pub fn start() -> Option<Self> {
+        let program = find()?;
+        let profile = tempfile::tempdir().expect("a temporary folder");
+        // The shell gives it the pipes under the numbers that it expects.
+        let mut child = Command::new("sh")
+            .args(["-c", "exec \"$0\" \"$@\" 3<&0 4>&1 0</dev/null 1>/dev/null 2>/dev/null"])
+            .arg(program)
+            .args(["--headless=new", "--remote-debugging-pipe", "--no-sandbox", "--disable-gpu", "--no-first-run"])
+            .args(["--disable-dev-shm-usage", "--hide-scrollbars", "--disable-background-networking"])
+            .arg(format!("--user-data-dir={}", profile.path().display()))
+            .arg("about:blank")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("a shell");
+        let input = child.stdin.take().expect("a pipe");
+        let output = BufReader::new(child.stdout.take().expect("a pipe"));
+        let (sender, messages) = channel();
+        std::thread::spawn(move || {
+            for message in output.split(0).map_while(Result::ok) {
+                let Ok(message) = serde_json::from_slice(&message) else { continue };
+                if sender.send(message).is_err() {
+                    return;
+                }
+            }
+        });
+        let mut browser =
+            Self { child, input, messages, session: String::new(), last: 0, complaints: Vec::new(), _profile: profile };
+        let target = browser.call("Target.createTarget", json!({ "url": "about:blank" }))["targetId"].clone();
+        let attached = browser.call("Target.attachToTarget", json!({ "targetId": target, "flatten": true }));
+        attached["sessionId"].as_str().expect("a session").clone_into(&mut browser.session);
+        for domain in ["Page.enable", "Runtime.enable", "Log.enable"] {
+            browser.call(domain, json!({}));
+        }
+        browser.resize(1280, 900);
+        Some(browser)
+    }
+
+    /// Calls a method of the protocol.
+    ///
+    /// # Panics
+    /// If it fails, or is not answered.
+    pub fn call(&mut self, method: &str, parameters: Value) -> Value {
+        self.last += 1;
+        let mut call = json!({ "id": self.last, "method": method, "params": parameters });
+        if !self.session.is_empty() {
+            call["sessionId"] = json!(self.session);
+        }
+        let mut bytes = call.to_string().into_bytes();
+        bytes.push(0);
+        self.input.write_all(&bytes).and_then(|()| self.input.flush()).expect("the browser listens");
+        let begun = Instant::now();
+        loop {
+            let left = PATIENCE.saturating_sub(begun.elapsed());
+            let mut message = match self.messages.recv_timeout(left) {
+                Ok(message) => message,
+                Err(RecvTimeoutError::Timeout) => panic!("the browser does not answer {method}"),
+                Err(RecvTimeoutError::Disconnected) => panic!("the browser has ended before it answered {method}"),
+            };
+            if message["id"] == self.last {
+                assert!(message["error"].is_null(), "{method}: {}", message["error"]);
+                return message["result"].take();
+            }
+            self.hear(&message);
+        }
+    }
+
+    fn hear(&mut self, event: &Value) {
+        let parameters = &event["params"];
+        let complaint = match event["method"].as_str() {
+            Some("Runtime.exceptionThrown") => Some(parameters["exceptionDetails"].to_string()),
+            Some("Runtime.consoleAPICalled") if parameters["type"] == "error" => Some(parameters["args"].to_string()),
+            Some("Log.entryAdded") if parameters["entry"]["level"] == "error" => Some(parameters["entry"].to_string()),
+            _ => None,
+        };
+        self.complaints.extend(complaint);
+    }
+
+    /// Opens an address.
+    pub fn open(&mut self, address: &str) {
+        self.call("Page.navigate", json!({ "url": address }));
+    }
+
+    /// The value of an expression in the page.
+    ///
+    /// # Panics
+    /// If it throws.
+    pub fn value(&mut self, expression: &str) -> Value {
+        let parameters = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
+        let mut result = self.call("Runtime.evaluate", parameters);
+        assert!(result["exceptionDetails"].is_null(), "{expression}: {}", result["exceptionDetails"]);
+        result["result"]["value"].take()
+    }
+
+    /// Waits until an expression in the page is true.
+    ///
+    /// # Panics
+    /// If it does not become so; says what the page shows then.
+    pub fn wait_for(&mut self, expression: &str) {
+        let begun = Instant::now();
+        while self.value(&format!("Boolean({expression})")) != true {
+            if begun.elapsed() > PATIENCE {
+                let text = self.value("document.body.innerText");
+                panic!("never true: {expression}\n{}\ncomplaints: {:#?}", text.as_str().unwrap_or(""), self.complaints);
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
+    /// Presses and releases a key, e.g. `Tab`, `ArrowRight`, `d`.
+    pub fn press(&mut self, key: &str) {
+        let mut parameters = json!({ "type": "keyDown", "key": key, "code": key });
+        let code = match key {
+            "Tab" => 9,
+            "Enter" => 13,
+            " " => 32,
+            "End" => 35,
+            "Home" => 36,
+            "ArrowLeft" => 37,
+            "ArrowUp" => 38,
+            "ArrowRight" => 39,
+            "ArrowDown" => 40,
+            _ => 0,
+        };
+        parameters["windowsVirtualKeyCode"] = json!(code);
+        if key == "Enter" {
+            parameters["text"] = json!("\r");
+        } else if key.chars().count() == 1 {
+            parameters["text"] = json!(key);
+        }
+        self.call("Input.dispatchKeyEvent", parameters.clone());
+        parameters["type"] = json!("keyUp");
+        self.call("Input.dispatchKeyEvent", parameters);
+    }
+
+    /// Drags the mouse over the middle of an element.
+    pub fn drag(&mut self, selector: &str, by: (f64, f64)) {
+        let middle = self.value(&format!(
+            "(() => {{ const element = document.querySelector({selector:?}); element.scrollIntoView({{ block: 'center' }}); \
+             const box = element.getBoundingClientRect(); \
+             return [box.left + box.width / 2, box.top + box.height / 2]; }})()"
+        ));
+        let place = |at: usize| middle[at].as_f64().expect("a number");
+        let (x, y) = (place(0), place(1));
+        let mut mouse = |kind: &str, x: f64, y: f64| {
+            let buttons = u8::from(kind != "mouseReleased");
+            let parameters =
+                json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1 });
+            self.call("Input.dispatchMouseEvent", parameters);
+        };
+        mouse("mousePressed", x, y);
+        for step in 1..=6 {
+            let share = f64::from(step) / 6.0;
+            mouse("mouseMoved", x + by.0 * share, y + by.1 * share);
+        }
+        mouse("mouseReleased", x + by.0, y + by.1);
+    }
+
+    /// Makes the window this large.
+    pub fn resize(&mut self, width: u32, height: u32) {
+        let parameters = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
+        self.call("Emulation.setDeviceMetricsOverride", parameters);
+    }
+
+    /// `light` or `dark`.
+    pub fn scheme(&mut self, scheme: &str) {
+        let feature = json!({ "name": "prefers-color-scheme", "value": scheme });
+        self.call("Emulation.setEmulatedMedia", json!({ "features": [feature] }));
+    }
+
+    /// A picture of what is seen, as PNG.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn screenshot(&mut self) -> Vec<u8> {
+        let taken = self.call("Page.captureScreenshot", json!({ "format": "png" }));
+        base64::prelude::BASE64_STANDARD.decode(taken["data"].as_str().expect("a picture")).expect("base64")
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn find() -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    let folders: Vec<PathBuf> = std::env::split_paths(&path).collect();
+    PROGRAMS.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| path.is_file())
+}

@@ -1,0 +1,109 @@
+//! `orchestrator view` as a running process, and a client of it.
+
+use crate::{Workshop, finish, signal, start};
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::Child;
+use std::time::Duration;
+
+/// A viewer; interrupted when this is dropped.
+#[derive(Debug)]
+pub struct Viewer {
+    child: Option<Child>,
+    /// Its address, e.g. `127.0.0.1:8765`.
+    pub address: String,
+}
+
+/// What it answered.
+#[derive(Debug)]
+pub struct Answer {
+    /// HTTP status.
+    pub status: u16,
+    /// What comes after the head.
+    pub body: Vec<u8>,
+}
+
+impl Answer {
+    /// The body as JSON.
+    ///
+    /// # Panics
+    /// If it is none.
+    pub fn json(&self) -> Value {
+        let text = String::from_utf8_lossy(&self.body);
+        serde_json::from_slice(&self.body).unwrap_or_else(|error| panic!("{error}: {text}"))
+    }
+}
+
+impl Viewer {
+    /// Starts one in a workshop, on any port.
+    ///
+    /// # Panics
+    /// If it does not say where it listens.
+    pub fn start(workshop: &Workshop, arguments: &[&str]) -> Self {
+        let mut child = start(workshop.orchestrator(&[&["view", "--port", "0"], arguments].concat()));
+        let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+        let line = lines.next().expect("a line").expect("text");
+        let address = line.strip_prefix("view: http://").expect("an address").trim_end_matches('/').to_owned();
+        Self { child: Some(child), address }
+    }
+
+    /// Asks for a path.
+    ///
+    /// # Panics
+    /// If nothing comes back.
+    pub fn get(&self, path: &str) -> Answer {
+        let mut stream = TcpStream::connect(&self.address).expect("the viewer listens");
+        stream.set_read_timeout(Some(Duration::from_mins(3))).expect("a timeout");
+        write!(stream, "GET {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", self.address).expect("it reads");
+        let mut bytes = Vec::new();
+        stream.read_to_end(&mut bytes).expect("an answer");
+        let end = bytes.windows(4).position(|window| window == b"\r\n\r\n").expect("a head");
+        let head = String::from_utf8_lossy(&bytes[..end]).to_ascii_lowercase();
+        let status = head.split(' ').nth(1).and_then(|status| status.parse().ok()).expect("a status");
+        let body = bytes.split_off(end + 4);
+        let body = if head.contains("transfer-encoding: chunked") { unchunked(&body) } else { body };
+        Answer { status, body }
+    }
+
+    /// JSON at a path.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn json(&self, path: &str) -> Value {
+        let answer = self.get(path);
+        assert_eq!(answer.status, 200, "{path}: {}", String::from_utf8_lossy(&answer.body));
+        answer.json()
+    }
+
+    /// Interrupts it; whether it ended well.
+    ///
+    /// # Panics
+    /// If it hangs.
+    pub fn stop(mut self) -> bool {
+        let child = self.child.take().expect("it is stopped once");
+        signal(child.id(), rustix::process::Signal::INT);
+        finish(child).success
+    }
+}
+
+impl Drop for Viewer {
+    fn drop(&mut self) {
+        if let Some(mut child) = self.child.take() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// The content of a body that comes in chunks.
+fn unchunked(mut body: &[u8]) -> Vec<u8> {
+    let mut content = Vec::new();
+    while let Some(end) = body.windows(2).position(|window| window == b"\r\n") {
+        let size = usize::from_str_radix(&String::from_utf8_lossy(&body[..end]), 16).unwrap_or(0);
+        let Some(chunk) = body.get(end + 2..end + 2 + size).filter(|_| size > 0) else { break };
+        content.extend_from_slice(chunk);
+        body = body.get(end + 4 + size..).unwrap_or_default();
+    }
+    content
+}

@@ -1,0 +1,177 @@
+//! The page of `orchestrator view` as a person uses it, in a headless browser: a run's curves move, an episode is
+//! opened, stepped through and looked at from elsewhere; by mouse, by keys alone, on a narrow screen, light and dark.
+//!
+//! Where no Chromium is installed nothing is tested, and said so. `STILLROOM_SCREENSHOTS=FOLDER` keeps pictures.
+
+use serde_json::Value;
+use system_tests::{Browser, Run, Viewer, Workshop, finish, start};
+
+const ACTORS: u32 = 2;
+const ENVIRONMENTS: u32 = 2;
+const FRAMES: u64 = 1200;
+
+/// Keeps a picture of the page, if they are wanted.
+fn keep(browser: &mut Browser, name: &str) {
+    if let Some(folder) = std::env::var_os("STILLROOM_SCREENSHOTS") {
+        let picture = browser.screenshot();
+        std::fs::write(std::path::Path::new(&folder).join(format!("{name}.png")), picture)
+            .expect("a folder of pictures");
+    }
+}
+
+/// Colours in a canvas, and a number that changes with its pixels.
+fn pixels(browser: &mut Browser, selector: &str) -> (u64, u64) {
+    let value = browser.value(&format!(
+        "(() => {{ const canvas = document.querySelector({selector:?}); \
+         const {{ data }} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height); \
+         const seen = new Set(); let sum = 0; \
+         for (let at = 0; at < data.length; at += 4) {{ const colour = data[at] << 16 | data[at + 1] << 8 | data[at + 2]; \
+         seen.add(colour); sum = (sum * 31 + colour) % 2147483647; }} return [seen.size, sum]; }})()"
+    ));
+    let number = |at: usize| value[at].as_u64().expect("a number");
+    (number(0), number(1))
+}
+
+/// Presses Tab until an element that fits has the keyboard.
+fn tab_to(browser: &mut Browser, selector: &str) {
+    for _ in 0..120 {
+        if browser.value(&format!("document.activeElement?.matches({selector:?})")) == true {
+            return;
+        }
+        browser.press("Tab");
+    }
+    panic!("the keyboard never gets to {selector}");
+}
+
+fn text(browser: &mut Browser, selector: &str) -> String {
+    let value = browser.value(&format!("document.querySelector({selector:?})?.textContent"));
+    value.as_str().unwrap_or_default().to_owned()
+}
+
+#[test]
+fn a_run_is_watched_and_an_episode_is_looked_at() {
+    let Some(mut browser) = Browser::start() else {
+        eprintln!("no Chromium on the PATH: the page was not tested");
+        return;
+    };
+    let workshop = Workshop::new();
+    std::fs::create_dir(workshop.path("runs")).expect("a folder");
+    let viewer = Viewer::start(&workshop, &[]);
+    browser.open(&format!("http://{}/", viewer.address));
+    browser.wait_for("document.body.innerText.includes('No run yet')");
+    let child = start(workshop.up("runs/watched", ACTORS, ENVIRONMENTS, FRAMES));
+    browser.wait_for("document.querySelector('a[href=\"#/run/watched\"]')");
+    keep(&mut browser, "list");
+    curves_move(&mut browser, &workshop.run("runs/watched"));
+    finish(child).result();
+    browser.wait_for("document.querySelector('.state.complete')");
+    browser.wait_for("document.querySelectorAll('.depths canvas[data-step]').length > 0");
+    keep(&mut browser, "run");
+    an_episode_is_looked_at(&mut browser);
+    only_keys(&mut browser);
+    narrow_and_dark(&mut browser);
+    assert_eq!(browser.complaints, Vec::<String>::new(), "the page's console has no error");
+    assert!(viewer.stop());
+}
+
+fn curves_move(browser: &mut Browser, run: &Run) {
+    browser.value("document.querySelector('a[href=\"#/run/watched\"]').click()");
+    let points = "Number(document.querySelector('[data-figure=\"frames_per_s\"]')?.dataset.points ?? 0)";
+    browser.wait_for(&format!("{points} > 1"));
+    let before = browser.value(points).as_f64().expect("a number");
+    let drawn = pixels(browser, "[data-figure='frames_per_s'] canvas");
+    assert!(drawn.0 > 5, "a curve, a grid and words: {} colours", drawn.0);
+    run.wait_for_rollouts(before as usize + 2);
+    browser.wait_for(&format!("{points} > {before}"));
+    assert_ne!(pixels(browser, "[data-figure='frames_per_s'] canvas"), drawn, "the curve moved");
+    browser.wait_for("document.querySelector('section[aria-label=Progress]').innerText.includes('of 1\u{202f}200')");
+}
+
+fn an_episode_is_looked_at(browser: &mut Browser) {
+    browser.value("[...document.querySelectorAll('a')].find((link) => link.textContent === 'Episodes').click()");
+    browser.wait_for("document.querySelector('table.episodes tr.link')");
+    // The longest first: there is something to step through.
+    for _ in 0..2 {
+        browser.wait_for("document.querySelector('th[data-column=length] button')");
+        if browser.value("document.querySelector('th[data-column=length]').ariaSort") != "descending" {
+            browser.value("document.querySelector('th[data-column=length] button').click()");
+        }
+        browser.wait_for("document.querySelector('th[data-column=length]').ariaSort === 'descending'");
+    }
+    keep(browser, "episodes");
+    browser.wait_for("Number(document.querySelector('table.episodes tbody tr td:nth-child(8)')?.textContent) > 5");
+    browser.value("document.querySelector('table.episodes tbody tr a').click()");
+    browser.wait_for("document.querySelector('canvas.orbit')?.dataset.fine === '0'");
+    browser.wait_for("document.querySelector('canvas.depth')?.dataset.step === '0'");
+    assert!(text(browser, "main").contains("states are as recorded"));
+    let room = pixels(browser, "canvas.orbit");
+    assert!(room.0 > 100, "a room has more than {} colours", room.0);
+    let depth = pixels(browser, "canvas.depth");
+    assert!(depth.0 > 20, "a depth picture has more than {} colours", depth.0);
+
+    // To the end by the keyboard: other pictures, other words.
+    browser.press("End");
+    let last = browser.value("document.querySelector('input[type=range]').max");
+    let last = last.as_str().expect("a number").to_owned();
+    browser.wait_for(&format!("document.querySelector('canvas.depth').dataset.step === '{last}'"));
+    browser.wait_for(&format!("document.querySelector('canvas.orbit').dataset.fine === '{last}'"));
+    assert_ne!(pixels(browser, "canvas.depth").1, depth.1, "the robot sees something else");
+    browser.wait_for(&format!("document.body.innerText.includes('step {last}')"));
+    let room = pixels(browser, "canvas.orbit");
+    keep(browser, "episode");
+
+    // The camera is turned by the mouse.
+    browser.value("delete document.querySelector('canvas.orbit').dataset.fine");
+    browser.drag("canvas.orbit", (120.0, 30.0));
+    browser.wait_for(&format!("document.querySelector('canvas.orbit').dataset.fine === '{last}'"));
+    assert_ne!(pixels(browser, "canvas.orbit").1, room.1, "the camera was turned");
+    browser.wait_for("document.querySelector('.plan svg .robot') && document.querySelector('.plan svg .way')");
+}
+
+/// From the top of the page to an episode's third step without a mouse.
+fn only_keys(browser: &mut Browser) {
+    browser.value("location.hash = '#/run/watched/episodes'");
+    browser.wait_for("document.querySelector('table.episodes tbody tr.link a')");
+    browser.value("document.activeElement.blur()");
+    tab_to(browser, "table.episodes tbody tr.link a");
+    browser.press("Enter");
+    browser.wait_for("document.querySelector('canvas.orbit')?.dataset.step === '0'");
+    tab_to(browser, "canvas.orbit");
+    let before = pixels(browser, "canvas.orbit").1;
+    browser.value("delete document.querySelector('canvas.orbit').dataset.step");
+    browser.press("ArrowLeft");
+    browser.wait_for("document.querySelector('canvas.orbit').dataset.step === '0'");
+    assert_ne!(pixels(browser, "canvas.orbit").1, before, "an arrow key turns the camera");
+    tab_to(browser, "input[type=range]");
+    browser.press("ArrowRight");
+    browser.wait_for("document.querySelector('canvas.depth').dataset.step === '1'");
+}
+
+fn narrow_and_dark(browser: &mut Browser) {
+    let paper = "getComputedStyle(document.body).backgroundColor";
+    for (scheme, bright) in [("light", true), ("dark", false)] {
+        browser.scheme(scheme);
+        browser.resize(390, 800);
+        for page in ["#/?all", "#/run/watched", "#/run/watched/episodes"] {
+            browser.value(&format!("location.hash = {page:?}"));
+            browser.wait_for("document.querySelector('main table tbody tr, main figure')");
+            let width = browser.value("document.documentElement.scrollWidth");
+            assert!(
+                width.as_u64().is_some_and(|width| width <= 390),
+                "{page} is {width} pixels wide on a screen of 390"
+            );
+        }
+        keep(browser, &format!("narrow-{scheme}"));
+        browser.resize(1280, 900);
+        browser.value("location.hash = '#/run/watched'");
+        browser.wait_for("document.querySelector('[data-figure]')");
+        browser.wait_for("document.querySelectorAll('.depths canvas[data-step]').length > 0");
+        keep(browser, &format!("run-{scheme}"));
+        let colour = browser.value(paper);
+        let red: Option<u8> =
+            colour.as_str().and_then(|text| text.trim_start_matches("rgb(").split(',').next()?.parse().ok());
+        assert_eq!(red.map(|red| red > 128), Some(bright), "{scheme}: {colour}");
+    }
+    let title: Value = browser.value("document.title");
+    assert_eq!(title, "watched · Stillroom");
+}

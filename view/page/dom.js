@@ -1,0 +1,60 @@
+// Elements without markup in strings: what is put in is text.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+function fill(element, properties, children) {
+  for (const [name, value] of Object.entries(properties ?? {})) {
+    if (value === undefined || value === null || value === false) continue;
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (name === "style") for (const [key, each] of Object.entries(value)) element.style.setProperty(key, each);
+    else if (name in element && typeof value !== "string" && element.namespaceURI !== SVG) element[name] = value;
+    else element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
+  return element;
+}
+
+export const h = (tag, properties, ...children) => fill(document.createElement(tag), properties, children);
+export const svg = (tag, properties, ...children) => fill(document.createElementNS(SVG, tag), properties, children);
+
+export function replace(element, ...children) {
+  element.replaceChildren(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
+}
+
+/** Says it to those who do not see the page. */
+export function say(text) {
+  document.getElementById("said").textContent = text;
+}
+
+export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+export async function ask(path, options) {
+  let answer;
+  try {
+    answer = await fetch(path, options);
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new Error("the viewer does not answer: is `orchestrator view` still there?");
+  }
+  if (!answer.ok) {
+    const text = await answer.text();
+    let problem = text.trim();
+    try { problem = JSON.parse(text).error ?? problem; } catch { /* plain text */ }
+    throw new Error(problem || `the viewer answered ${answer.status}`);
+  }
+  return answer;
+}
+
+export const json = async (path, options) => (await ask(path, options)).json();
+
+export const notice = (text, kind = "") => h("p", { class: `notice ${kind}`, role: kind === "error" ? "alert" : null }, text);
+
+/** Does something again and again until the page is left; `work` may be slow, calls never overlap. */
+export function every(milliseconds, signal, work) {
+  const round = async () => {
+    if (signal.aborted) return;
+    if (!document.hidden) await work();
+    if (!signal.aborted) setTimeout(round, milliseconds);
+  };
+  round();
+}

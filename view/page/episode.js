@@ -1,0 +1,181 @@
+// The pages of one episode, and of two side by side.
+
+import { h, json, notice, replace, say } from "./dom.js";
+import { outcome } from "./format.js";
+import { Stage, Strip } from "./stage.js";
+
+/** Goes through the steps of one or two episodes. */
+class Player {
+  constructor(stages, signal, remember) {
+    Object.assign(this, { stages, signal, remember, step: 0, timer: 0 });
+    this.last = Math.max(...stages.map((stage) => stage.last));
+    this.strip = new Strip(stages, (step) => this.go(step));
+    this.range = h("input", { type: "range", min: "0", max: String(this.last), value: "0", "aria-label": "Step", oninput: () => this.go(Number(this.range.value)) });
+    this.play = h("button", { "aria-pressed": "false", onclick: () => this.toggle() }, "Play");
+    this.speed = h("select", { "aria-label": "Steps a second" }, [2, 5, 10, 20].map((speed) => h("option", { value: String(speed), selected: speed === 5 }, `${speed} a second`)));
+    this.film = h("button", { onclick: () => this.save() }, "Save film");
+    this.element = h("section", { class: "card", "aria-label": "Steps" }, this.strip.canvas,
+      h("div", { class: "player" }, this.play, this.speed, this.range, this.film,
+        h("span", { class: "small soft optional" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " step  ", h("kbd", {}, "space"), " play  ", h("kbd", {}, "D"), " next disturbance")));
+    const keys = (event) => this.key(event);
+    document.addEventListener("keydown", keys);
+    signal.addEventListener("abort", () => { document.removeEventListener("keydown", keys); this.stop(); });
+  }
+
+  go(step) {
+    this.step = Math.min(this.last, Math.max(0, step));
+    this.range.value = String(this.step);
+    this.range.setAttribute("aria-valuetext", `step ${this.step} of ${this.last}`);
+    for (const stage of this.stages) stage.show(this.step);
+    this.strip.draw(this.step);
+    this.remember(this.step);
+  }
+
+  key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return;
+    if (event.target.closest("select, input[type=text], input[type=number]")) return;
+    const onControl = event.target.closest("button, a, input");
+    const steps = { ArrowLeft: -1, ArrowRight: 1, PageUp: -10, PageDown: 10, Home: -1e6, End: 1e6 };
+    if (event.key in steps && !(onControl && onControl !== this.range)) { event.preventDefault(); this.go(this.step + steps[event.key]); }
+    else if (event.key === " " && !onControl) { event.preventDefault(); this.toggle(); }
+    else if (event.key === "d" || event.key === "D") this.go(this.nextDisturbance());
+  }
+
+  /** The next step at which something was displaced further, round to the first. */
+  nextDisturbance() {
+    const steps = this.stages.flatMap(({ episode }) => episode.moments.map((moment, at) => (at && moment.disturbance_m > episode.moments[at - 1].disturbance_m + 0.005 ? at : 0))).filter(Boolean).sort((a, b) => a - b);
+    if (!steps.length) { say("Nothing is disturbed in this episode."); return this.step; }
+    return steps.find((at) => at > this.step) ?? steps[0];
+  }
+
+  toggle() { if (this.timer) this.stop(); else this.start(); }
+
+  start() {
+    if (this.step >= this.last) this.go(0);
+    const tick = () => {
+      if (this.step >= this.last) { this.stop(); return; }
+      this.go(this.step + 1);
+      this.timer = setTimeout(tick, 1000 / Number(this.speed.value));
+    };
+    this.timer = setTimeout(tick, 100);
+    this.play.textContent = "Pause";
+    this.play.setAttribute("aria-pressed", "true");
+  }
+
+  stop() {
+    clearTimeout(this.timer);
+    this.timer = 0;
+    this.play.textContent = "Play";
+    this.play.setAttribute("aria-pressed", "false");
+  }
+
+  /** The whole episode from where the cameras are, as a film that the browser makes. */
+  async save() {
+    const kind = ["video/mp4;codecs=avc1.42E01E", "video/webm;codecs=vp9", "video/webm"].find((each) => globalThis.MediaRecorder?.isTypeSupported(each));
+    if (!kind) { say("This browser cannot make films: orchestrator replay --images makes them."); return; }
+    this.stop();
+    this.film.disabled = true;
+    const [width, height] = [640, 480];
+    const canvas = h("canvas", { width: width * this.stages.length, height });
+    const pen = canvas.getContext("2d");
+    const stream = canvas.captureStream(0);
+    const recorder = new MediaRecorder(stream, { mimeType: kind, videoBitsPerSecond: 6e6 });
+    const chunks = [];
+    recorder.ondataavailable = ({ data }) => chunks.push(data);
+    const ended = new Promise((resolve) => { recorder.onstop = resolve; });
+    try {
+      recorder.start();
+      for (let step = 0; step <= this.last && !this.signal.aborted; step += 1) {
+        const began = performance.now();
+        for (const [at, { orbit, last }] of this.stages.entries()) {
+          orbit.step = Math.min(step, last);
+          const address = new URL(orbit.address(true), location.href);
+          address.searchParams.set("width", String(width));
+          address.searchParams.set("height", String(height));
+          const picture = await createImageBitmap(await (await fetch(address, { signal: this.signal })).blob());
+          pen.drawImage(picture, at * width, 0);
+          picture.close();
+        }
+        stream.getVideoTracks()[0].requestFrame();
+        this.film.textContent = `step ${step} of ${this.last}`;
+        await new Promise((resolve) => setTimeout(resolve, Math.max(0, 1000 / Number(this.speed.value) - (performance.now() - began))));
+      }
+      recorder.stop();
+      await ended;
+      const address = URL.createObjectURL(new Blob(chunks, { type: kind }));
+      const name = this.stages.map((stage) => `${stage.run}-${stage.key}`).join("-and-");
+      h("a", { href: address, download: `${name}.${kind.includes("mp4") ? "mp4" : "webm"}` }).click();
+      setTimeout(() => URL.revokeObjectURL(address), 60_000);
+    } catch (error) {
+      this.stages[0].fail(error);
+    }
+    Object.assign(this.film, { disabled: false, textContent: "Save film" });
+    this.go(this.step);
+  }
+}
+
+const figure = (title, content) => h("figure", { class: "card" }, h("figcaption", {}, h("span", {}, title)), content);
+
+const keep = (base) => {
+  let timer = 0;
+  return (step) => {
+    clearTimeout(timer);
+    // The address leads back to the step; browsers allow few changes a second.
+    timer = setTimeout(() => { if (location.hash.startsWith(base)) history.replaceState(null, "", `${base}${base.includes("?") ? "&" : "?"}step=${step}`); }, 300);
+  };
+};
+
+export async function showEpisode(root, run, key, query, signal) {
+  replace(root, h("p", { class: "soft", role: "status" }, "The episode is simulated again …"));
+  const stage = await Stage.open(run, key, signal);
+  const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
+  replace(root, stage.title(), stage.problem,
+    h("div", { class: "theatre" },
+      h("div", { class: "stack" },
+        h("section", { class: "card stack", "aria-label": "The room" }, stage.orbit.element, stage.words,
+          h("p", { class: "small faint" }, "Drag to turn, wheel to zoom, shift-drag to move. Pink ring: the target. Green box: the goal. Orange: displaced, with a ghost where it stood.")),
+        player.element, stage.proof()),
+      h("div", { class: "side" }, figure("What the robot sees", h("div", { class: "picture" }, stage.depth)), figure("Floor plan and way", stage.plan.element),
+        h("section", { class: "card stack" }, stage.moved, stage.parts))));
+  player.go(Number(query.get("step") ?? 0));
+}
+
+/** The recorded episodes of a run by what makes them the same: kitchen and number, in a training run environment, too. */
+async function index(run, signal) {
+  const page = await json(`/api/runs/${encodeURIComponent(run)}/episodes?recorded=true&sort=kitchen&limit=500`, { signal });
+  return new Map(page.rows.map((row) => [`${row.kitchen}:${row.episode}:${row.target}`, row]));
+}
+
+export async function showCompare(root, runs, query, signal) {
+  replace(root, h("p", { class: "soft", role: "status" }, "Looking for episodes that both have …"));
+  const [ones, others] = await Promise.all(runs.map((run) => index(run, signal)));
+  const both = [...ones.keys()].filter((name) => others.has(name));
+  if (!both.length) {
+    replace(root, notice("The two have no recorded episode in common. Evaluate both on the same episodes with `orchestrator eval RUN --record all`."));
+    return;
+  }
+  const asked = both.includes(query.get("episode")) ? query.get("episode") : both[0];
+  const place = h("div", { class: "stack" });
+  const label = (name) => {
+    const [kitchen, episode, target] = name.split(":");
+    const ends = [ones, others].map((all) => outcome(all.get(name).outcome)[0]);
+    return `kitchen ${kitchen}, episode ${episode}, ${target}: ${ends.join(" | ")}`;
+  };
+  const base = (name) => `#/compare/${runs.map(encodeURIComponent).join("/")}?episode=${encodeURIComponent(name)}`;
+  const picker = h("select", { onchange: () => { location.hash = base(picker.value); } }, both.map((name) => h("option", { value: name, selected: name === asked }, label(name))));
+  replace(root, h("div", { class: "row between" }, h("h1", {}, "Side by side"), h("label", {}, "episode", picker)), place);
+  replace(place, h("p", { class: "soft", role: "status" }, "Both are simulated again …"));
+  const keys = [ones, others].map((all) => all.get(asked).key);
+  const stages = [await Stage.open(runs[0], keys[0], signal), await Stage.open(runs[1], keys[1], signal)];
+  const player = new Player(stages, signal, keep(base(asked)));
+  // One camera for both: what is compared is seen from the same place.
+  const turn = (other) => (camera) => { other.orbit.camera = structuredClone(camera); other.orbit.draw(); };
+  [stages[0].turned, stages[1].turned] = [turn(stages[1]), turn(stages[0])];
+  stages[1].orbit.camera = structuredClone(stages[0].orbit.camera);
+  replace(place,
+    h("div", { class: "twins" }, stages.map((stage) => h("section", { class: "card stack", "aria-label": stage.run },
+      h("div", { class: "row between" }, h("a", { href: `#/run/${encodeURIComponent(stage.run)}/episode/${stage.key}` }, stage.run), h("span", { class: outcome(stage.episode.outcome)[1] }, outcome(stage.episode.outcome)[0])),
+      stage.problem, stage.orbit.element, stage.words, h("div", { class: "grid" }, h("div", { class: "picture" }, stage.depth), stage.plan.element), stage.moved, stage.proof()))),
+    player.element);
+  player.go(Number(query.get("step") ?? 0));
+}

@@ -1,0 +1,103 @@
+// The table of episodes: filtered and sorted by the server, a page at a time.
+
+import { every, h, json, notice, replace } from "./dom.js";
+import { count, metres, number, outcome, outcomes, percent } from "./format.js";
+
+const COLUMNS = [
+  ["Kitchen", "kitchen", ""], ["Episode", "episode", "number"], ["Target", "target", ""], ["Outcome", "outcome", ""],
+  ["Disturbance", "disturbance", "number"], ["Objects", "objects", "number"], ["Failed", "failed", "number optional"],
+  ["Steps", "length", "number"], ["Return", "return", "number optional"], ["Left to goal", "distance", "number optional"],
+];
+const PAGE = 50;
+
+export async function showEpisodes(root, run, query, signal) {
+  const asked = { source: "", kitchen: "", target: "", outcome: "", disturbed: "", recorded: "", sort: "", descending: "", offset: "0" };
+  for (const name of Object.keys(asked)) if (query.has(name)) asked[name] = query.get(name);
+  const encoded = encodeURIComponent(run);
+  const selects = {};
+  const change = (name, value) => { asked[name] = value; if (name !== "offset") asked.offset = "0"; load(); };
+  const select = (name, label) => {
+    selects[name] = h("select", { onchange: (event) => change(name, event.target.value) });
+    return h("label", {}, label, selects[name]);
+  };
+  const options = (name, entries) => {
+    const text = JSON.stringify(entries);
+    if (selects[name].dataset.entries !== text) {
+      selects[name].dataset.entries = text;
+      replace(selects[name], entries.map(([value, label]) => h("option", { value }, label)));
+    }
+    selects[name].value = asked[name];
+  };
+  const status = h("p", { class: "soft small", role: "status" });
+  const notes = h("div", {});
+  const heads = COLUMNS.map(([label, name, kind]) => h("th", { scope: "col", class: kind, "aria-sort": "none", "data-column": name }, h("button", {
+    onclick: () => {
+      // Largest first, smallest first, and back to the newest first.
+      const words = asked.sort !== name ? [name, "true"] : asked.descending === "true" ? [name, ""] : ["", ""];
+      [asked.sort, asked.descending] = words;
+      change("offset", "0");
+    },
+  }, label)));
+  const body = h("tbody");
+  const back = h("button", { onclick: () => change("offset", String(Math.max(0, Number(asked.offset) - PAGE))) }, "Previous");
+  const on = h("button", { onclick: () => change("offset", String(Number(asked.offset) + PAGE)) }, "Next");
+  replace(root,
+    h("div", { class: "row between" }, h("h1", {}, "Episodes"), status),
+    notes,
+    h("div", { class: "row", role: "group", "aria-label": "Filters" },
+      select("source", "of"), select("kitchen", "kitchen"), select("target", "target"), select("outcome", "outcome"), select("disturbed", "disturbance"), select("recorded", "recording")),
+    h("div", { class: "card scroll" }, h("table", { class: "episodes" }, h("thead", {}, h("tr", {}, heads)), body)),
+    h("div", { class: "row" }, back, on));
+  options("outcome", [["", "any"], ["any-success", "any success"], ["any-failure", "any failure"], ...outcomes.map((word) => [word, outcome(word)[0]])]);
+  options("disturbed", [["", "any"], ["true", "some object"], ["false", "none"]]);
+  options("recorded", [["", "any"], ["true", "can be simulated"], ["false", "not recorded"]]);
+
+  const row = (each) => {
+    const [words, kind] = outcome(each.outcome);
+    const address = each.key && `#/run/${encoded}/episode/${each.key}`;
+    const where = each.environment === null ? String(each.kitchen) : `${each.kitchen} / ${each.environment}`;
+    return h("tr", { class: address ? "link" : null, onclick: (event) => { if (address && !event.target.closest("a")) location.hash = address; } },
+      h("td", {}, where),
+      h("td", { class: "number" }, address ? h("a", { href: address }, count(each.episode)) : h("span", { title: "its actions were not recorded" }, count(each.episode))),
+      h("td", {}, each.target),
+      h("td", { class: kind }, words),
+      h("td", { class: "number" }, metres(each.disturbance_m)),
+      h("td", { class: "number" }, String(each.disturbed_objects)),
+      h("td", { class: "number optional" }, each.failed_actions ?? "–"),
+      h("td", { class: "number" }, String(each.length)),
+      h("td", { class: "number optional" }, each.returns ? number(each.returns[0]) : "–"),
+      h("td", { class: "number optional" }, metres(each.object_goal_m, 2)));
+  };
+  let shown = "", latest = 0;
+  async function load() {
+    latest += 1;
+    const mine = latest;
+    const words = new URLSearchParams({ limit: String(PAGE) });
+    for (const [name, value] of Object.entries(asked)) if (value !== "") words.set(name, value);
+    const kept = new URLSearchParams([...words].filter(([name, value]) => name !== "limit" && !(name === "offset" && value === "0")));
+    history.replaceState(null, "", `#/run/${encoded}/episodes${kept.size ? `?${kept}` : ""}`);
+    try {
+      const page = await json(`/api/runs/${encoded}/episodes?${words}`, { signal });
+      if (mine !== latest || signal.aborted) return;
+      const offset = Number(asked.offset);
+      back.disabled = offset === 0;
+      on.disabled = offset + PAGE >= page.matching;
+      const reading = page.indexed < 0.999 ? ` · recordings read: ${percent(page.indexed, 0)}` : "";
+      status.textContent = `${count(page.matching)} of ${count(page.total)} episodes${reading}`;
+      options("source", page.sources.length ? page.sources.map((name) => [name === "training" ? "" : name, name === "training" ? "training" : name.replace("rollout-", "validation ").replace(/ 0+(?=\d)/, " ")]) : [["", "the evaluation"]]);
+      options("kitchen", [["", "all"], ...page.kitchens.map((kitchen) => [String(kitchen), String(kitchen)])]);
+      options("target", [["", "all"], ...page.targets.map((target) => [target, target])]);
+      heads.forEach((head, at) => head.setAttribute("aria-sort", asked.sort !== COLUMNS[at][1] ? "none" : asked.descending === "true" ? "descending" : "ascending"));
+      const text = JSON.stringify(page.rows);
+      if (text === shown) return;
+      shown = text;
+      replace(notes, page.notes.map((note) => notice(note)));
+      const focused = body.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
+      replace(body, page.rows.length ? page.rows.map(row) : h("tr", {}, h("td", { colSpan: COLUMNS.length, class: "soft" }, page.total ? "No episode passes the filters." : "No episode has ended yet.")));
+      if (focused) body.querySelector(`[href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
+    } catch (error) {
+      if (!signal.aborted) { shown = ""; replace(notes, notice(error.message, "error")); }
+    }
+  }
+  every(5000, signal, load);
+}

@@ -1,0 +1,45 @@
+// Numbers as people read them.
+
+const missing = "–";
+const known = (value) => value !== null && value !== undefined && Number.isFinite(value);
+
+export const count = (value) => (known(value) ? Math.round(value).toString().replace(/\B(?=(\d{3})+(?!\d))/g, "\u202f") : missing);
+export const percent = (share, digits = 1) => (known(share) ? `${(100 * share).toFixed(digits)}%` : missing);
+export const metres = (value, digits = 3) => (known(value) ? `${value.toFixed(digits)} m` : missing);
+export const number = (value, digits = 2) => (known(value) ? value.toFixed(digits) : missing);
+export const signed = (value, digits = 3) => (known(value) ? `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(digits)}` : missing);
+
+export function short(value) {
+  if (!known(value)) return missing;
+  const size = Math.abs(value);
+  if (size >= 1e6) return `${trim(value / 1e6)}M`;
+  if (size >= 1e3) return `${trim(value / 1e3)}k`;
+  if (size === 0) return "0";
+  return size >= 100 ? value.toFixed(0) : size >= 1 ? trim(value) : size >= 0.001 ? Number(value.toPrecision(2)).toString() : value.toExponential(0);
+}
+const trim = (value) => Number(value.toPrecision(3)).toString();
+
+export function duration(seconds) {
+  if (!known(seconds)) return missing;
+  const all = Math.round(seconds);
+  const [days, hours, minutes] = [Math.floor(all / 86400), Math.floor(all / 3600) % 24, Math.floor(all / 60) % 60];
+  if (days) return `${days} d ${hours} h`;
+  if (hours) return `${hours} h ${String(minutes).padStart(2, "0")} min`;
+  return minutes ? `${minutes} min ${String(all % 60).padStart(2, "0")} s` : `${all} s`;
+}
+
+export const date = (unix) => (unix ? new Date(unix * 1000).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" }) : missing);
+export const bytes = (value) => (known(value) ? (value >= 2 ** 30 ? `${(value / 2 ** 30).toFixed(1)} GiB` : `${Math.round(value / 2 ** 20)} MiB`) : missing);
+
+const OUTCOMES = {
+  "success-without-disturbance": ["success, undisturbed", "good"],
+  success: ["success, disturbed", "warn"],
+  failure: ["failure", "bad"],
+  "time-limit": ["time limit", "soft"],
+  unfinished: ["goes on", "soft"],
+};
+export const outcome = (word) => OUTCOMES[word] ?? [word, "soft"];
+export const outcomes = Object.keys(OUTCOMES).filter((word) => word !== "unfinished");
+
+/** An action's name in words: "MoveAheadContinuous" is "move ahead". */
+export const action = (name) => (name ? name.replace(/(Continuous|MidLevel)$/, "").replace(/([a-z])([A-Z])/g, "$1 $2").replace(/\b(P|M)$/, (sign) => (sign === "P" ? "+" : "−")).replace(/([XYZ])P$/, "$1 +").replace(/([XYZ])M$/, "$1 −").replace(/HeightP$/, "Height +").replace(/HeightM$/, "Height −").toLowerCase() : "start");

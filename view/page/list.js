@@ -1,0 +1,65 @@
+// The list of runs with their state.
+
+import { every, h, json, notice, replace } from "./dom.js";
+import { count, date, duration, metres, percent } from "./format.js";
+
+export const stateWord = (state) => h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?");
+
+export function progress(share, label) {
+  const width = `${(100 * Math.min(1, Math.max(0, share || 0))).toFixed(2)}%`;
+  return h("div", { class: "bar", role: "img", "aria-label": label ?? width }, h("i", { style: { width } }));
+}
+
+export async function showList(root, signal) {
+  const chosen = new Set();
+  const together = h("button", { disabled: true, onclick: () => { location.hash = `#/run/${[...chosen].join("+")}`; } }, "Show together");
+  const beside = h("button", { disabled: true, onclick: () => { location.hash = `#/compare/${[...chosen].join("/")}`; } }, "Side by side");
+  const body = h("tbody");
+  const empty = h("p", { class: "soft" });
+  const heads = ["", "Run", "State", "Progress", "Success", "Undisturbed", "Disturbance", "Left", "Begun"];
+  const optional = new Set(["Disturbance", "Begun", "Undisturbed"]);
+  replace(root,
+    h("div", { class: "row between" }, h("h1", {}, "Runs"), h("div", { class: "row" }, together, beside)),
+    h("div", { class: "card scroll" },
+      h("table", {}, h("thead", {}, h("tr", {}, heads.map((head) => h("th", { scope: "col", class: optional.has(head) ? "optional" : null }, head || h("span", { class: "unseen" }, "Choose"))))), body), empty));
+
+  const row = (card) => {
+    const box = h("input", {
+      type: "checkbox", checked: chosen.has(card.id), "aria-label": `Choose ${card.id}`,
+      onchange: () => {
+        if (box.checked) chosen.add(card.id); else chosen.delete(card.id);
+        together.disabled = chosen.size < 1;
+        beside.disabled = chosen.size !== 2;
+      },
+    });
+    const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.id);
+    if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 7 }, h("span", { class: "bad small" }, card.problem)));
+    const done = `${count(card.done)} of ${count(card.budget)} ${card.evaluation ? "episodes" : "frames"}`;
+    return h("tr", {},
+      h("td", {}, box),
+      h("td", {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${card.preset} · seed ${card.seed}`)),
+      h("td", {}, stateWord(card.state)),
+      h("td", {}, progress(card.done / card.budget, done), h("div", { class: "faint small" }, done)),
+      h("td", {}, percent(card.success)),
+      h("td", { class: "optional" }, percent(card.success_without_disturbance)),
+      h("td", { class: "optional" }, metres(card.disturbance_m)),
+      h("td", {}, card.state === "running" ? duration(card.left_s) : ""),
+      h("td", { class: "optional soft small" }, date(card.created_unix_s)));
+  };
+  let shown = "";
+  every(3000, signal, async () => {
+    try {
+      const cards = await json("/api/runs", { signal });
+      const text = JSON.stringify(cards);
+      if (text === shown) return;
+      shown = text;
+      const focused = document.activeElement?.getAttribute("aria-label") ?? document.activeElement?.getAttribute("href");
+      replace(body, cards.map(row));
+      // Rows are new elements: the keyboard stays where it was.
+      if (focused) body.querySelector(`[aria-label="${CSS.escape(focused)}"], [href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
+      empty.textContent = cards.length ? "" : "No run yet. Start one with `orchestrator up`: it appears here.";
+    } catch (error) {
+      if (!signal.aborted) { shown = ""; replace(body, h("tr", {}, h("td", { colSpan: 9 }, notice(error.message, "error")))); }
+    }
+  });
+}

@@ -1,0 +1,294 @@
+// One run, live; or several over each other. Figures come when they change (server-sent events), curves by what is new.
+
+import { every, h, json, notice, replace } from "./dom.js";
+import { Cursor, LineChart, colour, smooth } from "./chart.js";
+import { bytes, count, date, duration, metres, number, percent, short } from "./format.js";
+import { progress, stateWord } from "./list.js";
+import { Painter, pictureAddress } from "./stage.js";
+
+const CHARTS = [
+  ["episode/success", "Success", { share: true }, 0],
+  ["episode/success_without_disturbance", "Success without disturbance", { share: true }, 1],
+  ["episode/disturbance_m", "Disturbance, m", { zero: true, format: (value) => metres(value) }],
+  ["episode/return", "Return", { format: (value) => number(value) }],
+  ["episode/picked_up", "Picked up", { share: true }],
+  ["frames_per_s", "Frames a second", { zero: true, format: (value) => count(value) }],
+];
+const MORE = [
+  ["episode/length", "Length, steps", { zero: true }],
+  ["policy/entropy", "Entropy, nats", {}],
+  ["policy/approximate_kl", "Approximate KL", {}],
+  ["policy/clip_fraction", "Clipped", { share: true }],
+  ["loss/value", "Value loss", {}],
+  ["loss/policy", "Policy loss", {}],
+  ["loss/auxiliary", "Auxiliary loss", {}],
+  ["optimizer/gradient_norm", "Gradient norm", {}],
+  ["optimizer/learning_rate", "Learning rate", {}],
+];
+
+const remembered = (key, otherwise) => { try { return JSON.parse(localStorage.getItem(key)) ?? otherwise; } catch { return otherwise; } };
+const remember = (key, value) => { try { localStorage.setItem(key, JSON.stringify(value)); } catch { /* not kept */ } };
+
+/** The curves of one run: columns that grow. */
+class Columns {
+  constructor(run) { Object.assign(this, { run, edition: 0, frames: [], stage: [], at: [], series: {}, stages: [], paper: null }); }
+
+  /** Asks for what is new; whether there was anything. */
+  async grow(signal) {
+    const told = await json(`/api/runs/${encodeURIComponent(this.run)}/curves?edition=${this.edition}&known=${this.frames.length}`, { signal });
+    const fresh = told.edition !== this.edition;
+    if (fresh || told.from === 0) Object.assign(this, { frames: [], stage: [], at: [], series: {} });
+    Object.assign(this, { edition: told.edition, stages: told.stages, paper: told.paper });
+    if (!told.frames.length) return fresh;
+    const before = this.frames.length;
+    for (const column of ["frames", "stage", "at"]) this[column].push(...told[column]);
+    for (const [name, values] of Object.entries(told.series)) (this.series[name] ??= new Array(before).fill(null)).push(...values);
+    for (const values of Object.values(this.series)) while (values.length < this.frames.length) values.push(null);
+    return true;
+  }
+
+  x(axis) { return axis === "time" ? this.at.map((at) => (at - this.at[0]) / 3600) : this.frames; }
+}
+
+class Curves {
+  constructor(runs, signal) {
+    this.signal = signal;
+    this.columns = runs.map((run) => new Columns(run));
+    this.settings = { weight: 0.9, axis: "frames", raw: true, more: false, ...remembered("curves", {}) };
+    this.cursor = new Cursor();
+    this.charts = new Map();
+    this.grid = h("div", { class: "grid" });
+    const set = (change) => { Object.assign(this.settings, change); remember("curves", this.settings); this.draw(); };
+    const weight = h("input", { type: "range", min: "0", max: "0.99", step: "0.01", value: String(this.settings.weight), oninput: () => set({ weight: Number(weight.value) }) });
+    const raw = h("input", { type: "checkbox", checked: this.settings.raw, onchange: () => set({ raw: raw.checked }) });
+    const more = h("input", { type: "checkbox", checked: this.settings.more, onchange: () => set({ more: more.checked }) });
+    const axis = h("select", { onchange: () => set({ axis: axis.value }) }, ["frames", "time"].map((word) => h("option", { value: word, selected: this.settings.axis === word }, word)));
+    this.legend = h("div", { class: "legend small" });
+    this.element = h("section", { "aria-label": "Learning curves" },
+      h("div", { class: "row between" }, h("h2", {}, "Learning curves"),
+        h("div", { class: "row" }, h("label", {}, "smooth", weight), h("label", {}, raw, "raw"), h("label", {}, "over", axis), h("label", {}, more, "more"))),
+      this.legend, this.grid);
+    this.draw();
+  }
+
+  async grow() {
+    const grown = await Promise.all(this.columns.map((columns) => columns.grow(this.signal)));
+    if (grown.some(Boolean)) this.draw();
+  }
+
+  draw() {
+    const { weight, axis, raw, more } = this.settings;
+    const several = this.columns.length > 1;
+    const first = this.columns[0];
+    const shown = [...CHARTS, ...(more ? MORE : [])].filter(([name]) => CHARTS.some((chart) => chart[0] === name) || this.columns.some((columns) => columns.series[name]));
+    const elements = [];
+    for (const [name, title, options, level] of shown) {
+      let chart = this.charts.get(name);
+      if (!chart) {
+        chart = new LineChart(title, { ...options, cursor: this.cursor });
+        chart.element.dataset.figure = name;
+        this.charts.set(name, chart);
+      }
+      chart.xFormat = axis === "time" ? (hours) => `${short(hours)} h` : short;
+      const series = this.columns.map((columns, index) => {
+        const values = columns.series[name] ?? [];
+        return { name: columns.run, colour: colour(index), x: columns.x(axis).slice(0, values.length), raw: raw ? values : null, smoothed: smooth(values, columns.stage, weight) };
+      });
+      const marks = axis === "frames" && !several ? first.stages.map(([label, x]) => ({ label: `stage ${label}`, x })) : [];
+      const levels = level !== undefined && first.paper ? [{ y: first.paper[level], label: "the paper's level" }] : [];
+      chart.show({ series, marks, levels });
+      chart.element.dataset.points = String(series[0].x.length);
+      elements.push(chart.element);
+    }
+    if (elements.some((element, at) => this.grid.children[at] !== element) || this.grid.children.length !== elements.length) replace(this.grid, elements);
+    replace(this.legend, several ? this.columns.map((columns, index) => h("span", {}, h("span", { class: "swatch", style: { background: colour(index) } }), columns.run)) : []);
+  }
+}
+
+function figures(live) {
+  const { card } = live;
+  const entry = (name, value, more) => [h("dt", {}, name), h("dd", {}, value, more ? h("small", {}, " ", more) : null)];
+  const working = live.workers.filter((worker) => worker.cores !== null).reduce((sum, worker) => sum + worker.cores, 0);
+  const items = [
+    entry(card.evaluation ? "episodes" : "frames", count(card.done), `of ${count(card.budget)}`),
+    card.left_s !== null ? entry("time left", duration(card.left_s)) : null,
+    card.evaluation ? null : entry("frames a second", count(live.frames_per_s)),
+    entry("success", percent(card.success)),
+    entry("undisturbed", percent(card.success_without_disturbance)),
+    card.evaluation ? null : entry("disturbance", metres(card.disturbance_m)),
+    live.cores ? entry("processor", number(working, 1), `of ${live.cores} cores`) : null,
+    live.gpus.map((gpu) => entry(`GPU ${gpu.index}`, percent(gpu.busy, 0), bytes(gpu.used_mib * 2 ** 20))),
+    entry("wall time", duration(live.wall_s)),
+  ];
+  return h("dl", { class: "figures" }, items.filter(Boolean).flat(2).reduce((pairs, part) => {
+    if (part.tagName === "DT") pairs.push(h("div", {}, part)); else pairs.at(-1).append(part);
+    return pairs;
+  }, []));
+}
+
+function timeline(live) {
+  const stages = live.stages.map((stage, index) => h("div", { style: { flex: String(Math.max(stage.budget, 1)) } },
+    progress(stage.frames / stage.budget, `stage ${stage.name}: ${percent(stage.frames / stage.budget)}`),
+    h("div", { class: `small ${index === live.stage ? "" : "faint"}` }, `stage ${stage.name} · ${stage.reward} · ${short(stage.budget)} frames`)));
+  const [simulate, infer, update] = live.shares;
+  const rest = Math.max(0, 1 - simulate - infer - update);
+  const names = ["waiting for simulation", "inference", "updates", "other"];
+  const shares = [simulate, infer, update, rest];
+  const colours = ["--accent", "--run-5", "--run-1", "--faint"];
+  const text = names.map((name, at) => `${name} ${percent(shares[at], 0)}`);
+  return [
+    h("div", { class: "stages", role: "group", "aria-label": "Stages" }, stages),
+    live.frames_per_s === null ? null : [
+      h("div", { class: "bar", role: "img", "aria-label": text.join(", ") }, shares.map((share) => h("i", { style: { width: `${100 * share}%` } }))),
+      h("div", { class: "legend small soft" }, text.map((words, at) => h("span", {}, h("span", { class: "swatch", style: { background: `var(${colours[at]})` } }), words)))],
+  ];
+}
+
+function kitchens(live, run) {
+  if (!live.kitchens.length) return h("p", { class: "soft small" }, "No episode has ended in the recordings yet.");
+  const most = Math.max(0.01, ...live.kitchens.map((kitchen) => kitchen.disturbance_m));
+  const cell = (share, text, ink) => h("div", { class: "meter" }, h("div", { class: "bar" }, h("i", { style: { width: `${100 * share}%`, background: ink } })), h("span", { class: "small soft" }, text));
+  return h("div", { class: "scroll" }, h("table", { class: "tight" },
+    h("thead", {}, h("tr", {}, ["Kitchen", "Success", "Undisturbed", "Disturbance"].map((head) => h("th", { scope: "col" }, head)))),
+    h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
+      h("td", {}, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, String(kitchen.kitchen))),
+      h("td", {}, cell(kitchen.success, percent(kitchen.success, 0), "var(--run-0)")),
+      h("td", {}, cell(kitchen.success_without_disturbance, percent(kitchen.success_without_disturbance, 0), "var(--run-2)")),
+      h("td", {}, cell(kitchen.disturbance_m / most, metres(kitchen.disturbance_m), "var(--run-1)")))))));
+}
+
+function workers(live) {
+  const rows = live.workers.map((worker) => h("tr", {},
+    h("td", {}, worker.name),
+    h("td", {}, worker.stopped ? h("span", { class: "bad" }, "stopped") : worker.pid ? h("span", { class: "good" }, "runs") : h("span", { class: "faint" }, "ended")),
+    h("td", { class: "number" }, String(worker.incarnation)),
+    h("td", { class: "number" }, worker.incarnation > 1 ? h("span", { class: "warn" }, String(worker.incarnation - 1)) : "0"),
+    h("td", { class: "number optional" }, String(worker.starts)),
+    h("td", { class: "number" }, worker.cores === null ? "–" : percent(worker.cores, 0)),
+    h("td", { class: "number optional" }, bytes(worker.memory_bytes))));
+  const heads = [["Process", ""], ["", ""], ["Incarnation", "number"], ["Restarts", "number"], ["Starts in all", "number optional"], ["Core", "number"], ["Memory", "number optional"]];
+  return h("div", { class: "scroll" }, h("table", { class: "tight" }, h("thead", {}, h("tr", {}, heads.map(([head, kind]) => h("th", { scope: "col", class: kind }, head || h("span", { class: "unseen" }, "State"))))), h("tbody", {}, rows)));
+}
+
+const lines = (log) => h("ol", { class: "log" }, log.map(({ at, level, text }) => h("li", {}, at ? h("time", {}, at.slice(11, 19)) : null, h("span", { class: level }, text))));
+
+function starts(live) {
+  return h("ol", { class: "log" }, live.starts.slice(-6).map((start) => h("li", {}, h("time", {}, date(start.at_unix_s)), `start ${start.number}, ${start.place}${start.how ? `: ${start.how}` : ""}${start.reason ? `, ${start.reason}` : ""}`)));
+}
+
+/** What chosen environments saw last: their newest episode, simulated again up to its last recorded step. */
+class Depths {
+  constructor(run, signal) {
+    Object.assign(this, { run, signal, chosen: remembered(`depths ${run}`, null), tiles: new Map(), live: null });
+    this.grid = h("div", { class: "depths" });
+    this.picker = h("select", { "aria-label": "Add an environment", onchange: () => { this.choose([...this.chosen, this.picker.value]); this.picker.value = ""; } });
+    this.element = h("section", { class: "card" }, h("div", { class: "row between" }, h("h2", {}, "What they see now"), this.picker), this.grid);
+    every(4000, signal, () => this.refresh());
+  }
+
+  choose(names) {
+    this.chosen = [...new Set(names)].slice(-8);
+    remember(`depths ${this.run}`, this.chosen);
+    this.refresh();
+  }
+
+  know(live) {
+    this.live = live;
+    const all = live.kitchens.flatMap(({ kitchen, environments }) => environments.map((environment) => `${kitchen}/${environment}`));
+    if (this.picker.options.length !== all.length + 1) replace(this.picker, h("option", { value: "" }, "add an environment"), all.map((name) => h("option", { value: name }, `kitchen ${name}`)));
+    if (this.chosen === null && all.length) {
+      this.chosen = live.kitchens.slice(0, 4).map(({ kitchen, environments }) => `${kitchen}/${environments[0]}`);
+      this.refresh();
+    }
+  }
+
+  async refresh() {
+    if (this.busy || !this.chosen || this.signal.aborted) return;
+    this.busy = true;
+    for (const name of [...this.tiles.keys()]) if (!this.chosen.includes(name)) { this.tiles.get(name).element.remove(); this.tiles.delete(name); }
+    for (const name of this.chosen) {
+      if (!this.tiles.has(name)) this.tiles.set(name, this.tile(name));
+      try { await this.draw(name, this.tiles.get(name)); } catch (error) { if (this.signal.aborted) return; this.tiles.get(name).caption.textContent = error.message; }
+    }
+    this.busy = false;
+  }
+
+  tile(name) {
+    const canvas = h("canvas", { width: 224, height: 224, role: "img", "aria-label": `Depth, environment ${name}` });
+    const caption = h("span", {}, `kitchen ${name}`);
+    const remove = h("button", { class: "small", "aria-label": `Remove environment ${name}`, onclick: () => this.choose(this.chosen.filter((each) => each !== name)) }, "×");
+    const link = h("a", {}, canvas);
+    const element = h("figure", {}, link, h("figcaption", {}, caption, remove));
+    this.grid.append(element);
+    return { element, canvas, caption, link, painter: new Painter(canvas), shown: "" };
+  }
+
+  async draw(name, tile) {
+    const run = encodeURIComponent(this.run);
+    const key = await json(`/api/runs/${run}/newest/${name}`, { signal: this.signal });
+    if (key === null) { tile.caption.textContent = `kitchen ${name} · no step yet`; return; }
+    tile.link.href = `#/run/${run}/episode/${key}`;
+    const running = this.live?.card.state === "running";
+    if (!running && tile.shown === key) return;
+    const episode = await json(`/api/runs/${run}/episodes/${key}`, { signal: this.signal });
+    const step = episode.moments.length - 1;
+    await tile.painter.paint(pictureAddress(this.run, key, { view: "depth", step, width: 224, of: step }), this.signal);
+    tile.shown = key;
+    tile.canvas.dataset.step = String(step);
+    tile.caption.textContent = `kitchen ${name} · ${episode.target} · step ${step}`;
+  }
+}
+
+export async function showRun(root, runs, signal) {
+  const run = runs[0];
+  const encoded = encodeURIComponent(run);
+  const head = h("div", { class: "row between" });
+  const summary = h("section", { class: "card stack", "aria-label": "Progress" });
+  const notes = h("div", {});
+  const parts = Object.fromEntries(["kitchens", "workers", "warnings", "log", "validation"].map((name) => [name, h("div", {})]));
+  const curves = new Curves(runs, signal);
+  const depths = new Depths(run, signal);
+  const card = (title, part) => h("section", { class: "card" }, h("h2", {}, title), part);
+  const kitchensCard = card("By kitchen, newest 50 episodes of each", parts.kitchens);
+  replace(root, head, notes, summary, curves.element,
+    h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, depths.element, parts.validation)),
+    h("div", { class: "grid" }, card("Processes", parts.workers), h("div", { class: "stack" }, card("Warnings", parts.warnings), card("Log", parts.log))));
+
+  let rollouts = -1;
+  const shown = {};
+  const update = (name, element, value, make) => {
+    const text = JSON.stringify(value);
+    if (shown[name] === text) return;
+    shown[name] = text;
+    replace(element, make());
+  };
+  const take = (live) => {
+    update("head", head, [live.card.state, runs], () => [
+      h("div", { class: "row" }, h("h1", {}, runs.length > 1 ? `${run} and ${runs.length - 1} more` : run), stateWord(live.card.state), h("span", { class: "soft small" }, `${live.card.preset} · seed ${live.card.seed}`)),
+      h("div", { class: "row" }, h("a", { href: `#/run/${encoded}/episodes` }, "Episodes"))]);
+    update("notes", notes, live.notes, () => live.notes.map((note) => notice(note)));
+    update("summary", summary, [live.card, live.stages, live.shares, live.workers.map((worker) => worker.cores), live.gpus, Math.round(live.wall_s)], () => [figures(live), live.card.evaluation ? null : timeline(live)]);
+    update("kitchens", parts.kitchens, live.kitchens, () => kitchens(live, run));
+    update("workers", parts.workers, live.workers, () => workers(live));
+    update("warnings", parts.warnings, live.warnings, () => (live.warnings.length ? lines(live.warnings.slice(-8)) : h("p", { class: "soft small" }, "None.")));
+    update("log", parts.log, [live.log, live.starts], () => [lines(live.log), h("details", {}, h("summary", { class: "small soft" }, `${live.starts.length} ${live.starts.length === 1 ? "start" : "starts"}`), starts(live)), live.recordings ? h("p", { class: "small faint" }, live.recordings) : null]);
+    update("validation", parts.validation, live.validation, () => (live.validation.length ? card("Validation", h("div", { class: "scroll" }, h("table", {},
+      h("thead", {}, h("tr", {}, ["Frames", "Success", "Undisturbed", "Disturbance"].map((name) => h("th", { scope: "col" }, name)))),
+      h("tbody", {}, live.validation.slice(-8).map((one) => h("tr", {}, h("td", {}, count(one.frames)), h("td", {}, percent(one.success)), h("td", {}, percent(one.success_without_disturbance)), h("td", {}, metres(one.disturbance_m)))))))) : null));
+    depths.know(live);
+    if (live.rollouts !== rollouts) {
+      rollouts = live.rollouts;
+      curves.grow().catch((error) => { if (!signal.aborted) replace(notes, notice(error.message, "error")); });
+    }
+  };
+  take(await json(`/api/runs/${encoded}`, { signal }));
+  const events = new EventSource(`/api/runs/${encoded}/live`);
+  signal.addEventListener("abort", () => events.close());
+  events.onmessage = ({ data }) => {
+    const live = JSON.parse(data);
+    if (live.error) replace(notes, notice(live.error, "error")); else take(live);
+  };
+  events.onerror = () => { if (!signal.aborted) { shown.notes = null; replace(notes, notice("The viewer does not answer: waiting for it to come back.")); } };
+  // The others' curves, which no event tells of.
+  if (runs.length > 1) every(5000, signal, () => curves.grow().catch(() => {}));
+}

@@ -1,0 +1,58 @@
+//! Answers as JSON, and refusals.
+
+use crate::data::Problem;
+use crate::theatre::TheatreError;
+use axum::http::StatusCode;
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+
+/// Why a request is not answered: a status, and a sentence that the page shows.
+#[derive(Debug)]
+pub struct Refusal(pub StatusCode, pub String);
+
+impl IntoResponse for Refusal {
+    fn into_response(self) -> Response {
+        let Self(status, problem) = self;
+        (status, [(CONTENT_TYPE, "application/json")], text(&serde_json::json!({ "error": problem }))).into_response()
+    }
+}
+
+impl From<Problem> for Refusal {
+    fn from(problem: Problem) -> Self {
+        let status = match problem {
+            Problem::NotThere(_) => StatusCode::NOT_FOUND,
+            Problem::Unreadable(_) => StatusCode::UNPROCESSABLE_ENTITY,
+        };
+        Self(status, problem.to_string())
+    }
+}
+
+impl From<TheatreError> for Refusal {
+    fn from(error: TheatreError) -> Self {
+        let status = match error {
+            TheatreError::Busy => StatusCode::SERVICE_UNAVAILABLE,
+            TheatreError::Broken(_) => StatusCode::INTERNAL_SERVER_ERROR,
+        };
+        Self(status, error.to_string())
+    }
+}
+
+/// A value as JSON.
+pub fn text(value: &impl Serialize) -> String {
+    // Numbers, strings and lists always serialise.
+    serde_json::to_string(value).unwrap_or_else(|error| serde_json::json!({ "error": error.to_string() }).to_string())
+}
+
+/// A result as the text of an event.
+pub fn text_of<T: Serialize>(result: &Result<T, Problem>) -> String {
+    match result {
+        Ok(value) => text(value),
+        Err(problem) => text(&serde_json::json!({ "error": problem.to_string() })),
+    }
+}
+
+/// A text that is JSON already, as an answer.
+pub fn json(text: String) -> Response {
+    ([(CONTENT_TYPE, "application/json")], text).into_response()
+}

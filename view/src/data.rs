@@ -1,0 +1,374 @@
+//! What the pages show, as plain data, and what a source of runs has to answer.
+
+use proto::replay::{RecordedEpisode, ReplaySetup};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Why something cannot be shown.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Problem {
+    /// There is no such run, episode or kitchen.
+    #[error("{0}")]
+    NotThere(String),
+    /// It is there and cannot be read.
+    #[error("{0}")]
+    Unreadable(String),
+}
+
+/// A source of runs. Calls may take a second: the server makes them on threads where that is no harm.
+pub trait Runs: Send + Sync + 'static {
+    /// All runs and evaluations, the newest first.
+    fn list(&self) -> Vec<Card>;
+    /// How a run stands.
+    fn live(&self, run: &str) -> Result<Live, Problem>;
+    /// Its learning curves: those that come after the first `known` rollouts of that edition, or all if the figures
+    /// were written anew since.
+    fn curves(&self, run: &str, edition: u64, known: usize) -> Result<Curves, Problem>;
+    /// A part of its table of episodes.
+    fn episodes(&self, run: &str, query: &EpisodeQuery) -> Result<EpisodePage, Problem>;
+    /// What was recorded of an episode.
+    fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem>;
+    /// The newest episode of an environment, which may still go on; none if nothing was recorded of it yet.
+    fn newest(&self, run: &str, kitchen: u8, environment: u32) -> Result<Option<EpisodeKey>, Problem>;
+}
+
+/// A run or an evaluation in the list.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Card {
+    /// In addresses; never a path.
+    pub id: String,
+    /// Its folder, as the user called it.
+    pub folder: String,
+    /// Preset or, of an evaluation, what it evaluates.
+    pub preset: String,
+    /// Seed.
+    pub seed: u64,
+    /// `running`, `complete`, ...
+    pub state: String,
+    /// It is an evaluation.
+    pub evaluation: bool,
+    /// When it was made, seconds since 1970.
+    pub created_unix_s: u64,
+    /// Frames trained on, or episodes played.
+    pub done: u64,
+    /// Of so many.
+    pub budget: u64,
+    /// Rate of success lately, 0..1.
+    pub success: Option<f64>,
+    /// Rate of success without disturbance lately, 0..1.
+    pub success_without_disturbance: Option<f64>,
+    /// Mean disturbance lately, metres.
+    pub disturbance_m: Option<f64>,
+    /// Time left, seconds, of one that runs.
+    pub left_s: Option<f64>,
+    /// Why it cannot be read, if it cannot.
+    pub problem: Option<String>,
+}
+
+/// How a run stands.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Live {
+    /// As in the list.
+    pub card: Card,
+    /// Stages, in order.
+    pub stages: Vec<Stage>,
+    /// Stage of the newest rollout.
+    pub stage: Option<usize>,
+    /// Frames a second over the last rollouts, updates included.
+    pub frames_per_s: Option<f64>,
+    /// Where the time goes, shares 0..1: simulate, infer, update.
+    pub shares: [f64; 3],
+    /// Wall time of all starts, seconds.
+    pub wall_s: f64,
+    /// When it was started, and by whom: one for each start of the orchestrator.
+    pub starts: Vec<Start>,
+    /// Learners and actors.
+    pub workers: Vec<Worker>,
+    /// Cores of this machine; none if the run works elsewhere or not at all.
+    pub cores: Option<usize>,
+    /// GPUs, where `nvidia-smi` is.
+    pub gpus: Vec<Gpu>,
+    /// Warnings and errors, newest last.
+    pub warnings: Vec<LogLine>,
+    /// The last lines of the log.
+    pub log: Vec<LogLine>,
+    /// Evaluations of its checkpoints on validation kitchens.
+    pub validation: Vec<Validated>,
+    /// Success and disturbance by kitchen over the newest episodes of each.
+    pub kitchens: Vec<Kitchen>,
+    /// The recordings in a line.
+    pub recordings: Option<String>,
+    /// Share of the recordings that the table of episodes has taken in, 0..1.
+    pub indexed: f64,
+    /// What is wrong with its files.
+    pub notes: Vec<String>,
+    /// Changes whenever the figures do.
+    pub rollouts: u64,
+    /// Episodes in the table of training.
+    pub episodes: u64,
+}
+
+/// A stage.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Stage {
+    /// Its name.
+    pub name: String,
+    /// `r`, `r′` or `Lagrangian`.
+    pub reward: String,
+    /// Frames before it.
+    pub begins_at: u64,
+    /// Frames it is to have.
+    pub budget: u64,
+    /// Frames trained on in it.
+    pub frames: u64,
+}
+
+/// One start of the orchestrator.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Start {
+    /// From 1.
+    pub number: u32,
+    /// Machine and process.
+    pub place: String,
+    /// When, seconds since 1970.
+    pub at_unix_s: u64,
+    /// When it ended, if that was noted.
+    pub ended_unix_s: Option<u64>,
+    /// How it ended.
+    pub how: Option<String>,
+    /// Why, if it was said.
+    pub reason: Option<String>,
+}
+
+/// A learner, an actor, or the orchestrator itself.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Worker {
+    /// `learner-0`, `actor-03`.
+    pub name: String,
+    /// Process, if it lives on this machine.
+    pub pid: Option<u32>,
+    /// Its incarnation in the newest start of the orchestrator, from 1.
+    pub incarnation: u32,
+    /// How often it was started in all.
+    pub starts: u32,
+    /// Cores that it uses, if that is known.
+    pub cores: Option<f64>,
+    /// Memory that only it has, bytes.
+    pub memory_bytes: Option<u64>,
+    /// It is stopped by a signal.
+    pub stopped: bool,
+}
+
+/// A GPU.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Gpu {
+    /// Its number.
+    pub index: u32,
+    /// Its name.
+    pub name: String,
+    /// Share of the time in which a kernel ran, 0..1.
+    pub busy: f64,
+    /// Memory in use, MiB.
+    pub used_mib: u64,
+    /// Memory, MiB.
+    pub total_mib: u64,
+}
+
+/// A line of a log.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LogLine {
+    /// When, as the log has it.
+    pub at: String,
+    /// `INFO`, `WARN`, `ERROR`; empty where there is none.
+    pub level: String,
+    /// What.
+    pub text: String,
+}
+
+/// An evaluation on validation kitchens.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Validated {
+    /// First rollout that is not in the checkpoint.
+    pub rollout: u64,
+    /// Frames that its weights were trained on.
+    pub frames: u64,
+    /// SR.
+    pub success: f64,
+    /// `SRwoD`.
+    pub success_without_disturbance: f64,
+    /// Mean disturbance, metres.
+    pub disturbance_m: f64,
+}
+
+/// What came of the newest episodes in a kitchen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Kitchen {
+    /// Its number.
+    pub kitchen: u8,
+    /// Environments in it.
+    pub environments: Vec<u32>,
+    /// Episodes looked at.
+    pub episodes: u64,
+    /// Rate of success.
+    pub success: f64,
+    /// Rate of success without disturbance.
+    pub success_without_disturbance: f64,
+    /// Mean disturbance, metres.
+    pub disturbance_m: f64,
+}
+
+/// Learning curves: columns of equal length.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Curves {
+    /// Changes when rollouts that were told before are void.
+    pub edition: u64,
+    /// Rollouts before the first of these.
+    pub from: usize,
+    /// Frames after each rollout.
+    pub frames: Vec<u64>,
+    /// Stage of each.
+    pub stage: Vec<u32>,
+    /// When, seconds since 1970.
+    pub at: Vec<u64>,
+    /// Figures by name; null where there is none.
+    pub series: BTreeMap<String, Vec<Option<f32>>>,
+    /// Name and first frame of each stage.
+    pub stages: Vec<(String, u64)>,
+    /// SR and `SRwoD` of the paper's row of this method, 0..1.
+    pub paper: Option<[f64; 2]>,
+}
+
+/// Which episode: kitchen, environment in it, number in the environment. In addresses `3-0-41`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct EpisodeKey {
+    /// Kitchen.
+    pub kitchen: u8,
+    /// Environment.
+    pub environment: u32,
+    /// Episode.
+    pub episode: u32,
+}
+
+impl std::fmt::Display for EpisodeKey {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}-{}-{}", self.kitchen, self.environment, self.episode)
+    }
+}
+
+impl std::str::FromStr for EpisodeKey {
+    type Err = Problem;
+    fn from_str(text: &str) -> Result<Self, Problem> {
+        let wrong = || Problem::NotThere("an episode is called KITCHEN-ENVIRONMENT-EPISODE, e.g. 3-0-41".to_owned());
+        let mut parts = text.splitn(3, '-');
+        let mut part = || parts.next().ok_or_else(wrong);
+        let (kitchen, environment, episode) = (part()?, part()?, part()?);
+        Ok(Self {
+            kitchen: kitchen.parse().map_err(|_| wrong())?,
+            environment: environment.parse().map_err(|_| wrong())?,
+            episode: episode.parse().map_err(|_| wrong())?,
+        })
+    }
+}
+
+impl Serialize for EpisodeKey {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+/// Which episodes, and in which order.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EpisodeQuery {
+    /// `training`, or the folder's name of a validation; empty: what the folder is about.
+    pub source: String,
+    /// Only of this kitchen.
+    pub kitchen: Option<u8>,
+    /// Only with this target.
+    pub target: Option<String>,
+    /// Only with this outcome.
+    pub outcome: Option<String>,
+    /// Only those that disturbed something, or only those that did not.
+    pub disturbed: Option<bool>,
+    /// Only those that can be simulated again.
+    pub recorded: Option<bool>,
+    /// Column to sort by; empty: the newest first.
+    pub sort: String,
+    /// The largest first.
+    pub descending: bool,
+    /// Rows to leave out.
+    pub offset: usize,
+    /// Rows at most; 0: [`ROWS`].
+    pub limit: usize,
+}
+
+/// Rows of a page of the table, unless asked otherwise, and at most.
+pub const ROWS: usize = 50;
+/// Rows that can be asked for.
+pub const ROWS_MAX: usize = 500;
+
+/// A part of the table.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct EpisodePage {
+    /// Episodes without filters.
+    pub total: usize,
+    /// Those that the filters let through.
+    pub matching: usize,
+    /// The rows asked for.
+    pub rows: Vec<EpisodeRow>,
+    /// Kitchens that there are.
+    pub kitchens: Vec<u8>,
+    /// Targets that there are.
+    pub targets: Vec<String>,
+    /// Tables that there are: `training`, and one for each validation.
+    pub sources: Vec<String>,
+    /// Share of the recordings that was taken in, 0..1.
+    pub indexed: f64,
+    /// What is wrong with the files.
+    pub notes: Vec<String>,
+}
+
+/// An episode in the table.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct EpisodeRow {
+    /// Its address; none if its actions were not recorded.
+    pub key: Option<EpisodeKey>,
+    /// Kitchen.
+    pub kitchen: u8,
+    /// Number: in the environment, in an evaluation in the kitchen.
+    pub episode: u32,
+    /// Environment; unknown of an evaluation that did not record.
+    pub environment: Option<u32>,
+    /// Category of the target.
+    pub target: String,
+    /// `success-without-disturbance`, `success`, `failure`, `time-limit`.
+    pub outcome: &'static str,
+    /// The target was picked up.
+    pub picked_up: bool,
+    /// Steps.
+    pub length: u32,
+    /// Actions that failed.
+    pub failed_actions: Option<u32>,
+    /// Return under r, and under r′.
+    pub returns: Option<[f64; 2]>,
+    /// Displacement of all objects but the target at the end, metres.
+    pub disturbance_m: f32,
+    /// Objects disturbed at the end.
+    pub disturbed_objects: u32,
+    /// Distance left of target and goal, metres.
+    pub object_goal_m: f32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_episode_s_address_is_read_as_it_is_written_and_nothing_else_is() {
+        let key = EpisodeKey { kitchen: 3, environment: 0, episode: 41 };
+        assert_eq!(key.to_string().parse(), Ok(key));
+        for wrong in ["", "3", "3-0", "3-0-", "300-0-1", "3-0-1-2", "3--1", "../3-0-1", "3-0-99999999999"] {
+            assert!(wrong.parse::<EpisodeKey>().is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,27 @@
+//! The viewer: a page on runs, live, and any recorded episode from any camera.
+//!
+//! The server is a process of its own that only reads: what runs leave on disk comes through a [`Runs`], which the
+//! orchestrator implements. So nothing of the supervisor depends on the server, and a viewer can neither slow nor end a
+//! run. Episodes are simulated again and drawn by `actor show`, a child at the lowest priority ([`theatre`]).
+//!
+//! ```text
+//! data       what the pages show, as plain data; what a source of runs has to answer
+//! serve      listens; bounds on connections, headers and time
+//! guard      who is answered: loopback and addresses, tokens, no foreign pages
+//! routes     addresses to answers
+//! answer     answers as JSON, and refusals
+//! hub        one reader of a run, however many watch it
+//! theatre    `actor show` as a child: asked one thing at a time
+//! assets     the page itself, which is in the program
+//! ```
+
+mod answer;
+mod assets;
+pub mod data;
+mod guard;
+mod hub;
+mod routes;
+mod serve;
+mod theatre;
+
+pub use serve::{ServeError, Settings, serve};

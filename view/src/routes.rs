@@ -1,0 +1,282 @@
+//! Addresses to answers.
+
+use crate::answer::{Refusal, json, text};
+use crate::assets::ASSETS;
+use crate::data::{EpisodeKey, EpisodeQuery, Problem, Runs};
+use crate::guard::{self, Guard};
+use crate::hub::Hub;
+use crate::theatre::Theatre;
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{Path, Query, State};
+use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
+use axum::http::{StatusCode, Uri};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use axum::{Router, middleware};
+use futures_util::stream::{Stream, unfold};
+use proto::show::{ShowAnswer, ShowOrbit, ShowRequest, ShowView};
+use serde::{Deserialize, Serialize};
+use std::convert::Infallible;
+use std::sync::Arc;
+use tokio::sync::Semaphore;
+
+/// Readings of runs at a time.
+const READERS: usize = 3;
+/// Whoever must wait behind more readings than this is refused.
+const WAITING: usize = 256;
+
+/// What all answers are made from.
+#[derive(Clone)]
+struct Server {
+    runs: Arc<dyn Runs>,
+    hub: Hub,
+    theatre: Theatre,
+    readers: Arc<Semaphore>,
+    queue: Arc<Semaphore>,
+    /// What the command line asked to be opened.
+    opening: Arc<Opening>,
+}
+
+/// What the page opens with.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Opening {
+    /// Runs to look at.
+    pub runs: Vec<String>,
+    /// Two of them, episode beside episode.
+    pub compare: bool,
+    /// Version of the program.
+    pub version: &'static str,
+}
+
+/// All addresses.
+pub fn router(runs: Arc<dyn Runs>, theatre: Theatre, guard: Guard, opening: Opening) -> Router {
+    let server = Server {
+        hub: Hub::new(Arc::clone(&runs)),
+        runs,
+        theatre,
+        readers: Arc::new(Semaphore::new(READERS)),
+        queue: Arc::new(Semaphore::new(WAITING)),
+        opening: Arc::new(opening),
+    };
+    let mut router = Router::new()
+        .route("/api/opening", get(opening_page))
+        .route("/api/runs", get(list))
+        .route("/api/runs/{run}", get(live))
+        .route("/api/runs/{run}/live", get(follow))
+        .route("/api/runs/{run}/curves", get(curves))
+        .route("/api/runs/{run}/episodes", get(episodes))
+        .route("/api/runs/{run}/episodes/{key}", get(episode))
+        .route("/api/runs/{run}/episodes/{key}/picture", get(picture))
+        .route("/api/runs/{run}/newest/{kitchen}/{environment}", get(newest))
+        .fallback(|uri: Uri| async move { Refusal(StatusCode::NOT_FOUND, format!("nothing is at {}", uri.path())) });
+    for asset in ASSETS {
+        let answer = move || async move { ([(CONTENT_TYPE, asset.kind)], asset.content).into_response() };
+        router = router.route(asset.path, get(answer));
+    }
+    router.with_state(server).layer(middleware::from_fn_with_state(guard, guard::check))
+}
+
+impl Server {
+    /// Asks the runs on a thread where waiting for a disk is no harm; few at a time, and not endlessly many wait.
+    async fn read<T, F>(&self, ask: F) -> Result<T, Refusal>
+    where
+        T: Send + 'static,
+        F: FnOnce(&dyn Runs) -> Result<T, Problem> + Send + 'static,
+    {
+        let busy = || Refusal(StatusCode::SERVICE_UNAVAILABLE, "too many requests wait: try again".to_owned());
+        let _queued = Arc::clone(&self.queue).try_acquire_owned().map_err(|_| busy())?;
+        let reader = Arc::clone(&self.readers).acquire_owned().await.map_err(|_| busy())?;
+        let runs = Arc::clone(&self.runs);
+        let read = tokio::task::spawn_blocking(move || {
+            // Held by the reading itself: one who hangs up does not make room for another.
+            let _reader = reader;
+            ask(&*runs)
+        });
+        let failed = || {
+            Refusal(StatusCode::INTERNAL_SERVER_ERROR, "reading the run failed: see the viewer's terminal".to_owned())
+        };
+        Ok(read.await.map_err(|_| failed())??)
+    }
+
+    async fn answer<T, F>(&self, ask: F) -> Result<Response, Refusal>
+    where
+        T: Serialize + Send + 'static,
+        F: FnOnce(&dyn Runs) -> Result<T, Problem> + Send + 'static,
+    {
+        self.read(move |runs| ask(runs).map(|value| text(&value))).await.map(json)
+    }
+
+    /// Has the theatre open an episode.
+    async fn open(&self, run: &str, key: EpisodeKey, name: &str) -> Result<ShowAnswer, Refusal> {
+        let owned = run.to_owned();
+        let (setup, episode) = self.read(move |runs| runs.recorded(&owned, key)).await?;
+        let request = ShowRequest::Open { name: name.to_owned(), setup, episode: Box::new(episode) };
+        let (answer, _) = self.theatre.ask(request).await?;
+        match answer {
+            ShowAnswer::Failed { problem } => Err(Refusal(StatusCode::UNPROCESSABLE_ENTITY, problem)),
+            answer => Ok(answer),
+        }
+    }
+}
+
+async fn opening_page(State(server): State<Server>) -> Response {
+    json(text(&*server.opening))
+}
+
+async fn list(State(server): State<Server>) -> Result<Response, Refusal> {
+    server.answer(|runs| Ok(runs.list())).await
+}
+
+async fn live(State(server): State<Server>, Path(run): Path<String>) -> Result<Response, Refusal> {
+    server.answer(move |runs| runs.live(&run)).await
+}
+
+/// How a run stands, whenever that changes, as server-sent events.
+async fn follow(
+    State(server): State<Server>,
+    Path(run): Path<String>,
+) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Refusal> {
+    let asked = run.clone();
+    // An unknown run is an error now, not a stream of them.
+    server.read(move |runs| runs.live(&asked).map(drop)).await?;
+    let receiver = server.hub.follow(&run);
+    let events = unfold((receiver, true), |(mut receiver, first)| async move {
+        let ready = first && !receiver.borrow_and_update().is_empty();
+        if !ready {
+            receiver.changed().await.ok()?;
+        }
+        let text = Arc::clone(&receiver.borrow_and_update());
+        Some((Ok(Event::default().data(&*text)), (receiver, false)))
+    });
+    Ok(Sse::new(events).keep_alive(KeepAlive::default()))
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct CurvesQuery {
+    edition: u64,
+    known: usize,
+}
+
+async fn curves(
+    State(server): State<Server>,
+    Path(run): Path<String>,
+    query: Result<Query<CurvesQuery>, QueryRejection>,
+) -> Result<Response, Refusal> {
+    let CurvesQuery { edition, known } = understood(query)?;
+    server.answer(move |runs| runs.curves(&run, edition, known)).await
+}
+
+async fn episodes(
+    State(server): State<Server>,
+    Path(run): Path<String>,
+    query: Result<Query<EpisodeQuery>, QueryRejection>,
+) -> Result<Response, Refusal> {
+    let query = understood(query)?;
+    server.answer(move |runs| runs.episodes(&run, &query)).await
+}
+
+fn understood<T>(query: Result<Query<T>, QueryRejection>) -> Result<T, Refusal> {
+    query.map(|Query(query)| query).map_err(|rejection| Refusal(StatusCode::BAD_REQUEST, rejection.body_text()))
+}
+
+async fn newest(
+    State(server): State<Server>,
+    Path((run, kitchen, environment)): Path<(String, u8, u32)>,
+) -> Result<Response, Refusal> {
+    server.answer(move |runs| runs.newest(&run, kitchen, environment)).await
+}
+
+async fn episode(State(server): State<Server>, Path((run, key)): Path<(String, String)>) -> Result<Response, Refusal> {
+    let parsed: EpisodeKey = key.parse()?;
+    let opened = server.open(&run, parsed, &name_of(&run, parsed)).await?;
+    match opened {
+        ShowAnswer::Opened(shown) => Ok(json(text(&shown))),
+        _ => Err(Refusal(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            "the simulator gave another answer than was asked for".to_owned(),
+        )),
+    }
+}
+
+fn name_of(run: &str, key: EpisodeKey) -> String {
+    format!("{run}/{key}")
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PictureQuery {
+    /// `orbit`, `depth` or `plan`.
+    view: String,
+    step: u32,
+    width: u32,
+    height: Option<u32>,
+    #[serde(default)]
+    fine: bool,
+    /// Of a free camera: middle and radius (metres), yaw and pitch (radians).
+    #[serde(default)]
+    x: f32,
+    #[serde(default)]
+    y: f32,
+    #[serde(default)]
+    z: f32,
+    #[serde(default = "one")]
+    radius: f32,
+    #[serde(default)]
+    yaw: f32,
+    #[serde(default)]
+    pitch: f32,
+    /// Number of steps that the page knows, of an episode that goes on: another number is another picture.
+    #[serde(default, rename = "of")]
+    _of: u32,
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+impl PictureQuery {
+    fn view(&self) -> Result<ShowView, Refusal> {
+        match self.view.as_str() {
+            "orbit" => Ok(ShowView::Orbit(ShowOrbit {
+                centre_m: [self.x, self.y, self.z],
+                radius_m: self.radius,
+                yaw_rad: self.yaw,
+                pitch_rad: self.pitch,
+            })),
+            "depth" => Ok(ShowView::Depth),
+            "plan" => Ok(ShowView::Plan),
+            _ => Err(Refusal(StatusCode::BAD_REQUEST, "a view is orbit, depth or plan".to_owned())),
+        }
+    }
+}
+
+async fn picture(
+    State(server): State<Server>,
+    Path((run, key)): Path<(String, String)>,
+    query: Result<Query<PictureQuery>, QueryRejection>,
+) -> Result<Response, Refusal> {
+    let query = understood(query)?;
+    let key: EpisodeKey = key.parse()?;
+    let (name, view) = (name_of(&run, key), query.view()?);
+    let (width, height) = (query.width, query.height.unwrap_or(query.width));
+    let request = ShowRequest::Draw { name: name.clone(), step: query.step, view, width, height, fine: query.fine };
+    let ask = || async { server.theatre.ask(request.clone()).await };
+    let (mut answer, mut bytes) = ask().await?;
+    if answer == ShowAnswer::NotOpen {
+        // The simulator was started again, or has opened many others since.
+        server.open(&run, key, &name).await?;
+        (answer, bytes) = ask().await?;
+    }
+    match answer {
+        ShowAnswer::Picture { .. } => {
+            Ok(([(CONTENT_TYPE, "image/png"), (CACHE_CONTROL, "private, max-age=600")], bytes).into_response())
+        }
+        ShowAnswer::Failed { problem } => Err(Refusal(StatusCode::UNPROCESSABLE_ENTITY, problem)),
+        _ => Err(Refusal(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            "the simulator gave another answer than was asked for".to_owned(),
+        )),
+    }
+}

@@ -1,0 +1,106 @@
+//! Listens, and bounds what a connection may cost.
+
+use crate::data::Runs;
+use crate::guard::Guard;
+use crate::routes::{Opening, router};
+use crate::theatre::Theatre;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use std::future::Future;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::sync::Semaphore;
+
+/// Connections at a time; more are closed at once.
+const CONNECTIONS: usize = 512;
+/// How long a client may take to send a request's head.
+const HEAD_DEADLINE: Duration = Duration::from_secs(10);
+/// Longest head of a request, bytes.
+const HEAD_BYTES: usize = 32 << 10;
+
+/// What the server is told.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// The executable of the actor.
+    pub actor: PathBuf,
+    /// What a request must show; none where only this machine can ask.
+    pub token: Option<String>,
+    /// This machine's name, which may be in addresses.
+    pub host_name: String,
+    /// Runs that the page opens with.
+    pub open: Vec<String>,
+    /// Two runs are shown episode beside episode.
+    pub compare: bool,
+}
+
+/// Why the server ended.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot accept connections at {address}: {cause}")]
+pub struct ServeError {
+    address: SocketAddr,
+    cause: std::io::Error,
+}
+
+/// Serves until `end` is ready.
+pub async fn serve(
+    listener: TcpListener,
+    runs: Arc<dyn Runs>,
+    settings: Settings,
+    end: impl Future<Output = ()>,
+) -> Result<(), ServeError> {
+    let guard = Guard { token: settings.token.as_deref().map(Arc::from), host_name: settings.host_name.into() };
+    let opening = Opening { runs: settings.open, compare: settings.compare, version: env!("CARGO_PKG_VERSION") };
+    let router = router(runs, Theatre::new(settings.actor), guard, opening);
+    let room = Arc::new(Semaphore::new(CONNECTIONS));
+    tokio::pin!(end);
+    loop {
+        let accepted = tokio::select! {
+            () = &mut end => return Ok(()),
+            accepted = listener.accept() => accepted,
+        };
+        let stream = match accepted {
+            Ok((stream, _)) => stream,
+            Err(cause) if is_of_one_connection(&cause) => continue,
+            Err(cause) if is_of_the_moment(&cause) => {
+                tokio::time::sleep(Duration::from_millis(100)).await;
+                continue;
+            }
+            Err(cause) => {
+                let address = listener.local_addr().unwrap_or_else(|_| SocketAddr::from(([0; 4], 0)));
+                return Err(ServeError { address, cause });
+            }
+        };
+        // Without room the client sees a closed connection and tries again.
+        let Ok(place) = Arc::clone(&room).try_acquire_owned() else { continue };
+        let service = TowerToHyperService::new(router.clone());
+        tokio::spawn(async move {
+            let _place = place;
+            // Small answers must not wait for each other.
+            let _ = stream.set_nodelay(true);
+            let connection = hyper::server::conn::http1::Builder::new()
+                .timer(TokioTimer::new())
+                .header_read_timeout(HEAD_DEADLINE)
+                .max_buf_size(HEAD_BYTES)
+                .serve_connection(TokioIo::new(stream), service);
+            // A client that hangs up or sends nonsense ends its own connection.
+            if let Err(error) = connection.await {
+                tracing::debug!("a connection ended: {error}");
+            }
+        });
+    }
+}
+
+fn is_of_one_connection(cause: &std::io::Error) -> bool {
+    use std::io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset, Interrupted};
+    matches!(cause.kind(), ConnectionAborted | ConnectionRefused | ConnectionReset | Interrupted)
+}
+
+/// Whether there may be room again soon: no descriptor or memory is left.
+fn is_of_the_moment(cause: &std::io::Error) -> bool {
+    use rustix::io::Errno;
+    let number = cause.raw_os_error();
+    [Errno::MFILE, Errno::NFILE, Errno::NOBUFS, Errno::NOMEM].iter().any(|errno| Some(errno.raw_os_error()) == number)
+}

@@ -1,0 +1,400 @@
+//! The server as clients meet it, friendly and not: over real connections, with runs that are made up and a simulator
+//! that is a shell script.
+
+use proptest::prelude::*;
+use proto::episode::EnvironmentId;
+use proto::kitchen::KitchenId;
+use proto::replay::{RecordedEpisode, ReplaySetup};
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::os::unix::fs::PermissionsExt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Problem, Runs};
+use view::{Settings, serve};
+
+/// One run called `a`; and how many readings there were, at a time and in all.
+#[derive(Default)]
+struct One {
+    reading: AtomicUsize,
+    most: AtomicUsize,
+    all: AtomicUsize,
+}
+
+impl One {
+    fn read<T>(&self, run: &str, value: T) -> Result<T, Problem> {
+        let now = self.reading.fetch_add(1, Ordering::SeqCst) + 1;
+        self.most.fetch_max(now, Ordering::SeqCst);
+        self.all.fetch_add(1, Ordering::SeqCst);
+        std::thread::sleep(Duration::from_millis(5));
+        self.reading.fetch_sub(1, Ordering::SeqCst);
+        match run {
+            "a" => Ok(value),
+            "broken" => Err(Problem::Unreadable("run.toml is damaged".to_owned())),
+            _ => Err(Problem::NotThere(format!("there is no run called {run}"))),
+        }
+    }
+}
+
+impl Runs for One {
+    fn list(&self) -> Vec<Card> {
+        self.read("a", vec![Card { id: "a".to_owned(), ..Card::default() }]).unwrap_or_default()
+    }
+    fn live(&self, run: &str) -> Result<Live, Problem> {
+        self.read(run, Live { rollouts: 7, ..Live::default() })
+    }
+    fn curves(&self, run: &str, _: u64, known: usize) -> Result<Curves, Problem> {
+        self.read(run, Curves { from: known, ..Curves::default() })
+    }
+    fn episodes(&self, run: &str, query: &EpisodeQuery) -> Result<EpisodePage, Problem> {
+        self.read(run, EpisodePage { total: query.offset, ..EpisodePage::default() })
+    }
+    fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem> {
+        let kitchen = KitchenId::new(key.kitchen).map_err(|error| Problem::NotThere(error.to_string()))?;
+        let episode = RecordedEpisode {
+            environment: EnvironmentId { kitchen, number: key.environment },
+            episode: key.episode,
+            start_hash: None,
+            actions: Vec::new(),
+            hashes: Vec::new(),
+            goals: Vec::new(),
+            start: None,
+            steps: Vec::new(),
+        };
+        self.read(run, (ReplaySetup { config: String::new(), folder: None, images: None }, episode))
+    }
+    fn newest(&self, run: &str, kitchen: u8, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
+        self.read(run, Some(EpisodeKey { kitchen, environment, episode: 1 }))
+    }
+}
+
+/// A simulator: opens nothing until it is asked to, then draws `PNG!`; dies when step 13 is drawn, and talks nonsense
+/// at step 14.
+const SIMULATOR: &str = r#"#!/bin/sh
+open=
+while read -r line; do
+  case "$line" in
+    *'"step":13'*) exit 3 ;;
+    *'"step":14'*) echo nonsense ;;
+    *'"open"'*) open=yes; echo '{"picture":{"bytes":0}}' ;;
+    *) if [ "$open" ]; then printf '{"picture":{"bytes":4}}\nPNG!'; else echo '"not_open"'; fi ;;
+  esac
+done
+"#;
+
+struct Server {
+    address: SocketAddr,
+    runs: Arc<One>,
+    _runtime: tokio::runtime::Runtime,
+    _folder: tempfile::TempDir,
+}
+
+impl Server {
+    fn start(token: Option<&str>) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let actor = folder.path().join("actor");
+        std::fs::write(&actor, SIMULATOR).unwrap();
+        std::fs::set_permissions(&actor, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+        let listener = runtime.block_on(tokio::net::TcpListener::bind("127.0.0.1:0")).unwrap();
+        let address = listener.local_addr().unwrap();
+        let runs = Arc::new(One::default());
+        let settings = Settings {
+            actor,
+            token: token.map(str::to_owned),
+            host_name: "lab7".to_owned(),
+            open: vec!["a".to_owned()],
+            compare: false,
+        };
+        runtime.spawn(serve(listener, Arc::clone(&runs) as Arc<dyn Runs>, settings, std::future::pending()));
+        Self { address, runs, _runtime: runtime, _folder: folder }
+    }
+
+    fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(self.address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        stream
+    }
+
+    /// Sends these bytes; everything that comes back until the server hangs up.
+    fn send(&self, bytes: &[u8]) -> Vec<u8> {
+        let mut stream = self.connect();
+        // The server may hang up before it has read all.
+        let _ = stream.write_all(bytes);
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        answer
+    }
+
+    fn ask(&self, method: &str, path: &str, headers: &[(&str, &str)]) -> Answer {
+        let host = headers.iter().any(|(name, _)| *name == "Host");
+        let own = if host { String::new() } else { format!("Host: {}\r\n", self.address) };
+        let headers: String = headers.iter().map(|(name, value)| format!("{name}: {value}\r\n")).collect();
+        let request = format!("{method} {path} HTTP/1.1\r\n{own}{headers}Connection: close\r\n\r\n");
+        Answer::of(&self.send(request.as_bytes()))
+    }
+
+    fn get(&self, path: &str) -> Answer {
+        self.ask("GET", path, &[])
+    }
+}
+
+#[derive(Debug)]
+struct Answer {
+    status: u16,
+    head: String,
+    body: String,
+}
+
+impl Answer {
+    fn of(bytes: &[u8]) -> Self {
+        let text = String::from_utf8_lossy(bytes);
+        let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
+        let status = head.split(' ').nth(1).and_then(|status| status.parse().ok()).unwrap_or(0);
+        Self { status, head: head.to_ascii_lowercase(), body: body.to_owned() }
+    }
+}
+
+#[test]
+fn the_page_and_all_that_it_names_is_there_under_a_strict_policy() {
+    let server = Server::start(None);
+    let page = server.get("/");
+    assert_eq!(page.status, 200);
+    let (mut wanted, mut seen) = (vec!["/main.js".to_owned(), "/style.css".to_owned(), "/icon.svg".to_owned()], vec![]);
+    for file in &wanted {
+        assert!(page.body.contains(&format!("\"{file}\"")), "the page names {file}");
+    }
+    while let Some(path) = wanted.pop() {
+        let file = server.get(&path);
+        assert_eq!(file.status, 200, "{path}");
+        assert!(file.head.contains("content-security-policy: default-src 'none'; script-src 'self';"), "{path}");
+        assert!(file.head.contains("x-content-type-options: nosniff"), "{path}");
+        assert!(!file.body.contains("innerHTML") && !file.body.contains("eval("), "{path} makes markup of text");
+        assert!(!file.body.contains("https://"), "{path} names another server");
+        seen.push(path);
+        for import in file.body.lines().filter(|line| line.starts_with("import ")) {
+            let name = import.split("\"./").nth(1).and_then(|rest| rest.split('"').next()).unwrap();
+            let path = format!("/{name}");
+            if !seen.contains(&path) && !wanted.contains(&path) {
+                wanted.push(path);
+            }
+        }
+    }
+    assert!(seen.len() >= 10, "{seen:?}");
+    assert!(server.get("/api/opening").body.contains("\"runs\":[\"a\"]"));
+}
+
+#[test]
+fn a_way_that_leads_nowhere_is_no_way_out() {
+    let server = Server::start(None);
+    let strange = [
+        "/../../etc/passwd",
+        "/..%2f..%2fetc%2fpasswd",
+        "/%2e%2e/%2e%2e/etc/passwd",
+        "/api/runs/..%2f..%2fetc",
+        "/api/runs/../../../etc/passwd",
+        "/api/runs/%00",
+        "/api/runs/a/episodes/../../../x",
+        "/api",
+        "/api/runs/",
+        "/api/runs/b",
+        "/api/runs/a%2f..%2fb",
+        "/style.css/",
+        "//etc/passwd",
+        "/index.html",
+        "/api/runs/a/newest/999/0",
+        "/api/runs/a/newest/1/x",
+        "/api/runs/a/episodes/1-2",
+        "/api/runs/a/episodes/x-y-z",
+        "/\u{fffd}",
+        "/api/runs/a/live/x",
+        "/api/runs/a/episodes?limit=-1",
+        "/api/runs/a/episodes?kitchen=300",
+        "/api/runs/a/episodes?nonsense=1",
+        "/api/runs/a/curves?known=-1",
+        "/api/runs/a/curves?edition=99999999999999999999999",
+        "/api/runs/a/episodes/1-0-0/picture",
+        "/api/runs/a/episodes/1-0-0/picture?view=back&step=0&width=64",
+        "/api/runs/a/episodes/1-0-0/picture?view=depth&step=-1&width=64",
+    ];
+    for path in strange {
+        let answer = server.get(path);
+        assert!((400..500).contains(&answer.status), "{path}: {answer:?}");
+        assert!(!answer.body.contains("root:"), "{path}: {answer:?}");
+    }
+    assert_eq!(server.get("/api/runs/broken").status, 422, "a damaged run is said to be one");
+    assert!(server.get("/api/runs/broken").body.contains("run.toml is damaged"));
+    assert_eq!(server.get("/api/runs/broken/live").status, 422);
+    assert_eq!(server.get("/api/runs/a").status, 200);
+}
+
+#[test]
+fn requests_that_are_too_large_are_refused_and_do_no_harm() {
+    let server = Server::start(None);
+    let long = "x".repeat(200_000);
+    for request in [
+        format!("GET /{long} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n"),
+        format!("GET /api/runs/a/episodes?target={long} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n"),
+        format!("GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: {long}\r\nConnection: close\r\n\r\n"),
+        long.clone(),
+    ] {
+        let answer = Answer::of(&server.send(request.as_bytes()));
+        assert_ne!(answer.status, 200);
+        assert!(answer.status == 0 || (400..500).contains(&answer.status), "{answer:?}");
+    }
+    let many = "a=b&".repeat(5_000);
+    assert_eq!(server.get(&format!("/api/runs/a/episodes?{many}")).status, 400);
+    assert_eq!(server.get("/api/runs").status, 200);
+}
+
+#[test]
+fn only_those_who_may_are_answered() {
+    let server = Server::start(None);
+    for host in ["evil.example", "evil.example:80", "127.0.0.1.evil.example"] {
+        for path in ["/", "/api/runs"] {
+            let answer = server.ask("GET", path, &[("Host", host)]);
+            assert_eq!(answer.status, 421, "{host} {path}");
+        }
+    }
+    for host in ["localhost:9", "lab7", "[::1]:80"] {
+        assert_eq!(server.ask("GET", "/api/runs", &[("Host", host)]).status, 200, "{host}");
+    }
+    let foreign = [("Sec-Fetch-Site", "cross-site")];
+    assert_eq!(server.ask("GET", "/api/runs", &foreign).status, 403);
+    assert_eq!(server.ask("GET", "/", &foreign).status, 200, "a link to the page may be followed");
+    for method in ["POST", "PUT", "DELETE", "OPTIONS"] {
+        assert_eq!(server.ask(method, "/api/runs", &[]).status, 405, "{method}");
+    }
+}
+
+#[test]
+fn where_a_token_is_needed_nothing_is_shown_without_it() {
+    let server = Server::start(Some("0123abcd"));
+    for (path, headers) in [
+        ("/", vec![]),
+        ("/api/runs", vec![]),
+        ("/?token=0123abce", vec![]),
+        ("/?token=", vec![]),
+        ("/api/runs?token=0123abcd", vec![]),
+        ("/api/runs", vec![("Cookie", "stillroom=0123abc")]),
+        ("/api/runs", vec![("Cookie", "other=0123abcd")]),
+    ] {
+        let answer = server.ask("GET", path, &headers);
+        assert_eq!(answer.status, 401, "{path} {headers:?}");
+        assert!(!answer.body.contains("0123abcd") && !answer.body.contains("\"id\""));
+    }
+    let welcome = server.get("/?token=0123abcd");
+    assert_eq!(welcome.status, 303);
+    assert!(welcome.head.contains("location: /\r") && welcome.head.contains("set-cookie: stillroom=0123abcd;"));
+    assert!(welcome.head.contains("httponly; samesite=strict"));
+    assert_eq!(server.ask("GET", "/api/runs", &[("Cookie", "a=b; stillroom=0123abcd")]).status, 200);
+}
+
+#[test]
+fn slow_clients_cost_others_nothing_and_are_hung_up_on() {
+    let server = Server::start(None);
+    let begun = Instant::now();
+    let mut slow: Vec<TcpStream> = (0..60)
+        .map(|_| {
+            let mut stream = server.connect();
+            stream.write_all(b"GET /api/runs HT").unwrap();
+            stream
+        })
+        .collect();
+    let answered = Instant::now();
+    assert_eq!(server.get("/api/runs").status, 200);
+    assert!(answered.elapsed() < Duration::from_secs(5), "it took {:?}", answered.elapsed());
+    let mut rest = Vec::new();
+    let _ = slow[0].read_to_end(&mut rest);
+    assert!(
+        begun.elapsed() > Duration::from_secs(8) && begun.elapsed() < Duration::from_secs(19),
+        "{:?}",
+        begun.elapsed()
+    );
+}
+
+#[test]
+fn a_hundred_who_watch_cost_one_reader() {
+    let server = Server::start(None);
+    let request = format!("GET /api/runs/a/live HTTP/1.1\r\nHost: {}\r\n\r\n", server.address);
+    let mut watching: Vec<TcpStream> = (0..100)
+        .map(|_| {
+            let mut stream = server.connect();
+            stream.write_all(request.as_bytes()).unwrap();
+            stream
+        })
+        .collect();
+    for stream in &mut watching {
+        let (mut text, mut block) = (String::new(), [0; 4096]);
+        while !text.contains("\"rollouts\":7") {
+            let count = stream.read(&mut block).unwrap();
+            assert!(count > 0, "hung up on after {text}");
+            text.push_str(&String::from_utf8_lossy(&block[..count]));
+        }
+        assert!(text.to_ascii_lowercase().contains("content-type: text/event-stream"), "{text}");
+    }
+    let before = server.runs.all.load(Ordering::SeqCst);
+    std::thread::sleep(Duration::from_millis(2500));
+    let readings = server.runs.all.load(Ordering::SeqCst) - before;
+    assert!((1..=4).contains(&readings), "{readings} readings in two and a half seconds");
+    assert!(server.runs.most.load(Ordering::SeqCst) <= 4, "readings at a time");
+    drop(watching);
+    std::thread::sleep(Duration::from_millis(2500));
+    let before = server.runs.all.load(Ordering::SeqCst);
+    std::thread::sleep(Duration::from_millis(1500));
+    assert_eq!(server.runs.all.load(Ordering::SeqCst), before, "nobody watches: nothing is read");
+}
+
+#[test]
+fn a_hundred_clients_at_once_are_all_answered() {
+    let server = Server::start(None);
+    std::thread::scope(|scope| {
+        for _ in 0..100 {
+            scope.spawn(|| assert_eq!(server.get("/api/runs/a/curves?known=3").status, 200));
+        }
+    });
+    assert!(server.runs.most.load(Ordering::SeqCst) <= 3, "readings at a time");
+}
+
+#[test]
+fn a_simulator_that_dies_or_talks_nonsense_is_started_again() {
+    let server = Server::start(None);
+    let picture =
+        |step: u32| server.get(&format!("/api/runs/a/episodes/1-0-0/picture?view=depth&step={step}&width=64"));
+    let drawn = picture(1);
+    assert_eq!((drawn.status, drawn.body.as_str()), (200, "PNG!"));
+    assert!(drawn.head.contains("content-type: image/png"));
+    for bad in [13, 14] {
+        let failed = picture(bad);
+        assert_eq!(failed.status, 500, "step {bad}: {failed:?}");
+        assert!(failed.body.contains("the simulator cannot be used"));
+        assert_eq!(picture(2).body, "PNG!", "after step {bad}");
+    }
+    let unknown = server.get("/api/runs/b/episodes/1-0-0");
+    assert_eq!(unknown.status, 404);
+    assert_eq!(server.get("/api/runs/a/episodes/77-0-0").status, 404, "no such kitchen");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
+    #[test]
+    fn whatever_is_sent_the_next_is_answered(
+        bytes in prop::collection::vec(any::<u8>(), 0..400),
+        path in "[ -~]{0,80}",
+    ) {
+        use std::sync::OnceLock;
+        static SERVER: OnceLock<Server> = OnceLock::new();
+        let server = SERVER.get_or_init(|| Server::start(None));
+        let mut stream = server.connect();
+        let _ = stream.write_all(&bytes);
+        drop(stream);
+        let mut stream = server.connect();
+        let _ = stream.write_all(format!("GET /{path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").as_bytes());
+        let _ = stream.shutdown(std::net::Shutdown::Write);
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        prop_assert!(!(500..600).contains(&Answer::of(&answer).status), "{}", String::from_utf8_lossy(&answer));
+        prop_assert_eq!(server.get("/api/opening").status, 200);
+    }
+}
