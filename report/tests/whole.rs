@@ -76,6 +76,7 @@ fn evaluated(config: &Config, split: Split, objects: ObjectSet, skill: f64, care
     };
     let conditions = Conditions {
         split,
+        procedural: None,
         scenes: Vec::new(),
         objects,
         episodes: 0,

@@ -1,5 +1,6 @@
 //! The environments of one actor: stepping them, rebuilding them, and showing what they see.
 
+use super::larder::Larder;
 use super::{shm, whereabouts};
 use anyhow::{Context, Result, bail, ensure};
 use proto::action::{Action, HOLD};
@@ -7,25 +8,41 @@ use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
+use proto::rota::Rota;
 use proto::step::{Transition, transition_flag};
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
 use simulator::kitchen::Kitchen;
+use std::collections::BTreeMap;
 use std::mem::MaybeUninit;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 use wire::message::{EnvironmentState, Observation};
 
-/// All environments of an actor and the camera they share.
+/// All environments of an actor.
 pub struct Environments {
     running: Vec<Running>,
+    /// Cameras: one that all share where all are in one kitchen, else each environment's own.
+    cameras: Vec<DepthCamera>,
+    course: Course,
+}
+
+/// Where environments play what.
+struct Course {
+    config: Config,
+    rota: Rota,
     programme: Programme,
-    camera: DepthCamera,
+    larder: Larder,
+    /// Kitchens that environments of this actor are in: two that meet in one share it.
+    in_use: BTreeMap<KitchenId, Weak<Kitchen>>,
 }
 
 /// One environment in its current episode.
 struct Running {
+    /// What it is called where its kitchen does not matter.
+    home: EnvironmentId,
+    /// The same with the kitchen that it is in.
     id: EnvironmentId,
     environment: Environment,
     episode: u32,
@@ -33,65 +50,123 @@ struct Running {
     transition: Transition,
 }
 
+impl Course {
+    /// The kitchen, and the next one that the environment goes on to ordered.
+    fn kitchen(&mut self, home: EnvironmentId, episode: u32) -> Result<Arc<Kitchen>> {
+        let id = self.rota.place(home, episode).kitchen;
+        let kitchen = match self.in_use.get(&id).and_then(Weak::upgrade) {
+            Some(kitchen) => kitchen,
+            None => {
+                let kitchen = Arc::new(self.larder.take(id)?);
+                self.in_use.retain(|_, kitchen| kitchen.strong_count() > 0);
+                self.in_use.insert(id, Arc::downgrade(&kitchen));
+                kitchen
+            }
+        };
+        if let Some(next) = self.rota.next_place(home, episode) {
+            self.larder.order(next.kitchen);
+        }
+        Ok(kitchen)
+    }
+
+    fn environment(&mut self, home: EnvironmentId, episode: u32) -> Result<(EnvironmentId, Environment)> {
+        let kitchen = self.kitchen(home, episode)?;
+        let id = self.rota.place(home, episode);
+        let environment = self
+            .programme
+            .environment(&kitchen, id, &self.config)
+            .with_context(|| format!("cannot set up environment {} of kitchen {}", id.number, id.kitchen))?;
+        Ok((id, environment))
+    }
+}
+
 impl Running {
-    fn start(&mut self, programme: &Programme, episode: u32) {
-        whereabouts::enter(self.id, episode);
-        programme.start(&mut self.environment, self.id, episode);
+    /// Begins an episode; a camera of its own is made anew where that is in another kitchen.
+    fn start(&mut self, course: &mut Course, camera: Option<&mut DepthCamera>, episode: u32) -> Result<()> {
+        let place = course.rota.place(self.home, episode);
+        whereabouts::enter(place, episode);
+        if place.kitchen != self.id.kitchen {
+            (self.id, self.environment) = course.environment(self.home, episode)?;
+            if let Some(camera) = camera {
+                *camera = DepthCamera::new(self.environment.kitchen().bodies());
+            }
+        }
+        course.programme.start(&mut self.environment, self.id, episode);
         self.episode = episode;
+        Ok(())
     }
 
     /// Takes an action; after the last one of an episode the environment stands at the start of the next.
-    fn act(&mut self, programme: &Programme, action: Action) {
+    fn act(&mut self, course: &mut Course, camera: Option<&mut DepthCamera>, action: Action) -> Result<()> {
         whereabouts::enter(self.id, self.episode);
         self.transition = self.environment.step(action);
         if self.transition.flags & transition_flag::ENDED != 0 {
             let next = self.episode.checked_add(1).expect("four billion episodes outlast any run");
-            self.start(programme, next);
+            self.start(course, camera, next)?;
         }
+        Ok(())
     }
 }
 
 impl Environments {
-    /// The environments of actor `actor` in `kitchen`, each in its episode 0.
-    pub fn new(kitchen: &Arc<Kitchen>, kitchen_id: KitchenId, actor: u32, config: &Config) -> Result<Self> {
+    /// The environments of actor `actor`, each in its episode 0; with `kitchen` all in that one instead of their own.
+    pub fn new(larder: Larder, kitchen: Option<KitchenId>, actor: u32, config: &Config) -> Result<Self> {
         let count = config.actors.environments_per_actor;
-        let programme = Programme::of(config, kitchen)?;
-        let running = (0..count)
+        let rota = config.rota();
+        let homes: Vec<EnvironmentId> = (0..count)
             .map(|index| {
-                let id = EnvironmentId {
-                    kitchen: kitchen_id,
-                    ..EnvironmentId::among(config.kitchens(), actor, index, count)
-                };
-                let environment = programme
-                    .environment(kitchen, id, config)
-                    .with_context(|| format!("cannot set up environment {} of kitchen {kitchen_id}", id.number))?;
-                Ok(Running { id, environment, episode: 0, transition: Transition::default() })
+                let home = EnvironmentId::among(config.kitchens(), actor, index, count);
+                EnvironmentId { kitchen: kitchen.unwrap_or(home.kitchen), ..home }
             })
-            .collect::<Result<_>>()?;
-        Ok(Self { running, programme, camera: DepthCamera::new(kitchen.bodies()) })
+            .collect();
+        let first = rota.place(*homes.first().context("an actor has environments")?, 0).kitchen;
+        let first = Arc::new(larder.take(first)?);
+        let mut course = Course {
+            programme: Programme::of(config, &first)?,
+            config: config.clone(),
+            in_use: BTreeMap::from([(first.id(), Arc::downgrade(&first))]),
+            rota,
+            larder,
+        };
+        let mut running = Vec::new();
+        for home in homes {
+            let (id, environment) = course.environment(home, 0)?;
+            running.push(Running { home, id, environment, episode: 0, transition: Transition::default() });
+        }
+        let own = if course.rota.moves() { running.len() } else { 1 };
+        let camera = |running: &Running| DepthCamera::new(running.environment.kitchen().bodies());
+        Ok(Self { cameras: running[..own].iter().map(camera).collect(), running, course })
     }
 
-    /// Triangles that the camera has to choose from.
+    /// Triangles that the first camera has to choose from.
     pub fn triangles(&self) -> usize {
-        self.camera.triangles()
+        self.cameras[0].triangles()
+    }
+
+    /// Bodies of the first environment's kitchen.
+    pub fn bodies(&self) -> usize {
+        self.running[0].environment.kitchen().bodies().len()
     }
 
     /// Puts every environment into the state that its actions lead to. Nothing is rendered on the way, and what was
     /// simulated before does not matter.
     pub fn rebuild(&mut self, states: &[EnvironmentState]) -> Result<()> {
         assert_eq!(states.len(), self.running.len(), "a restore holds one state an environment");
-        for (running, state) in self.running.iter_mut().zip(states) {
+        let own = self.course.rota.moves();
+        for (index, (running, state)) in self.running.iter_mut().zip(states).enumerate() {
             running.transition = Transition::default();
-            running.start(&self.programme, state.episode);
+            let mut camera = if own { Some(&mut self.cameras[index]) } else { None };
+            running.start(&mut self.course, camera.as_deref_mut(), state.episode)?;
             let actions = state
                 .actions
                 .get(..state.action_count as usize)
                 .with_context(|| format!("a restore claims {} actions in one episode", state.action_count))?;
-            for (step, &index) in actions.iter().enumerate() {
-                let action = Action::from_index(index).with_context(|| {
-                    format!("a restore names action {index} at step {step} of {}: there is none", place(running))
+            for (step, &action) in actions.iter().enumerate() {
+                let action = Action::from_index(action).with_context(|| {
+                    format!("a restore names action {action} at step {step} of {}: there is none", place(running))
                 })?;
-                running.act(&self.programme, action);
+                let here = running.id;
+                running.act(&mut self.course, camera.as_deref_mut(), action)?;
                 let ended = running.transition.flags & transition_flag::ENDED != 0;
                 ensure!(
                     !ended || step + 1 == actions.len(),
@@ -99,8 +174,8 @@ impl Environments {
                      was the run recorded with another version of the simulator?",
                     actions.len(),
                     state.episode,
-                    running.id.kitchen,
-                    running.id.number,
+                    here.kitchen,
+                    here.number,
                     step + 1
                 );
             }
@@ -111,11 +186,14 @@ impl Environments {
     /// Applies one action to each environment of `range`. HOLD leaves an environment as it is.
     pub fn act(&mut self, range: Range<usize>, actions: &[u8]) -> Result<()> {
         assert_eq!(range.len(), actions.len(), "one action an environment");
-        for (running, &index) in self.running[range].iter_mut().zip(actions) {
-            match Action::from_index(index) {
-                Some(action) => running.act(&self.programme, action),
-                None if index == HOLD => running.transition = Transition::default(),
-                None => bail!("the learner sent action {index} to {}: there is none", place(running)),
+        let own = self.course.rota.moves();
+        for (index, &action) in range.zip(actions) {
+            let running = &mut self.running[index];
+            let camera = if own { Some(&mut self.cameras[index]) } else { None };
+            match Action::from_index(action) {
+                Some(action) => running.act(&mut self.course, camera, action)?,
+                None if action == HOLD => running.transition = Transition::default(),
+                None => bail!("the learner sent action {action} to {}: there is none", place(running)),
             }
         }
         Ok(())
@@ -123,11 +201,12 @@ impl Environments {
 
     /// Writes the observation of environment `index`; its frame is rendered in place.
     pub fn observe(&mut self, index: usize, slot: &mut MaybeUninit<Observation>) {
-        let running = &mut self.running[index];
+        let camera = if self.course.rota.moves() { index } else { 0 };
+        let (running, camera) = (&mut self.running[index], &mut self.cameras[camera]);
         whereabouts::enter(running.id, running.episode);
         let current = running.environment.current();
         shm::write_observation(slot, index as u32, running.transition, current, |frame| {
-            running.environment.look_into(&mut self.camera, FRAME_SIDE, frame)
+            running.environment.look_into(camera, FRAME_SIDE, frame)
         });
     }
 }
