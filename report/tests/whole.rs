@@ -13,7 +13,7 @@ use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Va
 use report::{Made, Options};
 use std::collections::BTreeMap;
 
-fn random(seed: u64, kitchen: u8, episode: u32) -> Random {
+fn random(seed: u64, kitchen: u32, episode: u32) -> Random {
     Key { seed, purpose: Purpose::RandomPolicy, kitchen, environment: 0, episode, step: 0 }.stream()
 }
 

@@ -119,6 +119,10 @@ impl Environments {
                 EnvironmentId { kitchen: kitchen.unwrap_or(home.kitchen), ..home }
             })
             .collect();
+        // The larder's thread begins at the other end, if there is a processor for it.
+        if rota.moves() {
+            homes.iter().rev().for_each(|&home| larder.order(rota.place(home, 0).kitchen));
+        }
         let first = rota.place(*homes.first().context("an actor has environments")?, 0).kitchen;
         let first = Arc::new(larder.take(first)?);
         let mut course = Course {

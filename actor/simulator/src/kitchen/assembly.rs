@@ -20,8 +20,6 @@ use rapier3d::math::{Pose3, Vec3};
 const SETTLE_LIMIT_S: f32 = 4.0;
 /// A thing that settles further than this from where it was set down has fallen over, metres.
 const SETTLE_DRIFT_M: f32 = 0.02;
-/// Sub-steps in which contacts take up the weight of things that have been at rest before.
-const BEARING_STEPS: u32 = 8;
 /// The robot waits here, below the floor, until an episode places it.
 const PARKED: Vec3 = Vec3::new(0.0, -20.0, 0.0);
 
@@ -163,7 +161,8 @@ impl Kitchen {
     }
 
     /// Builds the physics world of a room that has come to rest before, with the places that were found in it then:
-    /// robot poses, and those of each target. Things may creep by a hair's breadth until their contacts bear them again.
+    /// robot poses, and those of each target. Things
+    /// may creep by a hair's breadth until their contacts bear them again.
     pub(super) fn reassemble(
         id: KitchenId,
         timestep_s: f32,
@@ -172,9 +171,7 @@ impl Kitchen {
         found: impl FnOnce(&[Surface], (Vec3, Vec3), &[Solid], &[Body]) -> (Vec<Stand>, Vec<Option<Target>>),
     ) -> Self {
         let mut rested = Rested::set_down(room, timestep_s);
-        for _ in 0..BEARING_STEPS {
-            rested.world.step();
-        }
+        rested.world.run_until_asleep(&rested.movables, (SETTLE_LIMIT_S / timestep_s) as u32);
         rested.world.put_to_sleep(&rested.movables);
         rested.look();
         let Rested { world, scene, bodies, static_count, poses, movables, robot, robot_parts, things, surfaces, floor } =

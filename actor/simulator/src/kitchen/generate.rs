@@ -17,8 +17,10 @@ use proto::random::Random;
 
 /// A room in which something found no place, or fell, is drawn anew this many times.
 const ATTEMPTS: u32 = 32;
-/// After so many a procedural kitchen takes another place among its set, with other quotas, this many times in all.
-const EDITIONS: u32 = 32;
+/// A procedural kitchen takes another place among its set, with other quotas, after so many, ...
+const ATTEMPTS_EACH: u32 = 8;
+/// ... and so often in all: some of its places hold more than fits.
+const EDITIONS: u32 = 64;
 /// Fewest spots of a target category: in any room, ...
 const SPOTS_LEAST_ANYWHERE: usize = 100;
 /// ... and in a training kitchen; half as many in others.
@@ -68,10 +70,15 @@ pub struct DrawnRoom {
     pub kept_clear: Vec<Rectangle>,
 }
 
+/// A kitchen with the place among its set that it has at an attempt.
+fn at_attempt(lot: Lot, attempt: u32) -> Lot {
+    if lot.id().is_procedural() { lot.edition(attempt / ATTEMPTS_EACH) } else { lot }
+}
+
 /// Lays a kitchen's room out, for the `attempt`th time from 0, before anything movable stands there; and the stream
 /// that the rest is drawn from. The error is what found no place.
 pub(super) fn draw_fitted(lot: Lot, attempt: u32) -> Result<(FittedRoom, Random), String> {
-    let lot = lot.edition(attempt / ATTEMPTS);
+    let lot = at_attempt(lot, attempt);
     let mut random = lot.room(attempt).stream();
     let fitted = FittedRoom::draw(lot, &mut random).map_err(|what| format!("a place for {what}"))?;
     Ok((fitted, random))
@@ -91,7 +98,7 @@ pub fn draw_room(kitchen: impl Into<Lot>, attempt: u32) -> Result<DrawnRoom, Str
     for fixture in &fitted.fixtures {
         scene.add(&Solid::of(&fixture.shape), &fixture.pose);
     }
-    let lot = lot.edition(attempt / ATTEMPTS);
+    let lot = at_attempt(lot, attempt);
     let things = placement::place(lot, &fitted, &scene, &mut random).map_err(|what| format!("a place for {what}"))?;
     Ok(DrawnRoom::of(fitted, things))
 }
@@ -134,7 +141,7 @@ impl Kitchen {
         if id.scene_index().is_some() {
             return Err(KitchenError::NotBuiltIn { kitchen: id });
         }
-        let attempts = if id.is_procedural() { ATTEMPTS * EDITIONS } else { ATTEMPTS };
+        let attempts = if id.is_procedural() { ATTEMPTS_EACH * EDITIONS } else { ATTEMPTS };
         let mut reason = String::new();
         for attempt in 0..attempts {
             let outcome = draw_room(lot, attempt).and_then(|drawn| {
