@@ -10,7 +10,7 @@ use proto::camera::FRAME_PIXELS;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use simulator::depth::DepthCamera;
+use simulator::depth::{DepthCamera, Scenery};
 use simulator::kitchen::Kitchen;
 use simulator::source;
 use std::io::Write;
@@ -78,8 +78,8 @@ pub(super) fn run(
 /// Processor time of a whole step of environments in these kitchens, each on the next in turn, seconds.
 fn whole_step_s(kitchens: &[Arc<Kitchen>], policy: PolicyKind, config: &Config, seconds: f64) -> Result<f64> {
     let mut players = Vec::new();
-    let mut cameras: Vec<DepthCamera> = Vec::new();
-    let mut camera_of = Vec::new();
+    let mut sceneries: Vec<Scenery> = Vec::new();
+    let mut scenery_of = Vec::new();
     for (number, kitchen) in (0..).zip(kitchens) {
         let id = EnvironmentId { kitchen: kitchen.id(), number };
         let mut player = Player::new(kitchen, id, config, policy, EPISODES)?;
@@ -87,42 +87,48 @@ fn whole_step_s(kitchens: &[Arc<Kitchen>], policy: PolicyKind, config: &Config, 
         let phase = number as usize * player.episode_length() / kitchens.len();
         player.travel(phase, 1);
         players.push(player);
-        // As an actor has them: one camera a kitchen.
+        // As an actor has them: one scenery a kitchen, one camera.
         let known = kitchens[..number as usize].iter().position(|other| other.id() == kitchen.id());
-        camera_of.push(known.map_or(cameras.len(), |known| camera_of[known]));
+        scenery_of.push(known.map_or(sceneries.len(), |known| scenery_of[known]));
         if known.is_none() {
-            cameras.push(DepthCamera::new(kitchen.bodies()));
+            sceneries.push(Scenery::of(kitchen.bodies()));
         }
     }
+    let mut camera = DepthCamera::new(&[]);
     let mut frame = vec![MaybeUninit::uninit(); FRAME_PIXELS];
     let mut turn = 0;
     Ok(seconds_per_call(Duration::from_secs_f64(seconds), || {
         turn = (turn + 1) % players.len();
         players[turn].step();
-        players[turn].look(&mut cameras[camera_of[turn]], &mut frame);
+        camera.exchange(&mut sceneries[scenery_of[turn]]);
+        players[turn].look(&mut camera, &mut frame);
+        camera.exchange(&mut sceneries[scenery_of[turn]]);
     }))
 }
 
-/// What the process that measures memory does: environments in kitchens that are kept in this folder, each with a camera
+/// What the process that measures memory does: environments in kitchens that are kept in this folder, each with a scenery
 /// and a kitchen of its own. Prints megabytes for each after the first [`BEFORE`].
 pub fn print_memory(kitchens: &[KitchenId], folder: &Path) -> Result<()> {
     ensure!(kitchens.len() > BEFORE, "more than {BEFORE} kitchens are needed to measure memory");
     let config = Config::default();
     let mut frame = vec![MaybeUninit::uninit(); FRAME_PIXELS];
     let mut environments = Vec::new();
+    let mut camera = DepthCamera::new(&[]);
     let mut before = 0;
     for (number, &kitchen) in (0..).zip(kitchens) {
         if number as usize == BEFORE {
             before = memory::resident_bytes()?;
         }
         let built = Arc::new(source::of_run(kitchen, &config, folder)?);
-        let mut camera = DepthCamera::new(built.bodies());
+        let mut scenery = Scenery::of(built.bodies());
         let mut player = Player::new(&built, EnvironmentId { kitchen, number }, &config, PolicyKind::Random, 1)?;
         for _ in 0..STEPS {
             player.step();
+            camera.exchange(&mut scenery);
             player.look(&mut camera, &mut frame);
+            camera.exchange(&mut scenery);
         }
-        environments.push((player, camera));
+        environments.push((player, scenery));
     }
     let further = (kitchens.len() - BEFORE) as f64;
     println!("{:.4}", (memory::resident_bytes()? as f64 - before as f64) / further / 1e6);

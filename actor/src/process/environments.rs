@@ -10,10 +10,11 @@ use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::rota::Rota;
 use proto::step::{Transition, transition_flag};
-use simulator::depth::DepthCamera;
+use simulator::depth::{DepthCamera, Scenery};
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
-use simulator::kitchen::Kitchen;
+use simulator::kitchen::{Body, Kitchen};
+use simulator::mesh::triangles_of;
 use std::collections::BTreeMap;
 use std::mem::MaybeUninit;
 use std::ops::Range;
@@ -23,8 +24,10 @@ use wire::message::{EnvironmentState, Observation};
 /// All environments of an actor.
 pub struct Environments {
     running: Vec<Running>,
-    /// Cameras: one that all share where all are in one kitchen, else each environment's own.
-    cameras: Vec<DepthCamera>,
+    /// The camera that they share. It holds the kitchen that all are in; or none of theirs, while each environment has
+    /// its own scenery for it.
+    camera: DepthCamera,
+    sceneries: Vec<Scenery>,
     course: Course,
 }
 
@@ -81,14 +84,14 @@ impl Course {
 }
 
 impl Running {
-    /// Begins an episode; a camera of its own is made anew where that is in another kitchen.
-    fn start(&mut self, course: &mut Course, camera: Option<&mut DepthCamera>, episode: u32) -> Result<()> {
+    /// Begins an episode; its scenery is made anew where that is in another kitchen.
+    fn start(&mut self, course: &mut Course, scenery: Option<&mut Scenery>, episode: u32) -> Result<()> {
         let place = course.rota.place(self.home, episode);
         whereabouts::enter(place, episode);
         if place.kitchen != self.id.kitchen {
             (self.id, self.environment) = course.environment(self.home, episode)?;
-            if let Some(camera) = camera {
-                *camera = DepthCamera::new(self.environment.kitchen().bodies());
+            if let Some(scenery) = scenery {
+                *scenery = Scenery::of(self.environment.kitchen().bodies());
             }
         }
         course.programme.start(&mut self.environment, self.id, episode);
@@ -97,12 +100,12 @@ impl Running {
     }
 
     /// Takes an action; after the last one of an episode the environment stands at the start of the next.
-    fn act(&mut self, course: &mut Course, camera: Option<&mut DepthCamera>, action: Action) -> Result<()> {
+    fn act(&mut self, course: &mut Course, scenery: Option<&mut Scenery>, action: Action) -> Result<()> {
         whereabouts::enter(self.id, self.episode);
         self.transition = self.environment.step(action);
         if self.transition.flags & transition_flag::ENDED != 0 {
             let next = self.episode.checked_add(1).expect("four billion episodes outlast any run");
-            self.start(course, camera, next)?;
+            self.start(course, scenery, next)?;
         }
         Ok(())
     }
@@ -137,14 +140,16 @@ impl Environments {
             let (id, environment) = course.environment(home, 0)?;
             running.push(Running { home, id, environment, episode: 0, transition: Transition::default() });
         }
-        let own = if course.rota.moves() { running.len() } else { 1 };
-        let camera = |running: &Running| DepthCamera::new(running.environment.kitchen().bodies());
-        Ok(Self { cameras: running[..own].iter().map(camera).collect(), running, course })
+        let own = if course.rota.moves() { running.len() } else { 0 };
+        let scenery = |running: &Running| Scenery::of(running.environment.kitchen().bodies());
+        let sceneries = running[..own].iter().map(scenery).collect();
+        let shared: &[Body] = if own == 0 { first.bodies() } else { &[] };
+        Ok(Self { camera: DepthCamera::new(shared), sceneries, running, course })
     }
 
-    /// Triangles that the first camera has to choose from.
+    /// Triangles that the camera has to choose from in the first environment's kitchen.
     pub fn triangles(&self) -> usize {
-        self.cameras[0].triangles()
+        self.running[0].environment.kitchen().bodies().iter().map(|body| triangles_of(&body.shape).len()).sum()
     }
 
     /// Bodies of the first environment's kitchen.
@@ -156,11 +161,10 @@ impl Environments {
     /// simulated before does not matter.
     pub fn rebuild(&mut self, states: &[EnvironmentState]) -> Result<()> {
         assert_eq!(states.len(), self.running.len(), "a restore holds one state an environment");
-        let own = self.course.rota.moves();
         for (index, (running, state)) in self.running.iter_mut().zip(states).enumerate() {
             running.transition = Transition::default();
-            let mut camera = if own { Some(&mut self.cameras[index]) } else { None };
-            running.start(&mut self.course, camera.as_deref_mut(), state.episode)?;
+            let mut scenery = self.sceneries.get_mut(index);
+            running.start(&mut self.course, scenery.as_deref_mut(), state.episode)?;
             let actions = state
                 .actions
                 .get(..state.action_count as usize)
@@ -170,7 +174,7 @@ impl Environments {
                     format!("a restore names action {action} at step {step} of {}: there is none", place(running))
                 })?;
                 let here = running.id;
-                running.act(&mut self.course, camera.as_deref_mut(), action)?;
+                running.act(&mut self.course, scenery.as_deref_mut(), action)?;
                 let ended = running.transition.flags & transition_flag::ENDED != 0;
                 ensure!(
                     !ended || step + 1 == actions.len(),
@@ -190,12 +194,11 @@ impl Environments {
     /// Applies one action to each environment of `range`. HOLD leaves an environment as it is.
     pub fn act(&mut self, range: Range<usize>, actions: &[u8]) -> Result<()> {
         assert_eq!(range.len(), actions.len(), "one action an environment");
-        let own = self.course.rota.moves();
         for (index, &action) in range.zip(actions) {
             let running = &mut self.running[index];
-            let camera = if own { Some(&mut self.cameras[index]) } else { None };
+            let scenery = self.sceneries.get_mut(index);
             match Action::from_index(action) {
-                Some(action) => running.act(&mut self.course, camera, action)?,
+                Some(action) => running.act(&mut self.course, scenery, action)?,
                 None if action == HOLD => running.transition = Transition::default(),
                 None => bail!("the learner sent action {action} to {}: there is none", place(running)),
             }
@@ -205,13 +208,19 @@ impl Environments {
 
     /// Writes the observation of environment `index`; its frame is rendered in place.
     pub fn observe(&mut self, index: usize, slot: &mut MaybeUninit<Observation>) {
-        let camera = if self.course.rota.moves() { index } else { 0 };
-        let (running, camera) = (&mut self.running[index], &mut self.cameras[camera]);
+        let Self { running, camera, sceneries, .. } = self;
+        let (running, mut own) = (&mut running[index], sceneries.get_mut(index));
         whereabouts::enter(running.id, running.episode);
+        if let Some(scenery) = own.as_deref_mut() {
+            camera.exchange(scenery);
+        }
         let current = running.environment.current();
         shm::write_observation(slot, index as u32, running.transition, current, |frame| {
             running.environment.look_into(camera, FRAME_SIDE, frame)
         });
+        if let Some(scenery) = own {
+            camera.exchange(scenery);
+        }
     }
 }
 
