@@ -14,7 +14,6 @@ use simulator::depth::{DepthCamera, Scenery};
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
 use simulator::kitchen::{Body, Kitchen};
-use simulator::mesh::triangles_of;
 use std::collections::BTreeMap;
 use std::mem::MaybeUninit;
 use std::ops::Range;
@@ -147,9 +146,13 @@ impl Environments {
         Ok(Self { camera: DepthCamera::new(shared), sceneries, running, course })
     }
 
-    /// Triangles that the camera has to choose from in the first environment's kitchen.
-    pub fn triangles(&self) -> usize {
-        self.running[0].environment.kitchen().bodies().iter().map(|body| triangles_of(&body.shape).len()).sum()
+    /// Triangles that the camera has to choose from, in the first environment's kitchen.
+    pub fn triangles(&mut self) -> usize {
+        let Some(scenery) = self.sceneries.first_mut() else { return self.camera.triangles() };
+        self.camera.exchange(scenery);
+        let triangles = self.camera.triangles();
+        self.camera.exchange(scenery);
+        triangles
     }
 
     /// Bodies of the first environment's kitchen.
