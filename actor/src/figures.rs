@@ -1,13 +1,14 @@
 //! `actor kitchens report`: our kitchens beside iTHOR's, in figures.
 
+use crate::parallel::in_parallel;
 use anyhow::{Result, ensure};
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use rapier3d::math::Vec3;
-use simulator::kitchen::Kitchen;
 use simulator::kitchen::catalogue::{CATEGORIES, Place};
 use simulator::kitchen::ithor::{self, NOT_THINGS};
 use simulator::kitchen::layout::Plan;
+use simulator::kitchen::{Kitchen, KitchenError};
 use std::io::Write;
 
 /// Furthest that a decile of the nearest-neighbour distance may be off iTHOR's, as a share of it.
@@ -43,7 +44,8 @@ impl Figures {
         figures
     }
 
-    fn add(&mut self, kitchen: &Kitchen) {
+    /// Measures one more.
+    pub fn add(&mut self, kitchen: &Kitchen) {
         let plan = kitchen.plan().map_or("", Plan::name);
         self.kitchens.push((kitchen.id(), plan, kitchen.thing_count()));
         let things = || {
@@ -69,6 +71,20 @@ impl Figures {
             let others = small.iter().enumerate().filter(|&(other, _)| other != index);
             self.nearest_m.extend(others.map(|(_, other)| (*other - *position).length()).min_by(f32::total_cmp));
         }
+    }
+
+    /// Adds what was measured of others.
+    pub fn merge(&mut self, other: &Self) {
+        self.kitchens.extend_from_slice(&other.kitchens);
+        for (extents, more) in self.extents_m.iter_mut().zip(&other.extents_m) {
+            extents.extend_from_slice(more);
+        }
+        for ((_, counts), (_, more)) in self.counts.iter_mut().zip(&other.counts) {
+            counts.extend_from_slice(more);
+        }
+        self.heights_m.extend_from_slice(&other.heights_m);
+        self.nearest_m.extend_from_slice(&other.nearest_m);
+        self.others += other.others;
     }
 
     /// Deciles 1 to 9 of the nearest-neighbour distance, metres.
@@ -151,12 +167,17 @@ impl Figures {
     }
 }
 
-/// Prints the report over all kitchens; an error if they deviate from iTHOR's by more than they may.
-pub fn run(mut out: impl Write) -> Result<()> {
+/// Prints the report over these kitchens; an error if they deviate from iTHOR's by more than they may.
+pub fn run(kitchens: &[KitchenId], mut out: impl Write) -> Result<()> {
     let config = Config::default();
-    let kitchens =
-        KitchenId::all().map(|id| Kitchen::build(id, &config.simulation)).collect::<Result<Vec<Kitchen>, _>>()?;
-    let figures = Figures::of(&kitchens);
+    let measured = in_parallel(kitchens.len(), |index| {
+        let kitchen = Kitchen::build(kitchens[index], &config.simulation)?;
+        Ok::<Figures, KitchenError>(Figures::of(&[kitchen]))
+    });
+    let mut figures = Figures::of(&[]);
+    for measured in measured {
+        figures.merge(&measured?);
+    }
     figures.print(&mut out)?;
     let deviations = figures.deviations();
     if deviations.is_empty() {

@@ -72,6 +72,8 @@ impl Theatre {
         whereabouts::enter(id, recorded.episode);
         check_lengths(recorded)?;
         if !self.kitchens.contains_key(&id.kitchen) {
+            // Episodes in one kitchen come in a row, and procedural kitchens are too many to keep.
+            self.kitchens.retain(|kitchen, _| !kitchen.is_procedural());
             let kitchen = source::of_run(id.kitchen, &self.config, &self.folder)?;
             let camera = DepthCamera::new(kitchen.bodies());
             let programme = Programme::of(&self.config, &kitchen)?;

@@ -36,7 +36,7 @@ pub struct SheetOptions {
 /// What a picture is of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Subject {
-    /// A built-in kitchen.
+    /// A built-in or procedural kitchen.
     BuiltIn(KitchenId),
     /// A scene of a user's own: its TOML file.
     Scene(PathBuf),
@@ -147,6 +147,7 @@ fn draw_all(subjects: &[Subject], side: usize) -> Result<Vec<Drawn>> {
 /// A split's name and colour.
 fn split(id: KitchenId) -> (&'static str, Rgb) {
     match id.split() {
+        _ if id.is_procedural() => ("procedural", [120, 92, 24]),
         Split::Train => ("train", [40, 108, 72]),
         Split::Validation => ("validation", [36, 92, 168]),
         Split::Test => ("test", [170, 56, 44]),

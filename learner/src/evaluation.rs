@@ -4,6 +4,7 @@
 use crate::collector::{ColumnMap, Place, gumbel_of};
 use proto::action::HOLD;
 use proto::evaluation::{Confusion, EpisodeEnd, EpisodeRecord, Plan, category_of};
+use proto::kitchen::KitchenId;
 use proto::random::{Key, Purpose};
 use proto::reward::RewardKind;
 use proto::step::{Transition, transition_flag};
@@ -67,13 +68,20 @@ impl Examination {
         self.remaining
     }
 
+    /// The kitchen in which a column plays its episode of this number.
+    fn kitchen(&self, column: usize, number: u32) -> KitchenId {
+        let environment = self.column_map.environment(column);
+        self.plan.kitchen_of(environment, number).unwrap_or(environment.kitchen)
+    }
+
     /// Appends the noise for one column's step: a function of (seed, kitchen, episode, step) and nothing else.
     pub fn noise(&self, place: Place, noise: &mut Vec<f32>) {
         let (Some(seed), Some(episode)) = (self.seed, self.courses[place.column].episode) else {
             noise.resize(noise.len() + self.policy_actions, 0.0);
             return;
         };
-        let kitchen = place.environment.kitchen.number();
+        let played = self.courses[place.column].played;
+        let kitchen = self.kitchen(place.column, played).number();
         let key = Key { seed, purpose: Purpose::Evaluation, kitchen, environment: 0, episode, step: place.step };
         gumbel_of(key, self.policy_actions, noise);
     }
@@ -110,12 +118,13 @@ impl Examination {
             return None;
         }
         let environment = self.column_map.environment(column);
+        let kitchen = self.plan.kitchen_of(environment, course.played).unwrap_or(environment.kitchen);
         let played = course.played + 1;
         let next = Course { episode: self.plan.dealt(environment, played), played, ..Course::default() };
         let ended = std::mem::replace(course, next);
         self.remaining -= 1;
         let record = EpisodeRecord {
-            kitchen: environment.kitchen,
+            kitchen,
             episode,
             category: category_of(episode),
             end: if has(transition_flag::DONE) { EpisodeEnd::Done } else { EpisodeEnd::TimeLimit },

@@ -24,10 +24,21 @@ impl EnvironmentId {
 
     /// The environment that actor `actor` holds at `index` in a run in these kitchens.
     ///
-    /// Actors beyond the kitchens repeat them; their environments continue the numbering.
+    /// Actors beyond the kitchens repeat them; their environments continue the numbering. Where every environment has
+    /// procedural kitchens of its own, it is called by the first of them all, and its number counts all environments of
+    /// the run; `Rota` tells which kitchen it is in.
     pub fn among(kitchens: Kitchens, actor: u32, index: u32, environments_per_actor: u32) -> Self {
-        let count = kitchens.count() as u32;
-        Self { kitchen: kitchens.of_actor(actor), number: actor / count * environments_per_actor + index }
+        match kitchens {
+            Kitchens::Procedural(range) => {
+                Self { kitchen: range.first_id(), number: actor * environments_per_actor + index }
+            }
+            Kitchens::Split(_) | Kitchens::Scenes(_) => {
+                let ids = kitchens.ids();
+                let count = ids.len() as u32;
+                let kitchen = ids[(actor % count) as usize];
+                Self { kitchen, number: actor / count * environments_per_actor + index }
+            }
+        }
     }
 }
 

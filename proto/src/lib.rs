@@ -33,6 +33,7 @@ pub mod plain_file;
 pub mod random;
 pub mod replay;
 pub mod reward;
+pub mod rota;
 pub mod run_folder;
 pub mod run_state;
 pub mod shares;

@@ -8,6 +8,9 @@
 
 use crate::kitchen::KitchenId;
 
+/// Bits of a step beside a kitchen's number beyond 255.
+const STEP_BITS: u32 = 12;
+
 /// What a draw is for. Two draws with different purposes are independent. The numbers are part of every key and stay as
 /// they are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -31,6 +34,9 @@ pub enum Purpose {
     Evaluation = 9,
     /// Drawn episodes of an evaluation, seeded by none: `environment` is 0, `episode` its number in its kitchen.
     EvaluationEpisode = 10,
+    /// Which procedural kitchen an environment is in next: `environment` is its number over the whole run, `episode`
+    /// counts its kitchens.
+    KitchenVisit = 11,
     /// What a contrastive auxiliary loss shows as not seen; keyed as [`Purpose::AuxiliarySubsample`].
     AuxiliaryNegatives = 16,
     /// Resamples behind the intervals of a report; `environment` is the number of seeds, `episode` the resample.
@@ -49,7 +55,7 @@ pub struct Key {
     /// What the numbers are for.
     pub purpose: Purpose,
     /// Kitchen number, or 0 where none applies.
-    pub kitchen: u8,
+    pub kitchen: u32,
     /// Environment number within the kitchen, over the whole run.
     pub environment: u32,
     /// Episode number within the environment.
@@ -74,14 +80,20 @@ impl Key {
     }
 
     /// The stream of this key.
+    ///
+    /// # Panics
+    /// If the kitchen is beyond 255, as procedural ones are, and the step beyond 4095: the kitchen's higher bits take
+    /// the step's place in the counter.
     pub fn stream(self) -> Random {
+        let (low, high) = (self.kitchen & 0xff, self.kitchen >> 8);
+        assert!(high < 1 << 20 && (high == 0 || self.step < 1 << STEP_BITS), "kitchen and step share a word");
         Random {
             key: [self.seed as u32, (self.seed >> 32) as u32],
             counter: [
-                (self.purpose as u32) << 24 | u32::from(self.kitchen) << 16,
+                (self.purpose as u32) << 24 | low << 16,
                 self.environment,
                 self.episode,
-                self.step,
+                self.step | high << STEP_BITS,
             ],
             block: [0; 4],
             used: 4,
@@ -169,6 +181,15 @@ mod tests {
             counts[random.below(6) as usize] += 1;
         }
         assert!(counts.iter().all(|&count| (9_600..10_400).contains(&count)), "{counts:?}");
+    }
+
+    #[test]
+    fn kitchens_beyond_255_have_streams_of_their_own() {
+        let key = Key { seed: 7, purpose: Purpose::Episode, kitchen: 232, environment: 2, episode: 3, step: 4 };
+        let draw = |kitchen, step| Key { kitchen, step, ..key }.stream().next_u32();
+        let drawn =
+            [(232, 4), (1000, 4), (1000, 5), (1256, 4), (9_999_999, 511)].map(|(kitchen, step)| draw(kitchen, step));
+        assert!(drawn.iter().enumerate().all(|(i, word)| !drawn[..i].contains(word)), "{drawn:?}");
     }
 
     #[test]

@@ -7,6 +7,7 @@
 //!   orchestrator.lock      held (flock) by the orchestrator that runs it
 //!   learner-0.lock, ...    held by the learner of that rank while it lives
 //!   scenes/000/            copies of the scenes it trains in, if it has its own
+//!   kitchens/1007.kitchen  procedural kitchens that were made for it, settled; one that is missing is made anew
 //!   checkpoints/           rollout-00000012.safetensors, rollout-00000012.jsonl (figures of all rollouts before it) and
 //!                          rollout-00000012.json (manifest, written last)
 //!   recordings/            incarnation-001.000.mcap, ...
@@ -105,6 +106,11 @@ impl RunFolder {
     /// The same, relative to the folder: what the effective configuration names.
     pub fn relative_scene(&self, index: usize) -> String {
         format!("scenes/{index:03}")
+    }
+
+    /// Folder of its procedural kitchens.
+    pub fn kitchens(&self) -> PathBuf {
+        self.root.join("kitchens")
     }
 
     /// The run folder of a recording, if the recording is where [`RunFolder::recording`] puts it.

@@ -2,7 +2,7 @@
 
 use crate::paper::{Published, paper};
 use crate::study::{Field, Group, Source};
-use proto::config::{AuxiliaryTask, Config, EpisodeConfig, NetworkConfig};
+use proto::config::{AuxiliaryTask, Config, EpisodeConfig, KitchenSource, NetworkConfig};
 use proto::evaluation::ObjectSet;
 use proto::kitchen::Split;
 use proto::reward::RewardKind;
@@ -27,6 +27,7 @@ struct Method<'a> {
     network: NetworkConfig,
     episode: EpisodeConfig,
     scenes: &'a [String],
+    kitchens: KitchenSource,
 }
 
 impl<'a> Method<'a> {
@@ -41,6 +42,7 @@ impl<'a> Method<'a> {
             network: NetworkConfig { carried_goal: NetworkConfig::default().carried_goal, ..config.network },
             episode: config.episode,
             scenes: &config.scenes,
+            kitchens: config.kitchens.source,
             rewards,
         }
     }
@@ -178,6 +180,7 @@ mod tests {
         assert_eq!(changed("disturb-two-stage", |config| config.network.hidden = 256), none);
         assert_eq!(changed("disturb-two-stage", |config| config.episode.start_distance_max_m = 0.7), none);
         assert_eq!(changed("disturb-two-stage", |config| config.scenes.push("mine/scene.toml".into())), none);
+        assert_eq!(changed("disturb-two-stage", |config| config.kitchens.source = KitchenSource::Procedural), none);
         // What is not in force does not make a method.
         let unused = changed("disturb-stage1-20m", |config| config.reward.lambda_disturb = 5.0);
         assert_eq!(unused, ["disturb-stage1-20m"]);

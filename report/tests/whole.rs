@@ -13,7 +13,7 @@ use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Va
 use report::{Made, Options};
 use std::collections::BTreeMap;
 
-fn random(seed: u64, kitchen: u8, episode: u32) -> Random {
+fn random(seed: u64, kitchen: u32, episode: u32) -> Random {
     Key { seed, purpose: Purpose::RandomPolicy, kitchen, environment: 0, episode, step: 0 }.stream()
 }
 
@@ -76,6 +76,7 @@ fn evaluated(config: &Config, split: Split, objects: ObjectSet, skill: f64, care
     };
     let conditions = Conditions {
         split,
+        procedural: None,
         scenes: Vec::new(),
         objects,
         episodes: 0,

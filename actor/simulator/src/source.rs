@@ -1,10 +1,13 @@
-//! Where a run's kitchens come from: the generator, or the scene files that its configuration names.
+//! Where a run's kitchens come from: the generator, the scene files that its configuration names, or the procedural
+//! kitchens that were kept in its folder.
 
-use crate::kitchen::{Kitchen, KitchenError};
+use crate::kitchen::preserve::{Preserve, PreserveError};
+use crate::kitchen::{Kitchen, KitchenError, Lot};
 use crate::scene_file::{self, SceneError};
 use proto::config::Config;
 use proto::kitchen::KitchenId;
-use std::path::Path;
+use proto::run_folder::RunFolder;
+use std::path::{Path, PathBuf};
 
 /// Why a run's kitchen could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -27,10 +30,125 @@ pub enum SourceError {
     },
 }
 
-/// The kitchen with this number in a run with this configuration, whose scene files are named relative to `folder`.
+/// The kitchen with this number in a run with this configuration, whose scene files are named relative to `folder`, its
+/// run folder. A procedural kitchen that is kept there is opened; one that is not is made, which takes longer.
 pub fn of_run(id: KitchenId, config: &Config, folder: &Path) -> Result<Kitchen, SourceError> {
+    if id.is_procedural() {
+        let lot = Lot::new(id, config.kitchens.seed);
+        return match kept(lot, config, folder) {
+            Some(preserve) => Ok(preserve.open()?),
+            None => Ok(Kitchen::generate(lot, &config.simulation)?),
+        };
+    }
     let Some(index) = id.scene_index() else { return Ok(Kitchen::build(id, &config.simulation)?) };
     let missing = || SourceError::NoScene { kitchen: id, index, scenes: config.scenes.len() };
     let scene = config.scenes.get(index).ok_or_else(missing)?;
     Ok(scene_file::load(&folder.join(scene), id, &config.simulation)?)
+}
+
+/// The same, and a procedural kitchen that had to be made is kept in the folder for the next time. Where it cannot be
+/// written, it is made again.
+pub fn of_run_and_kept(id: KitchenId, config: &Config, folder: &Path) -> Result<Kitchen, SourceError> {
+    if !id.is_procedural() {
+        return of_run(id, config, folder);
+    }
+    let lot = Lot::new(id, config.kitchens.seed);
+    let preserve = match kept(lot, config, folder) {
+        Some(preserve) => preserve,
+        None => make_and_keep(lot, config, folder)?,
+    };
+    Ok(preserve.open()?)
+}
+
+/// Makes a procedural kitchen and keeps it in the folder, if it is not there; returns whether it was made.
+pub fn keep_ready(id: KitchenId, config: &Config, folder: &Path) -> Result<bool, SourceError> {
+    let lot = Lot::new(id, config.kitchens.seed);
+    let there = kept(lot, config, folder).is_some();
+    if !there {
+        make_and_keep(lot, config, folder)?;
+    }
+    Ok(!there)
+}
+
+/// What the folder keeps of a kitchen; none where that is missing or cannot be used.
+fn kept(lot: Lot, config: &Config, folder: &Path) -> Option<Preserve> {
+    let path = path_of(lot.id(), folder);
+    let bytes = std::fs::read(&path).ok()?;
+    match Preserve::from_bytes(&bytes, lot, &config.simulation) {
+        Ok(preserve) => Some(preserve),
+        Err(problem) => {
+            let path = path.display();
+            match problem {
+                PreserveError::Checksum => tracing::warn!("{path} is damaged and is made anew: {problem}"),
+                PreserveError::Version | PreserveError::Other => tracing::debug!("{path} is made anew: {problem}"),
+            }
+            None
+        }
+    }
+}
+
+fn make_and_keep(lot: Lot, config: &Config, folder: &Path) -> Result<Preserve, SourceError> {
+    let preserve = Preserve::make(lot, &config.simulation)?;
+    let path = path_of(lot.id(), folder);
+    if let Err(error) = write(&path, &preserve.to_bytes()) {
+        tracing::warn!(
+            "cannot keep kitchen {} in {}: {error}; it is made again when it is needed",
+            lot.id(),
+            path.display()
+        );
+    }
+    Ok(preserve)
+}
+
+fn path_of(id: KitchenId, folder: &Path) -> PathBuf {
+    RunFolder::new(folder).kitchens().join(format!("{id}.kitchen"))
+}
+
+/// Several actors may make one kitchen at the same time: each writes a file of its own, and the last one renamed stays.
+/// It need not survive a power cut: a file that is not whole is noticed by its checksum.
+fn write(path: &Path, content: &[u8]) -> std::io::Result<()> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder)?;
+    let temporary = path.with_extension(format!("{}.partial", std::process::id()));
+    let written = std::fs::write(&temporary, content).and_then(|()| std::fs::rename(&temporary, path));
+    if written.is_err() {
+        // Nothing is left behind on a full disk.
+        let _ = std::fs::remove_file(&temporary);
+    }
+    written
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::config::KitchenSource;
+
+    #[test]
+    fn a_kitchen_that_is_kept_is_opened_and_a_damaged_one_is_made_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut config = Config::default();
+        config.kitchens.source = KitchenSource::Procedural;
+        config.kitchens.seed = 3;
+        let id = KitchenId::new(1001).unwrap();
+        let fresh = of_run(id, &config, folder.path()).unwrap();
+        let path = path_of(id, folder.path());
+        assert!(!path.exists(), "whoever only reads writes nothing");
+        let kept = of_run_and_kept(id, &config, folder.path()).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        assert!(!keep_ready(id, &config, folder.path()).unwrap());
+        std::fs::write(&path, &whole[..whole.len() / 2]).unwrap();
+        let mended = of_run_and_kept(id, &config, folder.path()).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), whole);
+        for kitchen in [&kept, &mended, &of_run(id, &config, folder.path()).unwrap()] {
+            assert_eq!(kitchen.settled_poses(), fresh.settled_poses());
+            assert_eq!(kitchen.robot_stands(), fresh.robot_stands());
+        }
+        // Another seed's kitchen under the same number is another one.
+        config.kitchens.seed = 4;
+        assert_ne!(of_run(id, &config, folder.path()).unwrap().settled_poses(), fresh.settled_poses());
+        std::fs::remove_file(&path).unwrap();
+        std::fs::create_dir(&path).unwrap();
+        assert!(of_run_and_kept(id, &config, folder.path()).is_ok(), "it can be made though it cannot be kept");
+        assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
 }

@@ -6,10 +6,11 @@ use anyhow::{Context, Result, ensure};
 use proto::camera::FRAME_PIXELS;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
-use proto::kitchen::KitchenId;
+use proto::kitchen::{KitchenChoice, KitchenId};
 use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
 use std::mem::MaybeUninit;
+use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 
@@ -20,9 +21,20 @@ const STEPS: u32 = 50;
 
 /// Asks a fresh process of this program: megabytes (10⁶ bytes) of resident memory for each further environment.
 pub(crate) fn further_environment_mb(kitchen: KitchenId) -> Result<f64> {
+    ask(&["--kitchens", &kitchen.to_string()])
+}
+
+/// The same for each further environment that has a kitchen of its own, kept in this folder.
+pub(super) fn environment_apart_mb(kitchens: &[KitchenId], folder: &Path) -> Result<f64> {
+    let folder = folder.to_str().context("the temporary folder has a name that is not text")?;
+    ask(&["--kitchens", &KitchenChoice(kitchens.to_vec()).to_string(), "--apart", folder])
+}
+
+fn ask(arguments: &[&str]) -> Result<f64> {
     let program = std::env::current_exe().context("cannot find this program's own file")?;
     let output = Command::new(program)
-        .args(["bench-memory", "--kitchen", &kitchen.to_string()])
+        .arg("bench-memory")
+        .args(arguments)
         .stderr(std::process::Stdio::inherit())
         .output()
         .context("cannot start this program again to measure its memory")?;
@@ -56,7 +68,7 @@ pub fn run(kitchen: KitchenId) -> Result<()> {
 }
 
 /// Resident memory of this process.
-fn resident_bytes() -> Result<u64> {
+pub(super) fn resident_bytes() -> Result<u64> {
     let text = std::fs::read_to_string("/proc/self/status").context("cannot read /proc/self/status")?;
     let kib: u64 = text
         .lines()

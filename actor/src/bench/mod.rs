@@ -5,6 +5,7 @@
 //! in turn. The environments stand in different phases of their episodes, as in a rollout. Time is the thread's own
 //! time on a processor, so that other programs of the machine do not count.
 
+pub mod apart;
 mod clock;
 pub mod memory;
 pub mod player;
@@ -49,6 +50,8 @@ pub struct Options {
     pub seconds: f64,
     /// Measure the memory of a further environment as well.
     pub memory: bool,
+    /// As many environments as kitchens, each in its own, in place of the table.
+    pub apart: bool,
     /// Print JSON in place of the table.
     pub json: bool,
 }
@@ -56,6 +59,10 @@ pub struct Options {
 /// Measures and prints.
 pub fn run(options: &Options) -> Result<()> {
     ensure!(options.seconds > 0.0 && options.seconds <= 3600.0, "measure for a time between 0 and 3600 seconds");
+    if options.apart {
+        let out = std::io::stdout().lock();
+        return apart::run(&options.kitchens, &options.policies, options.seconds, options.memory, out);
+    }
     let config = Config::default();
     let mut rows = Vec::new();
     let mut memory = Memory { mb: Vec::new() };

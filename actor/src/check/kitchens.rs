@@ -14,7 +14,7 @@ use simulator::episode::Episode;
 use simulator::episodes::{self, EpisodesError};
 use simulator::kitchen::layout::Plan;
 use simulator::kitchen::overlap::{Overlap, overlaps};
-use simulator::kitchen::{CONNECTED_LEAST, Kitchen, SPOTS_LEAST, ithor};
+use simulator::kitchen::{CONNECTED_LEAST, Kitchen, SPOTS_LEAST, ithor, likeness};
 use simulator::physics::geometry::Solid;
 use std::io::Write;
 use std::sync::Arc;
@@ -75,6 +75,16 @@ pub enum Problem {
     /// A kitchen has not the fixed episodes it should have.
     #[error("{0}")]
     Episodes(#[from] EpisodesError),
+    /// A procedural kitchen is more like one of validation or test than those are like each other.
+    #[error("only {distance:.3} from kitchen {kitchen}; those of validation and test are {least:.3} from each other")]
+    TooNear {
+        /// The kitchen of validation or test.
+        kitchen: KitchenId,
+        /// How far from it.
+        distance: f32,
+        /// How far it must be.
+        least: f32,
+    },
     /// The number of things is not one that iTHOR's kitchens have.
     #[error("{0} things; iTHOR's kitchens hold {least} to {most}", least = ithor::THINGS[0], most = ithor::THINGS[2])]
     ThingCount(usize),
@@ -100,6 +110,12 @@ pub fn problems(kitchen: &Arc<Kitchen>, config: &Config) -> Vec<Problem> {
         }
     }
     lonely_chairs(kitchen, &mut found);
+    if kitchen.id().is_procedural()
+        && let Some((id, distance)) = likeness::nearest_to_kitchen(kitchen)
+        && distance < likeness::least_distance()
+    {
+        found.push(Problem::TooNear { kitchen: id, distance, least: likeness::least_distance() });
+    }
     let things = kitchen.thing_count();
     if !(ithor::THINGS[0]..=ithor::THINGS[2]).contains(&(things as f32)) {
         found.push(Problem::ThingCount(things));
@@ -145,8 +161,10 @@ pub fn run(kitchens: &[KitchenId], mut out: impl Write) -> Result<()> {
                 things += kitchen.thing_count();
                 let least = TargetCategory::ALL.map(|category| kitchen.target_spots(category).len()).into_iter().min();
                 let plan = kitchen.plan().map_or("", Plan::name);
+                let nearest = likeness::nearest_to_kitchen(&kitchen).filter(|_| id.is_procedural());
+                let nearest = nearest.map_or_else(String::new, |(id, far)| format!(", {far:.2} from kitchen {id}"));
                 let summary = format!(
-                    "{plan:<9} {:3} things, {:2} movable, {:4} robot poses, at least {:4} positions a target",
+                    "{plan:<9} {:3} things, {:2} movable, {:4} robot poses, at least {:4} positions a target{nearest}",
                     kitchen.thing_count(),
                     kitchen.movable_bodies().len(),
                     kitchen.robot_stands().len(),

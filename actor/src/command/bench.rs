@@ -1,17 +1,20 @@
 //! `actor bench`, and the hidden command that it calls in a process of its own.
 
 use actor::bench::policy::PolicyKind;
-use actor::bench::{self, memory};
-use anyhow::Result;
-use proto::kitchen::{KitchenChoice, KitchenId};
+use actor::bench::{self, apart, memory};
+use anyhow::{Context, Result};
+use proto::kitchen::KitchenChoice;
 use std::path::PathBuf;
 
 /// What to measure.
 #[derive(Debug, clap::Args)]
 pub struct BenchArgs {
-    /// Kitchens: `all`, or numbers with commas between.
+    /// Kitchens: `all` 29, or numbers with commas between, or procedural ones, such as 1000..1032.
     #[arg(long, default_value = "all", value_name = "all|1,2,...")]
     kitchens: KitchenChoice,
+    /// As many environments as kitchens, each in a kitchen of its own, beside as many in one.
+    #[arg(long, conflicts_with_all = ["scene", "json"])]
+    apart: bool,
     /// A scene of your own instead: its TOML file. Memory is not measured then.
     #[arg(long, value_name = "FILE.toml", conflicts_with = "kitchens")]
     scene: Option<PathBuf>,
@@ -32,9 +35,12 @@ pub struct BenchArgs {
 /// Where to measure memory.
 #[derive(Debug, clap::Args)]
 pub struct BenchMemoryArgs {
-    /// Kitchen.
-    #[arg(long, value_parser = actor::arguments::numbered, value_name = "1..30")]
-    kitchen: KitchenId,
+    /// Kitchens: the first of them, or with --apart all.
+    #[arg(long, value_name = "1,2,...")]
+    kitchens: KitchenChoice,
+    /// A folder that keeps them: one environment in each.
+    #[arg(long, value_name = "DIR")]
+    apart: Option<PathBuf>,
 }
 
 /// Runs `actor bench`.
@@ -45,11 +51,15 @@ pub fn run(args: &BenchArgs) -> Result<()> {
         policies: args.policies.clone(),
         seconds: args.seconds,
         memory: !args.no_memory,
+        apart: args.apart,
         json: args.json,
     })
 }
 
 /// Runs `actor bench-memory`.
 pub fn run_memory(args: &BenchMemoryArgs) -> Result<()> {
-    memory::run(args.kitchen)
+    match &args.apart {
+        Some(folder) => apart::print_memory(&args.kitchens.0, folder),
+        None => memory::run(*args.kitchens.0.first().context("--kitchens names none")?),
+    }
 }

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 /// What to check.
 #[derive(Debug, clap::Args)]
 pub struct CheckArgs {
-    /// Kitchens: `all`, or numbers with commas between.
+    /// Kitchens: `all` 29, or numbers with commas between, or procedural ones, such as 1000..1040.
     #[arg(long, default_value = "all", value_name = "all|1,2,...", conflicts_with = "scene")]
     kitchens: KitchenChoice,
     /// A scene of your own instead: its TOML file.

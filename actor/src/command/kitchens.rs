@@ -11,7 +11,7 @@ use std::path::PathBuf;
 pub enum KitchensCommand {
     /// Draw kitchens on one sheet: floor plan and robot's view of each.
     Sheet {
-        /// Which: `all`, or numbers with commas between.
+        /// Which: `all` 29, or numbers with commas between, or procedural ones, such as 1000..1040.
         #[arg(long, default_value = "all", value_name = "all|1,2,...")]
         kitchens: KitchenChoice,
         /// Scenes of your own instead: their TOML files.
@@ -46,7 +46,11 @@ pub enum KitchensCommand {
         json: bool,
     },
     /// Print our kitchens' figures beside iTHOR's; fails if they are too far apart.
-    Report,
+    Report {
+        /// Which: `all` 29, or numbers with commas between, or procedural ones, such as 1000..1200.
+        #[arg(long, default_value = "all", value_name = "all|1,2,...")]
+        kitchens: KitchenChoice,
+    },
 }
 
 /// Runs the command.
@@ -66,6 +70,6 @@ pub fn run(command: &KitchensCommand) -> Result<()> {
             kitchen_export::write(&subject, out, scene.as_deref())
         }
         KitchensCommand::Categories { json } => categories::run(*json, std::io::stdout().lock()),
-        KitchensCommand::Report => figures::run(std::io::stdout().lock()),
+        KitchensCommand::Report { kitchens } => figures::run(&kitchens.0, std::io::stdout().lock()),
     }
 }

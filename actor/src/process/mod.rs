@@ -1,8 +1,9 @@
-//! The rollout actor: one kitchen, E environments, one connection to the learner.
+//! The rollout actor: E environments in one kitchen, or each in its own, and one connection to the learner.
 //!
 //! ```text
 //! protocol      who says what when: a pure state machine
 //! environments  the simulated environments, and how they are rebuilt from their actions
+//! larder        procedural kitchens, made ahead
 //! link          the actor's ends of the shared-memory services
 //! shm           observations written where they lie in shared memory
 //! whereabouts   which environment is being simulated, for last words
@@ -13,20 +14,20 @@
 //! closes or it is killed, and holds nothing that cannot be rebuilt.
 
 pub mod environments;
+pub mod larder;
 mod link;
 pub mod protocol;
 mod shm;
 pub mod whereabouts;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use environments::Environments;
+use larder::Larder;
 use link::Link;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use protocol::{Protocol, Todo, Verdict};
-use simulator::source;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Instant;
 use wire::{WireAddress, WireShape, fault};
 
@@ -50,19 +51,24 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     let path = settings.config.display().to_string();
     let text = std::fs::read_to_string(&settings.config).with_context(|| format!("cannot read {path}"))?;
     let config = Config::from_toml(&text, &path)?;
-    let kitchen_id = settings.kitchen.unwrap_or_else(|| config.kitchens().of_actor(settings.actor));
-    let _span = tracing::info_span!("actor", number = settings.actor, kitchen = kitchen_id.number()).entered();
+    let kitchen = settings.kitchen.or_else(|| config.kitchens().of_actor(settings.actor));
+    let _span = match kitchen {
+        Some(kitchen) => tracing::info_span!("actor", number = settings.actor, kitchen = kitchen.number()).entered(),
+        None => tracing::info_span!("actor", number = settings.actor).entered(),
+    };
 
     let started = Instant::now();
     let folder = settings.config.parent().unwrap_or(Path::new(""));
-    let kitchen = Arc::new(source::of_run(kitchen_id, &config, folder)?);
-    let bodies = kitchen.bodies().len();
+    ensure!(
+        settings.kitchen.is_none() || !config.rota().moves(),
+        "--kitchen cannot be used where environments go from kitchen to kitchen"
+    );
+    let mut environments = Environments::new(Larder::of(&config, folder)?, kitchen, settings.actor, &config)?;
     let kitchen_ms = started.elapsed().as_millis() as u64;
-    let mut environments = Environments::new(&kitchen, kitchen_id, settings.actor, &config)?;
     let recorder = config.recording.enabled;
     let link = Link::open(&settings.wire, WireShape::of(&config), settings.actor, recorder)?;
     tracing::info!(
-        bodies,
+        bodies = environments.bodies(),
         triangles = environments.triangles(),
         environments = config.actors.environments_per_actor,
         kitchen_ms,

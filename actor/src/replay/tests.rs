@@ -17,7 +17,7 @@ fn config(evaluation: bool) -> Config {
 }
 
 fn first_kitchen(config: &Config) -> EnvironmentId {
-    EnvironmentId { kitchen: config.kitchens().of_actor(0), number: 0 }
+    EnvironmentId { kitchen: config.kitchens().of_actor(0).unwrap(), number: 0 }
 }
 
 /// An episode as the recorder would have recorded it.
@@ -129,7 +129,7 @@ fn a_film_is_called_by_the_fixed_episode_and_has_a_picture_for_every_state() {
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
         .collect();
     let target = proto::evaluation::category_of(fixed).name();
-    let kitchen = config.kitchens().of_actor(0).number();
+    let kitchen = config.kitchens().of_actor(0).unwrap().number();
     assert_eq!(files, [format!("kitchen-{kitchen:02}-episode-{fixed:03}-{target}-failure.png")]);
     let file = std::fs::File::open(folder.path().join(&files[0])).unwrap();
     let reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().unwrap();

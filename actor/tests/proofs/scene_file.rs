@@ -15,7 +15,7 @@ use simulator::shape::Primitive;
 use std::path::Path;
 use std::sync::Arc;
 
-fn kitchen(number: u8) -> Kitchen {
+fn kitchen(number: u32) -> Kitchen {
     Kitchen::build(KitchenId::new(number).unwrap(), &Config::default().simulation).unwrap()
 }
 

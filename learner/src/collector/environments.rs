@@ -25,7 +25,7 @@ pub struct Mismatch {
     /// Actor number.
     pub actor: u32,
     /// Its kitchen.
-    pub kitchen: u8,
+    pub kitchen: u32,
     /// Environment index within the actor.
     pub environment: u32,
     /// What is wrong.

@@ -12,7 +12,7 @@ use crate::showing::{format, terminal};
 use anyhow::{Result, ensure};
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan};
-use proto::kitchen::{Split, TargetCategory};
+use proto::kitchen::{KitchenRange, Split, TargetCategory};
 use proto::run_folder::RunFolder;
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,8 @@ const ENVIRONMENTS_MAX: u32 = 32;
 /// Play episodes of the test, validation or training kitchens with a policy, and measure success and disturbance
 ///
 /// A run whose episodes begin near their targets is asked for such episodes, drawn alike for every policy; any other
-/// one plays the fixed episodes. A run in scenes of its own is evaluated there. The same weights and seed give the same
+/// one plays the fixed episodes. A run in scenes of its own is evaluated there. --kitchens chooses procedural kitchens,
+/// such as a run in kitchens without end has never seen. The same weights and seed give the same
 /// table (docs/evaluation.md). Without a run, `--preset` evaluates the weights that a fresh run begins with: a nearly
 /// uniform policy, the baseline of a random one. Exit status 1 without a result.
 #[derive(Debug, clap::Args)]
@@ -34,6 +35,7 @@ const ENVIRONMENTS_MAX: u32 = 32;
   orchestrator eval runs/a/checkpoints/rollout-00000120.json --out evaluations/a-120
   orchestrator eval runs/demo --distribution fixed          the paper's kind of episodes, whatever the run trained on
   orchestrator eval runs/a --split train --episodes 6 --json
+  orchestrator eval runs/a --kitchens procedural:5000..5100 --episodes 6     in a hundred kitchens never seen
   orchestrator eval --preset two-stage --split test         a random policy")]
 pub struct EvalArgs {
     /// Run folder (its newest checkpoint), RUN/best, or a checkpoint's manifest
@@ -51,6 +53,10 @@ pub struct EvalArgs {
     /// Kitchens [default: test; of a run in scenes of its own: those scenes]
     #[arg(long, value_enum)]
     split: Option<SplitChoice>,
+    /// Procedural kitchens instead of a split's, by their numbers: a run in `count` of them was trained in those from
+    /// 1000 on, and has seen none of 1000 + `count` and up
+    #[arg(long, value_name = "procedural:FIRST..END", value_parser = procedural, conflicts_with = "split")]
+    kitchens: Option<KitchenRange>,
     /// Targets: novel, seen in training, or all [default: novel; in scenes all that they have]
     #[arg(long, value_enum)]
     objects: Option<ObjectsChoice>,
@@ -98,6 +104,11 @@ enum SplitChoice {
     Test,
 }
 
+fn procedural(text: &str) -> Result<KitchenRange, String> {
+    let range = text.strip_prefix("procedural:");
+    range.ok_or_else(|| format!("`{text}` names no kind of kitchens: procedural:5000..5100"))?.parse()
+}
+
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum ObjectsChoice {
     Novel,
@@ -136,7 +147,7 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
         check_free(&RunFolder::new(out))?;
     }
     let (mut run, provenance, checkpoint) = subject(args)?;
-    if args.split.is_some() {
+    if args.split.is_some() || args.kitchens.is_some() {
         // Elsewhere than in its own scenes.
         run.scenes.clear();
     }
@@ -220,7 +231,7 @@ fn asked(
 ) -> Result<EvaluationConfig> {
     let in_scenes = !run.scenes.is_empty();
     let split = match args.split {
-        None if in_scenes => Split::Train,
+        None if in_scenes || args.kitchens.is_some() => Split::Train,
         Some(SplitChoice::Train) => Split::Train,
         Some(SplitChoice::Valid) => Split::Validation,
         Some(SplitChoice::Test) | None => Split::Test,
@@ -233,10 +244,15 @@ fn asked(
     ensure!(
         distribution == Distribution::Run || split != Split::Train,
         "--distribution fixed: {} have no fixed episodes, only validation and test kitchens do (--split valid or test)",
-        if in_scenes { "scenes" } else { "training kitchens" }
+        match args.kitchens {
+            Some(_) => "procedural kitchens",
+            None if in_scenes => "scenes",
+            None => "training kitchens",
+        }
     );
     Ok(EvaluationConfig {
         split,
+        procedural: args.kitchens,
         objects: match args.objects {
             None if in_scenes => ObjectSet::All,
             Some(ObjectsChoice::Novel) | None => ObjectSet::Novel,
@@ -254,7 +270,7 @@ fn asked(
 /// Which episodes are played where, and how to have others where that was not asked for.
 fn announcement(args: &EvalArgs, config: &Config, asked: &EvaluationConfig) -> String {
     let what = episodes_of(config, asked).0;
-    let place = place(asked.split, asked.scene_targets.len());
+    let place = place(asked.split, asked.procedural, asked.scene_targets.len());
     let otherwise = match (args.distribution, asked.distribution, asked.split) {
         _ if !config.scenes.is_empty() => " (--split goes elsewhere)",
         (None, Distribution::Run, Split::Validation | Split::Test) => " (--distribution fixed plays the fixed ones)",
@@ -265,6 +281,13 @@ fn announcement(args: &EvalArgs, config: &Config, asked: &EvaluationConfig) -> S
 
 /// Actors and environments of each: as many actors as there are cores for, and environments that run out together.
 fn shape(asked: &EvaluationConfig, actors: Option<u32>, environments: Option<u32>, cores: u32) -> (u32, u32) {
+    if asked.procedural.is_some() {
+        // Environments go from kitchen to kitchen: no actor belongs to one.
+        let episodes = Plan::new(asked, 1, 1).len() as u32;
+        let actors = actors.unwrap_or_else(|| cores.min(episodes).max(1));
+        let even = episodes.div_ceil(actors).clamp(1, ENVIRONMENTS_MAX);
+        return (actors, environments.unwrap_or(even));
+    }
     let kitchens = asked.kitchens().count() as u32;
     let actors = actors.unwrap_or_else(|| (cores / kitchens).max(1) * kitchens);
     let per_kitchen = (actors / kitchens).max(1);
@@ -277,6 +300,7 @@ fn shape(asked: &EvaluationConfig, actors: Option<u32>, environments: Option<u32
 fn default_folder(provenance: &Provenance, asked: &EvaluationConfig) -> PathBuf {
     let split = match asked.split {
         _ if !asked.scene_targets.is_empty() => "scenes",
+        _ if asked.procedural.is_some() => "procedural",
         Split::Train => "train",
         Split::Validation => "valid",
         Split::Test => "test",
@@ -354,6 +378,31 @@ mod tests {
         assert!(problem(&["a", "--distribution", "fixed"], &scenes).contains("scenes have no fixed episodes"));
         let train = problem(&["a", "--distribution", "fixed", "--split", "train"], &[]);
         assert!(train.contains("training kitchens have no fixed episodes"), "{train}");
+    }
+
+    #[test]
+    fn procedural_kitchens_are_chosen_by_number() {
+        let of = |line: &[&str]| {
+            let run = Config::resolve("procedural-100", None).unwrap();
+            let args = args(line);
+            let asked = asked(&args, &run, Vec::new(), None)?;
+            let config = configuration(run, &asked, &args, 2)?;
+            let announced = announcement(&args, &config, &asked);
+            Ok::<_, anyhow::Error>((config, asked, announced))
+        };
+        let (config, asked, announced) = of(&["a", "--kitchens", "procedural:5000..5100", "--episodes", "6"]).unwrap();
+        assert_eq!((asked.split, asked.distribution), (Split::Train, Distribution::Run));
+        assert_eq!((config.actors.count, config.actors.environments_per_actor), (2, 32));
+        assert_eq!(config.evaluation_plan().unwrap().len(), 600);
+        assert!(announced.ends_with("in 100 procedural kitchens (5000..5100)"), "{announced}");
+        // A run in kitchens without end is asked about the test kitchens like any other.
+        assert_eq!(of(&["a"]).unwrap().1.split, Split::Test);
+        let fixed = of(&["a", "--kitchens", "procedural:5000..5100", "--distribution", "fixed"]).unwrap_err();
+        assert!(fixed.to_string().contains("procedural kitchens have no fixed episodes"), "{fixed}");
+        let command = EvalArgs::augment_args(clap::Command::new("eval").no_binary_name(true));
+        for wrong in ["5000..5100", "procedural:5000", "procedural:1..30"] {
+            assert!(command.clone().try_get_matches_from(["a", "--kitchens", wrong]).is_err(), "{wrong}");
+        }
     }
 
     #[test]

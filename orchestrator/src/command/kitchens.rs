@@ -5,7 +5,7 @@
 
 use crate::preflight::programs;
 use anyhow::{Context, Result, bail, ensure};
-use proto::kitchen::{KitchenChoice, KitchenId};
+use proto::kitchen::{KitchenChoice, KitchenId, KitchenRange};
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -17,13 +17,17 @@ use std::process::Command;
 #[command(after_help = "Examples:
   orchestrator kitchens                            all 29 into kitchens.png
   orchestrator kitchens --kitchens 1,2,5 --width 1600 --out some.png
-  orchestrator kitchens --gltf 7                   kitchen 7 into kitchen-7.glb
+  orchestrator kitchens --procedural 1000..1040    forty of the kitchens without end into kitchens.png
+  orchestrator kitchens --gltf 7                   kitchen 7 into kitchen-7.glb, or a procedural one: --gltf 1007
   orchestrator kitchens --scene scenes/studio/scene.toml          a scene of your own into scene.png
   orchestrator kitchens --scene scenes/studio/scene.toml --gltf   as it came to rest, into scene-settled.glb")]
 pub struct KitchensArgs {
-    /// Which kitchens are on the sheet: `all`, or numbers.
+    /// Which kitchens are on the sheet: `all` 29, or numbers.
     #[arg(long, default_value = "all", value_name = "all|1,2,...", conflicts_with = "gltf")]
     kitchens: KitchenChoice,
+    /// Procedural kitchens are on the sheet instead: from this number up to, but not, that one.
+    #[arg(long, value_name = "FIRST..END", conflicts_with_all = ["gltf", "kitchens", "scene"])]
+    procedural: Option<KitchenRange>,
     /// Width of the sheet in pixels.
     #[arg(long, default_value_t = 2200, value_parser = clap::value_parser!(u32).range(320..=8192), conflicts_with = "gltf")]
     width: u32,
@@ -42,7 +46,7 @@ pub struct KitchensArgs {
 
 fn one(text: &str) -> Result<KitchenId, String> {
     let number = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
-    KitchenId::built_in(number).map_err(|error| error.to_string())
+    KitchenId::generated(number).map_err(|error| error.to_string())
 }
 
 /// Runs the command: the actor prints what it wrote.
@@ -69,7 +73,8 @@ pub fn run(args: &KitchensArgs) -> Result<()> {
             "scene.png".to_owned()
         }
         (None, None) => {
-            command.args(["sheet", "--kitchens", &args.kitchens.to_string(), "--width", &width]);
+            let kitchens = args.procedural.map_or_else(|| args.kitchens.to_string(), |range| range.to_string());
+            command.args(["sheet", "--kitchens", &kitchens, "--width", &width]);
             "kitchens.png".to_owned()
         }
     };

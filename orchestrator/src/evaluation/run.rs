@@ -118,6 +118,7 @@ impl EvaluationRun {
         let (_, [start_distance_max_m, goal_distance_max_m]) = episodes_of(&self.config, &self.asked);
         let conditions = Conditions {
             split: self.asked.split,
+            procedural: self.asked.procedural,
             scenes: self.config.scenes.clone(),
             objects: self.asked.objects,
             episodes: self.asked.episodes,

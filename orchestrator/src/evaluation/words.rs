@@ -2,8 +2,8 @@
 
 use crate::showing::format::{self, NOTHING, counted, number, percent};
 use proto::config::Config;
-use proto::evaluation::{Cost, Distribution, Evaluation, EvaluationConfig, Figures, describe};
-use proto::kitchen::Split;
+use proto::evaluation::{Cost, Distribution, Evaluation, EvaluationConfig, Figures, KitchenFigures, describe};
+use proto::kitchen::{KitchenRange, Split};
 
 /// Which episodes are played, as people read it, and their distances at most: of start and target, and of goal and
 /// target.
@@ -16,7 +16,10 @@ pub fn episodes_of(config: &Config, asked: &EvaluationConfig) -> (String, [f32; 
 }
 
 /// Where episodes run, as text.
-pub fn place(split: Split, scenes: usize) -> String {
+pub fn place(split: Split, procedural: Option<KitchenRange>, scenes: usize) -> String {
+    if let Some(range) = procedural {
+        return format!("{} ({range})", counted(u64::from(range.count()), "procedural kitchen"));
+    }
     let split = match split {
         _ if scenes > 0 => return format!("{} of the run's own", counted(scenes as u64, "scene")),
         Split::Train => "the 19 training kitchens",
@@ -30,13 +33,16 @@ pub fn place(split: Split, scenes: usize) -> String {
 pub fn lines(evaluation: &Evaluation) -> Vec<String> {
     let Cost { wall_s, steps, .. } = evaluation.cost;
     let conditions = &evaluation.conditions;
-    let place = place(conditions.split, conditions.scenes.len());
+    let place = place(conditions.split, conditions.procedural, conditions.scenes.len());
     let mut lines = vec![format!("{}, in {place}", conditions.episodes_played())];
     lines.push(format!(
         "{:<12}{:>10}{:>8}{:>8}{:>18}{:>11}{:>9}{:>10}{:>11}",
         "", "episodes", "SR", "SRwoD", "SRwoD (per axis)", "picked up", "length", "d_T (m)", "disturbed"
     ));
-    lines.extend(evaluation.kitchens.iter().map(|part| line(&format!("kitchen {}", part.kitchen), &part.figures)));
+    // A hundred lines would bury the others; the result file has them all.
+    let shown = if conditions.procedural.is_some() { 0 } else { evaluation.kitchens.len() };
+    let of_kitchen = |part: &KitchenFigures| line(&format!("kitchen {}", part.kitchen), &part.figures);
+    lines.extend(evaluation.kitchens[..shown].iter().map(of_kitchen));
     lines.extend(evaluation.categories.iter().map(|part| line(part.category.name(), &part.figures)));
     lines.extend(evaluation.object_sets.iter().map(|part| line(part.objects.name(), &part.figures)));
     lines.push(line("all", &evaluation.overall));

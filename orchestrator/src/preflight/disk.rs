@@ -14,7 +14,10 @@ const RECORDED_STEP: u64 = 120;
 /// A recorded depth frame: zstd, between a level camera (2 KB) and one that looks down (28 KB).
 const RECORDED_FRAME: u64 = 20_000;
 
-/// What a run writes at most, bytes: (checkpoints, recordings).
+/// A procedural kitchen that is kept.
+const KITCHEN: u64 = 32_000;
+
+/// What a run writes at most, bytes: (checkpoints and kitchens, recordings).
 pub fn need(config: &Config) -> (u64, u64) {
     let hidden = u64::from(config.network.hidden);
     // GRU and heads grow with the belief; the encoder's size is its own.
@@ -27,7 +30,8 @@ pub fn need(config: &Config) -> (u64, u64) {
     let frames = total_frames(&config.stages) as f64;
     let recorded_step = RECORDED_STEP as f64 + config.recording.depth_share * RECORDED_FRAME as f64;
     let recordings = if config.recording.enabled { (frames * recorded_step) as u64 } else { 0 };
-    (checkpoint * kept, recordings)
+    let kitchens = config.kitchens.range().map_or(0, |range| u64::from(range.count()) * KITCHEN);
+    (checkpoint * kept + kitchens, recordings)
 }
 
 /// Checks the file system that will hold `folder`.

@@ -5,6 +5,7 @@ use super::Finding;
 use crate::showing::format::{bytes, counted};
 use proto::camera::FRAME_PIXELS;
 use proto::config::Config;
+use proto::kitchen::Kitchens;
 use proto::shares::Shares;
 use std::path::Path;
 use wire::WireShape;
@@ -13,6 +14,8 @@ use wire::WireShape;
 const ACTOR_BASE: u64 = 24 << 20;
 /// An environment: a physics world (320 KiB), the settled one it is reset from, the simulator's buffers.
 const ACTOR_ENVIRONMENT: u64 = 2 << 20;
+/// What an environment has besides where it is in a kitchen of its own: that, and its camera.
+const ACTOR_KITCHEN: u64 = 3 << 20;
 /// A learner without a network: libtorch on the CPU.
 const LEARNER_BASE: u64 = 400 << 20;
 /// What CUDA and its libraries add in host memory.
@@ -38,7 +41,8 @@ pub struct Need {
 /// What `config` needs with `actors` actors, and not more learners than those.
 pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
     let environments_per_actor = config.actors.environments_per_actor;
-    let actor = ACTOR_BASE + u64::from(environments_per_actor) * ACTOR_ENVIRONMENT;
+    let own_kitchen = if matches!(config.kitchens(), Kitchens::Procedural(_)) { ACTOR_KITCHEN } else { 0 };
+    let actor = ACTOR_BASE + u64::from(environments_per_actor) * (ACTOR_ENVIRONMENT + own_kitchen);
     let shares = Shares::new(actors, config.learner.count.min(actors));
     // The first learner has as many actors as any.
     let environments = shares.actors_of(0).len() as u64 * u64::from(environments_per_actor);

@@ -16,8 +16,9 @@ use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::evaluation::Plan;
-use proto::kitchen::KitchenId;
+use proto::kitchen::{KitchenId, Kitchens};
 use proto::replay::RecordedEpisode;
+use proto::rota::Rota;
 use salvage::Trust;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -33,8 +34,8 @@ const FIRST_LEARNER_MAX: u32 = 1000;
 pub struct Recorded {
     /// Every configuration of the files, TOML; the first one first.
     pub configs: Vec<String>,
-    /// Episodes recorded from their first step, by kitchen, environment and number; the last of an environment may
-    /// be unfinished.
+    /// Episodes recorded from their first step, by kitchen (where environments stay in theirs), environment and number;
+    /// the last of an environment may be unfinished.
     pub episodes: Vec<RecordedEpisode>,
     /// For each of them the number of its configuration.
     pub config_of: Vec<usize>,
@@ -58,8 +59,9 @@ pub struct Recorded {
     pub failures_only: bool,
 }
 
-/// Kitchen number, environment number, episode number.
-type Key = (u8, u32, u32);
+/// Kitchen number, environment number, episode number. Where environments go from kitchen to kitchen the first is that
+/// of none of them, but the one that all are called by.
+type Key = (u32, u32, u32);
 
 /// Reads the files, given in any order, and puts the wanted episodes together.
 pub fn gather(files: &[PathBuf], wanted: Wanted) -> Result<Recorded, RecordingError> {
@@ -89,6 +91,26 @@ struct Setting {
     world: Config,
     /// Which fixed episodes were played, in an evaluation.
     plan: Option<Plan>,
+    /// The kitchens.
+    kitchens: Kitchens,
+    /// Which of them an environment was in.
+    rota: Rota,
+}
+
+impl Setting {
+    /// Where the episode with this key was played.
+    fn place(&self, (home, number, episode): Key) -> EnvironmentId {
+        let kitchen = KitchenId::new(home).expect("checked when it was read");
+        self.rota.place(EnvironmentId { kitchen, number }, episode)
+    }
+
+    /// What an environment is called where its kitchen does not matter.
+    fn home(&self, place: EnvironmentId) -> EnvironmentId {
+        match self.kitchens {
+            Kitchens::Procedural(_) => EnvironmentId::among(self.kitchens, place.number, 0, 1),
+            Kitchens::Split(_) | Kitchens::Scenes(_) => place,
+        }
+    }
 }
 
 #[derive(Default)]
@@ -101,7 +123,7 @@ struct Collection {
     settings: Vec<Setting>,
     episodes: BTreeMap<Key, Assembly>,
     /// Of every environment the newest learner, and the last episode that it began.
-    newest: BTreeMap<(u8, u32), (Generation, u32)>,
+    newest: BTreeMap<(u32, u32), (Generation, u32)>,
     steps: u64,
     complaints: Vec<String>,
     damaged_files: u64,
@@ -172,7 +194,7 @@ impl Collection {
                     // A place that was altered may hold anything.
                     let doubtful = trust == Trust::Doubtful;
                     match Carried::decode(*carries, &data) {
-                        Ok(carried) if doubtful && !self.is_credible(&carried) => undecodable += 1,
+                        Ok(carried) if doubtful && !self.is_credible(config, &carried) => undecodable += 1,
                         Ok(carried) => self.take(config, carried).map_err(foreign)?,
                         Err(_) if doubtful => undecodable += 1,
                         Err(cause) => return Err(foreign(cause.to_string())),
@@ -199,6 +221,8 @@ impl Collection {
             text: config.to_owned(),
             failures_only: read.recording.failures_only,
             plan: read.evaluation_plan(),
+            kitchens: read.kitchens(),
+            rota: read.rota(),
             world: world_of(&read),
         });
         Ok(self.settings.len() - 1)
@@ -231,9 +255,15 @@ impl Collection {
 
     /// Whether an altered message says what can follow those before it. One wrong incarnation would make everything
     /// after it void.
-    fn is_credible(&self, carried: &Carried) -> bool {
+    fn is_credible(&self, config: usize, carried: &Carried) -> bool {
         let ((kitchen, environment, episode), generation) = carried.whose();
-        let newest = u8::try_from(kitchen).ok().and_then(|kitchen| self.newest.get(&(kitchen, environment)));
+        let setting = &self.settings[config];
+        let home =
+            KitchenId::new(kitchen).ok().map(|kitchen| setting.home(EnvironmentId { kitchen, number: environment }));
+        if !home.is_some_and(|home| setting.rota.place(home, episode).kitchen.number() == kitchen) {
+            return false;
+        }
+        let newest = home.and_then(|home| self.newest.get(&(home.kitchen.number(), home.number)));
         // The first of an environment: from its file's start, and learners do not restart so often.
         let may_be_first = self.incarnation == Some(generation.0) && generation.1 <= FIRST_LEARNER_MAX;
         newest.map_or(may_be_first, |(newest, last)| *newest == generation && episode <= last.saturating_add(1))
@@ -286,15 +316,20 @@ impl Collection {
         config: usize,
         fixed: Option<u32>,
     ) -> Result<Option<(&mut Assembly, &[Setting])>, String> {
-        let kitchen = u8::try_from(kitchen)
-            .ok()
-            .and_then(|number| KitchenId::new(number).ok())
-            .ok_or_else(|| format!("there is no kitchen {kitchen}"))?;
+        let kitchen = KitchenId::new(kitchen).map_err(|_| format!("there is no kitchen {kitchen}"))?;
         let of = EnvironmentId { kitchen, number: environment };
+        let setting = &self.settings[config];
+        let home = setting.home(of);
+        let was_in = setting.rota.place(home, episode).kitchen;
+        if was_in != kitchen {
+            return Err(format!(
+                "episode {episode} of environment {environment} is said to be in kitchen {kitchen}, but it was in {was_in}"
+            ));
+        }
         // In an evaluation episodes are called by the numbers of its table; an environment that has run out plays none.
         let number = match &self.settings[config].plan {
             None => episode,
-            Some(plan) => match plan.dealt(of, episode) {
+            Some(plan) => match plan.dealt(home, episode) {
                 Some(fixed) => fixed,
                 None => return Ok(None),
             },
@@ -303,20 +338,20 @@ impl Collection {
             return Err(format!("an episode is called {} of its table, but it is {number}", fixed.unwrap_or_default()));
         }
         self.known.environments.insert((kitchen.number(), environment));
-        if !self.wanted.is_of(of) {
-            return Ok(None);
-        }
-        let newest = self.newest.entry((kitchen.number(), environment)).or_insert((generation, episode));
+        let newest = self.newest.entry((home.kitchen.number(), environment)).or_insert((generation, episode));
         if generation > newest.0 {
             *newest = (generation, episode);
         } else if generation == newest.0 {
             newest.1 = newest.1.max(episode);
         }
+        if !self.wanted.is_of(of) {
+            return Ok(None);
+        }
         self.known.episodes.insert(number);
         if !self.wanted.has_number(number) {
             return Ok(None);
         }
-        let assembly = self.episodes.entry((kitchen.number(), environment, episode)).or_default();
+        let assembly = self.episodes.entry((home.kitchen.number(), environment, episode)).or_default();
         Ok(Some((assembly, &self.settings)))
     }
 
@@ -337,10 +372,17 @@ impl Collection {
 
     /// Looks for what is missing of the episodes, and says where.
     fn examine(&mut self, failures_only: bool, from_the_start: bool) {
-        let all = self.wanted.episodes.is_empty() && !failures_only;
+        // Of an environment that moves, those in one kitchen do not follow each other.
+        let moves = self.settings.iter().any(|setting| setting.rota.moves());
+        let some_kitchens = self.wanted.kitchen.is_some() || self.wanted.environment.is_some();
+        let all = self.wanted.episodes.is_empty() && !failures_only && !(moves && some_kitchens);
         let mut before: Option<Key> = None;
         for (&(kitchen, number, episode), assembly) in &self.episodes {
-            let place = |episode: u32| format!("kitchen {kitchen}, environment {number}, episode {episode}");
+            let setting = &self.settings[assembly.config];
+            let place = |episode: u32| {
+                let in_kitchen = setting.place((kitchen, number, episode)).kitchen;
+                format!("kitchen {in_kitchen}, environment {number}, episode {episode}")
+            };
             let last = self.newest.get(&(kitchen, number)).map_or(episode, |(_, last)| *last);
             let follows = before.filter(|before| (before.0, before.1) == (kitchen, number)).map(|before| before.2);
             before = Some((kitchen, number, episode));
@@ -381,7 +423,7 @@ impl Collection {
             self.faults.push(format!("and {more} more"));
         }
         let mut recorded = Recorded {
-            configs: self.settings.into_iter().map(|setting| setting.text).collect(),
+            configs: self.settings.iter().map(|setting| setting.text.clone()).collect(),
             episodes: Vec::new(),
             config_of: Vec::new(),
             headless: 0,
@@ -394,18 +436,17 @@ impl Collection {
             from_the_start,
             failures_only,
         };
-        for ((kitchen, number, episode), assembly) in self.episodes {
+        for (key, assembly) in self.episodes {
             if assembly.actions.is_empty() {
                 // A start without a step is an episode that had just begun; steps without the first are headless.
                 recorded.headless += u64::from(assembly.gap.is_some());
                 continue;
             }
             recorded.broken += u64::from(assembly.gap.is_some());
-            let kitchen = KitchenId::new(kitchen).expect("checked when it was read");
             recorded.config_of.push(assembly.config);
             recorded.episodes.push(RecordedEpisode {
-                environment: EnvironmentId { kitchen, number },
-                episode,
+                environment: self.settings[assembly.config].place(key),
+                episode: key.2,
                 start_hash: assembly.start_hash,
                 actions: assembly.actions,
                 hashes: assembly.hashes,

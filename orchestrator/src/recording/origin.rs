@@ -97,6 +97,7 @@ pub fn world_of(config: &Config) -> Config {
     Config {
         seed: config.seed,
         scenes: config.scenes.clone(),
+        kitchens: config.kitchens,
         actors: config.actors,
         simulation: config.simulation,
         episode: config.episode,

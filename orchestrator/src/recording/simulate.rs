@@ -39,7 +39,7 @@ pub struct Totals {
     /// Episodes with a difference.
     pub different: u64,
     /// Kitchen, environment, episode, step of the first one, in that order, and what differs.
-    pub first: Option<(u8, u32, u32, u64, Aspect)>,
+    pub first: Option<(u32, u32, u32, u64, Aspect)>,
     /// Episodes with a difference by what differs first in them.
     pub aspects: BTreeMap<Aspect, u64>,
 }
@@ -276,7 +276,7 @@ impl ReplayProgress {
 mod tests {
     use super::*;
 
-    fn episode(kitchen: u8, episode: u32, steps: usize) -> RecordedEpisode {
+    fn episode(kitchen: u32, episode: u32, steps: usize) -> RecordedEpisode {
         RecordedEpisode {
             environment: EnvironmentId { kitchen: KitchenId::new(kitchen).unwrap(), number: 0 },
             episode,
@@ -293,7 +293,7 @@ mod tests {
     fn work_is_divided_by_kitchen_and_evenly() {
         let episodes = vec![episode(1, 0, 100), episode(3, 0, 60), episode(4, 0, 50), episode(1, 1, 10)];
         let shares = divide(episodes, 2);
-        let kitchens: Vec<Vec<u8>> = shares
+        let kitchens: Vec<Vec<u32>> = shares
             .iter()
             .map(|share| share.iter().map(|episode| episode.environment.kitchen.number()).collect())
             .collect();
@@ -304,7 +304,7 @@ mod tests {
     #[test]
     fn the_first_difference_is_the_first_in_order_not_in_time() {
         let mut totals = Totals::default();
-        let verdict = |kitchen: u8, difference: Option<u64>| ReplayVerdict {
+        let verdict = |kitchen: u32, difference: Option<u64>| ReplayVerdict {
             environment: EnvironmentId { kitchen: KitchenId::new(kitchen).unwrap(), number: 1 },
             episode: 2,
             compared: 3,

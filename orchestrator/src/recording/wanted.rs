@@ -19,7 +19,7 @@ pub struct Wanted {
 #[derive(Debug, Default)]
 pub struct Known {
     /// Kitchen and number of every environment.
-    pub environments: BTreeSet<(u8, u32)>,
+    pub environments: BTreeSet<(u32, u32)>,
     /// Numbers of the episodes of the wanted environments.
     pub episodes: BTreeSet<u32>,
 }
@@ -52,7 +52,7 @@ impl Wanted {
             check("kitchen", &kitchen.number(), &kitchens, ToString::to_string)?;
         }
         if let Some(EnvironmentId { kitchen, number }) = self.environment {
-            let name = |(kitchen, number): &(u8, u32)| format!("{kitchen}/{number}");
+            let name = |(kitchen, number): &(u32, u32)| format!("{kitchen}/{number}");
             check("environment", &(kitchen.number(), number), &known.environments, name)?;
         }
         self.episodes.iter().try_for_each(|number| check("episode", number, &known.episodes, ToString::to_string))

@@ -323,6 +323,7 @@ mod tests {
         };
         let conditions = Conditions {
             split,
+            procedural: None,
             scenes: Vec::new(),
             objects: ObjectSet::Novel,
             episodes: 1,

@@ -508,6 +508,9 @@ mod tests {
         let smaller = Suite::parse(include_str!("../../../suites/ablations.toml")).unwrap();
         let short = Suite::parse(include_str!("../../../suites/short.toml")).unwrap();
         assert_eq!(short.entries.iter().filter(|entry| entry.from == Some(0)).count(), 5);
+        let kitchens = Suite::parse(include_str!("../../../suites/kitchens.toml")).unwrap();
+        let counts: Vec<_> = kitchens.entries.iter().map(|entry| entry.config.kitchens().count()).collect();
+        assert_eq!(counts, [[19; 3], [100; 3], [1000; 3]].concat());
         let settings = |config: &Config| Config { preset: String::new(), seed: 0, ..config.clone() };
         let run: Vec<Config> =
             main.entries.iter().chain(&smaller.entries).map(|entry| settings(&entry.config)).collect();

@@ -30,7 +30,10 @@ impl Process {
     pub fn describe(self, kitchens: Kitchens) -> String {
         match self {
             Self::Learner(_) => self.to_string(),
-            Self::Actor(actor) => format!("{self} (kitchen {})", kitchens.of_actor(actor)),
+            Self::Actor(actor) => match kitchens.of_actor(actor) {
+                Some(kitchen) => format!("{self} (kitchen {kitchen})"),
+                None => self.to_string(),
+            },
         }
     }
 }

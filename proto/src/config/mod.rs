@@ -8,6 +8,7 @@ mod changes;
 mod episode;
 mod error;
 mod experiment;
+mod kitchens;
 mod machine;
 mod network;
 mod preset;
@@ -19,6 +20,7 @@ mod validate;
 pub use changes::{Difference, Lists, differences};
 pub use episode::EpisodeConfig;
 pub use error::{ConfigError, nearest};
+pub use kitchens::{KitchenSource, KitchensConfig};
 pub use machine::{MachineConfig, Pin};
 pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, NetworkConfig};
 pub use preset::{Preset, overlay};
@@ -28,6 +30,7 @@ pub use setting::{Setting, SettingError, check_settings};
 use crate::evaluation::{EvaluationConfig, ObjectSet, Plan};
 use crate::kitchen::Kitchens;
 use crate::reward::RewardKind;
+use crate::rota::Rota;
 use crate::shares::Shares;
 use serde::{Deserialize, Serialize};
 
@@ -43,6 +46,8 @@ pub struct Config {
     /// after the last. Relative to the working directory; a run folder's configuration names its own copies, relative
     /// to itself.
     pub scenes: Vec<String>,
+    /// Kitchens without end instead of the training kitchens.
+    pub kitchens: KitchensConfig,
     /// Processes and environments.
     pub actors: ActorsConfig,
     /// Physics.
@@ -82,7 +87,7 @@ pub struct Config {
 #[serde(default, deny_unknown_fields)]
 pub struct ActorsConfig {
     /// Actor processes; actor i simulates training kitchen i, repeating after 19. With `scenes`, or in an evaluation,
-    /// it is scene i, or kitchen i of the split.
+    /// it is scene i, or kitchen i of the split; with procedural kitchens each of its environments has its own.
     pub count: u32,
     /// Environments in each.
     pub environments_per_actor: u32,
@@ -318,6 +323,7 @@ impl Default for Config {
             preset: "paper".into(),
             seed: 1,
             scenes: Vec::new(),
+            kitchens: KitchensConfig::default(),
             actors: ActorsConfig::default(),
             simulation: SimulationConfig::default(),
             episode: EpisodeConfig::default(),
@@ -435,10 +441,20 @@ impl ValidationConfig {
 impl Config {
     /// Kitchens that the actors simulate.
     pub fn kitchens(&self) -> Kitchens {
-        match (&self.evaluation, self.scenes.len()) {
-            (Some(evaluation), _) => evaluation.kitchens(),
-            (None, 0) => Kitchens::TRAINING,
-            (None, scenes) => Kitchens::Scenes(scenes),
+        match (&self.evaluation, self.kitchens.range(), self.scenes.len()) {
+            (Some(evaluation), _, _) => evaluation.kitchens(),
+            (None, Some(range), _) => Kitchens::Procedural(range),
+            (None, None, 0) => Kitchens::TRAINING,
+            (None, None, scenes) => Kitchens::Scenes(scenes),
+        }
+    }
+
+    /// Which kitchen every environment plays each of its episodes in.
+    pub fn rota(&self) -> Rota {
+        match (self.kitchens(), self.evaluation_plan()) {
+            (Kitchens::Procedural(_), Some(plan)) => Rota::planned(plan),
+            (Kitchens::Procedural(range), None) => Rota::drawn(self.seed, range, self.kitchens.episodes_each),
+            (Kitchens::Split(_) | Kitchens::Scenes(_), _) => Rota::settled(),
         }
     }
 

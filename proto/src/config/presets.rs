@@ -7,7 +7,7 @@ use super::preset::{OPEN_STEPS, Preset, overlay};
 use std::sync::LazyLock;
 
 /// Presets with a file of their own.
-const FILES: [(&str, &str, &str); 6] = [
+const FILES: [(&str, &str, &str); 10] = [
     (
         "demo",
         "both stages in minutes on two CPU cores: small encoder, episodes that begin near the target",
@@ -37,6 +37,26 @@ const FILES: [(&str, &str, &str); 6] = [
         "short-scratch",
         "beside short-two-stage: reward r′ from the first frame, 10M frames",
         include_str!("../../presets/short-scratch.toml"),
+    ),
+    (
+        "procedural-two-stage",
+        "two-stage in 1,000 procedural kitchens instead of the 19",
+        include_str!("../../presets/procedural-two-stage.toml"),
+    ),
+    (
+        "procedural-100",
+        "short-two-stage in 100 procedural kitchens instead of the 19",
+        include_str!("../../presets/procedural-100.toml"),
+    ),
+    (
+        "procedural-1000",
+        "short-two-stage in 1,000 procedural kitchens",
+        include_str!("../../presets/procedural-1000.toml"),
+    ),
+    (
+        "procedural-10000",
+        "short-two-stage in 10,000 procedural kitchens",
+        include_str!("../../presets/procedural-10000.toml"),
     ),
 ];
 
@@ -71,7 +91,7 @@ pub(super) fn merged(name: &str) -> Result<toml::Table, ConfigError> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{CarriedGoal, Config};
+    use super::super::{CarriedGoal, Config, KitchenSource};
     use super::*;
     use std::collections::BTreeSet;
 
@@ -96,6 +116,22 @@ mod tests {
         assert_eq!(open("two-stage"), Some(vec![32, 64, 128]));
         assert_eq!([open("paper"), open("demo")], [Some(vec![]), Some(vec![])]);
         assert!(!Config::resolve("two-stage", None).unwrap().to_toml().contains(OPEN_STEPS));
+    }
+
+    #[test]
+    fn procedural_presets_differ_from_their_bases_in_the_kitchens_alone() {
+        let shown = [
+            ("procedural-two-stage", "two-stage", 1000),
+            ("procedural-100", "short-two-stage", 100),
+            ("procedural-1000", "short-two-stage", 1000),
+            ("procedural-10000", "short-two-stage", 10_000),
+        ];
+        for (name, base, count) in shown {
+            let (config, base) = (Config::resolve(name, None).unwrap(), Config::resolve(base, None).unwrap());
+            assert_eq!((config.kitchens.source, config.kitchens.count), (KitchenSource::Procedural, count));
+            assert_eq!(base.kitchens.source, KitchenSource::BuiltIn);
+            assert_eq!(Config { preset: base.preset.clone(), kitchens: base.kitchens, ..config }, base);
+        }
     }
 
     #[test]

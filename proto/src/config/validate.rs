@@ -1,6 +1,6 @@
 //! Ranges of every setting: an invalid configuration is refused before any process starts.
 
-use super::{Config, ConfigError, INPUT_POOLS, ValidationConfig};
+use super::{Config, ConfigError, INPUT_POOLS, KitchenSource, KitchensConfig, ValidationConfig};
 use crate::episode::MAX_EPISODE_STEPS;
 use crate::evaluation::{Distribution, EvaluationConfig};
 use crate::kitchen::{KitchenId, Split};
@@ -11,6 +11,12 @@ const MAX_ENVIRONMENTS_PER_ACTOR: u32 = 256;
 
 /// Actor processes of one machine at most.
 const MAX_ACTORS: u32 = 512;
+
+/// Procedural kitchens of a run at most.
+const MAX_KITCHENS: u32 = 1_000_000;
+
+/// Procedural kitchens of one evaluation at most.
+const MAX_EVALUATED: u32 = 1000;
 
 impl Config {
     /// Checks every setting against its range.
@@ -60,7 +66,28 @@ impl Config {
                 "must be 0 (anywhere) or 0.6 to 100 metres",
             )?;
         }
-        check("scenes", self.scenes.len(), self.scenes.len() <= KitchenId::SCENES_MAX, "a run has at most 128 scenes")
+        check("scenes", self.scenes.len(), self.scenes.len() <= KitchenId::SCENES_MAX, "a run has at most 128 scenes")?;
+        self.validate_kitchens()
+    }
+
+    /// Settings of procedural kitchens.
+    fn validate_kitchens(&self) -> Result<(), ConfigError> {
+        let KitchensConfig { source, count, episodes_each, seed } = self.kitchens;
+        check("kitchens.count", count, (1..=MAX_KITCHENS).contains(&count), "must be 1 to 1000000")?;
+        check(
+            "kitchens.episodes_each",
+            episodes_each,
+            (1..=1_000_000).contains(&episodes_each),
+            "must be 1 to 1000000 episodes",
+        )?;
+        // TOML has no larger whole numbers.
+        check("kitchens.seed", seed, i64::try_from(seed).is_ok(), "must be below 2^63")?;
+        check(
+            "kitchens.source",
+            "\"procedural\"",
+            source == KitchenSource::BuiltIn || self.scenes.is_empty(),
+            "cannot be set beside `scenes`: a run trains in one or the other",
+        )
     }
 
     /// Network, algorithm, curriculum.
@@ -172,7 +199,9 @@ impl Config {
 
     /// Settings of an evaluation. It simulates scenes or the built-in kitchens of a split.
     fn validate_evaluation(&self) -> Result<(), ConfigError> {
-        let Some(EvaluationConfig { split, distribution, scene_targets, .. }) = &self.evaluation else { return Ok(()) };
+        let Some(EvaluationConfig { split, procedural, distribution, scene_targets, .. }) = &self.evaluation else {
+            return Ok(());
+        };
         let (scenes, lists) = (self.scenes.len(), scene_targets.len());
         check("evaluation.scene_targets", lists, lists == scenes, "must be one list of targets for each of `scenes`")?;
         let valid = scenes == 0 || *split == Split::Train;
@@ -188,6 +217,12 @@ impl Config {
             *distribution == Distribution::Run || *split != Split::Train,
             "must be \"run\": only validation and test kitchens have fixed episodes",
         )?;
+        if let Some(range) = procedural {
+            let valid = scenes == 0 && *split == Split::Train;
+            check("evaluation.procedural", range, valid, "must stand beside split = \"train\", without scenes")?;
+            let few = range.count() <= MAX_EVALUATED;
+            return check("evaluation.procedural", range, few, "must be at most 1000 kitchens");
+        }
         let (count, kitchens) = (self.actors.count, self.kitchens().count() as u32);
         check("actors.count", count, count >= kitchens, "an evaluation needs an actor for each of its kitchens")
     }
@@ -233,6 +268,38 @@ mod tests {
         assert_eq!(problem(Split::Train, Distribution::Run, 2, 2), Ok(()));
         assert!(problem(Split::Train, Distribution::Run, 1, 2).unwrap_err().contains("actors.count = 1"));
         assert!(problem(Split::Test, Distribution::Run, 5, 2).unwrap_err().contains("evaluation.split = test"));
+    }
+
+    #[test]
+    fn kitchens_without_end_have_bounds_and_no_scenes_beside_them() {
+        let problem = |change: &dyn Fn(&mut Config)| {
+            let mut config = Config::default();
+            config.kitchens.source = KitchenSource::Procedural;
+            change(&mut config);
+            config.validate().map_err(|error| error.to_string())
+        };
+        assert_eq!(problem(&|_| ()), Ok(()));
+        for (change, expected) in [
+            (&(|config: &mut Config| config.kitchens.count = 0) as &dyn Fn(&mut Config), "kitchens.count = 0"),
+            (&|config| config.kitchens.count = 1_000_001, "kitchens.count = 1000001"),
+            (&|config| config.kitchens.episodes_each = 0, "kitchens.episodes_each = 0"),
+            (&|config| config.kitchens.seed = u64::MAX, "kitchens.seed"),
+            (&|config| config.scenes = vec!["a.toml".into()], "beside `scenes`"),
+        ] {
+            let found = problem(change).unwrap_err();
+            assert!(found.contains(expected), "{found}");
+        }
+        let evaluated = |range: &str, split| {
+            problem(&|config| {
+                let asked = EvaluationConfig::fixed(split, ObjectSet::Novel, 1);
+                let procedural = Some(range.parse().unwrap());
+                config.evaluation = Some(EvaluationConfig { procedural, distribution: Distribution::Run, ..asked });
+                config.actors.count = 1;
+            })
+        };
+        assert_eq!(evaluated("5000..5100", Split::Train), Ok(()));
+        assert!(evaluated("5000..5100", Split::Test).unwrap_err().contains("split = \"train\""));
+        assert!(evaluated("5000..6001", Split::Train).unwrap_err().contains("at most 1000 kitchens"));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! What an evaluation is asked.
 
 use super::distribution::Distribution;
-use crate::kitchen::{Kitchens, Split, TargetCategory};
+use crate::kitchen::{KitchenRange, Kitchens, Split, TargetCategory};
 use serde::{Deserialize, Serialize};
 
 /// Which target objects.
@@ -41,8 +41,11 @@ impl ObjectSet {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationConfig {
-    /// Kitchens; train where the run's scenes are.
+    /// Kitchens; train where they are the run's scenes, or procedural ones.
     pub split: Split,
+    /// Procedural kitchens instead of a split's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub procedural: Option<KitchenRange>,
     /// Targets.
     pub objects: ObjectSet,
     /// The first this many episodes of each kitchen and of each of the sets novel and seen; 0 = all.
@@ -66,6 +69,7 @@ impl EvaluationConfig {
     pub fn fixed(split: Split, objects: ObjectSet, episodes: u32) -> Self {
         Self {
             split,
+            procedural: None,
             objects,
             episodes,
             distribution: Distribution::Fixed,
@@ -77,9 +81,10 @@ impl EvaluationConfig {
 
     /// Kitchens whose episodes are played.
     pub fn kitchens(&self) -> Kitchens {
-        match self.scene_targets.len() {
-            0 => Kitchens::Split(self.split),
-            scenes => Kitchens::Scenes(scenes),
+        match (self.procedural, self.scene_targets.len()) {
+            (Some(range), _) => Kitchens::Procedural(range),
+            (None, 0) => Kitchens::Split(self.split),
+            (None, scenes) => Kitchens::Scenes(scenes),
         }
     }
 }

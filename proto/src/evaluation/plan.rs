@@ -3,6 +3,7 @@
 use super::asked::{EvaluationConfig, ObjectSet};
 use crate::episode::EnvironmentId;
 use crate::kitchen::{KitchenId, TargetCategory};
+use std::ops::Range;
 
 /// Episodes of one category in one kitchen, fixed or drawn.
 const EPISODES_PER_CATEGORY: u32 = 60;
@@ -19,11 +20,16 @@ pub fn category_of(episode: u32) -> TargetCategory {
 /// Every kitchen of a split plays the same episode numbers, a scene those of the targets that it has. Its environments,
 /// numbered as [`EnvironmentId::number`], take turns: environment n of N plays the list's entries n, n + N, n + 2N, ...
 /// as its episodes 0, 1, 2, ...; one that has run out holds.
+///
+/// Procedural kitchens are dealt with their episodes: of the list of all episodes, by kitchen and number, each
+/// environment plays a part of its own, as long as the others' but for one, so that it changes its kitchen seldom.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plan {
     kitchens: Vec<(KitchenId, Vec<u32>)>,
     actors: u32,
     environments_per_actor: u32,
+    /// Environments go from kitchen to kitchen.
+    moving: bool,
 }
 
 impl Plan {
@@ -50,7 +56,7 @@ impl Plan {
             None => &TargetCategory::ALL,
         };
         let kitchens = config.kitchens().ids().into_iter().map(|kitchen| (kitchen, in_kitchen(targets(kitchen))));
-        Self { kitchens: kitchens.collect(), actors, environments_per_actor }
+        Self { kitchens: kitchens.collect(), actors, environments_per_actor, moving: config.procedural.is_some() }
     }
 
     /// Episodes in one kitchen, ascending; none of a kitchen that is not played in.
@@ -81,6 +87,9 @@ impl Plan {
     /// Number, in its kitchen, of the episode that an environment plays as its episode number `number`; none when it
     /// has run out.
     pub fn dealt(&self, environment: EnvironmentId, number: u32) -> Option<u32> {
+        if self.moving {
+            return self.dealt_on_the_way(environment.number, number).map(|(_, episode)| episode);
+        }
         let place = self.kitchens.iter().position(|(kitchen, _)| *kitchen == environment.kitchen)?;
         let episodes = &self.kitchens[place].1;
         // Actors take kitchens in turn: this many have this one.
@@ -89,6 +98,48 @@ impl Plan {
         let environments = u64::from(actors) * u64::from(self.environments_per_actor);
         let index = u64::from(environment.number) + u64::from(number) * environments;
         episodes.get(usize::try_from(index).ok()?).copied()
+    }
+
+    /// Which kitchen an environment is in for its episode number `number`: its own, or where it moves that of the
+    /// episode dealt, when it has run out that of its last one. None of an environment that plays nothing at all.
+    pub fn kitchen_of(&self, environment: EnvironmentId, number: u32) -> Option<KitchenId> {
+        if !self.moving {
+            return Some(environment.kitchen);
+        }
+        let part = self.part(environment.number);
+        let last = part.end.checked_sub(1).filter(|last| *last >= part.start)?;
+        let index = part.start.saturating_add(number as usize).min(last);
+        self.entry(index).map(|(kitchen, _)| kitchen)
+    }
+
+    /// The first number after `number` that an environment plays in another kitchen than that one.
+    pub(crate) fn next_kitchen(&self, environment: EnvironmentId, number: u32) -> Option<u32> {
+        let now = self.kitchen_of(environment, number)?;
+        (number + 1..)
+            .take_while(|&later| self.dealt(environment, later).is_some())
+            .find(|&later| self.kitchen_of(environment, later).is_some_and(|kitchen| kitchen != now))
+    }
+
+    /// Kitchen and number of the episode that a moving environment plays as its episode number `number`.
+    fn dealt_on_the_way(&self, environment: u32, number: u32) -> Option<(KitchenId, u32)> {
+        let part = self.part(environment);
+        let index = part.start.checked_add(number as usize).filter(|index| part.contains(index))?;
+        self.entry(index)
+    }
+
+    /// The part of all episodes that a moving environment plays.
+    fn part(&self, environment: u32) -> Range<usize> {
+        let all = self.len() as u64;
+        let environments = u64::from(self.actors) * u64::from(self.environments_per_actor);
+        let bound = |environment: u64| (environment.min(environments) * all / environments.max(1)) as usize;
+        bound(environment.into())..bound(u64::from(environment) + 1)
+    }
+
+    /// An entry of the list of all episodes, where kitchens have equally many.
+    fn entry(&self, index: usize) -> Option<(KitchenId, u32)> {
+        let each = self.kitchens.first().map_or(0, |(_, episodes)| episodes.len()).max(1);
+        let (kitchen, episodes) = self.kitchens.get(index / each)?;
+        Some((*kitchen, *episodes.get(index % each)?))
     }
 }
 
@@ -139,6 +190,42 @@ mod tests {
         }
         assert_eq!(categories.len(), 6);
         assert!(categories.values().all(|&count| count == 2 * 5));
+    }
+
+    #[test]
+    fn procedural_kitchens_are_dealt_with_their_episodes() {
+        for (actors, environments) in [(1, 1), (2, 3), (5, 8), (40, 32)] {
+            let procedural = Some("1000..1007".parse().unwrap());
+            let config = EvaluationConfig {
+                split: Split::Train,
+                procedural,
+                distribution: crate::evaluation::Distribution::Run,
+                ..config(ObjectSet::All, 12)
+            };
+            let plan = Plan::new(&config, actors, environments);
+            let mut dealt = BTreeSet::new();
+            let mut lengths = BTreeSet::new();
+            for actor in 0..actors {
+                for index in 0..environments {
+                    let home = EnvironmentId::among(config.kitchens(), actor, index, environments);
+                    let (mut number, mut changes) = (0, 0);
+                    while let Some(episode) = plan.dealt(home, number) {
+                        let kitchen = plan.kitchen_of(home, number).unwrap();
+                        assert!(dealt.insert((kitchen, episode)));
+                        let next = plan.next_kitchen(home, number).and_then(|next| plan.kitchen_of(home, next));
+                        assert!(next.is_none_or(|next| next.number() == kitchen.number() + 1));
+                        changes += u32::from(plan.kitchen_of(home, number + 1) != Some(kitchen));
+                        number += 1;
+                    }
+                    lengths.insert(number);
+                    assert!(changes <= number / 24 + 1, "{changes} changes in {number} episodes");
+                    // One that has run out stays in its last kitchen.
+                    assert_eq!(plan.kitchen_of(home, number), plan.kitchen_of(home, number.saturating_sub(1)));
+                }
+            }
+            assert_eq!(dealt.into_iter().collect::<Vec<_>>(), plan.episodes().collect::<Vec<_>>());
+            assert!(lengths.len() <= 2, "{lengths:?}");
+        }
     }
 
     proptest! {

@@ -5,7 +5,7 @@ use super::distribution::{Distribution, describe};
 use super::figures::Figures;
 use super::record::EpisodeRecord;
 use crate::action::ActionSpace;
-use crate::kitchen::{KitchenId, Split, TargetCategory};
+use crate::kitchen::{KitchenId, KitchenRange, Split, TargetCategory};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -36,8 +36,11 @@ pub struct Subject {
 /// How it was done.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Conditions {
-    /// Kitchens; train where they are scenes.
+    /// Kitchens; train where they are scenes or procedural ones.
     pub split: Split,
+    /// Procedural kitchens; none where it is a split or scenes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub procedural: Option<KitchenRange>,
     /// Scenes, as the evaluation's configuration names them; empty where kitchens are built in.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub scenes: Vec<String>,

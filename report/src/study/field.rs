@@ -12,11 +12,14 @@ pub enum Source {
     Drawn,
     /// Drawn within the run's distances, in scenes of the run's own.
     Scenes,
+    /// Drawn within the run's distances, in procedural kitchens.
+    Procedural,
 }
 
 impl Source {
     pub(super) fn of(conditions: &Conditions) -> Self {
         match conditions.distribution {
+            _ if conditions.procedural.is_some() => Self::Procedural,
             _ if !conditions.scenes.is_empty() => Self::Scenes,
             Distribution::Fixed => Self::Fixed,
             Distribution::Run => Self::Drawn,
@@ -37,7 +40,7 @@ pub struct Field {
 
 impl Field {
     /// All that can be evaluated, the paper's first table first.
-    pub(crate) const ALL: [Self; 12] = [
+    pub(crate) const ALL: [Self; 14] = [
         Self::new(Split::Test, ObjectSet::Novel, Source::Fixed),
         Self::new(Split::Test, ObjectSet::Seen, Source::Fixed),
         Self::new(Split::Validation, ObjectSet::Novel, Source::Fixed),
@@ -50,6 +53,8 @@ impl Field {
         Self::new(Split::Train, ObjectSet::Seen, Source::Drawn),
         Self::new(Split::Train, ObjectSet::Novel, Source::Scenes),
         Self::new(Split::Train, ObjectSet::Seen, Source::Scenes),
+        Self::new(Split::Train, ObjectSet::Novel, Source::Procedural),
+        Self::new(Split::Train, ObjectSet::Seen, Source::Procedural),
     ];
 
     /// These episodes.
@@ -72,6 +77,7 @@ impl Field {
     fn place(self) -> &'static str {
         match self.split {
             _ if self.source == Source::Scenes => "scenes",
+            _ if self.source == Source::Procedural => "procedural",
             Split::Train => "training",
             Split::Validation => "validation",
             Split::Test => "test",

@@ -9,6 +9,7 @@ mod hangs;
 mod learners;
 mod measuring;
 mod orchestrator_faults;
+mod procedural;
 mod recordings;
 mod same_weights;
 mod suite;

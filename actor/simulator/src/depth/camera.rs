@@ -12,12 +12,25 @@ use crate::kitchen::{Body, BodyRole};
 use rapier3d::math::Pose3;
 use std::mem::MaybeUninit;
 
+/// What a camera draws: the bodies of one kitchen.
+#[derive(Debug, Clone)]
+pub struct Scenery {
+    placed: PlacedBodies,
+    roles: Vec<BodyRole>,
+}
+
+impl Scenery {
+    /// These bodies.
+    pub fn of(bodies: &[Body]) -> Self {
+        Self { placed: PlacedBodies::new(bodies), roles: roles(bodies) }
+    }
+}
+
 /// Renders the depth images of one kitchen. Geometry is shared by all environments that it renders; poses come with
 /// each call.
 #[derive(Debug, Clone)]
 pub struct DepthCamera {
-    placed: PlacedBodies,
-    roles: Vec<BodyRole>,
+    scenery: Scenery,
     buffer: DepthBuffer,
     outline: Outline,
     polyhedra: PolyhedronBrush,
@@ -31,8 +44,7 @@ impl DepthCamera {
     /// A camera for these bodies.
     pub fn new(bodies: &[Body]) -> Self {
         Self {
-            placed: PlacedBodies::new(bodies),
-            roles: roles(bodies),
+            scenery: Scenery::of(bodies),
             buffer: DepthBuffer::new(proto::camera::FRAME_SIDE),
             outline: Outline::default(),
             polyhedra: PolyhedronBrush::new(),
@@ -42,9 +54,15 @@ impl DepthCamera {
         }
     }
 
+    /// Takes another scenery in, and gives the one it had. Who has many kitchens turns one camera from one to the next:
+    /// then all share the image in the making.
+    pub fn exchange(&mut self, scenery: &mut Scenery) {
+        std::mem::swap(&mut self.scenery, scenery);
+    }
+
     /// Triangles of all bodies at their finest ([`crate::mesh::triangles_of`]).
     pub fn triangles(&self) -> usize {
-        (0..self.placed.body_count()).map(|body| self.placed.triangles(body)).sum()
+        (0..self.scenery.placed.body_count()).map(|body| self.scenery.placed.triangles(body)).sum()
     }
 
     /// Triangles of the view set of the last image: all bodies of which a part met the view volume, whole, at their
@@ -78,7 +96,7 @@ impl DepthCamera {
         depth_mm: &'a mut [MaybeUninit<u16>],
     ) -> &'a [u16] {
         let view = self.set_up(world_from_bodies, &world_from_camera, side);
-        if backdrop.prepare(&self.roles, world_from_bodies, &world_from_camera, side) == Redraw::Everything {
+        if backdrop.prepare(&self.scenery.roles, world_from_bodies, &world_from_camera, side) == Redraw::Everything {
             backdrop.view_set_triangles = self.draw(&view, |body| backdrop.holds(body));
             self.buffer.finish(as_unwritten(&mut backdrop.frame_mm));
         }
@@ -91,14 +109,14 @@ impl DepthCamera {
         if self.buffer.side() != side {
             self.buffer = DepthBuffer::new(side);
         }
-        self.placed.place(world_from_bodies);
+        self.scenery.placed.place(world_from_bodies);
         View::new(Lens::of(side), world_from_camera)
     }
 
     /// Draws those bodies in view that are `wanted`; returns how many triangles they have at their finest.
     fn draw(&mut self, view: &View, wanted: impl Fn(usize) -> bool) -> usize {
         self.find_in_view(view);
-        let Self { placed, buffer, outline, polyhedra, rounds, in_view, .. } = self;
+        let Self { scenery: Scenery { placed, .. }, buffer, outline, polyhedra, rounds, in_view, .. } = self;
         let mut triangles = 0;
         let mut last_body = u32::MAX;
         for &(index, centre) in &*in_view {
@@ -115,7 +133,7 @@ impl DepthCamera {
             match model.form {
                 Form::Cuboid | Form::Polyhedron => {
                     let placed = Placed {
-                        mesh: &model.mesh,
+                        mesh: model.mesh(),
                         edges: model.edges.as_deref(),
                         is_cuboid: matches!(model.form, Form::Cuboid),
                         vertices: &placed.vertices[part.vertices.clone()],
@@ -126,7 +144,7 @@ impl DepthCamera {
                 }
                 _ if centre[2] - model.bounds.radius_m <= NEAR_M => {
                     let camera_from_part = view.camera_from_world.after(&part.world_from_part);
-                    polyhedra.clipped(buffer, view.lens, &model.mesh, &camera_from_part);
+                    polyhedra.clipped(buffer, view.lens, model.mesh(), &camera_from_part);
                 }
                 Form::Sphere(round) => sphere(buffer, view.lens, centre, round),
                 Form::Cylinder(round) => rounds.cylinder(buffer, outline, view.lens, centre, axis(), round),
@@ -146,7 +164,7 @@ impl DepthCamera {
     /// Lists the parts whose bounds meet the view volume.
     fn find_in_view(&mut self, view: &View) {
         self.in_view.clear();
-        for (block, spheres) in self.placed.bounds.iter().enumerate() {
+        for (block, spheres) in self.scenery.placed.bounds.iter().enumerate() {
             let centre = view.points(spheres.centre.load());
             let mut bits = meets_view(centre, Lanes::load(&spheres.radius_m));
             if bits != 0 {

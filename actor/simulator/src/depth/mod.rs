@@ -49,6 +49,6 @@ mod tests;
 mod view;
 
 pub(crate) use backdrop::Backdrop;
-pub use camera::DepthCamera;
+pub use camera::{DepthCamera, Scenery};
 pub(crate) use simd::as_unwritten;
 pub use view::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};

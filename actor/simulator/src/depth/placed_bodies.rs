@@ -10,6 +10,7 @@ use crate::mesh::{Edge, Mesh, Sphere, sides, sides_of_sphere, triangles_of};
 use crate::shape::Primitive;
 use rapier3d::math::Pose3;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 /// Eight points, metres, or directions: their x, y and z.
 #[derive(Debug, Clone, Copy, Default)]
@@ -44,8 +45,12 @@ impl Points {
 /// A mesh, shared by all parts of its shape.
 #[derive(Debug, Clone)]
 pub struct Model {
-    pub mesh: Mesh,
-    /// None if the mesh is dented or not closed: its outline is not known then, and it is drawn face by face.
+    /// Made when it is first asked for where the form is round: that is drawn from a mesh only next to the eye, and such
+    /// a mesh is large.
+    mesh: OnceLock<Mesh>,
+    primitive: Primitive,
+    /// None if the mesh is dented or not closed: its outline is not known then, and it is drawn face by face. None of
+    /// what is round.
     pub edges: Option<Vec<Edge>>,
     pub bounds: Sphere,
     pub form: Form,
@@ -124,8 +129,17 @@ impl Model {
         };
         // A box without thickness has fewer faces, and no table fits it.
         let form = if matches!(form, Form::Cuboid) && mesh.faces.len() != 6 { Form::Polyhedron } else { form };
+        let bounds = mesh.bounds();
+        if !matches!(form, Form::Cuboid | Form::Polyhedron) {
+            return Self { mesh: OnceLock::new(), primitive: primitive.clone(), edges: None, bounds, form };
+        }
         let edges = if matches!(primitive, Primitive::Concave(_)) { None } else { mesh.edges() };
-        Self { edges, bounds: mesh.bounds(), mesh, form }
+        Self { mesh: OnceLock::from(mesh), primitive: primitive.clone(), edges, bounds, form }
+    }
+
+    /// The finest mesh.
+    pub fn mesh(&self) -> &Mesh {
+        self.mesh.get_or_init(|| Mesh::of(&self.primitive))
     }
 }
 
@@ -162,10 +176,11 @@ impl PlacedBodies {
     }
 
     fn add(&mut self, body: usize, model: usize, body_from_part: Rigid) {
-        let Model { mesh, form, .. } = &self.models[model];
+        let (form, model_of) = (self.models[model].form, &self.models[model]);
         let (first_point, first_half_space) = (self.vertices.len(), self.half_spaces.len());
         if matches!(form, Form::Cuboid | Form::Polyhedron) {
             let blocks = |count: usize| count.div_ceil(LANES);
+            let mesh = model_of.mesh();
             self.vertices.resize(first_point + blocks(mesh.vertices.len()), Points::default());
             // No eye is above a half-space without a face.
             let none = HalfSpaces { offset_m: [1.0; LANES], ..HalfSpaces::default() };
@@ -210,13 +225,15 @@ impl PlacedBodies {
         let part = &mut self.parts[index];
         let world_from_part = world_from_body.after(&part.body_from_part);
         part.world_from_part = world_from_part;
-        let Model { mesh, bounds, form, .. } = &self.models[part.model as usize];
+        let model = &self.models[part.model as usize];
+        let Model { bounds, form, .. } = model;
         let spheres = &mut self.bounds[index / LANES];
         spheres.centre.set(index % LANES, world_from_part.point(bounds.centre));
         spheres.radius_m[index % LANES] = bounds.radius_m;
         if !matches!(form, Form::Cuboid | Form::Polyhedron) {
             return;
         }
+        let mesh = model.mesh();
         let vertices = &mut self.vertices[part.vertices.clone()];
         // What is left of the last block repeats a vertex.
         for i in 0..vertices.len() * LANES {

@@ -90,7 +90,7 @@ impl File {
         for section in 0..count {
             let at = HEADER_BYTES + section * SECTION_BYTES;
             let number = word(at)?;
-            let kitchen = u8::try_from(number).ok().and_then(|number| KitchenId::new(number).ok());
+            let kitchen = KitchenId::new(u32::from(number)).ok();
             let kitchen = kitchen.ok_or(FormatError::Kitchen(number))?;
             let mut fingerprint = 0;
             for part in 0..4 {
@@ -118,7 +118,7 @@ impl File {
         word(self.sections.len() as u16);
         for section in &self.sections {
             assert_eq!(section.records.len(), EPISODES_PER_KITCHEN, "a section holds all episodes of its kitchen");
-            word(u16::from(section.kitchen.number()));
+            word(section.kitchen.number() as u16);
             (0..3).for_each(|_| word(0));
             (0..4).for_each(|part| word((section.fingerprint >> (16 * part)) as u16));
             for record in &section.records {

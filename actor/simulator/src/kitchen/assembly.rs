@@ -5,7 +5,7 @@ use super::body::{Body, BodyRole, number_names};
 use super::reach::Reach;
 use super::room::{Room, Surface, Thing};
 use super::settled::{Kitchen, Matter, Target};
-use super::spots::{self, Stands};
+use super::spots::{self, Stand, Stands};
 use crate::physics::fixed_scene::FixedScene;
 use crate::physics::geometry::Solid;
 use crate::physics::things::Things;
@@ -155,13 +155,79 @@ impl Kitchen {
             plan: None,
             kept_clear: Vec::new(),
             surfaces,
+            floor,
+            attempt: 0,
         })
+    }
+
+    /// Builds the physics world of a room that has come to rest before, with the places that were found in it then:
+    /// robot poses, and those of each target. Things
+    /// may creep by a hair's breadth until their contacts bear them again.
+    pub(super) fn reassemble(
+        id: KitchenId,
+        timestep_s: f32,
+        room: Room,
+        connected_share: f32,
+        found: impl FnOnce(&[Surface], (Vec3, Vec3), &[Solid], &[Body]) -> (Vec<Stand>, Vec<Option<Target>>),
+    ) -> Self {
+        let mut rested = Rested::set_down(room, timestep_s);
+        rested.world.run_until_asleep(&rested.movables, (SETTLE_LIMIT_S / timestep_s) as u32);
+        rested.world.put_to_sleep(&rested.movables);
+        rested.look();
+        let Rested { world, scene, bodies, static_count, poses, movables, robot, robot_parts, things, surfaces, floor } =
+            rested;
+        let matter = things.iter().map(|&Thing { mass_kg, friction, .. }| Matter { mass_kg, friction }).collect();
+        let solids: Vec<Solid> = things.into_iter().map(|thing| thing.solid).collect();
+        let (stands, targets) = found(&surfaces, floor, &solids, &bodies[static_count..]);
+        let things = Things::of(&world, &movables, &solids);
+        Self {
+            id,
+            bodies,
+            static_count,
+            settled_poses: poses,
+            world,
+            scene,
+            movables,
+            solids,
+            things,
+            robot,
+            robot_parts,
+            targets,
+            stands,
+            matter,
+            connected_share,
+            plan: None,
+            kept_clear: Vec::new(),
+            surfaces,
+            floor,
+            attempt: 0,
+        }
     }
 }
 
 impl Rested {
     /// Sets everything down and waits until it sleeps. The error is what did not stay, or does not come to rest.
     fn of(room: Room, timestep_s: f32) -> Result<Self, Vec<Flaw>> {
+        let mut rested = Self::set_down(room, timestep_s);
+        // Reported one by one before the rest is put to sleep, so that the author of a scene can fix it.
+        rested.world.run_until_asleep(&rested.movables, (SETTLE_LIMIT_S / timestep_s) as u32);
+        let awake: Vec<bool> = rested.movables.iter().map(|&handle| !rested.world.body(handle).is_sleeping()).collect();
+        rested.world.put_to_sleep(&rested.movables);
+        rested.look();
+        let mut flaws = Vec::new();
+        for (index, (thing, settled)) in rested.things.iter().zip(&rested.poses[rested.static_count..]).enumerate() {
+            let moved_m = (settled.translation - thing.pose.translation).length();
+            if moved_m.is_nan() || moved_m >= SETTLE_DRIFT_M {
+                flaws.push(Flaw::Fell { thing: index, moved_m });
+            } else if awake[index] {
+                flaws.push(Flaw::Awake { thing: index });
+            }
+        }
+        if flaws.is_empty() { Ok(rested) } else { Err(flaws) }
+    }
+
+    /// Puts everything where the room has it. Nothing has moved yet.
+    fn set_down(room: Room, timestep_s: f32) -> Self {
         let Room { fixtures, things, surfaces, floor } = room;
         let mut scene = FixedScene::default();
         let mut world = World::new(timestep_s);
@@ -182,31 +248,22 @@ impl Rested {
         let robot_shapes = part_shapes();
         let robot_parts = robot_shapes.clone().map(|shape| Solid::of(&shape));
         let robot = robot_parts.each_ref().map(|part| world.add_kinematic(part, Pose3::from_translation(PARKED)));
-
-        // Reported one by one before the rest is put to sleep, so that the author of a scene can fix it.
-        world.run_until_asleep(&movables, (SETTLE_LIMIT_S / timestep_s) as u32);
-        let awake: Vec<bool> = movables.iter().map(|&handle| !world.body(handle).is_sleeping()).collect();
-        world.put_to_sleep(&movables);
-        let mut flaws = Vec::new();
-        for (index, (thing, &handle)) in things.iter().zip(&movables).enumerate() {
-            let settled = *world.body(handle).position();
-            let moved_m = (settled.translation - thing.pose.translation).length();
-            if moved_m.is_nan() || moved_m >= SETTLE_DRIFT_M {
-                flaws.push(Flaw::Fell { thing: index, moved_m });
-            } else if awake[index] {
-                flaws.push(Flaw::Awake { thing: index });
-            }
+        for thing in &things {
             bodies.push(Body::of(&thing.category, thing.shape.clone(), BodyRole::Movable));
-            poses.push(settled);
-        }
-        if !flaws.is_empty() {
-            return Err(flaws);
+            poses.push(thing.pose);
         }
         for (name, shape) in LINK_NAMES.iter().zip(robot_shapes.into_iter().skip(1)) {
             bodies.push(Body { name: (*name).into(), category: "Robot".into(), shape, role: BodyRole::Robot });
             poses.push(Pose3::from_translation(PARKED));
         }
         number_names(&mut bodies);
-        Ok(Self { world, scene, bodies, static_count, poses, movables, robot, robot_parts, things, surfaces, floor })
+        Self { world, scene, bodies, static_count, poses, movables, robot, robot_parts, things, surfaces, floor }
+    }
+
+    /// Notes where things are now.
+    fn look(&mut self) {
+        for (pose, &handle) in self.poses[self.static_count..].iter_mut().zip(&self.movables) {
+            *pose = *self.world.body(handle).position();
+        }
     }
 }

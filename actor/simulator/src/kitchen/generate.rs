@@ -3,18 +3,24 @@
 use super::assembly::{Demands, Flaw};
 use super::layout::floor_plan::Rectangle;
 use super::layout::{FittedRoom, Plan};
+use super::lot::Lot;
 use super::overlap::overlaps;
-use super::room::Room;
+use super::preserve::Preserve;
+use super::room::{Room, Thing};
 use super::settled::Kitchen;
-use super::{ithor, placement, quota};
+use super::{ithor, likeness, placement};
 use crate::physics::fixed_scene::FixedScene;
 use crate::physics::geometry::Solid;
 use proto::config::SimulationConfig;
 use proto::kitchen::{KitchenId, Split, TargetCategory};
-use proto::random::{Key, Purpose};
+use proto::random::Random;
 
 /// A room in which something found no place, or fell, is drawn anew this many times.
 const ATTEMPTS: u32 = 32;
+/// A procedural kitchen takes another place among its set, with other quotas, after so many, ...
+const ATTEMPTS_EACH: u32 = 8;
+/// ... and so often in all: some of its places hold more than fits.
+const EDITIONS: u32 = 64;
 /// Fewest spots of a target category: in any room, ...
 const SPOTS_LEAST_ANYWHERE: usize = 100;
 /// ... and in a training kitchen; half as many in others.
@@ -34,12 +40,22 @@ pub enum KitchenError {
         kitchen: KitchenId,
     },
     /// The generator found no room for something that every kitchen holds.
-    #[error("kitchen {kitchen}: no good room in {ATTEMPTS} attempts; the last one failed at {reason}")]
+    #[error("kitchen {kitchen}: no good room in {attempts} attempts; the last one failed at {reason}")]
     NoRoom {
         /// The kitchen.
         kitchen: KitchenId,
+        /// How often it was tried.
+        attempts: u32,
         /// What went wrong last.
         reason: String,
+    },
+    /// What was kept of it is not of this program.
+    #[error("kitchen {kitchen}: what was kept of it does not fit this program: {problem}")]
+    Preserve {
+        /// The kitchen.
+        kitchen: KitchenId,
+        /// What is wrong.
+        problem: String,
     },
 }
 
@@ -54,33 +70,51 @@ pub struct DrawnRoom {
     pub kept_clear: Vec<Rectangle>,
 }
 
+/// A kitchen with the place among its set that it has at an attempt.
+fn at_attempt(lot: Lot, attempt: u32) -> Lot {
+    if lot.id().is_procedural() { lot.edition(attempt / ATTEMPTS_EACH) } else { lot }
+}
+
+/// Lays a kitchen's room out, for the `attempt`th time from 0, before anything movable stands there; and the stream
+/// that the rest is drawn from. The error is what found no place.
+pub(super) fn draw_fitted(lot: Lot, attempt: u32) -> Result<(FittedRoom, Random), String> {
+    let lot = at_attempt(lot, attempt);
+    let mut random = lot.room(attempt).stream();
+    let fitted = FittedRoom::draw(lot, &mut random).map_err(|what| format!("a place for {what}"))?;
+    Ok((fitted, random))
+}
+
 /// Draws a kitchen's room, for the `attempt`th time from 0, and furnishes it; the error is what found no place.
-pub fn draw_room(id: KitchenId, attempt: u32) -> Result<DrawnRoom, String> {
-    let key = Key {
-        seed: quota::SEED,
-        purpose: Purpose::Kitchen,
-        kitchen: id.number(),
-        environment: attempt,
-        episode: 0,
-        step: 0,
-    };
-    let mut random = key.stream();
-    let fitted = FittedRoom::draw(id, &mut random).map_err(|what| format!("a place for {what}"))?;
+pub fn draw_room(kitchen: impl Into<Lot>, attempt: u32) -> Result<DrawnRoom, String> {
+    let lot = kitchen.into();
+    let (fitted, mut random) = draw_fitted(lot, attempt)?;
+    if lot.id().is_procedural()
+        && let Some((id, distance)) = likeness::nearest(&fitted)
+        && distance < likeness::least_distance()
+    {
+        return Err(format!("too near to kitchen {id}: {distance:.2}"));
+    }
     let mut scene = FixedScene::default();
     for fixture in &fitted.fixtures {
         scene.add(&Solid::of(&fixture.shape), &fixture.pose);
     }
-    let things = placement::place(id, &fitted, &scene, &mut random).map_err(|what| format!("a place for {what}"))?;
-    let room = Room {
-        fixtures: fitted.fixtures,
-        things,
-        surfaces: fitted.worktops.iter().map(|worktop| worktop.surface).collect(),
-        floor: (fitted.floor.low, fitted.floor.high),
-    };
-    Ok(DrawnRoom { room, plan: fitted.plan, kept_clear: fitted.kept_clear })
+    let lot = at_attempt(lot, attempt);
+    let things = placement::place(lot, &fitted, &scene, &mut random).map_err(|what| format!("a place for {what}"))?;
+    Ok(DrawnRoom::of(fitted, things))
 }
 
 impl DrawnRoom {
+    /// A room that is laid out, with what stands in it.
+    pub(super) fn of(fitted: FittedRoom, things: Vec<Thing>) -> Self {
+        let room = Room {
+            fixtures: fitted.fixtures,
+            things,
+            surfaces: fitted.worktops.iter().map(|worktop| worktop.surface).collect(),
+            floor: (fitted.floor.low, fitted.floor.high),
+        };
+        Self { room, plan: fitted.plan, kept_clear: fitted.kept_clear }
+    }
+
     /// Lets the room come to rest. The error says what is wrong with it; it is never empty.
     pub fn settle(self, id: KitchenId, timestep_s: f32) -> Result<Kitchen, Vec<Flaw>> {
         let Self { room, plan, kept_clear } = self;
@@ -90,26 +124,39 @@ impl DrawnRoom {
 }
 
 impl Kitchen {
-    /// Generates the kitchen with this number and lets it settle.
+    /// Generates the kitchen with this number and lets it settle; a procedural one with seed 0.
     pub fn build(id: KitchenId, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
+        Self::generate(Lot::from(id), simulation)
+    }
+
+    /// Generates a kitchen and lets it settle. A procedural one is then made from its [`Preserve`], as it is wherever
+    /// one is at hand: there is one way into it.
+    pub fn generate(lot: Lot, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
+        if lot.id().is_procedural() { Preserve::make(lot, simulation)?.open() } else { Self::search(lot, simulation) }
+    }
+
+    /// Draws rooms until one comes to rest with nothing wrong.
+    pub(super) fn search(lot: Lot, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
+        let id = lot.id();
         if id.scene_index().is_some() {
             return Err(KitchenError::NotBuiltIn { kitchen: id });
         }
+        let attempts = if id.is_procedural() { ATTEMPTS_EACH * EDITIONS } else { ATTEMPTS };
         let mut reason = String::new();
-        for attempt in 0..ATTEMPTS {
-            let outcome = draw_room(id, attempt).and_then(|drawn| {
+        for attempt in 0..attempts {
+            let outcome = draw_room(lot, attempt).and_then(|drawn| {
                 let flaw = |flaws: Vec<Flaw>| flaws.first().map_or_else(String::new, ToString::to_string);
                 drawn.settle(id, simulation.timestep_s).map_err(flaw)?.acceptable()
             });
             match outcome {
-                Ok(kitchen) => return Ok(kitchen),
+                Ok(kitchen) => return Ok(Self { attempt, ..kitchen }),
                 Err(why) => {
                     tracing::debug!("kitchen {id}, attempt {attempt}: {why}");
                     reason = why;
                 }
             }
         }
-        Err(KitchenError::NoRoom { kitchen: id, reason })
+        Err(KitchenError::NoRoom { kitchen: id, attempts, reason })
     }
 
     /// Itself, or what a generated kitchen must not be like.

@@ -9,11 +9,11 @@ use super::catalogue::{CATEGORIES, Category, Place, Presence};
 use super::density;
 use super::layout::floor_plan::Rectangle;
 use super::layout::{FittedRoom, Seat, Worktop, WorktopKind};
+use super::lot::Lot;
 use super::quota;
 use super::room::Thing;
 use crate::physics::fixed_scene::FixedScene;
 use crate::physics::geometry::{Solid, rotation_y};
-use proto::kitchen::KitchenId;
 use proto::random::Random;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
@@ -49,7 +49,7 @@ struct Furnishing<'a> {
 
 /// Draws which things a kitchen holds and where they stand. The error is the category that found no room.
 pub fn place(
-    kitchen: KitchenId,
+    kitchen: Lot,
     layout: &FittedRoom,
     scene: &FixedScene,
     random: &mut Random,

@@ -39,6 +39,8 @@ pub struct Kitchen {
     pub(super) plan: Option<Plan>,
     pub(super) kept_clear: Vec<Rectangle>,
     pub(super) surfaces: Vec<Surface>,
+    pub(super) floor: (Vec3, Vec3),
+    pub(super) attempt: u32,
 }
 
 /// What a movable thing is made of.
@@ -99,6 +101,11 @@ impl Kitchen {
     /// Things as iTHOR counts them: everything but walls, ceiling and robot.
     pub fn thing_count(&self) -> usize {
         self.bodies.iter().filter(|body| !ithor::NOT_THINGS.contains(&body.category.as_str())).count()
+    }
+
+    /// Which of its draws it is, from 0: those before it had something wrong. 0 of a room that was not generated.
+    pub fn attempt(&self) -> u32 {
+        self.attempt
     }
 
     /// How its runs of counters lie; none for a room that was not generated.

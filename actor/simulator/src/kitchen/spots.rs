@@ -90,6 +90,86 @@ pub fn stands(floor: (Vec3, Vec3), scene: &FixedScene, movables: &[Aabb], parts:
     Stands { poses, floor, connected_share }
 }
 
+/// Cells of the floor on which episodes can begin: positions in x and z of the body's axis, row by row.
+fn stand_cells((low, high): (Vec3, Vec3)) -> impl Iterator<Item = (f32, f32)> {
+    let columns = ((high.x - low.x) / FLOOR_GRID_M) as usize;
+    let rows = ((high.z - low.z) / FLOOR_GRID_M) as usize;
+    let at = move |column: usize, row: usize| {
+        (low.x + (column as f32 + 0.5) * FLOOR_GRID_M, low.z + (row as f32 + 0.5) * FLOOR_GRID_M)
+    };
+    (0..rows)
+        .step_by(STAND_EVERY)
+        .flat_map(move |row| (0..columns).step_by(STAND_EVERY).map(move |column| at(column, row)))
+}
+
+/// Robot poses as bits, one a direction, of every cell on which an episode can begin. None if a pose is on no cell.
+pub(super) fn stands_as_bits(floor: (Vec3, Vec3), stands: &[Stand]) -> Option<Vec<u8>> {
+    let mut rest = stands;
+    let bits = stand_cells(floor).map(|(x_m, z_m)| {
+        let here = rest.iter().take_while(|stand| stand.x_m == x_m && stand.z_m == z_m).count();
+        let (these, later) = rest.split_at(here);
+        rest = later;
+        these.iter().fold(0, |bits, stand| bits | 1u8 << (stand.yaw_ticks & 7))
+    });
+    let bits = bits.collect();
+    rest.is_empty().then_some(bits)
+}
+
+/// What [`stands_as_bits`] made bits of; none if there are not as many cells.
+pub(super) fn stands_of_bits(floor: (Vec3, Vec3), bits: &[u8]) -> Option<Vec<Stand>> {
+    if stand_cells(floor).count() != bits.len() {
+        return None;
+    }
+    let of_cell = |((x_m, z_m), &bits): ((f32, f32), &u8)| {
+        (0..8).filter(move |yaw| bits >> yaw & 1 != 0).map(move |yaw_ticks| Stand { x_m, z_m, yaw_ticks })
+    };
+    Some(stand_cells(floor).zip(bits).flat_map(of_cell).collect())
+}
+
+/// Where a thing would stand on every point of the grid over the surfaces, free or not.
+fn grid_spots(surfaces: &[Surface], solid: &Solid) -> impl Iterator<Item = Vec3> {
+    let lift = Vec3::new(0.0, DROP_M - solid.aabb(&Pose3::identity()).mins.y, 0.0);
+    surfaces.iter().flat_map(move |surface| {
+        let columns = ((surface.high.x - surface.low.x) / SPOT_GRID_M) as usize;
+        let rows = ((surface.high.z - surface.low.z) / SPOT_GRID_M) as usize;
+        let low = surface.low;
+        (0..rows).flat_map(move |row| {
+            let at =
+                move |column: usize| low + Vec3::new(column as f32 + 0.5, 0.0, row as f32 + 0.5) * SPOT_GRID_M + lift;
+            (0..columns).map(at)
+        })
+    })
+}
+
+/// A target's places as bits, one a point of the grid over the surfaces. None if a place is on no point.
+pub(super) fn spots_as_bits(surfaces: &[Surface], solid: &Solid, spots: &[Vec3]) -> Option<Vec<u8>> {
+    let mut rest = spots;
+    let mut bits = Vec::new();
+    for (index, point) in grid_spots(surfaces, solid).enumerate() {
+        if index % 8 == 0 {
+            bits.push(0u8);
+        }
+        if let Some(byte) = bits.last_mut().filter(|_| rest.first() == Some(&point)) {
+            *byte |= 1 << (index % 8);
+            rest = &rest[1..];
+        }
+    }
+    rest.is_empty().then_some(bits)
+}
+
+/// What [`spots_as_bits`] made bits of; none if there are not as many points.
+pub(super) fn spots_of_bits(surfaces: &[Surface], solid: &Solid, bits: &[u8]) -> Option<Vec<Vec3>> {
+    let mut points = 0;
+    let mut spots = Vec::new();
+    for (index, point) in grid_spots(surfaces, solid).enumerate() {
+        points = index + 1;
+        if bits.get(index / 8)? >> (index % 8) & 1 != 0 {
+            spots.push(point);
+        }
+    }
+    (bits.len() == usize::div_ceil(points, 8)).then_some(spots)
+}
+
 /// Cells of the largest four-connected set of free cells, ascending.
 fn largest_component(free: &[bool], columns: usize) -> Vec<usize> {
     let mut seen = vec![false; free.len()];

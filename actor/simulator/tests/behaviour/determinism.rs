@@ -12,12 +12,12 @@ const STEPS: u32 = 200;
 /// release it goes into has another schema version than the release before it, and a line in the changelog.
 #[test]
 fn golden_hashes() {
-    const GOLDEN: [(u8, u64, u64); 3] = [
+    const GOLDEN: [(u32, u64, u64); 3] = [
         (1, 0xdc3c01c67293817b, 0x1467e7b06f73c953),
         (8, 0x3bc5d18b29bef64a, 0xebba76e1ce653efe),
         (30, 0x23a8d8d5d0d0439a, 0x31a9fcc827209ed9),
     ];
-    let found: Vec<(u8, u64, u64)> = GOLDEN
+    let found: Vec<(u32, u64, u64)> = GOLDEN
         .iter()
         .map(|&(number, ..)| {
             let mut environment = environment(&kitchen(number), 0);

@@ -11,7 +11,7 @@ use simulator::kitchen::Kitchen;
 use std::sync::Arc;
 
 /// A built-in kitchen as it is by default.
-pub fn kitchen(number: u8) -> Arc<Kitchen> {
+pub fn kitchen(number: u32) -> Arc<Kitchen> {
     let id = KitchenId::new(number).unwrap();
     Arc::new(Kitchen::build(id, &Config::default().simulation).unwrap())
 }

@@ -14,9 +14,11 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::evaluation::Plan;
 use proto::event::Timing;
+use proto::kitchen::Kitchens;
 use proto::metric;
 use proto::replay::length_m;
 use proto::reward::{RewardKind, UNDISTURBED_THRESHOLD_M};
+use proto::rota::Rota;
 use proto::step::{Current, Transition, current_flag, transition_flag};
 use std::collections::BTreeMap;
 use wire::WireShape;
@@ -64,6 +66,8 @@ pub struct Scribe {
     failures_only: bool,
     /// Which fixed episodes are played, in an evaluation.
     plan: Option<Plan>,
+    /// Which kitchen an environment is in.
+    rota: Rota,
     counts: Counts,
     frames_before: Option<u64>,
     /// Reused for every message.
@@ -85,7 +89,8 @@ struct Topics {
 
 /// What the scribe remembers of one environment.
 struct Environment {
-    id: EnvironmentId,
+    /// What it is called where its kitchen does not matter.
+    home: EnvironmentId,
     frames: FrameNames,
     depth: Topic,
     calibration: Topic,
@@ -134,14 +139,18 @@ impl Scribe {
         let kitchens = config.kitchens();
         let environments = (0..shape.shares.actors())
             .flat_map(|actor| (0..per_actor).map(move |index| EnvironmentId::among(kitchens, actor, index, per_actor)))
-            .map(|id| {
-                let prefix = format!("kitchen-{:02}/{}", id.kitchen.number(), id.number);
+            .map(|home| {
+                let prefix = match kitchens {
+                    // As many topics as environments, however many kitchens they come to.
+                    Kitchens::Procedural(_) => format!("procedural/{}", home.number),
+                    _ => format!("kitchen-{:02}/{}", home.kitchen.number(), home.number),
+                };
                 // Foxglove pairs an image with the calibration that shares its name up to the last slash.
                 let depth = segments.topic(format!("/depth/{prefix}/image"), "foxglove.RawImage");
                 let calibration = segments.topic(format!("/depth/{prefix}/calibration"), "foxglove.CameraCalibration");
                 let frames = FrameNames::under(&prefix);
                 Environment {
-                    id,
+                    home,
                     frames,
                     depth,
                     calibration,
@@ -169,6 +178,7 @@ impl Scribe {
             lambda_disturb: config.reward.lambda_disturb,
             failures_only: config.recording.failures_only,
             plan: config.evaluation_plan(),
+            rota: config.rota(),
             counts: Counts::default(),
             frames_before: None,
             buffer: Vec::new(),
@@ -313,9 +323,10 @@ impl Scribe {
         // The action was chosen from the observation that was described last.
         let chosen_from = Some((header.learner_incarnation, transition.episode, transition.step));
         let goal = if known.described == chosen_from { known.goal } else { None };
+        let home = known.home;
         let message = Step {
-            kitchen: known.id.kitchen.number().into(),
-            environment: known.id.number,
+            kitchen: self.rota.place(home, transition.episode).kitchen.number(),
+            environment: home.number,
             actor: header.actor,
             environment_index: index,
             episode: transition.episode,
@@ -345,7 +356,7 @@ impl Scribe {
             disturbed_objects: transition.disturbed_objects,
             wrist_object_m: transition.wrist_object_m,
             object_goal_m: transition.object_goal_m,
-            fixed_episode: fixed(self.plan.as_ref(), known.id, transition.episode),
+            fixed_episode: fixed(self.plan.as_ref(), home, transition.episode),
             goal,
         };
         self.write_of(environment, self.topics.step, time_ns, &message)
@@ -358,10 +369,10 @@ impl Scribe {
         environment: usize,
         current: &Current,
     ) -> Result<(), SegmentError> {
-        let id = self.environments[environment].id;
+        let home = self.environments[environment].home;
         let message = EpisodeStart {
-            kitchen: id.kitchen.number().into(),
-            environment: id.number,
+            kitchen: self.rota.place(home, current.episode).kitchen.number(),
+            environment: home.number,
             episode: current.episode,
             incarnation: self.incarnation,
             learner_incarnation: header.learner_incarnation,
@@ -370,7 +381,7 @@ impl Scribe {
             depth_recorded: current.flags & current_flag::RECORD_DEPTH != 0,
             wrist_object_m: length_m(current.wrist_to_object_m),
             object_goal_m: length_m(current.object_to_goal_m),
-            fixed_episode: fixed(self.plan.as_ref(), id, current.episode),
+            fixed_episode: fixed(self.plan.as_ref(), home, current.episode),
         };
         // What is still held is of an episode that will never end: a learner or an actor has come back.
         self.environments[environment].held.clear();
@@ -387,9 +398,10 @@ impl Scribe {
         let is = |flag: u32| transition.flags & flag != 0;
         let known = &mut self.environments[environment];
         let returns = known.returns.take();
+        let home = known.home;
         let message = EpisodeEnd {
-            kitchen: known.id.kitchen.number().into(),
-            environment: known.id.number,
+            kitchen: self.rota.place(home, transition.episode).kitchen.number(),
+            environment: home.number,
             episode: transition.episode,
             incarnation: self.incarnation,
             learner_incarnation: header.learner_incarnation,
@@ -407,7 +419,7 @@ impl Scribe {
             object_goal_m: transition.object_goal_m,
             return_r: returns.as_ref().map(|returns| returns.r),
             return_r_prime: returns.as_ref().map(|returns| returns.r_prime),
-            fixed_episode: fixed(self.plan.as_ref(), known.id, transition.episode),
+            fixed_episode: fixed(self.plan.as_ref(), home, transition.episode),
         };
         self.write_of(environment, self.topics.episode_end, time_ns, &message)?;
         self.release(environment, message.success)

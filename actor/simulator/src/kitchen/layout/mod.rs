@@ -27,6 +27,7 @@ mod run;
 mod shell;
 mod wall;
 
+use super::lot::Lot;
 use super::room::{Fixture, Surface};
 use super::{ithor, quota};
 use draft::{Draft, Style};
@@ -35,7 +36,6 @@ use floor_plan::{FloorPlan, Rectangle, WORKING_DEPTH_M};
 use frame::{Assembly, Frame, Span};
 pub use plan::Plan;
 use plan::{Order, RoomBrief, Shelves};
-use proto::kitchen::KitchenId;
 use proto::random::Random;
 use rapier3d::math::Vec3;
 use run::{CORNER_M, COUNTER_DEPTH_M, Run, Slot, Unit, divide};
@@ -95,7 +95,8 @@ pub struct FittedRoom {
 
 impl FittedRoom {
     /// Lays a kitchen out. The error is what found no place.
-    pub fn draw(kitchen: KitchenId, random: &mut Random) -> Result<Self, &'static str> {
+    pub fn draw(kitchen: impl Into<Lot>, random: &mut Random) -> Result<Self, &'static str> {
+        let kitchen = kitchen.into();
         let brief = RoomBrief::of(kitchen);
         let walls = walls(&brief, random);
         let style = Style::draw(random);
@@ -149,7 +150,7 @@ struct AtWall {
 }
 
 impl Draft<'_> {
-    fn lay_out(&mut self, kitchen: KitchenId, brief: &RoomBrief) -> Result<(), &'static str> {
+    fn lay_out(&mut self, kitchen: Lot, brief: &RoomBrief) -> Result<(), &'static str> {
         let runs = self.runs(brief)?;
         self.before_door = self.doorway().ok_or("the door")?;
         self.windows(kitchen, &runs);
@@ -305,7 +306,7 @@ impl Draft<'_> {
     }
 
     /// The window over the sink, and another one where a wall is free.
-    fn windows(&mut self, kitchen: KitchenId, runs: &[AtWall]) {
+    fn windows(&mut self, kitchen: Lot, runs: &[AtWall]) {
         let (share, mean) = ithor::share_and_mean("Window");
         let rank = quota::rank(kitchen, "Window");
         let windows = quota::count_of_rank(rank, share, mean);
@@ -343,7 +344,7 @@ impl Draft<'_> {
     }
 
     /// What hangs over the runs at walls, and the microwave.
-    fn above(&mut self, kitchen: KitchenId, mut wall_shelves: bool, runs: &[AtWall]) {
+    fn above(&mut self, kitchen: Lot, mut wall_shelves: bool, runs: &[AtWall]) {
         let room = self.room().high - self.room().low;
         let small = room.x * room.z < SMALL_ROOM_M2;
         let microwave_above = small || quota::among(kitchen, "microwave above the stove", MICROWAVE_ABOVE_SHARE);

@@ -1,6 +1,7 @@
 //! Plans: how large a kitchen is, which walls carry runs of counters, and in which order units stand in them.
 
 use super::run::{Slot, Unit};
+use crate::kitchen::lot::Lot;
 use crate::kitchen::{ithor, quota};
 use proto::kitchen::KitchenId;
 use std::collections::BTreeMap;
@@ -96,47 +97,50 @@ impl Plan {
 
 impl RoomBrief {
     /// What this kitchen is to be.
-    pub fn of(kitchen: KitchenId) -> Self {
-        static ALL: LazyLock<BTreeMap<KitchenId, RoomBrief>> = LazyLock::new(all);
-        ALL[&kitchen]
+    pub fn of(kitchen: Lot) -> Self {
+        static BUILT_IN: LazyLock<BTreeMap<KitchenId, RoomBrief>> =
+            LazyLock::new(|| KitchenId::all().next().map_or_else(BTreeMap::new, |first| all(&Lot::from(first).set())));
+        if kitchen.id().is_built_in() { BUILT_IN[&kitchen.id()] } else { all(&kitchen.set())[&kitchen.id()] }
     }
 }
 
-/// The briefs of all kitchens, which share out tables and seats among them.
-fn all() -> BTreeMap<KitchenId, RoomBrief> {
+/// The briefs of all kitchens of a set, which share out tables and seats among them.
+fn all(set: &[Lot]) -> BTreeMap<KitchenId, RoomBrief> {
     let numbers = |category, rank| {
         let (share, mean) = ithor::share_and_mean(category);
         quota::count_of_rank(rank, share, mean)
     };
     // Tables stand in the larger rooms.
-    let table_ranks = ranks(|id| {
+    let table_ranks = ranks(set, |id| {
         let [x, z] = size_m(id);
         x * z * (0.8 + 0.4 * quota::quantile(id, "DiningTable"))
     });
+    let has_table = |id: Lot| numbers("DiningTable", table_ranks[&id.id()]) > 0;
     let plans: BTreeMap<KitchenId, (Plan, bool)> =
-        KitchenId::all().map(|id| (id, plan(id, size_m(id), numbers("DiningTable", table_ranks[&id]) > 0))).collect();
+        set.iter().map(|&id| (id.id(), plan(id, size_m(id), has_table(id)))).collect();
     // Stools stand at islands and peninsulas first, then at tables.
-    let stool_ranks = ranks(|id| {
-        let preference = match plans[&id].0 {
+    let stool_ranks = ranks(set, |id| {
+        let preference = match plans[&id.id()].0 {
             Plan::Island | Plan::Peninsula => 2.0,
-            _ => f32::from(u8::from(numbers("DiningTable", table_ranks[&id]) > 0)),
+            _ => f32::from(u8::from(has_table(id))),
         };
         preference + 0.5 * quota::quantile(id, "Stool")
     });
     // A galley has no floor for a shelving unit.
     let shelf_ranks =
-        ranks(|id| f32::from(u8::from(plans[&id].0 != Plan::Galley)) + 0.5 * quota::quantile(id, "Shelf"));
+        ranks(set, |id| f32::from(u8::from(plans[&id.id()].0 != Plan::Galley)) + 0.5 * quota::quantile(id, "Shelf"));
     let shelves = |rank| match rank {
         _ if numbers("ShelvingUnit", rank) > 0 => Shelves::Unit,
         _ if numbers("Shelf", rank) > 0 => Shelves::OnWall,
         _ => Shelves::None,
     };
-    KitchenId::all()
-        .map(|id| {
+    set.iter()
+        .map(|&lot| {
+            let id = lot.id();
             let (plan, main_along_x) = plans[&id];
             let brief = RoomBrief {
                 plan,
-                size_m: size_m(id),
+                size_m: size_m(lot),
                 main_along_x,
                 tables: numbers("DiningTable", table_ranks[&id]),
                 chairs: numbers("Chair", table_ranks[&id]),
@@ -149,19 +153,18 @@ fn all() -> BTreeMap<KitchenId, RoomBrief> {
 }
 
 /// Each kitchen's place, from 0, when all are ordered by a score, highest first.
-fn ranks(score: impl Fn(KitchenId) -> f32) -> BTreeMap<KitchenId, usize> {
-    let mut order: Vec<(f32, KitchenId)> = KitchenId::all().map(|id| (score(id), id)).collect();
+fn ranks(set: &[Lot], score: impl Fn(Lot) -> f32) -> BTreeMap<KitchenId, usize> {
+    let mut order: Vec<(f32, KitchenId)> = set.iter().map(|&id| (score(id), id.id())).collect();
     order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     order.into_iter().enumerate().map(|(rank, (_, id))| (id, rank)).collect()
 }
 
 /// Inner size along x and z, metres: iTHOR's distribution, through least, median and largest.
-fn size_m(kitchen: KitchenId) -> [f32; 2] {
-    let last = (KitchenId::all().count() - 1) as f32;
+fn size_m(kitchen: Lot) -> [f32; 2] {
     let size = |question, [least, median, largest]: [f32; 3]| {
         // Nine tenths of the rooms lie in the lower half of what is above the median.
         let knots = [(0.0, least), (0.5, median), (0.9, 0.5 * (median + largest)), (1.0, largest)];
-        interpolate(&knots, quota::rank(kitchen, question) as f32 / last) + CENTRES_TO_WALLS_M
+        interpolate(&knots, quota::measure(kitchen, question)) + CENTRES_TO_WALLS_M
     };
     [size("width", ithor::EXTENT_X_M), size("depth", ithor::EXTENT_Z_M)]
 }
@@ -174,7 +177,7 @@ fn interpolate(knots: &[(f32, f32)], at: f32) -> f32 {
 }
 
 /// A plan that fits, and whether its main wall lies along x.
-fn plan(kitchen: KitchenId, size_m: [f32; 2], has_table: bool) -> (Plan, bool) {
+fn plan(kitchen: Lot, size_m: [f32; 2], has_table: bool) -> (Plan, bool) {
     let [x, z] = size_m;
     let options: Vec<(Plan, bool)> = Plan::ALL
         .into_iter()

@@ -1,0 +1,243 @@
+//! What took long to find about a procedural kitchen, as bytes: which draw has nothing wrong, where its things came to
+//! rest, and where episodes can begin and end. Everything else follows from the number and the seed within milliseconds.
+//!
+//! ```text
+//! magic and version, 8 bytes
+//! number, seed, time step, attempt, connected share of the floor
+//! things: each its category, its pose at rest
+//! robot poses as bits, one byte a cell of the floor
+//! places of each target as bits, one bit a point of the grid over the surfaces
+//! XXH3 of all this, 8 bytes
+//! ```
+//!
+//! Numbers are little-endian; lists begin with their length. A kitchen is always made from this, whether it was just
+//! found or found long ago: so it does not matter to a single bit which of the two it was.
+
+use super::catalogue::CATEGORIES;
+use super::generate::{DrawnRoom, KitchenError, draw_fitted};
+use super::lot::Lot;
+use super::room::Thing;
+use super::settled::{Kitchen, Target};
+use super::spots;
+use crate::physics::geometry::Solid;
+use proto::config::SimulationConfig;
+use proto::kitchen::{KitchenId, TargetCategory};
+use rapier3d::math::{Pose3, Rot3, Vec3};
+use xxhash_rust::xxh3::xxh3_64;
+
+/// What a file begins with. The last byte is the version: raise it with every change of the generator.
+const MAGIC: [u8; 8] = *b"STILLRK\x01";
+
+/// A procedural kitchen, found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Preserve {
+    lot: Lot,
+    timestep_s: f32,
+    attempt: u32,
+    connected_share: f32,
+    /// Index of its category, and where it rests.
+    things: Vec<(u16, Pose3)>,
+    stands: Vec<u8>,
+    spots: Vec<Vec<u8>>,
+}
+
+/// Why bytes are no preserved kitchen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum PreserveError {
+    /// They begin with something else.
+    #[error("it was made by another version, or is no kitchen")]
+    Version,
+    /// They are not whole.
+    #[error("its checksum does not agree with it")]
+    Checksum,
+    /// They are of another kitchen.
+    #[error("it is another kitchen's")]
+    Other,
+}
+
+impl Preserve {
+    /// Finds a kitchen: draws rooms and lets them settle until nothing is wrong.
+    pub fn make(lot: Lot, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
+        let kitchen = Kitchen::search(lot, simulation)?;
+        let unfit = || KitchenError::Preserve { kitchen: lot.id(), problem: "it cannot be kept".to_owned() };
+        let poses = &kitchen.settled_poses[kitchen.movable_bodies()];
+        let things = kitchen.bodies[kitchen.movable_bodies()].iter().zip(poses).map(|(body, pose)| {
+            let category = CATEGORIES.iter().position(|category| category.name == body.category)?;
+            Some((u16::try_from(category).ok()?, *pose))
+        });
+        let spots = TargetCategory::ALL.into_iter().map(|category| {
+            let solid = &kitchen.solids[kitchen.target_movable(category)];
+            spots::spots_as_bits(&kitchen.surfaces, solid, kitchen.target_spots(category))
+        });
+        Ok(Self {
+            lot,
+            timestep_s: simulation.timestep_s,
+            attempt: kitchen.attempt,
+            connected_share: kitchen.connected_share,
+            things: things.collect::<Option<_>>().ok_or_else(unfit)?,
+            stands: spots::stands_as_bits(kitchen.floor, &kitchen.stands).ok_or_else(unfit)?,
+            spots: spots.collect::<Option<_>>().ok_or_else(unfit)?,
+        })
+    }
+
+    /// The kitchen.
+    pub fn open(&self) -> Result<Kitchen, KitchenError> {
+        let id = self.lot.id();
+        let unfit = |problem: String| KitchenError::Preserve { kitchen: id, problem };
+        let (fitted, _) = draw_fitted(self.lot, self.attempt).map_err(unfit)?;
+        let things = self.things.iter().map(|&(category, pose)| {
+            let category = CATEGORIES.get(usize::from(category))?;
+            let shape = category.shape();
+            let solid = Solid::of(&shape);
+            let (mass_kg, friction) = (category.mass_kg, category.friction());
+            Some(Thing { category: category.name.to_owned(), shape, solid, mass_kg, friction, pose })
+        });
+        let things: Option<Vec<Thing>> = things.collect();
+        let things = things.ok_or_else(|| unfit("there is no such category".to_owned()))?;
+        let DrawnRoom { room, plan, kept_clear } = DrawnRoom::of(fitted, things);
+        let mut complete = true;
+        let kitchen = Kitchen::reassemble(
+            id,
+            self.timestep_s,
+            room,
+            self.connected_share,
+            |surfaces, floor, solids, movables| {
+                let stands = spots::stands_of_bits(floor, &self.stands);
+                let targets = TargetCategory::ALL.into_iter().zip(&self.spots).map(|(category, bits)| {
+                    let movable = movables.iter().position(|body| body.category == category.name())?;
+                    let spots = spots::spots_of_bits(surfaces, &solids[movable], bits)?;
+                    Some(Target { movable, spots })
+                });
+                let targets: Vec<Option<Target>> = targets.collect();
+                complete = stands.is_some() && targets.iter().all(Option::is_some);
+                (stands.unwrap_or_default(), targets)
+            },
+        );
+        if !complete {
+            return Err(unfit("its places lie on another grid".to_owned()));
+        }
+        Ok(Kitchen { plan: Some(plan), kept_clear, attempt: self.attempt, ..kitchen })
+    }
+
+    /// As bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = MAGIC.to_vec();
+        let mut word = |word: u32| bytes.extend_from_slice(&word.to_le_bytes());
+        word(self.lot.id().number());
+        word(self.lot.seed() as u32);
+        word((self.lot.seed() >> 32) as u32);
+        word(self.timestep_s.to_bits());
+        word(self.attempt);
+        word(self.connected_share.to_bits());
+        word(self.things.len() as u32);
+        for (category, pose) in &self.things {
+            word(u32::from(*category));
+            let numbers = pose.translation.to_array().into_iter().chain(pose.rotation.to_array());
+            numbers.for_each(|number| word(number.to_bits()));
+        }
+        for bits in std::iter::once(&self.stands).chain(&self.spots) {
+            bytes.extend_from_slice(&(bits.len() as u32).to_le_bytes());
+            bytes.extend_from_slice(bits);
+        }
+        let checksum = xxh3_64(&bytes);
+        bytes.extend_from_slice(&checksum.to_le_bytes());
+        bytes
+    }
+
+    /// The kitchen `lot`, with this time step, of bytes that [`Preserve::to_bytes`] made.
+    pub fn from_bytes(bytes: &[u8], lot: Lot, simulation: &SimulationConfig) -> Result<Self, PreserveError> {
+        if bytes.get(..MAGIC.len()) != Some(&MAGIC) {
+            return Err(PreserveError::Version);
+        }
+        let (content, checksum) = bytes.split_last_chunk::<8>().ok_or(PreserveError::Checksum)?;
+        if xxh3_64(content) != u64::from_le_bytes(*checksum) {
+            return Err(PreserveError::Checksum);
+        }
+        let mut rest = Bytes(&content[MAGIC.len()..]);
+        let preserve = rest.preserve().filter(|_| rest.0.is_empty()).ok_or(PreserveError::Checksum)?;
+        let same = preserve.lot == lot && preserve.timestep_s.to_bits() == simulation.timestep_s.to_bits();
+        if same { Ok(preserve) } else { Err(PreserveError::Other) }
+    }
+}
+
+/// What is still to be read.
+struct Bytes<'a>(&'a [u8]);
+
+impl Bytes<'_> {
+    fn preserve(&mut self) -> Option<Preserve> {
+        let id = KitchenId::new(self.word()?).ok()?;
+        let seed = u64::from(self.word()?) | u64::from(self.word()?) << 32;
+        let (timestep_s, attempt, connected_share) = (self.number()?, self.word()?, self.number()?);
+        let count = self.word()?;
+        let things =
+            (0..count).map(|_| Some((u16::try_from(self.word()?).ok()?, self.pose()?))).collect::<Option<_>>()?;
+        let stands = self.bits()?;
+        let spots = TargetCategory::ALL.map(|_| self.bits()).into_iter().collect::<Option<_>>()?;
+        Some(Preserve { lot: Lot::new(id, seed), timestep_s, attempt, connected_share, things, stands, spots })
+    }
+
+    fn word(&mut self) -> Option<u32> {
+        let (word, rest) = self.0.split_first_chunk::<4>()?;
+        self.0 = rest;
+        Some(u32::from_le_bytes(*word))
+    }
+
+    fn number(&mut self) -> Option<f32> {
+        self.word().map(f32::from_bits)
+    }
+
+    fn pose(&mut self) -> Option<Pose3> {
+        let translation = Vec3::new(self.number()?, self.number()?, self.number()?);
+        let rotation = Rot3::from_xyzw(self.number()?, self.number()?, self.number()?, self.number()?);
+        Some(Pose3::from_parts(translation, rotation))
+    }
+
+    fn bits(&mut self) -> Option<Vec<u8>> {
+        let count = self.word()? as usize;
+        let (bits, rest) = self.0.split_at_checked(count)?;
+        self.0 = rest;
+        Some(bits.to_vec())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_kitchen_is_the_same_from_its_bytes() {
+        let simulation = SimulationConfig::default();
+        let lot = Lot::new(KitchenId::new(1003).unwrap(), 0);
+        let made = Preserve::make(lot, &simulation).unwrap();
+        let bytes = made.to_bytes();
+        assert!(bytes.len() < 64_000, "{} bytes", bytes.len());
+        let read = Preserve::from_bytes(&bytes, lot, &simulation).unwrap();
+        assert_eq!(read, made);
+        // Nothing was lost on the way: robot poses and places are those that were found.
+        let (found, opened) = (Kitchen::search(lot, &simulation).unwrap(), read.open().unwrap());
+        assert_eq!(opened.robot_stands(), found.robot_stands());
+        for category in TargetCategory::ALL {
+            assert_eq!(opened.target_spots(category), found.target_spots(category));
+        }
+        for (index, (then, now)) in found.settled_poses().iter().zip(opened.settled_poses()).enumerate() {
+            let moved_m = (then.translation - now.translation).length();
+            assert!(moved_m < 1e-3, "body {index} crept by {moved_m} m");
+        }
+        assert_eq!(opened.settled_poses(), Kitchen::generate(lot, &simulation).unwrap().settled_poses());
+
+        // Another one's, another time step's, and every damaged one is refused.
+        let other = Lot::new(KitchenId::new(1004).unwrap(), 0);
+        assert_eq!(Preserve::from_bytes(&bytes, other, &simulation), Err(PreserveError::Other));
+        let seeded = Lot::new(lot.id(), 1);
+        assert_eq!(Preserve::from_bytes(&bytes, seeded, &simulation), Err(PreserveError::Other));
+        let finer = SimulationConfig { timestep_s: 1.0 / 120.0, ..simulation };
+        assert_eq!(Preserve::from_bytes(&bytes, lot, &finer), Err(PreserveError::Other));
+        for at in (8..bytes.len()).step_by(97) {
+            let mut damaged = bytes.clone();
+            damaged[at] ^= 1;
+            assert_eq!(Preserve::from_bytes(&damaged, lot, &simulation), Err(PreserveError::Checksum), "byte {at}");
+            assert_eq!(Preserve::from_bytes(&bytes[..at], lot, &simulation), Err(PreserveError::Checksum));
+        }
+        assert_eq!(Preserve::from_bytes(b"", lot, &simulation), Err(PreserveError::Version));
+    }
+}
