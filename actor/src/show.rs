@@ -3,10 +3,10 @@
 //! Input and output are those of [`proto::show`]. An episode is simulated once, when it is opened; what is kept of it
 //! are the poses of each moment, from which every picture is drawn.
 
-use picture::{Moment, Orbit, Scene, Task, Words};
 use crate::process::whereabouts;
 use crate::replay::film::Outcome;
 use anyhow::{Context, Result, ensure};
+use picture::{Moment, Orbit, Scene, Task, Words};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;

@@ -29,7 +29,7 @@ pub trait Runs: Send + Sync + 'static {
     /// What was recorded of an episode.
     fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem>;
     /// The newest episode of an environment, which may still go on; none if nothing was recorded of it yet.
-    fn newest(&self, run: &str, kitchen: u8, environment: u32) -> Result<Option<EpisodeKey>, Problem>;
+    fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem>;
 }
 
 /// A run or an evaluation in the list.
@@ -204,7 +204,7 @@ pub struct Validated {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Kitchen {
     /// Its number.
-    pub kitchen: u8,
+    pub kitchen: u32,
     /// Environments in it.
     pub environments: Vec<u32>,
     /// Episodes looked at.
@@ -242,7 +242,7 @@ pub struct Curves {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct EpisodeKey {
     /// Kitchen.
-    pub kitchen: u8,
+    pub kitchen: u32,
     /// Environment.
     pub environment: u32,
     /// Episode.
@@ -283,7 +283,7 @@ pub struct EpisodeQuery {
     /// `training`, or the folder's name of a validation; empty: what the folder is about.
     pub source: String,
     /// Only of this kitchen.
-    pub kitchen: Option<u8>,
+    pub kitchen: Option<u32>,
     /// Only with this target.
     pub target: Option<String>,
     /// Only with this outcome.
@@ -317,7 +317,7 @@ pub struct EpisodePage {
     /// The rows asked for.
     pub rows: Vec<EpisodeRow>,
     /// Kitchens that there are.
-    pub kitchens: Vec<u8>,
+    pub kitchens: Vec<u32>,
     /// Targets that there are.
     pub targets: Vec<String>,
     /// Tables that there are: `training`, and one for each validation.
@@ -334,7 +334,7 @@ pub struct EpisodeRow {
     /// Its address; none if its actions were not recorded.
     pub key: Option<EpisodeKey>,
     /// Kitchen.
-    pub kitchen: u8,
+    pub kitchen: u32,
     /// Number: in the environment, in an evaluation in the kitchen.
     pub episode: u32,
     /// Environment; unknown of an evaluation that did not record.

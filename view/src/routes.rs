@@ -183,7 +183,7 @@ fn understood<T>(query: Result<Query<T>, QueryRejection>) -> Result<T, Refusal> 
 
 async fn newest(
     State(server): State<Server>,
-    Path((run, kitchen, environment)): Path<(String, u8, u32)>,
+    Path((run, kitchen, environment)): Path<(String, u32, u32)>,
 ) -> Result<Response, Refusal> {
     server.answer(move |runs| runs.newest(&run, kitchen, environment)).await
 }

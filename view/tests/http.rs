@@ -64,7 +64,7 @@ impl Runs for One {
         };
         self.read(run, (ReplaySetup { config: String::new(), folder: None, images: None }, episode))
     }
-    fn newest(&self, run: &str, kitchen: u8, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
+    fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
         self.read(run, Some(EpisodeKey { kitchen, environment, episode: 1 }))
     }
 }

@@ -33,7 +33,7 @@ const EPISODES_MAX: usize = 1_000_000;
 const ENDED_KEPT: usize = 100;
 
 /// Kitchen, environment, episode.
-pub type Key = (u8, u32, u32);
+pub type Key = (u32, u32, u32);
 
 /// What is known of an episode.
 #[derive(Debug, Clone, Default)]
@@ -149,10 +149,10 @@ pub struct Shelf {
     volumes: Vec<Volume>,
     episodes: BTreeMap<Key, Shelved>,
     /// Of every environment the newest learner, and the last episode that it began.
-    newest: HashMap<(u8, u32), (Generation, u32)>,
+    newest: HashMap<(u32, u32), (Generation, u32)>,
     met: u64,
     /// Of every kitchen the episodes that ended last, the newest last.
-    ended: HashMap<u8, VecDeque<Key>>,
+    ended: HashMap<u32, VecDeque<Key>>,
     /// What is wrong with the files, as sentences without an end.
     pub notes: Vec<String>,
 }
@@ -220,7 +220,7 @@ impl Shelf {
     }
 
     /// The last episode of an environment.
-    pub fn last_of(&self, kitchen: u8, environment: u32) -> Option<Key> {
+    pub fn last_of(&self, kitchen: u32, environment: u32) -> Option<Key> {
         let (_, last) = self.newest.get(&(kitchen, environment))?;
         let range = (kitchen, environment, 0)..=(kitchen, environment, *last);
         self.episodes.range(range).rev().find(|(_, shelved)| shelved.is_playable()).map(|(key, _)| *key)
@@ -232,13 +232,13 @@ impl Shelf {
     }
 
     /// The episodes of a kitchen that ended last, at most so many.
-    pub fn newest_of(&self, kitchen: u8, count: usize) -> impl Iterator<Item = &Shelved> {
+    pub fn newest_of(&self, kitchen: u32, count: usize) -> impl Iterator<Item = &Shelved> {
         let ended = self.ended.get(&kitchen).into_iter().flatten().rev();
         ended.filter_map(|key| self.episodes.get(key)).take(count)
     }
 
     /// The environments of which something was recorded.
-    pub fn environments(&self) -> impl Iterator<Item = (u8, u32)> {
+    pub fn environments(&self) -> impl Iterator<Item = (u32, u32)> {
         self.newest.keys().copied()
     }
 
@@ -404,12 +404,11 @@ impl Shelf {
                 let whose = (end.kitchen, end.environment, end.episode);
                 let Some(shelved) = self.shelved(whose, generation, end.length, place) else { return };
                 shelved.end = Some(end);
-                let Ok(kitchen) = u8::try_from(whose.0) else { return };
-                let ended = self.ended.entry(kitchen).or_default();
+                let ended = self.ended.entry(whose.0).or_default();
                 if ended.len() == ENDED_KEPT {
                     ended.pop_front();
                 }
-                ended.push_back((kitchen, whose.1, whose.2));
+                ended.push_back(whose);
             }
         }
     }
@@ -422,7 +421,6 @@ impl Shelf {
         step: u32,
         (number, at): (usize, u64),
     ) -> Option<&mut Shelved> {
-        let kitchen = u8::try_from(kitchen).ok()?;
         let newest = self.newest.entry((kitchen, environment)).or_insert((generation, episode));
         if generation > newest.0 {
             *newest = (generation, episode);
@@ -454,9 +452,7 @@ impl Shelf {
 
 /// Feeds one message to the assembly, if it is about this episode.
 fn assemble(assembly: &mut Assembly, key: Key, carries: Carries, data: &[u8]) {
-    let is_it = |kitchen: u32, environment: u32, episode: u32| {
-        (kitchen, environment, episode) == (u32::from(key.0), key.1, key.2)
-    };
+    let is_it = |kitchen: u32, environment: u32, episode: u32| (kitchen, environment, episode) == (key.0, key.1, key.2);
     match carries {
         Carries::Step => {
             let Ok(step) = Step::decode(data) else { return };

@@ -111,7 +111,7 @@ impl Runs for Gallery {
         self.with(run, |watched| watched.recorded(key))
     }
 
-    fn newest(&self, run: &str, kitchen: u8, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
+    fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
         self.with(run, |watched| watched.newest(kitchen, environment))
     }
 }

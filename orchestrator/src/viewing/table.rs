@@ -31,7 +31,7 @@ pub fn row_of_shelved((kitchen, environment, episode): Key, shelved: &Shelved) -
 }
 
 /// An episode of an evaluation. `recorded`: the recordings' episodes by kitchen and number in it.
-pub fn row_of_record(record: &EpisodeRecord, recorded: &HashMap<(u8, u32), EpisodeKey>) -> EpisodeRow {
+pub fn row_of_record(record: &EpisodeRecord, recorded: &HashMap<(u32, u32), EpisodeKey>) -> EpisodeRow {
     let kitchen = record.kitchen.number();
     let key = recorded.get(&(kitchen, record.episode)).copied();
     let undisturbed = record.succeeded_within(UNDISTURBED_THRESHOLD_M);
@@ -69,7 +69,7 @@ fn target(number: i32) -> String {
 /// Takes the rows that are asked for, in the order that is asked for; `rows` come with the newest last.
 pub fn page(mut rows: Vec<EpisodeRow>, query: &EpisodeQuery) -> EpisodePage {
     let total = rows.len();
-    let kitchens: BTreeSet<u8> = rows.iter().map(|row| row.kitchen).collect();
+    let kitchens: BTreeSet<u32> = rows.iter().map(|row| row.kitchen).collect();
     let targets: BTreeSet<String> = rows.iter().map(|row| row.target.clone()).collect();
     rows.retain(|row| matches(row, query));
     let matching = rows.len();
@@ -125,7 +125,7 @@ fn comparison(column: &str) -> Option<fn(&EpisodeRow, &EpisodeRow) -> Ordering> 
 mod tests {
     use super::*;
 
-    fn row(kitchen: u8, episode: u32, outcome: &'static str, objects: u32) -> EpisodeRow {
+    fn row(kitchen: u32, episode: u32, outcome: &'static str, objects: u32) -> EpisodeRow {
         EpisodeRow {
             key: (episode != 3).then_some(EpisodeKey { kitchen, environment: 0, episode }),
             kitchen,

@@ -273,7 +273,7 @@ impl Watched {
         let mut sources = Vec::new();
         let config = Config::of_run(&self.folder)?;
         let rows: Vec<EpisodeRow> = if config.evaluation.is_some() {
-            let recorded: HashMap<(u8, u32), EpisodeKey> = self
+            let recorded: HashMap<(u32, u32), EpisodeKey> = self
                 .shelf
                 .episodes()
                 .filter(|(_, shelved)| shelved.is_playable())
@@ -323,7 +323,7 @@ impl Watched {
     }
 
     /// The newest episode of an environment, if anything was recorded of it.
-    pub fn newest(&mut self, kitchen: u8, environment: u32) -> Result<Option<EpisodeKey>> {
+    pub fn newest(&mut self, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>> {
         self.shelf.advance(LOOK);
         let newest = self.shelf.last_of(kitchen, environment);
         Ok(newest.map(|(kitchen, environment, episode)| EpisodeKey { kitchen, environment, episode }))
@@ -460,11 +460,11 @@ fn validated(score: &crate::training::scores::Score) -> Validated {
 
 /// Means over the newest episodes of each kitchen.
 fn kitchens(shelf: &Shelf) -> Vec<Kitchen> {
-    let mut environments: BTreeMap<u8, Vec<u32>> = BTreeMap::new();
+    let mut environments: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for (kitchen, environment) in shelf.environments() {
         environments.entry(kitchen).or_default().push(environment);
     }
-    let of = |(kitchen, mut environments): (u8, Vec<u32>)| {
+    let of = |(kitchen, mut environments): (u32, Vec<u32>)| {
         environments.sort_unstable();
         let ends: Vec<_> =
             shelf.newest_of(kitchen, NEWEST).filter_map(|shelved: &Shelved| shelved.end.as_ref()).collect();
