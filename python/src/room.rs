@@ -5,6 +5,7 @@ use proto::config::SimulationConfig;
 use proto::kitchen::KitchenId;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 use serde::{Deserialize, Serialize};
 use simulator::episode::Episode;
 use simulator::episodes::{self, EpisodesError};
@@ -135,6 +136,24 @@ impl Kitchen {
     #[getter]
     fn fixed_episodes(&self) -> usize {
         self.room.fixed().map_or(0, <[Episode]>::len)
+    }
+
+    fn __deepcopy__(&self, _memo: &Bound<'_, PyAny>) -> Self {
+        self.clone()
+    }
+
+    /// Another process builds or reads it again.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyTuple>> {
+        let (number, path, index) = match &slf.get().room.origin {
+            Origin::BuiltIn(number) => (Some(*number), None, 0),
+            Origin::Scene { path, index } => (None, Some(path.clone()), *index),
+        };
+        (slf.get_type().getattr("_again")?, (number, path, index)).into_pyobject(slf.py())
+    }
+
+    #[staticmethod]
+    fn _again(py: Python<'_>, number: Option<u8>, scene: Option<PathBuf>, index: usize) -> PyResult<Self> {
+        Self::new(py, number, scene, index)
     }
 
     fn __repr__(&self) -> String {

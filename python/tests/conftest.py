@@ -36,6 +36,22 @@ def kitchens() -> dict[int, stillroom.Kitchen]:
     return {number: stillroom.Kitchen(number) for number in (1, 8)}
 
 
+def pushing(kitchen: stillroom.Kitchen) -> list[int]:
+    """Actions of an episode in which things are pushed: some random ones, then those of the fast oracle, in fixed
+    episode 0 of kitchen 8."""
+    env = stillroom.ArmPointNav(kitchen)
+    env.reset(options={"fixed": 0})
+    oracle = stillroom.oracle(env)
+    actions: list[int] = []
+    ended = False
+    while not ended:
+        actions.append(random_action(8, 0, 0, len(actions)) if len(actions) < 12 else oracle())
+        _, _, terminated, truncated, info = env.step(actions[-1])
+        ended = terminated or truncated
+    assert info["disturbance_m"] > 0.05, "physics is at work"
+    return actions
+
+
 def same(a: dict, b: dict) -> bool:
     """Whether two observations are equal, bit for bit."""
     return a.keys() == b.keys() and all(

@@ -61,10 +61,8 @@ def weights_of(encoder: str, pool: int, hidden: int, actions: int) -> dict[str, 
     random = np.random.default_rng(7)
     weights = {}
     for name, shape in shapes.items():
-        scale = np.sqrt(2.0 / np.prod(shape[1:])) if len(shape) > 1 else 0.1
+        scale = np.sqrt(1.0 / np.prod(shape[1:])) if len(shape) > 1 else 0.1
         weights[name] = (random.standard_normal(shape) * scale).astype(np.float32)
-    # A policy with preferences: no two actions are equally likely by chance.
-    weights["actor.weight"] *= 3.0
     return weights
 
 

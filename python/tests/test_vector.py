@@ -31,18 +31,19 @@ def row(observations: dict, index: int) -> dict:
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_many_are_as_each_alone(kitchens: dict, threads: int) -> None:
-    many = make(kitchens, threads=threads, max_steps=30)
+    many = make(kitchens, threads=threads, max_steps=60)
     assert many.batch.threads == threads
     rooms = [kitchens[1], kitchens[8], kitchens[1], kitchens[8]]
-    singles = [stillroom.ArmPointNav(room, number=i // 2, max_steps=30) for i, room in enumerate(rooms)]
+    singles = [stillroom.ArmPointNav(room, number=i // 2, max_steps=60) for i, room in enumerate(rooms)]
     observations, infos = many.reset(seed=5)
     assert many.observation_space.contains(observations)
-    ended = [False] * COUNT
+    ended, moved = [False] * COUNT, 0
+    oracle = stillroom.oracle(many)
     for index, env in enumerate(singles):
         observation, info = env.reset(seed=5 + index)
         assert same(observation, row(observations, index)) and info["state_hash"] == infos["state_hash"][index]
-    for step in range(70):
-        actions = actions_of(step)
+    for step in range(130):
+        actions = actions_of(step) if step < 10 else oracle()
         observations, rewards, terminated, truncated, infos = many.step(actions)
         for index, env in enumerate(singles):
             # Gymnasium's `NextStep`: the step after the last one resets.
@@ -58,7 +59,8 @@ def test_many_are_as_each_alone(kitchens: dict, threads: int) -> None:
                 assert infos[name][index] == info[name], name
             assert stillroom.TARGETS[infos["target"][index]] == info["target"]
             assert many.displacement_m(index) == info["displacement_m"]
-    assert any(many.displacement_m(index) for index in range(COUNT)), "physics was at work"
+            moved += len(info["displacement_m"])
+    assert moved > 0, "physics was at work"
 
 
 def test_autoreset_in_the_same_step(kitchens: dict) -> None:
