@@ -133,7 +133,7 @@ export async function showEpisode(root, run, key, query, signal) {
     h("div", { class: "theatre" },
       h("div", { class: "stack" },
         h("section", { class: "card stack", "aria-label": "The room" }, stage.orbit.element, stage.words,
-          h("p", { class: "small faint" }, "Drag to turn, wheel to zoom, shift-drag to move. Pink ring: the target. Green box: the goal. Orange: displaced, with a ghost where it stood.")),
+          h("p", { class: "small faint" }, "Drag to turn, wheel to zoom, shift-drag to move. Pink ring: the target. Green box: the goal. Violet: displaced, with a ghost where it stood.")),
         player.element, stage.proof()),
       h("div", { class: "side" }, figure("What the robot sees", h("div", { class: "picture" }, stage.depth)), figure("Floor plan and way", stage.plan.element),
         h("section", { class: "card stack" }, stage.moved, stage.parts))));

@@ -2,7 +2,7 @@
 //!
 //! The server is a process of its own that only reads: what runs leave on disk comes through a [`Runs`], which the
 //! orchestrator implements. So nothing of the supervisor depends on the server, and a viewer can neither slow nor end a
-//! run. Episodes are simulated again and drawn by `actor show`, a child at the lowest priority ([`theatre`]).
+//! run. Episodes are simulated again and drawn by `actor show`, a child at a low priority ([`theatre`]).
 //!
 //! ```text
 //! data       what the pages show, as plain data; what a source of runs has to answer

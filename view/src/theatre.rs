@@ -1,6 +1,6 @@
 //! `actor show` as a child: asked one thing at a time, started when it is needed and again when it died.
 //!
-//! It runs at the lowest priority: what is looked at must not slow what is trained.
+//! It runs at a low priority: what is looked at must not slow what is trained.
 
 use proto::show::{ShowAnswer, ShowRequest};
 use std::path::PathBuf;
@@ -16,8 +16,8 @@ const WAITING: usize = 32;
 const DEADLINE: Duration = Duration::from_mins(2);
 /// Without a request for this long the child is let go.
 const IDLE: Duration = Duration::from_mins(10);
-/// The lowest priority.
-const NICENESS: i32 = 19;
+/// As the server: the lowest would leave a busy machine with a hundredth of a core for pictures that somebody waits for.
+const NICENESS: i32 = 10;
 /// A picture larger than this is none.
 const BYTES_MAX: u64 = 64 << 20;
 

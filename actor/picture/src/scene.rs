@@ -17,8 +17,8 @@ use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
 use std::sync::{Arc, OnceLock};
 
-/// Colour of what is not where it stood, and of its ghost.
-const DISPLACED: Rgb = [242, 142, 0];
+/// Colour of what is not where it stood, and of its ghost: no other thing has it.
+const DISPLACED: Rgb = [124, 58, 237];
 /// How much of a ghost's colour lies over what is behind it, and over what hides it.
 const GHOST: [f32; 2] = [0.5, 0.18];
 /// A ghost is hidden by what is this much nearer, metres.
@@ -170,8 +170,8 @@ mod tests {
         (Scene::new(kitchen, task, &moment), moment, other)
     }
 
-    fn orange(picture: &Canvas) -> usize {
-        picture.pixels.iter().filter(|[r, g, b]| *r > 150 && *b < 90 && *g > 70 && *g < *r).count()
+    fn violet(picture: &Canvas) -> usize {
+        picture.pixels.iter().filter(|[r, g, b]| *b > 90 && *g < *b / 2 && *r < *b).count()
     }
 
     #[test]
@@ -190,7 +190,7 @@ mod tests {
         assert!(changed(&gone, &haunted) > 20, "its ghost is not");
         // Lifted a little: highlighted itself.
         moment.things[thing].translation = stood + Vec3::new(0.0, 0.15, 0.0);
-        assert!(orange(&draw(&moment, &[thing])) > orange(&draw(&moment, &[])) + 20);
+        assert!(violet(&draw(&moment, &[thing])) > violet(&draw(&moment, &[])) + 20);
     }
 
     #[test]
