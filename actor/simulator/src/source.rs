@@ -8,6 +8,7 @@ use proto::config::Config;
 use proto::kitchen::KitchenId;
 use proto::run_folder::RunFolder;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Why a run's kitchen could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -104,12 +105,15 @@ fn path_of(id: KitchenId, folder: &Path) -> PathBuf {
     RunFolder::new(folder).kitchens().join(format!("{id}.kitchen"))
 }
 
-/// Several actors may make one kitchen at the same time: each writes a file of its own, and the last one renamed stays.
+/// Several actors, or two threads of one, may make one kitchen at the same time: each writes a file of its own, and the
+/// last one renamed stays.
 /// It need not survive a power cut: a file that is not whole is noticed by its checksum.
 fn write(path: &Path, content: &[u8]) -> std::io::Result<()> {
+    static WRITTEN: AtomicU64 = AtomicU64::new(0);
     let folder = path.parent().unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder)?;
-    let temporary = path.with_extension(format!("{}.partial", std::process::id()));
+    let number = WRITTEN.fetch_add(1, Ordering::Relaxed);
+    let temporary = path.with_extension(format!("{}-{number}.partial", std::process::id()));
     let written = std::fs::write(&temporary, content).and_then(|()| std::fs::rename(&temporary, path));
     if written.is_err() {
         // Nothing is left behind on a full disk.

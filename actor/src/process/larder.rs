@@ -58,14 +58,10 @@ impl Larder {
         }
     }
 
-    /// The kitchen, opened; made first if that was not done ahead.
+    /// The kitchen, opened; made first if that was not done ahead. It is not waited for where the thread is at it: on a
+    /// busy machine that has no processor for minutes.
     pub fn take(&self, kitchen: KitchenId) -> Result<Kitchen> {
-        let mut state = self.orders.lock();
-        state.waiting.retain(|waiting| *waiting != kitchen);
-        while state.at_work == Some(kitchen) {
-            state = self.orders.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
-        }
-        drop(state);
+        self.orders.lock().waiting.retain(|waiting| *waiting != kitchen);
         Ok(source::of_run_and_kept(kitchen, &self.config, &self.folder)?)
     }
 }
@@ -106,7 +102,6 @@ impl Orders {
                 tracing::debug!("kitchen {kitchen} cannot be made ahead: {error}");
             }
             self.lock().at_work = None;
-            self.changed.notify_all();
         }
     }
 }
