@@ -4,7 +4,8 @@
 use crate::evidence::{first_difference, result};
 use crate::fault::{Case, Fault, Phase};
 use crate::inject::disturb_by_time;
-use crate::place::{Place, Privileges, Start};
+use crate::place::{Place, Start};
+use crate::privileges::Privileges;
 use crate::session::{Ended, Session, wait_for_end};
 use crate::tally::{Fate, Tally};
 use anyhow::{Result, bail, ensure};

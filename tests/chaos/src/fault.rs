@@ -2,6 +2,7 @@
 
 use crate::draw::Draw;
 use crate::points::{CREATION, EVALUATION, Point, SUITE, TRAINING, VALIDATION};
+use crate::privileges::Privileges;
 use crate::shape::{Kind, SHAPES, Shape};
 use std::fmt::{Display, Formatter};
 
@@ -69,6 +70,8 @@ pub enum Fault {
     FullDisk(u64),
     /// /dev/shm is full for so many milliseconds.
     FullMemory(u64),
+    /// The power fails: everything dies at once, and what was not synced is gone.
+    LosePower,
     /// The newest checkpoint is damaged while nothing runs.
     Checkpoint(Damage),
     /// metrics.jsonl is damaged while nothing runs.
@@ -120,6 +123,15 @@ impl Fault {
         }
     }
 
+    /// Whether it can be carried out here.
+    pub fn is_allowed(self, privileges: Privileges) -> bool {
+        match self {
+            Self::FullDisk(_) | Self::FullMemory(_) => privileges.mounts,
+            Self::LosePower => privileges.disks,
+            _ => true,
+        }
+    }
+
     /// What it is counted as.
     pub fn class(self) -> &'static str {
         match self {
@@ -141,6 +153,7 @@ impl Fault {
             },
             Self::FullDisk(_) => "full disk",
             Self::FullMemory(_) => "full /dev/shm",
+            Self::LosePower => "power failure",
             Self::Checkpoint(_) => "damaged checkpoint",
             Self::Metrics(_) => "damaged metrics.jsonl",
             Self::FewDescriptors(_) => "few descriptors",
@@ -203,6 +216,7 @@ fn fault(shape: &Shape, is_first: bool, draw: &mut Draw) -> Fault {
         (10, Fault::Point(point, pass)),
         (if_training(1), Fault::FullDisk(full)),
         (if_training(1), Fault::FullMemory(full)),
+        (if_training(2), Fault::LosePower),
         (if_training(2), Fault::Checkpoint(damage)),
         (if_training(1), Fault::Metrics(journal)),
         (1, Fault::FewDescriptors(few)),
@@ -259,6 +273,7 @@ impl Display for Fault {
             Self::Point(point, pass) => write!(f, "{} dies at {}:{pass}", point.program, point.name),
             Self::FullDisk(ms) => write!(f, "disk full for {ms} ms"),
             Self::FullMemory(ms) => write!(f, "/dev/shm full for {ms} ms"),
+            Self::LosePower => write!(f, "power failure"),
             Self::Checkpoint(damage) => write!(f, "newest checkpoint: {damage:?}"),
             Self::Metrics(journal) => write!(f, "metrics.jsonl: {journal:?}"),
             Self::FewDescriptors(limit) => write!(f, "start with at most {limit} files open"),
@@ -291,7 +306,7 @@ mod tests {
         assert_eq!(shapes.len(), SHAPES.len());
         let classes: BTreeSet<_> =
             cases.iter().flat_map(|case| &case.faults).map(|planned| planned.fault.class()).collect();
-        assert_eq!(classes.len(), 19, "{classes:?}");
+        assert_eq!(classes.len(), 20, "{classes:?}");
         assert!(cases.iter().all(|case| case.faults.is_sorted_by_key(|planned| planned.rollout)));
     }
 }

@@ -100,7 +100,7 @@ impl<'a> Session<'a> {
             self.status = self.child.try_wait()?;
         }
         if self.status.is_none() && self.begun.elapsed() > self.deadline {
-            let [_, stderr] = self.place.printed(&self.name);
+            let stderr = self.said();
             let last = stderr.lines().last().unwrap_or_default();
             bail!("`{}` hung for {} s; its last line: {last}", self.name, self.deadline.as_secs());
         }
@@ -115,6 +115,12 @@ impl<'a> Session<'a> {
         let [stdout, stderr] = self.place.printed(&self.name);
         let Some(status) = self.status else { bail!("`{}` has no exit status", self.name) };
         Ok(Ended { status, stdout, stderr })
+    }
+
+    /// What it has printed to standard error so far.
+    pub fn said(&self) -> String {
+        let [_, stderr] = self.place.printed(&self.name);
+        stderr
     }
 
     /// Sleeps for so long, or until it ends.

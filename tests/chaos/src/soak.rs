@@ -6,7 +6,7 @@
 use crate::draw::Draw;
 use crate::fault::Who;
 use crate::leftovers;
-use crate::place::{Place, Start};
+use crate::place::{Medium, Place, Start};
 use crate::processes::{find, of_folder, signal};
 use crate::recording::steps_that_count;
 use crate::session::{Session, wait_for_end};
@@ -76,7 +76,7 @@ impl Soak {
     /// Runs it; whether all is as it should be.
     pub fn run(&self) -> Result<bool> {
         let temporary = tempfile::Builder::new().prefix("soak-").tempdir().context("a temporary folder")?;
-        let place = Place::new(temporary.path().join("soak"), false, false)?;
+        let place = Place::new(temporary.path().join("soak"), Medium::Shared, false)?;
         let now = Instant::now();
         let mut watch = Watch {
             soak: self,
