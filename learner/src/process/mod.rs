@@ -78,9 +78,9 @@ pub struct Network {
     pub own: IpAddr,
 }
 
-/// The variable with what keys in the learners' store begin with: other users cannot read it, as they can a command
-/// line.
-pub const MEETING_KEY: &str = "STILLROOM_MEETING_KEY";
+/// The variable with what keys in the learners' store begin with, set by the orchestrator: other users cannot read it, as
+/// they can a command line.
+const MEETING_KEY: &str = "STILLROOM_MEETING_KEY";
 
 /// Runs the learner to the end of its budget or to a stop.
 pub fn run(arguments: Arguments) -> Result<()> {

@@ -35,7 +35,7 @@ use std::process::ExitCode;
   orchestrator up --config mine.toml               some settings of your own over the default preset
   orchestrator up --preset demo --set ppo.learning_rate=1e-3 --set network.encoder=resnet      single settings
   orchestrator up --preset disturb-stage2-25m --from runs/stage-1           stage II as a run of its own
-  torchrun --nnodes=2 --nproc-per-node=1 --no-python orchestrator up --learners 2 --run runs/two --token-file token
+  torchrun --nnodes=2 --nproc-per-node=1 --no-python -- orchestrator up --learners 2 --run R --token-file token
 
 The configuration, later over earlier: the preset, --config, --set, the other flags. `orchestrator config` prints it.")]
 pub struct UpArgs {

@@ -7,9 +7,7 @@ use std::net::TcpListener;
 use std::process::{Child, Command};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
-use system_tests::{
-    Printed, RecordedSteps, Run, Workshop, complete, finish, kill, kill_child, signal, start, wait_until,
-};
+use system_tests::{Printed, RecordedSteps, Run, Workshop, complete, finish, kill_child, signal, start};
 
 const ACTORS: u32 = 4;
 const ENVIRONMENTS: u32 = 3;
@@ -122,7 +120,6 @@ fn two_hosts_train_as_one_and_their_recordings_together_are_the_run() {
     assert!(here.iter().all(|path| path.starts_with(run.folder.host(1).root())), "{here:?}");
     let replayed = complete(hosts.workshop.orchestrator(&["replay", "shared"]));
     assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
-    assert!(replayed.stdout.contains(&format!("states compared: {FRAMES}")), "{replayed:#?}");
     let status = complete(hosts.workshop.orchestrator(&["status", "shared"]));
     assert!(status.stdout.contains("recordings: 2 files"), "{status:#?}");
     assert!(run.folder.host(1).log("learner-1").exists() && !run.folder.log("learner-1").exists());
