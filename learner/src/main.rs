@@ -1,9 +1,10 @@
 //! The `learner` binary.
 
 use clap::{Parser, Subcommand};
-use learner::process::{self, Arguments, EvaluationArguments};
+use learner::process::{self, Arguments, EvaluationArguments, Network};
 use learner::{bench, probe};
 use proto::exit::{EXIT_LOST_PEERS, EXIT_NON_FINITE, EXIT_UNSAVED};
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use wire::WireAddress;
@@ -32,6 +33,32 @@ struct CommandLine {
     /// Standard input is a pipe from the orchestrator: save and leave when it closes, ignore Ctrl-C
     #[arg(long)]
     lifeline: bool,
+    #[command(flatten)]
+    network: NetworkArgs,
+}
+
+/// Where learners of several hosts meet.
+#[derive(Debug, clap::Args)]
+struct NetworkArgs {
+    /// Hosts that share the run's learners
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), requires_all = ["meet", "address"])]
+    hosts: u32,
+    /// Where the first learner's store is
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    meet: Option<SocketAddr>,
+    /// This host's own address
+    #[arg(long, value_name = "ADDRESS")]
+    address: Option<IpAddr>,
+    /// The descriptor that the first learner has inherited, of the socket that listens at --meet
+    #[arg(long, value_name = "DESCRIPTOR")]
+    listener: Option<i32>,
+}
+
+impl NetworkArgs {
+    fn network(self) -> Option<Network> {
+        let Self { hosts, meet, address, listener } = self;
+        Some(Network { hosts, store: meet?, own: address?, listener })
+    }
 }
 
 #[derive(Debug, Subcommand)]
@@ -83,8 +110,8 @@ fn main() -> ExitCode {
         CommandLine { command: Some(Command::Probe(arguments)), .. } => {
             probe::run(&arguments, std::io::stdout()).map_err(anyhow::Error::from)
         }
-        CommandLine { run: Some(run), wire: Some(wire), incarnation, rank, lifeline, .. } => {
-            process::run(Arguments { run, wire, incarnation, rank, lifeline })
+        CommandLine { run: Some(run), wire: Some(wire), incarnation, rank, lifeline, network, .. } => {
+            process::run(Arguments { run, wire, incarnation, rank, lifeline, network: network.network() })
         }
         _ => unreachable!("clap requires --run and --wire"),
     };

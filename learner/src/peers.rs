@@ -9,9 +9,9 @@
 //! orchestrator ends them. A group is never repaired: all learners restart together from the last checkpoint.
 
 use crate::ffi;
+pub use crate::ffi::group::Meeting;
 use crate::ffi::group::ProcessGroup;
 use crate::ffi::nccl::{Communicator, Invitation, Nccl, NcclError};
-use std::path::Path;
 use std::time::Duration;
 use tch::{Device, Kind, TchError, Tensor};
 
@@ -79,13 +79,13 @@ pub enum PeerError {
 }
 
 impl Peers {
-    /// Joins the group of all `learners` learners. The file is the rendezvous and must be new.
-    pub fn join(file: &Path, [rank, learners]: [u32; 2], device: Device) -> Result<Self, PeerError> {
+    /// Joins the group of all `learners` learners.
+    pub fn join(meeting: &Meeting, [rank, learners]: [u32; 2], device: Device) -> Result<Self, PeerError> {
         if learners == 1 {
             return Ok(Self::Alone);
         }
         let lost = |cause| PeerError::Lost { rank, cause };
-        let gloo = ProcessGroup::join(file, [rank, learners], [JOINING, PATIENCE]).map_err(lost)?;
+        let gloo = ProcessGroup::join(meeting, [rank, learners], [JOINING, PATIENCE]).map_err(lost)?;
         let gpus = if device.is_cuda() {
             let nccl = Nccl::open()?;
             let mut invitation: Invitation = [0; 128];
@@ -187,6 +187,24 @@ impl Peers {
         Ok(parts)
     }
 
+    /// The first learner's bytes, on all. What the others give is not used.
+    pub fn broadcast(&self, own: Vec<u8>) -> Result<Vec<u8>, PeerError> {
+        let Self::Group(group) = self else { return Ok(own) };
+        let lost = |cause| group.lost(cause);
+        let mut length = Tensor::from(own.len() as i64);
+        group.gloo.broadcast(&mut length).map_err(lost)?;
+        let length = length.int64_value(&[]);
+        let mut bytes = if group.rank == 0 {
+            Tensor::from_slice(&own)
+        } else {
+            Tensor::zeros([length], (Kind::Uint8, Device::Cpu))
+        };
+        if length > 0 {
+            group.gloo.broadcast(&mut bytes).map_err(lost)?;
+        }
+        Ok(ffi::bytes_mut(&mut bytes).to_vec())
+    }
+
     /// Checks that a number is identical on all learners.
     pub(crate) fn agree(&self, what: &'static str, value: u64) -> Result<(), PeerError> {
         let Self::Group(group) = self else { return Ok(()) };
@@ -215,21 +233,56 @@ fn finished(rollout: u64, rank: u32) -> String {
 mod tests {
     use super::*;
     use crate::network::to_vec;
+    use std::net::TcpListener;
+    use std::os::fd::IntoRawFd;
     use std::sync::atomic::{AtomicU32, Ordering};
 
     /// What each of `learners` learners, threads here, makes of it.
     fn among<T: Send>(learners: u32, work: impl Fn(u32, &Peers) -> T + Sync) -> Vec<T> {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("joining");
+        meeting_at(learners, |_| Meeting::File(file.clone()), work)
+    }
+
+    fn meeting_at<T: Send>(
+        learners: u32,
+        meeting: impl Fn(u32) -> Meeting,
+        work: impl Fn(u32, &Peers) -> T + Sync,
+    ) -> Vec<T> {
         std::thread::scope(|scope| {
             let threads: Vec<_> = (0..learners)
                 .map(|rank| {
-                    let (file, work) = (&file, &work);
-                    scope.spawn(move || work(rank, &Peers::join(file, [rank, learners], Device::Cpu).unwrap()))
+                    let (meeting, work) = (meeting(rank), &work);
+                    scope.spawn(move || work(rank, &Peers::join(&meeting, [rank, learners], Device::Cpu).unwrap()))
                 })
                 .collect();
             threads.into_iter().map(|thread| thread.join().unwrap()).collect()
         })
+    }
+
+    /// Two at two addresses of this machine, which meet at a socket that listens before they start.
+    #[test]
+    fn over_a_network_they_meet_in_the_first_ones_store() {
+        let socket = TcpListener::bind("127.0.0.1:0").unwrap();
+        let store = socket.local_addr().unwrap();
+        // The store takes the first one's descriptor over.
+        let listener = socket.try_clone().unwrap().into_raw_fd();
+        let meeting = |rank| Meeting::Network {
+            store,
+            listener: (rank == 0).then_some(listener),
+            own: format!("127.0.0.{}", rank + 1).parse().unwrap(),
+            key: "a run's".into(),
+        };
+        let seen = meeting_at(2, meeting, |rank, peers| {
+            let mut numbers = [f64::from(rank + 1)];
+            peers.sum(&mut numbers).unwrap();
+            peers.note_finished(3).unwrap();
+            peers.barrier().unwrap();
+            assert_eq!(peers.finished(3).unwrap().finished, 2);
+            let nothing = peers.broadcast(vec![]).unwrap();
+            (numbers[0], nothing.len(), peers.broadcast(vec![rank as u8 + 7; 3]).unwrap())
+        });
+        assert_eq!(seen, [(3.0, 0, vec![7; 3]), (3.0, 0, vec![7; 3])]);
     }
 
     #[test]

@@ -6,6 +6,7 @@
 
 mod command;
 mod evaluation;
+mod hosts;
 mod preflight;
 mod process_end;
 mod recording;
@@ -34,7 +35,9 @@ use std::process::ExitCode;
     version,
     propagate_version = true,
     after_help = "Exit status: 0 when all went well (an orderly stop included), 1 on failure, 2 on wrong usage, 6 if \
-                  recordings are damaged or not complete (recover, replay), 130 after a second Ctrl-C."
+                  recordings are damaged or not complete (recover, replay), 7 if a host of the run was lost, 75 if it \
+                  was saved for a scheduler that starts it again (SIGUSR1, or a launcher's SIGTERM), 130 after a second \
+                  Ctrl-C."
 )]
 struct CommandLine {
     #[command(subcommand)]

@@ -4,7 +4,7 @@
 //! input is only a lifeline: when it closes, the orchestrator is gone, and the learner saves and exits.
 //!
 //! With several learners only rank 0 reports rollouts, updates and checkpoints, with figures of the whole batch. The
-//! others report only their own state.
+//! others report only their own state, and the first of each host what its recorder must have of a rollout.
 
 use crate::evaluation::EpisodeRecord;
 use serde::{Deserialize, Serialize};
@@ -43,6 +43,8 @@ pub enum LearnerEvent {
         rollout: u64,
         /// Frames that will have been trained on when the update is through.
         frames: u64,
+        /// Frames of this rollout from this learner's host: what the recorder there must have.
+        here: u64,
     },
     /// An update is through.
     RolloutTrained {

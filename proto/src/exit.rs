@@ -15,3 +15,11 @@ pub const EXIT_UNSAVED: i32 = 5;
 /// Status with which `orchestrator recover` and `orchestrator replay` exit if recordings are damaged or incomplete: what
 /// is there was read, and what is not was named.
 pub const EXIT_INCOMPLETE: i32 = 6;
+
+/// Status with which `orchestrator up` and `resume` exit if the run ended because a host of it was lost, or did not come.
+/// The last checkpoint stands: the same command on all hosts goes on from it.
+pub const EXIT_HOST_LOST: i32 = 7;
+
+/// Status with which they exit after SIGUSR1, or a launcher's SIGTERM: the run is saved and not complete, and wants to be
+/// started again. (`EX_TEMPFAIL` of sysexits.h.)
+pub const EXIT_REQUEUE: i32 = 75;

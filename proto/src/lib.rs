@@ -26,6 +26,7 @@ pub mod evaluation;
 pub mod event;
 pub mod exit;
 pub mod fault;
+pub mod hosts;
 pub mod kitchen;
 pub mod metric;
 pub mod pin;

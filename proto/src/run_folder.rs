@@ -11,6 +11,7 @@
 //!   checkpoints/           rollout-00000012.safetensors, rollout-00000012.jsonl (figures of all rollouts before it) and
 //!                          rollout-00000012.json (manifest, written last)
 //!   recordings/            incarnation-001.000.mcap, ...
+//!   hosts/001/             of a run on several hosts: recordings and logs of host 1, and copies of what its processes read
 //!   logs/                  orchestrator.log, learner-0.log, ..., actor-00.log, ...
 //!   metrics.jsonl          one line a trained rollout; what is missing is taken from the checkpoint
 //!   validation.jsonl       one line an evaluation made while it trained
@@ -128,6 +129,27 @@ impl RunFolder {
     /// One MCAP segment of one incarnation.
     pub fn recording(&self, incarnation: u32, segment: u32) -> PathBuf {
         self.recordings().join(format!("incarnation-{incarnation:03}.{segment:03}.mcap"))
+    }
+
+    /// The folder of another host of the run: it holds what is made there, in the same layout.
+    pub fn host(&self, host: u32) -> Self {
+        Self::new(self.hosts().join(format!("{host:03}")))
+    }
+
+    /// The folders of other hosts that are here, in order.
+    pub fn host_folders(&self) -> Vec<Self> {
+        let entries = std::fs::read_dir(self.hosts()).into_iter().flatten().flatten().map(|entry| entry.path());
+        let is_hosts = |path: &PathBuf| {
+            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+            path.is_dir() && name.parse::<u32>().is_ok()
+        };
+        let mut folders: Vec<PathBuf> = entries.filter(is_hosts).collect();
+        folders.sort();
+        folders.into_iter().map(Self::new).collect()
+    }
+
+    fn hosts(&self) -> PathBuf {
+        self.root.join("hosts")
     }
 
     /// Folder of logs.

@@ -349,9 +349,11 @@ impl Run {
         counts
     }
 
-    /// The MCAP files of the run, in order.
+    /// The MCAP files of the run, in order; also those of other hosts that are in its folder.
     pub fn recordings(&self) -> Vec<PathBuf> {
-        let entries = std::fs::read_dir(self.folder.recordings()).into_iter().flatten().flatten();
+        let folders = self.folder.host_folders().into_iter().map(|host| host.recordings());
+        let folders: Vec<PathBuf> = Some(self.folder.recordings()).into_iter().chain(folders).collect();
+        let entries = folders.iter().flat_map(|folder| std::fs::read_dir(folder).into_iter().flatten().flatten());
         let mut files: Vec<PathBuf> = entries
             .map(|entry| entry.path())
             .filter(|path| path.extension().is_some_and(|end| end == "mcap"))
@@ -380,7 +382,8 @@ impl Run {
     pub fn assert_nothing_left(&self) {
         self.wait_for_end();
         let id = self.folder.id().expect("run.toml holds the run's id");
-        let prefix = format!("{}{id}_", wire::PREFIX_MARK);
+        // Other hosts' names go on with a letter and a number.
+        let prefix = format!("{}{id}", wire::PREFIX_MARK);
         for folder in [Path::new(wire::SHARED_MEMORY), &std::env::temp_dir()] {
             let left: Vec<_> = std::fs::read_dir(folder)
                 .expect("a readable folder")

@@ -344,7 +344,7 @@ impl<D: Disk> Store<D> {
     }
 
     /// Has all recordings and their names written to the disk. Those that are there already cost next to nothing.
-    fn sync_recordings(&self) -> Result<(), CheckpointError> {
+    pub(crate) fn sync_recordings(&self) -> Result<(), CheckpointError> {
         let folder = self.run.recordings();
         let failed = |path: &Path, cause| CheckpointError::Recording { path: path.to_path_buf(), cause };
         let paths = match self.disk.list(&folder) {

@@ -1,17 +1,33 @@
-// Several processes of one machine as a process group of libtorch's c10d: a file is the rendezvous, Gloo is the
-// transport. tch does not bind c10d, because libtorch's C interface does not export it. The wheels contain Gloo without
-// its headers; `gloo/` declares the types that c10d's header names.
+// Several processes as a process group of libtorch's c10d: Gloo is the transport; the rendezvous is a file of one
+// machine, or a TCPStore in the first member. tch does not bind c10d, because libtorch's C interface does not export it.
+// The wheels contain Gloo without its headers; `gloo/` declares the types that c10d's header names.
 
 #define USE_C10D_GLOO
 
 #include "guard.h"
 #include <torch/csrc/distributed/c10d/FileStore.hpp>
+#include <torch/csrc/distributed/c10d/PrefixStore.hpp>
 #include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
+#include <torch/csrc/distributed/c10d/TCPStore.hpp>
 
 struct Group {
-    c10::intrusive_ptr<c10d::FileStore> store;
+    c10::intrusive_ptr<c10d::Store> store;
     c10::intrusive_ptr<c10d::ProcessGroupGloo> gloo;
 };
+
+// Joins the group that meets in `store`; Gloo listens on `address` alone.
+static Group *join(c10::intrusive_ptr<c10d::Store> store, const char *address, int rank, int size, int64_t joining_ms,
+                   int64_t patience_ms) {
+    const std::chrono::milliseconds joining(joining_ms), patience(patience_ms);
+    store->setTimeout(joining);
+    auto options = c10d::ProcessGroupGloo::Options::create(joining);
+    options->devices = {c10d::ProcessGroupGloo::createDeviceForHostname(address)};
+    // One operation at a time.
+    options->threads = 1;
+    auto gloo = c10::make_intrusive<c10d::ProcessGroupGloo>(store, rank, size, options);
+    gloo->setTimeout(patience);
+    return new Group{std::move(store), std::move(gloo)};
+}
 
 // Of every function: returns 0, or 1 with the reason in `message`; no exception leaves.
 
@@ -20,16 +36,30 @@ struct Group {
 extern "C" int stillroom_group_open(const char *path, int rank, int size, int64_t joining_ms, int64_t patience_ms,
                                     Group **group, char *message, size_t capacity) {
     return guarded(message, capacity, [&] {
-        const std::chrono::milliseconds joining(joining_ms), patience(patience_ms);
         auto store = c10::make_intrusive<c10d::FileStore>(path, size);
-        store->setTimeout(joining);
-        auto options = c10d::ProcessGroupGloo::Options::create(joining);
-        options->devices = {c10d::ProcessGroupGloo::createDeviceForHostname("127.0.0.1")};
-        // One operation at a time.
-        options->threads = 1;
-        auto gloo = c10::make_intrusive<c10d::ProcessGroupGloo>(store, rank, size, options);
-        gloo->setTimeout(patience);
-        *group = new Group{std::move(store), std::move(gloo)};
+        *group = join(std::move(store), "127.0.0.1", rank, size, joining_ms, patience_ms);
+    });
+}
+
+// Joins a group of `size` members of several machines, whose rendezvous is the first member's store at `host`:`port`.
+// `listener`: the first member's descriptor of the socket that listens there already; others give a negative number.
+// All keys begin with `key`. `address`: this machine's own, on which Gloo listens. Otherwise as `stillroom_group_open`.
+extern "C" int stillroom_group_meet(const char *host, uint16_t port, int listener, const char *key, const char *address,
+                                    int rank, int size, int64_t joining_ms, int64_t patience_ms, Group **group,
+                                    char *message, size_t capacity) {
+    return guarded(message, capacity, [&] {
+        c10d::TCPStoreOptions options;
+        options.port = port;
+        options.isServer = listener >= 0;
+        // Gloo's own meeting waits for all.
+        options.waitWorkers = false;
+        options.timeout = std::chrono::milliseconds(joining_ms);
+        if (listener >= 0) {
+            options.masterListenFd = listener;
+        }
+        auto tcp = c10::make_intrusive<c10d::TCPStore>(host, options);
+        auto store = c10::make_intrusive<c10d::PrefixStore>(key, std::move(tcp));
+        *group = join(std::move(store), address, rank, size, joining_ms, patience_ms);
     });
 }
 
@@ -40,6 +70,14 @@ extern "C" int stillroom_group_sum(Group *group, const at::Tensor *tensor, char 
     return guarded(message, capacity, [&] {
         std::vector<at::Tensor> tensors{*tensor};
         group->gloo->allreduce(tensors, c10d::AllreduceOptions())->wait();
+    });
+}
+
+// Replaces a tensor on the CPU by the first member's, of the same size and kind.
+extern "C" int stillroom_group_broadcast(Group *group, const at::Tensor *tensor, char *message, size_t capacity) {
+    return guarded(message, capacity, [&] {
+        std::vector<at::Tensor> tensors{*tensor};
+        group->gloo->broadcast(tensors, c10d::BroadcastOptions())->wait();
     });
 }
 

@@ -1,12 +1,13 @@
-//! A process group of libtorch's (`group.cpp`): several processes of one machine that meet at a file and add numbers
-//! up.
+//! A process group of libtorch's (`group.cpp`): several processes that meet, at a file of their machine or in the first
+//! one's store, and add numbers up.
 //!
 //! Everybody makes the same calls in the same order, or all wait until their patience is over. A group in which a
 //! member dies is dead.
 
 use super::guarded;
 use std::ffi::{CString, c_char, c_int, c_void};
-use std::path::Path;
+use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
 use std::time::Duration;
 use tch::{TchError, Tensor};
 use torch_sys::C_tensor;
@@ -21,6 +22,26 @@ unsafe extern "C" {
         joining_ms: i64,
         patience_ms: i64,
         group: *mut Handle,
+        message: *mut c_char,
+        capacity: usize,
+    ) -> c_int;
+    fn stillroom_group_meet(
+        host: *const c_char,
+        port: u16,
+        listener: c_int,
+        key: *const c_char,
+        address: *const c_char,
+        rank: c_int,
+        size: c_int,
+        joining_ms: i64,
+        patience_ms: i64,
+        group: *mut Handle,
+        message: *mut c_char,
+        capacity: usize,
+    ) -> c_int;
+    fn stillroom_group_broadcast(
+        group: Handle,
+        tensor: *const C_tensor,
         message: *mut c_char,
         capacity: usize,
     ) -> c_int;
@@ -65,32 +86,65 @@ unsafe extern "C" {
     ) -> c_int;
 }
 
+/// Where the members of a group meet.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Meeting {
+    /// At a new file of their machine.
+    File(PathBuf),
+    /// In the first member's store, over a network.
+    Network {
+        /// Where that store is.
+        store: SocketAddr,
+        /// The first member's descriptor of the socket that listens there.
+        listener: Option<i32>,
+        /// This machine's own address: Gloo listens nowhere else.
+        own: IpAddr,
+        /// What all keys in the store begin with.
+        key: String,
+    },
+}
+
 /// Membership in a group.
 #[derive(Debug)]
 pub struct ProcessGroup(Handle);
 
 impl ProcessGroup {
-    /// Joins a group of `size` members whose rendezvous is a new file; each member has its own rank. Fails if not all
-    /// members join within `joining`, or if a later operation takes longer than `patience`.
-    pub fn join(path: &Path, [rank, size]: [u32; 2], [joining, patience]: [Duration; 2]) -> Result<Self, TchError> {
-        let path = text(&path.to_string_lossy())?;
-        let [joining_ms, patience_ms] = [joining, patience].map(|time| time.as_millis().min(i64::MAX as u128) as i64);
+    /// Joins a group of `size` members; each has its own rank. Fails if not all members join within `joining`, or if a
+    /// later operation takes longer than `patience`.
+    pub fn join(
+        meeting: &Meeting,
+        [rank, size]: [u32; 2],
+        [joining, patience]: [Duration; 2],
+    ) -> Result<Self, TchError> {
+        let [rank, size] = [rank, size].map(|number| number as c_int);
+        let [joining, patience] = [joining, patience].map(|time| time.as_millis().min(i64::MAX as u128) as i64);
         let mut group = std::ptr::null_mut();
-        guarded(|message, capacity| {
-            // SAFETY: a C string that outlives the call; the out-pointer and the message's room are ours.
-            unsafe {
-                stillroom_group_open(
-                    path.as_ptr(),
-                    rank as c_int,
-                    size as c_int,
-                    joining_ms,
-                    patience_ms,
-                    &raw mut group,
-                    message,
-                    capacity,
-                )
+        let out = &raw mut group;
+        match meeting {
+            Meeting::File(path) => {
+                let path = text(&path.to_string_lossy())?;
+                guarded(|message, capacity| {
+                    // SAFETY: a C string that outlives the call; the out-pointer and the message's room are ours.
+                    unsafe {
+                        stillroom_group_open(path.as_ptr(), rank, size, joining, patience, out, message, capacity)
+                    }
+                })?;
             }
-        })?;
+            Meeting::Network { store, listener, own, key } => {
+                let (host, own, key) = (text(&store.ip().to_string())?, text(&own.to_string())?, text(key)?);
+                let (host, own, key) = (host.as_ptr(), own.as_ptr(), key.as_ptr());
+                let (port, listener) = (store.port(), listener.unwrap_or(-1));
+                guarded(|message, capacity| {
+                    // SAFETY: C strings that outlive the call; the out-pointer and the message's room are ours. The
+                    // store takes the descriptor over: nobody else in this process uses it.
+                    unsafe {
+                        stillroom_group_meet(
+                            host, port, listener, key, own, rank, size, joining, patience, out, message, capacity,
+                        )
+                    }
+                })?;
+            }
+        }
         Ok(Self(group))
     }
 
@@ -98,6 +152,12 @@ impl ProcessGroup {
     pub fn sum(&self, tensor: &mut Tensor) -> Result<(), TchError> {
         // SAFETY: the group lives as long as `self`, the tensor through the call; the message's room is ours.
         guarded(|message, capacity| unsafe { stillroom_group_sum(self.0, tensor.as_ptr(), message, capacity) })
+    }
+
+    /// Replaces a contiguous tensor on the CPU by the first member's, of the same size and kind.
+    pub fn broadcast(&self, tensor: &mut Tensor) -> Result<(), TchError> {
+        // SAFETY: as in `sum`.
+        guarded(|message, capacity| unsafe { stillroom_group_broadcast(self.0, tensor.as_ptr(), message, capacity) })
     }
 
     /// Sends a contiguous tensor on the CPU to another member, who receives one of the same size and kind.

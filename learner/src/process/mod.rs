@@ -15,6 +15,7 @@ mod link;
 mod lock;
 mod machine;
 mod patience;
+mod resume;
 mod stop;
 mod training;
 mod weights;
@@ -28,19 +29,20 @@ pub use patience::{Patience, Waited};
 
 use crate::agent::Agent;
 use crate::checkpoint::Store;
-use crate::collector::Boundary;
 use crate::device;
-use crate::peers::Peers;
-use anyhow::{Context, Result, bail, ensure};
+use crate::peers::{Meeting, Peers};
+use anyhow::{Context, Result, ensure};
 use conversation::{Conversation, Speaker};
 use link::Ports;
 use lock::Lock;
-use proto::config::{Config, FromConfig};
+use proto::config::Config;
 use proto::event::LearnerEvent;
+use proto::hosts::Hosts;
 use proto::run_folder::RunFolder;
-use proto::trained::History;
+use resume::{Resumed, resume};
+use std::net::{IpAddr, SocketAddr};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 use stop::OrchestratorGone;
 use training::Training;
@@ -59,11 +61,30 @@ pub struct Arguments {
     pub rank: u32,
     /// Standard input is a lifeline.
     pub lifeline: bool,
+    /// Where it meets learners of other hosts; none where all are on one.
+    pub network: Option<Network>,
 }
+
+/// What a learner of a run on several hosts is told of the network.
+#[derive(Debug, Clone)]
+pub struct Network {
+    /// Hosts in all.
+    pub hosts: u32,
+    /// Where the first learner's store is.
+    pub store: SocketAddr,
+    /// The first learner's descriptor of the socket that listens there.
+    pub listener: Option<i32>,
+    /// This host's own address.
+    pub own: IpAddr,
+}
+
+/// The variable with what keys in the learners' store begin with, set by the orchestrator: other users cannot read it, as
+/// they can a command line.
+const MEETING_KEY: &str = "STILLROOM_MEETING_KEY";
 
 /// Runs the learner to the end of its budget or to a stop.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { run, wire, incarnation, rank, lifeline } = arguments;
+    let Arguments { run, wire, incarnation, rank, lifeline, network } = arguments;
     let gone = OrchestratorGone::watched(lifeline)?;
     let run = RunFolder::new(run);
     let config = Config::of_run(&run)?;
@@ -74,17 +95,19 @@ pub fn run(arguments: Arguments) -> Result<()> {
     })?;
     let learners = config.learner.count;
     ensure!(rank < learners, "the run has learners 0 to {}: there is no learner {rank}", learners - 1);
+    let count = network.as_ref().map_or(1, |network| network.hosts);
+    ensure!((1..=learners).contains(&count), "{count} hosts cannot share {learners} learners: every host has learners");
+    let hosts = Hosts::new(count, config.shares());
     let _lock = Lock::take(&run.learner_lock(rank), lock::PATIENCE, || gone.is_set())?;
 
     let device = device::choose(&config.learner)?;
-    // A new rendezvous for each joint start, so that files of dead learners are not used.
-    let rendezvous = wire.root().join(format!("learners-{incarnation}"));
+    let meeting = meeting(network, &wire, incarnation)?;
     // libtorch waits for a learner that never comes, and does not notice the lifeline. There is nothing to save yet.
     let joining = gone.end_while_held(|| {
         tracing::error!("the orchestrator is gone before all learners have joined: this learner ends");
         std::process::abort();
     })?;
-    let peers = Peers::join(&rendezvous, [rank, learners], device)?;
+    let peers = Peers::join(&meeting, [rank, learners], device)?;
     drop(joining);
     let mut agent = Agent::among(peers, columns(rank, &config), &config, device)?;
     let machine = machine::machine(device, config.learner.threads, learners);
@@ -94,7 +117,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     store.check_run()?;
 
     let file = std::fs::read_to_string(run.config()).with_context(|| run.config().display().to_string())?;
-    let resumed = resume(&store, &mut agent, &config, &file)?;
+    let resumed = resume(&store, &mut agent, &config, &file, (rank, hosts))?;
     let Resumed { rollout, frames, boundary, figures, checkpoint } = resumed;
     // 0 = none was found, which is not the checkpoint of rollout 0.
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
@@ -111,7 +134,16 @@ pub fn run(arguments: Arguments) -> Result<()> {
     });
     let saved = checkpoint.map(|_| rollout);
     let orchestrator = wire.incarnation();
-    Training { config, run, store, agent, conversation, rollout, frames, saved, figures, orchestrator }.run()
+    Training { config, run, store, agent, conversation, rollout, frames, saved, figures, orchestrator, hosts }.run()
+}
+
+/// Where the learners of this joint start meet: nowhere that dead ones have used.
+fn meeting(network: Option<Network>, wire: &WireAddress, incarnation: u32) -> Result<Meeting> {
+    let Some(Network { store, listener, own, .. }) = network else {
+        return Ok(Meeting::File(wire.root().join(format!("learners-{incarnation}"))));
+    };
+    let key = std::env::var(MEETING_KEY).with_context(|| format!("the variable {MEETING_KEY} is not set"))?;
+    Ok(Meeting::Network { store, listener, own, key: format!("{key}/{incarnation}") })
 }
 
 /// Columns, numbered as in the whole run, of the actors that a rank serves.
@@ -119,72 +151,4 @@ fn columns(rank: u32, config: &Config) -> Range<usize> {
     let actors = config.shares().actors_of(rank);
     let each = config.actors.environments_per_actor as usize;
     actors.start as usize * each..actors.end as usize * each
-}
-
-/// Where to go on.
-struct Resumed {
-    rollout: u64,
-    frames: u64,
-    boundary: Boundary,
-    figures: History,
-    checkpoint: Option<String>,
-}
-
-/// Loads the newest good checkpoint into the agent. Without one the run starts, with another run's weights if the
-/// configuration has `[from]`. `file`: the text of the configuration.
-fn resume(store: &Store, agent: &mut Agent, config: &Config, file: &str) -> Result<Resumed> {
-    let columns = agent.columns();
-    let Some(loaded) = store.load()? else {
-        if let Some(from) = &config.from {
-            begin_from(agent, from)?;
-        }
-        let (boundary, figures) = (Boundary::start(columns.len()), History::default());
-        return Ok(Resumed { rollout: 0, frames: 0, boundary, figures, checkpoint: None });
-    };
-    for rejected in &loaded.rejected {
-        tracing::warn!("checkpoint passed over: {rejected}");
-    }
-    let figures_elsewhere = loaded.without_figures.map(|reason| {
-        tracing::warn!("{reason}: the figures of the rollouts before it are those in metrics.jsonl");
-        store.figures_of_file(loaded.snapshot.rollout)
-    });
-    let (mut snapshot, manifest, path) = (loaded.snapshot, loaded.manifest, loaded.path);
-    let (held, wanted) = (snapshot.boundary.environments.len(), config.environments());
-    ensure!(held == wanted, "checkpoint {path} holds {held} environments, the configuration asks for {wanted}");
-    snapshot.keep(columns);
-    if let Some(changes) = changed::since(&manifest, config, file) {
-        tracing::warn!(
-            "the configuration has changed since checkpoint {path}: {changes}. The run goes on under the new one"
-        );
-    }
-    let differences = store.machine().differences(&manifest.machine);
-    if !differences.is_empty() {
-        tracing::warn!(
-            "results will not be bit-identical to a run without this resume: {} (checkpoint {path})",
-            differences.join(", ")
-        );
-    }
-    agent.load_state(&snapshot.agent).with_context(|| format!("cannot use checkpoint {path}"))?;
-    let weights = agent.weights_digest();
-    if weights != manifest.weights {
-        bail!("the weights loaded from checkpoint {path} have digest {weights}, saved were {}", manifest.weights);
-    }
-    Ok(Resumed {
-        rollout: snapshot.rollout,
-        frames: snapshot.frames,
-        boundary: snapshot.boundary,
-        figures: figures_elsewhere.unwrap_or(snapshot.figures),
-        checkpoint: Some(path),
-    })
-}
-
-/// Takes the weights of another run's checkpoint.
-fn begin_from(agent: &mut Agent, from: &FromConfig) -> Result<()> {
-    let manifest = weights::load(agent, Path::new(&from.checkpoint))
-        .with_context(|| format!("cannot begin from {}", from.checkpoint))?;
-    if manifest.weights != from.weights {
-        bail!("{} holds weights {} now; the run was to begin from {}", from.checkpoint, manifest.weights, from.weights);
-    }
-    tracing::info!("begins with the weights of {} ({} frames)", from.checkpoint, from.frames);
-    Ok(())
 }

@@ -13,6 +13,7 @@ use crate::peers::PeerError;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::event::{LearnerEvent, Timing};
+use proto::hosts::Hosts;
 use proto::metric;
 use proto::reward::RewardKind;
 use proto::run_folder::{RunFolder, write_atomically};
@@ -52,6 +53,8 @@ pub struct Training<'a, W> {
     pub figures: History,
     /// Number of the orchestrator's start.
     pub orchestrator: u32,
+    /// Where the learners are.
+    pub hosts: Hosts,
 }
 
 /// Why a rollout is abandoned. The work up to its beginning is good.
@@ -66,6 +69,8 @@ enum CutShort {
 struct Agreement {
     /// Frames that all learners collected: fewer than planned if some were pre-empted.
     collected: u64,
+    /// Those of this host.
+    here: u64,
     /// Learners that ended it early.
     preempted: u32,
     /// Why all abandon it, if one must.
@@ -113,14 +118,17 @@ impl<W: Write> Training<'_, W> {
             let whole = self.config.ppo.learning_rate_frames;
             let progress = learning_rate_progress(position.frames_in_stage, stage.frames, whole);
             let cut_short = self.await_and_collect(&mut state, position)?;
-            let Agreement { collected, preempted, end } = self.agree(&state, cut_short)?;
+            let Agreement { collected, here, preempted, end } = self.agree(&state, cut_short)?;
             if let Some(end) = end {
                 return self.break_off(&mut state, end);
             }
             let before = self.frames;
             let frames = before + collected;
             let rollout = self.rollout;
-            self.tell_for_all(|rank| LearnerEvent::RolloutCollected { rank, rollout, frames });
+            let rank = self.conversation.rank;
+            if self.hosts.leads(rank) {
+                self.conversation.tell(&LearnerEvent::RolloutCollected { rank, rollout, frames, here });
+            }
             if let Some(end) = self.await_writing()? {
                 return self.break_off(&mut state, end);
             }
@@ -247,6 +255,17 @@ impl<W: Write> Training<'_, W> {
         peers.agree("the heads of their weights' digests", head)?;
         let boundary = self.conversation.collector.boundary();
         let mut written = Ok(None);
+        // Each host's recordings are seen onto its disk before rank 0 has all parts, and so before the checkpoint counts.
+        let synced = if self.conversation.rank > 0 && self.hosts.leads(self.conversation.rank) {
+            self.store.sync_recordings()
+        } else {
+            Ok(())
+        };
+        let unsynced = if self.hosts.count() > 1 { peers.total(u64::from(synced.is_err()))? } else { 0 };
+        synced.map_err(Unsaved::Here)?;
+        if unsynced > 0 {
+            return Err(Unsaved::Elsewhere.into());
+        }
         if self.conversation.rank == 0 {
             let Self { rollout, frames, .. } = *self;
             let (agent, figures) = (self.agent.state(), self.figures.clone());
@@ -325,46 +344,35 @@ impl<W: Write> Training<'_, W> {
     /// fails.
     fn agree(&mut self, state: &Loop, own: Option<CutShort>) -> Result<Agreement> {
         let flag = |condition: bool| f64::from(u8::from(condition));
-        let mut sums = [
-            self.conversation.collector.collected() as f64,
-            flag(state.preempted),
-            flag(matches!(own, Some(CutShort::Stop(Stop::Announced)))),
-            flag(matches!(own, Some(CutShort::Stop(Stop::OrchestratorGone)))),
-            flag(matches!(own, Some(CutShort::Fault(_)))),
-        ];
+        let host = self.hosts.of_learner(self.conversation.rank) as usize;
+        let mut sums = vec![flag(state.preempted)];
+        sums.extend(reasons(own.as_ref()));
+        // Of each host its own, after that.
+        let collected = sums.len();
+        sums.resize(collected + self.hosts.count() as usize, 0.0);
+        sums[collected + host] = self.conversation.collector.collected() as f64;
         self.agent.peers().sum(&mut sums)?;
-        let [collected, preempted, announced, gone, faults] = sums;
-        let end = match own {
-            Some(CutShort::Fault(error)) => Some(CutShort::Fault(error)),
-            _ if faults > 0.0 => Some(CutShort::Fault(PeerError::Elsewhere.into())),
-            _ if gone > 0.0 => Some(CutShort::Stop(Stop::OrchestratorGone)),
-            _ if announced > 0.0 => Some(CutShort::Stop(Stop::Announced)),
-            _ => None,
-        };
-        Ok(Agreement { collected: collected as u64, preempted: preempted as u32, end })
+        let [preempted, announced, gone, faults] = [sums[0], sums[1], sums[2], sums[3]];
+        let of_hosts: Vec<u64> = sums[collected..].iter().map(|&frames| frames as u64).collect();
+        Ok(Agreement {
+            collected: of_hosts.iter().sum(),
+            here: of_hosts[host],
+            preempted: preempted as u32,
+            end: joint_end(own, [announced, gone, faults]),
+        })
     }
 
     /// Waits until the recording of the collected rollout is written: a rollout is trained on only after that. So
-    /// whatever a checkpoint holds is recorded, whichever process is killed later. Rank 0 waits for all learners. Returns
-    /// the reason if the rollout must be abandoned.
+    /// whatever a checkpoint holds is recorded, whichever process is killed later. The first learner of each host waits
+    /// for the recorder there, and all go on when all have it. Returns the reason if the rollout must be abandoned.
     fn await_writing(&mut self) -> Result<Option<CutShort>> {
         if !self.config.recording.enabled {
             return Ok(None);
         }
-        let own = if self.conversation.rank == 0 { self.await_written()? } else { None };
-        let mut word = match &own {
-            None => 0.0,
-            Some(CutShort::Stop(Stop::Announced)) => 1.0,
-            Some(CutShort::Stop(Stop::OrchestratorGone)) => 2.0,
-            Some(CutShort::Fault(_)) => 3.0,
-        };
-        self.agent.peers().first(&mut word)?;
-        Ok(own.or_else(|| match word as u8 {
-            0 => None,
-            1 => Some(CutShort::Stop(Stop::Announced)),
-            2 => Some(CutShort::Stop(Stop::OrchestratorGone)),
-            _ => Some(CutShort::Fault(PeerError::Elsewhere.into())),
-        }))
+        let own = if self.hosts.leads(self.conversation.rank) { self.await_written()? } else { None };
+        let mut sums = reasons(own.as_ref());
+        self.agent.peers().sum(&mut sums)?;
+        Ok(joint_end(own, sums))
     }
 
     fn await_written(&mut self) -> Result<Option<CutShort>> {
@@ -515,6 +523,27 @@ impl<W: Write> Training<'_, W> {
             Err(cause) => format!("no file: {}: {cause:#}", path.display()),
         };
         NonFinite { rollout: self.rollout, what: format!("{error:#}"), dump }
+    }
+}
+
+/// A learner's reason to abandon a rollout as numbers that can be summed: a stop announced, no orchestrator, a fault.
+fn reasons(own: Option<&CutShort>) -> [f64; 3] {
+    let flag = |condition: bool| f64::from(u8::from(condition));
+    [
+        flag(matches!(own, Some(CutShort::Stop(Stop::Announced)))),
+        flag(matches!(own, Some(CutShort::Stop(Stop::OrchestratorGone)))),
+        flag(matches!(own, Some(CutShort::Fault(_)))),
+    ]
+}
+
+/// Why all abandon a rollout, by the sums of their [`reasons`].
+fn joint_end(own: Option<CutShort>, [announced, gone, faults]: [f64; 3]) -> Option<CutShort> {
+    match own {
+        Some(CutShort::Fault(error)) => Some(CutShort::Fault(error)),
+        _ if faults > 0.0 => Some(CutShort::Fault(PeerError::Elsewhere.into())),
+        _ if gone > 0.0 => Some(CutShort::Stop(Stop::OrchestratorGone)),
+        _ if announced > 0.0 => Some(CutShort::Stop(Stop::Announced)),
+        _ => None,
     }
 }
 

@@ -14,17 +14,17 @@ use crate::supervisor::event::SessionEnd;
 use crate::supervisor::policy::Policy;
 use crate::training::budget::Budget;
 use crate::training::next_steps;
-use crate::training::run::TrainingRun;
+use crate::training::run::{Started, TrainingRun};
 use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::plain_file::open_plain;
-use proto::run_folder::RunFolder;
+use proto::run_folder::{RunFolder, write_atomically};
 use std::fs::OpenOptions;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How long actors may take to notice that their orchestrator is gone.
 const ACTORS_LEAVE: Duration = Duration::from_secs(5);
@@ -94,7 +94,59 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     for path in [folder.logs(), folder.checkpoints(), folder.recordings()] {
         std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
     }
-    TrainingRun { folder, config, identity, lock, tools }.run()
+    TrainingRun { folder, config, identity, lock, tools, started: Started::default() }.run()
+}
+
+/// Goes on with a run that the same command began: a launcher has started it again. `asked`: what the command asks for.
+/// `patience`: for an orchestrator of before that is about to end.
+pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Duration) -> Result<ExitCode> {
+    let began = Instant::now();
+    let lock = loop {
+        match RunLock::acquire(&folder) {
+            Err(_) if began.elapsed() < patience => std::thread::sleep(Duration::from_millis(200)),
+            taken => break taken?,
+        }
+    };
+    let identity = Identity::read(&folder)?;
+    let mut config = Config::of_run(&folder)?;
+    let learners = same_run(&config, asked)
+        .with_context(|| format!("{} holds a run that this command did not begin", folder.root().display()))?;
+    if let Some(summary) = Summary::read(&folder)? {
+        if let Some(rendezvous) = &started.rendezvous {
+            rendezvous.turn_away(0, "this run is complete");
+        }
+        return Ok(show(&summary, &folder));
+    }
+    let tools = Tools::find()?;
+    settle(&folder, &identity, config.learner.count.max(learners), Policy::of(&config).silence)?;
+    if learners != config.learner.count {
+        tracing::warn!(
+            "the run goes on with {learners} learners instead of {}: floating-point sums have another order from here \
+             on, so its weights will not be those of a run that keeps the number",
+            config.learner.count
+        );
+        config.learner.count = learners;
+        write_atomically(&folder.config(), config.to_toml().as_bytes())
+            .with_context(|| format!("cannot write {}", folder.config().display()))?;
+    }
+    demand_all(&started.part(&config), &folder, &tools)?;
+    terminal::note(&format!("goes on with run {} in {}", identity.id, folder.root().display()));
+    TrainingRun { folder, config, identity, lock, tools, started }.run()
+}
+
+/// Whether a command asks for the run that is there: how many learners it asks for, which may be another number.
+fn same_run(run: &Config, mut asked: Config) -> Result<u32> {
+    let learners = std::mem::replace(&mut asked.learner.count, run.learner.count);
+    // The run names its own copies, and the checkpoint that it began from, whatever has become of the originals.
+    if asked.scenes.len() == run.scenes.len() {
+        asked.scenes.clone_from(&run.scenes);
+    }
+    asked.from.clone_from(&run.from);
+    let changes = asked.changes_since(run);
+    if !changes.is_empty() {
+        bail!("it would have {}: give another --run, or the run's own settings", changes.join(", "));
+    }
+    Ok(learners)
 }
 
 /// Shows a complete run as it was shown when it ended.
@@ -122,7 +174,7 @@ fn settle(folder: &RunFolder, identity: &Identity, learners: u32, patience: Dura
         ));
     };
     wake_stopped_learners(folder);
-    if let Some(rank) = wait_for_learners(folder, learners, patience, tell)? {
+    if let Some(rank) = wait_for_learners(folder, 0..learners, patience, tell)? {
         bail!(
             "the learner of the last start still holds {} after {}; if it hangs, end it (`orchestrator clean` names \
              and ends what has outlived its orchestrator) and resume again",
@@ -166,6 +218,18 @@ fn learner_in(lock: &Path) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_launcher_goes_on_with_the_run_of_its_command_and_no_other() {
+        let run = Config { scenes: vec!["scenes/000/a.toml".into()], ..Config::resolve("demo", None).unwrap() };
+        let mut asked = Config { scenes: vec!["mine/a.toml".into()], ..run.clone() };
+        assert_eq!(same_run(&run, asked.clone()).unwrap(), run.learner.count);
+        asked.learner.count = 2;
+        assert_eq!(same_run(&run, asked.clone()).unwrap(), 2, "the number of learners may change");
+        asked.seed = 9;
+        let message = same_run(&run, asked).unwrap_err().to_string();
+        assert!(message.contains("seed = 9 instead of 1") && !message.contains("learner.count"), "{message}");
+    }
 
     #[test]
     fn a_run_file_names_no_folder_that_is_deleted() {

@@ -1,12 +1,16 @@
 //! `orchestrator up`: a new run.
 
+use super::host_flags::HostFlags;
 use super::overrides::{Overrides, default_preset};
+use super::resume::go_on;
 use crate::evaluation::subject::{Found, find, network_differences, read_manifest};
+use crate::hosts::membership::Membership;
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
 use crate::run::create::{check_free, create};
 use crate::run::identity::unix_now;
 use crate::run::scenes;
+use crate::showing::format::counted;
 use crate::showing::{format, terminal};
 use crate::training::run::TrainingRun;
 use anyhow::{Context, Result, bail};
@@ -32,6 +36,7 @@ use std::process::ExitCode;
   orchestrator up --config mine.toml               some settings of your own over the default preset
   orchestrator up --preset demo --set ppo.learning_rate=1e-3 --set network.encoder=resnet      single settings
   orchestrator up --preset disturb-stage2-25m --from runs/stage-1           stage II as a run of its own
+  torchrun --nnodes=2 --nproc-per-node=1 --no-python -- orchestrator up --learners 2 --run R --token-file token
 
 The configuration, later over earlier: the preset, --config, --set, the other flags. `orchestrator config` prints it.")]
 pub struct UpArgs {
@@ -44,23 +49,39 @@ pub struct UpArgs {
     /// Optimiser, environments and frame count begin anew; the networks must be the same
     #[arg(long, value_name = "RUN|CHECKPOINT")]
     from: Option<PathBuf>,
-    /// Run folder, new or empty [default: runs/TIME-PRESET-SEED]
+    /// Run folder, new or empty [default: runs/TIME-PRESET-SEED]. A run that torchrun or srun started goes on in it
     #[arg(long, value_name = "DIR")]
     run: Option<PathBuf>,
     /// Show the run on a page while it goes on (`orchestrator view`), and open that in a browser
     #[arg(long)]
     view: bool,
+    #[command(flatten)]
+    hosts: HostFlags,
 }
 
 /// Runs the command.
 pub fn run(args: &UpArgs) -> Result<ExitCode> {
     // What the user wrote is judged before anything is started.
-    if let Some(run) = &args.run {
+    let member = args.hosts.membership()?;
+    if let Some(member) = member.as_ref().filter(|member| member.host > 0) {
+        return args.hosts.take_part(member.clone(), args.shared_run()?);
+    }
+    if member.as_ref().is_some_and(|member| member.hosts > 1) {
+        args.shared_run()?;
+    }
+    // Whoever starts this program again gives it the same command: then it goes on.
+    let begun = args.run.as_ref().map(RunFolder::new).filter(|run| member.is_some() && run.identity().exists());
+    if let (Some(run), None) = (&args.run, &begun) {
         check_free(&RunFolder::new(run))?;
     }
     let mut found = None;
     let default = || Ok(default_preset(&found.insert(Tools::find()?).torch));
     let mut config = args.overrides.resolve(&args.overrides.preset(args.preset.as_deref(), default)?)?;
+    check_hosts(&config, member.as_ref())?;
+    let started = args.hosts.started(member.as_ref())?;
+    if let Some(folder) = begun {
+        return go_on(folder, config, started, args.hosts.patience().lost);
+    }
     if let Some(from) = &args.from {
         config.from = Some(begin_from(&find(from)?, &config)?);
     }
@@ -71,7 +92,7 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
         None => Tools::find()?,
     };
     let folder = RunFolder::new(args.run.clone().unwrap_or_else(|| default_folder(&config)));
-    demand_all(&config, &folder, &tools)?;
+    demand_all(&started.part(&config), &folder, &tools)?;
     scenes::check(&config)?;
     introduce(&config, asked);
     if let Some(FromConfig { checkpoint, frames, .. }) = &config.from {
@@ -81,7 +102,26 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     if args.view {
         show(&folder);
     }
-    TrainingRun { folder, config, identity, lock, tools }.run()
+    TrainingRun { folder, config, identity, lock, tools, started }.run()
+}
+
+impl UpArgs {
+    /// The run folder, which nobody can make up who shares it with other hosts.
+    fn shared_run(&self) -> Result<&Path> {
+        self.run.as_deref().context("several hosts need --run DIR: the same name on all, on a shared disk or not")
+    }
+}
+
+/// Refuses fewer learners than hosts.
+fn check_hosts(config: &Config, member: Option<&Membership>) -> Result<()> {
+    let Some(Membership { hosts, by, .. }) = member else { return Ok(()) };
+    if config.learner.count < *hosts {
+        bail!(
+            "{hosts} hosts ({by}) cannot share {}: every host has learners of its own, so give --learners {hosts} or more",
+            counted(u64::from(config.learner.count), "learner")
+        );
+    }
+    Ok(())
 }
 
 /// Starts a viewer that ends with this process. Without one the run goes on all the same.

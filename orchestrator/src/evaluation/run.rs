@@ -47,8 +47,14 @@ impl EvaluationRun {
         let mut audience = EvaluationAudience::new(plan, &self.folder)?;
         let (incarnation, address) = self.identity.begin_incarnation();
         self.identity.write(&self.folder)?;
-        let session =
-            Session { folder: &self.folder, config: &self.config, incarnation, address: &address, tools: &self.tools };
+        let session = Session {
+            folder: &self.folder,
+            config: &self.config,
+            incarnation,
+            address: &address,
+            tools: &self.tools,
+            launched: false,
+        };
         let result = session.begin_log().and_then(|()| {
             tracing::info!(
                 "evaluation {} in {}: {}, {}, seed {}",
@@ -58,7 +64,7 @@ impl EvaluationRun {
                 shape(&self.config),
                 self.config.seed
             );
-            session.run(&mut self.lock, &mut audience)
+            session.run(&mut self.lock, &mut audience, None)
         });
         let reported = result.and_then(|(outcome, recording)| {
             let status = self.report(&outcome, &audience)?;

@@ -20,7 +20,7 @@ use proto::kitchen::{KitchenId, Kitchens};
 use proto::replay::RecordedEpisode;
 use proto::rota::Rota;
 use salvage::Trust;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 /// Faults that are named one by one.
@@ -79,8 +79,11 @@ pub fn gather(files: &[PathBuf], wanted: Wanted) -> Result<Recorded, RecordingEr
         collection.damaged_files += u64::from(extent.is_damaged());
     }
     let places: Vec<_> = in_time.iter().filter_map(|(origin, _)| origin.place).collect();
-    collection.missing_segments(&places);
-    collection.into_recorded(files, places.first() == Some(&(1, 0)))
+    for host in places.iter().map(|(_, host, _)| *host).collect::<BTreeSet<_>>() {
+        let of_host = places.iter().filter(|place| place.1 == host);
+        collection.missing_segments(host, &of_host.map(|place| (place.0, place.2)).collect::<Vec<_>>());
+    }
+    collection.into_recorded(files, places.first() == Some(&(1, 0, 0)))
 }
 
 /// A configuration under which files were recorded.
@@ -356,12 +359,13 @@ impl Collection {
     }
 
     /// Segments that are not there though later ones of the same start are.
-    fn missing_segments(&mut self, places: &[(u32, u32)]) {
+    fn missing_segments(&mut self, host: u32, places: &[(u32, u32)]) {
+        let of_host = if host == 0 { String::new() } else { format!("host {host}'s ") };
         for pair in places.windows(2) {
             let ((incarnation, before), (next_incarnation, next)) = (pair[0], pair[1]);
             let first = if incarnation == next_incarnation { before + 1 } else { 0 };
             if first < next {
-                let name = |segment: u32| format!("incarnation-{next_incarnation:03}.{segment:03}.mcap");
+                let name = |segment: u32| format!("{of_host}incarnation-{next_incarnation:03}.{segment:03}.mcap");
                 self.faults.push(match next - first {
                     1 => format!("{} is missing", name(first)),
                     _ => format!("{} to {} are missing", name(first), name(next - 1)),

@@ -24,26 +24,36 @@ use serde::Serialize;
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 
-/// The recordings meant by `path`: a file itself; of a run folder or a folder of recordings, all segments in order.
+/// The recordings meant by `path`: a file itself; of a run folder or a folder of recordings, all segments in order. Of a
+/// run on several hosts those of all whose folders are here, host by host.
 pub fn files_at(path: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let unreadable = |cause| RecordingError::Unreadable { path: path.to_path_buf(), cause };
     if !std::fs::metadata(path).map_err(unreadable)?.is_dir() {
         return Ok(vec![path.to_path_buf()]);
     }
-    let recordings = RunFolder::new(path).recordings();
-    let folder = if recordings.is_dir() { recordings } else { path.to_path_buf() };
+    let run = RunFolder::new(path);
+    let of_hosts = run.host_folders().into_iter().map(|host| host.recordings()).filter(|folder| folder.is_dir());
+    let mut folders: Vec<PathBuf> = Some(run.recordings()).into_iter().filter(|folder| folder.is_dir()).collect();
+    folders.extend(of_hosts);
+    if folders.is_empty() {
+        folders.push(path.to_path_buf());
+    }
     let mut files = Vec::new();
-    for entry in std::fs::read_dir(&folder).map_err(unreadable)? {
-        let file = entry.map_err(unreadable)?.path();
-        if file.extension().is_some_and(|extension| extension == "mcap") {
-            files.push(file);
+    for folder in folders {
+        let mut of_host = Vec::new();
+        for entry in std::fs::read_dir(&folder).map_err(unreadable)? {
+            let file = entry.map_err(unreadable)?.path();
+            if file.extension().is_some_and(|extension| extension == "mcap") {
+                of_host.push(file);
+            }
         }
+        // Names hold incarnation and segment with leading zeros: their order is that of time.
+        of_host.sort();
+        files.append(&mut of_host);
     }
     if files.is_empty() {
         return Err(RecordingError::NoRecordings(path.to_path_buf()));
     }
-    // Names hold incarnation and segment with leading zeros: their order is that of time.
-    files.sort();
     Ok(files)
 }
 
@@ -63,8 +73,9 @@ pub struct Recordings {
 impl Recordings {
     /// Those of a run folder; none if there are none.
     pub fn of(folder: &RunFolder) -> Option<Self> {
-        let files = files_at(&folder.recordings()).ok()?;
-        let newest = files.last()?.clone();
+        let files = files_at(folder.root()).ok()?;
+        // Host 0's, if it has any.
+        let newest = files.iter().rfind(|file| file.starts_with(folder.recordings())).or(files.last())?.clone();
         let bytes = files.iter().filter_map(|file| Some(std::fs::metadata(file).ok()?.len())).sum();
         let locked = |file: File| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
         let being_written = File::open(&newest).is_ok_and(locked);

@@ -8,8 +8,8 @@ use proto::run_folder::RunFolder;
 use salvage::Trust;
 use std::path::Path;
 
-/// Incarnation of the orchestrator and number of the segment.
-type Place = (u32, u32);
+/// Incarnation of the orchestrator, host, and number of the segment.
+type Place = (u32, u32, u32);
 
 /// The beginning of a file: its name is not used, because files are copied and renamed.
 #[derive(Debug, Default, Clone)]
@@ -40,7 +40,9 @@ impl Origin {
         let outcome = read_with_trust(path, |record, trust| match record {
             Record::Metadata(Metadata { name, metadata }) if name == IDENTITY_METADATA => {
                 let number = |key: &str| metadata.get(key)?.parse().ok();
-                origin.place = number(identity::INCARNATION).zip(number(identity::SEGMENT));
+                let host = number(identity::HOST).unwrap_or(0);
+                let place = number(identity::INCARNATION).zip(number(identity::SEGMENT));
+                origin.place = place.map(|(incarnation, segment)| (incarnation, host, segment));
                 origin.run_id = metadata.get(identity::RUN_ID).cloned();
                 origin.seed = metadata.get(identity::SEED).and_then(|seed| seed.parse().ok());
                 Ok(())

@@ -7,6 +7,7 @@ use proto::run_folder::RunFolder;
 use serde::{Deserialize, Serialize};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, Write};
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
 /// Who holds a run.
@@ -97,13 +98,13 @@ fn holder_in(mut file: &File) -> Option<Holder> {
 /// more than a moment. Returns the rank of one that still holds its lock after `patience`.
 pub fn wait_for_learners(
     folder: &RunFolder,
-    learners: u32,
+    learners: Range<u32>,
     patience: Duration,
     tell: impl FnOnce(u32),
 ) -> Result<Option<u32>> {
     let begin = Instant::now();
     let mut tell = Some(tell);
-    for rank in (0..).take_while(|&rank| rank < learners || folder.learner_lock(rank).exists()) {
+    for rank in (learners.start..).take_while(|&rank| rank < learners.end || folder.learner_lock(rank).exists()) {
         let path = folder.learner_lock(rank);
         let file = match open_plain(&path, OpenOptions::new().read(true).write(true)) {
             Ok(file) => file,
@@ -181,7 +182,7 @@ mod tests {
         let patience = Duration::from_millis(50);
         let wait = |learners| {
             let mut told = None;
-            let holds = wait_for_learners(&folder, learners, patience, |rank| told = Some(rank)).unwrap();
+            let holds = wait_for_learners(&folder, 0..learners, patience, |rank| told = Some(rank)).unwrap();
             assert_eq!(told, holds, "who holds on is told of");
             holds
         };

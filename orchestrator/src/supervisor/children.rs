@@ -67,6 +67,11 @@ impl Children {
         runs
     }
 
+    /// One is gone with its host, whatever it was doing.
+    pub fn lose(&mut self, process: Process) {
+        self.child(process).state = ChildState::Down { restart_at: None };
+    }
+
     /// One that died is to be started again at this time.
     pub fn restart(&mut self, process: Process, at: Duration) {
         self.child(process).state = ChildState::Down { restart_at: Some(at) };

@@ -4,11 +4,12 @@ use super::stage::StageSwitch;
 use proto::event::LearnerEvent;
 use proto::kitchen::Kitchens;
 use proto::run_state::Ending;
+use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 use wire::message::StageAnnouncement;
 
 /// A process of the run, in the order in which they are started.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Process {
     /// A learner, by its rank in the process group.
     Learner(u32),
@@ -39,7 +40,7 @@ impl Process {
 }
 
 /// How a process ended.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Exit {
     /// It exited with this status.
     Code(i32),
@@ -106,6 +107,13 @@ pub enum Event {
     /// The recording or the figures of the run cannot be written any more: a run that can no longer be observed is
     /// ended.
     CannotWrite(String),
+    /// A host is gone, or cannot be reached any more.
+    HostLost {
+        /// The processes that it had.
+        processes: Vec<Process>,
+        /// Which host, and how that is known.
+        reason: String,
+    },
 }
 
 /// How loudly a report is made.
@@ -159,10 +167,14 @@ pub enum SessionEnd {
     Complete,
     /// A stop was requested; the run can be resumed.
     Stopped,
+    /// The same, by a scheduler that starts the run again.
+    Requeued,
     /// A stop was requested twice; the run can be resumed from its last checkpoint.
     Interrupted,
     /// It cannot go on. The reason has been reported.
     Failed(String),
+    /// A host was lost; the run can be resumed from its last checkpoint.
+    HostLost(String),
 }
 
 impl SessionEnd {
@@ -170,17 +182,17 @@ impl SessionEnd {
     pub fn ending(&self) -> Ending {
         match self {
             Self::Complete => Ending::Complete,
-            Self::Stopped => Ending::Stopped,
+            Self::Stopped | Self::Requeued => Ending::Stopped,
             Self::Interrupted => Ending::Interrupted,
-            Self::Failed(_) => Ending::Failed,
+            Self::Failed(_) | Self::HostLost(_) => Ending::Failed,
         }
     }
 
     /// Why it cannot go on, if that is so.
     pub fn reason(&self) -> Option<&str> {
         match self {
-            Self::Failed(reason) => Some(reason),
-            Self::Complete | Self::Stopped | Self::Interrupted => None,
+            Self::Failed(reason) | Self::HostLost(reason) => Some(reason),
+            Self::Complete | Self::Stopped | Self::Requeued | Self::Interrupted => None,
         }
     }
 }

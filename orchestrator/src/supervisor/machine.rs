@@ -116,6 +116,7 @@ impl Supervisor {
                     self.fail(now, format!("what the run does cannot be written down any more: {cause}"));
                 }
             }
+            Event::HostLost { processes, reason } => self.host_lost(now, &processes, reason),
         }
         std::mem::take(&mut self.actions)
     }
@@ -594,5 +595,6 @@ impl Supervisor {
     }
 }
 
+mod lost;
 #[cfg(test)]
 mod tests;

@@ -13,11 +13,15 @@ use proto::device::{VISIBLE_DEVICES, device_name};
 use proto::event::LearnerEvent;
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
+use rustix::io::{FdFlags, fcntl_setfd};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
+use std::net::{IpAddr, SocketAddr, TcpListener};
+use std::os::fd::AsRawFd;
 use std::os::unix::process::ExitStatusExt;
 use std::process::{ExitStatus, Stdio};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncRead, BufReader};
 use tokio::process::{Child, ChildStdin, Command};
@@ -25,6 +29,14 @@ use tokio::sync::{mpsc, oneshot};
 use tracing::Level;
 use wire::WireAddress;
 
+/// The variables with the token that keeps strangers out where a run has several hosts, and with its file's name.
+pub const TOKEN: &str = "STILLROOM_TOKEN";
+/// See [`TOKEN`].
+pub const TOKEN_FILE: &str = "STILLROOM_TOKEN_FILE";
+/// The variable in which a learner finds what keys in the learners' store begin with.
+const MEETING_KEY: &str = "STILLROOM_MEETING_KEY";
+/// NCCL's own variable for the interface that it uses.
+const NCCL_INTERFACE: &str = "NCCL_SOCKET_IFNAME";
 /// Lines of a child's standard error that are kept for the report of its death.
 const LAST_WORDS: usize = 10;
 /// A longer line is cut into several.
@@ -47,8 +59,54 @@ pub struct Launch {
     pub folder: RunFolder,
     /// Its services.
     pub address: WireAddress,
-    /// Cores of each; none where the kernel chooses.
+    /// Cores of each; none where the kernel chooses. It numbers the processes of this host from 0.
     pub placement: Option<Placement>,
+    /// This host's first learner and first actor.
+    pub first: [u32; 2],
+    /// Where learners of several hosts meet.
+    pub network: Option<LearnersNetwork>,
+}
+
+/// Where learners of several hosts meet.
+#[derive(Debug, Clone)]
+pub struct LearnersNetwork {
+    /// Hosts in all.
+    pub hosts: u32,
+    /// Where the first learner's store is.
+    pub store: SocketAddr,
+    /// What keys in that store begin with.
+    pub key: String,
+    /// This host's own address.
+    pub own: IpAddr,
+    /// The name of the interface with that address, if it has one.
+    pub interface: Option<String>,
+    /// The socket that listens there, on host 0.
+    pub listener: Option<Arc<TcpListener>>,
+}
+
+impl LearnersNetwork {
+    fn tell(&self, command: &mut Command, rank: u32) {
+        let Self { hosts, store, key, own, interface, listener } = self;
+        command.args(["--hosts", &hosts.to_string(), "--meet", &store.to_string(), "--address", &own.to_string()]);
+        if let (0, Some(listener)) = (rank, listener) {
+            command.args(["--listener", &listener.as_raw_fd().to_string()]);
+        }
+        // Not on the command line, which everybody can read.
+        command.env(MEETING_KEY, key);
+        if let (Some(interface), None) = (interface, std::env::var_os(NCCL_INTERFACE)) {
+            command.env(NCCL_INTERFACE, interface);
+        }
+    }
+
+    /// Starts the process that inherits the listening socket. Nothing else is started meanwhile: all processes are
+    /// started by one thread.
+    fn lend<T>(&self, start: impl FnOnce() -> T) -> std::io::Result<T> {
+        let Some(listener) = &self.listener else { return Ok(start()) };
+        fcntl_setfd(listener, FdFlags::empty())?;
+        let started = start();
+        fcntl_setfd(listener, FdFlags::CLOEXEC)?;
+        Ok(started)
+    }
 }
 
 impl Launch {
@@ -64,7 +122,11 @@ impl Launch {
                 if self.learners > 1 {
                     // Each learner sees one device, so kernels and NCCL need no device number.
                     let visible = std::env::var(VISIBLE_DEVICES).ok();
-                    command.env(VISIBLE_DEVICES, device_name(rank as usize, visible.as_deref()));
+                    let device = rank - self.first[0];
+                    command.env(VISIBLE_DEVICES, device_name(device as usize, visible.as_deref()));
+                }
+                if let Some(network) = &self.network {
+                    network.tell(&mut command, rank);
                 }
                 let threads = self.threads.to_string();
                 command.envs(self.programs.learner_environment.iter().map(|(name, value)| (name, value)));
@@ -85,6 +147,8 @@ impl Launch {
         };
         command.arg("--wire").arg(self.address.to_string()).arg("--incarnation").arg(incarnation.to_string());
         command.arg("--lifeline");
+        // What keeps strangers out is for orchestrators alone.
+        command.env_remove(TOKEN).env_remove(TOKEN_FILE);
         if incarnation > 1 {
             // An armed fault point applies once, not to every replacement of the dead process.
             command.env_remove(wire::fault::VARIABLE);
@@ -121,17 +185,24 @@ impl Processes {
         let mut command = self.launch.command(process, incarnation);
         let program = command.as_std().get_program().to_owned();
         let _ = writeln!(log, "--- {process}, start {incarnation} of {}", self.launch.address);
-        let child = match &self.launch.placement {
-            None => command.spawn(),
+        let [first_learner, first_actor] = self.launch.first;
+        let mut start = || match &self.launch.placement {
+            None => Ok(command.spawn()),
             Some(placement) => {
                 let cores = match process {
-                    Process::Learner(rank) => placement.of_learner(rank),
-                    Process::Actor(actor) => placement.of_actor(actor),
+                    Process::Learner(rank) => placement.of_learner(rank - first_learner),
+                    Process::Actor(actor) => placement.of_actor(actor - first_actor),
                 };
-                start_on(cores, || command.spawn()).map_err(|error| format!("{process}: {error}"))?
+                start_on(cores, || command.spawn()).map_err(|error| format!("{process}: {error}"))
             }
         };
-        let mut child = child.map_err(|cause| format!("{}: {cause}", program.display()))?;
+        let child = match (&self.launch.network, process) {
+            (Some(network), Process::Learner(0)) => {
+                network.lend(start).map_err(|error| format!("{process}: {error}"))?
+            }
+            _ => start(),
+        };
+        let mut child = child?.map_err(|cause| format!("{}: {cause}", program.display()))?;
         tracing::debug!("{process} started, pid {}", child.id().unwrap_or_default());
         let lifeline = child.stdin.take();
         let (kill, killed) = oneshot::channel();

@@ -1,10 +1,12 @@
 //! One session: one start of the orchestrator on a run folder, from the claim on names in shared memory to the last
 //! process's end. A run's and an evaluation's alike. `run.toml` counts them as incarnations.
 
+use super::company::Company;
 use super::event::Outcome;
-use super::process::Launch;
+use super::process::{Launch, LearnersNetwork};
 use super::shell::{Audience, Shell, Signals};
 use crate::preflight::cores;
+use crate::preflight::placement::Placement;
 use crate::preflight::tools::Tools;
 use crate::recording::recorder::{Recorder, RecorderSetup};
 use crate::run::lock::RunLock;
@@ -13,6 +15,7 @@ use crate::showing::format::{self, counted};
 use crate::showing::terminal;
 use anyhow::{Context, Result};
 use proto::config::{ActorsConfig, Config};
+use proto::hosts::Hosts;
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use std::fs::OpenOptions;
@@ -21,6 +24,9 @@ use wire::{WireAddress, WireHost, WireShape, fault};
 
 /// Status after a second Ctrl-C: what a shell reports for a program that SIGINT ended.
 pub const EXIT_INTERRUPTED: u8 = 130;
+
+/// After the end of its last process another host completes its recording: that takes so long at most.
+const RECORDED: Duration = Duration::from_secs(30);
 
 /// What a session needs.
 #[derive(Debug)]
@@ -35,6 +41,19 @@ pub struct Session<'a> {
     pub address: &'a WireAddress,
     /// Programs.
     pub tools: &'a Tools,
+    /// A scheduler or launcher started this program: see [`Signals::install`].
+    pub launched: bool,
+}
+
+/// What a session on one of several hosts has of the others.
+#[derive(Debug)]
+pub struct Together {
+    /// Hosts with what is divided among them.
+    pub hosts: Hosts,
+    /// The other hosts.
+    pub company: Company,
+    /// Where the learners meet.
+    pub network: LearnersNetwork,
 }
 
 impl Session<'_> {
@@ -46,10 +65,15 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Runs everything to its end; the second result is the recording's.
-    pub fn run(&self, lock: &mut RunLock, audience: &mut impl Audience) -> Result<(Outcome, Result<()>)> {
+    /// Runs everything to its end; the second result is the recording's. `together`: where the run has several hosts.
+    pub fn run(
+        &self,
+        lock: &mut RunLock,
+        audience: &mut impl Audience,
+        together: Option<&mut Together>,
+    ) -> Result<(Outcome, Result<()>)> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
-        let result = runtime.block_on(self.supervise(lock, audience));
+        let result = runtime.block_on(self.supervise(lock, audience, together));
         // In any case no process and no shared memory of this incarnation remains.
         drop(runtime);
         if let Err(error) = remains::sweep(self.address, Duration::from_secs(2)) {
@@ -58,63 +82,91 @@ impl Session<'_> {
         result
     }
 
-    async fn supervise(&self, lock: &mut RunLock, audience: &mut impl Audience) -> Result<(Outcome, Result<()>)> {
-        let Self { folder, config, incarnation, address, tools } = *self;
-        let signals = Signals::install()?;
+    async fn supervise(
+        &self,
+        lock: &mut RunLock,
+        audience: &mut impl Audience,
+        mut together: Option<&mut Together>,
+    ) -> Result<(Outcome, Result<()>)> {
+        let Self { folder, config, incarnation, address, tools, launched } = *self;
+        let signals = Signals::install(launched)?;
         // `stop` signals the process that has signed the lock. So it signs only after it handles signals as requests.
         lock.sign(incarnation)?;
         let run = std::path::absolute(folder.root()).context("run folder")?;
         let _claim = remains::claim(address, &run)?;
         let shape = WireShape::of(config);
-        let host = WireHost::create(address, shape)?;
+        let hosts = together.as_ref().map_or_else(|| Hosts::of_one(config.shares()), |together| together.hosts);
+        let host = WireHost::create_part(address, shape, hosts.ranks_of(0))?;
         fault::reach("orchestrator.after_wire");
         let setup = || RecorderSetup {
             address: address.clone(),
             shape,
+            run_id: address.run_id().to_owned(),
+            host: 0,
+            ranks: hosts.ranks_of(0),
             folder: folder.clone(),
             incarnation,
             config: config.clone(),
         };
         // Before the actors: none of their samples is missed.
         let recorder = config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
-        let placement = cores::placement(config, &tools.torch)?;
-        if let Some(placement) = &placement {
-            tracing::info!("cores: {}", placement.describe());
-        }
         let launch = Launch {
+            placement: placed(&part_of(config, hosts, 0), tools)?,
             programs: tools.programs.clone(),
             learners: config.learner.count,
             threads: config.learner.threads,
             evaluates: config.evaluation.is_some(),
             folder: folder.clone(),
             address: address.clone(),
-            placement,
+            first: [0, 0],
+            network: together.as_ref().map(|together| together.network.clone()),
         };
-        let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals };
+        let company = together.as_mut().map(|together| &mut together.company);
+        let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals, company };
         let outcome = shell.supervise(launch, audience).await;
         fault::reach("orchestrator.before_recorder_finish");
-        let recording = match recorder.map(Recorder::finish) {
-            None => Ok(()),
-            Some(Ok(recorded)) => {
-                tracing::info!(
-                    "recorded {}, {} and {} in {}, {}",
-                    counted(recorded.steps, "step"),
-                    counted(recorded.episodes, "episode"),
-                    counted(recorded.depth_frames, "depth frame"),
-                    counted(recorded.files.len() as u64, "file"),
-                    format::bytes(recorded.bytes)
-                );
-                match &outcome {
-                    Ok(Outcome { saved: Some(saved), .. }) if config.evaluation.is_none() => {
-                        all_recorded(recorded.frames, saved.frames)
-                    }
-                    _ => Ok(()),
-                }
-            }
-            Some(Err(error)) => Err(anyhow::Error::new(error)),
-        };
+        let saved = outcome.as_ref().ok().and_then(|outcome| outcome.saved.as_ref()).map(|saved| saved.frames);
+        let saved = saved.filter(|_| config.evaluation.is_none());
+        let mut recording = recorder.map_or(Ok(()), |recorder| recorded(recorder, saved));
+        if let Some(together) = together
+            && let [first, rest @ ..] = &together.company.finish(saved, RECORDED).await[..]
+        {
+            rest.iter().for_each(|missing| tracing::error!("{missing}"));
+            recording = recording.and(Err(anyhow::anyhow!("{first}")));
+        }
         Ok((outcome?, recording))
     }
+}
+
+/// What one host has of a run, as a configuration for what looks at this machine.
+pub fn part_of(config: &Config, hosts: Hosts, host: u32) -> Config {
+    let mut part = config.clone();
+    part.learner.count = hosts.ranks_of(host).len() as u32;
+    part.actors.count = hosts.actors_of(host).len() as u32;
+    part
+}
+
+/// The cores of the processes of this part.
+pub fn placed(part: &Config, tools: &Tools) -> Result<Option<Placement>> {
+    let placement = cores::placement(part, &tools.torch)?;
+    if let Some(placement) = &placement {
+        tracing::info!("cores: {}", placement.describe());
+    }
+    Ok(placement)
+}
+
+/// Completes a recording. An error if it is not all of the `frames` that were saved.
+pub fn recorded(recorder: Recorder, saved: Option<u64>) -> Result<()> {
+    let recorded = recorder.finish()?;
+    tracing::info!(
+        "recorded {}, {} and {} in {}, {}",
+        counted(recorded.steps, "step"),
+        counted(recorded.episodes, "episode"),
+        counted(recorded.depth_frames, "depth frame"),
+        counted(recorded.files.len() as u64, "file"),
+        format::bytes(recorded.bytes)
+    );
+    saved.map_or(Ok(()), |frames| all_recorded(recorded.frames, frames))
 }
 
 /// Compares the frames of a run with those that the recorder has confirmed, rollout by rollout. It may have confirmed a

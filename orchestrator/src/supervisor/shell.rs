@@ -5,6 +5,7 @@
 //! longest part being the sweep after a death.
 
 use super::clock::Clock;
+use super::company::{Company, Heard, Order, Word};
 use super::event::{Action, Event, Exit, Level, Outcome, Process, SessionEnd};
 use super::machine::Supervisor;
 use super::policy::Policy;
@@ -23,31 +24,38 @@ use tokio::time::{Interval, MissedTickBehavior};
 use wire::{Announcer, WireHost, fault};
 
 /// Interval of checking deadlines, of repeating the announcement for late subscribers, and of showing progress.
-const TICK: Duration = Duration::from_millis(250);
+pub const TICK: Duration = Duration::from_millis(250);
 /// A dead process's ports are swept at its death and on this many ticks after it: the file locks by which it is known
 /// to be dead are released a moment after it is reaped.
-const SWEEPS_AFTER_DEATH: u32 = 4;
+pub const SWEEPS_AFTER_DEATH: u32 = 4;
 /// Being stopped for longer than this is told of.
 const STANDSTILL: Duration = Duration::from_secs(5);
 /// Events that may wait. A child that is not listened to blocks; the orchestrator never does.
-const QUEUE: usize = 1024;
+pub const QUEUE: usize = 1024;
 
 /// The signals that ask for a stop.
 #[derive(Debug)]
 pub struct Signals {
     interrupt: Signal,
     terminate: Signal,
+    user: Signal,
     hang_up: Option<Signal>,
+    launched: bool,
+    requeue: bool,
 }
 
 impl Signals {
-    /// From now on signals are events. To be called inside the runtime, before there is anything to clean up.
-    pub fn install() -> Result<Self> {
+    /// From now on signals are events. To be called inside the runtime, before there is anything to clean up. `launched`:
+    /// a scheduler or launcher started this program and may start it again, so its SIGTERM asks for that, too.
+    pub fn install(launched: bool) -> Result<Self> {
         // nohup: a closed terminal is no reason to stop.
         let ignores_hang_up = signal_is_ignored(SignalKind::hangup().as_raw_value());
         Ok(Self {
             interrupt: signal(SignalKind::interrupt()).context("SIGINT")?,
             terminate: signal(SignalKind::terminate()).context("SIGTERM")?,
+            user: signal(SignalKind::user_defined1()).context("SIGUSR1")?,
+            launched,
+            requeue: false,
             hang_up: if ignores_hang_up { None } else { Some(signal(SignalKind::hangup()).context("SIGHUP")?) },
         })
     }
@@ -60,11 +68,19 @@ impl Signals {
                 None => std::future::pending().await,
             }
         };
-        tokio::select! {
-            _ = self.interrupt.recv() => Event::Interrupt,
-            _ = self.terminate.recv() => Event::Stop,
-            _ = hang_up => Event::Stop,
-        }
+        let (event, requeue) = tokio::select! {
+            _ = self.interrupt.recv() => (Event::Interrupt, false),
+            _ = self.terminate.recv() => (Event::Stop, self.launched),
+            _ = self.user.recv() => (Event::Stop, true),
+            _ = hang_up => (Event::Stop, false),
+        };
+        self.requeue |= requeue;
+        event
+    }
+
+    /// Whether one of them, SIGUSR1 or a launcher's SIGTERM, says that the run is started again later.
+    pub fn ask_for_requeue(&self) -> bool {
+        self.requeue
     }
 }
 
@@ -101,6 +117,8 @@ pub struct Shell<'a> {
     pub recorder: Option<&'a Recorder>,
     /// Requests to stop.
     pub signals: Signals,
+    /// The other hosts, if there are some.
+    pub company: Option<&'a mut Company>,
 }
 
 impl Shell<'_> {
@@ -126,6 +144,7 @@ impl Shell<'_> {
             own_events: VecDeque::new(),
             recording_failed: false,
             asked_to_stop: false,
+            requeue: false,
         };
         let mut actions = machine.start(Duration::ZERO);
         fault::reach("orchestrator.before_spawn");
@@ -161,6 +180,8 @@ struct Supervision<'a, A> {
     own_events: VecDeque<Event>,
     recording_failed: bool,
     asked_to_stop: bool,
+    /// The stop is a scheduler's.
+    requeue: bool,
 }
 
 impl<A: Audience> Supervision<'_, A> {
@@ -171,16 +192,27 @@ impl<A: Audience> Supervision<'_, A> {
                 if matches!(process, Process::Learner(_)) {
                     self.learner_incarnation = incarnation;
                 }
-                if let Err(cause) = self.processes.spawn(process, incarnation) {
+                if let Some(host) = self.elsewhere(process) {
+                    self.order(host, Order::Spawn { process, incarnation });
+                } else if let Err(cause) = self.processes.spawn(process, incarnation) {
                     let exit = Exit::NotStarted(cause);
                     self.own_events.push_back(Event::Exited { process, incarnation, exit, last_words: vec![] });
                 }
                 fault::reach("orchestrator.after_spawn");
             }
-            Action::CloseLifeline(process) => self.processes.close_lifeline(process),
-            Action::Kill(process) => self.processes.kill(process),
+            Action::CloseLifeline(process) => match self.elsewhere(process) {
+                Some(host) => self.order(host, Order::CloseLifeline(process)),
+                None => self.processes.close_lifeline(process),
+            },
+            Action::Kill(process) => match self.elsewhere(process) {
+                Some(host) => self.order(host, Order::Kill(process)),
+                None => self.processes.kill(process),
+            },
             Action::Announce(announcement) => {
                 fault::reach("orchestrator.before_announce");
+                if let Some(company) = &self.shell.company {
+                    company.order_all(&Order::Announce(announcement.into()));
+                }
                 self.announcer.announce(announcement)?;
                 fault::reach("orchestrator.after_announce");
             }
@@ -191,6 +223,9 @@ impl<A: Audience> Supervision<'_, A> {
             Action::Finish(mut outcome) => {
                 if outcome.end == SessionEnd::Complete && !self.wait_for_audience().await {
                     outcome.end = SessionEnd::Stopped;
+                }
+                if outcome.end == SessionEnd::Stopped && (self.requeue || self.shell.signals.ask_for_requeue()) {
+                    outcome.end = SessionEnd::Requeued;
                 }
                 self.audience.over();
                 return Ok(Some(outcome));
@@ -217,7 +252,43 @@ impl<A: Audience> Supervision<'_, A> {
         tokio::select! {
             event = self.shell.signals.next() => event,
             Some(event) = self.inbox.recv() => event,
+            (host, heard) = heard(&mut self.shell.company) => self.event_of(host, heard),
             _ = self.tick.tick() => Event::Tick,
+        }
+    }
+
+    /// The host of a process of another host.
+    fn elsewhere(&self, process: Process) -> Option<u32> {
+        self.shell.company.as_ref().map(|company| company.host_of(process)).filter(|&host| host > 0)
+    }
+
+    fn order(&self, host: u32, order: Order) {
+        if let Some(company) = &self.shell.company {
+            company.order(host, order);
+        }
+    }
+
+    /// What is heard of another host, as an event of the run.
+    fn event_of(&mut self, host: u32, heard: Heard) -> Event {
+        let Some(company) = &self.shell.company else { return Event::Tick };
+        match heard {
+            Heard::Lost(reason) => Event::HostLost {
+                processes: company.processes_of(host),
+                reason: format!("{} was lost: {reason}", company.name(host)),
+            },
+            Heard::Said(word) => match word {
+                Word::Exited { process, incarnation, exit, last_words } => {
+                    Event::Exited { process, incarnation, exit, last_words }
+                }
+                Word::Learner { incarnation, event } => Event::Learner { incarnation, event },
+                Word::CannotWrite(reason) => Event::CannotWrite(format!("{}: {reason}", company.name(host))),
+                Word::Stop { requeue } => {
+                    self.requeue |= requeue;
+                    Event::Stop
+                }
+                Word::Interrupt => Event::Interrupt,
+                Word::Ready | Word::Refused(_) | Word::Recorded(_) => Event::Tick,
+            },
         }
     }
 
@@ -226,14 +297,16 @@ impl<A: Audience> Supervision<'_, A> {
         let recorder = self.shell.recorder;
         match event {
             Event::Exited { process, .. } => {
-                self.processes.forget(*process);
                 // When another learner dies, this one does not outlive it.
                 if *process == Process::Learner(0) {
                     self.audience.learner_died(now);
                 }
-                // Before its place is taken, and before anyone blocks on what it held.
-                self.shell.host.sweep_dead();
-                self.sweeps = SWEEPS_AFTER_DEATH;
+                if self.elsewhere(*process).is_none() {
+                    self.processes.forget(*process);
+                    // Before its place is taken, and before anyone blocks on what it held.
+                    self.shell.host.sweep_dead();
+                    self.sweeps = SWEEPS_AFTER_DEATH;
+                }
             }
             Event::Learner { incarnation, event } if *incarnation == self.learner_incarnation => {
                 if let Some(recorder) = recorder {
@@ -262,7 +335,7 @@ impl<A: Audience> Supervision<'_, A> {
                 self.audience.tick(now, recorder);
             }
             Event::Stop | Event::Interrupt => self.asked_to_stop = true,
-            Event::Learner { .. } | Event::CannotWrite(_) => {}
+            Event::Learner { .. } | Event::CannotWrite(_) | Event::HostLost { .. } => {}
         }
     }
 
@@ -293,6 +366,14 @@ impl<A: Audience> Supervision<'_, A> {
             recorder.stage_switch(switch.from, switch.to, switch.frames, switch.rollout);
         }
         fault::reach("orchestrator.stage_switch");
+    }
+}
+
+/// What is heard next of another host; nothing where there is none.
+async fn heard(company: &mut Option<&mut Company>) -> (u32, Heard) {
+    match company {
+        Some(company) => company.heard().await,
+        None => std::future::pending().await,
     }
 }
 

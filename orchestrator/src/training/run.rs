@@ -1,18 +1,22 @@
 //! A session of a run that trains, from the note that it began to its last line: what `up` and `resume` share.
 
 use super::audience::TrainingAudience;
+use crate::hosts::rendezvous::{Incomplete, Rendezvous};
 use crate::preflight::tools::Tools;
 use crate::run::identity::{Ended, Identity, unix_now};
 use crate::run::lock::RunLock;
 use crate::showing::format;
 use crate::showing::terminal;
+use crate::supervisor::company::Order;
 use crate::supervisor::event::{Outcome, SessionEnd};
-use crate::supervisor::session::{EXIT_INTERRUPTED, Session, shape};
+use crate::supervisor::session::{EXIT_INTERRUPTED, Session, Together, part_of, shape};
 use crate::training::next_steps;
 use crate::training::summary::Summary;
 use crate::training::wall::{Last, Wall};
 use anyhow::Result;
 use proto::config::Config;
+use proto::exit::{EXIT_HOST_LOST, EXIT_REQUEUE};
+use proto::hosts::Hosts;
 use proto::run_folder::RunFolder;
 use proto::run_state::Ending;
 use proto::stage::total_frames;
@@ -33,6 +37,37 @@ pub struct TrainingRun {
     pub lock: RunLock,
     /// Programs.
     pub tools: Tools,
+    /// Who starts this program, and may start it again.
+    pub started: Started,
+}
+
+/// Who starts a run, and where.
+#[derive(Debug, Default)]
+pub struct Started {
+    /// A scheduler or launcher does.
+    pub launched: bool,
+    /// The door for the other hosts, if there are some.
+    pub rendezvous: Option<Rendezvous>,
+}
+
+impl Started {
+    /// What host 0 has of a run, for what looks at this machine.
+    pub fn part(&self, config: &Config) -> Config {
+        let hosts = self.rendezvous.as_ref().map_or(1, Rendezvous::hosts);
+        part_of(config, Hosts::new(hosts, config.shares()), 0)
+    }
+}
+
+/// What is left of a session: how it ended, its recording, its figures, and the other hosts.
+type Ran = (Outcome, Result<()>, History, Option<Together>);
+
+/// What other hosts are told at the end.
+fn farewell(end: &SessionEnd, recording: &Result<()>) -> String {
+    match (end, recording) {
+        (_, Err(error)) => format!("the run ends, and the recording is incomplete: {error:#}"),
+        (SessionEnd::Failed(reason) | SessionEnd::HostLost(reason), _) => format!("the run ends: {reason}"),
+        (end, Ok(())) => format!("the run is {}", end.ending()),
+    }
 }
 
 impl TrainingRun {
@@ -44,18 +79,29 @@ impl TrainingRun {
         let (incarnation, address) = self.identity.begin_incarnation();
         self.identity.write(&self.folder)?;
         match self.session(incarnation, &address) {
-            Ok((outcome, recording, history)) => self.report(&outcome, &recording, &history, begin.elapsed()),
+            Ok((outcome, recording, history, together)) => {
+                let text = farewell(&outcome.end, &recording);
+                let status = self.report(&outcome, &recording, &history, begin.elapsed())?;
+                if let Some(together) = together {
+                    together.company.order_all(&Order::Dismiss { status, text });
+                }
+                Ok(ExitCode::from(status))
+            }
             Err(error) => {
                 self.note_end(Ending::Failed, None, Some(format!("{error:#}")));
+                if error.is::<Incomplete>() {
+                    tracing::error!("{error:#}");
+                    return Ok(ExitCode::from(EXIT_HOST_LOST as u8));
+                }
                 Err(error)
             }
         }
     }
 
     /// Everything between the note that it began and the note how it ended.
-    fn session(&mut self, incarnation: u32, address: &WireAddress) -> Result<(Outcome, Result<()>, History)> {
-        let Self { folder, config, identity, lock, tools } = self;
-        let session = Session { folder, config, incarnation, address, tools };
+    fn session(&mut self, incarnation: u32, address: &WireAddress) -> Result<Ran> {
+        let Self { folder, config, identity, lock, tools, started } = self;
+        let session = Session { folder, config, incarnation, address, tools, launched: started.launched };
         session.begin_log()?;
         tracing::info!(
             "run {} in {}, start {incarnation}; {}, seed {}, {} frames",
@@ -67,17 +113,13 @@ impl TrainingRun {
         );
         fault::reach("orchestrator.after_lock");
         let mut audience = TrainingAudience::open(folder, config, incarnation)?;
-        let (outcome, recording) = session.run(lock, &mut audience)?;
-        Ok((outcome, recording, audience.journal.history))
+        let gather = |door: Rendezvous| door.gather(folder, &identity.id, incarnation, config);
+        let mut together = started.rendezvous.take().map(gather).transpose()?;
+        let (outcome, recording) = session.run(lock, &mut audience, together.as_mut())?;
+        Ok((outcome, recording, audience.journal.history, together))
     }
 
-    fn report(
-        mut self,
-        outcome: &Outcome,
-        recording: &Result<()>,
-        history: &History,
-        wall: Duration,
-    ) -> Result<ExitCode> {
+    fn report(mut self, outcome: &Outcome, recording: &Result<()>, history: &History, wall: Duration) -> Result<u8> {
         let how = outcome.end.ending();
         let reason = outcome.end.reason().map(str::to_owned);
         let saved = outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.as_str()));
@@ -96,7 +138,7 @@ impl TrainingRun {
             for line in summary.lines(&self.folder, &outcome.end) {
                 terminal::out(&line);
             }
-        } else if let SessionEnd::Stopped | SessionEnd::Interrupted = outcome.end {
+        } else if let SessionEnd::Stopped | SessionEnd::Requeued | SessionEnd::Interrupted = outcome.end {
             terminal::out(&format!("run {} {how}: the last checkpoint stands", self.identity.id));
         }
         if let Err(error) = recording {
@@ -108,9 +150,11 @@ impl TrainingRun {
             terminal::note(&line);
         }
         Ok(match outcome.end {
-            SessionEnd::Complete | SessionEnd::Stopped if recording.is_ok() => ExitCode::SUCCESS,
-            SessionEnd::Interrupted => ExitCode::from(EXIT_INTERRUPTED),
-            SessionEnd::Complete | SessionEnd::Stopped | SessionEnd::Failed(_) => ExitCode::FAILURE,
+            SessionEnd::Complete | SessionEnd::Stopped if recording.is_ok() => 0,
+            SessionEnd::Requeued if recording.is_ok() => EXIT_REQUEUE as u8,
+            SessionEnd::Interrupted => EXIT_INTERRUPTED,
+            SessionEnd::HostLost(_) => EXIT_HOST_LOST as u8,
+            SessionEnd::Complete | SessionEnd::Stopped | SessionEnd::Requeued | SessionEnd::Failed(_) => 1,
         })
     }
 

@@ -1,6 +1,7 @@
 //! The end of a run: `summary.json` and what is printed. Its last two lines are for scripts: `weights: ` and 64 hex
 //! digits, `frames: ` and a count; a run that failed has neither.
 
+use crate::recording::files_at;
 use crate::run::identity::Identity;
 use crate::showing::format;
 use crate::supervisor::event::SessionEnd;
@@ -141,7 +142,7 @@ impl Summary {
         if self.recording_complete == Some(false) {
             lines.push("ERROR       the recordings do not hold every step of the run: see the error below".to_owned());
         }
-        if !matches!(end, SessionEnd::Failed(_)) {
+        if !matches!(end, SessionEnd::Failed(_) | SessionEnd::HostLost(_)) {
             lines.push(format!("weights: {}", self.weights));
             lines.push(format!("frames: {}", self.frames));
         }
@@ -161,14 +162,8 @@ fn lost_rollouts(history: &History) -> u64 {
 }
 
 fn recordings(folder: &RunFolder) -> Vec<PathBuf> {
-    let Ok(entries) = std::fs::read_dir(folder.recordings()) else { return Vec::new() };
-    let paths = entries.flatten().map(|entry| entry.path());
-    let mut paths: Vec<PathBuf> = paths
-        .filter(|path| path.extension().is_some_and(|extension| extension == "mcap"))
-        .filter_map(|path| path.strip_prefix(folder.root()).map(PathBuf::from).ok())
-        .collect();
-    paths.sort();
-    paths
+    let files = files_at(folder.root()).unwrap_or_default();
+    files.into_iter().filter_map(|path| path.strip_prefix(folder.root()).map(PathBuf::from).ok()).collect()
 }
 
 /// One row a stage; returns are first tenth → last tenth, the other figures are of the last tenth.

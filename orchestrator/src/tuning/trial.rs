@@ -67,7 +67,7 @@ pub struct Interrupts(Signals);
 impl Interrupts {
     /// From now on signals do not end the process. To be called inside a runtime.
     pub fn install() -> Result<Self> {
-        Ok(Self(Signals::install()?))
+        Ok(Self(Signals::install(false)?))
     }
 
     /// Waits for one, at most for `longest`; whether one came.

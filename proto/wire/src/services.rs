@@ -41,6 +41,7 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSu
 use proto::SCHEMA_VERSION;
 use proto::shares::Shares;
 use std::fmt::Debug;
+use std::ops::Range;
 
 /// The flavour of iceoryx2 in use: between processes, ports stay on the thread that made them.
 pub type Ipc = ipc::Service;
@@ -393,6 +394,11 @@ impl Debug for WireHost {
 impl WireHost {
     /// Creates all services of an incarnation.
     pub fn create(address: &WireAddress, shape: WireShape) -> Result<Self, WireError> {
+        Self::create_part(address, shape, 0..shape.shares.learners())
+    }
+
+    /// Creates those of some learners, which have consecutive ranks, and of their actors: the others are on other hosts.
+    pub fn create_part(address: &WireAddress, shape: WireShape, ranks: Range<u32>) -> Result<Self, WireError> {
         address.create_root()?;
         let wire = Wire::join(address, shape, "orchestrator")?;
         let attributes = defined_attributes();
@@ -406,12 +412,12 @@ impl WireHost {
         }
         create!(wire.stage(), STAGE);
         create!(wire.stage_ready(), STAGE_READY);
-        for rank in 0..shape.shares.learners() {
+        for rank in ranks.clone() {
             create!(wire.observations(rank), &observations_name(rank));
             create!(wire.observations_ready(rank), &observations_ready_name(rank));
             create!(wire.recorded(rank), &recorded_name(rank));
         }
-        for actor in 0..shape.shares.actors() {
+        for actor in ranks.flat_map(|rank| shape.shares.actors_of(rank)) {
             create!(wire.actions(actor), &actions_name(actor));
             create!(wire.restore(actor), &restore_name(actor));
             create!(wire.actions_ready(actor), &actions_ready_name(actor));

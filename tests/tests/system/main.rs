@@ -6,6 +6,7 @@ mod evaluation;
 mod figures;
 mod gpu;
 mod hangs;
+mod hosts;
 mod learners;
 mod measuring;
 mod orchestrator_faults;

@@ -99,6 +99,8 @@ pub enum Note {
         rollout: u64,
         /// Frames with it.
         frames: u64,
+        /// Its own.
+        here: u64,
     },
 }
 

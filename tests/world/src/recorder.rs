@@ -142,9 +142,9 @@ impl Recorder {
     fn heed(&mut self, world: &mut World, me: TaskId, note: Note) {
         match note {
             Note::Began { learner_incarnation, frames } => self.tally.begin(learner_incarnation, frames),
-            Note::Collected { learner_incarnation, rollout, frames } => {
+            Note::Collected { learner_incarnation, rollout, frames, here } => {
                 if !self.failed && !world.setup.has(Mutation::IgnoresReceipts) {
-                    match self.tally.collect(learner_incarnation, rollout, frames) {
+                    match self.tally.collect(learner_incarnation, rollout, [here, frames]) {
                         Ok(()) if world.setup.has(Mutation::WritesLater) => {}
                         Ok(()) => self.flush(world),
                         Err(gap) => self.fail(world, gap.to_string()),

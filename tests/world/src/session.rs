@@ -210,8 +210,8 @@ impl Session {
         let learner_incarnation = self.learner_incarnation;
         let note = match *event {
             LearnerEvent::Ready { rank: 0, frames, .. } => Note::Began { learner_incarnation, frames },
-            LearnerEvent::RolloutCollected { rollout, frames, .. } => {
-                Note::Collected { learner_incarnation, rollout, frames }
+            LearnerEvent::RolloutCollected { rollout, frames, here, .. } => {
+                Note::Collected { learner_incarnation, rollout, frames, here }
             }
             _ => return,
         };

@@ -20,6 +20,8 @@ pub struct Recorder {
     /// Rings when there is a note.
     bell: Arc<ThreadBell>,
     failure: Arc<OnceLock<String>>,
+    /// The learner that speaks for the recording.
+    leader: u32,
     stages: Vec<(String, RewardKind)>,
 }
 
@@ -29,7 +31,7 @@ impl Recorder {
         let (notes, inbox) = channel();
         let (ready, started) = channel();
         let bell = Arc::new(ThreadBell::new().map_err(RecorderError::Bell)?);
-        let failure = Arc::new(OnceLock::new());
+        let (failure, leader) = (Arc::new(OnceLock::new()), setup.ranks.start);
         let stages = setup.config.stages.iter().map(|stage| (stage.name.clone(), stage.reward)).collect();
         let thread = {
             let (bell, failure) = (Arc::clone(&bell), Arc::clone(&failure));
@@ -47,7 +49,7 @@ impl Recorder {
                 .map_err(RecorderError::Thread)?
         };
         match started.recv_timeout(START_DEADLINE) {
-            Ok(()) => Ok(Self { thread, notes, bell, failure, stages }),
+            Ok(()) => Ok(Self { thread, notes, bell, failure, leader, stages }),
             Err(std::sync::mpsc::RecvTimeoutError::Timeout) => Err(RecorderError::Slow),
             // It returned before it was ready: with the reason, unless it panicked.
             Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => match thread.join() {
@@ -72,7 +74,7 @@ impl Recorder {
                 }));
             }
             LearnerEvent::Ready { rank, rollout, frames, device, parameters, checkpoint } => {
-                if *rank == 0 {
+                if *rank == self.leader {
                     self.note(Note::Began { learner_incarnation, frames: *frames });
                 }
                 let origin = checkpoint.as_deref().unwrap_or("a fresh start");
@@ -85,8 +87,9 @@ impl Recorder {
             LearnerEvent::ActorsConnected { rank } => {
                 self.learner_log(*rank, Level::Info, "all actors have answered".to_owned());
             }
-            LearnerEvent::RolloutCollected { rollout, frames, .. } => {
-                self.note(Note::Collected { learner_incarnation, rollout: *rollout, frames: *frames });
+            LearnerEvent::RolloutCollected { rollout, frames, here, .. } => {
+                let (rollout, frames, here) = (*rollout, *frames, *here);
+                self.note(Note::Collected { learner_incarnation, rollout, frames, here });
             }
             // What begins is followed by what was written; an episode that was played has its end in the recording.
             LearnerEvent::EpisodePlayed { .. } | LearnerEvent::CheckpointBegun { .. } => {}

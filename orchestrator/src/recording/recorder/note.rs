@@ -7,6 +7,7 @@ use crate::recording::schema::foxglove::log::Level;
 use crate::recording::schema::stillroom::{StageSwitch, Validation};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use wire::{WireAddress, WireError, WireShape};
@@ -21,6 +22,12 @@ pub struct RecorderSetup {
     pub address: WireAddress,
     /// Their shape.
     pub shape: WireShape,
+    /// The run: part of every file.
+    pub run_id: String,
+    /// This host, of those that the run has: part of every file.
+    pub host: u32,
+    /// The learners whose actors are recorded: those of this host.
+    pub ranks: Range<u32>,
     /// Where recordings go.
     pub folder: RunFolder,
     /// Incarnation of the orchestrator: part of the file names.
@@ -90,6 +97,8 @@ pub enum Note {
         learner_incarnation: u32,
         rollout: u64,
         frames: u64,
+        /// Of this rollout, on this host.
+        here: u64,
     },
     Trained(RolloutMetrics),
     Stage(StageSwitch),

@@ -29,6 +29,8 @@ pub const IDENTITY_METADATA: &str = "stillroom";
 pub mod identity {
     /// Run id: letters and digits.
     pub const RUN_ID: &str = "run_id";
+    /// The host that wrote the file, where the run has several; otherwise it is not there.
+    pub const HOST: &str = "host";
     /// Incarnation of the orchestrator.
     pub const INCARNATION: &str = "incarnation";
     /// Number of the segment within the incarnation, from 0.
@@ -98,6 +100,8 @@ struct TopicEntry {
 pub struct Preamble {
     /// Run id.
     pub run_id: String,
+    /// This host.
+    pub host: u32,
     /// Incarnation of the orchestrator.
     pub incarnation: u32,
     /// The run's configuration.
@@ -239,7 +243,8 @@ impl Segments {
             (identity::SEED, config.seed.to_string()),
             (identity::PRESET, config.preset.clone()),
         ];
-        let metadata = pairs.map(|(key, value)| (key.to_owned(), value)).into();
+        let host = Some((identity::HOST, self.preamble.host.to_string())).filter(|_| self.preamble.host > 0);
+        let metadata = pairs.into_iter().chain(host).map(|(key, value)| (key.to_owned(), value)).collect();
         Metadata { name: IDENTITY_METADATA.to_owned(), metadata }
     }
 

@@ -44,10 +44,15 @@ impl Tally {
         }
     }
 
-    /// A learner has collected a rollout and has `frames` frames with it. An error if its steps are not all recorded.
-    pub fn collect(&mut self, learner_incarnation: u32, rollout: u64, frames: u64) -> Result<(), Gap> {
+    /// The learners have collected a rollout and have `frames` frames with it, of which `collected` are of this rollout
+    /// and this host. An error if their steps are not all recorded.
+    pub fn collect(
+        &mut self,
+        learner_incarnation: u32,
+        rollout: u64,
+        [collected, frames]: [u64; 2],
+    ) -> Result<(), Gap> {
         self.follow(learner_incarnation);
-        let collected = frames.saturating_sub(self.frames.unwrap_or(0));
         let recorded = std::mem::take(&mut self.steps);
         if recorded < collected {
             return Err(Gap { rollout, collected, recorded });
@@ -79,7 +84,7 @@ mod tests {
         tally.begin(1, 100);
         tally.record(1, 6);
         tally.record(1, 4);
-        assert_eq!((tally.collect(1, 7, 110), tally.frames()), (Ok(()), Some(110)));
+        assert_eq!((tally.collect(1, 7, [10, 110]), tally.frames()), (Ok(()), Some(110)));
         // The learner dies in the middle; its successor's first steps may come before its first word.
         tally.record(1, 5);
         tally.record(2, 3);
@@ -87,9 +92,13 @@ mod tests {
         tally.begin(2, 100);
         assert_eq!(tally.frames(), Some(100));
         tally.record(2, 7);
-        assert_eq!((tally.collect(2, 7, 110), tally.frames()), (Ok(()), Some(110)));
+        assert_eq!((tally.collect(2, 7, [10, 110]), tally.frames()), (Ok(()), Some(110)));
         tally.record(2, 9);
-        assert_eq!(tally.collect(2, 8, 120), Err(Gap { rollout: 8, collected: 10, recorded: 9 }));
+        assert_eq!(tally.collect(2, 8, [10, 120]), Err(Gap { rollout: 8, collected: 10, recorded: 9 }));
         assert_eq!(tally.frames(), Some(110), "what is not all there does not count");
+        // Of a run on several hosts only what is made here must be here.
+        tally.begin(3, 110);
+        tally.record(3, 4);
+        assert_eq!((tally.collect(3, 8, [4, 120]), tally.frames()), (Ok(()), Some(120)));
     }
 }

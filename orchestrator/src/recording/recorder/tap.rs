@@ -28,13 +28,13 @@ pub fn run(
     ready: &Sender<()>,
 ) -> Result<RecordingSummary, RecorderError> {
     let wire = Wire::join(&setup.address, setup.shape, "recorder")?;
-    let learners = 0..setup.shape.shares.learners();
+    let learners = setup.ranks.clone();
     let subscribers: Vec<_> =
         learners.clone().map(|rank| wire.observation_subscriber(rank)).collect::<Result<_, WireError>>()?;
     let wakeups: Vec<_> = learners.map(|rank| wire.observations_wakeup(rank)).collect::<Result<_, WireError>>()?;
     let bells = Bells::new()?;
     let waiting = bells.attach(&wakeups, bell)?;
-    let mut learners = Learners::open(&wire, setup.shape)?;
+    let mut learners = Learners::open(&wire, setup)?;
     let book = ReceiptBook::open(&setup.address, setup.shape.shares.actors())?;
     let mut desk = Desk::new(setup, failure, &book)?;
     // The orchestrator may have given up waiting; then its end of the notes is closed too.
@@ -100,22 +100,24 @@ fn drain(subscribers: &[ObservationSubscriber], desk: &mut Desk<'_>) -> Result<u
 /// The bells of the learners, which wait for receipts.
 struct Learners {
     shape: WireShape,
+    /// Rank of the first.
+    first: u32,
     bells: Vec<Bell>,
     /// The last receipt that was rung for, of each learner and half.
     told: Vec<[Option<Receipt>; 2]>,
 }
 
 impl Learners {
-    fn open(wire: &Wire, shape: WireShape) -> Result<Self, WireError> {
-        let ranks = 0..shape.shares.learners();
+    fn open(wire: &Wire, setup: &RecorderSetup) -> Result<Self, WireError> {
+        let ranks = setup.ranks.clone();
         let bells: Vec<_> = ranks.map(|rank| wire.recorded_bell(rank)).collect::<Result<_, WireError>>()?;
-        Ok(Self { shape, told: vec![[None; 2]; bells.len()], bells })
+        Ok(Self { shape: setup.shape, first: setup.ranks.start, told: vec![[None; 2]; bells.len()], bells })
     }
 
     /// Rings for each learner that now has the receipts of all its actors for the next exchange of a half: before that
     /// it could not go on.
     fn tell(&mut self, ledger: &Ledger) {
-        for ((rank, bell), told) in (0..).zip(&self.bells).zip(&mut self.told) {
+        for ((rank, bell), told) in (self.first..).zip(&self.bells).zip(&mut self.told) {
             let actors = self.shape.shares.actors_of(rank);
             let complete = [0, 1].map(|half| ledger.complete(actors.clone(), half));
             if complete != *told {
@@ -125,7 +127,7 @@ impl Learners {
         }
     }
 
-    /// Rings for the first learner, which waits for rollouts on behalf of all.
+    /// Rings for the first learner, which waits for rollouts on behalf of all here.
     fn ring_first(&self) {
         self.bells.first().into_iter().for_each(ring);
     }
@@ -157,7 +159,8 @@ impl<'a> Desk<'a> {
     fn new(setup: &RecorderSetup, failure: &'a OnceLock<String>, book: &'a ReceiptBook) -> Result<Self, SegmentError> {
         let time_ns = now_ns();
         let preamble = Preamble {
-            run_id: setup.address.run_id().to_owned(),
+            run_id: setup.run_id.clone(),
+            host: setup.host,
             incarnation: setup.incarnation,
             config: setup.config.clone(),
         };
@@ -218,8 +221,8 @@ impl<'a> Desk<'a> {
         let time_ns = self.tick(time_ns);
         match note {
             Note::Began { learner_incarnation, frames } => self.tally.begin(learner_incarnation, frames),
-            Note::Collected { learner_incarnation, rollout, frames } => {
-                self.collected(learner_incarnation, rollout, frames);
+            Note::Collected { learner_incarnation, rollout, frames, here } => {
+                self.collected(learner_incarnation, rollout, [here, frames]);
                 return true;
             }
             note => self.attempt(|scribe| write_note(scribe, time_ns, note)),
@@ -228,7 +231,7 @@ impl<'a> Desk<'a> {
     }
 
     /// A rollout is collected: if all of it is there, it is written out and the learner may train on it.
-    fn collected(&mut self, learner_incarnation: u32, rollout: u64, frames: u64) {
+    fn collected(&mut self, learner_incarnation: u32, rollout: u64, frames: [u64; 2]) {
         if self.scribe.is_none() {
             return;
         }

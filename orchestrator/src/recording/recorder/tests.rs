@@ -52,6 +52,9 @@ impl Bench {
         Recorder::start(RecorderSetup {
             address: self.address.clone(),
             shape: shape(),
+            run_id: self.address.run_id().to_owned(),
+            host: 0,
+            ranks: 0..2,
             folder: RunFolder::new(self.folder.path()),
             incarnation: 1,
             config: self.config.clone(),
@@ -394,6 +397,9 @@ fn a_recording_that_exists_is_never_overwritten() {
     let error = Recorder::start(RecorderSetup {
         address: bench.address.clone(),
         shape: shape(),
+        run_id: bench.address.run_id().to_owned(),
+        host: 0,
+        ranks: 0..2,
         folder: RunFolder::new(bench.folder.path()),
         incarnation: 1,
         config: bench.config.clone(),

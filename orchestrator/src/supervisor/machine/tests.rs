@@ -1,5 +1,6 @@
 //! The supervisor against a world that crashes, hangs and lies at random.
 
+mod lost_hosts;
 mod one_learner;
 mod several_learners;
 
@@ -182,6 +183,17 @@ impl World {
         }
     }
 
+    /// The last learner's host is gone, with it and the last actor.
+    fn lose_last_host(&mut self) {
+        let processes = vec![Process::Learner(self.learners - 1), Process::Actor(ACTORS - 1)];
+        for process in &processes {
+            self.up.remove(process);
+            self.told_to_go.remove(process);
+            self.killed.remove(process);
+        }
+        self.feed(Event::HostLost { processes, reason: "host 1 (n1) was lost: its cable".into() });
+    }
+
     fn learner(&mut self, event: LearnerEvent) {
         let incarnation = self.up[&Process::Learner(event.rank())];
         self.feed(Event::Learner { incarnation, event });
@@ -270,6 +282,7 @@ impl World {
                 rank,
                 rollout: rollout as u64,
                 frames: frames + shape.frames,
+                here: shape.frames,
             });
         }
     }
@@ -329,6 +342,7 @@ impl World {
                 0..10 => self.feed(Event::Stop),
                 10..20 => self.feed(Event::Interrupt),
                 20..25 => self.feed(Event::CannotWrite("disk full".into())),
+                25..28 => self.lose_last_host(),
                 _ => {}
             },
             _ => {}

@@ -325,7 +325,7 @@ impl Learner {
         }
         let (rollout, frames) = (self.rollout, self.frames + collected);
         if self.rank == 0 {
-            self.tell(world, me, LearnerEvent::RolloutCollected { rank: 0, rollout, frames });
+            self.tell(world, me, LearnerEvent::RolloutCollected { rank: 0, rollout, frames, here: collected });
         }
         if world.setup.has(Mutation::IgnoresReceipts) {
             return self.train(world, [sum, collected]);

@@ -28,7 +28,7 @@ fn indexed(path: &Path) -> BTreeMap<String, usize> {
 #[test]
 fn a_file_is_complete_after_every_flush_and_its_index_is_the_one_it_ends_with() {
     let temporary = tempfile::tempdir().unwrap();
-    let preamble = Preamble { run_id: "live".to_owned(), incarnation: 1, config: Config::default() };
+    let preamble = Preamble { run_id: "live".to_owned(), host: 0, incarnation: 1, config: Config::default() };
     let mut segments = Segments::create(RunFolder::new(temporary.path()), preamble, 0).unwrap();
     let path = segments.files()[0].clone();
     assert_eq!(indexed(&path), BTreeMap::new());

@@ -14,8 +14,8 @@ fn wait_for(what: &str, so: impl Fn() -> bool) {
     }
 }
 
-fn collected(rollout: u64, frames: u64) -> LearnerEvent {
-    LearnerEvent::RolloutCollected { rank: 0, rollout, frames }
+fn collected(rollout: u64, here: u64, frames: u64) -> LearnerEvent {
+    LearnerEvent::RolloutCollected { rank: 0, rollout, frames, here }
 }
 
 fn ready(frames: u64) -> LearnerEvent {
@@ -55,7 +55,7 @@ fn actors_are_met_samples_receipted_and_whole_rollouts_confirmed() {
 
     // One step of two environments under learner 3; then a rollout of both actors.
     recorder.learner(3, &ready(100));
-    recorder.learner(3, &collected(0, 101));
+    recorder.learner(3, &collected(0, 1, 101));
     let written = |rollout| Some(Written { learner_incarnation: 3, rollout });
     wait_for("it is written", || receipts.written() == written(1));
     let file = RunFolder::new(bench.folder.path()).recording(1, 0);
@@ -66,7 +66,7 @@ fn actors_are_met_samples_receipted_and_whole_rollouts_confirmed() {
     second.send(0, 3, 8, |_| {});
     wait_for("all are taken", || of(0) == at(3, 8) && receipts.of(0, 0) == at(3, 8));
     // Two environments of each actor are in half 0: four steps.
-    recorder.learner(3, &collected(1, 105));
+    recorder.learner(3, &collected(1, 4, 105));
     wait_for("it is written", || receipts.written() == written(2));
     assert!(!receipts.failed());
     assert_eq!(recorder.finish().unwrap().frames, Some(105));
@@ -83,7 +83,7 @@ fn a_rollout_with_a_hole_is_an_error_and_never_confirmed() {
     actor.send(0, 1, 0, |_| {});
     actor.send(0, 1, 2, |_| {});
     wait_for("it is taken", || receipts.of(0, 0).is_some_and(|receipt| receipt.step == 2));
-    recorder.learner(1, &collected(0, 4));
+    recorder.learner(1, &collected(0, 4, 4));
     wait_for("it is told", || receipts.failed());
     assert_eq!(receipts.written(), None);
     let failure = recorder.failure().unwrap();

@@ -18,7 +18,7 @@ fn throughput_of_the_scribe() {
     let temporary = tempfile::tempdir().unwrap();
     let folder = std::env::var_os("KEEP_RECORDING").map_or_else(|| temporary.path().to_path_buf(), PathBuf::from);
     let config = Config::default();
-    let preamble = Preamble { run_id: "throughput".to_owned(), incarnation: 1, config: config.clone() };
+    let preamble = Preamble { run_id: "throughput".to_owned(), host: 0, incarnation: 1, config: config.clone() };
     let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 16 };
     for (name, flags, exchanges) in [("steps", 0, 20_000u64), ("depth frames", current_flag::RECORD_DEPTH, 100)] {
         let folder = RunFolder::new(folder.join(name));

@@ -178,7 +178,7 @@ fn a_silent_learner_is_killed_and_a_dead_ones_words_are_ignored() {
     let version = world.announced.version;
     world.feed(Event::Learner {
         incarnation: 1,
-        event: LearnerEvent::RolloutCollected { rank: 0, rollout: 0, frames: 48 },
+        event: LearnerEvent::RolloutCollected { rank: 0, rollout: 0, frames: 48, here: 48 },
     });
     assert_eq!(world.announced.version, version);
 }

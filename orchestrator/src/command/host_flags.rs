@@ -1,0 +1,73 @@
+//! Flags of a run on several hosts.
+
+use crate::hosts::agent::Agent;
+use crate::hosts::membership::{Flags, Membership, membership};
+use crate::hosts::rendezvous::{Patience, Rendezvous};
+use crate::hosts::token::Token;
+use crate::training::run::Started;
+use anyhow::{Context, Result};
+use clap::Args;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// Where a run has several hosts: the same command on each.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Several hosts (torchrun and srun say which host this is; docs/cluster.md)")]
+pub struct HostFlags {
+    /// Hosts that share the run; learners and actors are divided among them
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=512))]
+    hosts: Option<u32>,
+    /// This host, from 0
+    #[arg(long, value_name = "K")]
+    host_rank: Option<u32>,
+    /// Where the hosts meet: name or address of host 0, and a free port there
+    #[arg(long, value_name = "HOST:PORT")]
+    rendezvous: Option<String>,
+    /// The network to use here: an interface's name or address [default: the one that reaches the rendezvous]
+    #[arg(long, value_name = "NAME|ADDRESS")]
+    interface: Option<String>,
+    /// A file with the secret that all hosts of the run share [default: the variable STILLROOM_TOKEN_FILE, or
+    /// STILLROOM_TOKEN with the secret itself]
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+    /// How long hosts wait for one another at the start, seconds
+    #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    join_deadline: u64,
+    /// From the loss of a host to the end of the job on all others, seconds at most; a third of it without a sign of
+    /// life is a loss
+    #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(3..=3600))]
+    host_deadline: u64,
+}
+
+impl HostFlags {
+    /// Which host this is; none where nobody says.
+    pub fn membership(&self) -> Result<Option<Membership>> {
+        let (hosts, host_rank, rendezvous) = (self.hosts, self.host_rank, self.rendezvous.clone());
+        Ok(membership(&Flags { hosts, host_rank, rendezvous }, &|name| std::env::var(name).ok())?)
+    }
+
+    /// How long hosts wait for one another.
+    pub fn patience(&self) -> Patience {
+        Patience { joining: Duration::from_secs(self.join_deadline), lost: Duration::from_secs(self.host_deadline) }
+    }
+
+    /// What host 0 has to start with; the door is open from now on.
+    pub fn started(&self, member: Option<&Membership>) -> Result<Started> {
+        let open =
+            |member: &Membership| Rendezvous::open(member, self.token()?, self.interface.as_deref(), self.patience());
+        let rendezvous = member.filter(|member| member.hosts > 1).map(open).transpose()?;
+        Ok(Started { launched: member.is_some(), rendezvous })
+    }
+
+    /// Does another host's part, in this run folder.
+    pub fn take_part(&self, member: Membership, run: &Path) -> Result<ExitCode> {
+        let (token, interface) = (self.token()?, self.interface.clone());
+        let run = run.to_path_buf();
+        Agent { member, token, interface, run, patience: self.patience() }.run()
+    }
+
+    fn token(&self) -> Result<Token> {
+        Token::find(self.token_file.as_deref()).context("the hosts cannot trust one another")
+    }
+}

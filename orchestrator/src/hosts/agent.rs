@@ -1,0 +1,369 @@
+//! What this program is on every host but the first: it does there what host 0's supervisor orders, and reports. It
+//! decides one thing by itself: when host 0 is lost, its processes end, and so does it.
+
+use super::address;
+use super::handshake::ask;
+use super::link::{Mouth, receive, receive_bytes, serve};
+use super::membership::Membership;
+use super::place::{Place, prepare};
+use super::rendezvous::{Invitation, Patience, Reply};
+use super::token::Token;
+use crate::recording::recorder::{Recorder, RecorderSetup};
+use crate::run::remains;
+use crate::showing::terminal;
+use crate::supervisor::company::{Order, Word};
+use crate::supervisor::event::{Event, Exit, Process};
+use crate::supervisor::process::{Launch, LearnersNetwork, Processes};
+use crate::supervisor::session::{part_of, placed, recorded};
+use crate::supervisor::shell::{QUEUE, SWEEPS_AFTER_DEATH, Signals, TICK};
+use anyhow::{Context, Result, bail};
+use proto::event::LearnerEvent;
+use proto::exit::EXIT_HOST_LOST;
+use proto::plain_file::open_plain;
+use std::collections::BTreeSet;
+use std::fs::OpenOptions;
+use std::net::{IpAddr, SocketAddr, TcpStream};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+use tokio::sync::mpsc;
+use wire::{Announcer, WireHost, WireShape};
+
+/// How long one attempt to reach host 0 may take, and the pause before the next.
+const ATTEMPT: Duration = Duration::from_secs(5);
+const PAUSE: Duration = Duration::from_millis(500);
+/// The most that is read of a reply, and of one file.
+const REPLY: usize = 64 << 20;
+const FILE: usize = 1 << 30;
+/// How long killed processes may take to be gone.
+const KILLED: Duration = Duration::from_secs(5);
+
+/// What an agent is started with.
+#[derive(Debug)]
+pub struct Agent {
+    /// Which host it is.
+    pub member: Membership,
+    /// The run's token.
+    pub token: Token,
+    /// The interface to use, if the user names one.
+    pub interface: Option<String>,
+    /// Run folder: this host's own, or shared.
+    pub run: PathBuf,
+    /// How long to wait.
+    pub patience: Patience,
+}
+
+/// What comes over the link.
+type Heard = Result<Order, String>;
+
+impl Agent {
+    /// Takes part in a run until its end; the job's exit status.
+    pub fn run(self) -> Result<ExitCode> {
+        let (mut stream, own) = self.knock()?;
+        let deadline = Instant::now() + 2 * self.patience.joining;
+        let reply = receive(&mut stream, REPLY, deadline).context("host 0 did not begin")?;
+        let invitation: Invitation = match reply {
+            Reply::Invited(invitation) => invitation,
+            Reply::Refused(reason) => bail!("host 0 refuses this host: {reason}"),
+            Reply::Over { status, text } => {
+                terminal::note(&text);
+                return Ok(ExitCode::from(status));
+            }
+        };
+        let read = |_: &(String, u64)| receive_bytes(&mut stream, FILE, deadline);
+        let files: Vec<Vec<u8>> =
+            invitation.files.iter().map(read).collect::<Result<_, _>>().context("host 0's files")?;
+        let patience = Patience { lost: Duration::try_from_secs_f64(invitation.lost_s)?, ..self.patience };
+        let (sender, orders) = mpsc::channel(QUEUE);
+        let ear = move |heard: Heard| sender.blocking_send(heard).is_ok();
+        let mouth: Mouth<Word> = serve(stream, patience.silence(), ear).context("the link to host 0")?;
+        let place = match prepare(&self.run, self.member.host, &invitation, &files, patience.lost) {
+            Ok(place) => place,
+            Err(error) => {
+                mouth.say(Word::Refused(format!("{error:#}")));
+                return Err(error);
+            }
+        };
+        let path = place.folder.log("orchestrator");
+        let log = open_plain(&path, OpenOptions::new().create(true).append(true));
+        terminal::log_to_file(log.with_context(|| format!("cannot open {}", path.display()))?);
+        tracing::info!(
+            "host {} of {} of run {}, start {}, in {}",
+            self.member.host,
+            invitation.hosts,
+            invitation.run_id,
+            invitation.incarnation,
+            place.folder.root().display()
+        );
+        let network = LearnersNetwork {
+            hosts: invitation.hosts,
+            store: invitation.store,
+            key: self.token.meeting_key(&invitation.run_id, invitation.incarnation),
+            own,
+            interface: address::interface_of(own),
+            listener: None,
+        };
+        let address = place.address.clone();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
+        let ended = runtime.block_on(self.work(place, &invitation, network, mouth, orders, patience));
+        // In any case no process and no shared memory of this start remains.
+        drop(runtime);
+        if let Err(error) = remains::sweep(&address, Duration::from_secs(2)) {
+            tracing::warn!("{error:#}");
+        }
+        let (status, text) = ended?;
+        terminal::note(&text);
+        Ok(ExitCode::from(status))
+    }
+
+    /// Reaches host 0 and proves the token to it; this host's own address.
+    fn knock(&self) -> Result<(TcpStream, IpAddr)> {
+        let rendezvous = &self.member.rendezvous;
+        let deadline = Instant::now() + self.patience.joining;
+        let host = self.member.host;
+        tracing::info!("host {host} of {}: looking for host 0 at {rendezvous}", self.member.hosts);
+        loop {
+            let last = match self.attempt() {
+                Ok((mut stream, own)) => match ask(&mut stream, &self.token, host, Instant::now() + ATTEMPT) {
+                    Ok(()) => return Ok((stream, own)),
+                    Err(error) => anyhow::Error::new(error),
+                },
+                Err(error) => error,
+            };
+            tracing::debug!("host 0 at {rendezvous}: {last:#}");
+            if Instant::now() >= deadline {
+                let waited = self.patience.joining.as_secs();
+                return Err(last.context(format!("host 0 was not reached at {rendezvous} within {waited} s")));
+            }
+            std::thread::sleep(PAUSE);
+        }
+    }
+
+    fn attempt(&self) -> Result<(TcpStream, IpAddr)> {
+        let mut last = None;
+        for address in address::resolve(&self.member.rendezvous)? {
+            let own = address::of_other(address, self.interface.as_deref())?;
+            match connect(own, address) {
+                Ok(stream) => {
+                    stream.set_write_timeout(Some(ATTEMPT))?;
+                    return Ok((stream, own));
+                }
+                Err(error) => last = Some(error),
+            }
+        }
+        Err(last.context("no address")?.into())
+    }
+
+    async fn work(
+        &self,
+        place: Place,
+        invitation: &Invitation,
+        network: LearnersNetwork,
+        mouth: Mouth<Word>,
+        orders: mpsc::Receiver<Heard>,
+        patience: Patience,
+    ) -> Result<(u8, String)> {
+        let Place { folder, config, address, hosts, tools, mut lock } = place;
+        let signals = Signals::install(true)?;
+        lock.sign(invitation.incarnation)?;
+        let run = std::path::absolute(folder.root()).context("run folder")?;
+        let _claim = remains::claim(&address, &run)?;
+        let (shape, ranks) = (WireShape::of(&config), hosts.ranks_of(self.member.host));
+        let host = WireHost::create_part(&address, shape, ranks.clone())?;
+        let setup = || RecorderSetup {
+            address: address.clone(),
+            shape,
+            run_id: invitation.run_id.clone(),
+            host: self.member.host,
+            ranks: ranks.clone(),
+            folder: folder.clone(),
+            incarnation: invitation.incarnation,
+            config: config.clone(),
+        };
+        let recorder = config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
+        let launch = Launch {
+            placement: placed(&part_of(&config, hosts, self.member.host), &tools)?,
+            programs: tools.programs.clone(),
+            learners: config.learner.count,
+            threads: config.learner.threads,
+            evaluates: false,
+            folder: folder.clone(),
+            address: address.clone(),
+            first: [ranks.start, hosts.actors_of(self.member.host).start],
+            network: Some(network),
+        };
+        let (sender, inbox) = mpsc::channel(QUEUE);
+        mouth.say(Word::Ready);
+        let announcer = host.wire().announcer()?;
+        let work = Work {
+            host: &host,
+            announcer,
+            processes: Processes::new(launch, sender),
+            running: BTreeSet::new(),
+            inbox,
+            orders,
+            mouth,
+            signals,
+            recorder,
+            learner_incarnation: 0,
+            sweeps: 0,
+            recording_failed: false,
+        };
+        work.until_the_end(patience, invitation).await
+    }
+}
+
+/// Connects from an address of this host's.
+fn connect(own: IpAddr, to: SocketAddr) -> std::io::Result<TcpStream> {
+    use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, connect, socket_with};
+    if address::of_other(to, None).is_ok_and(|usual| usual == own) {
+        return TcpStream::connect_timeout(&to, ATTEMPT);
+    }
+    let family = if own.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };
+    let socket = socket_with(family, SocketType::STREAM, SocketFlags::CLOEXEC, None)?;
+    bind(&socket, &SocketAddr::from((own, 0)))?;
+    connect(&socket, &to)?;
+    Ok(socket.into())
+}
+
+/// The agent at work.
+struct Work<'a> {
+    host: &'a WireHost,
+    announcer: Announcer,
+    processes: Processes,
+    running: BTreeSet<Process>,
+    inbox: mpsc::Receiver<Event>,
+    orders: mpsc::Receiver<Heard>,
+    mouth: Mouth<Word>,
+    signals: Signals,
+    recorder: Option<Recorder>,
+    /// Incarnation of the learners whose events count.
+    learner_incarnation: u32,
+    /// Ticks on which dead processes' ports are still to be swept.
+    sweeps: u32,
+    recording_failed: bool,
+}
+
+impl Work<'_> {
+    async fn until_the_end(mut self, patience: Patience, invitation: &Invitation) -> Result<(u8, String)> {
+        let mut tick = tokio::time::interval(TICK);
+        tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        loop {
+            tokio::select! {
+                heard = self.orders.recv() => match heard {
+                    Some(Ok(Order::Dismiss { status, text })) => return Ok((status, text)),
+                    Some(Ok(order)) => self.obey(order)?,
+                    lost => {
+                        let why = lost.and_then(Result::err).unwrap_or_else(|| "the link has ended".to_owned());
+                        let text = format!("host 0 ({}) was lost: {why}", invitation.name);
+                        tracing::error!("{text}");
+                        self.abandon(patience).await;
+                        return Ok((EXIT_HOST_LOST as u8, text));
+                    }
+                },
+                Some(event) = self.inbox.recv() => self.report(event),
+                asked = self.signals.next() => self.mouth.say(match asked {
+                    Event::Interrupt => Word::Interrupt,
+                    _ => Word::Stop { requeue: self.signals.ask_for_requeue() },
+                }),
+                _ = tick.tick() => self.look(),
+            }
+        }
+    }
+
+    fn obey(&mut self, order: Order) -> Result<()> {
+        match order {
+            Order::Spawn { process, incarnation } => {
+                if matches!(process, Process::Learner(_)) {
+                    self.learner_incarnation = incarnation;
+                }
+                match self.processes.spawn(process, incarnation) {
+                    Ok(()) => drop(self.running.insert(process)),
+                    Err(cause) => {
+                        let exit = Exit::NotStarted(cause);
+                        self.mouth.say(Word::Exited { process, incarnation, exit, last_words: vec![] });
+                    }
+                }
+            }
+            Order::CloseLifeline(process) => self.processes.close_lifeline(process),
+            Order::Kill(process) => self.processes.kill(process),
+            Order::Announce(announced) => self.announcer.announce(announced.into())?,
+            Order::Finish { frames } => {
+                let complete = self.recorder.take().map_or(Ok(()), |recorder| recorded(recorder, frames));
+                self.mouth.say(Word::Recorded(complete.map_err(|error| format!("{error:#}"))));
+            }
+            Order::Dismiss { .. } => {}
+        }
+        Ok(())
+    }
+
+    /// Tells host 0 what happened to a process, and what its learners say of themselves. Of a rollout only the recorder
+    /// here is told: rank 0 reports it for all.
+    fn report(&mut self, event: Event) {
+        match event {
+            Event::Exited { process, incarnation, exit, last_words } => {
+                self.processes.forget(process);
+                self.running.remove(&process);
+                self.host.sweep_dead();
+                self.sweeps = SWEEPS_AFTER_DEATH;
+                self.mouth.say(Word::Exited { process, incarnation, exit, last_words });
+            }
+            Event::Learner { incarnation, event } => {
+                if incarnation == self.learner_incarnation
+                    && let Some(recorder) = &self.recorder
+                {
+                    recorder.learner(incarnation, &event);
+                }
+                if !matches!(event, LearnerEvent::RolloutCollected { .. }) {
+                    self.mouth.say(Word::Learner { incarnation, event });
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn look(&mut self) {
+        if let Err(error) = self.announcer.update() {
+            tracing::debug!("{error}");
+        }
+        if self.sweeps > 0 {
+            self.sweeps -= 1;
+            self.host.sweep_dead();
+        }
+        if !self.recording_failed
+            && let Some(failure) = self.recorder.as_ref().and_then(Recorder::failure)
+        {
+            self.recording_failed = true;
+            self.mouth.say(Word::CannotWrite(failure));
+        }
+    }
+
+    /// Ends all processes, host 0 being gone. First they may leave by themselves: if only its orchestrator died, the
+    /// learners of all hosts save together.
+    async fn abandon(&mut self, patience: Patience) {
+        for &process in &self.running {
+            self.processes.close_lifeline(process);
+        }
+        self.await_ends(patience.grace()).await;
+        for &process in &self.running {
+            tracing::warn!("{process} does not leave and is killed");
+            self.processes.kill(process);
+        }
+        self.await_ends(KILLED).await;
+        if let Some(Err(error)) = self.recorder.take().map(|recorder| recorded(recorder, None)) {
+            tracing::error!("the recording is incomplete: {error:#}");
+        }
+    }
+
+    async fn await_ends(&mut self, patience: Duration) {
+        let deadline = tokio::time::Instant::now() + patience;
+        while !self.running.is_empty() {
+            match tokio::time::timeout_at(deadline.min(tokio::time::Instant::now() + TICK), self.inbox.recv()).await {
+                Ok(Some(event)) => self.report(event),
+                Ok(None) => return,
+                Err(_) if tokio::time::Instant::now() >= deadline => return,
+                Err(_) => self.look(),
+            }
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! How two orchestrators that meet prove that they belong to the same run, before either believes anything else.
+//!
+//! ```text
+//! guest ──hello: its host, random words──▶ door      nothing that a stranger could not know
+//! guest ◀──random words, proof of the token── door   the guest leaves if the proof is wrong
+//! guest ──proof of the token──▶ door                 the door closes if the proof is wrong
+//! ```
+
+use super::link::{receive, send};
+use super::token::{Drawn, Token, draw};
+use serde::{Deserialize, Serialize};
+use std::net::TcpStream;
+use std::time::Instant;
+
+/// Version of all that orchestrators say to one another.
+const VERSION: u32 = 1;
+/// The most that is read of one who has proved nothing.
+const STRANGER: usize = 2048;
+
+#[derive(Debug, Serialize, Deserialize)]
+struct Hello {
+    version: u32,
+    host: u32,
+    drawn: String,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct Challenge {
+    version: u32,
+    drawn: String,
+    proof: String,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct Answer {
+    proof: String,
+}
+
+/// Why there is no trust.
+#[derive(Debug, thiserror::Error)]
+pub enum HandshakeError {
+    /// The connection failed, or what came was no handshake.
+    #[error("{0}")]
+    Connection(#[from] std::io::Error),
+    /// Another version of the program.
+    #[error(
+        "it speaks version {theirs} of the protocol between hosts, this program version {VERSION}: use one version"
+    )]
+    Version {
+        /// Of the other.
+        theirs: u32,
+    },
+    /// It has another token, or none.
+    #[error("it does not have this run's token")]
+    Stranger,
+    /// No random words.
+    #[error("{0:#}")]
+    Source(anyhow::Error),
+}
+
+/// Host 0's side: the number of the host that came.
+pub fn admit(stream: &mut TcpStream, token: &Token, deadline: Instant) -> Result<u32, HandshakeError> {
+    let Hello { version, host, drawn: guest } = receive(stream, STRANGER, deadline)?;
+    let door = draw().map_err(HandshakeError::Source)?;
+    let drawn = Drawn { host, guest: &guest, door: &door };
+    send(stream, &Challenge { version: VERSION, drawn: door.clone(), proof: token.door_proof(&drawn) })?;
+    if version != VERSION {
+        return Err(HandshakeError::Version { theirs: version });
+    }
+    let Answer { proof } = receive(stream, STRANGER, deadline)?;
+    if token.is_guests(&drawn, &proof) { Ok(host) } else { Err(HandshakeError::Stranger) }
+}
+
+/// Another host's side.
+pub fn ask(stream: &mut TcpStream, token: &Token, host: u32, deadline: Instant) -> Result<(), HandshakeError> {
+    let guest = draw().map_err(HandshakeError::Source)?;
+    send(stream, &Hello { version: VERSION, host, drawn: guest.clone() })?;
+    let Challenge { version, drawn: door, proof } = receive(stream, STRANGER, deadline)?;
+    if version != VERSION {
+        return Err(HandshakeError::Version { theirs: version });
+    }
+    let drawn = Drawn { host, guest: &guest, door: &door };
+    if !token.is_doors(&drawn, &proof) {
+        return Err(HandshakeError::Stranger);
+    }
+    Ok(send(stream, &Answer { proof: token.guest_proof(&drawn) })?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+    use std::net::TcpListener;
+    use std::time::Duration;
+
+    fn token(text: &str) -> Token {
+        Token::new(text.as_bytes()).unwrap()
+    }
+
+    /// What both sides make of one another.
+    fn meet(ours: &str, theirs: &str) -> (Result<u32, HandshakeError>, Result<(), HandshakeError>) {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let deadline = Instant::now() + Duration::from_secs(20);
+        let theirs = token(theirs);
+        let guest = std::thread::spawn(move || ask(&mut TcpStream::connect(address).unwrap(), &theirs, 3, deadline));
+        let door = admit(&mut listener.accept().unwrap().0, &token(ours), deadline);
+        (door, guest.join().unwrap())
+    }
+
+    #[test]
+    fn who_has_the_token_is_let_in_and_nobody_else() {
+        let (door, guest) = meet("the token of a run", "the token of a run");
+        assert!(matches!(door, Ok(3)) && guest.is_ok(), "{door:?} {guest:?}");
+        let (door, guest) = meet("the token of a run", "the token of another");
+        assert!(door.is_err(), "{door:?}");
+        assert!(matches!(guest, Err(HandshakeError::Stranger)), "host 0 proves itself first: {guest:?}");
+    }
+
+    #[test]
+    fn a_stranger_who_answers_without_the_token_is_refused() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let mut stranger = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let mut door = listener.accept().unwrap().0;
+        send(&mut stranger, &Hello { version: VERSION, host: 1, drawn: "x".into() }).unwrap();
+        send(&mut stranger, &Answer { proof: "00".repeat(32) }).unwrap();
+        let deadline = Instant::now() + Duration::from_secs(20);
+        let refused = admit(&mut door, &token("the token of a run"), deadline);
+        assert!(matches!(refused, Err(HandshakeError::Stranger)), "{refused:?}");
+
+        // One that is no orchestrator at all.
+        let mut stranger = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let mut door = listener.accept().unwrap().0;
+        stranger.write_all(b"GET / HTTP/1.1\r\n\r\n").unwrap();
+        let refused = admit(&mut door, &token("the token of a run"), deadline).unwrap_err().to_string();
+        assert!(refused.contains("at most 2048 are read"), "{refused}");
+    }
+}

@@ -1,0 +1,111 @@
+//! Which host has which learners and actors, where a run has several hosts.
+//!
+//! What a run computes knows no hosts: `learner.count` and `actors.count` are totals. Each host has consecutive ranks,
+//! divided as learners divide actors, and the actors that those ranks serve. Frames stay on their host.
+
+use crate::shares::Shares;
+use std::ops::Range;
+
+/// A run's learners and actors, divided among hosts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Hosts {
+    hosts: u32,
+    shares: Shares,
+}
+
+impl Hosts {
+    /// The learners and actors of `shares` divided among `hosts` hosts.
+    ///
+    /// # Panics
+    /// If a host would have no learner.
+    pub fn new(hosts: u32, shares: Shares) -> Self {
+        assert!((1..=shares.learners()).contains(&hosts), "every host has learners");
+        Self { hosts, shares }
+    }
+
+    /// All on one.
+    pub fn of_one(shares: Shares) -> Self {
+        Self::new(1, shares)
+    }
+
+    /// How many hosts there are.
+    pub fn count(self) -> u32 {
+        self.hosts
+    }
+
+    /// The ranks of a host's learners.
+    ///
+    /// # Panics
+    /// If there is no such host.
+    pub fn ranks_of(self, host: u32) -> Range<u32> {
+        assert!(host < self.hosts, "the host is one of the run's");
+        // Hosts divide learners as learners divide actors.
+        Shares::new(self.shares.learners(), self.hosts).actors_of(host)
+    }
+
+    /// The actors of a host.
+    ///
+    /// # Panics
+    /// If there is no such host.
+    pub fn actors_of(self, host: u32) -> Range<u32> {
+        let ranks = self.ranks_of(host);
+        self.shares.actors_of(ranks.start).start..self.shares.actors_of(ranks.end - 1).end
+    }
+
+    /// The host of the learner with this rank.
+    ///
+    /// # Panics
+    /// If there is no such learner.
+    pub fn of_learner(self, rank: u32) -> u32 {
+        (0..self.hosts).find(|&host| self.ranks_of(host).contains(&rank)).expect("the learner is one of the run's")
+    }
+
+    /// The host of an actor.
+    ///
+    /// # Panics
+    /// If there is no such actor.
+    pub fn of_actor(self, actor: u32) -> u32 {
+        self.of_learner(self.shares.learner_of(actor))
+    }
+
+    /// Whether this learner is the first of its host: it speaks for that host's recording.
+    ///
+    /// # Panics
+    /// If there is no such learner.
+    pub fn leads(self, rank: u32) -> bool {
+        self.ranks_of(self.of_learner(rank)).start == rank
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn nineteen_actors_of_three_learners_on_two_hosts() {
+        let hosts = Hosts::new(2, Shares::new(19, 3));
+        assert_eq!([0, 1].map(|host| hosts.ranks_of(host)), [0..2, 2..3]);
+        assert_eq!([0, 1].map(|host| hosts.actors_of(host)), [0..13, 13..19]);
+        assert_eq!([0, 1, 2].map(|rank| hosts.leads(rank)), [true, false, true]);
+    }
+
+    proptest! {
+        #[test]
+        fn every_process_has_one_host_and_each_host_its_learners_actors(
+            actors in 1u32..100, learners in 1u32..20, count in 1u32..20,
+        ) {
+            prop_assume!(count <= learners && learners <= actors);
+            let shares = Shares::new(actors, learners);
+            let hosts = Hosts::new(count, shares);
+            let ranks: Vec<u32> = (0..count).flat_map(|host| hosts.ranks_of(host)).collect();
+            prop_assert_eq!(ranks, (0..learners).collect::<Vec<_>>());
+            let all: Vec<u32> = (0..count).flat_map(|host| hosts.actors_of(host)).collect();
+            prop_assert_eq!(all, (0..actors).collect::<Vec<_>>());
+            for actor in 0..actors {
+                prop_assert_eq!(hosts.of_actor(actor), hosts.of_learner(shares.learner_of(actor)));
+            }
+            prop_assert_eq!((0..learners).filter(|&rank| hosts.leads(rank)).count() as u32, count);
+        }
+    }
+}
