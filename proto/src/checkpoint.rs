@@ -1,6 +1,7 @@
 //! The manifest of a checkpoint: the hash of the tensor file, the run's position, and the conditions it ran under. A
 //! learner writes it; learner and orchestrator read it.
 
+use crate::bounded;
 use crate::config::CarriedGoal;
 use crate::digest::sha256;
 use serde::{Deserialize, Serialize};
@@ -153,7 +154,7 @@ impl Manifest {
 
     /// Reads and verifies a file that [`Manifest::seal`] made. Whether the tensors are whole is another question.
     pub fn read(path: &Path) -> Result<Self, ManifestError> {
-        Self::open(&std::fs::read(path)?)
+        Self::open(&bounded::read(path, bounded::TEXT_BYTES_MOST)?)
     }
 
     /// Reads and verifies what [`Manifest::seal`] wrote.

@@ -11,6 +11,7 @@
 //! its origin on the floor at the body's axis and turns with the body's yaw only.
 
 pub mod action;
+pub mod bounded;
 pub mod camera;
 pub mod checkpoint;
 pub mod config;
@@ -23,6 +24,8 @@ pub mod exit;
 pub mod kitchen;
 pub mod metric;
 pub mod plain_file;
+pub mod plausible;
+pub mod printable;
 pub mod random;
 pub mod replay;
 pub mod reward;
