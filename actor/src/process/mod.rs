@@ -76,12 +76,12 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     loop {
         // Restores before actions: the learner sends a restore before the actions that build on it.
         while let Some(restore) = link.receive_restore()? {
-            let verdict = protocol.on_restore(restore.user_header(), restore.payload().len(), started.elapsed());
-            let header = restore.user_header();
-            match verdict {
+            // Copied once, then checked: what lies in shared memory can change meanwhile.
+            let (header, states) = (*restore.user_header(), restore.payload().to_vec());
+            match protocol.on_restore(&header, states.len(), started.elapsed()) {
                 Verdict::Accepted => {
                     fault::reach("actor.before_rebuild");
-                    environments.rebuild(restore.payload())?;
+                    environments.rebuild(&states)?;
                     tracing::info!(learner_incarnation = header.learner_incarnation, step = ?header.step, "restored");
                     fault::reach("actor.after_rebuild");
                 }
@@ -89,8 +89,8 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
             }
         }
         while let Some(actions) = link.receive_actions()? {
-            let header = actions.user_header();
-            match protocol.on_actions(header, actions.payload().len()) {
+            let header = *actions.user_header();
+            match protocol.on_actions(&header, actions.payload().len()) {
                 Verdict::Accepted => {
                     fault::reach("actor.after_receive");
                     let kept = &mut accepted[header.half as usize];
@@ -114,7 +114,7 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
                 let range = protocol.halves().range(half);
                 fault::reach("actor.before_send");
                 let everyone = link.send_observations(protocol.observation_header(half), range.len(), |i, slot| {
-                    environments.observe(range.start + i, slot);
+                    environments.observe(range.start + i, slot)
                 })?;
                 fault::reach("actor.after_send");
                 protocol.sent(half, everyone, started.elapsed());

@@ -35,7 +35,7 @@ use proto::config::CarriedGoal;
 use proto::episode::EnvironmentId;
 use proto::stage::RolloutShape;
 use proto::step::{Current, Transition, current_flag};
-use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, observation_kind};
+use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, can_follow, observation_kind};
 
 /// One actor's observations of one half, in the order of [`ColumnMap::half`].
 pub trait HalfSample {
@@ -325,6 +325,9 @@ impl<S: HalfSample> Collector<S> {
             return Err(ProtocolError::Header(*header));
         };
         let newest = &mut self.actor_incarnations[index as usize];
+        if !can_follow(*newest, actor_incarnation) {
+            return Err(ProtocolError::Header(*header));
+        }
         let outdated = actor_incarnation < *newest;
         *newest = (*newest).max(actor_incarnation);
         match kind {
