@@ -48,6 +48,7 @@ pub mod logging;
 pub mod message;
 pub mod processor;
 mod services;
+mod sweeper;
 
 pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id};
 pub use announcer::Announcer;

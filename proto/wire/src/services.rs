@@ -23,6 +23,8 @@ use crate::error::WireError;
 use crate::message::{
     ActionHeader, EnvironmentState, Halves, Observation, ObservationHeader, RestoreHeader, StageAnnouncement,
 };
+use crate::sweeper::Sweeper;
+use iceoryx2::config::Config;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
@@ -30,8 +32,8 @@ use iceoryx2::port::subscriber::Subscriber;
 pub use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::PortFactory;
 use iceoryx2::prelude::{
-    AllocationStrategy, AttributeSpecifier, AttributeVerifier, BackpressureStrategy, EventId, Node, NodeBuilder,
-    NodeName, ServiceName, SignalHandlingMode, ipc,
+    AllocationStrategy, AttributeSpecifier, AttributeVerifier, BackpressureStrategy, CallbackProgression, EventId,
+    Node, NodeBuilder, NodeName, NodeState, ServiceName, SignalHandlingMode, ipc,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::builder::event::Builder as EventBuilder;
@@ -369,6 +371,7 @@ impl ObservationReaders {
 pub struct WireHost {
     wire: Wire,
     address: WireAddress,
+    sweeper: Sweeper,
     _services: Vec<Box<dyn std::any::Any>>,
 }
 
@@ -407,7 +410,12 @@ impl WireHost {
             root: address.root().display().to_string(),
             cause: cause.to_string(),
         })?;
-        Ok(Self { wire, address: address.clone(), _services: held })
+        let config = address.config()?;
+        let sweeper = Sweeper::new(move || sweep_nodes(&config)).map_err(|cause| WireError::Node {
+            root: address.root().display().to_string(),
+            cause: cause.to_string(),
+        })?;
+        Ok(Self { wire, address: address.clone(), sweeper, _services: held })
     }
 
     /// The host's own membership, for its ports.
@@ -420,10 +428,25 @@ impl WireHost {
         &self.address
     }
 
-    /// Frees the resources of dead, reaped processes, so that no process stays blocked on them. Returns the number of
-    /// processes cleaned up.
-    pub fn sweep_dead(&self) -> u64 {
-        self.wire.node.try_cleanup_dead_nodes().cleanups
+    /// Frees the resources of dead, reaped processes, so that no process stays blocked on them. Waits for it a second at
+    /// most.
+    pub fn sweep_dead(&self) {
+        self.sweeper.sweep();
+    }
+}
+
+/// What [`Node::try_cleanup_dead_nodes`] does, on any thread: a node itself stays on the one that made it.
+fn sweep_nodes(config: &Config) {
+    let listed = Node::<Ipc>::list(config, |state| {
+        if let NodeState::Dead(dead) = state
+            && let Err(cause) = dead.try_remove_stale_resources()
+        {
+            tracing::debug!("what a dead process left cannot be removed now: {cause:?}");
+        }
+        CallbackProgression::Continue
+    });
+    if let Err(cause) = listed {
+        tracing::debug!("the dead processes cannot be listed: {cause:?}");
     }
 }
 
