@@ -4,7 +4,7 @@
 //! the raw frame and saves pooling again in every epoch. Without pooling the raw 16-bit frame is kept. The mean of
 //! 16-bit numbers over 1, 4 or 16 pixels is exact in f32, so the CPU's and the GPU's way give the same bits.
 
-use crate::ffi;
+use crate::ffi::{self, FrameRoom};
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use tch::{Device, Kind, Tensor};
 
@@ -64,12 +64,11 @@ impl FramePreparation {
     pub fn keep(self, frames: &[&RawFrame], staging: &mut Staging) -> Tensor {
         if self.pool > 1 && self.device == Device::Cpu {
             let side = self.side();
-            let mut kept = Tensor::empty([frames.len() as i64, side, side], (Kind::Float, Device::Cpu));
-            let pooled = ffi::floats_mut(&mut kept).chunks_exact_mut((side * side) as usize);
-            for (frame, pooled) in frames.iter().zip(pooled) {
-                pool_frame(frame, self.pool, pooled);
-            }
-            return kept;
+            return ffi::floats(&[frames.len() as i64, side, side], |kept| {
+                for (frame, pooled) in frames.iter().zip(kept.chunks_exact_mut((side * side) as usize)) {
+                    pool_frame(frame, self.pool, pooled);
+                }
+            });
         }
         let raw = staging.upload(frames, self.device);
         if self.pool == 1 {
@@ -88,26 +87,20 @@ impl FramePreparation {
 /// Pinned memory in which frames are gathered before they are copied to a device. A GPU reads it by DMA, several times
 /// as fast as other memory.
 #[derive(Debug, Default)]
-pub struct Staging(Option<Tensor>);
+pub struct Staging(Option<FrameRoom>);
 
 impl Staging {
     /// Frames → i16 \[rows, 224, 224\] on the device. libtorch has no 16-bit unsigned arithmetic; depths end below
     /// 32.767 m, where both kinds agree.
     fn upload(&mut self, frames: &[&RawFrame], device: Device) -> Tensor {
         let rows = frames.len() as i64;
-        let side = FRAME_SIDE as i64;
-        let mut room = match self.0.take() {
-            Some(room) if room.size()[0] >= rows && device.is_cuda() => room,
-            _ => {
-                let room = Tensor::empty([rows, side, side], (Kind::Int16, Device::Cpu));
-                if device.is_cuda() { room.pin_memory(device) } else { room }
-            }
-        };
-        copy_frames(&mut ffi::frames_mut(&mut room)[..frames.len()], frames);
+        let kept = self.0.take().filter(|room| room.rows() >= rows && device.is_cuda());
+        let mut room = kept.unwrap_or_else(|| FrameRoom::new(rows, device));
+        copy_frames(&mut room.frames_mut()[..frames.len()], frames);
         if !device.is_cuda() {
-            return room;
+            return room.into_tensor();
         }
-        let raw = room.narrow(0, 0, rows).to_device_(device, Kind::Int16, true, false);
+        let raw = room.copy_to(device, rows);
         self.0 = Some(room);
         raw
     }
