@@ -3,6 +3,7 @@
 use super::Snapshot;
 use super::tensors::{self, TensorsError};
 use crate::agent::AgentState;
+use proto::bounded;
 use proto::checkpoint::{Machine, Manifest};
 use proto::config::StageConfig;
 use proto::digest::sha256;
@@ -234,10 +235,19 @@ impl Store {
     }
 }
 
+/// Rollouts, frames and exchanges of a run: each leaves room for the next.
+const COUNT_MOST: u64 = 1 << 60;
+/// Tensors of a checkpoint, bytes: the largest network with the most environments has a tenth.
+const TENSORS_BYTES_MOST: u64 = 64 << 30;
+
 /// Reads the checkpoint with this manifest, wherever it lies, and verifies it.
 pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
     let manifest = Manifest::read(manifest_path)
         .map_err(|cause| Rejected { path: manifest_path.to_path_buf(), reason: cause.to_string() })?;
+    if Path::new(&manifest.tensors).file_name() != Some(manifest.tensors.as_ref()) {
+        let reason = format!("names tensors that are not beside it: {}", manifest.tensors);
+        return Err(Rejected { path: manifest_path.to_path_buf(), reason });
+    }
     let tensors_path = manifest_path.with_file_name(&manifest.tensors);
     Ok((tensors_of(&manifest, &tensors_path)?, manifest))
 }
@@ -245,7 +255,7 @@ pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
 /// The state in the tensor file that belongs to a manifest.
 fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
     let at = |reason: String| Rejected { path: path.to_path_buf(), reason };
-    let bytes = std::fs::read(path).map_err(|cause| at(format!("cannot be read: {cause}")))?;
+    let bytes = bounded::read(path, TENSORS_BYTES_MOST).map_err(|cause| at(format!("cannot be read: {cause}")))?;
     if bytes.len() as u64 != manifest.tensors_bytes {
         return Err(at(format!("is torn: it has {} bytes of {}", bytes.len(), manifest.tensors_bytes)));
     }
@@ -254,6 +264,9 @@ fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
         return Err(at(format!("is corrupt: its SHA-256 is {digest}, its manifest says {}", manifest.tensors_sha256)));
     }
     let Manifest { rollout, frames, exchange, adam_steps, multiplier, carried_goal, .. } = *manifest;
+    if let Some(count) = [rollout, frames, exchange].into_iter().find(|&count| count > COUNT_MOST) {
+        return Err(at(format!("cannot be used: its manifest counts to {count}, and no run gets so far")));
+    }
     let (tensors, boundary) =
         tensors::decode(&bytes, exchange).map_err(|cause| at(format!("cannot be used: {cause}")))?;
     let agent = AgentState { tensors, adam_steps, multiplier, carried_goal };
