@@ -7,7 +7,7 @@ pub mod check;
 pub mod episodes;
 pub mod export;
 pub mod figures;
-pub mod gltf;
+pub mod kitchen_export;
 pub mod oracle;
 pub mod parallel;
 pub mod picture;

@@ -26,7 +26,7 @@ struct CommandLine {
     /// How often this learner has been started under this wire address
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     incarnation: u32,
-    /// Rank among the run's learners; 0 speaks for all
+    /// Rank among the run's learners; 0 reports for all
     #[arg(long, default_value_t = 0)]
     rank: u32,
     /// Standard input is a pipe from the orchestrator: save and leave when it closes, ignore Ctrl-C
@@ -89,7 +89,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             if process::is_of_peers(&error) {
-                // Another learner's death is the cause, and the log says so.
+                // Another learner's death is the cause; the log shows it.
                 tracing::info!("{error:#}");
                 return ExitCode::from(EXIT_LOST_PEERS as u8);
             }

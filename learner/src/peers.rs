@@ -15,7 +15,7 @@ use std::time::Duration;
 use tch::{Device, Kind, TchError, Tensor};
 
 /// Longest time that a learner may take to join.
-const MEETING: Duration = Duration::from_secs(90);
+const JOINING: Duration = Duration::from_secs(90);
 /// Longest time of a later operation, in which a learner waits for the others' rollout or update. A last resort: the
 /// orchestrator ends a run without progress much earlier.
 const PATIENCE: Duration = Duration::from_hours(24);
@@ -79,12 +79,12 @@ pub enum PeerError {
 
 impl Peers {
     /// Joins the group of all `learners` learners. The file is the rendezvous and must be new.
-    pub fn meet(file: &Path, [rank, learners]: [u32; 2], device: Device) -> Result<Self, PeerError> {
+    pub fn join(file: &Path, [rank, learners]: [u32; 2], device: Device) -> Result<Self, PeerError> {
         if learners == 1 {
             return Ok(Self::Alone);
         }
         let lost = |cause| PeerError::Lost { rank, cause };
-        let gloo = ProcessGroup::meet(file, [rank, learners], [MEETING, PATIENCE]).map_err(lost)?;
+        let gloo = ProcessGroup::join(file, [rank, learners], [JOINING, PATIENCE]).map_err(lost)?;
         let gpus = if device.is_cuda() {
             let nccl = Nccl::open()?;
             let mut invitation: Invitation = [0; 128];
@@ -219,12 +219,12 @@ mod tests {
     /// What each of `learners` learners, threads here, makes of it.
     fn among<T: Send>(learners: u32, work: impl Fn(u32, &Peers) -> T + Sync) -> Vec<T> {
         let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("meeting");
+        let file = folder.path().join("joining");
         std::thread::scope(|scope| {
             let threads: Vec<_> = (0..learners)
                 .map(|rank| {
                     let (file, work) = (&file, &work);
-                    scope.spawn(move || work(rank, &Peers::meet(file, [rank, learners], Device::Cpu).unwrap()))
+                    scope.spawn(move || work(rank, &Peers::join(file, [rank, learners], Device::Cpu).unwrap()))
                 })
                 .collect();
             threads.into_iter().map(|thread| thread.join().unwrap()).collect()

@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 use std::sync::OnceLock;
-use support::{Ended, Plan, Scene, tiny};
+use support::{Ended, Plan, Rig, tiny};
 use tch::Device;
 use wire::WireAddress;
 
@@ -24,16 +24,16 @@ use wire::WireAddress;
 fn undisturbed() -> &'static str {
     static WEIGHTS: OnceLock<String> = OnceLock::new();
     WEIGHTS.get_or_init(|| {
-        let mut scene = Scene::new("plain", tiny());
-        let ended = scene.learner(&Plan::Undisturbed);
+        let mut rig = Rig::new("plain", tiny());
+        let ended = rig.learner(&Plan::Undisturbed);
         assert!(ended.status.success(), "{ended:?}");
-        complete(&scene, &ended)
+        complete(&rig, &ended)
     })
 }
 
-fn complete(scene: &Scene, ended: &Ended) -> String {
+fn complete(rig: &Rig, ended: &Ended) -> String {
     let (frames, weights, complete) = ended.finished();
-    assert!(complete && frames == scene.budget(), "{ended:?}");
+    assert!(complete && frames == rig.budget(), "{ended:?}");
     weights
 }
 
@@ -47,9 +47,9 @@ fn trained(ended: &Ended) -> Vec<(u64, u64, u32)> {
 
 #[test]
 fn a_run_ends_on_its_budget_and_repeats_bit_for_bit() {
-    let mut scene = Scene::new("repeat", tiny());
-    let ended = scene.learner(&Plan::Undisturbed);
-    assert_eq!(complete(&scene, &ended), undisturbed());
+    let mut rig = Rig::new("repeat", tiny());
+    let ended = rig.learner(&Plan::Undisturbed);
+    assert_eq!(complete(&rig, &ended), undisturbed());
     // 6 environments, 4 steps: 24 frames a rollout, the last of a stage cut to its budget of 62 and 40.
     assert_eq!(
         trained(&ended),
@@ -60,8 +60,8 @@ fn a_run_ends_on_its_budget_and_repeats_bit_for_bit() {
     let connected = ended.events.iter().filter(|event| matches!(event, LearnerEvent::ActorsConnected { .. }));
     assert_eq!(connected.count(), 1);
     // One more start finds nothing to do and says so.
-    let again = scene.learner(&Plan::Undisturbed);
-    assert_eq!(complete(&scene, &again), undisturbed());
+    let again = rig.learner(&Plan::Undisturbed);
+    assert_eq!(complete(&rig, &again), undisturbed());
     assert!(trained(&again).is_empty());
 }
 
@@ -80,38 +80,38 @@ fn a_learner_killed_anywhere_goes_on_to_the_same_weights() {
     .iter()
     .enumerate()
     {
-        let mut scene = Scene::new(&format!("fault{i}"), tiny());
-        let killed = scene.learner(&Plan::Fault(point));
+        let mut rig = Rig::new(&format!("fault{i}"), tiny());
+        let killed = rig.learner(&Plan::Fault(point));
         assert!(!killed.status.success(), "{point} was not reached: {killed:?}");
-        let ended = scene.learner(&Plan::Undisturbed);
-        assert_eq!(complete(&scene, &ended), undisturbed(), "{point}: {}", ended.stderr);
+        let ended = rig.learner(&Plan::Undisturbed);
+        assert_eq!(complete(&rig, &ended), undisturbed(), "{point}: {}", ended.stderr);
     }
 }
 
 /// A folder where the file of a checkpoint is to be written stands for a full disk.
 #[test]
 fn a_checkpoint_that_cannot_be_written_costs_nothing_but_at_the_end() {
-    let mut scene = Scene::new("unsaved", tiny());
+    let mut rig = Rig::new("unsaved", tiny());
     let obstacle =
-        |scene: &Scene, rollout: u64| scene.run_folder().checkpoint_tensors(rollout).with_added_extension("partial");
-    let amid = obstacle(&scene, 2);
+        |rig: &Rig, rollout: u64| rig.run_folder().checkpoint_tensors(rollout).with_added_extension("partial");
+    let amid = obstacle(&rig, 2);
     std::fs::create_dir_all(&amid).unwrap();
-    let ended = scene.learner(&Plan::Undisturbed);
-    assert_eq!(complete(&scene, &ended), undisturbed(), "the run goes on, and saves the next time");
+    let ended = rig.learner(&Plan::Undisturbed);
+    assert_eq!(complete(&rig, &ended), undisturbed(), "the run goes on, and saves the next time");
     for part in ["cannot write checkpoint", "The run goes on and tries again", "last checkpoint (rollout 1) is lost"] {
         assert!(ended.stderr.contains(part), "{part}: {}", ended.stderr);
     }
 
     // Without its last one, or its first, it may not end well.
     for (name, rollout) in [("unsavedlast", 5), ("unsavedfirst", 0)] {
-        let mut scene = Scene::new(name, tiny());
-        let there = obstacle(&scene, rollout);
+        let mut rig = Rig::new(name, tiny());
+        let there = obstacle(&rig, rollout);
         std::fs::create_dir_all(&there).unwrap();
-        let ended = scene.learner(&Plan::Undisturbed);
+        let ended = rig.learner(&Plan::Undisturbed);
         assert_eq!(ended.status.code(), Some(EXIT_UNSAVED), "{ended:?}");
         std::fs::remove_dir(&there).unwrap();
-        let again = scene.learner(&Plan::Undisturbed);
-        assert_eq!(complete(&scene, &again), undisturbed());
+        let again = rig.learner(&Plan::Undisturbed);
+        assert_eq!(complete(&rig, &again), undisturbed());
     }
 }
 
@@ -130,9 +130,9 @@ fn a_constrained_run_goes_on_with_its_multiplier_wherever_it_is_killed() {
         };
         ended.events.iter().filter_map(multiplier).collect()
     };
-    let mut scene = Scene::new("bound", config.clone());
-    let straight = scene.learner(&Plan::Undisturbed);
-    let weights = complete(&scene, &straight);
+    let mut rig = Rig::new("bound", config.clone());
+    let straight = rig.learner(&Plan::Undisturbed);
+    let weights = complete(&rig, &straight);
     let trace = multipliers(&straight);
     assert_eq!(trace.len(), 5);
     let values: BTreeSet<u64> = trace.iter().map(|(_, multiplier)| multiplier.to_bits()).collect();
@@ -141,26 +141,26 @@ fn a_constrained_run_goes_on_with_its_multiplier_wherever_it_is_killed() {
 
     let mut fixed = config.clone();
     fixed.reward.lagrangian.learning_rate = 0.0;
-    let mut scene = Scene::new("fixed", fixed);
-    let other = scene.learner(&Plan::Undisturbed);
-    assert_ne!(complete(&scene, &other), weights, "the multiplier reaches the policy");
+    let mut rig = Rig::new("fixed", fixed);
+    let other = rig.learner(&Plan::Undisturbed);
+    assert_ne!(complete(&rig, &other), weights, "the multiplier reaches the policy");
 
     for (i, point) in ["learner.after_update:2", "learner.mid_rollout:9", "learner.after_manifest:3"].iter().enumerate()
     {
-        let mut scene = Scene::new(&format!("bound{i}"), config.clone());
-        let killed = scene.learner(&Plan::Fault(point));
+        let mut rig = Rig::new(&format!("bound{i}"), config.clone());
+        let killed = rig.learner(&Plan::Fault(point));
         assert!(!killed.status.success(), "{point} was not reached: {killed:?}");
-        let ended = scene.learner(&Plan::Undisturbed);
-        assert_eq!(complete(&scene, &ended), weights, "{point}: {}", ended.stderr);
+        let ended = rig.learner(&Plan::Undisturbed);
+        assert_eq!(complete(&rig, &ended), weights, "{point}: {}", ended.stderr);
         assert!(trace.ends_with(&multipliers(&ended)), "{point}");
     }
 }
 
 /// `learner import` into a run: whether it worked, and what it printed on both streams.
-fn import(scene: &Scene, from: &Path) -> (bool, String, String) {
+fn import(rig: &Rig, from: &Path) -> (bool, String, String) {
     let run = Command::new(env!("CARGO_BIN_EXE_learner"))
         .arg("import")
-        .args([Path::new("--from"), from, Path::new("--run"), scene.run_folder().root()])
+        .args([Path::new("--from"), from, Path::new("--run"), rig.run_folder().root()])
         .output()
         .expect("the learner starts");
     let text = |printed| String::from_utf8(printed).expect("text");
@@ -169,19 +169,19 @@ fn import(scene: &Scene, from: &Path) -> (bool, String, String) {
 
 #[test]
 fn a_run_goes_on_from_the_weights_it_was_given() {
-    let mut donor = Scene::new("donor", tiny());
+    let mut donor = Rig::new("donor", tiny());
     let ended = donor.learner(&Plan::Undisturbed);
     let weights = complete(&donor, &ended);
     let from = donor.run_folder().checkpoint_tensors(5);
-    let mut scene = Scene::new("given", tiny());
-    let (good, said, complaint) = import(&scene, &from);
+    let mut rig = Rig::new("given", tiny());
+    let (good, said, complaint) = import(&rig, &from);
     assert!(good && said.ends_with(&format!("weights: {weights}\n")), "{said}{complaint}");
-    let ended = scene.learner(&Plan::Undisturbed);
+    let ended = rig.learner(&Plan::Undisturbed);
     assert!(matches!(&ended.events[0], LearnerEvent::Ready { rollout: 0, frames: 0, checkpoint: Some(_), .. }));
     assert_eq!(trained(&ended).len(), 5, "the whole budget is before it");
-    assert!(![undisturbed(), &weights].contains(&complete(&scene, &ended).as_str()));
+    assert!(![undisturbed(), &weights].contains(&complete(&rig, &ended).as_str()));
     // A run that has begun keeps its own.
-    let (good, _, complaint) = import(&scene, &from);
+    let (good, _, complaint) = import(&rig, &from);
     assert!(!good && complaint.contains("has begun"), "{complaint}");
 
     // The sign of its goal vector is the policy's own, and the checkpoint tells it.
@@ -191,50 +191,50 @@ fn a_run_goes_on_from_the_weights_it_was_given() {
     );
     let mut other = tiny();
     other.network.carried_goal = CarriedGoal::GoalToObject;
-    let scene = Scene::new("other", other);
-    let (good, _, complaint) = import(&scene, &from);
+    let rig = Rig::new("other", other);
+    let (good, _, complaint) = import(&rig, &from);
     assert!(!good && complaint.contains("trained with network.carried_goal = \"object_to_goal\""), "{complaint}");
 
     // A file of torch.save is a zip archive.
-    let pickled = scene.run_folder().root().join("exp.pt");
+    let pickled = rig.run_folder().root().join("exp.pt");
     std::fs::write(&pickled, b"PK\x03\x04and so on").expect("a file is written");
-    let (good, _, complaint) = import(&scene, &pickled);
+    let (good, _, complaint) = import(&rig, &pickled);
     assert!(!good && complaint.contains("python3 -c \"import torch, safetensors.torch as s;"), "{complaint}");
     assert!(complaint.contains("exp.safetensors')\""), "{complaint}");
 
     let mut wider = tiny();
     wider.network.hidden = 24;
-    let scene = Scene::new("wider", wider);
-    let (good, _, complaint) = import(&scene, &from);
+    let rig = Rig::new("wider", wider);
+    let (good, _, complaint) = import(&rig, &from);
     assert!(!good && complaint.contains("`model.actor.weight` (here `actor.weight`) is Float [21, 16]"), "{complaint}");
-    assert!(!scene.run_folder().checkpoint_manifest(0).exists());
+    assert!(!rig.run_folder().checkpoint_manifest(0).exists());
 }
 
 #[test]
 fn a_stopped_run_resumes_to_the_same_weights() {
-    let mut scene = Scene::new("stop", tiny());
-    let stopped = scene.learner(&Plan::StopAfter(1));
+    let mut rig = Rig::new("stop", tiny());
+    let stopped = rig.learner(&Plan::StopAfter(1));
     assert!(stopped.status.success());
     let (frames, _, complete_) = stopped.finished();
     assert_eq!((frames, complete_), (48, false), "{stopped:?}");
-    scene.next_incarnation(2);
-    let ended = scene.learner(&Plan::Undisturbed);
-    assert_eq!(complete(&scene, &ended), undisturbed());
+    rig.next_incarnation(2);
+    let ended = rig.learner(&Plan::Undisturbed);
+    assert_eq!(complete(&rig, &ended), undisturbed());
     assert_eq!(trained(&ended)[0].0, 2, "nothing is trained twice");
 }
 
 /// With the other sign a policy would see its goal in the opposite direction.
 #[test]
 fn a_run_goes_on_with_the_sign_it_was_trained_with() {
-    let mut scene = Scene::new("sign", tiny());
-    let stopped = scene.learner(&Plan::StopAfter(1));
+    let mut rig = Rig::new("sign", tiny());
+    let stopped = rig.learner(&Plan::StopAfter(1));
     assert!(stopped.status.success(), "{stopped:?}");
-    let file = scene.run_folder().config();
+    let file = rig.run_folder().config();
     let whole = std::fs::read_to_string(&file).expect("it was written");
     std::fs::write(&file, whole.replace("\"object_to_goal\"", "\"goal_to_object\"")).expect("it is written");
     let refused = Command::new(env!("CARGO_BIN_EXE_learner"))
         .arg("--run")
-        .arg(scene.run_folder().root())
+        .arg(rig.run_folder().root())
         .args(["--wire", &WireAddress::new("sign", 2).to_string()])
         .output()
         .expect("the learner starts");
@@ -245,24 +245,24 @@ fn a_run_goes_on_with_the_sign_it_was_trained_with() {
     let older: Vec<&str> = whole.lines().filter(|line| !line.starts_with("carried_goal")).collect();
     assert_eq!(older.len() + 1, whole.lines().count());
     std::fs::write(&file, older.join("\n")).expect("it is written");
-    scene.next_incarnation(2);
-    let ended = scene.learner(&Plan::Undisturbed);
-    assert_eq!(complete(&scene, &ended), undisturbed());
+    rig.next_incarnation(2);
+    let ended = rig.learner(&Plan::Undisturbed);
+    assert_eq!(complete(&rig, &ended), undisturbed());
 }
 
 #[test]
 fn the_sign_and_the_frames_of_the_learning_rate_reach_the_training() {
     let mut config = tiny();
     config.network.carried_goal = CarriedGoal::GoalToObject;
-    let mut scene = Scene::new("sensor", config);
-    let ended = scene.learner(&Plan::Undisturbed);
-    assert_ne!(complete(&scene, &ended), undisturbed());
+    let mut rig = Rig::new("sensor", config);
+    let ended = rig.learner(&Plan::Undisturbed);
+    assert_ne!(complete(&rig, &ended), undisturbed());
 
     let mut config = tiny();
     config.ppo.learning_rate_frames = 96;
     let start = config.ppo.learning_rate;
-    let mut scene = Scene::new("rate", config);
-    let ended = scene.learner(&Plan::Undisturbed);
+    let mut rig = Rig::new("rate", config);
+    let ended = rig.learner(&Plan::Undisturbed);
     let rate = |event: &LearnerEvent| match event {
         LearnerEvent::RolloutTrained { metrics, .. } => Some(metrics[metric::LEARNING_RATE] / start),
         _ => None,
@@ -275,22 +275,22 @@ fn the_sign_and_the_frames_of_the_learning_rate_reach_the_training() {
 
 #[test]
 fn an_orchestrator_that_vanishes_is_noticed_and_the_work_saved() {
-    let mut scene = Scene::new("lifeline", tiny());
-    let orphan = scene.learner(&Plan::CutLifelineAfter(0));
+    let mut rig = Rig::new("lifeline", tiny());
+    let orphan = rig.learner(&Plan::CutLifelineAfter(0));
     assert!(orphan.status.success(), "{orphan:?}");
     let (frames, _, done) = orphan.finished();
     assert!(!done && frames >= 24, "{orphan:?}");
-    scene.next_incarnation(3);
-    let ended = scene.learner(&Plan::Undisturbed);
-    assert_eq!(complete(&scene, &ended), undisturbed());
+    rig.next_incarnation(3);
+    let ended = rig.learner(&Plan::Undisturbed);
+    assert_eq!(complete(&rig, &ended), undisturbed());
 }
 
 #[test]
 fn an_actor_that_dies_is_waited_for_and_restored() {
     for (i, rollout) in [0, 1, 2].into_iter().enumerate() {
-        let mut scene = Scene::new(&format!("actor{i}"), tiny());
-        let ended = scene.learner(&Plan::CrashActorAfter(rollout, 1));
-        assert_eq!(complete(&scene, &ended), undisturbed());
+        let mut rig = Rig::new(&format!("actor{i}"), tiny());
+        let ended = rig.learner(&Plan::CrashActorAfter(rollout, 1));
+        assert_eq!(complete(&rig, &ended), undisturbed());
     }
 }
 
@@ -298,8 +298,8 @@ fn an_actor_that_dies_is_waited_for_and_restored() {
 fn an_actor_that_never_comes_back_is_named_and_the_work_saved() {
     let mut config = tiny();
     config.learner.actor_deadline_s = 3.0;
-    let mut scene = Scene::new("lost", config);
-    let lost = scene.learner(&Plan::LoseActorAfter(1, 1));
+    let mut rig = Rig::new("lost", config);
+    let lost = rig.learner(&Plan::LoseActorAfter(1, 1));
     assert_eq!(lost.status.code(), Some(1), "{lost:?}");
     assert!(lost.stderr.contains("actor 1 did not answer within 3 s"), "{}", lost.stderr);
     let told = lost.events.iter().any(|event| matches!(event, LearnerEvent::WaitingForActor { actor: 1, .. }));
@@ -317,9 +317,9 @@ fn actors_are_connected_before_the_first_rollout_is_collected() {
     // Two halves of one environment each: they take turns, so they need never be complete at the same moment.
     config.actors.environments_per_actor = 2;
     config.stages.truncate(1);
-    let mut scene = Scene::new("connected", config);
-    let ended = scene.learner(&Plan::Undisturbed);
-    complete(&scene, &ended);
+    let mut rig = Rig::new("connected", config);
+    let ended = rig.learner(&Plan::Undisturbed);
+    complete(&rig, &ended);
     let at = |wanted: fn(&LearnerEvent) -> bool| ended.events.iter().position(wanted);
     let connected = at(|event| matches!(event, LearnerEvent::ActorsConnected { .. }));
     let collected = at(|event| matches!(event, LearnerEvent::RolloutCollected { .. }));
@@ -330,9 +330,9 @@ fn actors_are_connected_before_the_first_rollout_is_collected() {
 fn every_missing_actor_is_told_of() {
     let mut config = tiny();
     config.learner.actor_deadline_s = 3.0;
-    let mut scene = Scene::new("nobody", config);
-    scene.stop_actors();
-    let lost = scene.learner(&Plan::Undisturbed);
+    let mut rig = Rig::new("nobody", config);
+    rig.stop_actors();
+    let lost = rig.learner(&Plan::Undisturbed);
     assert_eq!(lost.status.code(), Some(1), "{lost:?}");
     assert!(lost.stderr.contains("actors 0, 1 did not answer within 3 s"), "{}", lost.stderr);
     let told = |event: &LearnerEvent| match event {
@@ -350,11 +350,11 @@ fn a_number_that_is_not_finite_has_a_status_of_its_own_and_leaves_a_dump() {
     let mut config = tiny();
     // Finite rewards, but their squares are not.
     config.reward.lambda_disturb = 1e30;
-    let mut scene = Scene::new("poison", config);
-    let failed = scene.learner(&Plan::Undisturbed);
+    let mut rig = Rig::new("poison", config);
+    let failed = rig.learner(&Plan::Undisturbed);
     assert_eq!(failed.status.code(), Some(EXIT_NON_FINITE), "{failed:?}");
     // The first rollout of the second stage, the one whose reward counts disturbance.
-    let dump = scene.run_folder().nonfinite_dump(3, 0);
+    let dump = rig.run_folder().nonfinite_dump(3, 0);
     assert!(failed.stderr.contains(&dump.display().to_string()), "{}", failed.stderr);
     let bytes = std::fs::read(&dump).unwrap();
     let dump = safetensors::SafeTensors::deserialize(&bytes).unwrap();
@@ -370,12 +370,12 @@ fn a_number_that_is_not_finite_has_a_status_of_its_own_and_leaves_a_dump() {
 /// Both passed for any other failure.
 #[test]
 fn an_observation_that_is_not_finite_has_that_status_too() {
-    let mut scene = Scene::new("blind", tiny());
-    let failed = scene.learner(&Plan::PoisonActorAfter(0, 1));
+    let mut rig = Rig::new("blind", tiny());
+    let failed = rig.learner(&Plan::PoisonActorAfter(0, 1));
     assert_eq!(failed.status.code(), Some(EXIT_NON_FINITE), "{failed:?}");
     assert!(failed.stderr.contains("actor 1, kitchen 3, environment"), "{}", failed.stderr);
     assert!(failed.stderr.contains("its goal sensor is not finite"), "{}", failed.stderr);
-    let dump = (0..5).map(|rollout| scene.run_folder().nonfinite_dump(rollout, 0)).find(|dump| dump.exists());
+    let dump = (0..5).map(|rollout| rig.run_folder().nonfinite_dump(rollout, 0)).find(|dump| dump.exists());
     let dump = dump.unwrap_or_else(|| panic!("there is no dump: {}", failed.stderr));
     assert!(failed.stderr.contains(&dump.display().to_string()), "{}", failed.stderr);
 }
@@ -387,7 +387,7 @@ fn a_number_that_is_not_finite_has_that_status_in_an_evaluation_too() {
     for weight in weights.values_mut() {
         let _ = weight.fill_(1e30);
     }
-    let donor = Scene::new("huge", tiny());
+    let donor = Rig::new("huge", tiny());
     let file = donor.folder.path().join("huge.safetensors");
     std::fs::write(&file, encode_tensors(&weights).unwrap()).unwrap();
     let (good, _, complaint) = import(&donor, &file);
@@ -400,8 +400,8 @@ fn a_number_that_is_not_finite_has_that_status_in_an_evaluation_too() {
         checkpoint: Some(donor.run_folder().checkpoint_manifest(0).display().to_string()),
         ..EvaluationConfig::fixed(Split::Validation, ObjectSet::Novel, 1)
     });
-    let mut scene = Scene::new("examined", config);
-    let failed = scene.learner(&Plan::Undisturbed);
+    let mut rig = Rig::new("examined", config);
+    let failed = rig.learner(&Plan::Undisturbed);
     assert_eq!(failed.status.code(), Some(EXIT_NON_FINITE), "{failed:?}");
     assert!(failed.stderr.contains("policy or value is not finite"), "{}", failed.stderr);
     let Some(LearnerEvent::Ready { device, .. }) = failed.events.first() else { panic!("{failed:?}") };
@@ -410,10 +410,10 @@ fn a_number_that_is_not_finite_has_that_status_in_an_evaluation_too() {
 
 #[test]
 fn a_rank_that_the_run_has_not_is_refused() {
-    let scene = Scene::new("rank", tiny());
+    let rig = Rig::new("rank", tiny());
     let output = Command::new(env!("CARGO_BIN_EXE_learner"))
         .arg("--run")
-        .arg(scene.run_folder().root())
+        .arg(rig.run_folder().root())
         .args(["--wire", &WireAddress::new("rank", 1).to_string(), "--rank", "1"])
         .output()
         .unwrap();
@@ -424,15 +424,15 @@ fn a_rank_that_the_run_has_not_is_refused() {
 
 #[test]
 fn a_torn_checkpoint_is_named_and_skipped_and_only_torn_ones_are_refused() {
-    let mut scene = Scene::new("torn", tiny());
-    let stopped = scene.learner(&Plan::StopAfter(2));
+    let mut rig = Rig::new("torn", tiny());
+    let stopped = rig.learner(&Plan::StopAfter(2));
     assert!(stopped.status.success(), "{stopped:?}");
-    let run = scene.run_folder();
+    let run = rig.run_folder();
     let newest = run.checkpoint_tensors(3);
     let content = std::fs::read(&newest).unwrap();
     std::fs::write(&newest, &content[..content.len() / 2]).unwrap();
-    scene.next_incarnation(4);
-    let stopped = scene.learner(&Plan::StopAfter(2));
+    rig.next_incarnation(4);
+    let stopped = rig.learner(&Plan::StopAfter(2));
     assert!(stopped.stderr.contains("rollout-00000003.safetensors is torn"), "{}", stopped.stderr);
     assert_eq!(trained(&stopped)[0].0, 2, "it goes on from the one before");
 
@@ -443,7 +443,7 @@ fn a_torn_checkpoint_is_named_and_skipped_and_only_torn_ones_are_refused() {
         content[middle] ^= 0x10;
         std::fs::write(&path, content).unwrap();
     }
-    let refused = scene.learner(&Plan::Undisturbed);
+    let refused = rig.learner(&Plan::Undisturbed);
     assert_eq!(refused.status.code(), Some(1), "{refused:?}");
     assert!(refused.events.is_empty(), "{refused:?}");
     assert!(refused.stderr.contains("no checkpoint in") && refused.stderr.contains("rollout-00000003"));

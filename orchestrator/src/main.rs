@@ -4,6 +4,7 @@
 mod command;
 mod evaluation;
 mod preflight;
+mod process_end;
 mod recording;
 mod reporting;
 mod run;

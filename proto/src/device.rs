@@ -28,8 +28,8 @@ impl Torch {
     }
 }
 
-/// The variable that says which CUDA devices a process sees: numbers or UUIDs, separated by commas. The orchestrator
-/// sets it for its learners.
+/// The variable that lists the CUDA devices which a process sees: numbers or UUIDs, separated by commas. The
+/// orchestrator sets it for its learners.
 pub const VISIBLE_DEVICES: &str = "CUDA_VISIBLE_DEVICES";
 
 /// The machine's name of device `index` among the `visible` ones; without a list all are visible. Empty if there are

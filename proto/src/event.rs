@@ -22,7 +22,7 @@ pub enum LearnerEvent {
         rollout: u64,
         /// Frames trained on so far.
         frames: u64,
-        /// What it computes on, e.g. `cpu, 2 threads` or `cuda:0, bfloat16 encoder`; float32 where nothing is said.
+        /// What it computes on, e.g. `cpu, 2 threads` or `cuda:0, bfloat16 encoder`; float32 unless it is named.
         device: String,
         /// Trainable parameters.
         parameters: u64,

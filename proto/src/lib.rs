@@ -2,8 +2,8 @@
 //!
 //! Everything that two processes, or a process and a file, must agree on lives here and nowhere else: the actions,
 //! episodes, stages, the reward, what an environment reports of a step, the camera, the configuration, the records of
-//! evaluations, the events of a learner, and the layout of a run folder. This crate knows neither physics nor tensors,
-//! and no transport: what crosses shared memory, and how, is the crate `wire`.
+//! evaluations, the events of a learner, and the layout of a run folder. This crate contains neither physics nor
+//! tensors, and no transport: what crosses shared memory, and how, is the crate `wire`.
 //!
 //! # Axes and units
 //! World and robot frames follow AI2-THOR: **x right, y up, z ahead**, metres, radians. Yaw turns about +y; yaw 0
@@ -30,10 +30,11 @@ pub mod random;
 pub mod replay;
 pub mod reward;
 pub mod run_folder;
+pub mod run_state;
 pub mod shares;
 pub mod stage;
 pub mod step;
 
-/// Version of everything that is written to a file or told between processes. Raised on any incompatible change. Each
+/// Version of everything that is written to a file or sent between processes. Raised on any incompatible change. Each
 /// payload in shared memory has a number of its own besides, in the name of its type.
 pub const SCHEMA_VERSION: u32 = 3;

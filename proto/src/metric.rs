@@ -1,4 +1,4 @@
-//! Names of the figures that a learner tells of an update ([`crate::event::LearnerEvent::RolloutTrained`]). Episode
+//! Names of the figures that a learner reports of an update ([`crate::event::LearnerEvent::RolloutTrained`]). Episode
 //! figures are means over the episodes that ended in the rollout and are absent when none did.
 
 /// Episodes that ended in this rollout.

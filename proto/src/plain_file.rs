@@ -8,7 +8,7 @@ use std::io::{Error, ErrorKind, Result};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
-/// Opens a file as `options` say, if what is there is a plain file or nothing.
+/// Opens a file with these options, if what is there is a plain file or nothing.
 pub fn open_plain(path: &Path, options: &mut OpenOptions) -> Result<File> {
     let refused = || {
         let text = "it is a link or no plain file, and is not opened: remove it, or look who put it there";

@@ -89,7 +89,7 @@ impl RunFolder {
         format!("scenes/{index:03}")
     }
 
-    /// The run folder that a recording lies in, if it lies where [`RunFolder::recording`] puts it.
+    /// The run folder of a recording, if the recording is where [`RunFolder::recording`] puts it.
     pub fn of_recording(recording: &Path) -> Option<Self> {
         let recordings = recording.parent()?;
         let root = recordings.parent()?;
@@ -158,7 +158,7 @@ impl RunFolder {
     }
 }
 
-/// What is named after a rollout, wherever it lies. Such a name is made and read here alone.
+/// A file named after a rollout, in any folder. Such names are made and read only here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RolloutName {
     /// Manifest of a checkpoint: `rollout-00000012.json`.

@@ -1,11 +1,11 @@
 //! Our figures beside the paper's, row by row as its tables have them.
 
-use crate::entry::Entry;
 use crate::method::{TEST_NOVEL, TEST_SEEN, VALIDATION_NOVEL, row_presets, rows_beside};
 use crate::paper::{Published, ResultRow, paper};
 use crate::results::FieldResult;
 use crate::statistics::Aggregate;
 use crate::study::{Field, Group, differences_between};
+use crate::styled_group::StyledGroup;
 use serde::Serialize;
 
 /// One of the paper's tables with ours beside it.
@@ -17,7 +17,7 @@ pub struct Comparison {
     pub title: String,
     /// Where ours were evaluated: `test-novel`, ...
     pub field: String,
-    /// Heads of the columns that say what a row is.
+    /// Heads of the columns that identify a row.
     pub columns: Vec<&'static str>,
     /// The paper's rows in its order, each with ours.
     pub rows: Vec<Row>,
@@ -56,7 +56,7 @@ pub struct Ours {
 }
 
 /// The paper's tables with ours beside them, in its order.
-pub(crate) fn comparisons(entries: &[Entry<'_>]) -> Vec<Comparison> {
+pub(crate) fn comparisons(entries: &[StyledGroup<'_>]) -> Vec<Comparison> {
     let results = |name: &str, title: &str, field: Field, rows: &[ResultRow]| Comparison {
         name: name.to_owned(),
         title: title.to_owned(),
@@ -120,7 +120,7 @@ fn plain(cell: &str) -> String {
     }
 }
 
-fn row_of(what: Vec<String>, preset: String, paper: Published, entries: &[Entry<'_>], field: Field) -> Row {
+fn row_of(what: Vec<String>, preset: String, paper: Published, entries: &[StyledGroup<'_>], field: Field) -> Row {
     let here = entries.iter().filter(|entry| rows_beside(entry.group).contains(preset.as_str()));
     let ours = here.filter_map(|entry| Some(Ours::of(entry.group, &preset, entry.in_field(field)?))).collect();
     Row { what, preset, paper, ours }

@@ -83,14 +83,14 @@ impl Curve {
     }
 }
 
-/// A run's own metric over training, in bins finer than those of a group's curve: what lies behind the smoothed one.
+/// A run's own metric over training, in bins finer than those of a group's curve: drawn behind the smoothed one.
 pub(crate) fn of_run(run: &Run, name: &str) -> Vec<(f64, f64)> {
     let width = (total_frames(&run.config.stages) as f64 / FINE_BINS as f64).max(1.0);
     bins(&run.rollouts, name, width).into_iter().map(|(_, frames, value)| (frames, value)).collect()
 }
 
-/// The running mean of a curve over its neighbours, which weigh less the farther they are. What lies beyond one of the
-/// `breaks` has no part in it: another stage is another task. A stage of a few points stays as it is.
+/// The running mean of a curve over its neighbours, which weigh less the farther they are. Points beyond one of the
+/// `breaks` do not count: another stage is another task. A stage of a few points stays as it is.
 pub(crate) fn smoothed(points: &[(f64, f64)], breaks: &[f64]) -> Vec<(f64, f64)> {
     let part = |frames: f64| breaks.iter().filter(|&&end| end < frames).count();
     let mean = |(index, &(frames, _)): (usize, &(f64, f64))| {

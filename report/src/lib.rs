@@ -9,6 +9,7 @@
 //! ```
 //! use proto::config::Config;
 //! use proto::metric;
+//! use proto::run_state::{Ending, RunState};
 //! use report::study::{Origin, Rollout, Run};
 //! use report::{Made, Options};
 //!
@@ -22,7 +23,7 @@
 //!     };
 //!     Run {
 //!         name: format!("runs/demo-{seed}"),
-//!         origin: Origin::Run("complete".into()),
+//!         origin: Origin::Run(RunState::Ended(Ending::Complete)),
 //!         config,
 //!         rollouts: (1..=100).map(rollout).collect(),
 //!         evaluations: Vec::new(),
@@ -39,7 +40,6 @@
 mod chart;
 pub mod comparison;
 pub mod curves;
-mod entry;
 mod figures;
 pub mod format;
 mod method;
@@ -49,6 +49,7 @@ mod report;
 pub mod results;
 pub mod statistics;
 pub mod study;
+mod styled_group;
 
 pub use chart::{Figure, PngError};
 pub use figures::{Sweep, SweepPoint};

@@ -1,4 +1,4 @@
-//! Methods: which rows of the paper's tables a group stands beside.
+//! Methods: which rows of the paper's tables a group is compared with.
 
 use crate::paper::{Published, paper};
 use crate::study::{Field, Group, Source};
@@ -10,7 +10,7 @@ use proto::stage::total_frames;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 
-// The paper's tables are of fixed episodes: what was evaluated on drawn ones stands in none of them.
+// The paper's tables are of fixed episodes: evaluations on drawn ones appear in none of them.
 pub const TEST_NOVEL: Field = Field::new(Split::Test, ObjectSet::Novel, Source::Fixed);
 pub const TEST_SEEN: Field = Field::new(Split::Test, ObjectSet::Seen, Source::Fixed);
 pub const VALIDATION_NOVEL: Field = Field::new(Split::Validation, ObjectSet::Novel, Source::Fixed);
@@ -98,7 +98,7 @@ mod tests {
     use crate::study::{Run, groups, tests::run};
     use proto::config::StageConfig;
 
-    /// Rows beside which this run stands, alone.
+    /// Rows that this run, alone, is compared with.
     fn rows(run: Run) -> Vec<&'static str> {
         rows_beside(&groups(&[run]).unwrap()[0]).into_iter().collect()
     }

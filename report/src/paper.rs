@@ -1,4 +1,4 @@
-//! The paper's own figures, to stand beside ours: Ni et al. (WACV 2023), tables 1 to 3 and their supplement.
+//! The paper's own figures, for comparison with ours: Ni et al. (WACV 2023), tables 1 to 3 and their supplement.
 
 use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;
@@ -201,7 +201,7 @@ mod tests {
         assert_eq!((last.sr, last.srwod, last.srwod_iqm), (81.3, 47.1, Some(46.6)));
     }
 
-    /// Every row has a preset, and the preset's configuration is what the row says.
+    /// Every row has a preset, and the preset's configuration is the row's.
     #[test]
     fn every_row_is_a_preset_that_does_what_the_row_says() {
         let mut named = BTreeSet::new();

@@ -3,13 +3,13 @@
 use crate::chart::{Figure, share_axes};
 use crate::comparison::{Comparison, comparisons};
 use crate::curves::Curve;
-use crate::entry::Entry;
 use crate::figures::{self, Sweep};
 use crate::format::{count, counted};
 use crate::paper::paper;
 use crate::results::{FieldResult, Missing};
 use crate::statistics::{CURVE_RESAMPLES, RESAMPLES};
 use crate::study::{Evaluated, Field, Group, Origin, Run, Source, StudyError, groups};
+use crate::styled_group::StyledGroup;
 use proto::config::EpisodeConfig;
 use proto::evaluation::{DISTURBANCE_THRESHOLDS_M, Distribution, describe};
 use serde::Serialize;
@@ -73,7 +73,7 @@ pub struct GroupReport {
 pub struct RunReport {
     /// Its folder.
     pub name: String,
-    /// How it stands, or why its training is not known.
+    /// Its state, or why its training is not known.
     pub state: Origin,
     /// Seed.
     pub seed: u64,
@@ -154,10 +154,10 @@ impl Made {
                 names.join(", ")
             )
         }));
-        let entries: Vec<Entry<'_>> = groups
+        let entries: Vec<StyledGroup<'_>> = groups
             .iter()
             .enumerate()
-            .map(|(style, group)| Entry { style, group, results: results(group, options, &mut notes) })
+            .map(|(style, group)| StyledGroup { style, group, results: results(group, options, &mut notes) })
             .collect();
         let sweeps = figures::sweeps(&entries);
         let mut figures = FigureSet {
@@ -279,7 +279,7 @@ fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes:
 }
 
 impl GroupReport {
-    fn of(entry: &Entry<'_>) -> Self {
+    fn of(entry: &StyledGroup<'_>) -> Self {
         let group = entry.group;
         let metrics: BTreeSet<&String> =
             group.runs.iter().flat_map(|run| &run.rollouts).flat_map(|rollout| rollout.metrics.keys()).collect();

@@ -8,6 +8,7 @@ use proto::evaluation::{
 use proto::kitchen::{KitchenId, Split};
 use proto::metric;
 use proto::random::{Key, Purpose, Random};
+use proto::run_state::{Ending, RunState};
 use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated};
 use report::{Made, Options};
 use std::collections::BTreeMap;
@@ -137,7 +138,7 @@ fn run(preset: &str, seed: u64, (skill, care): (f64, f64)) -> Run {
     });
     Run {
         name: format!("runs/{preset}-{seed}"),
-        origin: Origin::Run("complete".into()),
+        origin: Origin::Run(RunState::Ended(Ending::Complete)),
         rollouts: rollouts(&config, skill - luck),
         evaluations: [
             (Split::Test, ObjectSet::Novel, skill),

@@ -29,7 +29,7 @@ pub mod depth;
 pub mod environment;
 pub mod episode;
 pub mod episodes;
-pub mod gltf;
+pub mod gltf_file;
 pub mod kitchen;
 pub mod mesh;
 pub mod physics;

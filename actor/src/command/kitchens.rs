@@ -1,7 +1,7 @@
 //! `actor kitchens`.
 
 use actor::picture::{self, SheetOptions, Subject};
-use actor::{categories, figures, gltf};
+use actor::{categories, figures, kitchen_export};
 use anyhow::{Context, Result};
 use proto::kitchen::{KitchenChoice, KitchenId};
 use std::path::PathBuf;
@@ -63,7 +63,7 @@ pub fn run(command: &KitchensCommand) -> Result<()> {
                 Some(path) => Subject::Scene(path.clone()),
                 None => Subject::BuiltIn(kitchen.context("--kitchen is missing")?),
             };
-            gltf::write(&subject, out, scene.as_deref())
+            kitchen_export::write(&subject, out, scene.as_deref())
         }
         KitchensCommand::Categories { json } => categories::run(*json, std::io::stdout().lock()),
         KitchensCommand::Report => figures::run(std::io::stdout().lock()),

@@ -4,8 +4,7 @@ use actor::process;
 use anyhow::{Context, Result, ensure};
 use proto::kitchen::KitchenId;
 use std::path::PathBuf;
-use wire::WireAddress;
-use wire::lifeline;
+use wire::{WireAddress, lifeline};
 
 /// Which actor, of which run.
 #[derive(Debug, clap::Args)]

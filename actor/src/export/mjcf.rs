@@ -42,7 +42,7 @@ const STRINGS_TAKE_ALL: &str = "writing to a string does not fail";
 /// Bodies carry the names they have in the kitchen; the robot's links and [`ROBOT_BODY`] are mocap bodies. The camera
 /// `head` has the depth camera's field of view; its pose is left to whoever renders.
 pub fn mjcf(kitchen: &Kitchen, timestep_s: f32) -> String {
-    let mut scene = Scene::default();
+    let mut file = MjcfFile::default();
     let fixed = Matter { kind: Kind::Fixed, mass_kg: 0.0, friction: 0.0 };
     let robot = Matter { kind: Kind::Robot, mass_kg: 0.0, friction: 0.0 };
     let mut movables = kitchen.movables().iter();
@@ -51,7 +51,7 @@ pub fn mjcf(kitchen: &Kitchen, timestep_s: f32) -> String {
             BodyRole::Static => {
                 for (index, part) in body.shape.convex_parts().iter().enumerate() {
                     let name = format!("{}/{index}", body.name);
-                    scene.geom(&name, &part.primitive, &(*pose * part.body_from_part), fixed, SEEN_GROUP);
+                    file.geom(&name, &part.primitive, &(*pose * part.body_from_part), fixed, SEEN_GROUP);
                 }
             }
             BodyRole::Movable => {
@@ -65,17 +65,17 @@ pub fn mjcf(kitchen: &Kitchen, timestep_s: f32) -> String {
                     })
                     .collect();
                 assert_eq!(matter.len(), body.shape.convex_parts().len(), "one collider for each part");
-                scene.open_body(&body.name, pose, "");
-                scene.world.push_str("      <freejoint/>\n");
-                scene.parts(body, &matter);
-                scene.close_body();
+                file.open_body(&body.name, pose, "");
+                file.world.push_str("      <freejoint/>\n");
+                file.parts(body, &matter);
+                file.close_body();
             }
-            BodyRole::Robot => scene.mocap(&body.name, &body.shape, pose, robot, SEEN_GROUP),
+            BodyRole::Robot => file.mocap(&body.name, &body.shape, pose, robot, SEEN_GROUP),
         }
     }
     let [shape, ..] = part_shapes();
     let parked = kitchen.settled_poses().last().expect("the robot's links are bodies");
-    scene.mocap(ROBOT_BODY, &shape, parked, robot, UNSEEN_GROUP);
+    file.mocap(ROBOT_BODY, &shape, parked, robot, UNSEEN_GROUP);
     format!(
         r#"<mujoco model="kitchen-{id}">
   <option timestep="{timestep_s}" gravity="0 -9.81 0"/>
@@ -93,8 +93,8 @@ pub fn mjcf(kitchen: &Kitchen, timestep_s: f32) -> String {
 </mujoco>
 "#,
         id = kitchen.id(),
-        meshes = scene.assets,
-        world = scene.world,
+        meshes = file.assets,
+        world = file.world,
     )
 }
 
@@ -128,13 +128,13 @@ struct Matter {
 
 /// The file while it is written.
 #[derive(Default)]
-struct Scene {
+struct MjcfFile {
     assets: String,
     hulls: Vec<Vec<Vec3>>,
     world: String,
 }
 
-impl Scene {
+impl MjcfFile {
     fn open_body(&mut self, name: &str, pose: &Pose3, attributes: &str) {
         self.line(format_args!("    <body name=\"{name}\" {}{attributes}>", placement(pose)));
     }

@@ -7,8 +7,7 @@ use super::search::Graph;
 use proto::action::Action;
 use rapier3d::math::Vec3;
 use simulator::robot::configuration::{Configuration, MOVE_AHEAD_M};
-use simulator::robot::dimensions::ARM_BASE_AHEAD_M;
-use simulator::robot::dimensions::REACH_M;
+use simulator::robot::dimensions::{ARM_BASE_AHEAD_M, REACH_M};
 
 /// Side of a cell, metres.
 const CELL_M: f32 = 0.05;

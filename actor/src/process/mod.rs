@@ -28,8 +28,7 @@ use simulator::source;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
-use wire::fault;
-use wire::{WireAddress, WireShape};
+use wire::{WireAddress, WireShape, fault};
 
 /// What a rollout actor is told on its command line.
 #[derive(Debug, Clone)]

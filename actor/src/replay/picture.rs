@@ -139,14 +139,14 @@ impl Encoder {
 
     fn write(&mut self, bytes: &[u8]) -> Result<()> {
         let input = self.child.stdin.as_mut().context("ffmpeg has no standard input")?;
-        input.write_all(bytes).context("ffmpeg takes no more pictures; its last words are above")
+        input.write_all(bytes).context("ffmpeg takes no more pictures; its last messages are above")
     }
 
     fn finish(mut self, path: &Path) -> Result<()> {
         // The end of its input.
         drop(self.child.stdin.take());
         let status = self.child.wait().context("cannot wait for ffmpeg")?;
-        ensure!(status.success(), "ffmpeg did not write {}: {status}; its last words are above", path.display());
+        ensure!(status.success(), "ffmpeg did not write {}: {status}; its last messages are above", path.display());
         Ok(())
     }
 }

@@ -1,6 +1,6 @@
 //! Scenes from files: a kitchen that goes out as glTF and comes back, and what is said of scenes that cannot be used.
 
-use actor::gltf;
+use actor::kitchen_export;
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -21,8 +21,8 @@ fn kitchen(number: u8) -> Kitchen {
 
 /// Writes a kitchen with its scene file, changed by `change`.
 fn export(kitchen: &Kitchen, folder: &Path, change: impl Fn(&mut SceneFile)) -> std::path::PathBuf {
-    std::fs::write(folder.join("kitchen.glb"), gltf::glb(kitchen)).unwrap();
-    let mut file = gltf::scene_file(kitchen, "kitchen.glb");
+    std::fs::write(folder.join("kitchen.glb"), kitchen_export::glb(kitchen)).unwrap();
+    let mut file = kitchen_export::scene_file(kitchen, "kitchen.glb");
     change(&mut file);
     let path = folder.join("scene.toml");
     std::fs::write(&path, toml::to_string(&file).unwrap()).unwrap();
@@ -223,7 +223,7 @@ fn a_scene_in_other_units_is_one_problem() {
     let kitchen = kitchen(3);
     let path = export(&kitchen, folder.path(), |_| {});
     let bytes = std::fs::read(folder.path().join("kitchen.glb")).unwrap();
-    let glb = ::gltf::binary::Glb::from_slice(&bytes).unwrap();
+    let glb = gltf::binary::Glb::from_slice(&bytes).unwrap();
     let mut root: serde_json::Value = serde_json::from_slice(&glb.json).unwrap();
     let nodes = root["nodes"].as_array().unwrap().len();
     let roots = root["scenes"][0]["nodes"].clone();
@@ -236,7 +236,7 @@ fn a_scene_in_other_units_is_one_problem() {
         root["nodes"].as_array_mut().unwrap().push(world);
         root["scenes"][0]["nodes"] = serde_json::json!([nodes]);
         let json = serde_json::to_vec(&root).unwrap().into();
-        let changed = ::gltf::binary::Glb { header: glb.header, json, bin: glb.bin.clone() };
+        let changed = gltf::binary::Glb { header: glb.header, json, bin: glb.bin.clone() };
         std::fs::write(folder.path().join("kitchen.glb"), changed.to_vec().unwrap()).unwrap();
         let message = load(&path).unwrap_err();
         assert!(message.contains("node Floor: is a floor of") && message.contains(size), "{message}");
@@ -246,7 +246,7 @@ fn a_scene_in_other_units_is_one_problem() {
 
 /// Adds a node `Crate` with a mesh of these triangles to a binary glTF file, and moves another node.
 fn with_crate(glb: &[u8], triangles: &[[[f32; 3]; 3]], moved: &str, to: [f32; 3]) -> Vec<u8> {
-    let glb = ::gltf::binary::Glb::from_slice(glb).unwrap();
+    let glb = gltf::binary::Glb::from_slice(glb).unwrap();
     let mut root: serde_json::Value = serde_json::from_slice(&glb.json).unwrap();
     let mut bin = glb.bin.unwrap().into_owned();
     let first = bin.len();
@@ -270,7 +270,7 @@ fn with_crate(glb: &[u8], triangles: &[[[f32; 3]; 3]], moved: &str, to: [f32; 3]
     let nodes = root["nodes"].as_array_mut().unwrap();
     nodes.iter_mut().find(|node| node["name"] == moved).unwrap()["translation"] = serde_json::json!(to);
     let json = serde_json::to_vec(&root).unwrap().into();
-    ::gltf::binary::Glb { header: glb.header, json, bin: Some(bin.into()) }.to_vec().unwrap()
+    gltf::binary::Glb { header: glb.header, json, bin: Some(bin.into()) }.to_vec().unwrap()
 }
 
 #[test]

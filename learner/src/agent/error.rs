@@ -14,7 +14,7 @@ pub enum AgentError {
         what: String,
     },
     /// An observation with an unknown previous action.
-    #[error("column {column}: the policy has no action {action}, which is said to have been taken")]
+    #[error("column {column}: the policy has no action {action}, but the batch has it as taken")]
     UnknownAction {
         /// Column of the observation.
         column: usize,

@@ -5,9 +5,9 @@
 //!               └▶ abandon_rollout
 //! ```
 //! It reads no files and no clock, and it draws nothing: the noise that samples actions comes in with the observations.
-//! It meets the other learners in [`Agent::update`], where their gradients add up, and with `ppo.preemption_share` in
-//! [`Agent::is_preempted`]. Without that setting the same calls give the same weights, bit for bit, on the CPU with the
-//! same number of threads and learners.
+//! It exchanges numbers with the other learners in [`Agent::update`], where their gradients add up, and with
+//! `ppo.preemption_share` in [`Agent::is_preempted`]. Without that setting the same calls give the same weights, bit
+//! for bit, on the CPU with the same number of threads and learners.
 
 mod error;
 mod state;

@@ -6,7 +6,7 @@
 //! that followed. Negative samples come from other rows of the batch.
 
 use super::query::{Epoch, Query};
-use super::task::{Entry, Pass, Sizes, Tally, Task, TaskLoss};
+use super::task::{Pass, Sizes, Tally, Task, TaskEntry, TaskLoss};
 use crate::network::{Gru, Initial, Layout, Linear, OBSERVATION, Packing, ParameterId, Parameters};
 use crate::peers::{PeerError, Peers};
 use proto::config::AuxiliaryTask;
@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
 
 /// Its line in the registry.
-pub(crate) const ENTRY: Entry = Entry {
+pub(crate) const ENTRY: TaskEntry = TaskEntry {
     task: AuxiliaryTask::Cpca16,
     name: "cpca16",
     allenact: Some("aux_models.CPCA_16."),
@@ -114,7 +114,7 @@ impl Task for Cpca {
         &SUMS
     }
 
-    /// Shares of positive and of negative samples that are told right.
+    /// Shares of positive and of negative samples that are classified correctly.
     fn figures(&self, tally: &Tally) -> BTreeMap<String, f64> {
         let asked = tally.sum("asked");
         ["positives_right", "negatives_right"]

@@ -6,7 +6,7 @@
 //! episode, are left out.
 
 use super::query::{Epoch, Query};
-use super::task::{Entry, Pass, Sizes, Tally, Task, TaskLoss};
+use super::task::{Pass, Sizes, Tally, Task, TaskEntry, TaskLoss};
 use crate::network::{Initial, Layout, Linear, Packing, Parameters};
 use crate::peers::{PeerError, Peers};
 use proto::config::AuxiliaryTask;
@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
 
 /// Its line in the registry.
-pub(crate) const ENTRY: Entry = Entry {
+pub(crate) const ENTRY: TaskEntry = TaskEntry {
     task: AuxiliaryTask::Disturb,
     name: "disturb",
     allenact: Some("aux_models.Disturb_Pred.classifier."),

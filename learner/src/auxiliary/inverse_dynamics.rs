@@ -3,7 +3,7 @@
 //! the rollout holds.
 
 use super::query::{Epoch, Query};
-use super::task::{Entry, Pass, Sizes, Tally, Task, TaskLoss};
+use super::task::{Pass, Sizes, Tally, Task, TaskEntry, TaskLoss};
 use crate::network::{Layout, Linear, OBSERVATION, Packing, Parameters};
 use crate::peers::{PeerError, Peers};
 use proto::config::AuxiliaryTask;
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use tch::{Kind, Reduction, Tensor};
 
 /// Its line in the registry.
-pub(crate) const ENTRY: Entry = Entry {
+pub(crate) const ENTRY: TaskEntry = TaskEntry {
     task: AuxiliaryTask::InverseDynamics,
     name: "inverse_dynamics",
     allenact: Some("aux_models.InvDyn.decoder."),

@@ -18,7 +18,7 @@ pub use disturb::{Disturb, focal_loss};
 pub use inverse_dynamics::InverseDynamics;
 pub(crate) use query::count;
 pub use query::{Epoch, Query};
-pub(crate) use task::Entry;
+pub(crate) use task::TaskEntry;
 pub use task::{Pass, Sizes, Tally, Task, TaskLoss};
 
 use crate::network::{Layout, Packing, Parameters};
@@ -28,7 +28,7 @@ use std::collections::BTreeMap;
 use tch::Tensor;
 
 /// Every task.
-pub(crate) const TASKS: [Entry; 3] = [disturb::ENTRY, inverse_dynamics::ENTRY, cpca::ENTRY];
+pub(crate) const TASKS: [TaskEntry; 3] = [disturb::ENTRY, inverse_dynamics::ENTRY, cpca::ENTRY];
 
 /// The task that a run trains, or none.
 #[derive(Debug)]
@@ -92,7 +92,7 @@ mod tests {
     fn every_task_of_the_configuration_has_a_line() {
         use AuxiliaryTask::{Cpca16, Disturb, InverseDynamics, None};
         for task in [None, Disturb, InverseDynamics, Cpca16] {
-            // Without an arm for all others: a new variant compiles only when it stands here and in the list above.
+            // Without an arm for all others: a new variant compiles only when it is here and in the list above.
             let expected = match task {
                 None => false,
                 Disturb | InverseDynamics | Cpca16 => true,

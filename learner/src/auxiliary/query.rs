@@ -32,7 +32,7 @@ pub struct Query {
     pub row: i64,
     /// Steps ahead, from 1.
     pub offset: i64,
-    /// Row of the packing that lies there.
+    /// The packing's row of that step.
     pub later: i64,
     /// Row of the negative sample of a contrastive task; `later` itself where there is none.
     pub negative: i64,

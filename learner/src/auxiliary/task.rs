@@ -33,7 +33,7 @@ pub trait Task: fmt::Debug {
 
 /// A task's line in the registry.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Entry {
+pub(crate) struct TaskEntry {
     /// The configuration's variant.
     pub task: AuxiliaryTask,
     /// The configuration's name for it. Its weights are named `auxiliary.NAME.…`.

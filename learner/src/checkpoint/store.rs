@@ -240,7 +240,7 @@ const COUNT_MOST: u64 = 1 << 60;
 /// Tensors of a checkpoint, bytes: the largest network with the most environments has a tenth.
 const TENSORS_BYTES_MOST: u64 = 64 << 30;
 
-/// Reads the checkpoint with this manifest, wherever it lies, and verifies it.
+/// Reads the checkpoint with this manifest, in any folder, and verifies it.
 pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
     let manifest = Manifest::read(manifest_path)
         .map_err(|cause| Rejected { path: manifest_path.to_path_buf(), reason: cause.to_string() })?;

@@ -58,7 +58,7 @@ fn wrong(name: &str, problem: impl Into<String>) -> TensorsError {
     TensorsError::Tensor { name: name.to_owned(), problem: problem.into() }
 }
 
-struct Entry {
+struct StoredTensor {
     dtype: Dtype,
     shape: Vec<usize>,
     bytes: Vec<u8>,
@@ -88,11 +88,11 @@ fn agents_tensors(file: &SafeTensors) -> Result<BTreeMap<String, Tensor>, Tensor
 pub fn encode(tensors: &BTreeMap<String, Tensor>, boundary: &Boundary) -> Result<Vec<u8>, TensorsError> {
     let mut entries = entries(tensors)?;
     let columns = boundary.environments.len();
-    let mut own = |name: &str, dtype, shape, bytes| match entries.insert(name.to_owned(), Entry { dtype, shape, bytes })
-    {
-        None => Ok(()),
-        Some(_) => Err(wrong(name, "is the agent's: the name is taken")),
-    };
+    let mut own =
+        |name: &str, dtype, shape, bytes| match entries.insert(name.to_owned(), StoredTensor { dtype, shape, bytes }) {
+            None => Ok(()),
+            Some(_) => Err(wrong(name, "is the agent's: the name is taken")),
+        };
     let states = &boundary.environments;
     let running = &boundary.running;
     own(EPISODE, Dtype::U32, vec![columns], states.iter().flat_map(|state| state.episode.to_le_bytes()).collect())?;
@@ -167,7 +167,7 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
     Ok((agents_tensors(&file)?, boundary))
 }
 
-fn entries(tensors: &BTreeMap<String, Tensor>) -> Result<BTreeMap<String, Entry>, TensorsError> {
+fn entries(tensors: &BTreeMap<String, Tensor>) -> Result<BTreeMap<String, StoredTensor>, TensorsError> {
     let mut entries = BTreeMap::new();
     for (name, tensor) in tensors {
         let kind = tensor.f_kind()?;
@@ -176,12 +176,12 @@ fn entries(tensors: &BTreeMap<String, Tensor>) -> Result<BTreeMap<String, Entry>
         let mut bytes = vec![0; tensor.numel() * kind.elt_size_in_bytes()];
         tensor.f_copy_data_u8(&mut bytes, tensor.numel())?;
         let shape = tensor.size().into_iter().map(|side| side as usize).collect();
-        entries.insert(name.clone(), Entry { dtype, shape, bytes });
+        entries.insert(name.clone(), StoredTensor { dtype, shape, bytes });
     }
     Ok(entries)
 }
 
-fn serialize(entries: &BTreeMap<String, Entry>) -> Result<Vec<u8>, TensorsError> {
+fn serialize(entries: &BTreeMap<String, StoredTensor>) -> Result<Vec<u8>, TensorsError> {
     let views = entries
         .iter()
         .map(|(name, entry)| Ok((name, TensorView::new(entry.dtype, entry.shape.clone(), &entry.bytes)?)))

@@ -3,7 +3,8 @@
 /// One half of the environments of every actor of a learner. Actors are named by their place among its own.
 ///
 /// The observation with step s is answered by the action with step s, which leads to the observation with step s + 1;
-/// all actors answer before the half goes on. So everything an actor can send is either awaited now or was seen before.
+/// all actors answer before the half goes on. So everything an actor can send is either expected now or was received
+/// before.
 #[derive(Debug)]
 pub struct Half<S> {
     step: u64,
@@ -14,7 +15,7 @@ pub struct Half<S> {
 /// Meaning of a sample's step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arrival {
-    /// It is awaited.
+    /// The half waits for it.
     Awaited,
     /// It was received before: sent again by an actor that was restarted.
     Duplicate,
@@ -28,7 +29,7 @@ impl<S> Half<S> {
         Self { step, samples: (0..actors).map(|_| None).collect(), settled: false }
     }
 
-    /// The exchange whose observations are awaited or here; as many actions have been sent since the run's start.
+    /// The exchange whose observations are expected or here; as many actions have been sent since the run's start.
     pub fn step(&self) -> u64 {
         self.step
     }
@@ -43,7 +44,7 @@ impl<S> Half<S> {
         }
     }
 
-    /// Keeps an awaited sample.
+    /// Keeps an expected sample.
     ///
     /// # Panics
     /// If that actor's is here already.

@@ -1,5 +1,6 @@
 //! The rollout collector: a state machine without I/O, clock or tensors. (Adding the statistics of several learners up,
-//! [`RolloutStatistics::over`], is the one call that speaks to other processes; the training loop makes it afterwards.)
+//! [`RolloutStatistics::over`], is the one call that communicates with other processes; the training loop makes it
+//! afterwards.)
 //!
 //! Its inputs are observation samples and the agent's actions, its output is the next [`Task`]. For each step of a
 //! rollout and each half of the environments it waits until the observations of every actor have arrived, records the
@@ -7,9 +8,9 @@
 //! observation of each half, for the bootstrap values. These observations are kept: they are the first of the next
 //! rollout.
 //!
-//! Nothing that arrives twice or late changes anything: every sample names its exchange and the learner incarnation
-//! it goes back to. A restarted actor is told where it stands by [`Collector::restore`], at any moment; a restarted
-//! learner begins from a [`Boundary`]. The tests crash both at every point and compare what was recorded.
+//! Nothing that arrives twice or late changes anything: every sample names its exchange and the learner incarnation it
+//! goes back to. [`Collector::restore`] tells a restarted actor the state of its environments, at any moment; a
+//! restarted learner begins from a [`Boundary`]. The tests crash both at every point and compare what was recorded.
 
 mod column_map;
 mod environments;
@@ -123,7 +124,7 @@ pub enum Task {
 /// What was done with a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Received {
-    /// It was awaited and is kept.
+    /// It was expected and is kept.
     Kept,
     /// It was seen before.
     Duplicate,

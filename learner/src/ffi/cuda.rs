@@ -136,7 +136,7 @@ impl Driver {
 
 impl Nvrtc {
     fn open() -> Result<Self, CudaError> {
-        // The first library lies beside libtorch and loads NVRTC; NVRTC's symbols are found through it.
+        // The first library is beside libtorch and loads NVRTC; NVRTC's symbols are found through it.
         let library = open(&[c"libcaffe2_nvrtc.so", c"libnvrtc.so.13", c"libnvrtc.so.12"])?;
         Ok(Self {
             create: function!(library, c"nvrtcCreateProgram" as CreateProgram),

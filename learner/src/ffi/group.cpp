@@ -46,14 +46,14 @@ static void close_doors() {
 // Of every function: returns 0, or 1 with the reason in `message`; no exception leaves.
 
 // Joins a group of `size` members whose rendezvous is the file `path`; each member has its own rank. All must join
-// within `meeting_ms`; afterwards an operation fails after `patience_ms`. The caller owns the group and closes it.
-extern "C" int stillroom_group_open(const char *path, int rank, int size, int64_t meeting_ms, int64_t patience_ms,
+// within `joining_ms`; afterwards an operation fails after `patience_ms`. The caller owns the group and closes it.
+extern "C" int stillroom_group_open(const char *path, int rank, int size, int64_t joining_ms, int64_t patience_ms,
                                     Group **group, char *message, size_t capacity) {
     return guarded(message, capacity, [&] {
-        const std::chrono::milliseconds meeting(meeting_ms), patience(patience_ms);
+        const std::chrono::milliseconds joining(joining_ms), patience(patience_ms);
         auto store = c10::make_intrusive<c10d::FileStore>(path, size);
-        store->setTimeout(meeting);
-        auto options = c10d::ProcessGroupGloo::Options::create(meeting);
+        store->setTimeout(joining);
+        auto options = c10d::ProcessGroupGloo::Options::create(joining);
         options->devices = {c10d::ProcessGroupGloo::createDeviceForHostname("127.0.0.1")};
         // One operation at a time.
         options->threads = 1;

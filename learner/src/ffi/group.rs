@@ -18,7 +18,7 @@ unsafe extern "C" {
         path: *const c_char,
         rank: c_int,
         size: c_int,
-        meeting_ms: i64,
+        joining_ms: i64,
         patience_ms: i64,
         group: *mut Handle,
         message: *mut c_char,
@@ -71,10 +71,10 @@ pub struct ProcessGroup(Handle);
 
 impl ProcessGroup {
     /// Joins a group of `size` members whose rendezvous is a new file; each member has its own rank. Fails if not all
-    /// members join within `meeting`, or if a later operation takes longer than `patience`.
-    pub fn meet(path: &Path, [rank, size]: [u32; 2], [meeting, patience]: [Duration; 2]) -> Result<Self, TchError> {
+    /// members join within `joining`, or if a later operation takes longer than `patience`.
+    pub fn join(path: &Path, [rank, size]: [u32; 2], [joining, patience]: [Duration; 2]) -> Result<Self, TchError> {
         let path = text(&path.to_string_lossy())?;
-        let [meeting_ms, patience_ms] = [meeting, patience].map(|time| time.as_millis().min(i64::MAX as u128) as i64);
+        let [joining_ms, patience_ms] = [joining, patience].map(|time| time.as_millis().min(i64::MAX as u128) as i64);
         let mut group = std::ptr::null_mut();
         guarded(|message, capacity| {
             // SAFETY: a C string that outlives the call; the out-pointer and the message's room are ours.
@@ -83,7 +83,7 @@ impl ProcessGroup {
                     path.as_ptr(),
                     rank as c_int,
                     size as c_int,
-                    meeting_ms,
+                    joining_ms,
                     patience_ms,
                     &raw mut group,
                     message,
@@ -147,7 +147,7 @@ impl ProcessGroup {
 
 impl Drop for ProcessGroup {
     fn drop(&mut self) {
-        // SAFETY: it was opened in `meet` and is not used afterwards.
+        // SAFETY: it was opened in `join` and is not used afterwards.
         unsafe { stillroom_group_close(self.0) }
     }
 }

@@ -130,7 +130,7 @@ impl Packing {
     pub fn last(&self) -> Vec<i64> {
         let next = self.later(1);
         let mut last: Vec<i64> = (0..self.rows.len() as i64).collect();
-        // A successor stands behind its row.
+        // A successor comes after its row.
         for row in (0..last.len()).rev() {
             if let Some(next) = next[row] {
                 last[row] = last[next as usize];

@@ -16,14 +16,14 @@ use tch::{Device, Kind, Tensor};
 pub struct ParameterId(usize);
 
 #[derive(Debug, Clone)]
-struct Entry {
+struct Declared {
     name: String,
     shape: Vec<i64>,
     initial: Initial,
     offset: i64,
 }
 
-impl Entry {
+impl Declared {
     fn count(&self) -> i64 {
         self.shape.iter().product()
     }
@@ -73,7 +73,7 @@ pub(crate) fn fits<'a>(name: &str, saved: Option<&'a Tensor>, size: &[i64]) -> R
 /// The parameters of a network while its modules are being declared.
 #[derive(Debug, Default)]
 pub struct Layout {
-    entries: Vec<Entry>,
+    entries: Vec<Declared>,
     count: i64,
 }
 
@@ -83,7 +83,7 @@ impl Layout {
     /// # Panics
     /// If the name is taken.
     pub fn add(&mut self, name: impl Into<String>, shape: &[i64], initial: Initial) -> ParameterId {
-        let entry = Entry { name: name.into(), shape: shape.to_vec(), initial, offset: self.count };
+        let entry = Declared { name: name.into(), shape: shape.to_vec(), initial, offset: self.count };
         assert!(self.entries.iter().all(|other| other.name != entry.name), "{} is declared twice", entry.name);
         self.count += entry.count();
         self.entries.push(entry);
@@ -94,7 +94,7 @@ impl Layout {
 /// The parameters of a network.
 #[derive(Debug)]
 pub struct Parameters {
-    entries: Vec<Entry>,
+    entries: Vec<Declared>,
     flat: Tensor,
     leaves: Vec<Tensor>,
 }
@@ -211,7 +211,7 @@ impl Parameters {
     /// digits.
     pub fn digest(&self) -> String {
         let values = to_vec(&self.flat);
-        let mut entries: Vec<&Entry> = self.entries.iter().collect();
+        let mut entries: Vec<&Declared> = self.entries.iter().collect();
         entries.sort_by(|a, b| a.name.cmp(&b.name));
         let mut hash = Sha256::new();
         for entry in entries {

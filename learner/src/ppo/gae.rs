@@ -36,8 +36,8 @@ impl Targets {
     }
 }
 
-/// Estimates advantages and returns, and normalises the advantages if the configuration says so: over the frames of all
-/// learners.
+/// Estimates advantages and returns, and normalises the advantages if the configuration asks for it: over the frames of
+/// all learners.
 pub fn estimate(rollout: &Rollout, config: &PpoConfig, peers: &Peers) -> Result<Targets, PeerError> {
     let columns = rollout.columns();
     let rows = rollout.shape().steps * columns;

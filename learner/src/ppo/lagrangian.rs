@@ -5,7 +5,7 @@
 //! max over π, min over λ ≥ 0 of  J(π) − λ·J_C(π),   J_C = E Σ γ^t (d_t − d_{t−1})
 //! ```
 //! PPO trains the policy on r − λ·(`d_t` − d_{t−1}). After each update λ takes one step of gradient ascent on the
-//! constraint. The constraint allows no disturbance at all, so λ rises as long as episodes disturb anything, and falls
+//! constraint. The constraint allows no disturbance, so λ rises as long as episodes disturb anything, and falls
 //! only when `J_C` is negative.
 
 /// λ after an update in which episodes ended with a mean discounted disturbance `J_C` of `constraint_m` metres.

@@ -30,7 +30,7 @@ pub struct Terms {
     pub value: Tensor,
     /// Entropy of the policy, nats.
     pub entropy: Tensor,
-    /// Share of rows whose ratio lies outside 1 ± ε.
+    /// Share of rows whose ratio is outside 1 ± ε.
     pub clip_fraction: Tensor,
     /// (ρ − 1) − ln ρ: an estimate of KL(old ‖ new) that is never negative (Schulman 2020).
     pub approximate_kl: Tensor,

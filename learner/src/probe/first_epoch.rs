@@ -95,7 +95,7 @@ impl Cells<'_> {
         table.view([&[steps as i64, columns as i64], width].concat().as_slice())
     }
 
-    /// The forward pass once more, for what the losses do not tell, and the targets.
+    /// The forward pass once more, for what the losses do not contain, and the targets.
     fn pass(&self, network: &Network, targets: &Targets) -> BTreeMap<String, Tensor> {
         let Self { rollout, packing } = self;
         let _no_grad = tch::no_grad_guard();

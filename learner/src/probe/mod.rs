@@ -61,7 +61,7 @@ pub struct Arguments {
     /// What is found is written here
     #[arg(long, value_name = "O.safetensors")]
     out: PathBuf,
-    /// Named configuration for what weights do not tell: constants of PPO, goal coordinates, the encoder's precision
+    /// Named configuration for what weights do not show: constants of PPO, goal coordinates, the encoder's precision
     #[arg(long, value_name = "P", default_value = "paper")]
     preset: String,
     /// TOML file whose keys replace the preset's

@@ -56,7 +56,7 @@ mod tests {
     use crate::network::Network;
     use tch::Device;
 
-    /// Whatever network is built, its weights tell which it is.
+    /// The weights of any network identify it.
     #[test]
     fn every_network_is_known_by_its_weights() {
         let tasks =

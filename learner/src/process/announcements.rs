@@ -4,7 +4,7 @@ use proto::config::StageConfig;
 use proto::stage::position_at;
 use wire::message::{StageAnnouncement, directive};
 
-/// The newest announcement heard.
+/// The newest announcement received.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Announcements {
     newest: Option<StageAnnouncement>,
@@ -12,7 +12,7 @@ pub struct Announcements {
 
 /// What the newest announcement means for a rollout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Word {
+pub enum Permission {
     /// Nothing yet: wait.
     Wait,
     /// Begin it, under the announcement with this version.
@@ -28,7 +28,7 @@ pub enum Word {
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "rollout {rollout} was announced in stage {announced}, but {frames} frames belong to stage {expected}: \
-     orchestrator and learner do not speak of the same run or configuration"
+     orchestrator and learner do not have the same run or configuration"
 )]
 pub struct WrongStage {
     rollout: u64,
@@ -38,7 +38,7 @@ pub struct WrongStage {
 }
 
 impl Announcements {
-    /// Hears one. Versions only grow; an older one changes nothing.
+    /// Takes one in. Versions only grow; an older one changes nothing.
     pub fn hear(&mut self, announcement: StageAnnouncement) {
         if self.newest.is_none_or(|newest| newest.version < announcement.version) {
             self.newest = Some(announcement);
@@ -52,18 +52,18 @@ impl Announcements {
 
     /// What is in force for `rollout`, which begins at `frames`. An announcement of a later rollout was made to a
     /// predecessor that got further; one of this rollout follows.
-    pub fn word(&self, stages: &[StageConfig], rollout: u64, frames: u64) -> Result<Word, WrongStage> {
+    pub fn permission(&self, stages: &[StageConfig], rollout: u64, frames: u64) -> Result<Permission, WrongStage> {
         match self.newest {
-            Some(newest) if newest.directive == directive::STOP => Ok(Word::Stop),
+            Some(newest) if newest.directive == directive::STOP => Ok(Permission::Stop),
             Some(newest) if newest.directive == directive::TRAIN && newest.rollout == rollout => {
                 let expected = position_at(stages, frames).map_or(stages.len(), |position| position.stage);
                 if newest.stage as usize == expected {
-                    Ok(Word::Begin { version: newest.version })
+                    Ok(Permission::Begin { version: newest.version })
                 } else {
                     Err(WrongStage { rollout, announced: newest.stage, frames, expected })
                 }
             }
-            _ => Ok(Word::Wait),
+            _ => Ok(Permission::Wait),
         }
     }
 }
@@ -81,18 +81,22 @@ mod tests {
     fn a_rollout_begins_when_it_is_announced_in_its_stage() {
         let stages = ["I", "II"].map(|name| StageConfig { name: name.into(), reward: RewardKind::Task, frames: 100 });
         let mut announcements = Announcements::default();
-        assert_eq!(announcements.word(&stages, 3, 100), Ok(Word::Wait));
+        assert_eq!(announcements.permission(&stages, 3, 100), Ok(Permission::Wait));
         // Made to a predecessor that died further on.
         announcements.hear(train(7, 5, 1));
-        assert_eq!(announcements.word(&stages, 3, 100), Ok(Word::Wait));
+        assert_eq!(announcements.permission(&stages, 3, 100), Ok(Permission::Wait));
         announcements.hear(train(8, 3, 1));
-        assert_eq!(announcements.word(&stages, 3, 100), Ok(Word::Begin { version: 8 }));
+        assert_eq!(announcements.permission(&stages, 3, 100), Ok(Permission::Begin { version: 8 }));
         announcements.hear(train(7, 5, 1));
-        assert_eq!(announcements.word(&stages, 3, 100), Ok(Word::Begin { version: 8 }), "an old word is not heard");
-        assert!(announcements.word(&stages, 3, 99).unwrap_err().to_string().contains("stage 1, but 99 frames"));
+        assert_eq!(
+            announcements.permission(&stages, 3, 100),
+            Ok(Permission::Begin { version: 8 }),
+            "an old word is not heard"
+        );
+        assert!(announcements.permission(&stages, 3, 99).unwrap_err().to_string().contains("stage 1, but 99 frames"));
         assert!(!announcements.stop());
         announcements.hear(StageAnnouncement { version: 9, directive: directive::STOP, ..train(0, 3, 1) });
-        assert_eq!(announcements.word(&stages, 3, 100), Ok(Word::Stop));
+        assert_eq!(announcements.permission(&stages, 3, 100), Ok(Permission::Stop));
         assert!(announcements.stop());
     }
 }

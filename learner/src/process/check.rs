@@ -14,7 +14,7 @@ pub fn check(mut output: impl Write) -> Result<()> {
         Some(version) => {
             bail!("libtorch {version} is loaded from {library}; this program needs {TORCH_VERSION}")
         }
-        None => tracing::warn!("the version of {library} cannot be told; this program needs {TORCH_VERSION}"),
+        None => tracing::warn!("the version of {library} is unknown; this program needs {TORCH_VERSION}"),
     }
     let sum =
         Tensor::f_ones([4, 4], (Kind::Float, Device::Cpu))?.f_mm(&Tensor::f_eye(4, (Kind::Float, Device::Cpu))?)?;

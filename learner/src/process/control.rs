@@ -25,7 +25,7 @@ impl<W: Write> Control<W> {
         if let Err(cause) = told
             && !self.gone.is_set()
         {
-            tracing::warn!("nobody reads the learner's events ({cause}): saving and leaving");
+            tracing::warn!("nobody reads the learner's events ({cause}): saving and exiting");
             self.gone.set();
         }
     }

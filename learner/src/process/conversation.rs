@@ -28,7 +28,7 @@ pub struct Silent {
     deadline_s: f64,
 }
 
-/// Who speaks, and through what.
+/// The learner of a conversation, and its ports.
 #[derive(Clone, Copy)]
 pub struct Speaker<'a> {
     /// Rank in the process group.
@@ -47,7 +47,7 @@ pub struct Conversation<'a, W> {
     pub rank: u32,
     /// Environments and their exchanges.
     pub collector: Collector<Sample>,
-    /// What the orchestrator allows, as far as it was heard.
+    /// What the orchestrator allows, by the newest announcement received.
     pub announcements: Announcements,
     actors: Range<u32>,
     actor_deadline_s: f64,
@@ -59,7 +59,7 @@ pub struct Conversation<'a, W> {
 }
 
 impl<'a, W: Write> Conversation<'a, W> {
-    /// The environments go on from `boundary`; events are told to `output`.
+    /// The environments go on from `boundary`; events are written to `output`.
     pub fn open(speaker: Speaker<'a>, config: &Config, boundary: Boundary, output: W) -> Result<Self> {
         let Speaker { rank, incarnation, ports, gone } = speaker;
         let settings = Settings {
@@ -91,7 +91,7 @@ impl<'a, W: Write> Conversation<'a, W> {
         self.control.tell(event);
     }
 
-    /// Tells every actor that listens where its environments stand.
+    /// Sends every actor that is connected the state of its environments.
     pub fn restore_all(&self) -> Result<()> {
         self.actors.clone().try_for_each(|actor| self.restore(actor, 0))
     }

@@ -19,8 +19,7 @@ use proto::run_folder::RunFolder;
 use proto::stage::RolloutShape;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use wire::fault;
-use wire::{WireAddress, WireShape};
+use wire::{WireAddress, WireShape, fault};
 
 /// This machine's learner is the only one.
 const RANK: u32 = 0;

@@ -20,7 +20,7 @@ pub enum Unsaved {
     /// By this learner.
     #[error("{0}")]
     Here(#[from] CheckpointError),
-    /// By the first learner, which writes for all and says why.
+    /// By the first learner, which writes for all and reports the reason.
     #[error("the first learner could not write the checkpoint")]
     Elsewhere,
 }

@@ -21,7 +21,7 @@ pub struct ImportArguments {
     /// A state dict: AllenAct's, a checkpoint of a run, or weights by our names
     #[arg(long, value_name = "S.safetensors")]
     from: PathBuf,
-    /// Run folder; its config.toml says which network
+    /// Run folder; its config.toml names the network
     #[arg(long, value_name = "RUN")]
     run: PathBuf,
 }

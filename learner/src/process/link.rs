@@ -146,7 +146,7 @@ impl Ports {
         Ok(())
     }
 
-    /// Tells an actor where its environments stand.
+    /// Sends an actor the state of its environments.
     pub fn send_restore(&self, actor: u32, header: RestoreHeader, states: &[EnvironmentState]) -> Result<()> {
         let ports = self.ports_of(actor);
         let failed = || format!("cannot send a restore to actor {actor}");

@@ -41,9 +41,9 @@ impl Lock {
             }
             if !told {
                 told = true;
-                tracing::info!("waiting for another learner{} to let go of {}", holder(&mut file), path.display());
+                tracing::info!("waiting for another learner{} to release {}", holder(&mut file), path.display());
             }
-            // Of a lock that is let go the kernel tells only who waits for it without a deadline.
+            // The kernel wakes for a released lock only those who wait without a deadline.
             std::thread::sleep(Duration::from_millis(100));
         }
         // For the message above only: the lock itself is the kernel's.

@@ -74,8 +74,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
 
     let device = device::choose(config.learner.device, config.learner.cpu, config.learner.threads)?;
     // A new rendezvous for each joint start, so that files of dead learners are not used.
-    let meeting = wire.root().join(format!("learners-{incarnation}"));
-    let peers = Peers::meet(&meeting, [rank, learners], device)?;
+    let rendezvous = wire.root().join(format!("learners-{incarnation}"));
+    let peers = Peers::join(&rendezvous, [rank, learners], device)?;
     let mut agent = Agent::among(peers, columns(rank, &config), &config, device)?;
     let machine = machine::machine(device, config.learner.threads, learners);
     let store = Store::new(run.clone(), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);

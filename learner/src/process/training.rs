@@ -1,7 +1,7 @@
 //! The training loop: wait for the rollout's announcement, collect it, agree with the other learners, update, report,
 //! save; until the budget is reached or a stop is requested.
 
-use super::announcements::Word;
+use super::announcements::Permission;
 use super::conversation::{Conversation, Silent};
 use super::failure::{NonFinite, Unsaved, is_non_finite};
 use super::stop::Stop;
@@ -53,7 +53,7 @@ enum CutShort {
 }
 
 /// Result of the learners' agreement at the end of a rollout.
-struct Meeting {
+struct Agreement {
     /// Frames that all learners collected: fewer than planned if some were pre-empted.
     collected: u64,
     /// Learners that ended it early.
@@ -93,7 +93,7 @@ impl<W: Write> Training<'_, W> {
             let whole = self.config.ppo.learning_rate_frames;
             let progress = learning_rate_progress(position.frames_in_stage, stage.frames, whole);
             let cut_short = self.await_and_collect(&mut state, position)?;
-            let Meeting { collected, preempted, end } = self.meet(&state, cut_short)?;
+            let Agreement { collected, preempted, end } = self.agree(&state, cut_short)?;
             if let Some(end) = end {
                 // Also if this learner has taken all its steps, because another one has not.
                 self.agent.abandon_rollout();
@@ -274,7 +274,7 @@ impl<W: Write> Training<'_, W> {
     /// Agrees with the other learners at the end of a rollout on the number of frames collected and on whether all
     /// continue. Every learner calls this once in each rollout, whatever happened to its own part. If one is dead, this
     /// fails.
-    fn meet(&mut self, state: &Loop, own: Option<CutShort>) -> Result<Meeting> {
+    fn agree(&mut self, state: &Loop, own: Option<CutShort>) -> Result<Agreement> {
         let flag = |condition: bool| f64::from(u8::from(condition));
         let mut sums = [
             self.conversation.collector.collected() as f64,
@@ -292,7 +292,7 @@ impl<W: Write> Training<'_, W> {
             _ if announced > 0.0 => Some(CutShort::Stop(Stop::Announced)),
             _ => None,
         };
-        Ok(Meeting { collected: collected as u64, preempted: preempted as u32, end })
+        Ok(Agreement { collected: collected as u64, preempted: preempted as u32, end })
     }
 
     /// Waits until the next rollout is announced. Actors that start meanwhile are served.
@@ -304,10 +304,10 @@ impl<W: Write> Training<'_, W> {
                 return Ok(Err(CutShort::Stop(stop)));
             }
             let left = ANNOUNCEMENT_DEADLINE.saturating_sub(began.elapsed());
-            match self.conversation.announcements.word(&self.config.stages, self.rollout, self.frames)? {
-                Word::Begin { version } => return Ok(Ok(version)),
-                Word::Stop => return Ok(Err(CutShort::Stop(Stop::Announced))),
-                Word::Wait if left.is_zero() => {
+            match self.conversation.announcements.permission(&self.config.stages, self.rollout, self.frames)? {
+                Permission::Begin { version } => return Ok(Ok(version)),
+                Permission::Stop => return Ok(Err(CutShort::Stop(Stop::Announced))),
+                Permission::Wait if left.is_zero() => {
                     return Ok(Err(CutShort::Fault(anyhow::anyhow!(
                         "the orchestrator does not answer: rollout {} was not announced within {} s. The run is saved: \
                          end the orchestrator if it still runs, then `orchestrator resume {}`",
@@ -316,7 +316,7 @@ impl<W: Write> Training<'_, W> {
                         self.run.root().display()
                     ))));
                 }
-                Word::Wait => self.conversation.wait(left)?,
+                Permission::Wait => self.conversation.wait(left)?,
             }
         }
     }

@@ -24,9 +24,9 @@ fn weights_of(agent: &Agent) -> Tensor {
 /// Trains with `config.learner.count` learners, threads here, each in its part of the same world.
 fn train(config: &Config) -> Vec<Trained> {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let meeting = folder.path().join("meeting");
+    let rendezvous = folder.path().join("meeting");
     let learner = |rank: u32| {
-        let peers = Peers::meet(&meeting, [rank, config.learner.count], Device::Cpu).expect("the others come");
+        let peers = Peers::join(&rendezvous, [rank, config.learner.count], Device::Cpu).expect("the others come");
         let (actors, each) = (config.shares().actors_of(rank), config.actors.environments_per_actor);
         let own = (actors.start * each) as usize..(actors.end * each) as usize;
         let mut agent = Agent::among(peers, own.clone(), config, Device::Cpu).expect("a fresh agent");

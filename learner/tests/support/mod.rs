@@ -47,7 +47,7 @@ pub fn tiny() -> Config {
 }
 
 /// A run folder with the services of one orchestrator incarnation and its actors.
-pub struct Scene {
+pub struct Rig {
     pub config: Config,
     pub folder: tempfile::TempDir,
     address: WireAddress,
@@ -94,7 +94,7 @@ pub enum Plan<'a> {
     PoisonActorAfter(u64, u32),
 }
 
-impl Scene {
+impl Rig {
     pub fn new(name: &str, config: Config) -> Self {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("config.toml"), config.to_toml()).unwrap();
@@ -230,7 +230,7 @@ impl Scene {
     }
 }
 
-impl Drop for Scene {
+impl Drop for Rig {
     fn drop(&mut self) {
         self.close();
     }

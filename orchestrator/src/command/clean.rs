@@ -14,7 +14,7 @@ use std::time::Duration;
   orchestrator clean --dry-run
   orchestrator clean --patience 0")]
 pub struct CleanArgs {
-    /// Only say what would be done
+    /// Only print what would be done
     #[arg(long)]
     dry_run: bool,
     /// Seconds to wait for processes that have outlived their orchestrator

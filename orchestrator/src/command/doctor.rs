@@ -1,20 +1,12 @@
 //! `orchestrator doctor`: everything that `up` would check, all of it, as a table.
 
 use super::overrides::{Overrides, default_preset};
-use crate::preflight::Finding;
-use crate::preflight::descriptors;
-use crate::preflight::device;
-use crate::preflight::disk;
-use crate::preflight::memory;
-use crate::preflight::processor;
-use crate::preflight::programs;
-use crate::preflight::shared_memory;
 use crate::preflight::tools::Tools;
+use crate::preflight::{Finding, descriptors, device, disk, memory, processor, programs, shared_memory};
 use crate::run::remains::survey;
 use crate::run::scenes;
-use crate::run::session::shape;
-use crate::showing::format;
-use crate::showing::terminal;
+use crate::showing::{format, terminal};
+use crate::supervisor::session::shape;
 use anyhow::Result;
 use proto::device::Torch;
 use serde::Serialize;

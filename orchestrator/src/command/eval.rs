@@ -1,16 +1,14 @@
 //! `orchestrator eval`: success and disturbance of a policy on fixed or drawn episodes.
 
 use crate::evaluation::run::EvaluationRun;
-use crate::evaluation::subject::{Origin, find};
+use crate::evaluation::subject::{Provenance, find};
 use crate::evaluation::words::{episodes_of, place};
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
 use crate::run::create::{check_free, create};
 use crate::run::identity::unix_now;
-use crate::run::lifeline;
-use crate::run::scenes;
-use crate::showing::format;
-use crate::showing::terminal;
+use crate::run::{lifeline, scenes};
+use crate::showing::{format, terminal};
 use anyhow::{Result, ensure};
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan};
@@ -20,7 +18,7 @@ use rustix::process::Signal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Environments of an actor at most, unless told otherwise.
+/// Environments of an actor at most, unless the user sets another number.
 const ENVIRONMENTS_MAX: u32 = 32;
 
 /// Play episodes of the test, validation or training kitchens with a policy, and measure success and disturbance
@@ -137,7 +135,7 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     if let Some(out) = &args.out {
         check_free(&RunFolder::new(out))?;
     }
-    let (mut run, origin, checkpoint) = subject(args)?;
+    let (mut run, provenance, checkpoint) = subject(args)?;
     if args.split.is_some() {
         // Elsewhere than in its own scenes.
         run.scenes.clear();
@@ -148,11 +146,11 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
 
     terminal::note(&announcement(args, &config, &asked));
     let tools = Tools::find()?;
-    let folder = RunFolder::new(args.out.clone().unwrap_or_else(|| default_folder(&origin, &asked)));
+    let folder = RunFolder::new(args.out.clone().unwrap_or_else(|| default_folder(&provenance, &asked)));
     demand_all(&config, &folder, &tools)?;
     let folders = if config.recording.enabled { vec![folder.recordings()] } else { vec![] };
     let (identity, lock) = create(&folder, &mut config, &folders)?;
-    EvaluationRun { folder, config, asked, json: args.json, subject: origin, identity, lock, tools }.run()
+    EvaluationRun { folder, config, asked, json: args.json, subject: provenance, identity, lock, tools }.run()
 }
 
 /// An evaluation's configuration: its run's, without what concerns training only.
@@ -191,7 +189,7 @@ fn configuration(run: Config, asked: &EvaluationConfig, args: &EvalArgs, cores: 
 }
 
 /// The run's configuration, whose weights they are, and the manifest of the checkpoint if there is one.
-fn subject(args: &EvalArgs) -> Result<(Config, Origin, Option<String>)> {
+fn subject(args: &EvalArgs) -> Result<(Config, Provenance, Option<String>)> {
     let text = |path: &Path| match path.to_str() {
         Some(text) => Ok(text.to_owned()),
         None => anyhow::bail!("{} has a name that is not text", path.display()),
@@ -203,14 +201,14 @@ fn subject(args: &EvalArgs) -> Result<(Config, Origin, Option<String>)> {
             *scene = text(&found.run.join(scene.as_str()))?;
         }
         let Config { preset, seed, .. } = &found.config;
-        let origin = Origin { preset: preset.clone(), seed: *seed, run: Some(text(&found.run)?) };
+        let provenance = Provenance { preset: preset.clone(), seed: *seed, run: Some(text(&found.run)?) };
         let manifest = text(&found.manifest)?;
-        return Ok((found.config, origin, Some(manifest)));
+        return Ok((found.config, provenance, Some(manifest)));
     }
     let preset = args.preset.as_deref().unwrap_or("demo");
     let config = Config::resolve_set(preset, args.config.as_deref(), &args.set)?;
     let seed = args.seed.unwrap_or(config.seed);
-    Ok((config, Origin { preset: preset.to_owned(), seed, run: None }, None))
+    Ok((config, Provenance { preset: preset.to_owned(), seed, run: None }, None))
 }
 
 /// What is asked about a run. Its configuration names scenes only if the evaluation is in them.
@@ -276,7 +274,7 @@ fn shape(asked: &EvaluationConfig, actors: Option<u32>, environments: Option<u32
     (actors, environments.unwrap_or(even))
 }
 
-fn default_folder(origin: &Origin, asked: &EvaluationConfig) -> PathBuf {
+fn default_folder(provenance: &Provenance, asked: &EvaluationConfig) -> PathBuf {
     let split = match asked.split {
         _ if !asked.scene_targets.is_empty() => "scenes",
         Split::Train => "train",
@@ -284,11 +282,13 @@ fn default_folder(origin: &Origin, asked: &EvaluationConfig) -> PathBuf {
         Split::Test => "test",
     };
     let time = format::timestamp(unix_now());
-    match &origin.run {
+    match &provenance.run {
         Some(run) => Path::new(run).join("evaluations").join(format!("{time}-{split}-{}", asked.objects.name())),
-        None => {
-            Path::new("evaluations").join(format!("{time}-{}-fresh-{split}-{}", origin.preset, asked.objects.name()))
-        }
+        None => Path::new("evaluations").join(format!(
+            "{time}-{}-fresh-{split}-{}",
+            provenance.preset,
+            asked.objects.name()
+        )),
     }
 }
 

@@ -13,7 +13,7 @@ use proto::run_folder::RunFolder;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Whose network the weights are taken for when nobody says.
+/// The preset whose network the weights are taken for, unless the user names one.
 const DEFAULT_PRESET: &str = "paper";
 
 /// Make a run that begins with the weights in a file: an AllenAct state dict, or weights by our own names
@@ -106,7 +106,7 @@ fn other_presets(taken: &Config) -> String {
     )
 }
 
-/// Has the learner write the run's first checkpoint, and shows what it says.
+/// Has the learner write the run's first checkpoint, and shows its output.
 fn take_weights(from: &Path, folder: &RunFolder, tools: &Tools) -> Result<()> {
     let learner = &tools.programs.learner;
     let output = Command::new(learner)

@@ -45,7 +45,7 @@ fn one(text: &str) -> Result<KitchenId, String> {
     KitchenId::built_in(number).map_err(|error| error.to_string())
 }
 
-/// Runs the command: the actor says what it wrote.
+/// Runs the command: the actor prints what it wrote.
 pub fn run(args: &KitchensArgs) -> Result<()> {
     let program = programs::find("actor")?;
     let mut command = Command::new(&program);
@@ -75,6 +75,6 @@ pub fn run(args: &KitchensArgs) -> Result<()> {
     };
     command.arg("--out").arg(args.out.as_ref().map_or_else(|| PathBuf::from(default_name), Clone::clone));
     let status = command.status().with_context(|| format!("cannot start {}", program.display()))?;
-    ensure!(status.success(), "the actor that was to draw ended with {status}; its last words are above");
+    ensure!(status.success(), "the actor that was to draw ended with {status}; its last messages are above");
     Ok(())
 }

@@ -30,7 +30,7 @@ pub struct ReplayArgs {
     /// Recordings (.mcap), or the folder of a run or an evaluation: all its recordings.
     #[arg(required = true, value_name = "FILE|RUN")]
     paths: Vec<PathBuf>,
-    /// Write pictures into this folder; their names say kitchen, episode, target and outcome.
+    /// Write pictures into this folder; their names hold kitchen, episode, target and outcome.
     #[arg(long, value_name = "DIR")]
     images: Option<PathBuf>,
     /// png: depth alone, a 16-bit picture (millimetres) a frame; video: one film an episode, depth and the room with
@@ -164,7 +164,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     }
 }
 
-/// The recordings of a path; an evaluation that has none is told how to get them.
+/// The recordings of a path; the error for an evaluation without any explains how to get them.
 fn recordings_at(path: &Path) -> Result<Vec<PathBuf>> {
     let files = files_at(path);
     if let Err(RecordingError::NoRecordings(_)) = &files

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 ///
 /// Writes report.html, which needs no network, report.json with every number, and each figure as SVG and PNG. Runs that
 /// differ in the seed only are one group; means have 95% stratified-bootstrap intervals over its seeds. What is
-/// missing, such as runs that were not evaluated, the page says.
+/// missing, such as runs that were not evaluated, is listed on the page.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator report runs/a runs/b runs/c                 three seeds or three methods: it sees which

@@ -6,12 +6,12 @@ use crate::run::identity::{Identity, host_name, is_evaluation};
 use crate::run::lock::{RunLock, wait_for_learners};
 use crate::run::remains;
 use crate::showing::format;
-use crate::showing::next_steps;
 use crate::showing::terminal;
 use crate::suite;
-use crate::supervisor::event::End;
+use crate::supervisor::event::SessionEnd;
 use crate::supervisor::policy::Policy;
 use crate::training::budget::Budget;
+use crate::training::next_steps;
 use crate::training::run::TrainingRun;
 use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
@@ -95,11 +95,11 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
 /// Shows a complete run as it was shown when it ended.
 fn show(summary: &Summary, folder: &RunFolder) -> ExitCode {
     terminal::note("this run is complete");
-    for line in summary.lines(folder, &End::Complete) {
+    for line in summary.lines(folder, &SessionEnd::Complete) {
         terminal::out(&line);
     }
     let recorded = !summary.recordings.is_empty();
-    for line in next_steps::lines(&next_steps::program(), folder, &End::Complete, &summary.preset, recorded) {
+    for line in next_steps::lines(&next_steps::program(), folder, &SessionEnd::Complete, &summary.preset, recorded) {
         terminal::note(&line);
     }
     ExitCode::SUCCESS

@@ -5,19 +5,20 @@ use crate::evaluation::standing::Standing;
 use crate::recording::Recordings;
 use crate::run::identity::{Identity, Incarnation, unix_now};
 use crate::run::lock::{Held, holder};
-use crate::run::state::RunState;
+use crate::run::state::state_of;
 use crate::showing::format;
-use crate::showing::next_steps;
-use crate::showing::progress::{figures_line, frames_line};
 use crate::showing::terminal;
 use crate::suite;
 use crate::training::means::{Recent, StageMeans, by_stage, recent};
 use crate::training::metrics::History;
+use crate::training::next_steps;
+use crate::training::progress::{figures_line, frames_line};
 use crate::training::summary::{Summary, table};
 use crate::training::wall::{Last, Wall};
 use anyhow::Result;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
+use proto::run_state::RunState;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -131,7 +132,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     let work = Work::read(&folder, &config, &identity, &held)?;
     let status = Status {
         id: identity.id.clone(),
-        state: RunState::of(&identity, &held, work.is_complete()),
+        state: state_of(&identity, &held, work.is_complete()),
         preset: config.preset.clone(),
         seed: config.seed,
         incarnations: identity.incarnations,

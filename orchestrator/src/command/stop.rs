@@ -1,12 +1,13 @@
 //! `orchestrator stop`: an orderly stop of a run that another process runs.
 
-use crate::run::identity::{Ending, Identity, host_name, is_evaluation};
+use crate::run::identity::{Identity, host_name, is_evaluation};
 use crate::run::lock::{Held, holder};
 use crate::run::signal::ask_to_stop;
 use crate::showing::terminal;
 use crate::suite;
 use anyhow::{Result, bail};
 use proto::run_folder::RunFolder;
+use proto::run_state::Ending;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -64,7 +65,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
         if begin.elapsed() > Duration::from_secs(args.timeout) {
             bail!("{root} has not stopped within {} s; it still may", args.timeout);
         }
-        // The lock tells when it is over, and a lock wakes nobody who waits with a deadline.
+        // A released lock shows that it is over, and a lock wakes nobody who waits with a deadline.
         std::thread::sleep(LOOK);
     }
     if asked.is_none() {
@@ -78,7 +79,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
         bail!("{root} was cut off; `orchestrator resume {root}` goes on from its last checkpoint");
     };
     if ended.how == Ending::Failed {
-        bail!("{what} {} failed: {}", identity.id, ended.reason.as_deref().unwrap_or("no reason is written down"));
+        bail!("{what} {} failed: {}", identity.id, ended.reason.as_deref().unwrap_or("no reason is recorded"));
     }
     terminal::out(&format!("{what} {} {}", identity.id, ended.how));
     if let Some(weights) = &ended.weights {

@@ -3,11 +3,11 @@
 use crate::preflight::{device, libtorch, programs};
 use crate::reporting::files;
 use crate::reporting::gather::gather;
-use crate::run::session::EXIT_INTERRUPTED;
 use crate::showing::format::counted;
-use crate::showing::next_steps::{program, quoted};
 use crate::showing::terminal;
 use crate::suite::{Suite, SuiteFolder, SuiteOutcome, lines, run as work};
+use crate::supervisor::session::EXIT_INTERRUPTED;
+use crate::training::next_steps::{program, quoted};
 use anyhow::{Context, Result, ensure};
 use proto::device::VISIBLE_DEVICES;
 use report::Options;
@@ -167,14 +167,14 @@ fn find_gpus(gpus: &[String]) -> Result<()> {
 fn check_gpus(gpus: &[String]) -> Result<()> {
     for (index, gpu) in gpus.iter().enumerate() {
         ensure!(!gpu.trim().is_empty(), "--gpus: an empty name in the list");
-        ensure!(!gpus[..index].contains(gpu), "--gpus: {gpu} stands twice");
+        ensure!(!gpus[..index].contains(gpu), "--gpus: {gpu} is given twice");
     }
     Ok(())
 }
 
 fn check_seeds(seeds: &[u64]) -> Result<()> {
     for (index, seed) in seeds.iter().enumerate() {
-        ensure!(!seeds[..index].contains(seed), "--seed: {seed} stands twice");
+        ensure!(!seeds[..index].contains(seed), "--seed: {seed} is given twice");
     }
     Ok(())
 }
@@ -214,7 +214,7 @@ mod tests {
     #[test]
     fn a_seed_stands_once() {
         check_seeds(&[1, 2]).unwrap();
-        assert!(check_seeds(&[1, 2, 1]).unwrap_err().to_string().contains("--seed: 1 stands twice"));
+        assert!(check_seeds(&[1, 2, 1]).unwrap_err().to_string().contains("--seed: 1 is given twice"));
     }
 
     #[test]

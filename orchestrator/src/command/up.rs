@@ -1,18 +1,13 @@
 //! `orchestrator up`: a new run.
 
 use super::overrides::{Overrides, default_preset};
-use crate::evaluation::subject::Found;
-use crate::evaluation::subject::find;
-use crate::evaluation::subject::network_differences;
-use crate::evaluation::subject::read_manifest;
+use crate::evaluation::subject::{Found, find, network_differences, read_manifest};
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
-use crate::run::create::check_free;
-use crate::run::create::create;
+use crate::run::create::{check_free, create};
 use crate::run::identity::unix_now;
 use crate::run::scenes;
-use crate::showing::format;
-use crate::showing::terminal;
+use crate::showing::{format, terminal};
 use crate::training::run::TrainingRun;
 use anyhow::{Context, Result, bail};
 use proto::checkpoint::Manifest;

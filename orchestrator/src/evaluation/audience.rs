@@ -1,4 +1,4 @@
-//! What is heard while episodes are played: keeps their records, and shows how it gets on.
+//! Receives the learner's events while episodes are played: it keeps the records and shows the progress.
 
 use super::journal;
 use super::standing::Standing;

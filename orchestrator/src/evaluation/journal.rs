@@ -1,5 +1,5 @@
 //! `played.jsonl` in an evaluation's folder: the record of each episode played so far, a JSON object a line, so that
-//! `status` can tell how far it is. It gives way to the result.
+//! `status` can show the progress. It is removed when the result is written.
 
 use crate::run::json_lines::{self, Writer};
 use anyhow::Result;

@@ -1,4 +1,4 @@
-//! Evaluations: whose weights ([`subject`]), what is heard while episodes are played ([`audience`]), how far it is
+//! Evaluations: whose weights ([`subject`]), the records while episodes are played ([`audience`]), the progress
 //! ([`standing`], [`journal`]), the result in words ([`words`]), and the whole of it from folder to result files
 //! ([`run`]).
 

@@ -1,22 +1,22 @@
 //! An evaluation, from its folder to its result files.
 
 use super::audience::EvaluationAudience;
-use super::journal;
-use super::subject;
 use super::words::{episodes_of, lines};
+use super::{journal, subject};
 use crate::preflight::tools::Tools;
-use crate::run::identity::{Ended, Ending, Identity, unix_now};
+use crate::run::identity::{Ended, Identity, unix_now};
 use crate::run::lock::RunLock;
-use crate::run::session::{EXIT_INTERRUPTED, Session, shape};
 use crate::showing::format::counted;
 use crate::showing::terminal;
-use crate::supervisor::event::{End, Outcome, Saved};
+use crate::supervisor::event::{Outcome, Saved, SessionEnd};
+use crate::supervisor::session::{EXIT_INTERRUPTED, Session, shape};
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::evaluation::{
     Conditions, Cost, Evaluation, EvaluationConfig, RESULT_FILE, Subject, TABLE_FILE, write_table,
 };
 use proto::run_folder::{RunFolder, write_atomically};
+use proto::run_state::Ending;
 use std::process::ExitCode;
 
 /// An evaluation whose folder has been made.
@@ -30,7 +30,7 @@ pub struct EvaluationRun {
     /// Print the result as JSON instead of a table.
     pub json: bool,
     /// Origin of the weights, as far as known before they are loaded.
-    pub subject: subject::Origin,
+    pub subject: subject::Provenance,
     /// Contents of run.toml.
     pub identity: Identity,
     /// The right to run it.
@@ -76,7 +76,7 @@ impl EvaluationRun {
 
     fn report(&self, outcome: &Outcome, audience: &EvaluationAudience) -> Result<ExitCode> {
         match (&outcome.end, &outcome.saved) {
-            (End::Complete, Some(saved)) => {
+            (SessionEnd::Complete, Some(saved)) => {
                 let evaluation = self.write(audience, saved)?;
                 let path = format!("result: {}", self.folder.root().join(RESULT_FILE).display());
                 if self.json {
@@ -97,7 +97,7 @@ impl EvaluationRun {
                     end.ending(),
                     counted(asked as u64, "episode")
                 ));
-                Ok(if *end == End::Interrupted { ExitCode::from(EXIT_INTERRUPTED) } else { ExitCode::FAILURE })
+                Ok(if *end == SessionEnd::Interrupted { ExitCode::from(EXIT_INTERRUPTED) } else { ExitCode::FAILURE })
             }
         }
     }

@@ -1,4 +1,4 @@
-//! How an evaluation stands: from what is heard while it runs, or from its folder alone.
+//! Progress of an evaluation: from its events while it runs, or from its folder alone.
 
 use super::journal;
 use crate::showing::format;
@@ -43,7 +43,7 @@ impl Standing {
         }
     }
 
-    /// As the folder tells it; none of a run.
+    /// Reads it from the folder; none for a run that trains.
     pub fn read(folder: &RunFolder, config: &Config) -> Result<Option<Self>> {
         let Some(plan) = config.evaluation_plan() else { return Ok(None) };
         let asked = plan.len() as u64;

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 /// Where weights come from.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Origin {
+pub struct Provenance {
     /// Preset of the run.
     pub preset: String,
     /// Seed of the run.

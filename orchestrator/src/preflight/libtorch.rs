@@ -3,7 +3,7 @@
 //! The library that the programs were built with is found by itself. `LIBTORCH` names another one, for example a torch
 //! with CUDA: its `lib` folder then comes first for the learner.
 
-use crate::run::process_end::wait_for_child;
+use crate::process_end::wait_for_child;
 use crate::showing::log_line::error_in;
 use anyhow::{Context, Result, bail};
 use proto::device::Torch;
@@ -90,7 +90,7 @@ pub fn check(learner: &Path, environment: &[(OsString, OsString)]) -> Result<Tor
         bail!("{}", explain(learner, &status.to_string(), &complaint));
     }
     let line = output.lines().last().unwrap_or_default();
-    serde_json::from_str(line).with_context(|| format!("`{} check` said: {output}{complaint}", learner.display()))
+    serde_json::from_str(line).with_context(|| format!("`{} check` printed: {output}{complaint}", learner.display()))
 }
 
 fn read(pipe: Option<impl Read>) -> String {

@@ -2,7 +2,19 @@
 
 use anyhow::{Result, bail};
 use rustix::fs::Access;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+
+/// The programs and what they need to start.
+#[derive(Debug, Clone)]
+pub struct Programs {
+    /// The learner's executable.
+    pub learner: PathBuf,
+    /// The actor's executable.
+    pub actor: PathBuf,
+    /// Variables for the learner, besides the orchestrator's own.
+    pub learner_environment: Vec<(OsString, OsString)>,
+}
 
 /// The executable called `name`.
 pub fn find(name: &str) -> Result<PathBuf> {

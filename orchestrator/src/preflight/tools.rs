@@ -1,7 +1,7 @@
 //! The other two programs, and what the learner computes with.
 
-use super::{libtorch, programs};
-use crate::supervisor::process::Programs;
+use super::libtorch;
+use super::programs::{self, Programs};
 use anyhow::Result;
 use proto::device::Torch;
 

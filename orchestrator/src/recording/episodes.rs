@@ -56,7 +56,7 @@ struct Assembly {
     gap: bool,
 }
 
-/// What one step says of its episode.
+/// What one step holds about its episode.
 #[derive(Debug, Clone, Copy)]
 struct Taken {
     action: u8,
@@ -104,8 +104,8 @@ pub fn gather(files: &[PathBuf], wanted: Wanted) -> Result<Recorded, RecordingEr
     collection.into_recorded(files, complaints)
 }
 
-/// Incarnation of the orchestrator and number of the segment, from the beginning of a file; none if it does not say.
-/// Not from its name: files are copied and renamed.
+/// Incarnation of the orchestrator and number of the segment, from the beginning of a file; none if they are not there.
+/// The file's name is not used: files are copied and renamed.
 fn place(path: &Path) -> Result<Option<(u32, u32)>, RecordingError> {
     /// Why reading ends before the end of the file.
     enum Enough {
@@ -198,7 +198,7 @@ impl Collection {
     fn configure(&mut self, config: String) -> Result<(), String> {
         // All files of one run have the same.
         if self.config.is_none() {
-            // Only read: whether it can be run is for those to say who run it.
+            // Only read: whether it can be run is checked by those who run it.
             let read: Config = toml::from_str(&config).map_err(|cause| format!("{CONFIG_ATTACHMENT}: {cause}"))?;
             self.plan = read.evaluation_plan();
             self.config = Some(config);

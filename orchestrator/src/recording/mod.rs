@@ -41,7 +41,7 @@ pub fn files_at(path: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     Ok(files)
 }
 
-/// How a run's recordings stand.
+/// The state of a run's recordings.
 #[derive(Debug, PartialEq, Eq, Serialize)]
 pub struct Recordings {
     /// Files.

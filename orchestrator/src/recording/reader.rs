@@ -12,7 +12,7 @@ const RECORD_LIMIT_BYTES: usize = 1 << 30;
 /// Bytes asked of the file at once.
 const READ_BYTES: usize = 1 << 20;
 
-/// A file that cannot be read as a recording at all.
+/// A file that cannot be read as a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
     /// The file system returned an error.
@@ -63,7 +63,7 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// What to tell the user about the file at `path`; none when it is complete.
+    /// The warning for the user about the file at `path`; none when it is complete.
     pub fn complaint(&self, path: &Path) -> Option<String> {
         let path = path.display();
         let Self { messages, end } = self;

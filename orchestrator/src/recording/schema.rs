@@ -2,7 +2,7 @@
 //!
 //! A recording describes itself: with every channel goes the descriptor of its message, so that Foxglove, `mcap cat`
 //! or ten lines of Python read it without this program. Names and numbers of the `foxglove` messages are those that
-//! Foxglove draws without being told how; our own signals follow protobuf's rules of evolution (numbers are never
+//! Foxglove draws without configuration; our own signals follow protobuf's rules of evolution (numbers are never
 //! used twice).
 
 use prost::Message;

@@ -5,7 +5,7 @@
 //! camera saw where that is asked for. The work is divided by kitchen over as many actors as there are cores.
 
 use crate::preflight::programs;
-use crate::run::process_end::wait_for_child;
+use crate::process_end::wait_for_child;
 use crate::showing::terminal;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use proto::episode::EnvironmentId;
@@ -88,14 +88,14 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
             Ok(Report::Ended(number, outcome)) => {
                 running -= 1;
                 heard = Instant::now();
-                // The process's exit status says more than its truncated output.
+                // The process's exit status explains more than its truncated output.
                 actors.reap(number)?;
                 outcome?;
             }
             Err(RecvTimeoutError::Timeout) => {
                 ensure!(heard.elapsed() < deadline, "no actor has answered for {} s: giving up", deadline.as_secs());
             }
-            Err(RecvTimeoutError::Disconnected) => bail!("an actor's reader ended without a word"),
+            Err(RecvTimeoutError::Disconnected) => bail!("an actor's reader ended without a result"),
         }
         progress.show(&totals);
     }
@@ -161,7 +161,7 @@ impl Actors {
     fn reap(&mut self, number: usize) -> Result<()> {
         match wait_for_child(&mut self.0[number], EXIT_DEADLINE).context("cannot wait for an actor")? {
             Some(status) if status.success() => Ok(()),
-            Some(status) => bail!("the actor that replays ended with {status}; its last words are above"),
+            Some(status) => bail!("the actor that replays ended with {status}; its last messages are above"),
             None => bail!("an actor closed its output but did not exit"),
         }
     }
@@ -178,7 +178,7 @@ impl Drop for Actors {
     }
 }
 
-/// Writes the work to an actor. A broken pipe is the reader's to report: it knows how the actor ended.
+/// Writes the work to an actor. The reader reports a broken pipe, because it sees how the actor ended.
 fn feed(input: ChildStdin, setup: &ReplaySetup, share: &[RecordedEpisode]) {
     let mut input = BufWriter::new(input);
     let mut write = || -> std::io::Result<()> {
@@ -202,8 +202,8 @@ fn listen(output: ChildStdout, expected: &[(EnvironmentId, u32)], reports: &Send
     let mut answered = 0;
     for line in BufReader::new(output).lines() {
         let line = line.context("cannot read from an actor")?;
-        let verdict: ReplayVerdict =
-            serde_json::from_str(&line).with_context(|| format!("an actor said what is no verdict: {line}"))?;
+        let verdict: ReplayVerdict = serde_json::from_str(&line)
+            .with_context(|| format!("an actor printed a line that is no verdict: {line}"))?;
         let asked = expected.get(answered);
         ensure!(
             asked == Some(&(verdict.environment, verdict.episode)),

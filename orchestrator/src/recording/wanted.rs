@@ -1,4 +1,4 @@
-//! Which of the recorded episodes are wanted, and what to say when there are no such.
+//! Which of the recorded episodes are wanted, and the error when there are none.
 
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;

@@ -2,7 +2,7 @@
 
 use crate::run::identity::Identity;
 use crate::run::lock::holder;
-use crate::run::state::RunState;
+use crate::run::state::state_of;
 use crate::showing::format::counted;
 use crate::training::metrics::{History, Trained, total_s};
 use crate::training::summary::Summary;
@@ -28,9 +28,9 @@ pub struct Gathered {
     pub notes: Vec<String>,
 }
 
-/// An evaluation's folder that lies in no run.
+/// An evaluation's folder outside of any run's.
 struct Outside {
-    /// Where it really lies.
+    /// Its path, without links.
     place: PathBuf,
     /// As the user calls it.
     folder: PathBuf,
@@ -153,7 +153,7 @@ fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
     let history = History::read(&folder)?;
     Ok(Run {
         name: path.display().to_string(),
-        origin: Origin::Run(RunState::of(&identity, &holder(&folder)?, complete).to_string()),
+        origin: Origin::Run(state_of(&identity, &holder(&folder)?, complete)),
         config: Config::of_run(&folder)?,
         rollouts: rollouts(&history),
         evaluations: evaluations_of(&folder, notes)?,
@@ -399,7 +399,7 @@ mod tests {
         std::fs::write(folder.config(), config.to_toml()).unwrap();
     }
 
-    /// Groups with the names of the rows of the paper that they stand in.
+    /// Groups with the names of the paper's rows that list them.
     fn rows(gathered: &Gathered) -> Vec<String> {
         let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
         let rows = made.report.comparisons.iter().flat_map(|table| &table.rows);
@@ -462,7 +462,7 @@ mod tests {
         let figures = |name: &str| -> Vec<Option<f64>> {
             rollouts.iter().map(|rollout| rollout.metrics.get(name).copied()).collect()
         };
-        // The third rollout is missing: nobody knows how many of the frames until the fourth were its own.
+        // The third rollout is missing: how many of the frames until the fourth were its own is unknown.
         assert_eq!(figures(FRAMES_PER_S), [Some(25.0), Some(50.0), None, Some(25.0)]);
         assert_eq!(figures(ELAPSED_S), [4.0, 8.0, 12.0, 16.0].map(Some));
     }

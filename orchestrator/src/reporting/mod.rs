@@ -1,5 +1,5 @@
-//! A report on runs: what their folders tell ([`gather`]), and the files of the page ([`files`]). What lies between is
-//! the crate `report`.
+//! A report on runs: their folders are read ([`gather`]) and the page's files written ([`files`]). The crate `report`
+//! does what is between.
 
 pub mod files;
 pub mod gather;

@@ -5,8 +5,8 @@ use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
+use proto::run_state::Ending;
 use serde::{Deserialize, Serialize};
-use std::fmt::{Display, Formatter};
 use std::fs::File;
 use std::io::Read;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -44,31 +44,6 @@ pub struct Incarnation {
     /// How it ended; absent while it runs and after a crash.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<Ended>,
-}
-
-/// How an incarnation ended, in a word.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Ending {
-    /// The budget is reached, or all episodes are played.
-    Complete,
-    /// Someone asked for it.
-    Stopped,
-    /// Someone asked twice.
-    Interrupted,
-    /// It could not go on.
-    Failed,
-}
-
-impl Display for Ending {
-    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Complete => "complete",
-            Self::Stopped => "stopped",
-            Self::Interrupted => "interrupted",
-            Self::Failed => "failed",
-        })
-    }
 }
 
 /// How an incarnation ended.
@@ -156,8 +131,8 @@ impl Identity {
         (number, address)
     }
 
-    /// Address of one of its incarnations. What lies there is deleted after a crash, so it is made from the id and the
-    /// number, whatever `wire` holds: a run folder can come from anybody.
+    /// Address of one of its incarnations. What is left there is deleted after a crash. So it is made from the id and
+    /// the number, whatever `wire` holds: a run folder can come from anybody.
     pub fn address(&self, incarnation: &Incarnation) -> WireAddress {
         WireAddress::new(&self.id, incarnation.number)
     }

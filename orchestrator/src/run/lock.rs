@@ -27,7 +27,7 @@ pub struct RunLock {
 }
 
 impl RunLock {
-    /// Takes the lock, or says who holds it. Waits a moment: `status` holds it shared for microseconds.
+    /// Takes the lock; the error names the holder. Waits a moment: `status` holds it shared for microseconds.
     pub fn acquire(folder: &RunFolder) -> Result<Self> {
         refuse_links(folder)?;
         let path = folder.orchestrator_lock();
@@ -108,9 +108,9 @@ fn holder_in(mut file: &File) -> Option<Holder> {
     toml::from_str(&text).ok()
 }
 
-/// Waits until all learners that outlived their orchestrator have let go of the folder: those that there are to be, and
-/// those that there were under an older configuration. `tell` is called once, with the rank of the first that takes
-/// more than a moment. The rank of one that still holds on after `patience`.
+/// Waits until all learners that outlived their orchestrator have released the folder: those of this configuration
+/// and those of an older one. `tell` is called once, with the rank of the first that takes
+/// more than a moment. Returns the rank of one that still holds its lock after `patience`.
 pub fn wait_for_learners(
     folder: &RunFolder,
     learners: u32,
@@ -145,7 +145,7 @@ fn wait_for_lock(file: &File, patience: Duration) -> Result<bool> {
         match file.try_lock() {
             Ok(()) => return Ok(true),
             Err(TryLockError::WouldBlock) if begin.elapsed() >= patience => return Ok(false),
-            // Of a lock that is let go the kernel tells only who waits for it without a deadline.
+            // The kernel wakes for a released lock only those who wait without a deadline.
             Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(20)),
             Err(TryLockError::Error(error)) => return Err(error).context("file lock"),
         }

@@ -1,18 +1,16 @@
-//! A run on disk and at work, be it one that trains or an evaluation: its folder ([`create`]), who it is
-//! ([`identity`]), who works on it ([`lock`]) and how it stands ([`state`]); one start of the orchestrator on it
-//! ([`session`]), its parent ([`lifeline`]), its own scenes ([`scenes`]), what a dead one leaves in shared memory
-//! ([`remains`]), the end of a process to wait for ([`process_end`]), a signal to its orchestrator ([`signal`]), files of
-//! one JSON object a line ([`json_lines`]), and a folder that was never made to its end ([`unfinished`]).
+//! A run on disk, be it one that trains or an evaluation: its folder ([`create`]), who it is
+//! ([`identity`]), who works on it ([`lock`]) and how it stands ([`state`]); its parent
+//! ([`lifeline`]), its own scenes ([`scenes`]), what a dead one leaves in shared memory ([`remains`]), a signal to its
+//! orchestrator ([`signal`]), files of one JSON object a line ([`json_lines`]), and a folder that was never made to its
+//! end ([`unfinished`]).
 
 pub mod create;
 pub mod identity;
 pub mod json_lines;
 pub mod lifeline;
 pub mod lock;
-pub mod process_end;
 pub mod remains;
 pub mod scenes;
-pub mod session;
 pub mod signal;
 pub mod state;
 pub mod unfinished;

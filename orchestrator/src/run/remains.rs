@@ -2,12 +2,12 @@
 //!
 //! An orchestrator claims its names by holding a lock on `/dev/shm/PREFIXowner` for as long as it lives. The kernel
 //! releases the lock when the process dies: a free lock means a dead owner, even if another process has its id by now.
-//! The file lies in /dev/shm, so it is found under any TMPDIR.
+//! The file is in /dev/shm, so it is found under any TMPDIR.
 //!
 //! Anybody can write to /dev/shm, and a run folder can come from anybody. So no file names what is deleted: an address
 //! is made from the run's id and the number of the start alone.
 
-use crate::run::process_end::sleep_until_end;
+use crate::process_end::sleep_until_end;
 use anyhow::{Context, Result, bail};
 use proto::plain_file::open_plain;
 use rustix::process::{Pid, geteuid};
@@ -59,7 +59,7 @@ fn owner_file(address: &WireAddress) -> PathBuf {
     Path::new(SHARED_MEMORY).join(format!("{}owner", address.prefix()))
 }
 
-/// The owner file of an address, if this user made it. Another user's claims nothing and tells nothing.
+/// The owner file of an address, if this user made it. Another user's file is ignored.
 fn open_owner(address: &WireAddress) -> Option<File> {
     let file = open_plain(&owner_file(address), OpenOptions::new().read(true)).ok()?;
     file.metadata().is_ok_and(|metadata| metadata.uid() == geteuid().as_raw()).then_some(file)
@@ -69,7 +69,7 @@ fn is_locked(owner: &File) -> bool {
     matches!(owner.try_lock_shared(), Err(TryLockError::WouldBlock))
 }
 
-/// What lies in shared memory under one prefix.
+/// What is left in shared memory under one prefix.
 #[derive(Debug)]
 pub struct Remains {
     /// Address, made from the names.
@@ -84,7 +84,7 @@ pub struct Remains {
     pub alive: bool,
 }
 
-/// Everything of this user's runs that lies in /dev/shm or the temporary folder, living and dead.
+/// Everything of this user's runs in /dev/shm or the temporary folder, living and dead.
 pub fn survey() -> Result<Vec<Remains>> {
     let me = geteuid().as_raw();
     let mut found: BTreeMap<String, Names> = BTreeMap::new();
@@ -190,7 +190,7 @@ pub fn sweep(address: &WireAddress, patience: Duration) -> Result<Swept> {
                 owner_file(address).display()
             );
         }
-        // Of a lock that is let go the kernel tells only who waits for it without a deadline.
+        // The kernel wakes for a released lock only those who wait without a deadline.
         std::thread::sleep(Duration::from_millis(20));
     }
     let mut swept = Swept::default();

@@ -1,6 +1,6 @@
 //! A signal to the orchestrator that holds a run, and to no other process.
 //!
-//! `orchestrator.lock` names its holder, but a run folder can come from anybody: any process of ours could stand there.
+//! `orchestrator.lock` names its holder, but a run folder can come from anybody: it could name any process of ours.
 //! So a process is signalled only if it is ours, runs this program, and has this very lock file open.
 
 use anyhow::{Context, Result, bail};

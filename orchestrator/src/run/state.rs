@@ -1,46 +1,16 @@
-//! How a run stands.
+//! How a run stands, from its folder.
 
-use super::identity::{Ending, Identity};
+use super::identity::Identity;
 use super::lock::Held;
-use serde::{Serialize, Serializer};
-use std::fmt::{Display, Formatter};
+use proto::run_state::{Ending, RunState};
 
-/// How a run stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RunState {
-    /// An orchestrator works on it.
-    Running,
-    /// Its last start ended so.
-    Ended(Ending),
-    /// Its last start left no word: it crashed, or was killed. A run that was never started, too.
-    CutOff,
-}
-
-impl RunState {
-    /// The state of a run that is `held` so. `complete`: whether its result is there, whatever its last start noted.
-    pub fn of(identity: &Identity, held: &Held, complete: bool) -> Self {
-        match (held, identity.incarnations.last().and_then(|last| last.ended.as_ref())) {
-            (Held::By(_) | Held::Unsigned, _) => Self::Running,
-            (Held::Free, _) if complete => Self::Ended(Ending::Complete),
-            (Held::Free, Some(ended)) => Self::Ended(ended.how),
-            (Held::Free, None) => Self::CutOff,
-        }
-    }
-}
-
-impl Display for RunState {
-    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Running => f.write_str("running"),
-            Self::Ended(ending) => ending.fmt(f),
-            Self::CutOff => f.write_str("cut off"),
-        }
-    }
-}
-
-impl Serialize for RunState {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
+/// The state of a run with this lock. `complete`: its result is there, whatever its last session noted.
+pub fn state_of(identity: &Identity, held: &Held, complete: bool) -> RunState {
+    match (held, identity.incarnations.last().and_then(|last| last.ended.as_ref())) {
+        (Held::By(_) | Held::Unsigned, _) => RunState::Running,
+        (Held::Free, _) if complete => RunState::Ended(Ending::Complete),
+        (Held::Free, Some(ended)) => RunState::Ended(ended.how),
+        (Held::Free, None) => RunState::CutOff,
     }
 }
 
@@ -52,7 +22,7 @@ mod tests {
     #[test]
     fn who_holds_a_run_comes_first_then_its_result_then_its_last_word() {
         let mut identity = Identity::new().unwrap();
-        let state = |identity: &Identity, held, complete| RunState::of(identity, &held, complete).to_string();
+        let state = |identity: &Identity, held, complete| state_of(identity, &held, complete).to_string();
         assert_eq!(state(&identity, Held::Free, false), "cut off");
         identity.begin_incarnation();
         assert_eq!(state(&identity, Held::Unsigned, false), "running");

@@ -110,7 +110,7 @@ impl Live {
         due
     }
 
-    /// Shows how it stands.
+    /// Shows these lines in place of the last ones.
     pub fn show(&self, lines: Vec<String>) {
         if self.interactive {
             progress(lines);

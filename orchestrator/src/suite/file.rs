@@ -107,7 +107,7 @@ pub struct Asked {
 
 /// One run of the suite.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Entry {
+pub struct SuiteEntry {
     /// Name of its folder: `NAME-SEED`, of a grid's `NAME-KEY=VALUE-SEED`.
     pub name: String,
     /// Preset.
@@ -128,7 +128,7 @@ pub struct Entry {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Suite {
     /// Runs, in order.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<SuiteEntry>,
     /// Evaluations of each, in order.
     pub evaluations: Vec<Asked>,
 }
@@ -210,7 +210,7 @@ impl Suite {
 
 impl Planned {
     /// Its runs, which come after those `before`.
-    fn entries(&self, file: &File, before: &[Entry]) -> Result<Vec<Entry>> {
+    fn entries(&self, file: &File, before: &[SuiteEntry]) -> Result<Vec<SuiteEntry>> {
         let name = self.name.as_ref().unwrap_or(&self.preset);
         let sound = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
         ensure!(
@@ -252,8 +252,8 @@ impl Planned {
         keys: &Table,
         seeds: &[u64],
         frames: Option<u64>,
-        before: &[Entry],
-    ) -> Result<Vec<Entry>> {
+        before: &[SuiteEntry],
+    ) -> Result<Vec<SuiteEntry>> {
         let overrides = toml::to_string(keys).context("config")?;
         let frames = self.frames.or(frames);
         let mut config = Config::resolve_with(&self.preset, Some((&overrides, "config")))?;
@@ -266,7 +266,7 @@ impl Planned {
         config.validate()?;
         let entry = |&seed: &u64| {
             let from = self.from.as_ref().map(|from| source(&format!("{from}-{seed}"), &config, before)).transpose()?;
-            Ok(Entry {
+            Ok(SuiteEntry {
                 name: format!("{name}-{seed}"),
                 preset: self.preset.clone(),
                 seed,
@@ -280,8 +280,8 @@ impl Planned {
     }
 }
 
-/// Refuses keys that are said elsewhere in the file, and keys and values that no configuration has. A key is named as
-/// the user wrote it: the line of an error would be one of a text that he has not written.
+/// Refuses keys that have their place elsewhere in the file, and keys and values that no configuration has. A key is
+/// named as the user wrote it: the line number of an error would be that of a text which the user has not written.
 fn check_keys(keys: &Table) -> Result<()> {
     let elsewhere = [
         ("seed", "`seeds`"),
@@ -291,7 +291,7 @@ fn check_keys(keys: &Table) -> Result<()> {
     ];
     for (key, instead) in elsewhere {
         if keys.contains_key(key) {
-            bail!("config.{key}: say it by {instead}");
+            bail!("config.{key}: set it by {instead}");
         }
     }
     for (path, alone) in leaves(keys) {
@@ -332,7 +332,7 @@ fn leaves(table: &Table) -> Vec<(String, Table)> {
 }
 
 /// Number of the run whose weights one with this configuration begins with.
-fn source(name: &str, config: &Config, before: &[Entry]) -> Result<usize> {
+fn source(name: &str, config: &Config, before: &[SuiteEntry]) -> Result<usize> {
     let found = before.iter().position(|entry| entry.name == name);
     let found = found.with_context(|| format!("from: no run further up in the file is called {name}"))?;
     let differences = network_differences(&before[found].config, config)?;
@@ -341,10 +341,10 @@ fn source(name: &str, config: &Config, before: &[Entry]) -> Result<usize> {
 }
 
 /// No two runs with one name, none twice under two names.
-fn distinct(entries: &[Entry]) -> Result<()> {
+fn distinct(entries: &[SuiteEntry]) -> Result<()> {
     let mut names: BTreeMap<&str, usize> = BTreeMap::new();
     // Two presets may be one experiment.
-    let nameless = |entry: &Entry| (Config { preset: String::new(), ..entry.config.clone() }, entry.from);
+    let nameless = |entry: &SuiteEntry| (Config { preset: String::new(), ..entry.config.clone() }, entry.from);
     let runs: Vec<(Config, Option<usize>)> = entries.iter().map(nameless).collect();
     for (index, entry) in entries.iter().enumerate() {
         if names.insert(&entry.name, index).is_some() {
@@ -399,7 +399,7 @@ mod tests {
         let [first, _, wide] = suite.entries.as_slice() else { panic!("three") };
         assert_eq!((first.config.ppo.epochs, first.config.ppo.clip, first.config.seed), (2, 0.3, 1));
         assert_eq!((wide.config.ppo.epochs, wide.config.ppo.clip, wide.config.seed), (2, 0.2, 7));
-        let frames = |entry: &Entry| entry.config.stages.iter().map(|stage| stage.frames).sum::<u64>();
+        let frames = |entry: &SuiteEntry| entry.config.stages.iter().map(|stage| stage.frames).sum::<u64>();
         assert_eq!((frames(first), frames(wide)), (9000, 4500));
         let folders: Vec<String> = suite.evaluations.iter().map(Asked::folder).collect();
         assert_eq!(folders, ["suite-test-novel-6", "suite-valid-all-deterministic"]);
@@ -538,7 +538,7 @@ mod tests {
         assert!(kind.starts_with(&second("config.reward.lagrangian.initial: invalid type: string")), "{kind}");
         let range = of_second("config.ppo.clip = 0.0");
         assert_eq!(range, second("configuration: ppo.clip = 0: must be greater than 0"));
-        assert!(of_second("config.from.frames = 3").ends_with("config.from: say it by `from` of the run"));
+        assert!(of_second("config.from.frames = 3").ends_with("config.from: set it by `from` of the run"));
         // Values that fit each other alone.
         Suite::parse(
             "seeds = [1]\n[config]\nactors.count = 600\n[[runs]]\npreset = \"demo\"\nconfig.actors.count = 2\n",

@@ -3,7 +3,7 @@
 //! ```text
 //! SUITE/
 //!   suite.toml        the file as it was at the last call
-//!   suite.json        how every run stands
+//!   suite.json        the state of every run
 //!   suite.lock        held (flock) by whoever works on it
 //!   configs/NAME.toml what `orchestrator up --config` is given
 //!   logs/NAME.log     what its processes print
@@ -11,7 +11,7 @@
 //!   report/           the report
 //! ```
 
-use super::file::{Asked, AskedCheckpoint, Entry, Suite};
+use super::file::{Asked, AskedCheckpoint, Suite, SuiteEntry};
 use crate::reporting::files::PAGE;
 use crate::run::lock::{Held, holder};
 use anyhow::{Context, Result, bail};
@@ -83,7 +83,7 @@ impl SuiteFolder {
         self.root.join(FILE)
     }
 
-    /// How every run stands.
+    /// The file with the state of every run.
     pub fn state(&self) -> PathBuf {
         self.root.join("suite.json")
     }
@@ -99,17 +99,17 @@ impl SuiteFolder {
     }
 
     /// Folder of a run.
-    pub fn run(&self, entry: &Entry) -> RunFolder {
+    pub fn run(&self, entry: &SuiteEntry) -> RunFolder {
         RunFolder::new(self.root.join("runs").join(&entry.name))
     }
 
     /// Folder of one of its evaluations.
-    pub fn evaluation(&self, entry: &Entry, asked: &Asked) -> PathBuf {
+    pub fn evaluation(&self, entry: &SuiteEntry, asked: &Asked) -> PathBuf {
         self.run(entry).root().join("evaluations").join(asked.folder())
     }
 
     /// Whose weights it is of.
-    pub fn subject(&self, entry: &Entry, asked: &Asked) -> PathBuf {
+    pub fn subject(&self, entry: &SuiteEntry, asked: &Asked) -> PathBuf {
         let run = self.run(entry);
         match asked.checkpoint {
             AskedCheckpoint::Newest => run.root().to_path_buf(),
@@ -118,12 +118,12 @@ impl SuiteFolder {
     }
 
     /// What `--config` is given.
-    pub fn config(&self, entry: &Entry) -> PathBuf {
+    pub fn config(&self, entry: &SuiteEntry) -> PathBuf {
         self.root.join("configs").join(format!("{}.toml", entry.name))
     }
 
     /// What its processes print.
-    pub fn log(&self, entry: &Entry) -> PathBuf {
+    pub fn log(&self, entry: &SuiteEntry) -> PathBuf {
         self.root.join("logs").join(format!("{}.log", entry.name))
     }
 
@@ -165,8 +165,8 @@ impl SuiteFolder {
         Ok(())
     }
 
-    /// Whose weights a run was begun with, if not with those that the file says.
-    fn other_source(&self, suite: &Suite, entry: &Entry, begun: &Config) -> Option<String> {
+    /// Whose weights a run was begun with, if not with those that the suite's file names.
+    fn other_source(&self, suite: &Suite, entry: &SuiteEntry, begun: &Config) -> Option<String> {
         let checkpoint = begun.from.as_ref().map(|from| Path::new(&from.checkpoint));
         let same = match (entry.from, checkpoint) {
             (None, None) => true,
@@ -210,7 +210,7 @@ impl SuiteFolder {
     }
 
     /// What a run needs next.
-    pub fn next(&self, suite: &Suite, entry: &Entry) -> Result<Next> {
+    pub fn next(&self, suite: &Suite, entry: &SuiteEntry) -> Result<Next> {
         let folder = self.run(entry);
         if let Some(held) = held(&folder)? {
             return Ok(Next::HeldBy(held));
@@ -238,7 +238,7 @@ impl SuiteFolder {
     }
 
     /// Removes what an earlier try of a step left half made, and nobody could go on with.
-    pub fn clear(&self, suite: &Suite, entry: &Entry, step: &Step) -> Result<()> {
+    pub fn clear(&self, suite: &Suite, entry: &SuiteEntry, step: &Step) -> Result<()> {
         match step {
             Step::Begin => remove(self.run(entry).root()),
             Step::Resume => Ok(()),

@@ -53,7 +53,7 @@ fn collect(above: &str, table: &Table, axes: &mut Vec<Axis>) -> Result<()> {
             Value::Table(inner) => collect(&key, inner, axes)?,
             Value::Array(values) => {
                 let values = values_of(&key, values).with_context(|| format!("grid.{key}"))?;
-                ensure!(axes.iter().all(|axis| axis.key != key), "grid.{key}: it stands twice");
+                ensure!(axes.iter().all(|axis| axis.key != key), "grid.{key}: it is given twice");
                 axes.push(Axis { key, values });
             }
             _ => bail!("grid.{key}: expected a list of values, for example {key} = [{value}]"),
@@ -69,13 +69,13 @@ fn values_of(key: &str, values: &[Value]) -> Result<Vec<(String, Setting)>> {
         ("from", "`from`: make it [[runs]] of its own"),
         ("evaluation", "[[evaluations]]"),
     ] {
-        ensure!(key.split('.').next() != Some(word), "say it by {instead}");
+        ensure!(key.split('.').next() != Some(word), "set it by {instead}");
     }
     ensure!(!values.is_empty(), "the list is empty");
     let mut found: Vec<(String, Setting)> = Vec::new();
     for value in values {
         let text = text(value)?;
-        ensure!(found.iter().all(|(before, _)| *before != text), "{text} stands twice");
+        ensure!(found.iter().all(|(before, _)| *before != text), "{text} is given twice");
         found.push((text, Setting::new(key, value.clone())?));
     }
     Ok(found)
@@ -154,12 +154,12 @@ mod tests {
         assert_eq!(unknown, "grid.ppo.lerning_rate: unknown key `lerning_rate` (did you mean `learning_rate`?)");
         assert!(problem("ppo.epochs = [2, \"four\"]").starts_with("grid.ppo.epochs: invalid type: string \"four\""));
         assert_eq!(problem("ppo.epochs = []"), "grid.ppo.epochs: the list is empty");
-        assert_eq!(problem("ppo.clip = [0.2, 0.20]"), "grid.ppo.clip: 0.2 stands twice");
+        assert_eq!(problem("ppo.clip = [0.2, 0.20]"), "grid.ppo.clip: 0.2 is given twice");
         let alone = problem("ppo.clip = 0.2");
         assert_eq!(alone, "grid.ppo.clip: expected a list of values, for example ppo.clip = [0.2]");
-        assert!(problem("seed = [1, 2]").ends_with("say it by `seeds`"));
+        assert!(problem("seed = [1, 2]").ends_with("set it by `seeds`"));
         assert!(problem("scenes = [[\"a.toml\"]]").contains("a value is a number, a word, true or false"));
-        assert!(problem("\"ppo.clip\" = [1]\nppo.clip = [2]").contains("grid.ppo.clip: it stands twice"));
+        assert!(problem("\"ppo.clip\" = [1]\nppo.clip = [2]").contains("grid.ppo.clip: it is given twice"));
         assert!(problem("a = { 1 = [[]] }").starts_with("grid.a.1: "));
         let many =
             "ppo.epochs = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]\nppo.rollout_steps = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]";

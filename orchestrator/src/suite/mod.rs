@@ -1,6 +1,6 @@
 //! Many runs: presets times seeds, each trained and evaluated by ordinary `orchestrator` processes in ordinary run
 //! folders, as many at once as there are GPUs to give them ([`scheduler`]). It can be killed at any time: its processes
-//! leave with it, and the next call goes on where the run folders stand.
+//! end with it, and the next call continues from what is in the run folders.
 
 mod file;
 mod folder;

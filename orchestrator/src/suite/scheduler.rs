@@ -1,14 +1,14 @@
 //! Gives the runs of a suite places to work on, until all is done that can be.
 
-use super::file::{Entry, Suite};
+use super::file::{Suite, SuiteEntry};
 use super::folder::{Next, Step, SuiteFolder};
 use super::state::{RunStatus, State, Status};
 use crate::run::lifeline::this_program;
 use crate::showing::log_line::error_in;
-use crate::showing::progress::frames_line;
 use crate::showing::terminal;
 use crate::training::means::recent;
 use crate::training::metrics::History;
+use crate::training::progress::frames_line;
 use anyhow::{Context, Result};
 use proto::device::VISIBLE_DEVICES;
 use proto::plain_file::open_plain;
@@ -157,7 +157,7 @@ impl Scheduler<'_> {
         Ok(())
     }
 
-    /// Decides what the end of a process means: what is done is what lies in the folder.
+    /// Decides what the end of a process means: only what is in the folder counts as done.
     fn ended(&mut self, worker: &Worker, exit: ExitStatus) -> Result<()> {
         let entry = &self.suite.entries[worker.entry];
         let next = self.folder.next(self.suite, entry)?;
@@ -258,7 +258,7 @@ impl Scheduler<'_> {
         Ok(())
     }
 
-    fn command(&self, entry: &Entry, step: &Step, place: usize) -> Result<Command> {
+    fn command(&self, entry: &SuiteEntry, step: &Step, place: usize) -> Result<Command> {
         let log_path = self.folder.log(entry);
         let log = open_plain(&log_path, OpenOptions::new().create(true).append(true));
         let log = log.with_context(|| format!("cannot open {}", log_path.display()))?;
@@ -332,7 +332,7 @@ impl Scheduler<'_> {
     }
 }
 
-/// The last line of a log that says what was wrong, else how the process ended.
+/// The last error in a log, else how the process ended.
 fn last_words(log: &Path, exit: ExitStatus) -> String {
     let mut end = Vec::new();
     let read = std::fs::File::open(log).and_then(|mut file| {

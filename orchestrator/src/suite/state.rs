@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Where one run stands.
+/// The state of one run.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(tag = "status", rename_all = "snake_case")]
 pub enum Status {
@@ -50,7 +50,7 @@ impl Status {
 /// One run in the file.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct RunStatus {
-    /// Where it stands.
+    /// Its state.
     #[serde(flatten)]
     pub status: Status,
     /// How often a process was started for it.
@@ -67,7 +67,7 @@ pub struct State {
 }
 
 impl State {
-    /// What the file says about these runs; those it does not know wait. No file is no run known.
+    /// The file's entries for these runs; runs without an entry wait. Without a file all wait.
     pub fn read<'a>(path: &Path, names: impl Iterator<Item = &'a str>) -> Result<Self> {
         let mut known: BTreeMap<String, RunStatus> = match std::fs::read_to_string(path) {
             Ok(text) => {
@@ -87,7 +87,7 @@ impl State {
         Ok(Self { schema_version: SCHEMA_VERSION, runs: runs.collect() })
     }
 
-    /// Writes the file, whole or not at all.
+    /// Writes the file atomically.
     pub fn write(&self, path: &Path) -> Result<()> {
         let mut text = serde_json::to_string_pretty(self).context("suite.json")?;
         text.push('\n');

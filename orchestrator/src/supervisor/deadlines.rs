@@ -1,4 +1,4 @@
-//! Which deadline of the learners is exceeded, and what is said about it. Pure.
+//! Which deadline of the learners is exceeded, and the report of it. Pure.
 
 use super::event::Process;
 use super::gang::Gang;

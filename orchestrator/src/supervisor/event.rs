@@ -1,9 +1,9 @@
 //! The vocabulary of supervision: processes and their ends, what happens, what is to be done about it, how it all ends.
 
 use super::stage::StageSwitch;
-use crate::run::identity::Ending;
 use proto::event::LearnerEvent;
 use proto::kitchen::Kitchens;
+use proto::run_state::Ending;
 use std::fmt::{Display, Formatter};
 use wire::message::StageAnnouncement;
 
@@ -42,7 +42,7 @@ pub enum Exit {
     Code(i32),
     /// A signal ended it.
     Signal(i32),
-    /// It could not be started at all.
+    /// It could not be started.
     NotStarted(String),
 }
 
@@ -144,14 +144,14 @@ pub enum Action {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Outcome {
     /// Why.
-    pub end: End,
+    pub end: SessionEnd,
     /// State that the learners saved before they exited; none if they did not report any.
     pub saved: Option<Saved>,
 }
 
-/// Why a run ended.
+/// How a session ended, with the reason of a failure; [`Ending`] is the word for it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum End {
+pub enum SessionEnd {
     /// The budget is reached.
     Complete,
     /// A stop was requested; the run can be resumed.
@@ -162,8 +162,8 @@ pub enum End {
     Failed(String),
 }
 
-impl End {
-    /// As `run.toml` and the user are told.
+impl SessionEnd {
+    /// The word for it in `run.toml` and on the terminal.
     pub fn ending(&self) -> Ending {
         match self {
             Self::Complete => Ending::Complete,

@@ -18,7 +18,7 @@
 
 use super::children::Children;
 use super::deadlines::{self, Overdue};
-use super::event::{Action, End, Event, Exit, Level, Outcome, Process, Saved};
+use super::event::{Action, Event, Exit, Level, Outcome, Process, Saved, SessionEnd};
 use super::gang::{Bereaved, Gang};
 use super::policy::Policy;
 use super::restart::{RestartHistory, Verdict};
@@ -40,7 +40,7 @@ enum Phase {
         failure: Option<String>,
         until: Duration,
     },
-    /// Whatever still runs has been told to go.
+    /// All that still run have been asked to exit.
     Leaving {
         since: Duration,
     },
@@ -207,7 +207,7 @@ impl Supervisor {
                     };
                     let reason = failure.as_ref().map_or_else(|| died.clone(), |failure| format!("{failure}\n{died}"));
                     self.report(Level::Error, died);
-                    self.leave(now, End::Failed(reason), None);
+                    self.leave(now, SessionEnd::Failed(reason), None);
                 }
                 Process::Actor(_) => {
                     self.report(Level::Warning, format!("{} died: {exit}", process.describe(self.policy.kitchens)));
@@ -416,9 +416,9 @@ impl Supervisor {
     fn finished(&mut self, now: Duration, saved: Saved, complete: bool) {
         let budget = self.stages.budget();
         let end = match &self.phase {
-            Phase::Saving { failure: Some(failure), .. } => End::Failed(failure.clone()),
+            Phase::Saving { failure: Some(failure), .. } => SessionEnd::Failed(failure.clone()),
             Phase::Leaving { .. } | Phase::Over => {
-                // It was told to go and saved on its way.
+                // It saved after it had been asked to exit.
                 if let Some(outcome) = &mut self.outcome {
                     outcome.saved = Some(saved);
                 }
@@ -428,10 +428,10 @@ impl Supervisor {
                 let reason =
                     format!("learner-0 calls the run complete at {} frames, but its budget is {budget}", saved.frames);
                 self.report(Level::Error, reason.clone());
-                End::Failed(reason)
+                SessionEnd::Failed(reason)
             }
-            _ if complete => End::Complete,
-            _ => End::Stopped,
+            _ if complete => SessionEnd::Complete,
+            _ => SessionEnd::Stopped,
         };
         self.leave(now, end, Some(saved));
     }
@@ -455,7 +455,7 @@ impl Supervisor {
                     let late = format!("learner-0 has not {done} within {} s", self.policy.silence.as_secs());
                     let reason = failure.map_or_else(|| late.clone(), |failure| format!("{failure}\n{late}"));
                     self.report(Level::Error, late);
-                    self.leave(now, End::Failed(reason), None);
+                    self.leave(now, SessionEnd::Failed(reason), None);
                 }
             }
             Phase::Leaving { since } => self.check_leaving(now, since),
@@ -540,7 +540,7 @@ impl Supervisor {
             // Also after an orderly stop from elsewhere: Ctrl-C then means to end at once.
             Phase::Saving { .. } | Phase::Leaving { .. } => {
                 if let Phase::Saving { failure, .. } = &self.phase {
-                    let end = failure.clone().map_or(End::Interrupted, End::Failed);
+                    let end = failure.clone().map_or(SessionEnd::Interrupted, SessionEnd::Failed);
                     self.outcome = Some(Outcome { end, saved: None });
                     self.phase = Phase::Leaving { since: now };
                 }
@@ -563,11 +563,11 @@ impl Supervisor {
             self.phase = Phase::Saving { failure, until: now + self.policy.silence };
             self.announce_stop();
         } else {
-            self.leave(now, failure.map_or(End::Stopped, End::Failed), None);
+            self.leave(now, failure.map_or(SessionEnd::Stopped, SessionEnd::Failed), None);
         }
     }
 
-    fn leave(&mut self, now: Duration, end: End, saved: Option<Saved>) {
+    fn leave(&mut self, now: Duration, end: SessionEnd, saved: Option<Saved>) {
         self.phase = Phase::Leaving { since: now };
         self.outcome = Some(Outcome { end, saved });
         self.children.stay_down();

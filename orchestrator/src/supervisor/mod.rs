@@ -1,9 +1,10 @@
 //! Supervision: which processes run, which are restarted, which stage is in force, and when the run ends.
 //!
-//! [`machine`] decides; [`children`], [`gang`], [`restart`] and [`stage`] are its parts that stand on their own,
-//! [`policy`] is its bounds and [`deadlines`] says which of them is exceeded, [`words`] what is said of deaths; all are
-//! pure functions of events ([`event`]) and a clock. [`shell`] is where processes, signals, shared memory and files
-//! are: it turns signals and messages into events, executes the machine's actions, and decides nothing.
+//! [`machine`] decides. [`children`], [`gang`], [`restart`] and [`stage`] are its independent parts, [`policy`] holds
+//! its bounds, [`deadlines`] finds the one that is exceeded, and [`words`] phrases reports of deaths. All are pure
+//! functions of events ([`event`]) and a clock. [`shell`] is where processes, signals, shared memory and files are: it
+//! turns signals and messages into events, executes the machine's actions, and decides nothing. [`session`] is one
+//! start of the orchestrator on a run folder, with its services, its recorder and this supervision.
 
 pub mod children;
 pub mod deadlines;
@@ -13,6 +14,7 @@ pub mod machine;
 pub mod policy;
 pub mod process;
 pub mod restart;
+pub mod session;
 pub mod shell;
 pub mod stage;
 mod words;

@@ -1,23 +1,21 @@
-//! Child processes: started with a lifeline, listened to, reaped.
+//! Child processes: they are started with a lifeline, their output is read, and they are reaped.
 //!
 //! Every child gets a process group of its own, so that Ctrl-C in the terminal reaches the orchestrator alone, and a
 //! pipe as standard input, its lifeline: it closes when the orchestrator lets go or dies. Standard error goes line by
 //! line to `RUN/logs/NAME.log`; warnings, errors and whatever is not a log line (a panic, a library's complaint) also
-//! to the terminal. A learner's standard output is its voice ([`proto::event`]).
+//! to the terminal. A learner writes its events to standard output ([`proto::event`]).
 
 use super::event::{Event, Exit, Process};
+use crate::preflight::programs::Programs;
 use crate::showing::log_line::LogLine;
-use proto::device::VISIBLE_DEVICES;
-use proto::device::device_name;
+use proto::device::{VISIBLE_DEVICES, device_name};
 use proto::event::LearnerEvent;
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use std::collections::{BTreeMap, VecDeque};
-use std::ffi::OsString;
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::os::unix::process::ExitStatusExt;
-use std::path::PathBuf;
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncRead, BufReader};
@@ -34,17 +32,6 @@ const LAST_WORDS: usize = 10;
 const LONGEST_LINE: usize = 64 << 10;
 /// After a child's death its pipes close at once, unless a grandchild holds them.
 const PIPES_CLOSE: Duration = Duration::from_secs(2);
-
-/// The programs and what they need to start.
-#[derive(Debug, Clone)]
-pub struct Programs {
-    /// The learner's executable.
-    pub learner: PathBuf,
-    /// The actor's executable.
-    pub actor: PathBuf,
-    /// Variables for the learner, besides the orchestrator's own.
-    pub learner_environment: Vec<(OsString, OsString)>,
-}
 
 /// What all children of one incarnation have in common.
 #[derive(Debug, Clone)]
@@ -87,7 +74,7 @@ impl Launch {
                 command.env("OMP_NUM_THREADS", &threads).env("MKL_NUM_THREADS", &threads);
                 // Beside busy actors a spinning OpenMP thread burns the core that its sibling waits for.
                 command.env("GOMP_SPINCOUNT", "0").env("OMP_WAIT_POLICY", "PASSIVE");
-                // What libtorch logs besides its warnings, which the learner hears itself, is of its insides.
+                // Besides its warnings, which the learner logs itself, libtorch logs only its internals.
                 if std::env::var_os("TORCH_CPP_LOG_LEVEL").is_none() {
                     command.env("TORCH_CPP_LOG_LEVEL", "ERROR");
                 }
@@ -225,13 +212,15 @@ async fn hear(stdout: impl AsyncRead + Unpin, process: Process, incarnation: u32
             continue;
         };
         match serde_json::from_str::<LearnerEvent>(&line) {
-            Ok(event) if event.rank() != rank => tracing::warn!("{process} said what is another's to say: {line}"),
+            Ok(event) if event.rank() != rank => {
+                tracing::warn!("{process} sent an event in another learner's name: {line}");
+            }
             Ok(event) => {
                 if events.send(Event::Learner { incarnation, event }).await.is_err() {
                     return;
                 }
             }
-            Err(error) => tracing::warn!("{process} said what is no event ({error}): {line}"),
+            Err(error) => tracing::warn!("{process} printed a line that is no event ({error}): {line}"),
         }
     }
 }

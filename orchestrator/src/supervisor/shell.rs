@@ -4,7 +4,7 @@
 //! listened to by small tasks on the same thread, which send events. A turn of the loop takes milliseconds, the
 //! longest part being the sweep after a death.
 
-use super::event::{Action, End, Event, Exit, Level, Outcome, Process};
+use super::event::{Action, Event, Exit, Level, Outcome, Process, SessionEnd};
 use super::machine::Supervisor;
 use super::policy::Policy;
 use super::process::{Launch, Processes};
@@ -19,8 +19,7 @@ use std::time::{Duration, Instant};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
 use tokio::time::{Interval, MissedTickBehavior};
-use wire::fault;
-use wire::{Announcer, WireHost};
+use wire::{Announcer, WireHost, fault};
 
 /// Interval of checking deadlines, of repeating the announcement for late subscribers, and of showing progress.
 const TICK: Duration = Duration::from_millis(250);
@@ -139,7 +138,7 @@ impl Shell<'_> {
     }
 }
 
-/// The loop's own state: what it knows besides the machine.
+/// The loop's own state, besides the machine.
 struct Supervision<'a, A> {
     shell: Shell<'a>,
     audience: &'a mut A,
@@ -148,18 +147,18 @@ struct Supervision<'a, A> {
     inbox: mpsc::Receiver<Event>,
     begin: Instant,
     tick: Interval,
-    /// The learners that are listened to.
+    /// Incarnation of the learners whose events count.
     learner_incarnation: u32,
     /// Ticks on which dead processes' ports are still to be swept.
     sweeps: u32,
-    /// What the loop has to tell the machine itself.
+    /// Events that the loop itself has for the machine.
     own_events: VecDeque<Event>,
     recording_failed: bool,
     asked_to_stop: bool,
 }
 
 impl<A: Audience> Supervision<'_, A> {
-    /// Does what the machine says; the outcome, when there is nothing more to do.
+    /// Executes an action of the machine; returns the outcome when there is nothing more to do.
     async fn carry_out(&mut self, action: Action) -> Result<Option<Outcome>> {
         match action {
             Action::Spawn { process, incarnation } => {
@@ -184,8 +183,8 @@ impl<A: Audience> Supervision<'_, A> {
             Action::Report(Level::Warning, text) => tracing::warn!("{text}"),
             Action::Report(Level::Error, text) => tracing::error!("{text}"),
             Action::Finish(mut outcome) => {
-                if outcome.end == End::Complete && !self.wait_for_audience().await {
-                    outcome.end = End::Stopped;
+                if outcome.end == SessionEnd::Complete && !self.wait_for_audience().await {
+                    outcome.end = SessionEnd::Stopped;
                 }
                 self.audience.over();
                 return Ok(Some(outcome));
@@ -205,7 +204,7 @@ impl<A: Audience> Supervision<'_, A> {
         }
     }
 
-    /// What an event means outside the machine, which hears of it next.
+    /// Does what an event requires outside the machine, which receives it next.
     fn take_note(&mut self, now: Duration, event: &Event) {
         let recorder = self.shell.recorder;
         match event {

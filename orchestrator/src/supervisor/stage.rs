@@ -24,7 +24,7 @@ pub struct StageSwitch {
 
 /// The announcement to the learners, and its effect on the stages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Word {
+pub struct Decision {
     /// To be published.
     pub announcement: StageAnnouncement,
     /// Set when this changes the stage in force.
@@ -52,12 +52,12 @@ impl StageMachine {
     }
 
     /// Allows rollout `rollout`, which begins at `frames` frames. None when the budget is used up.
-    pub fn allow(&mut self, rollout: u64, frames: u64) -> Option<Word> {
+    pub fn allow(&mut self, rollout: u64, frames: u64) -> Option<Decision> {
         let position = position_at(&self.stages, frames)?;
         let from = self.in_force.replace(position.stage);
         let switch =
             (from != Some(position.stage)).then_some(StageSwitch { from, to: position.stage, frames, rollout });
-        Some(Word { announcement: self.say(rollout, position.stage as u32, directive::TRAIN), switch })
+        Some(Decision { announcement: self.say(rollout, position.stage as u32, directive::TRAIN), switch })
     }
 
     /// Tells the learners to save and stop, wherever they are.

@@ -1,4 +1,4 @@
-//! Sentences about deaths, as the user is told them. Pure.
+//! Sentences about deaths for the user. Pure.
 
 use super::event::Exit;
 use crate::showing::log_line::error_in;
@@ -12,7 +12,7 @@ pub fn rewinds(learners: usize, evaluates: bool) -> String {
     }
 }
 
-/// That someone is not started again. `last`: who of them died last, where they are several.
+/// The report that a process is not started again. `last`: which of several died last.
 pub fn given_up(who: &str, last: &str, deaths: usize, exit: &Exit, last_words: &[String]) -> String {
     let words = quote(last_words);
     format!("{who} died {deaths} times while the run got no further, last {last}with {exit}{words}")
@@ -24,5 +24,5 @@ pub fn quote(last_words: &[String]) -> String {
         return String::new();
     }
     let error = last_words.iter().rposition(|line| error_in(line).is_some()).unwrap_or(0);
-    format!("; its last words:\n    {}", last_words[error..].join("\n    "))
+    format!("; its last messages:\n    {}", last_words[error..].join("\n    "))
 }

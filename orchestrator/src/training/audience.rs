@@ -3,9 +3,9 @@
 use crate::recording::recorder::Recorder;
 use crate::run::identity::unix_now;
 use crate::run::json_lines::Writer;
-use crate::showing::progress::Progress;
 use crate::supervisor::shell::Audience;
 use crate::training::metrics::{History, Trained};
+use crate::training::progress::Progress;
 use crate::training::validation::Validation;
 use anyhow::Result;
 use proto::config::Config;
@@ -44,7 +44,7 @@ impl Audience for TrainingAudience {
         match event {
             LearnerEvent::Ready { rollout, frames, .. } => {
                 self.history.rewind_to(*rollout);
-                // The orchestrator may not know this checkpoint: it was written after the last orchestrator had ended.
+                // This checkpoint can be new to the orchestrator: it was written after the last one had ended.
                 if let Some(validation) = &mut self.validation {
                     validation.checkpoint(*rollout, *frames);
                 }

@@ -4,8 +4,7 @@
 //! summary is removed first and the configuration replaced after it. So a crash leaves the run with its old budget,
 //! which the next resume finds reached and sums up again, or with the new one.
 
-use crate::showing::format;
-use crate::showing::terminal;
+use crate::showing::{format, terminal};
 use anyhow::{Context, Result};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, StageConfig};

@@ -45,7 +45,7 @@ pub struct History {
 }
 
 impl History {
-    /// What the folder's `metrics.jsonl` says; empty when there is none.
+    /// Reads the folder's `metrics.jsonl`; empty when there is none.
     pub fn read(folder: &RunFolder) -> Result<Self> {
         let mut history = Self::default();
         for trained in json_lines::read(&folder.metrics())? {

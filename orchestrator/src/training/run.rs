@@ -2,25 +2,24 @@
 
 use super::audience::TrainingAudience;
 use crate::preflight::tools::Tools;
-use crate::run::identity::{Ended, Ending, Identity, unix_now};
+use crate::run::identity::{Ended, Identity, unix_now};
 use crate::run::lock::RunLock;
-use crate::run::session::{EXIT_INTERRUPTED, Session, shape};
 use crate::showing::format;
-use crate::showing::next_steps;
 use crate::showing::terminal;
-use crate::supervisor::event::{End, Outcome};
+use crate::supervisor::event::{Outcome, SessionEnd};
+use crate::supervisor::session::{EXIT_INTERRUPTED, Session, shape};
 use crate::training::metrics::History;
+use crate::training::next_steps;
 use crate::training::summary::Summary;
-use crate::training::wall::Last;
-use crate::training::wall::Wall;
+use crate::training::wall::{Last, Wall};
 use anyhow::Result;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
+use proto::run_state::Ending;
 use proto::stage::total_frames;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
-use wire::WireAddress;
-use wire::fault;
+use wire::{WireAddress, fault};
 
 /// A run that trains, whose folder has been made.
 pub struct TrainingRun {
@@ -83,7 +82,7 @@ impl TrainingRun {
         let wall = Wall::read(&self.folder, &self.identity, Last::Took(wall))?;
         let summary = saved.map(|saved| Summary::of(&self.folder, &self.config, history, &self.identity, wall, saved));
         fault::reach("orchestrator.before_summary");
-        if let Some(summary) = summary.as_ref().filter(|_| outcome.end == End::Complete) {
+        if let Some(summary) = summary.as_ref().filter(|_| outcome.end == SessionEnd::Complete) {
             summary.write(&self.folder)?;
         }
         self.note_end(how, outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.clone())), reason);
@@ -91,7 +90,7 @@ impl TrainingRun {
             for line in summary.lines(&self.folder, &outcome.end) {
                 terminal::out(&line);
             }
-        } else if let End::Stopped | End::Interrupted = outcome.end {
+        } else if let SessionEnd::Stopped | SessionEnd::Interrupted = outcome.end {
             terminal::out(&format!("run {} {how}: the last checkpoint stands", self.identity.id));
         }
         if let Err(error) = recording {
@@ -103,9 +102,9 @@ impl TrainingRun {
             terminal::note(&line);
         }
         Ok(match outcome.end {
-            End::Complete | End::Stopped if recording.is_ok() => ExitCode::SUCCESS,
-            End::Interrupted => ExitCode::from(EXIT_INTERRUPTED),
-            End::Complete | End::Stopped | End::Failed(_) => ExitCode::FAILURE,
+            SessionEnd::Complete | SessionEnd::Stopped if recording.is_ok() => ExitCode::SUCCESS,
+            SessionEnd::Interrupted => ExitCode::from(EXIT_INTERRUPTED),
+            SessionEnd::Complete | SessionEnd::Stopped | SessionEnd::Failed(_) => ExitCode::FAILURE,
         })
     }
 

@@ -3,7 +3,7 @@
 
 use crate::run::identity::Identity;
 use crate::showing::format;
-use crate::supervisor::event::End;
+use crate::supervisor::event::SessionEnd;
 use crate::training::means::{EpisodeMeans, StageMeans, by_stage};
 use crate::training::metrics::{History, total_s};
 use crate::training::wall::Wall;
@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Everything that is said about a run at its end.
+/// The summary of a run at its end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Version of the format.
@@ -51,7 +51,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// The summary of a run that stands at `frames` with `weights`.
+    /// The summary of a run that has trained `frames` and has these `weights`.
     pub fn of(
         folder: &RunFolder,
         config: &Config,
@@ -99,7 +99,7 @@ impl Summary {
     }
 
     /// As people read it. A failed run has no result, so the two lines for scripts are missing then.
-    pub fn lines(&self, folder: &RunFolder, end: &End) -> Vec<String> {
+    pub fn lines(&self, folder: &RunFolder, end: &SessionEnd) -> Vec<String> {
         let state = end.ending();
         let mut lines = vec![format!(
             "run {} {state}: preset {}, seed {}, {} of {} frames",
@@ -126,7 +126,7 @@ impl Summary {
             [one] => lines.push(format!("recording   {}", folder.root().join(one).display())),
             many => lines.push(format!("recordings  {} ({} files)", folder.recordings().display(), many.len())),
         }
-        if !matches!(end, End::Failed(_)) {
+        if !matches!(end, SessionEnd::Failed(_)) {
             lines.push(format!("weights: {}", self.weights));
             lines.push(format!("frames: {}", self.frames));
         }
@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn the_last_lines_are_weights_and_frames() {
-        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &End::Stopped);
+        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &SessionEnd::Stopped);
         assert!(lines[0].starts_with("run 0a1b stopped: "), "{}", lines[0]);
         assert_eq!(lines[lines.len() - 2], format!("weights: {}", "f".repeat(64)));
         assert_eq!(lines[lines.len() - 1], "frames: 1500");
@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn a_failed_run_is_called_so_and_has_no_result() {
-        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &End::Failed("disk full".to_owned()));
+        let lines = summary().lines(&RunFolder::new("/nowhere/run"), &SessionEnd::Failed("disk full".to_owned()));
         assert!(lines[0].starts_with("run 0a1b failed: "), "{}", lines[0]);
         assert!(!lines.iter().any(|line| line.starts_with("weights:") || line.starts_with("frames:")));
     }
@@ -222,13 +222,13 @@ mod tests {
         let summary = summary();
         summary.write(&folder).unwrap();
         assert_eq!(Summary::read(&folder).unwrap(), Some(summary.clone()));
-        // One of an older version: nobody knows how long it took.
+        // One of an older version: its duration is unknown.
         let text = std::fs::read_to_string(folder.summary()).unwrap();
         let mut older: serde_json::Value = serde_json::from_str(&text).unwrap();
         older.as_object_mut().unwrap().remove("wall").unwrap();
         std::fs::write(folder.summary(), older.to_string()).unwrap();
         let older = Summary::read(&folder).unwrap().unwrap();
         assert_eq!(older, Summary { wall: None, ..summary });
-        assert!(!older.lines(&folder, &End::Complete).iter().any(|line| line.contains("wall")));
+        assert!(!older.lines(&folder, &SessionEnd::Complete).iter().any(|line| line.contains("wall")));
     }
 }

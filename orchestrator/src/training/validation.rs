@@ -9,13 +9,13 @@
 //! that fails is reported and skipped; the run continues.
 
 use crate::evaluation::subject::read_manifest;
+use crate::process_end::wait_for_child;
 use crate::recording::recorder::Recorder;
 use crate::recording::schema::stillroom;
 use crate::run::identity::Identity;
 use crate::run::json_lines;
 use crate::run::json_lines::Writer;
 use crate::run::lifeline::this_program;
-use crate::run::process_end::wait_for_child;
 use crate::run::remains;
 use anyhow::{Context, Result};
 use proto::config::Config;

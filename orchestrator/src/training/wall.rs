@@ -1,4 +1,4 @@
-//! Wall time of a run: each start from its beginning to its end, added up. What lies between two starts does not count.
+//! Wall time of a run: each start from its beginning to its end, added up. The time between two starts does not count.
 //!
 //! It is read from what survives a kill: `run.toml` has the beginning of every start, and the end of those that could
 //! note it. One that was killed counts until the last rollout that it wrote to `metrics.jsonl`, void ones included.
@@ -32,7 +32,7 @@ pub enum Last {
     Took(Duration),
 }
 
-/// What of a line of `metrics.jsonl` says that an orchestrator was alive.
+/// The part of a line of `metrics.jsonl` which shows that an orchestrator was alive.
 #[derive(Debug, Clone, Copy, Deserialize)]
 struct Sign {
     incarnation: u32,
@@ -83,8 +83,9 @@ impl Wall {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::identity::{Ended, Ending};
+    use crate::run::identity::Ended;
     use crate::run::json_lines::Writer;
+    use proto::run_state::Ending;
 
     /// Starts at 1000, 2000 and 3000 s: stopped after 100 s, killed, and the last.
     fn identity() -> Identity {

@@ -15,7 +15,7 @@ pub struct EpisodeConfig {
     pub action_space: ActionSpace,
     /// Robot starts at most this far from the target on the floor plane, metres; 0 = anywhere in the kitchen.
     pub start_distance_max_m: f32,
-    /// Goal lies at most this far from the target's start, metres; 0 = anywhere in the kitchen.
+    /// The goal is at most this far from the target's start, metres; 0 = anywhere in the kitchen.
     pub goal_distance_max_m: f32,
 }
 
@@ -31,7 +31,7 @@ impl EpisodeConfig {
         self.start_distance_max_m == 0.0 && self.goal_distance_max_m == 0.0
     }
 
-    /// What a run's evaluation plays unless told otherwise: what the run has learned, and the fixed episodes where that
+    /// What a run's evaluation plays by default: what the run has learned, and the fixed episodes where that
     /// is the same task. Training kitchens and scenes (`Split::Train`) have no fixed ones.
     pub fn default_distribution(&self, split: Split) -> Distribution {
         if split == Split::Train || !self.is_full() { Distribution::Run } else { Distribution::Fixed }

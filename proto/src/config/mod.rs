@@ -15,6 +15,7 @@ mod resolve;
 mod setting;
 mod validate;
 
+pub use changes::{Difference, Lists, differences};
 pub use episode::EpisodeConfig;
 pub use error::{ConfigError, nearest};
 pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, NetworkConfig};
@@ -253,7 +254,7 @@ pub struct CheckpointConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RecordingConfig {
-    /// Record at all.
+    /// Whether to record.
     pub enabled: bool,
     /// Share of episodes whose depth frames are kept, 0..=1.
     pub depth_share: f64,

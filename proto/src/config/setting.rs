@@ -19,7 +19,7 @@ pub enum SettingError {
     #[error("`{0}` is neither TOML nor a single word; quote any other text twice, for example KEY='\"two words\"'")]
     BadValue(String),
     /// The key cannot be set this way.
-    #[error("`{key}` is no setting: {instead} says it")]
+    #[error("`{key}` is no setting: use {instead}")]
     SaidElsewhere {
         /// The key.
         key: &'static str,
@@ -169,7 +169,7 @@ mod tests {
         for value in ["", "two words", "[1, 2", "1\nseed = 2", "a,b"] {
             assert!(problem(&format!("ppo.epochs={value}")).contains("neither TOML nor a single word"), "{value}");
         }
-        assert!(problem("preset=paper").contains("`--preset` says it"));
-        assert!(problem("from.frames=3").contains("`orchestrator up --from` says it"));
+        assert!(problem("preset=paper").contains("use `--preset`"));
+        assert!(problem("from.frames=3").contains("use `orchestrator up --from`"));
     }
 }

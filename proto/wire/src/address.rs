@@ -84,7 +84,7 @@ impl WireAddress {
         failure.map_or(Ok(removed), Err)
     }
 
-    /// What lies in shared memory under the prefix. The metadata are those of the entry itself: no link is followed.
+    /// What is in shared memory under the prefix. The metadata are those of the entry itself: no link is followed.
     fn names(&self) -> std::io::Result<Vec<(PathBuf, Metadata)>> {
         let mut names = Vec::new();
         for entry in std::fs::read_dir(SHARED_MEMORY)? {
@@ -98,7 +98,7 @@ impl WireAddress {
     }
 
     /// Makes the folder of small files, for this user alone. One that somebody else made beforehand is refused: its
-    /// owner could exchange what lies in it.
+    /// owner could replace what is in it.
     pub(super) fn create_root(&self) -> Result<(), WireError> {
         self.create_root_of(rustix::process::geteuid().as_raw())
     }
@@ -118,7 +118,7 @@ impl WireAddress {
         std::fs::set_permissions(&self.root, Permissions::from_mode(0o700)).map_err(failed)
     }
 
-    /// Takes from all others the right to open what lies here: iceoryx2 makes one segment that everybody may write.
+    /// Takes from all others the right to open what is here: iceoryx2 makes one segment that everybody may write.
     pub(super) fn close_to_others(&self) -> std::io::Result<()> {
         let uid = rustix::process::geteuid().as_raw();
         for (path, metadata) in self.names()? {

@@ -31,7 +31,7 @@ impl ThreadBell {
 
     /// Rings. Before anybody waits is early enough.
     pub fn ring(&self) {
-        // It can only fail because 2^64 - 2 rings were not heard yet; then it rings anyway.
+        // It can only fail because 2^64 - 2 rings are still pending; then it rings anyway.
         let _ = rustix::io::write(&self.event, &1_u64.to_ne_bytes());
     }
 
@@ -50,7 +50,7 @@ impl FileDescriptorBased for ThreadBell {
 
 impl SynchronousMultiplexing for ThreadBell {}
 
-/// What one thread waits with; [`Bells::attach`] says for what.
+/// What one thread waits with; [`Bells::attach`] adds what it waits for.
 #[derive(Debug)]
 pub struct Bells(WaitSet<Ipc>);
 
@@ -122,7 +122,7 @@ impl Waiting<'_> {
     }
 }
 
-/// Makes a wakeup quiet; how many rings it has heard.
+/// Clears a wakeup; returns the number of its rings.
 fn hush(wakeup: &Wakeup) -> Result<u64, WireError> {
     match wakeup.try_wait(|_| {}) {
         Ok(rings) => Ok(rings),
@@ -172,7 +172,7 @@ mod tests {
                 ring();
                 ring();
                 assert!(waited(LONG) < LONG);
-                // A ring can be heard twice, but the set comes to rest.
+                // A ring can wake it twice, but the set comes to rest.
                 assert!((0..3).any(|_| waited(quiet) >= quiet));
             }
             std::thread::scope(|scope| {

@@ -9,7 +9,7 @@ pub fn raise_limit() -> Option<u64> {
     let mut limit = getrlimit(Resource::Nofile);
     if limit.current != limit.maximum {
         let raised = rustix::process::Rlimit { current: limit.maximum, ..limit };
-        // Where a sandbox forbids it the old limit holds, and the caller is told that one.
+        // Where a sandbox forbids it, the old limit holds and is returned.
         if setrlimit(Resource::Nofile, raised).is_ok() {
             limit = raised;
         }

@@ -1,6 +1,6 @@
 //! What can fail in the shared-memory layer.
 
-/// A failure of the shared-memory layer. The text names the service and says what to do where something can be done.
+/// A failure of the shared-memory layer. The text names the service and, where there is a remedy, the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum WireError {
     /// The node could not be created.

@@ -1,7 +1,7 @@
 //! What joins Stillroom's processes: payloads and services in shared memory, and what every process does in the same
 //! way (log, hold its lifeline, check its processor, raise its limit of open files, pass fault points).
 //!
-//! The crate `proto` says what the processes exchange; this one carries it from process to process.
+//! The crate `proto` defines what the processes exchange; this one carries it from process to process.
 //!
 //! ```
 //! use bytemuck::Zeroable;
@@ -17,7 +17,7 @@
 //! let learner = Wire::join(&address, shape, "learner-0")?;
 //! let actor = Wire::join(&address, shape, "actor-00")?;
 //!
-//! // The actor sends the observation of one half of its environments. The learner reads it where it lies.
+//! // The actor sends the observation of one half of its environments. The learner reads it in place.
 //! let (observations, seen) = (actor.observation_publisher(0)?, learner.observation_subscriber(0)?);
 //! let mut sample = observations.loan_slice_uninit(1)?;
 //! sample.user_header_mut().step = 7;

@@ -7,7 +7,7 @@ use tracing_subscriber::EnvFilter;
 pub const FILTER_VARIABLE: &str = "STILLROOM_LOG";
 
 /// Sends `tracing` events to standard error. iceoryx2 reports through the same subscriber, errors only
-/// unless the filter says otherwise. Call once, first thing in `main`.
+/// unless the filter sets another level. Call once, first thing in `main`.
 pub fn to_stderr() {
     let asked = std::env::var(FILTER_VARIABLE).ok();
     let parsed = asked.as_deref().map(EnvFilter::try_new);

@@ -27,7 +27,7 @@ pub struct Observation {
 }
 
 // SAFETY: an Observation is `Pod`: `repr(C)`, self-contained, without pointers. (The derive asks for this trait on
-// every field, and two of them are types of `proto`, which knows no transport.)
+// every field, and two of them are types of `proto`, which has no transport.)
 unsafe impl ZeroCopySend for Observation {
     unsafe fn type_name() -> &'static str {
         "stillroom/Observation/3"

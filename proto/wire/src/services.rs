@@ -30,10 +30,9 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 pub use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::prelude::PortFactory;
 use iceoryx2::prelude::{
     AllocationStrategy, AttributeSpecifier, AttributeVerifier, BackpressureStrategy, CallbackProgression, EventId,
-    Node, NodeBuilder, NodeName, NodeState, ServiceName, SignalHandlingMode, ipc,
+    Node, NodeBuilder, NodeName, NodeState, PortFactory, ServiceName, SignalHandlingMode, ipc,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::builder::event::Builder as EventBuilder;

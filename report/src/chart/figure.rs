@@ -49,7 +49,7 @@ impl Content {
     }
 }
 
-/// Gives the axes of one quantity the same range in all panels of these figures, which stand beside each other.
+/// Gives the axes of one quantity the same range in all panels of these figures, which are side by side.
 pub fn share_axes(figures: &mut [Figure]) {
     let mut ranges: Vec<(Axis, (f64, f64))> = Vec::new();
     let mut axes: Vec<_> =

@@ -1,4 +1,4 @@
-//! A matrix as colours on a logarithmic scale, with a bar that says what they mean. Shares of actions differ by orders
+//! A matrix as colours on a logarithmic scale, with a bar that explains them. Shares of actions differ by orders
 //! of magnitude: on a linear scale nearly all of a map is dark.
 
 use super::palette::heat;

@@ -29,7 +29,7 @@ pub enum Markers {
     /// At every point: each is a measurement.
     #[default]
     All,
-    /// At a few, so that curves can be told apart without colour.
+    /// At a few, so that curves can be distinguished without colour.
     Some,
 }
 
@@ -160,7 +160,7 @@ fn axes(canvas: &mut Canvas, rect: Rect, (x, x_scale): (&Axis, &Scale), (y, y_sc
     let left = 18.0 + widest + 8.0;
     let plot = Rect {
         left: rect.left + left,
-        // Half a tick label stands above the topmost grid line, and half of one beside the last.
+        // Half a tick label is above the topmost grid line, and half of one beside the last.
         top: rect.top + 6.0,
         width: rect.width - left - 16.0,
         height: rect.height - 6.0 - 38.0,

@@ -20,7 +20,7 @@ const CIVIDIS: [[f64; 3]; 9] = [
     [254.0, 232.0, 56.0],
 ];
 
-/// Styles that can be told apart in one figure.
+/// Styles that can be distinguished in one figure.
 pub const STYLES: usize = COLOURS.len();
 
 /// How one of several curves is drawn.

@@ -42,7 +42,7 @@ impl Axis {
         Self { logarithmic: true, from_zero: false, ..Self::new(label, unit) }
     }
 
-    /// The lowest and the highest of these values that can stand on the axis; none where none can.
+    /// The lowest and the highest of these values that the axis can show; none where it can show none.
     pub(super) fn range(&self, values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
         values
             .filter(|value| value.is_finite() && (!self.logarithmic || *value > 0.0))

@@ -87,7 +87,7 @@ impl Canvas {
         self.faint_line(points, stroke, 1.0);
     }
 
-    /// A line through the points that lets through what lies behind it.
+    /// A translucent line through the points.
     pub fn faint_line(&mut self, points: &[(f64, f64)], stroke: Stroke<'_>, opacity: f64) {
         let opacity = if opacity < 1.0 { format!(" stroke-opacity=\"{}\"", number(opacity)) } else { String::new() };
         let dashes =

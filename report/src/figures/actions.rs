@@ -1,12 +1,12 @@
 //! What a policy does when.
 
 use crate::chart::{Content, Figure, HeatMap, Panel};
-use crate::entry::Entry;
 use crate::results::FieldResult;
 use crate::study::Field;
+use crate::styled_group::StyledGroup;
 
 /// One map a group, of the first field in which it was evaluated.
-pub fn action_maps(entries: &[Entry<'_>]) -> Vec<Figure> {
+pub fn action_maps(entries: &[StyledGroup<'_>]) -> Vec<Figure> {
     let mut figures = Vec::new();
     for (index, entry) in entries.iter().enumerate() {
         let Some((field, result)) = Field::ALL.into_iter().find_map(|field| Some((field, entry.in_field(field)?)))

@@ -2,13 +2,13 @@
 
 use super::parts::{in_parts, legend};
 use crate::chart::{Axis, Content, Figure, LinePlot, Mark, Markers, Panel, Series, Unit};
-use crate::entry::Entry;
 use crate::results::{FieldResult, LimitPoint};
 use crate::study::Field;
+use crate::styled_group::StyledGroup;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 
 /// Success with less displacement than a threshold, over the threshold.
-pub fn by_threshold(entries: &[Entry<'_>]) -> Vec<Figure> {
+pub fn by_threshold(entries: &[StyledGroup<'_>]) -> Vec<Figure> {
     figures(
         entries,
         "srwod-by-threshold",
@@ -21,7 +21,7 @@ pub fn by_threshold(entries: &[Entry<'_>]) -> Vec<Figure> {
 }
 
 /// Success with at most so many disturbed objects.
-pub fn by_objects(entries: &[Entry<'_>]) -> Vec<Figure> {
+pub fn by_objects(entries: &[StyledGroup<'_>]) -> Vec<Figure> {
     figures(
         entries,
         "srwod-by-objects",
@@ -34,14 +34,14 @@ pub fn by_objects(entries: &[Entry<'_>]) -> Vec<Figure> {
 }
 
 fn figures(
-    entries: &[Entry<'_>],
+    entries: &[StyledGroup<'_>],
     name: &str,
     caption: &str,
     x: &Axis,
     marks: &[Mark],
     curve: impl Fn(&FieldResult) -> &[LimitPoint],
 ) -> Vec<Figure> {
-    let evaluated: Vec<&Entry<'_>> = entries.iter().filter(|entry| !entry.results.is_empty()).collect();
+    let evaluated: Vec<&StyledGroup<'_>> = entries.iter().filter(|entry| !entry.results.is_empty()).collect();
     in_parts(&evaluated, name, |name, part| {
         let fields = Field::ALL.into_iter().filter(|&field| part.iter().any(|entry| entry.in_field(field).is_some()));
         let panels = fields.map(|field| {

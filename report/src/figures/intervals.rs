@@ -1,14 +1,14 @@
 //! What groups came to in a field, with how far it can be trusted.
 
 use crate::chart::{Axis, Content, Figure, IntervalPlot, IntervalRow, Panel, Unit};
-use crate::entry::Entry;
 use crate::method::published;
 use crate::results::FieldResult;
 use crate::study::Field;
+use crate::styled_group::StyledGroup;
 
 /// Interquartile means with their intervals, SR beside `SRwoD`, and what the paper has for the preset.
-pub fn intervals(entries: &[Entry<'_>], field: Field) -> Option<Figure> {
-    let found: Vec<(&Entry<'_>, &FieldResult)> =
+pub fn intervals(entries: &[StyledGroup<'_>], field: Field) -> Option<Figure> {
+    let found: Vec<(&StyledGroup<'_>, &FieldResult)> =
         entries.iter().filter_map(|entry| Some((entry, entry.in_field(field)?))).collect();
     if found.is_empty() {
         return None;

@@ -5,7 +5,7 @@ use super::series::trained;
 use super::stages;
 use crate::chart::{Axis, Content, Figure, LinePlot, Panel, Unit};
 use crate::curves::Curve;
-use crate::entry::Entry;
+use crate::styled_group::StyledGroup;
 use proto::metric;
 
 /// Title, metric, axis.
@@ -24,8 +24,8 @@ fn measures() -> [(&'static str, &'static str, Axis); 4] {
 }
 
 /// Return, success, success without disturbance and disturbance over training.
-pub fn learning(entries: &[Entry<'_>]) -> Vec<Figure> {
-    let begun: Vec<&Entry<'_>> =
+pub fn learning(entries: &[StyledGroup<'_>]) -> Vec<Figure> {
+    let begun: Vec<&StyledGroup<'_>> =
         entries.iter().filter(|entry| entry.group.runs.iter().any(|run| !run.rollouts.is_empty())).collect();
     in_parts(&begun, "learning", |name, part| {
         let panels = measures().map(|(title, metric, y)| {
@@ -49,8 +49,8 @@ pub fn learning(entries: &[Entry<'_>]) -> Vec<Figure> {
 }
 
 /// PPO-Lagrangian's multiplier over training.
-pub fn multiplier(entries: &[Entry<'_>]) -> Vec<Figure> {
-    let with: Vec<&Entry<'_>> =
+pub fn multiplier(entries: &[StyledGroup<'_>]) -> Vec<Figure> {
+    let with: Vec<&StyledGroup<'_>> =
         entries.iter().filter(|entry| Curve::of_training(entry.group, metric::MULTIPLIER).is_some()).collect();
     in_parts(&with, "multiplier", |name, part| {
         let curves = part.iter().filter_map(|entry| trained(entry, metric::MULTIPLIER));

@@ -5,8 +5,8 @@ use super::series::{measured, trained};
 use super::stages;
 use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Series, Unit};
 use crate::curves::Curve;
-use crate::entry::Entry;
 use crate::study::{ELAPSED_S, FRAMES_PER_S};
+use crate::styled_group::StyledGroup;
 use proto::metric;
 
 /// A longer training time is given in hours.
@@ -28,15 +28,15 @@ fn measures() -> [(&'static str, &'static str, Axis); 9] {
 }
 
 /// The optimiser's figures over training; those that no run has are left out.
-pub fn optimisation(entries: &[Entry<'_>]) -> Vec<Figure> {
-    let with: Vec<&Entry<'_>> = entries
+pub fn optimisation(entries: &[StyledGroup<'_>]) -> Vec<Figure> {
+    let with: Vec<&StyledGroup<'_>> = entries
         .iter()
         .filter(|entry| measures().iter().any(|(_, metric, _)| trained(entry, metric).is_some()))
         .collect();
     let unit = TimeUnit::of(&with);
     in_parts(&with, "optimisation", |name, part| {
         let panels = measures().into_iter().filter_map(|(title, metric, mut y)| {
-            let drawn = |entry: &&Entry<'_>| {
+            let drawn = |entry: &&StyledGroup<'_>| {
                 if metric == ELAPSED_S { time_trained(entry, &unit) } else { trained(entry, metric) }
             };
             let series: Vec<Series> = part.iter().filter_map(drawn).collect();
@@ -72,7 +72,7 @@ struct TimeUnit {
 
 impl TimeUnit {
     /// Minutes, or hours where there are many.
-    fn of(entries: &[&Entry<'_>]) -> Self {
+    fn of(entries: &[&StyledGroup<'_>]) -> Self {
         let curves = entries.iter().filter_map(|entry| Curve::of_training(entry.group, ELAPSED_S));
         let longest_s = curves.flat_map(|curve| curve.points).fold(0.0f64, |most, point| most.max(point.mean));
         if longest_s > 60.0 * MINUTES_MOST {
@@ -84,7 +84,7 @@ impl TimeUnit {
 }
 
 /// A group's training time. Time only grows: it is not smoothed.
-fn time_trained(entry: &Entry<'_>, unit: &TimeUnit) -> Option<Series> {
+fn time_trained(entry: &StyledGroup<'_>, unit: &TimeUnit) -> Option<Series> {
     let mut series = measured(entry, &Curve::of_training(entry.group, ELAPSED_S)?);
     series.points.iter_mut().for_each(|point| point.1 /= unit.seconds);
     for (_, low, high) in &mut series.band {

@@ -5,7 +5,7 @@ use super::series::trained;
 use super::stages;
 use crate::chart::{Axis, Content, Figure, LinePlot, Panel, Unit};
 use crate::curves::Curve;
-use crate::entry::Entry;
+use crate::styled_group::StyledGroup;
 
 /// Title, metric of the `disturb` task, axis: precision and recall have one axis.
 const PREDICTION: [(&str, &str, &str); 4] = [
@@ -16,9 +16,9 @@ const PREDICTION: [(&str, &str, &str); 4] = [
 ];
 
 /// Precision and recall of disturbance prediction over training.
-pub fn prediction(entries: &[Entry<'_>]) -> Vec<Figure> {
+pub fn prediction(entries: &[StyledGroup<'_>]) -> Vec<Figure> {
     // Every rollout has the rate of the label; precision and recall are missing where there is nothing to divide by.
-    let with: Vec<&Entry<'_>> =
+    let with: Vec<&StyledGroup<'_>> =
         entries.iter().filter(|entry| Curve::of_training(entry.group, PREDICTION[3].1).is_some()).collect();
     in_parts(&with, "prediction", |name, part| {
         let panels = PREDICTION.map(|(title, metric, label)| {

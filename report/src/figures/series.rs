@@ -3,10 +3,10 @@
 use super::stages;
 use crate::chart::{Markers, Series};
 use crate::curves::{Curve, of_run, smoothed};
-use crate::entry::Entry;
+use crate::styled_group::StyledGroup;
 
 /// A group's curve of measurements; the band is the range over seeds.
-pub fn measured(entry: &Entry<'_>, curve: &Curve) -> Series {
+pub fn measured(entry: &StyledGroup<'_>, curve: &Curve) -> Series {
     let band = curve.points.iter().filter(|point| point.seeds > 1).map(|point| (point.frames, point.low, point.high));
     Series {
         style: entry.style,
@@ -18,7 +18,7 @@ pub fn measured(entry: &Entry<'_>, curve: &Curve) -> Series {
 
 /// A group's metric over training, smoothed within each stage, before the rollouts of its runs; none where no run has
 /// it.
-pub fn trained(entry: &Entry<'_>, metric: &str) -> Option<Series> {
+pub fn trained(entry: &StyledGroup<'_>, metric: &str) -> Option<Series> {
     let group = entry.group;
     let measured = measured(entry, &Curve::of_training(group, metric)?);
     let ends = stages::ends(group);

@@ -2,8 +2,8 @@
 //! have it where others have not.
 
 use crate::chart::{LinePlot, Mark, Series};
-use crate::entry::Entry;
 use crate::study::Group;
+use crate::styled_group::StyledGroup;
 
 /// Frames at which the stages of a group end, but for the last.
 pub fn ends(group: &Group<'_>) -> Vec<f64> {
@@ -23,7 +23,7 @@ fn marks(group: &Group<'_>) -> Vec<Mark> {
 
 /// Marks the stages on a plot whose curves are those of these groups. A curve that ends before a stage begins does not
 /// have it.
-pub fn mark(plot: &mut LinePlot, entries: &[&Entry<'_>]) {
+pub fn mark(plot: &mut LinePlot, entries: &[&StyledGroup<'_>]) {
     let reached = |series: &Series| -> Vec<Mark> {
         let last = series.points.last().map_or(0.0, |point| point.0);
         let entry = entries.iter().find(|entry| entry.style == series.style);
@@ -51,8 +51,8 @@ mod tests {
     fn a_stage_is_marked_on_those_that_have_it() {
         let runs = [run("a", "disturb-two-stage", 1), run("b", "disturb-stage1-45m", 1)];
         let groups = groups(&runs).unwrap();
-        let entries: Vec<Entry<'_>> =
-            groups.iter().enumerate().map(|(style, group)| Entry { style, group, results: Vec::new() }).collect();
+        let entries: Vec<StyledGroup<'_>> =
+            groups.iter().enumerate().map(|(style, group)| StyledGroup { style, group, results: Vec::new() }).collect();
         let marked = |curves: &[(usize, f64)]| {
             let series = curves.iter().map(|&(style, frames)| Series {
                 style,

@@ -1,10 +1,10 @@
 //! SR and `SRwoD` over `λ_disturb`.
 
 use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Series, Unit};
-use crate::entry::Entry;
 use crate::results::FieldResult;
 use crate::statistics::Estimate;
 use crate::study::Field;
+use crate::styled_group::StyledGroup;
 use serde::Serialize;
 use toml::Table;
 
@@ -33,8 +33,8 @@ pub struct SweepPoint {
 }
 
 /// All sweeps over at least two values.
-pub fn sweeps(entries: &[Entry<'_>]) -> Vec<Sweep> {
-    let mut families: Vec<(Table, Vec<&Entry<'_>>)> = Vec::new();
+pub fn sweeps(entries: &[StyledGroup<'_>]) -> Vec<Sweep> {
+    let mut families: Vec<(Table, Vec<&StyledGroup<'_>>)> = Vec::new();
     for entry in entries.iter().filter(|entry| !entry.group.untrained() && !entry.group.unknown()) {
         let mut rest = entry.group.settings.clone();
         if let Some(reward) = rest.get_mut("reward").and_then(toml::Value::as_table_mut) {
@@ -60,7 +60,7 @@ pub fn sweeps(entries: &[Entry<'_>]) -> Vec<Sweep> {
 }
 
 impl SweepPoint {
-    fn of(entry: &Entry<'_>, result: &FieldResult) -> Self {
+    fn of(entry: &StyledGroup<'_>, result: &FieldResult) -> Self {
         Self {
             lambda_disturb: f64::from(entry.group.runs[0].config.reward.lambda_disturb),
             group: entry.group.label.clone(),

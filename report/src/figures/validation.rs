@@ -5,12 +5,12 @@ use super::series::measured;
 use super::stages;
 use crate::chart::{Axis, Content, Figure, LinePlot, Panel, Unit};
 use crate::curves::Curve;
-use crate::entry::Entry;
 use crate::study::Validated;
+use crate::styled_group::StyledGroup;
 
 /// SR and `SRwoD` on validation episodes over training.
-pub fn validation(entries: &[Entry<'_>]) -> Vec<Figure> {
-    let with: Vec<&Entry<'_>> =
+pub fn validation(entries: &[StyledGroup<'_>]) -> Vec<Figure> {
+    let with: Vec<&StyledGroup<'_>> =
         entries.iter().filter(|entry| entry.group.runs.iter().any(|run| !run.validation.is_empty())).collect();
     in_parts(&with, "validation", |name, part| {
         let panel = |title: &str, label: &str, figure: fn(&Validated) -> f64| {

@@ -97,7 +97,7 @@ impl Section {
 }
 
 impl Made {
-    /// The page. `made` says when and by what.
+    /// The page. `made`: when it was made, and by which program.
     pub fn page(&self, made: &str) -> String {
         let page = html! {
             (DOCTYPE)

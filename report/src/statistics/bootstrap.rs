@@ -11,7 +11,7 @@ pub(crate) const RESAMPLES: u32 = 50_000;
 /// Resamples behind each point of a curve; rliable's default for profiles.
 pub(crate) const CURVE_RESAMPLES: u32 = 2_000;
 
-/// The share that lies below an interval, and above it.
+/// The share below an interval, and above it.
 const TAIL: f64 = 0.025;
 
 /// A 95% interval.

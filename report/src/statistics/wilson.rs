@@ -1,5 +1,5 @@
 //! The score interval of a share (Wilson, *Probable inference, the law of succession, and statistical inference*,
-//! 1927): the interval of one policy's success rate over a number of episodes. It says nothing about other seeds.
+//! 1927): the interval of one policy's success rate over a number of episodes. It does not cover other seeds.
 
 use super::bootstrap::Interval;
 

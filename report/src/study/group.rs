@@ -9,7 +9,7 @@ use toml::Table;
 #[derive(Debug, Clone)]
 pub struct Group<'a> {
     /// Its name in tables and figures: the preset's, with a star where it has other settings than the preset. Where
-    /// that is not enough to tell groups apart: what their folders are called, or else a letter.
+    /// that does not distinguish groups, also their folders' names, or else a letter.
     pub label: String,
     /// Preset.
     pub preset: String,
@@ -155,12 +155,13 @@ fn label(groups: &mut [Group<'_>]) {
 pub(crate) mod tests {
     use super::*;
     use proto::config::{Config, FromConfig};
+    use proto::run_state::{Ending, RunState};
 
     pub fn run(name: &str, preset: &str, seed: u64) -> Run {
         let config = Config { seed, ..Config::resolve(preset, None).unwrap() };
         Run {
             name: name.into(),
-            origin: Origin::Run("complete".into()),
+            origin: Origin::Run(RunState::Ended(Ending::Complete)),
             config,
             rollouts: Vec::new(),
             evaluations: Vec::new(),

@@ -3,6 +3,7 @@
 use super::field::{Field, Source};
 use proto::config::Config;
 use proto::evaluation::{Distribution, EpisodeRecord, Evaluation};
+use proto::run_state::RunState;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -12,7 +13,7 @@ use std::fmt;
 pub struct Run {
     /// Its folder, as the user named it.
     pub name: String,
-    /// Who trained its weights, and how that run stands.
+    /// Who trained its weights, and the state of that run.
     pub origin: Origin,
     /// Its configuration.
     pub config: Config,
@@ -24,11 +25,11 @@ pub struct Run {
     pub validation: Vec<Validated>,
 }
 
-/// Who trained the weights of a [`Run`]. Its words are those of the page and of `report.json`.
+/// Who trained the weights of a [`Run`]. Its text is that of the page and of `report.json`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Origin {
-    /// The run itself, with the word for how it stands: `complete`, `running`, `stopped`, ...
-    Run(String),
+    /// The run itself, with its state.
+    Run(RunState),
     /// A run that is not in the study: only its configuration is known.
     NotGiven,
     /// Nobody: the weights are fresh.
@@ -50,12 +51,12 @@ impl Origin {
 
 impl fmt::Display for Origin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Run(state) => state,
-            Self::NotGiven => "its run was not given",
-            Self::Untrained => "untrained",
-            Self::Unknown => "its run cannot be found",
-        })
+        match self {
+            Self::Run(state) => state.fmt(f),
+            Self::NotGiven => f.write_str("its run was not given"),
+            Self::Untrained => f.write_str("untrained"),
+            Self::Unknown => f.write_str("its run cannot be found"),
+        }
     }
 }
 
@@ -113,7 +114,7 @@ impl Evaluated {
 }
 
 impl Run {
-    /// The evaluation that stands for this run in a field: of the newest checkpoint that was evaluated there, by
+    /// The evaluation that represents this run in a field: of the newest checkpoint that was evaluated there, by
     /// frames; of that with sampled actions before the most probable ones, then the one with the most episodes, then
     /// the newest.
     pub(crate) fn evaluation_in(&self, field: Field) -> Option<&Evaluated> {

@@ -1,11 +1,11 @@
 //! In what two configurations differ.
 
 use crate::format::count;
-use proto::config::{Config, StageConfig};
+use proto::config::{self, Config, Difference, Lists, StageConfig};
 use proto::reward::RewardKind;
 use toml::{Table, Value};
 
-/// Settings that say what a run is called, where and how it computes and what it keeps, not what it learns.
+/// Settings of a run's name, of where and how it computes, and of what it keeps; none changes what it learns.
 const INCIDENTAL: [&str; 7] = ["preset", "seed", "learner", "checkpoint", "recording", "validation", "evaluation"];
 
 /// What must be equal in all runs of a group. One experiment may go by the names of two presets.
@@ -35,26 +35,14 @@ pub(super) fn differences(config: &Config) -> Vec<String> {
 
 /// The settings of the second configuration that change what is learned against the first, as `key = value`.
 pub fn differences_between(first: &Config, second: &Config) -> Vec<String> {
-    let mut found = Vec::new();
-    compare("", &settings_of(first), &settings_of(second), second, &mut found);
-    found
-}
-
-/// Adds what differs between two tables at `path` of a configuration. `config` is the configuration of `run`.
-fn compare(path: &str, preset: &Table, run: &Table, config: &Config, found: &mut Vec<String>) {
-    for (key, value) in run {
-        let key_path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-        match (preset.get(key), value) {
-            (Some(before), value) if before == value => {}
-            (Some(Value::Table(before)), Value::Table(value)) => compare(&key_path, before, value, config, found),
-            _ if key_path == "from" => found.push(from_text(config)),
-            _ if key_path == "stages" => found.push(stages_text(config)),
-            (_, value) => found.push(format!("{key_path} = {value}")),
-        }
-    }
-    for key in preset.keys().filter(|key| !run.contains_key(*key)) {
-        found.push(format!("{path}{}{key} unset", if path.is_empty() { "" } else { "." }));
-    }
+    let [first, of_second] = [first, second].map(|config| Value::Table(settings_of(config)));
+    let text = |Difference { path, now, .. }: Difference<'_>| match (path.as_str(), now) {
+        (_, None) => format!("{path} unset"),
+        ("from", _) => from_text(second),
+        ("stages", _) => stages_text(second),
+        (_, Some(value)) => format!("{path} = {value}"),
+    };
+    config::differences(&first, &of_second, Lists::Whole).into_iter().map(text).collect()
 }
 
 /// `begun with weights after 9 000 frames`

@@ -7,6 +7,8 @@ use std::fmt;
 pub enum Rule {
     /// No circle between the files of one crate.
     Circle,
+    /// No circle between the folders beside the root of one crate.
+    RoomCircle,
     /// No function over 80 lines without a stated reason.
     LongFunction,
     /// No file over 600 lines.
@@ -25,6 +27,7 @@ impl Rule {
     fn advice(self) -> &'static str {
         match self {
             Self::Circle => "move what both sides need into a file that uses neither",
+            Self::RoomCircle => "move a file into the room that needs it, or what both need into a third room",
             Self::LongFunction => "split it, or say above it `// Long because: ...`",
             Self::LongFile => "split it where its second idea begins",
             Self::DeadReference => "name the file that is there, or delete the reference",

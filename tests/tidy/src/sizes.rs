@@ -32,8 +32,12 @@ pub(crate) fn findings(tree: &Tree, sources: &Sources) -> Vec<Finding> {
         let mut measure = Measure { path, lines: &lines, found: &mut found };
         if let Some(file) = sources.get(path) {
             measure.visit_file(file);
-        } else if ending(path) == "py" {
-            measure.python();
+        } else {
+            match ending(path) {
+                "py" => measure.python(),
+                "c" | "cpp" | "cu" | "h" => measure.c(),
+                _ => {}
+            }
         }
     }
     found
@@ -65,6 +69,28 @@ impl Measure<'_> {
         }
     }
 
+    /// A function of C, C++ or CUDA, a lambda too: from its head, which ends in a brace, to the brace at the head's
+    /// indent. That holds for sources as clang-format lays them out; preprocessor lines are passed over.
+    fn c(&mut self) {
+        let indent = |line: &str| line.len() - line.trim_start().len();
+        for (index, line) in self.lines.iter().enumerate() {
+            if !line.trim_end().ends_with('{') || line.trim_start().starts_with('#') {
+                continue;
+            }
+            let goes_on = |line: &&str| {
+                let line = line.trim();
+                !line.is_empty() && !line.starts_with(['#', '/']) && !line.ends_with([';', '{', '}', ':'])
+            };
+            let first = index - self.lines[..index].iter().rev().take_while(|line| goes_on(line)).count();
+            let head = self.lines[first..=index].join(" ");
+            let Some(name) = name_in_c(&head) else { continue };
+            let depth = indent(self.lines[first]);
+            let ends = |line: &&str| line.trim_start().starts_with('}') && indent(line) == depth;
+            let Some(length) = self.lines[index + 1..].iter().position(ends) else { continue };
+            self.judge(name, first + 1, index + 2 + length);
+        }
+    }
+
     fn judge(&mut self, name: &str, first: usize, last: usize) {
         if last + 1 - first > FUNCTION_LINES && !self.has_reason(first) {
             self.found.push(Finding {
@@ -84,6 +110,20 @@ impl Measure<'_> {
         above
             .take_while(|line| line.starts_with("//") || line.starts_with('#'))
             .any(|line| reason(line).is_some_and(|reason| !reason.trim().is_empty()))
+    }
+}
+
+/// The name in a function's head: the last before the first parenthesis, but for attributes such as
+/// `__launch_bounds__`; `lambda` where there is none. Other blocks have no name.
+fn name_in_c(head: &str) -> Option<&str> {
+    let named =
+        |text: &str| text.rfind(|letter: char| !letter.is_alphanumeric() && letter != '_').map_or(0, |at| at + 1);
+    let mut names = head.match_indices('(').map(|(at, _)| head[..at].trim_end()).map(|text| &text[named(text)..]);
+    let name = names.find(|name| !name.starts_with("__"))?;
+    match name {
+        "if" | "for" | "while" | "switch" | "catch" => None,
+        "" => Some("lambda"),
+        name => Some(name),
     }
 }
 

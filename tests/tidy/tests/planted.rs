@@ -94,6 +94,31 @@ fn a_file_that_declares_and_has_code_of_its_own_is_part_of_a_circle() {
 }
 
 #[test]
+fn rooms_that_use_each_other_are_found_though_no_files_do() {
+    let wood = |uses: &str| {
+        let mut tree = clean();
+        tree.add("stock/src/lib.rs", "//! Stock.\npub mod price;\nmod shelf;\nmod wood;\npub use shelf::Shelf;\n");
+        tree.add("stock/src/shelf/mod.rs", "//! Shelves.\nmod board;\npub mod nail;\npub use board::Shelf;\n");
+        tree.add("stock/src/shelf/nail.rs", "//! Nails.\npub const NAIL: u32 = 1;\n");
+        tree.add("stock/src/shelf/board.rs", &BOARD.replace("Self(length)", "Self(crate::wood::plank::sawn(length))"));
+        tree.add("stock/src/wood/mod.rs", "//! Wood.\npub mod plank;\nmod saw;\n");
+        tree.add("stock/src/wood/plank.rs", "//! Planks.\npub fn sawn(length: u32) -> u32 { length }\n");
+        tree.add("stock/src/wood/saw.rs", &format!("//! Saws.\n{uses}"));
+        findings(&tree)
+    };
+    let found = wood("use crate::shelf::nail::NAIL;\nfn bent() -> u32 { NAIL }\n");
+    assert_eq!(found.len(), 1, "{found:#?}");
+    assert_eq!((found[0].rule, found[0].path.as_str()), (Rule::RoomCircle, "stock/src/shelf/board.rs"));
+    assert_eq!(found[0].what, "circle of rooms shelf -> wood -> shelf");
+    assert!(found[0].detail.contains("stock/src/wood/saw.rs:2 uses stock/src/shelf/nail.rs"), "{}", found[0].detail);
+    // The other direction alone is none, and tests may use anything.
+    let only_tests = "#[cfg(test)]\nuse crate::shelf::nail::NAIL;\n";
+    let rules = |uses| wood(uses).iter().map(|finding| finding.rule).collect::<Vec<_>>();
+    assert_eq!(rules("fn bent() -> u32 { 1 }\n"), [Rule::UnusedPub], "nobody uses the nail");
+    assert!(!rules(only_tests).contains(&Rule::RoomCircle));
+}
+
+#[test]
 fn a_function_of_ninety_lines_needs_a_reason() {
     let found = only("shop/src/till.rs", &long_function(""), Rule::LongFunction);
     assert_eq!((found.line, found.what.as_str()), (2, "`count` has more than 80 lines"));
@@ -105,6 +130,22 @@ fn a_function_of_ninety_lines_needs_a_reason() {
     assert_eq!((found.line, found.what.as_str()), (1, "`count` has more than 80 lines"));
     assert_eq!(planted("docs/plot.py", &python("", 78)), []);
     assert_eq!(planted("docs/plot.py", &python("# Long because: it is one table.\n", 79)), []);
+    let c = |above: &str, lines: usize| {
+        let body =
+            "    if (length) {\n        length--;\n    }\n".repeat(lines / 3) + &"    length--;\n".repeat(lines % 3);
+        format!(
+            "#include <x>\n\nnamespace {{\n{above}template <int N>\n__global__ void __launch_bounds__(256) saw(\n    int \
+             length) {{\n{body}}}\n\nvoid rest() {{\n    int a[] = {{\n        1,\n    }};\n}}\n}}\n",
+        )
+    };
+    for path in ["stock/src/saw.cu", "stock/src/saw.cpp", "stock/src/saw.c"] {
+        let found = only(path, &c("", 77), Rule::LongFunction);
+        assert_eq!((found.line, found.what.as_str()), (4, "`saw` has more than 80 lines"));
+        assert_eq!(planted(path, &c("", 76)), []);
+        assert_eq!(planted(path, &c("// Long because: it is one table.\n", 77)), []);
+    }
+    let method = format!("struct Saw {{\n    void cut() {{\n{}    }}\n}};\n", "        turn();\n".repeat(79));
+    assert_eq!(only("stock/src/saw.h", &method, Rule::LongFunction).what, "`cut` has more than 80 lines");
 }
 
 #[test]

@@ -4,7 +4,7 @@
 //! that has not moved since the camera stopped; what moves is drawn over it. That gives exactly the frame that a full
 //! redraw gives: of two surfaces the nearer one is seen, and rounding to millimetres keeps their order.
 
-use super::scene::pose_bits;
+use super::placed_bodies::pose_bits;
 use crate::kitchen::{Body, BodyRole};
 use rapier3d::math::Pose3;
 

@@ -3,9 +3,9 @@
 use super::backdrop::{Backdrop, Redraw, roles};
 use super::depth_buffer::DepthBuffer;
 use super::outline::Outline;
+use super::placed_bodies::{Form, PlacedBodies};
 use super::polyhedron::{Placed, PolyhedronBrush};
 use super::round::{RoundBrush, sphere};
-use super::scene::{Form, Scene};
 use super::simd::{LANES, Lanes};
 use super::view::{Lens, NEAR_M, View, meets_view};
 use crate::kitchen::{Body, BodyRole};
@@ -16,7 +16,7 @@ use std::mem::MaybeUninit;
 /// each call.
 #[derive(Debug, Clone)]
 pub struct DepthCamera {
-    scene: Scene,
+    placed: PlacedBodies,
     roles: Vec<BodyRole>,
     buffer: DepthBuffer,
     outline: Outline,
@@ -31,7 +31,7 @@ impl DepthCamera {
     /// A camera for these bodies.
     pub fn new(bodies: &[Body]) -> Self {
         Self {
-            scene: Scene::new(bodies),
+            placed: PlacedBodies::new(bodies),
             roles: roles(bodies),
             buffer: DepthBuffer::new(proto::camera::FRAME_SIDE),
             outline: Outline::default(),
@@ -44,7 +44,7 @@ impl DepthCamera {
 
     /// Triangles of all bodies at their finest ([`crate::mesh::triangles_of`]).
     pub fn triangles(&self) -> usize {
-        (0..self.scene.body_count()).map(|body| self.scene.triangles(body)).sum()
+        (0..self.placed.body_count()).map(|body| self.placed.triangles(body)).sum()
     }
 
     /// Triangles of the view set of the last image: all bodies of which a part met the view volume, whole, at their
@@ -119,26 +119,26 @@ impl DepthCamera {
         if self.buffer.side() != side {
             self.buffer = DepthBuffer::new(side);
         }
-        self.scene.place(world_from_bodies);
+        self.placed.place(world_from_bodies);
         View::new(Lens::of(side), world_from_camera)
     }
 
     /// Draws those bodies in view that are `wanted`; returns how many triangles they have at their finest.
     fn draw(&mut self, view: &View, wanted: impl Fn(usize) -> bool) -> usize {
         self.find_in_view(view);
-        let Self { scene, buffer, outline, polyhedra, rounds, in_view, .. } = self;
+        let Self { placed, buffer, outline, polyhedra, rounds, in_view, .. } = self;
         let mut triangles = 0;
         let mut last_body = u32::MAX;
         for &(index, centre) in &*in_view {
-            let part = &scene.parts[index as usize];
+            let part = &placed.parts[index as usize];
             if !wanted(part.body as usize) {
                 continue;
             }
             if part.body != last_body {
                 last_body = part.body;
-                triangles += scene.triangles(part.body as usize);
+                triangles += placed.triangles(part.body as usize);
             }
-            let model = &scene.models[part.model as usize];
+            let model = &placed.models[part.model as usize];
             let axis = || view.camera_from_world.vector(part.world_from_part.rotation.map(|row| row[1]));
             match model.form {
                 Form::Cuboid | Form::Polyhedron => {
@@ -146,8 +146,8 @@ impl DepthCamera {
                         mesh: &model.mesh,
                         edges: model.edges.as_deref(),
                         is_cuboid: matches!(model.form, Form::Cuboid),
-                        vertices: &scene.vertices[part.vertices.clone()],
-                        half_spaces: &scene.half_spaces[part.half_spaces.clone()],
+                        vertices: &placed.vertices[part.vertices.clone()],
+                        half_spaces: &placed.half_spaces[part.half_spaces.clone()],
                         world_from_part: &part.world_from_part,
                     };
                     polyhedra.draw(buffer, outline, view, &placed);
@@ -174,7 +174,7 @@ impl DepthCamera {
     /// Lists the parts whose bounds meet the view volume.
     fn find_in_view(&mut self, view: &View) {
         self.in_view.clear();
-        for (block, spheres) in self.scene.bounds.iter().enumerate() {
+        for (block, spheres) in self.placed.bounds.iter().enumerate() {
             let centre = view.points(spheres.centre.load());
             let mut bits = meets_view(centre, Lanes::load(&spheres.radius_m));
             if bits != 0 {

@@ -1,7 +1,7 @@
 //! The depth camera: a software rasteriser for unions of parts, convex ones above all.
 //!
 //! ```text
-//! scene         all parts placed in the world, side by side for the vector unit
+//! placed_bodies all parts placed in the world, side by side for the vector unit
 //! view          projection, near plane and view volume
 //! centres       which pixel's centre comes first
 //! outline       which pixels of a row a convex figure covers
@@ -39,9 +39,9 @@ mod camera;
 mod centres;
 mod depth_buffer;
 mod outline;
+mod placed_bodies;
 mod polyhedron;
 mod round;
-mod scene;
 mod simd;
 mod surface;
 #[cfg(test)]

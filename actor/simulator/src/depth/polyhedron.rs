@@ -3,7 +3,7 @@
 
 use super::depth_buffer::{Corner, DepthBuffer, Extent, rectangle};
 use super::outline::{Corners, Outline};
-use super::scene::{HalfSpaces, Points};
+use super::placed_bodies::{HalfSpaces, Points};
 use super::simd::{LANES, Lanes, Mask};
 use super::surface::{ManyPlanes, Plane, Planes};
 use super::view::{LEAST_HEIGHT_M, Lens, NEAR_M, Rigid, TAN_HALF_FIELD_OF_VIEW, View, clip_near, dot};

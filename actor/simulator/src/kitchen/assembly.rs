@@ -6,8 +6,8 @@ use super::reach::Reach;
 use super::room::{Room, Surface, Thing};
 use super::settled::{Kitchen, Matter, Target};
 use super::spots::{self, Stands};
+use crate::physics::fixed_scene::FixedScene;
 use crate::physics::geometry::Solid;
-use crate::physics::scene::Scene;
 use crate::physics::things::Things;
 use crate::physics::world::World;
 use crate::robot::links::{LINK_NAMES, PART_COUNT, part_shapes};
@@ -79,7 +79,7 @@ pub enum Flaw {
 /// A room whose things have come to rest.
 struct Rested {
     world: World,
-    scene: Scene,
+    scene: FixedScene,
     bodies: Vec<Body>,
     static_count: usize,
     poses: Vec<Pose3>,
@@ -163,7 +163,7 @@ impl Rested {
     /// Sets everything down and waits until it sleeps. The error is what did not stay, or does not come to rest.
     fn of(room: Room, timestep_s: f32) -> Result<Self, Vec<Flaw>> {
         let Room { fixtures, things, surfaces, floor } = room;
-        let mut scene = Scene::default();
+        let mut scene = FixedScene::default();
         let mut world = World::new(timestep_s);
         let mut bodies = Vec::new();
         let mut poses = Vec::new();

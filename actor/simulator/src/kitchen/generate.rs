@@ -7,8 +7,8 @@ use super::overlap::overlaps;
 use super::room::Room;
 use super::settled::Kitchen;
 use super::{ithor, placement, quota};
+use crate::physics::fixed_scene::FixedScene;
 use crate::physics::geometry::Solid;
-use crate::physics::scene::Scene;
 use proto::config::SimulationConfig;
 use proto::kitchen::{KitchenId, Split, TargetCategory};
 use proto::random::{Key, Purpose};
@@ -66,7 +66,7 @@ pub fn draw_room(id: KitchenId, attempt: u32) -> Result<DrawnRoom, String> {
     };
     let mut random = key.stream();
     let fitted = FittedRoom::draw(id, &mut random).map_err(|what| format!("a place for {what}"))?;
-    let mut scene = Scene::default();
+    let mut scene = FixedScene::default();
     for fixture in &fitted.fixtures {
         scene.add(&Solid::of(&fixture.shape), &fixture.pose);
     }

@@ -11,8 +11,8 @@ use super::layout::floor_plan::Rectangle;
 use super::layout::{FittedRoom, Seat, Worktop, WorktopKind};
 use super::quota;
 use super::room::Thing;
+use crate::physics::fixed_scene::FixedScene;
 use crate::physics::geometry::{Solid, rotation_y};
-use crate::physics::scene::Scene;
 use proto::kitchen::KitchenId;
 use proto::random::Random;
 use rapier3d::geometry::Aabb;
@@ -34,7 +34,7 @@ struct Site {
 /// The kitchen as it fills.
 struct Furnishing<'a> {
     layout: &'a FittedRoom,
-    scene: &'a Scene,
+    scene: &'a FixedScene,
     sites: Vec<Site>,
     things: Vec<Thing>,
     /// Bounding boxes of what is there.
@@ -51,7 +51,7 @@ struct Furnishing<'a> {
 pub fn place(
     kitchen: KitchenId,
     layout: &FittedRoom,
-    scene: &Scene,
+    scene: &FixedScene,
     random: &mut Random,
 ) -> Result<Vec<Thing>, &'static str> {
     let mut furnishing = Furnishing::new(layout, scene);
@@ -83,7 +83,7 @@ fn extras(random: &mut Random) -> Vec<usize> {
 }
 
 impl<'a> Furnishing<'a> {
-    fn new(layout: &'a FittedRoom, scene: &'a Scene) -> Self {
+    fn new(layout: &'a FittedRoom, scene: &'a FixedScene) -> Self {
         let sites = layout
             .worktops
             .iter()

@@ -1,8 +1,8 @@
 //! Which places the robot can reach. The test is whether the arm fits there without touching anything fixed, not the
 //! distance from free floor: a bar above a counter, a wall behind it or a shelf above a shelf can block a near place.
 
+use crate::physics::fixed_scene::FixedScene;
 use crate::physics::geometry::Solid;
-use crate::physics::scene::Scene;
 use crate::robot::configuration::{ARM_HEIGHT_MAX_M, ARM_HEIGHT_MIN_M, Posture, TURN_RAD};
 use crate::robot::dimensions::{ARM_BASE_AHEAD_M, REACH_M};
 use crate::robot::links::{PART_COUNT, part_poses};
@@ -29,7 +29,7 @@ const DIRECTIONS: usize = 8;
 /// The robot on a floor among what is fixed.
 pub struct Reach<'a> {
     floor: &'a [(f32, f32)],
-    scene: &'a Scene,
+    scene: &'a FixedScene,
     parts: &'a [Solid; PART_COUNT],
     /// Yaw of each direction, its sine and its cosine.
     directions: [(f32, f32, f32); DIRECTIONS],
@@ -37,7 +37,7 @@ pub struct Reach<'a> {
 
 impl<'a> Reach<'a> {
     /// `floor` are the positions (x, z) at which the body can stand, metres, `parts` the robot's collision bodies.
-    pub fn new(floor: &'a [(f32, f32)], scene: &'a Scene, parts: &'a [Solid; PART_COUNT]) -> Self {
+    pub fn new(floor: &'a [(f32, f32)], scene: &'a FixedScene, parts: &'a [Solid; PART_COUNT]) -> Self {
         let directions = std::array::from_fn(|turns| {
             let yaw_rad = turns as f32 * TURN_RAD;
             let (sin, cos) = libm::sincosf(yaw_rad);
@@ -110,8 +110,8 @@ mod tests {
     use rapier3d::math::Pose3;
 
     /// A counter of 0.6 m depth along x, its front at z = 0, its top at 0.9 m, and free floor before it.
-    fn kitchen(more: &[(Vec3, Vec3)]) -> (Scene, Vec<(f32, f32)>) {
-        let mut scene = Scene::default();
+    fn kitchen(more: &[(Vec3, Vec3)]) -> (FixedScene, Vec<(f32, f32)>) {
+        let mut scene = FixedScene::default();
         let counter = (Vec3::new(-2.0, 0.0, 0.0), Vec3::new(2.0, 0.9, 0.6));
         for (low, high) in std::iter::once(&counter).chain(more) {
             let solid = Solid::of(&Shape::of(Primitive::Cuboid { half_extents_m: 0.5 * (*high - *low) }));

@@ -6,8 +6,8 @@ use super::layout::Plan;
 use super::layout::floor_plan::Rectangle;
 use super::room::Surface;
 use super::spots::Stand;
+use crate::physics::fixed_scene::FixedScene;
 use crate::physics::geometry::Solid;
-use crate::physics::scene::Scene;
 use crate::physics::things::Things;
 use crate::physics::world::World;
 use crate::robot::links::PART_COUNT;
@@ -26,7 +26,7 @@ pub struct Kitchen {
     pub(super) static_count: usize,
     pub(super) settled_poses: Vec<Pose3>,
     pub(crate) world: World,
-    pub(crate) scene: Scene,
+    pub(crate) scene: FixedScene,
     pub(crate) movables: Vec<RigidBodyHandle>,
     pub(crate) solids: Vec<Solid>,
     pub(crate) things: Things,

@@ -3,9 +3,9 @@
 use super::placement::DROP_M;
 use super::reach::Reach;
 use super::room::Surface;
+use crate::physics::fixed_scene::FixedScene;
 use crate::physics::gap::gap_m;
 use crate::physics::geometry::Solid;
-use crate::physics::scene::Scene;
 use crate::robot::configuration::Configuration;
 use crate::robot::dimensions::{BODY_HEIGHT_M, BODY_RADIUS_M};
 use crate::robot::links::{PART_COUNT, part_poses};
@@ -49,7 +49,7 @@ pub struct Stands {
 }
 
 /// Finds where on the floor the robot can stand.
-pub fn stands(floor: (Vec3, Vec3), scene: &Scene, movables: &[Aabb], parts: &[Solid; PART_COUNT]) -> Stands {
+pub fn stands(floor: (Vec3, Vec3), scene: &FixedScene, movables: &[Aabb], parts: &[Solid; PART_COUNT]) -> Stands {
     let (low, high) = floor;
     let columns = ((high.x - low.x) / FLOOR_GRID_M) as usize;
     let rows = ((high.z - low.z) / FLOOR_GRID_M) as usize;
@@ -158,7 +158,7 @@ pub(crate) fn reachable_points<'a>(surfaces: &'a [Surface], reach: &Reach) -> Ve
 pub fn target_spots(
     solid: &Solid,
     points: &[(&Surface, Vec3)],
-    scene: &Scene,
+    scene: &FixedScene,
     others: &[(&Solid, &Pose3)],
 ) -> Vec<Vec3> {
     let about_origin = solid.aabb(&Pose3::identity());

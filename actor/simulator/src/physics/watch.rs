@@ -1,7 +1,7 @@
 //! Extremes of the physics, checked at every sub-step: speed, penetration, distance outside the room.
 
+use super::fixed_scene::FixedScene;
 use super::geometry::Solid;
-use super::scene::Scene;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
 use rapier3d::parry::bounding_volume::BoundingVolume;
@@ -63,7 +63,7 @@ impl Watch {
     }
 
     /// A thing after a sub-step, which it spent awake, among what is fixed.
-    pub(crate) fn note(&mut self, fixed: &Scene, thing: usize, solid: &Solid, pose: &Pose3, velocity: Vec3) {
+    pub(crate) fn note(&mut self, fixed: &FixedScene, thing: usize, solid: &Solid, pose: &Pose3, velocity: Vec3) {
         let position = pose.translation;
         if !(position.is_finite() && pose.rotation.is_finite() && velocity.is_finite()) {
             self.extremes.not_finite += 1;

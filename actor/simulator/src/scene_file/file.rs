@@ -2,7 +2,7 @@
 
 use super::likeness::nearest;
 use super::problem::{ENTRIES_MOST, Problem};
-use crate::gltf::solid::Convex;
+use crate::gltf_file::solid::Convex;
 use proto::bounded;
 use serde::{Deserialize, Serialize};
 use std::path::{Component, Path, PathBuf};
@@ -15,13 +15,13 @@ pub struct SceneFile {
     pub gltf: String,
     /// What its nodes are. A node takes the first entry that fits its name.
     #[serde(rename = "node")]
-    pub nodes: Vec<Entry>,
+    pub nodes: Vec<NodeEntry>,
 }
 
 /// What the nodes of one name, or of one pattern, are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Entry {
+pub struct NodeEntry {
     /// Name of the node; `*` stands for any characters, `?` for one.
     pub name: String,
     /// What it is.

@@ -38,7 +38,7 @@
 //! ```
 //!
 //! A node that an entry names is one body, together with the nodes below it that no entry names. Each primitive of its
-//! meshes is one part ([`crate::gltf::solid`]). Metres, y up; the axes are glTF's ([`crate::gltf`]).
+//! meshes is one part ([`crate::gltf_file::solid`]). Metres, y up; the axes are glTF's ([`crate::gltf_file`]).
 //! `actor kitchens categories` lists the categories.
 //!
 //! Physics takes convex parts only, so a mesh with a dent is an error unless its entry says what to do:
@@ -58,8 +58,8 @@ mod read;
 mod roles;
 pub mod tops;
 
-pub use crate::gltf::solid::Convex;
-pub use file::{Entry, Role, SceneFile};
+pub use crate::gltf_file::solid::Convex;
+pub use file::{NodeEntry, Role, SceneFile};
 pub use problem::{Problem, SceneError, Size};
 pub use read::{Scene, load, name_of, read};
 pub use tops::NoTop;

@@ -1,8 +1,8 @@
 //! Everything that can be wrong with a scene, in words that say what to do.
 
 use super::tops::NoTop;
-use crate::gltf::document::DocumentError;
-use crate::gltf::no_solid::NoSolid;
+use crate::gltf_file::document::DocumentError;
+use crate::gltf_file::no_solid::NoSolid;
 use crate::kitchen::room::MOVABLE_MASS_MAX_KG;
 use proto::kitchen::TargetCategory;
 use rapier3d::math::Vec3;

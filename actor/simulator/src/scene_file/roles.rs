@@ -1,9 +1,9 @@
 //! Which node is what: entries and nodes brought together.
 
-use super::file::{Entry, Role, SceneFile};
+use super::file::{NodeEntry, Role, SceneFile};
 use super::likeness::{likeness, nearest};
 use super::problem::Problem;
-use crate::gltf::document::Document;
+use crate::gltf_file::document::Document;
 use crate::kitchen::catalogue::CATEGORIES;
 use proto::kitchen::TargetCategory;
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ const NEARLY: f64 = 0.88;
 #[derive(Debug)]
 pub struct Body<'a> {
     /// What it is.
-    pub entry: &'a Entry,
+    pub entry: &'a NodeEntry,
     /// The node that the entry names.
     pub node: usize,
     /// That node and those below it that belong to it.
@@ -93,7 +93,7 @@ pub fn check_targets(file: &SceneFile, bodies: &[Body<'_>], document: &Document,
         }
     }
     let is_target = |name: &str| TargetCategory::ALL.iter().any(|target| target.name() == name);
-    let meant = |entry: &Entry| {
+    let meant = |entry: &NodeEntry| {
         let category = entry.category.as_deref().unwrap_or_else(|| without_number(&entry.name));
         entry.role == Role::Movable && is_target(category)
     };
@@ -126,7 +126,7 @@ pub fn check_floor_and_surfaces(file: &SceneFile, bodies: &[Body<'_>], problems:
 }
 
 /// What is wrong with an entry as far as the entry alone can tell.
-fn judge(entry: &Entry, node: &str, problems: &mut Vec<Problem>) {
+fn judge(entry: &NodeEntry, node: &str, problems: &mut Vec<Problem>) {
     if entry.role != Role::Movable && (entry.mass_kg.is_some() || entry.friction.is_some()) {
         problems.push(Problem::NotMovable { node: node.to_owned() });
     }

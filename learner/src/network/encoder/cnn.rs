@@ -1,7 +1,7 @@
 //! The original baseline's encoder: three convolutions without padding (`docs/method.md`, Network). No rectifier
 //! follows the third, as in the reference.
 
-use super::visual::{Entry, PATH, VisualEncoder, visual_linear};
+use super::visual::{EncoderEntry, PATH, VisualEncoder, visual_linear};
 use crate::network::layers::{Convolution, Linear};
 use crate::network::parameters::{Layout, Parameters};
 use proto::config::Encoder;
@@ -11,7 +11,7 @@ use tch::Tensor;
 const LINEAR: &str = "visual_encoder.cnn.6";
 
 /// Its line in the registry.
-pub(crate) const ENTRY: Entry = Entry {
+pub(crate) const ENTRY: EncoderEntry = EncoderEntry {
     encoder: Encoder::Cnn,
     linear: LINEAR,
     features,

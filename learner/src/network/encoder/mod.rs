@@ -5,18 +5,18 @@ mod cnn;
 mod resnet;
 mod visual;
 
-pub(crate) use visual::{Backward, Entry, VISUAL, VisualEncoder};
+pub(crate) use visual::{Backward, EncoderEntry, VISUAL, VisualEncoder};
 
 use proto::config::Encoder;
 
 /// Every encoder.
-pub(crate) const ENCODERS: [Entry; 2] = [resnet::ENTRY, cnn::ENTRY];
+pub(crate) const ENCODERS: [EncoderEntry; 2] = [resnet::ENTRY, cnn::ENTRY];
 
 /// The encoder that the configuration names.
 ///
 /// # Panics
 /// If it has no line in [`ENCODERS`].
-pub(crate) fn entry(encoder: Encoder) -> Entry {
+pub(crate) fn entry(encoder: Encoder) -> EncoderEntry {
     let found = ENCODERS.into_iter().find(|entry| entry.encoder == encoder);
     found.unwrap_or_else(|| panic!("{encoder:?} has no line in ENCODERS"))
 }
@@ -28,7 +28,7 @@ mod tests {
     #[test]
     fn every_encoder_of_the_configuration_has_a_line() {
         for encoder in [Encoder::Resnet, Encoder::Cnn] {
-            // Without an arm for all others: a new variant compiles only when it stands here and in the list above.
+            // Without an arm for all others: a new variant compiles only when it is here and in the list above.
             let expected = match encoder {
                 Encoder::Resnet | Encoder::Cnn => 1,
             };

@@ -58,7 +58,7 @@ pub(crate) trait VisualEncoder: fmt::Debug {
 
 /// An encoder's line in the registry.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Entry {
+pub(crate) struct EncoderEntry {
     /// The configuration's name for it.
     pub encoder: config::Encoder,
     /// Its last layer, which no other encoder has.

@@ -1,4 +1,4 @@
-//! The recorder as the orchestrator holds it: started, told, and finished.
+//! The recorder's handle in the orchestrator: it starts the recorder, sends it notes, and finishes it.
 
 use super::note::{Note, RecorderError, RecorderSetup, RecordingSummary, START_DEADLINE, now_ns};
 use super::scribe::RolloutMetrics;
@@ -39,7 +39,7 @@ impl Recorder {
                 .spawn(move || {
                     let result = tap::run(&setup, &inbox, &bell, &failure, &ready);
                     if let Err(error) = &result {
-                        // The first reason stands.
+                        // The first reason is kept.
                         let _ = failure.set(error.to_string());
                     }
                     result

@@ -1,8 +1,8 @@
-//! The index of an MCAP file that still grows: what stands at the end of a complete file, known after every write.
+//! The index of an MCAP file that still grows: the end of a complete file, available after every write.
 //!
 //! [`Index::note`] reads the records as they are written; [`Index::tail`] is the end of the file as it is now: end of
-//! the data, schemas, channels, counts, where each chunk lies, footer, magic bytes. (`mcap`'s writer makes a tail too,
-//! but only once, when it is finished.)
+//! the data, schemas, channels, counts, the offset of each chunk, footer, magic bytes. (`mcap`'s writer makes a tail
+//! too, but only once, when it is finished.)
 
 use mcap::records::{AttachmentHeader, Record, op};
 use mcap::{MAGIC, McapError, parse_record};
@@ -11,10 +11,10 @@ use std::collections::BTreeMap;
 /// Opcode and length of a record, bytes.
 const RECORD_HEAD_BYTES: usize = 9;
 
-/// What the records so far say about where everything is.
+/// Offsets and counts of the records so far.
 #[derive(Debug, Default)]
 pub struct Index {
-    /// Schema and channel records as they stand in a file's summary.
+    /// Schema and channel records as a file's summary holds them.
     described: Vec<u8>,
     schemas: u16,
     channels: u32,
@@ -31,7 +31,7 @@ pub struct Index {
     times_ns: Option<(u64, u64)>,
 }
 
-/// Where a chunk lies and what is in it.
+/// A chunk's offset and its contents.
 #[derive(Debug)]
 struct Chunk {
     offset: u64,
@@ -136,7 +136,7 @@ impl Index {
     /// The end of a file whose data ends at `data_end`.
     pub fn tail(&self, data_end: u64) -> Vec<u8> {
         let mut tail = Vec::new();
-        // 0 stands for a checksum that was not calculated.
+        // 0 means that no checksum was calculated.
         put(&mut tail, op::DATA_END, &0u32.to_le_bytes());
         let summary_start = data_end + tail.len() as u64;
         tail.extend_from_slice(&self.described);

@@ -16,7 +16,7 @@ use std::rc::Rc;
 /// A new file that counts the bytes of data it is given.
 pub struct LiveFile {
     file: File,
-    /// Shared with who knows the schemas and channels: in the file they lie in compressed chunks.
+    /// Shared with the writer of schemas and channels: the file holds them in compressed chunks.
     index: Rc<RefCell<Index>>,
     /// Data that is not in the file yet.
     pending: Vec<u8>,

@@ -1,4 +1,4 @@
-//! What the orchestrator and the recorder's thread say to each other.
+//! Messages between the orchestrator and the recorder's thread.
 
 use super::scribe::RolloutMetrics;
 use super::segment::SegmentError;
@@ -64,7 +64,7 @@ pub enum RecorderError {
     #[error("the recorder did not start within {} s", START_DEADLINE.as_secs())]
     Slow,
     /// The thread is gone.
-    #[error("the recorder's thread ended unexpectedly; its last words are in the log")]
+    #[error("the recorder's thread ended unexpectedly; its last messages are in the log")]
     Died,
     /// Recording ended with a failure some time ago.
     #[error("{0}")]

@@ -93,7 +93,7 @@ struct Environment {
     /// What the goal sensor reads in that observation.
     goal: Option<Goal>,
     /// Transition that was last accounted for: learner incarnation, episode, step. An actor that is restarted during a
-    /// HOLD knows nothing of the HOLD and sends the action before it again, as the next exchange.
+    /// HOLD has no record of the HOLD and sends the action before it again, as the next exchange.
     taken: Option<(u32, u32, u32)>,
     returns: Option<Returns>,
     /// What is held back of the episode in progress, where only failures are wanted.

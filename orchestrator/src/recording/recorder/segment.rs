@@ -23,7 +23,7 @@ use std::rc::Rc;
 
 /// Name of the attachment that holds the effective configuration.
 pub const CONFIG_ATTACHMENT: &str = "config.toml";
-/// Name of the metadata record that says which run this is.
+/// Name of the metadata record that identifies the run.
 pub const IDENTITY_METADATA: &str = "stillroom";
 /// Keys of that record.
 pub mod identity {
@@ -58,8 +58,7 @@ pub struct SegmentError {
     pub cause: McapError,
 }
 
-/// Why nothing can be written: the writer says of any error of the file system only that there was one, and the user
-/// needs to read which.
+/// Why nothing can be written. The writer reports any error of the file system without its cause, which the user needs.
 pub fn in_words(cause: &McapError) -> String {
     match cause {
         McapError::Io(cause) if cause.kind() == ErrorKind::StorageFull => format!("the disk is full ({cause})"),

@@ -16,8 +16,8 @@ const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
 const QUIET: Duration = Duration::from_millis(20);
 const DRAIN_DEADLINE: Duration = Duration::from_secs(5);
 
-/// Runs until told to finish. `bell` rings when there are notes. Sends on `ready` once the subscriber exists; an error
-/// before that is returned.
+/// Runs until a note asks it to finish. `bell` rings when there are notes. Sends on `ready` once the subscriber exists;
+/// an error before that is returned.
 pub fn run(
     setup: &RecorderSetup,
     notes: &Receiver<(u64, Note)>,
@@ -88,7 +88,7 @@ fn drain(subscribers: &[ObservationSubscriber], desk: &mut Desk<'_>) -> Result<u
     Ok(taken)
 }
 
-/// Where samples and notes arrive; knows what is news and whether writing still works.
+/// Where samples and notes arrive; it passes on new ones while writing still works.
 struct Desk<'a> {
     /// None after a failed write.
     scribe: Option<Scribe>,
@@ -134,7 +134,7 @@ impl<'a> Desk<'a> {
             Verdict::Alien => {
                 self.aliens += 1;
                 if self.aliens == 1 {
-                    tracing::warn!(?header, "recorder: a sample that fits no actor of this run; such are left out");
+                    tracing::warn!(?header, "recorder: left out a sample that fits no actor of this run");
                 }
                 return;
             }

@@ -90,7 +90,7 @@ fn position(exchange: u64) -> (u32, u32) {
     ((exchange / steps) as u32, (exchange % steps) as u32)
 }
 
-/// An actor that sends what it is told to.
+/// An actor that sends what a test asks for.
 pub struct FakeActor {
     publisher: ObservationPublisher,
     bell: Bell,

@@ -14,23 +14,17 @@ use mcap::records::Record;
 use proptest::prelude::*;
 use prost::Message;
 use proto::config::Config;
-use proto::evaluation::EvaluationConfig;
-use proto::evaluation::ObjectSet;
-use proto::event::LearnerEvent;
-use proto::event::Timing;
+use proto::evaluation::{EvaluationConfig, ObjectSet};
+use proto::event::{LearnerEvent, Timing};
 use proto::kitchen::Split;
 use proto::metric;
 use proto::run_folder::RunFolder;
 use proto::shares::Shares;
-use proto::step::current_flag;
-use proto::step::transition_flag;
+use proto::step::{current_flag, transition_flag};
 use std::collections::{BTreeMap, HashMap};
-use std::path::Path;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
-use wire::WireAddress;
-use wire::WireHost;
-use wire::WireShape;
+use wire::{WireAddress, WireHost, WireShape};
 
 /// Two actors of a learner each.
 fn shape() -> WireShape {

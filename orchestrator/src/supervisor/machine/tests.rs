@@ -12,10 +12,8 @@ use proto::exit::{EXIT_NON_FINITE, EXIT_UNSAVED};
 use proto::kitchen::KitchenId;
 use proto::reward::RewardKind;
 use proto::stage::{RolloutShape, position_at};
-use std::collections::BTreeMap;
-use std::collections::BTreeSet;
-use wire::message::StageAnnouncement;
-use wire::message::directive;
+use std::collections::{BTreeMap, BTreeSet};
+use wire::message::{StageAnnouncement, directive};
 
 /// Rank 0, which speaks for all learners.
 const LEARNER: Process = Process::Learner(0);
@@ -357,7 +355,7 @@ proptest! {
         let outcome = world.outcome.clone();
         prop_assert!(outcome.is_some(), "no end; {:?}", world.reports.last());
         prop_assert!(world.supervisor.is_over());
-        if let Some(Outcome { end: End::Complete, saved }) = outcome {
+        if let Some(Outcome { end: SessionEnd::Complete, saved }) = outcome {
             prop_assert_eq!(saved.map(|saved| saved.frames), Some(833));
             let last = world.switches.last().expect("it trained in both stages");
             prop_assert_eq!((last.to, last.frames), (1, 500));

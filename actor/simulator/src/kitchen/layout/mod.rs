@@ -27,15 +27,14 @@ mod run;
 mod shell;
 mod wall;
 
-use super::ithor;
-use super::quota;
 use super::room::{Fixture, Surface};
+use super::{ithor, quota};
 use draft::{Draft, Style};
 pub use draft::{Seat, Worktop, WorktopKind};
 use floor_plan::{FloorPlan, Rectangle, WORKING_DEPTH_M};
 use frame::{Assembly, Frame, Span};
 pub use plan::Plan;
-use plan::{Order, Programme, Shelves};
+use plan::{Order, RoomBrief, Shelves};
 use proto::kitchen::KitchenId;
 use proto::random::Random;
 use rapier3d::math::Vec3;
@@ -97,8 +96,8 @@ pub struct FittedRoom {
 impl FittedRoom {
     /// Lays a kitchen out. The error is what found no place.
     pub fn draw(kitchen: KitchenId, random: &mut Random) -> Result<Self, &'static str> {
-        let programme = Programme::of(kitchen);
-        let walls = walls(&programme, random);
+        let brief = RoomBrief::of(kitchen);
+        let walls = walls(&brief, random);
         let style = Style::draw(random);
         let (share, mean) = ithor::share_and_mean("Drawer");
         let few_more = random.below(5);
@@ -121,19 +120,19 @@ impl FittedRoom {
             drawers,
             burner_count: quota::count(kitchen, "StoveBurner", 1.0, ithor::share_and_mean("StoveBurner").1),
         };
-        draft.lay_out(kitchen, &programme)?;
-        Ok(draft.finish(&programme))
+        draft.lay_out(kitchen, &brief)?;
+        Ok(draft.finish(&brief))
     }
 }
 
 /// The four walls: the main one, the one at its beginning, the one at its end, the one that faces it. Which way the
 /// room is turned and whether it is mirrored is drawn.
-fn walls(programme: &Programme, random: &mut Random) -> [Wall; 4] {
-    let [x, z] = programme.size_m;
-    let (length, depth) = if programme.main_along_x { (x, z) } else { (z, x) };
+fn walls(brief: &RoomBrief, random: &mut Random) -> [Wall; 4] {
+    let [x, z] = brief.size_m;
+    let (length, depth) = if brief.main_along_x { (x, z) } else { (z, x) };
     let mut sign = || if random.uniform() < 0.5 { -1.0 } else { 1.0 };
     let (side, mirror) = (sign(), sign());
-    let (axis_along, axis_out) = if programme.main_along_x { (Vec3::X, Vec3::Z) } else { (Vec3::Z, Vec3::X) };
+    let (axis_along, axis_out) = if brief.main_along_x { (Vec3::X, Vec3::Z) } else { (Vec3::Z, Vec3::X) };
     let (along, out) = (mirror * axis_along, -side * axis_out);
     let main = Frame { origin: -0.5 * (length * along + depth * out), along, out };
     let left = Frame { origin: main.origin, along: out, out: along };
@@ -150,18 +149,18 @@ struct AtWall {
 }
 
 impl Draft<'_> {
-    fn lay_out(&mut self, kitchen: KitchenId, programme: &Programme) -> Result<(), &'static str> {
-        let runs = self.runs(programme)?;
+    fn lay_out(&mut self, kitchen: KitchenId, brief: &RoomBrief) -> Result<(), &'static str> {
+        let runs = self.runs(brief)?;
         self.before_door = self.doorway().ok_or("the door")?;
         self.windows(kitchen, &runs);
-        self.above(kitchen, programme.shelves == Shelves::OnWall, &runs);
-        for _ in 0..programme.tables {
+        self.above(kitchen, brief.shelves == Shelves::OnWall, &runs);
+        for _ in 0..brief.tables {
             // A second table is welcome; without the first one chairs have no place.
             if self.dining_table().is_none() && self.seats.iter().all(|seat| seat.at_counter) {
                 return Err("the dining table");
             }
         }
-        if programme.shelves == Shelves::Unit {
+        if brief.shelves == Shelves::Unit {
             self.shelving_unit(3).ok_or("the shelving unit")?;
         }
         if quota::among(kitchen, "SideTable", ithor::share_and_mean("SideTable").0) {
@@ -177,11 +176,11 @@ impl Draft<'_> {
     }
 
     /// Builds all runs, island and peninsula included; returns those at walls.
-    fn runs(&mut self, programme: &Programme) -> Result<Vec<AtWall>, &'static str> {
+    fn runs(&mut self, brief: &RoomBrief) -> Result<Vec<AtWall>, &'static str> {
         let (length, depth) = (self.walls[0].length_m, self.walls[1].length_m);
         let side_m = (depth - COUNTER_DEPTH_M - SIDE_END_M).min(SIDE_LONGEST_M);
-        let order = Order::of(programme.plan, side_m);
-        let main_m = match programme.plan {
+        let order = Order::of(brief.plan, side_m);
+        let main_m = match brief.plan {
             Plan::You => length,
             Plan::Peninsula => (length - 1.35).min(MAIN_LONGEST_M),
             _ if length - MAIN_LONGEST_M < GAP_LEAST_M => length,
@@ -212,7 +211,7 @@ impl Draft<'_> {
                 self.walls[wall].taken.push([depth - COUNTER_DEPTH_M - 0.15, depth]);
             }
         }
-        match programme.plan {
+        match brief.plan {
             Plan::Island => self.island(main_m, length),
             Plan::Peninsula => self.peninsula(main_m, depth, main_tops[1]),
             _ => {}
@@ -395,7 +394,7 @@ impl Draft<'_> {
     }
 
     /// The room, with the shell before all else.
-    fn finish(mut self, programme: &Programme) -> FittedRoom {
+    fn finish(mut self, brief: &RoomBrief) -> FittedRoom {
         for top in std::mem::take(&mut self.tops) {
             self.fix("CounterTop", top);
         }
@@ -412,13 +411,13 @@ impl Draft<'_> {
             })
             .collect();
         FittedRoom {
-            plan: programme.plan,
+            plan: brief.plan,
             fixtures,
             worktops: self.worktops,
             floor,
             seats: self.seats,
-            chairs: programme.chairs,
-            stools: programme.stools,
+            chairs: brief.chairs,
+            stools: brief.stools,
             burners: self.burners,
             sink: self.sink.unwrap_or(Vec3::ZERO),
             free_walls,

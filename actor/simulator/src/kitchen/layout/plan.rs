@@ -1,8 +1,7 @@
 //! Plans: how large a kitchen is, which walls carry runs of counters, and in which order units stand in them.
 
 use super::run::{Slot, Unit};
-use crate::kitchen::ithor;
-use crate::kitchen::quota;
+use crate::kitchen::{ithor, quota};
 use proto::kitchen::KitchenId;
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -26,7 +25,7 @@ pub enum Plan {
 
 /// Size, plan and furniture of a kitchen, before anything is put anywhere.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Programme {
+pub(super) struct RoomBrief {
     /// How the runs lie.
     pub plan: Plan,
     /// Inner size of the room along the world's x and z, metres.
@@ -95,16 +94,16 @@ impl Plan {
     }
 }
 
-impl Programme {
+impl RoomBrief {
     /// What this kitchen is to be.
     pub fn of(kitchen: KitchenId) -> Self {
-        static ALL: LazyLock<BTreeMap<KitchenId, Programme>> = LazyLock::new(all);
+        static ALL: LazyLock<BTreeMap<KitchenId, RoomBrief>> = LazyLock::new(all);
         ALL[&kitchen]
     }
 }
 
-/// The programmes of all kitchens, which share out tables and seats among them.
-fn all() -> BTreeMap<KitchenId, Programme> {
+/// The briefs of all kitchens, which share out tables and seats among them.
+fn all() -> BTreeMap<KitchenId, RoomBrief> {
     let numbers = |category, rank| {
         let (share, mean) = ithor::share_and_mean(category);
         quota::count_of_rank(rank, share, mean)
@@ -135,7 +134,7 @@ fn all() -> BTreeMap<KitchenId, Programme> {
     KitchenId::all()
         .map(|id| {
             let (plan, main_along_x) = plans[&id];
-            let programme = Programme {
+            let brief = RoomBrief {
                 plan,
                 size_m: size_m(id),
                 main_along_x,
@@ -144,7 +143,7 @@ fn all() -> BTreeMap<KitchenId, Programme> {
                 stools: numbers("Stool", stool_ranks[&id]),
                 shelves: shelves(shelf_ranks[&id]),
             };
-            (id, programme)
+            (id, brief)
         })
         .collect()
 }

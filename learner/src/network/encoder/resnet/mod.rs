@@ -4,7 +4,7 @@
 mod fused;
 mod plain;
 
-use super::visual::{Backward, Entry, PATH, VisualEncoder};
+use super::visual::{Backward, EncoderEntry, PATH, VisualEncoder};
 use crate::ffi::cuda::CudaError;
 use crate::network::parameters::Parameters;
 use fused::Fused;
@@ -13,7 +13,7 @@ use proto::config::Encoder;
 use tch::Tensor;
 
 /// Its line in the registry.
-pub(crate) const ENTRY: Entry = Entry {
+pub(crate) const ENTRY: EncoderEntry = EncoderEntry {
     encoder: Encoder::Resnet,
     linear: plain::LINEAR,
     features: plain::features,

@@ -9,7 +9,7 @@ fn an_undisturbed_run_trains_both_stages_and_ends_complete() {
         train(&mut world);
         assert_eq!(
             world.outcome,
-            Some(Outcome { end: End::Complete, saved: Some(Saved { frames: 833, weights: "0".repeat(64) }) })
+            Some(Outcome { end: SessionEnd::Complete, saved: Some(Saved { frames: 833, weights: "0".repeat(64) }) })
         );
         let switches: Vec<_> = world.switches.iter().map(|switch| (switch.from, switch.to, switch.frames)).collect();
         assert_eq!(switches, [(None, 0, 0), (Some(0), 1, 500)]);
@@ -33,7 +33,7 @@ fn a_stop_saves_and_can_be_told_from_completion() {
     world.feed(Event::Stop);
     train(&mut world);
     let outcome = world.outcome.expect("it ended");
-    assert_eq!(outcome.end, End::Stopped);
+    assert_eq!(outcome.end, SessionEnd::Stopped);
     assert!(outcome.saved.is_some_and(|saved| saved.frames > 0 && saved.frames < 833));
 }
 
@@ -64,7 +64,7 @@ fn a_second_interrupt_kills_everything_at_once() {
     for _ in 0..=ACTORS {
         world.obey();
     }
-    assert_eq!(world.outcome, Some(Outcome { end: End::Interrupted, saved: None }));
+    assert_eq!(world.outcome, Some(Outcome { end: SessionEnd::Interrupted, saved: None }));
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn a_crash_loop_ends_the_run_in_order_and_names_the_culprit() {
     train(&mut world);
     let outcome = world.outcome.expect("it ended");
     assert!(outcome.saved.is_some(), "what was trained is kept");
-    let End::Failed(reason) = outcome.end else { panic!("{:?}", outcome.end) };
+    let SessionEnd::Failed(reason) = outcome.end else { panic!("{:?}", outcome.end) };
     for part in ["actor-02 (kitchen 4)", "died 6 times", "signal 11 (SIGSEGV)", "\n    oh"] {
         assert!(reason.contains(part), "{part:?} is not in {reason:?}");
     }
@@ -92,7 +92,7 @@ fn a_learner_that_refuses_to_begin_is_not_asked_again() {
     let mut world = World::new();
     world.exit(LEARNER, Exit::Code(1));
     train(&mut world);
-    assert!(matches!(world.outcome, Some(Outcome { end: End::Failed(_), saved: None })));
+    assert!(matches!(world.outcome, Some(Outcome { end: SessionEnd::Failed(_), saved: None })));
     assert_eq!(world.spawned[&LEARNER], 1);
 }
 
@@ -108,7 +108,9 @@ fn a_learner_that_cannot_save_is_not_started_again() {
         }
         world.exit(LEARNER, Exit::Code(EXIT_UNSAVED));
         train(&mut world);
-        let Some(Outcome { end: End::Failed(reason), saved: None }) = &world.outcome else { panic!("it cannot go on") };
+        let Some(Outcome { end: SessionEnd::Failed(reason), saved: None }) = &world.outcome else {
+            panic!("it cannot go on")
+        };
         assert!(reason.starts_with("learner-0 could not save"), "{reason}");
         assert!(world.spawned.values().all(|&starts| starts == 1), "{:?}", world.spawned);
     }
@@ -180,7 +182,7 @@ fn a_learner_that_never_gets_ready_ends_the_run() {
             world.obey();
         }
     }
-    let Some(Outcome { end: End::Failed(reason), .. }) = world.outcome else { panic!("{:?}", world.outcome) };
+    let Some(Outcome { end: SessionEnd::Failed(reason), .. }) = world.outcome else { panic!("{:?}", world.outcome) };
     assert!(reason.contains("not ready after 120 s"), "{reason}");
 }
 
@@ -237,7 +239,7 @@ fn an_evaluation_is_complete_without_a_frame_and_playing_again_is_no_progress() 
         last = supervisor.on_event(now, Event::Exited { process, incarnation: 1, exit, last_words: vec![] });
     }
     let saved = Some(Saved { frames: 0, weights: "w".into() });
-    assert_eq!(last, [Action::Finish(Outcome { end: End::Complete, saved })]);
+    assert_eq!(last, [Action::Finish(Outcome { end: SessionEnd::Complete, saved })]);
 }
 
 // Several learners

@@ -40,7 +40,7 @@ fn whoever_of_the_learners_dies_takes_the_others_along_and_all_go_on_together() 
         assert_eq!(world.deaths().len(), 1, "what follows is no death of its own");
         train(&mut world);
         let outcome = world.outcome.as_ref().expect("it ended");
-        assert_eq!(outcome.end, End::Complete);
+        assert_eq!(outcome.end, SessionEnd::Complete);
         assert!(
             world
                 .spawned
@@ -72,7 +72,7 @@ fn a_learner_that_speaks_while_its_peer_is_dead_is_not_listened_to() {
     world.feed(Event::Learner { incarnation: 2, event: LearnerEvent::ActorsConnected { rank: 2 } });
     assert!(!world.reports.iter().skip(reports).any(|text| text.contains("connected")));
     train(&mut world);
-    assert_eq!(world.outcome.map(|outcome| outcome.end), Some(End::Complete));
+    assert_eq!(world.outcome.map(|outcome| outcome.end), Some(SessionEnd::Complete));
 }
 
 #[test]
@@ -93,7 +93,9 @@ fn a_fall_is_one_death_in_the_count() {
     for _ in 0..ACTORS {
         world.obey();
     }
-    let Some(Outcome { end: End::Failed(reason), saved: None }) = &world.outcome else { panic!("{:?}", world.outcome) };
+    let Some(Outcome { end: SessionEnd::Failed(reason), saved: None }) = &world.outcome else {
+        panic!("{:?}", world.outcome)
+    };
     let expected = "the learners died 6 times while the run got no further, last learner-2 with signal 11 (SIGSEGV)";
     assert!(reason.starts_with(expected), "{reason}");
 }
@@ -155,7 +157,9 @@ fn a_learner_that_refuses_to_begin_ends_the_run_for_all() {
     world.exit(Process::Learner(2), Exit::Code(1));
     assert_eq!(world.killed.len(), 2, "the others cannot save without it");
     train(&mut world);
-    let Some(Outcome { end: End::Failed(reason), saved: None }) = world.outcome else { panic!("{:?}", world.outcome) };
+    let Some(Outcome { end: SessionEnd::Failed(reason), saved: None }) = world.outcome else {
+        panic!("{:?}", world.outcome)
+    };
     assert!(reason.starts_with("learner-2 could not begin: exit status 1"), "{reason}");
 }
 
@@ -180,7 +184,7 @@ fn learners_may_leave_in_any_order() {
             for _ in 0..ACTORS {
                 world.obey();
             }
-            let end = if stopped { End::Stopped } else { End::Complete };
+            let end = if stopped { SessionEnd::Stopped } else { SessionEnd::Complete };
             let outcome = world.outcome.as_ref().expect("it ended");
             assert_eq!((&outcome.end, outcome.saved.is_some()), (&end, true), "{order:?}");
             assert!(world.deaths().is_empty() && world.spawned.values().all(|&starts| starts == 1));
@@ -200,7 +204,7 @@ fn a_stop_when_one_has_already_left_lets_the_others_save() {
     assert_eq!(world.announced.directive, directive::STOP);
     assert!(world.killed.is_empty());
     train(&mut world);
-    assert_eq!(world.outcome.map(|outcome| outcome.end), Some(End::Complete));
+    assert_eq!(world.outcome.map(|outcome| outcome.end), Some(SessionEnd::Complete));
 }
 
 #[test]
@@ -216,7 +220,7 @@ fn one_that_left_comes_back_when_rank_0_dies_before_it_has_saved() {
     world.obey();
     assert!(world.ranks().all(|rank| world.spawned[&Process::Learner(rank)] == 2));
     train(&mut world);
-    assert_eq!(world.outcome.map(|outcome| outcome.end), Some(End::Complete));
+    assert_eq!(world.outcome.map(|outcome| outcome.end), Some(SessionEnd::Complete));
 }
 
 #[test]
@@ -231,7 +235,7 @@ fn a_learner_that_dies_while_they_save_is_named() {
         for _ in 0..=ACTORS {
             world.obey();
         }
-        let Some(Outcome { end: End::Failed(reason), saved: None }) = &world.outcome else {
+        let Some(Outcome { end: SessionEnd::Failed(reason), saved: None }) = &world.outcome else {
             panic!("{:?}", world.outcome)
         };
         assert!(reason.starts_with(&format!("learner-{rank} died while it saved (signal 11 (SIGSEGV))")), "{reason}");
@@ -255,7 +259,7 @@ fn a_learner_that_dies_after_rank_0_has_saved_changes_nothing() {
         world.obey();
     }
     let outcome = world.outcome.as_ref().expect("it ended");
-    assert_eq!((&outcome.end, outcome.saved.is_some(), world.deaths().len()), (&End::Stopped, true, 0));
+    assert_eq!((&outcome.end, outcome.saved.is_some(), world.deaths().len()), (&SessionEnd::Stopped, true, 0));
 }
 
 #[test]
@@ -266,7 +270,7 @@ fn a_stop_in_the_middle_of_a_fall_waits_for_nobody() {
     for _ in 0..2 + ACTORS {
         world.obey();
     }
-    assert_eq!(world.outcome, Some(Outcome { end: End::Stopped, saved: None }));
+    assert_eq!(world.outcome, Some(Outcome { end: SessionEnd::Stopped, saved: None }));
     assert!(world.spawned.values().all(|&starts| starts == 1));
 }
 
@@ -297,7 +301,7 @@ fn a_learner_that_is_never_ready_or_connected_is_named() {
             world.obey();
         }
     }
-    let Some(Outcome { end: End::Failed(reason), .. }) = world.outcome else { panic!("{:?}", world.outcome) };
+    let Some(Outcome { end: SessionEnd::Failed(reason), .. }) = world.outcome else { panic!("{:?}", world.outcome) };
     assert!(reason.starts_with("learner-1 was not ready after 120 s"), "{reason}");
 
     let mut world = World::with(2);

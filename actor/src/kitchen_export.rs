@@ -5,20 +5,20 @@
 //! nearly transparent, so that a viewer can look in from above. The robot is left out.
 
 use crate::picture::{Subject, palette};
-use ::gltf::binary::{Glb, Header};
-use ::gltf::json::accessor::{ComponentType, GenericComponentType, Type};
-use ::gltf::json::buffer::Target;
-use ::gltf::json::extras::RawValue;
-use ::gltf::json::material::{AlphaMode, PbrBaseColorFactor, PbrMetallicRoughness, StrengthFactor};
-use ::gltf::json::mesh::{Mode, Semantic};
-use ::gltf::json::validation::{Checked, USize64};
-use ::gltf::json::{Index, Root, scene::UnitQuaternion};
 use anyhow::{Context, Result};
+use gltf::binary::{Glb, Header};
+use gltf::json::accessor::{ComponentType, GenericComponentType, Type};
+use gltf::json::buffer::Target;
+use gltf::json::extras::RawValue;
+use gltf::json::material::{AlphaMode, PbrBaseColorFactor, PbrMetallicRoughness, StrengthFactor};
+use gltf::json::mesh::{Mode, Semantic};
+use gltf::json::validation::{Checked, USize64};
+use gltf::json::{Index, Root, scene::UnitQuaternion};
 use rapier3d::math::Vec3;
-use simulator::gltf::mirror;
+use simulator::gltf_file::mirror;
 use simulator::kitchen::{BodyRole, Kitchen};
 use simulator::mesh::triangles_of;
-use simulator::scene_file::{Convex, Entry, Role, SceneFile, tops};
+use simulator::scene_file::{Convex, NodeEntry, Role, SceneFile, tops};
 use simulator::shape::{Part, Primitive, Shape};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -49,7 +49,7 @@ pub fn glb(kitchen: &Kitchen) -> Vec<u8> {
         }
         let mesh = writer.mesh(&body.category, &body.shape);
         let pose = mirror::pose(*pose);
-        let node = ::gltf::json::Node {
+        let node = gltf::json::Node {
             name: Some(body.name.clone()),
             mesh: Some(mesh),
             translation: Some(pose.translation.to_array()),
@@ -59,7 +59,7 @@ pub fn glb(kitchen: &Kitchen) -> Vec<u8> {
         };
         nodes.push(writer.root.push(node));
     }
-    let scene = ::gltf::json::Scene {
+    let scene = gltf::json::Scene {
         name: Some(format!("Kitchen {}", kitchen.id())),
         nodes,
         extensions: None,
@@ -73,8 +73,8 @@ pub fn glb(kitchen: &Kitchen) -> Vec<u8> {
 #[derive(Default)]
 struct Writer {
     root: Root,
-    materials: BTreeMap<String, Index<::gltf::json::Material>>,
-    meshes: Vec<(String, Shape, Index<::gltf::json::Mesh>)>,
+    materials: BTreeMap<String, Index<gltf::json::Material>>,
+    meshes: Vec<(String, Shape, Index<gltf::json::Mesh>)>,
     positions: Vec<[f32; 3]>,
     normals: Vec<[f32; 3]>,
     corners: Vec<u16>,
@@ -87,13 +87,13 @@ const CORNERS: u32 = 2;
 
 impl Writer {
     /// The mesh of a shape in a category's colour; the same again where it was asked for before.
-    fn mesh(&mut self, category: &str, shape: &Shape) -> Index<::gltf::json::Mesh> {
+    fn mesh(&mut self, category: &str, shape: &Shape) -> Index<gltf::json::Mesh> {
         if let Some((_, _, mesh)) = self.meshes.iter().find(|(of, other, _)| of == category && other == shape) {
             return *mesh;
         }
         let material = self.material(category);
         let primitives = shape.parts.iter().map(|part| self.primitive(part, material)).collect();
-        let mesh = ::gltf::json::Mesh {
+        let mesh = gltf::json::Mesh {
             name: Some(category.to_owned()),
             primitives,
             weights: None,
@@ -105,13 +105,13 @@ impl Writer {
         mesh
     }
 
-    fn material(&mut self, category: &str) -> Index<::gltf::json::Material> {
+    fn material(&mut self, category: &str) -> Index<gltf::json::Material> {
         if let Some(material) = self.materials.get(category) {
             return *material;
         }
         let [red, green, blue] = palette::colour(category).map(palette::linear);
         let see_through = category == "Ceiling";
-        let material = ::gltf::json::Material {
+        let material = gltf::json::Material {
             name: Some(category.to_owned()),
             alpha_mode: Checked::Valid(if see_through { AlphaMode::Blend } else { AlphaMode::Opaque }),
             pbr_metallic_roughness: PbrMetallicRoughness {
@@ -132,7 +132,7 @@ impl Writer {
         material
     }
 
-    fn primitive(&mut self, part: &Part, material: Index<::gltf::json::Material>) -> ::gltf::json::mesh::Primitive {
+    fn primitive(&mut self, part: &Part, material: Index<gltf::json::Material>) -> gltf::json::mesh::Primitive {
         let triangles: Vec<[Vec3; 3]> = triangles_of(&Shape { parts: vec![part.clone()] })
             .into_iter()
             .map(|[a, b, c]| [a, c, b].map(|corner| mirror::vector(Vec3::from(corner))))
@@ -152,7 +152,7 @@ impl Writer {
             self.corners.push(index);
         }
         let count = self.positions.len() - first_vertex;
-        let float = |view: u32, bounds: Option<(Vec3, Vec3)>| ::gltf::json::Accessor {
+        let float = |view: u32, bounds: Option<(Vec3, Vec3)>| gltf::json::Accessor {
             buffer_view: Some(Index::new(view)),
             byte_offset: Some(USize64::from(first_vertex * 12)),
             count: USize64::from(count),
@@ -168,14 +168,14 @@ impl Writer {
         };
         let positions = self.root.push(float(POSITIONS, Some((low, high))));
         let normals = self.root.push(float(NORMALS, None));
-        let corners = self.root.push(::gltf::json::Accessor {
+        let corners = self.root.push(gltf::json::Accessor {
             byte_offset: Some(USize64::from(first_corner * 2)),
             count: USize64::from(self.corners.len() - first_corner),
             component_type: Checked::Valid(GenericComponentType(ComponentType::U16)),
             type_: Checked::Valid(Type::Scalar),
             ..float(CORNERS, None)
         });
-        ::gltf::json::mesh::Primitive {
+        gltf::json::mesh::Primitive {
             attributes: BTreeMap::from([
                 (Checked::Valid(Semantic::Positions), positions),
                 (Checked::Valid(Semantic::Normals), normals),
@@ -198,11 +198,11 @@ impl Writer {
             (self.corners.iter().flat_map(|corner| corner.to_le_bytes()).collect(), None, Target::ElementArrayBuffer),
         ];
         for (bytes, stride, target) in regions {
-            let view = ::gltf::json::buffer::View {
+            let view = gltf::json::buffer::View {
                 buffer: Index::new(0),
                 byte_offset: Some(USize64::from(buffer.len())),
                 byte_length: USize64::from(bytes.len()),
-                byte_stride: stride.map(::gltf::json::buffer::Stride),
+                byte_stride: stride.map(gltf::json::buffer::Stride),
                 target: Some(Checked::Valid(target)),
                 name: None,
                 extensions: None,
@@ -212,7 +212,7 @@ impl Writer {
             buffer.extend(bytes);
             buffer.resize(buffer.len().next_multiple_of(4), 0);
         }
-        self.root.push(::gltf::json::Buffer {
+        self.root.push(gltf::json::Buffer {
             byte_length: USize64::from(buffer.len()),
             uri: None,
             name: None,
@@ -260,7 +260,7 @@ fn smooth(triangles: &[[Vec3; 3]]) -> Vec<(Vec3, Vec3)> {
     corners
 }
 
-/// What a round part is, in the file's axes: read back by `gltf/convex.rs` of the simulator.
+/// What a round part is, in the file's axes: read back by `gltf_file/convex.rs` of the simulator.
 fn solid_extras(part: &Part) -> Option<Box<RawValue>> {
     let mut extras = match part.primitive {
         Primitive::Cylinder { radius_m, half_height_m } => {
@@ -304,7 +304,7 @@ pub fn scene_file(kitchen: &Kitchen, gltf: &str) -> SceneFile {
             BodyRole::Static => Role::Fixed,
         };
         let matter = kitchen.matter(index);
-        nodes.push(Entry {
+        nodes.push(NodeEntry {
             name: body.name.clone(),
             role,
             mass_kg: matter.map(|matter| matter.mass_kg),

@@ -72,7 +72,7 @@ pub struct PartView {
     pub model: u32,
     pub body_from_part: Rigid,
     pub world_from_part: Rigid,
-    /// Blocks of the scene's points and half-spaces, if it is drawn from its mesh.
+    /// Blocks of the points and half-spaces, if it is drawn from its mesh.
     pub vertices: Range<usize>,
     pub half_spaces: Range<usize>,
 }
@@ -88,7 +88,7 @@ struct BodyView {
 
 /// All bodies.
 #[derive(Debug, Clone)]
-pub struct Scene {
+pub struct PlacedBodies {
     bodies: Vec<BodyView>,
     pub models: Vec<Model>,
     pub parts: Vec<PartView>,
@@ -129,10 +129,10 @@ impl Model {
     }
 }
 
-impl Scene {
+impl PlacedBodies {
     /// These bodies, not placed yet.
     pub fn new(bodies: &[Body]) -> Self {
-        let mut scene = Self {
+        let mut placed = Self {
             bodies: Vec::new(),
             models: Vec::new(),
             parts: Vec::new(),
@@ -142,23 +142,23 @@ impl Scene {
         };
         let mut primitives: Vec<&Primitive> = Vec::new();
         for (number, body) in bodies.iter().enumerate() {
-            let first = scene.parts.len();
+            let first = placed.parts.len();
             for part in &body.shape.parts {
                 let known = primitives.iter().position(|&known| *known == part.primitive);
                 let model = known.unwrap_or_else(|| {
                     primitives.push(&part.primitive);
-                    scene.models.push(Model::of(&part.primitive));
+                    placed.models.push(Model::of(&part.primitive));
                     primitives.len() - 1
                 });
-                scene.add(number, model, Rigid::from_pose(&part.body_from_part));
+                placed.add(number, model, Rigid::from_pose(&part.body_from_part));
             }
-            let parts = first..scene.parts.len();
-            scene.bodies.push(BodyView { parts, triangles: triangles_of(&body.shape).len(), pose: None });
+            let parts = first..placed.parts.len();
+            placed.bodies.push(BodyView { parts, triangles: triangles_of(&body.shape).len(), pose: None });
         }
         // What is left of the last block is nowhere to be seen.
         let nowhere = Spheres { radius_m: [f32::MIN; LANES], ..Spheres::default() };
-        scene.bounds = vec![nowhere; scene.parts.len().div_ceil(LANES)];
-        scene
+        placed.bounds = vec![nowhere; placed.parts.len().div_ceil(LANES)];
+        placed
     }
 
     fn add(&mut self, body: usize, model: usize, body_from_part: Rigid) {

@@ -1,6 +1,6 @@
 //! What can be done next with a run, as commands to paste: they name the program as it was called, and the run folder.
 
-use crate::supervisor::event::End;
+use crate::supervisor::event::SessionEnd;
 use proto::run_folder::RunFolder;
 use std::path::Path;
 
@@ -25,9 +25,9 @@ pub fn resume(program: &str, run: &Path) -> String {
 }
 
 /// One line a command after a run has ended like this. `recorded`: whether there is a recording to look at.
-pub fn lines(program: &str, folder: &RunFolder, end: &End, preset: &str, recorded: bool) -> Vec<String> {
+pub fn lines(program: &str, folder: &RunFolder, end: &SessionEnd, preset: &str, recorded: bool) -> Vec<String> {
     let line = |what: &str, command: String| format!("{what:<12}{command}");
-    if *end != End::Complete {
+    if *end != SessionEnd::Complete {
         return vec![line("go on with", resume(program, folder.root()))];
     }
     let run = quoted(&folder.root().display().to_string());
@@ -52,7 +52,7 @@ mod tests {
     #[test]
     fn a_complete_run_is_looked_at_evaluated_and_reported() {
         let folder = RunFolder::new("runs/my run");
-        let lines = |preset, recorded| lines("./orchestrator", &folder, &End::Complete, preset, recorded);
+        let lines = |preset, recorded| lines("./orchestrator", &folder, &SessionEnd::Complete, preset, recorded);
         let expected = [
             "look        ./orchestrator replay 'runs/my run' --images 'runs/my run/images' --format video --limit 3",
             "evaluate    ./orchestrator eval 'runs/my run'",
@@ -67,7 +67,7 @@ mod tests {
     #[test]
     fn any_other_run_is_gone_on_with() {
         let folder = RunFolder::new("runs/a");
-        for end in [End::Stopped, End::Interrupted, End::Failed("disk full".to_owned())] {
+        for end in [SessionEnd::Stopped, SessionEnd::Interrupted, SessionEnd::Failed("disk full".to_owned())] {
             assert_eq!(lines("orchestrator", &folder, &end, "demo", true), ["go on with  orchestrator resume runs/a"]);
         }
     }

@@ -1,11 +1,11 @@
 //! Live progress: two lines refreshed in place on a terminal, one line every few seconds elsewhere.
 //!
-//! No crate for progress bars: theirs count to a total, these lines tell of stages, shares of time and success.
+//! No crate for progress bars: theirs count to a total, these lines show stages, shares of time and success.
 
+use super::means::{EpisodeMeans, Recent, recent};
+use super::metrics::History;
 use crate::showing::format;
 use crate::showing::terminal::Live;
-use crate::training::means::{EpisodeMeans, Recent, recent};
-use crate::training::metrics::History;
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
 use std::time::Duration;
@@ -61,8 +61,8 @@ impl Progress {
         }
     }
 
-    /// Shows where the run stands, if it is time to. `validating`: whether a checkpoint is being validated, or is to
-    /// be.
+    /// Shows the progress of the run, if it is time to. `validating`: whether a checkpoint is being validated or waits
+    /// for it.
     pub fn show(&mut self, now: Duration, history: &History, validating: bool) {
         if self.live.is_due(now) {
             let recent = recent(&self.stages, history);
@@ -133,8 +133,8 @@ pub fn figures_line(recent: &Recent) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::means::tests::{history, stages};
     use super::*;
-    use crate::training::means::tests::{history, stages};
 
     #[test]
     fn lines_read_as_they_should() {

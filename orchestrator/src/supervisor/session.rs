@@ -1,24 +1,22 @@
 //! One session: one start of the orchestrator on a run folder, from the claim on names in shared memory to the last
 //! process's end. A run's and an evaluation's alike. `run.toml` counts them as incarnations.
 
-use super::lock::RunLock;
-use super::remains;
+use super::event::Outcome;
+use super::process::Launch;
+use super::shell::{Audience, Shell, Signals};
 use crate::preflight::tools::Tools;
 use crate::recording::recorder::{Recorder, RecorderSetup};
+use crate::run::lock::RunLock;
+use crate::run::remains;
 use crate::showing::format::{self, counted};
 use crate::showing::terminal;
-use crate::supervisor::event::Outcome;
-use crate::supervisor::process::Launch;
-use crate::supervisor::shell::{Audience, Shell, Signals};
 use anyhow::{Context, Result};
-use proto::config::ActorsConfig;
-use proto::config::Config;
+use proto::config::{ActorsConfig, Config};
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use std::fs::OpenOptions;
 use std::time::Duration;
-use wire::fault;
-use wire::{WireAddress, WireHost, WireShape};
+use wire::{WireAddress, WireHost, WireShape, fault};
 
 /// Status after a second Ctrl-C: what a shell reports for a program that SIGINT ended.
 pub const EXIT_INTERRUPTED: u8 = 130;

@@ -1,9 +1,9 @@
 //! What the crate that reads glTF takes for granted, checked before it reads: it indexes, subtracts and allocates as the
 //! file says, and so a file could make it panic or fill the memory.
 
-use ::gltf::accessor::{DataType, Dimensions};
-use ::gltf::json::{Root, deserialize};
-use ::gltf::{Accessor, Document, Primitive, Semantic, buffer};
+use gltf::accessor::{DataType, Dimensions};
+use gltf::json::{Root, deserialize};
+use gltf::{Accessor, Document, Primitive, Semantic, buffer};
 
 /// The file and each of its buffers, bytes.
 pub const FILE_BYTES_MOST: u64 = 512 << 20;
@@ -24,7 +24,7 @@ pub fn parse(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>), String> {
         if length.is_none_or(|length| length < 20) {
             return Err("it is shorter than a header".to_owned());
         }
-        let glb = ::gltf::Glb::from_slice(bytes).map_err(|error| error.to_string())?;
+        let glb = gltf::Glb::from_slice(bytes).map_err(|error| error.to_string())?;
         (glb.json, glb.bin.map(std::borrow::Cow::into_owned))
     } else {
         (bytes.into(), None)

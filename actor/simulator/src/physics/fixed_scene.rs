@@ -10,18 +10,18 @@ use rapier3d::parry::bounding_volume::BoundingVolume;
 
 /// All convex parts of all fixed bodies.
 #[derive(Clone, Default)]
-pub struct Scene {
+pub struct FixedScene {
     aabbs: Vec<Aabb>,
     parts: Vec<(SharedShape, Pose3)>,
 }
 
-impl std::fmt::Debug for Scene {
+impl std::fmt::Debug for FixedScene {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Scene({} parts)", self.parts.len())
+        write!(f, "FixedScene({} parts)", self.parts.len())
     }
 }
 
-impl Scene {
+impl FixedScene {
     /// Adds a fixed body.
     pub fn add(&mut self, solid: &Solid, world_from_body: &Pose3) {
         for (shape, body_from_part) in &solid.parts {

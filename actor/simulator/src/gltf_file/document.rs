@@ -5,9 +5,9 @@
 
 use super::mirror;
 use super::sound::{self, FILE_BYTES_MOST, NODES_MOST, VERTICES_MOST};
-use ::gltf::buffer::Source;
-use ::gltf::mesh::Mode;
 use base64::Engine;
+use gltf::buffer::Source;
+use gltf::mesh::Mode;
 use proto::bounded;
 use rapier3d::math::{Pose3, Rot3, Vec3};
 use std::path::{Component, Path, PathBuf};
@@ -136,7 +136,7 @@ const TOO_FAR: &str = "lies or reaches more than 1 km away: glTF counts in metre
                        origin";
 
 /// A node's name, or its number.
-fn name_of(node: &::gltf::Node<'_>) -> String {
+fn name_of(node: &gltf::Node<'_>) -> String {
     node.name().map_or_else(|| format!("node-{}", node.index()), str::to_owned)
 }
 
@@ -151,7 +151,7 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     /// A buffer's bytes, wherever they are.
-    fn buffer(&mut self, buffer: &::gltf::Buffer<'_>, blob: &mut Option<Vec<u8>>) -> Result<Vec<u8>, DocumentError> {
+    fn buffer(&mut self, buffer: &gltf::Buffer<'_>, blob: &mut Option<Vec<u8>>) -> Result<Vec<u8>, DocumentError> {
         let (uri, data) = match buffer.source() {
             Source::Bin => ("(binary chunk)".to_owned(), blob.take().ok_or("the file has no binary chunk".to_owned())),
             Source::Uri(uri) => match uri.strip_prefix("data:") {
@@ -188,7 +188,7 @@ impl Reader<'_> {
     }
 
     /// Reads the nodes of a scene, parents before children. `count`: nodes of the file.
-    fn tree<'a>(&mut self, roots: impl Iterator<Item = ::gltf::Node<'a>>, count: usize) -> Result<(), DocumentError> {
+    fn tree<'a>(&mut self, roots: impl Iterator<Item = gltf::Node<'a>>, count: usize) -> Result<(), DocumentError> {
         let unsound = |problem| DocumentError::Unsound { file: self.path.to_path_buf(), problem };
         if count > NODES_MOST {
             return Err(unsound(format!("it has {count} nodes, more than {NODES_MOST}: join what is one thing")));
@@ -213,12 +213,7 @@ impl Reader<'_> {
     }
 
     /// Reads a node without its children; returns how it stands in the scene.
-    fn node(
-        &mut self,
-        node: &::gltf::Node<'_>,
-        parent: Option<usize>,
-        above: &Affine,
-    ) -> Result<Affine, DocumentError> {
+    fn node(&mut self, node: &gltf::Node<'_>, parent: Option<usize>, above: &Affine) -> Result<Affine, DocumentError> {
         let world = above.after(&Affine::of(node.transform().matrix()));
         let name = name_of(node);
         let problem = |problem| DocumentError::Mesh { file: self.path.to_path_buf(), node: name.clone(), problem };
@@ -228,7 +223,7 @@ impl Reader<'_> {
         let (pose, rest) = world.split().ok_or_else(|| problem("has no extent: its scale is zero, or not a number"))?;
         let mut pieces = Vec::new();
         let mut vertices = self.vertices;
-        for primitive in node.mesh().iter().flat_map(::gltf::Mesh::primitives) {
+        for primitive in node.mesh().iter().flat_map(gltf::Mesh::primitives) {
             let has_surface = match primitive.mode() {
                 Mode::Triangles => true,
                 Mode::TriangleStrip | Mode::TriangleFan => {
@@ -252,7 +247,7 @@ impl Reader<'_> {
         Ok(world)
     }
 
-    fn piece(&self, primitive: &::gltf::Primitive<'_>, rest: &Affine) -> Result<Piece, &'static str> {
+    fn piece(&self, primitive: &gltf::Primitive<'_>, rest: &Affine) -> Result<Piece, &'static str> {
         let data = primitive.reader(|buffer| self.buffers.get(buffer.index()).map(Vec::as_slice));
         let positions = data.read_positions().ok_or("has a mesh whose positions cannot be read")?;
         let mut vertices: Vec<Vec3> = Vec::new();

@@ -5,7 +5,7 @@ use crate::study::{Field, Group};
 
 /// A group with its style and its results.
 #[derive(Debug, Clone)]
-pub struct Entry<'a> {
+pub struct StyledGroup<'a> {
     /// Number of its style in every figure.
     pub style: usize,
     /// The group.
@@ -14,7 +14,7 @@ pub struct Entry<'a> {
     pub results: Vec<(Field, FieldResult)>,
 }
 
-impl Entry<'_> {
+impl StyledGroup<'_> {
     /// Its result in a field.
     pub fn in_field(&self, field: Field) -> Option<&FieldResult> {
         self.results.iter().find(|(found, _)| *found == field).map(|(_, result)| result)

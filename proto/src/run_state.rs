@@ -1,0 +1,73 @@
+//! The state of a run, and how a session on it ended: the words of `run.toml`, of `orchestrator status` and of reports.
+
+use serde::{Deserialize, Serialize, Serializer};
+use std::fmt::{Display, Formatter};
+
+/// How a session ended, in a word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// The budget is reached, or all episodes are played.
+    Complete,
+    /// A stop was requested.
+    Stopped,
+    /// A stop was requested twice.
+    Interrupted,
+    /// It could not go on.
+    Failed,
+}
+
+impl Display for Ending {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Complete => "complete",
+            Self::Stopped => "stopped",
+            Self::Interrupted => "interrupted",
+            Self::Failed => "failed",
+        })
+    }
+}
+
+/// The state of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RunState {
+    /// An orchestrator works on it.
+    Running,
+    /// Its last session ended so.
+    Ended(Ending),
+    /// Its last session noted no end: it crashed, or was killed. Also a run that was never started.
+    CutOff,
+}
+
+impl Display for RunState {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Running => f.write_str("running"),
+            Self::Ended(ending) => ending.fmt(f),
+            Self::CutOff => f.write_str("cut off"),
+        }
+    }
+}
+
+impl Serialize for RunState {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_ending_is_one_word_in_files_and_on_the_terminal() {
+        for ending in [Ending::Complete, Ending::Stopped, Ending::Interrupted, Ending::Failed] {
+            let written = serde_json::to_value(ending).unwrap();
+            assert_eq!(written, ending.to_string());
+            assert_eq!(serde_json::from_value::<Ending>(written).unwrap(), ending);
+            assert_eq!(serde_json::to_value(RunState::Ended(ending)).unwrap(), ending.to_string());
+        }
+        assert_eq!(RunState::Running.to_string(), "running");
+        assert_eq!(RunState::CutOff.to_string(), "cut off");
+    }
+}
