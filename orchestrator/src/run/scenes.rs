@@ -4,7 +4,7 @@
 //! This program links no physics: `actor check --scene` reads and judges them.
 
 use crate::preflight::{Finding, programs};
-use crate::run::process_end::wait_for_child;
+use crate::process_end::wait_for_child;
 use crate::showing::format::counted;
 use crate::showing::log_line::error_in;
 use crate::showing::terminal;

@@ -1,4 +1,4 @@
-//! The unsafe code of the depth camera: eight numbers at once, and memory that is not initialised yet.
+//! The unsafe code of the depth camera: eight numbers at once.
 //!
 //! [`Lanes`] has one meaning and two builds: with AVX2, and plain. Every operation is one that IEEE 754 rounds exactly,
 //! nothing is fused and nothing approximated, so both builds give the same bits on every machine.

@@ -48,7 +48,7 @@ pub fn parse(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>), String> {
 }
 
 /// Where data must lie: a buffer's length by its number.
-pub type Lengths<'a> = &'a dyn Fn(usize) -> Option<usize>;
+type Lengths<'a> = &'a dyn Fn(usize) -> Option<usize>;
 
 /// Checks what a primitive's positions and corners are read from. Returns how many vertices and corners it has.
 pub fn check(primitive: &Primitive<'_>, lengths: Lengths<'_>) -> Result<[usize; 2], &'static str> {
