@@ -2,7 +2,8 @@
 //! that they start without environment variables, and compiles what we call of libtorch that tch does not bind.
 
 /// Called from Rust.
-const CALLED: [&str; 4] = ["convolution.cpp", "group.cpp", "patches.cpp", "warnings.cpp"];
+const CALLED: [&str; 6] =
+    ["convolution.cpp", "determinism.cpp", "graph.cpp", "group.cpp", "patches.cpp", "warnings.cpp"];
 /// Linked whether anybody names them or not: their functions take the place of libtorch's own.
 const IN_PLACE: [&str; 2] = ["arithmetic.cpp", "product.cpp"];
 /// What they include.

@@ -1,7 +1,7 @@
 //! Where libtorch computes.
 
-use crate::ffi::{arithmetic, library, warnings};
-use proto::config::{CpuArithmetic, DeviceChoice};
+use crate::ffi::{arithmetic, determinism, library, warnings};
+use proto::config::{CpuArithmetic, DeviceChoice, LearnerConfig};
 use proto::device::{VISIBLE_DEVICES, device_name};
 use tch::{Cuda, Device};
 
@@ -28,23 +28,27 @@ pub enum DeviceError {
     NoCuda,
 }
 
-/// Picks the device and the CPU's arithmetic, and fixes libtorch's thread counts: `threads` within an operation, one
-/// between operations. Call it before any tensor is made.
-pub(crate) fn choose(choice: DeviceChoice, cpu: CpuArithmetic, threads: u32) -> Result<Device, DeviceError> {
-    if cpu == CpuArithmetic::Fastest {
+/// Picks the device and the arithmetic, and fixes libtorch's thread counts: `threads` within an operation, one between
+/// operations. Call it before any tensor is made.
+pub(crate) fn choose(config: &LearnerConfig) -> Result<Device, DeviceError> {
+    if config.cpu == CpuArithmetic::Fastest {
         arithmetic::use_fastest();
     }
     // libtorch allows this once a process, and not after it has computed.
     if tch::get_num_interop_threads() != 1 {
         tch::set_num_interop_threads(1);
     }
-    tch::set_num_threads(threads as i32);
-    match choice {
-        DeviceChoice::Cpu => Ok(Device::Cpu),
-        DeviceChoice::Auto => Ok(Device::cuda_if_available()),
-        DeviceChoice::Cuda if Cuda::is_available() => Ok(Device::Cuda(0)),
-        DeviceChoice::Cuda => Err(DeviceError::NoCuda),
+    tch::set_num_threads(config.threads as i32);
+    let device = match config.device {
+        DeviceChoice::Cpu => Device::Cpu,
+        DeviceChoice::Auto => Device::cuda_if_available(),
+        DeviceChoice::Cuda if Cuda::is_available() => Device::Cuda(0),
+        DeviceChoice::Cuda => return Err(DeviceError::NoCuda),
+    };
+    if config.deterministic && device.is_cuda() {
+        determinism::use_deterministic();
     }
+    Ok(device)
 }
 
 /// Words for logs, events and results: `cpu, 2 threads`, `cuda:0`, or `cuda:0, bfloat16 encoder` where the encoder

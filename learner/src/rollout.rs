@@ -117,6 +117,26 @@ impl Rollout {
         let rows: Vec<i64> = columns.iter().map(|&column| self.index(t, column) as i64).collect();
         let rows = Tensor::from_slice(&rows).to_device(self.frames.device());
         let _ = self.frames.index_copy_(0, &rows, kept);
+        self.note(t, columns, steps);
+    }
+
+    /// Row of the store for a frame.
+    pub(crate) fn place(&self, t: usize, column: usize) -> i64 {
+        self.index(t, column) as i64
+    }
+
+    /// Row of the store that no frame of a rollout has.
+    pub(crate) fn unused_place(&self) -> i64 {
+        self.frames.size()[0] - 1
+    }
+
+    /// The store \[frames, side, side\].
+    pub(crate) fn frames(&self) -> &Tensor {
+        &self.frames
+    }
+
+    /// Notes the observations and actions of some columns in step t, whose frames are in the store.
+    pub(crate) fn note(&mut self, t: usize, columns: &[usize], steps: &[Step]) {
         for (&column, step) in columns.iter().zip(steps) {
             let index = self.index(t, column);
             self.steps[index] = *step;

@@ -9,6 +9,7 @@
 //! `ppo.preemption_share` in [`Agent::is_preempted`]. Without that setting the same calls give the same weights, bit
 //! for bit, on the CPU with the same number of threads and learners.
 
+mod acting;
 mod error;
 mod state;
 
@@ -18,6 +19,7 @@ pub(crate) use state::{BELIEFS, MODEL, weights_of};
 
 use crate::auxiliary::{Auxiliary, Sizes};
 use crate::device;
+use crate::ffi::kernels::Chosen;
 use crate::network::{
     FramePreparation, Network, Observations, Staging, Unfit, fits, goal_coordinates, table_row, to_vec,
 };
@@ -27,6 +29,7 @@ use crate::ppo::lagrangian::ascend;
 use crate::ppo::preemption::ends_early;
 use crate::ppo::{Update, UpdateError};
 use crate::rollout::{Outcome, Rollout, Step};
+use acting::{Acting, Rows};
 use proto::camera::FRAME_PIXELS;
 use proto::config::Config;
 use proto::reward::RewardKind;
@@ -88,12 +91,16 @@ pub struct Agent {
     /// This learner's columns, numbered as in the whole run.
     columns: Range<usize>,
     peers: Peers,
-    /// Beliefs before the next observation, \[columns, hidden\].
+    /// Beliefs before the next observation, \[columns, hidden\]: all rows but the last of `table`.
     beliefs: Tensor,
+    /// \[columns + 1, hidden\].
+    table: Tensor,
     rollout: Option<Rollout>,
     /// Room for a rollout's frames while no rollout holds it.
     frames: Option<Tensor>,
     staging: Staging,
+    /// The step as a CUDA graph, where that is possible.
+    acting: Option<Acting>,
 }
 
 /// The network's outputs for the observations of some columns.
@@ -103,8 +110,6 @@ struct Inference {
     /// \[rows · actions\].
     log_probs: Vec<f32>,
     values: Vec<f32>,
-    /// The network's inputs; no actions are chosen yet.
-    steps: Vec<Step>,
 }
 
 impl Agent {
@@ -122,7 +127,15 @@ impl Agent {
         });
         network.choose_precision(config.learner.encoder_precision)?;
         let adam = Adam::new(&network.parameters.flat());
-        let beliefs = network.belief.blank(columns.len() as i64, device);
+        let table = network.belief.blank(columns.len() as i64 + 1, device);
+        let beliefs = table.narrow(0, 0, columns.len() as i64);
+        let acting = network.kernels().and_then(|_| match Acting::new(device) {
+            Ok(acting) => Some(acting),
+            Err(error) => {
+                tracing::warn!("{NO_GRAPH}: {error}");
+                None
+            }
+        });
         let agent = Self {
             config: config.clone(),
             device,
@@ -133,9 +146,11 @@ impl Agent {
             columns,
             peers,
             beliefs,
+            table,
             rollout: None,
             frames: None,
             staging: Staging::default(),
+            acting,
         };
         agent.check_weights()?;
         Ok(agent)
@@ -144,14 +159,15 @@ impl Agent {
     /// Begins a rollout and remembers the beliefs it starts from. A rollout in progress is forgotten.
     pub fn begin_rollout(&mut self, shape: RolloutShape) {
         let columns = self.columns.len();
-        let rows = (shape.steps * columns) as i64;
+        // One more, for frames that nobody needs.
+        let rows = (shape.steps * columns) as i64 + 1;
         let abandoned = self.rollout.take().map(Rollout::into_frames);
         let frames = self
             .frames
             .take()
             .or(abandoned)
             .filter(|frames| frames.size()[0] >= rows)
-            .unwrap_or_else(|| self.network.preparation.store(rows.max(self.largest_rollout())));
+            .unwrap_or_else(|| self.network.preparation.store(rows.max(self.largest_rollout() + 1)));
         self.rollout = Some(Rollout::new(shape, columns, frames, self.beliefs.copy()));
     }
 
@@ -165,7 +181,11 @@ impl Agent {
     pub fn step(&mut self, t: usize, input: &StepInput) -> Result<StepOutput, AgentError> {
         let space = self.config.episode.action_space.actions();
         assert_eq!(input.gumbel.len(), input.columns.len() * space.len(), "noise for every action of every column");
-        let Inference { kept, beliefs, log_probs, values, mut steps } = self.infer(input)?;
+        let mut steps = self.seen(input)?;
+        if let Some(choices) = self.replay(Some(t), input, &steps, input.gumbel)? {
+            return Ok(self.note(t, input, steps, &choices));
+        }
+        let Inference { kept, beliefs, log_probs, values } = self.infer(input, &steps)?;
         let rollout = self.rollout.as_mut().expect("step is called between begin_rollout and update");
 
         let mut output = StepOutput { values, ..StepOutput::default() };
@@ -196,7 +216,8 @@ impl Agent {
     pub fn act(&mut self, input: &StepInput) -> Result<Choice, AgentError> {
         let space = self.config.episode.action_space.actions();
         assert_eq!(input.gumbel.len(), input.columns.len() * space.len(), "noise for every action of every column");
-        let Inference { beliefs, log_probs, .. } = self.infer(input)?;
+        let steps = self.seen(input)?;
+        let Inference { beliefs, log_probs, .. } = self.infer(input, &steps)?;
         let rows = log_probs.chunks_exact(space.len()).zip(input.gumbel.chunks_exact(space.len()));
         let chosen: Vec<usize> = rows.map(|(log_probs, gumbel)| sample(log_probs, gumbel)).collect();
         let _no_grad = tch::no_grad_guard();
@@ -241,7 +262,12 @@ impl Agent {
     /// Computes the values of the observations after the last action. Beliefs stay where they are. Columns that held
     /// may be left out.
     pub fn bootstrap(&mut self, input: &StepInput) -> Result<(), AgentError> {
-        let Inference { values, .. } = self.infer(input)?;
+        let steps = self.seen(input)?;
+        let noise = vec![0.0; input.columns.len() * self.config.episode.action_space.actions().len()];
+        let values = match self.replay(None, input, &steps, &noise)? {
+            Some(choices) => choices.iter().map(|choice| choice.value).collect(),
+            None => self.infer(input, &steps)?.values,
+        };
         let rollout = self.rollout.as_mut().expect("bootstrap is called between begin_rollout and update");
         for (&column, value) in input.columns.iter().zip(values) {
             rollout.set_bootstrap(column, value);
@@ -294,7 +320,7 @@ impl Agent {
     /// Puts the beliefs back to where the rollout began and forgets it.
     pub fn abandon_rollout(&mut self) {
         if let Some(rollout) = self.rollout.take() {
-            self.beliefs = rollout.beliefs_at_start().copy();
+            tch::no_grad(|| self.beliefs.copy_(rollout.beliefs_at_start()));
             self.frames = Some(rollout.into_frames());
         }
     }
@@ -407,7 +433,15 @@ impl Agent {
         Ok(self.network.parameters.load(&weights_of(&state.tensors))?)
     }
 
-    fn infer(&mut self, input: &StepInput) -> Result<Inference, AgentError> {
+    /// Actors have started again. To be called before frames of theirs are given to a step.
+    pub fn recheck_memory(&mut self) {
+        if let Some(acting) = &mut self.acting {
+            acting.recheck_memory();
+        }
+    }
+
+    /// The network's inputs besides the frames; no actions are chosen yet.
+    fn seen(&self, input: &StepInput) -> Result<Vec<Step>, AgentError> {
         let StepInput { columns, frames, goal_m, previous_action, episode_start, .. } = *input;
         let rows = columns.len();
         assert!(
@@ -430,7 +464,71 @@ impl Agent {
                 ..Step::default()
             });
         }
+        Ok(steps)
+    }
 
+    /// Takes step `t`, or values what comes after the last, by a CUDA graph. `None` where there is none. Frames and
+    /// beliefs are stored; what was chosen is not.
+    fn replay(
+        &mut self,
+        t: Option<usize>,
+        input: &StepInput,
+        steps: &[Step],
+        noise: &[f32],
+    ) -> Result<Option<Vec<Chosen>>, AgentError> {
+        let (Some(acting), Some(kernels), Some(rollout)) =
+            (&mut self.acting, self.network.kernels(), self.rollout.as_ref())
+        else {
+            return Ok(None);
+        };
+        let (unused_belief, unused_place) = (self.table.size()[0] - 1, rollout.unused_place());
+        let columns: Vec<i64> = input.columns.iter().map(|&column| column as i64).collect();
+        let place = |&column: &usize| t.map_or(unused_place, |t| rollout.place(t, column));
+        // A column that holds keeps its belief, because the same observation comes again.
+        let belief = |&column: &usize| match t {
+            Some(t) if rollout.is_valid(t, column) => column as i64,
+            _ => unused_belief,
+        };
+        let rows = Rows {
+            frames: input.frames,
+            places: &input.columns.iter().map(place).collect::<Vec<_>>(),
+            columns: &columns,
+            beliefs_to: &input.columns.iter().map(belief).collect::<Vec<_>>(),
+            steps,
+            noise,
+        };
+        let choices = match acting.step(&self.network, kernels, &self.table, rollout.frames(), rows) {
+            Ok(choices) => choices,
+            Err(error) => {
+                tracing::warn!("{NO_GRAPH}: {error}");
+                self.acting = None;
+                return Ok(None);
+            }
+        };
+        match choices.iter().zip(input.columns).find(|(choice, _)| !choice.finite) {
+            Some((_, column)) => Err(AgentError::NonFinite { what: format!("column {column}: policy or value") }),
+            None => Ok(Some(choices)),
+        }
+    }
+
+    /// Notes what was chosen in step `t`.
+    fn note(&mut self, t: usize, input: &StepInput, mut steps: Vec<Step>, choices: &[Chosen]) -> StepOutput {
+        let space = self.config.episode.action_space.actions();
+        let mut output = StepOutput::default();
+        for (step, &Chosen { log_prob, value, action, .. }) in steps.iter_mut().zip(choices) {
+            (step.action, step.log_prob, step.value) = (action as i64, log_prob, value);
+            output.actions.push(space[action].index());
+            output.log_probs.push(log_prob);
+            output.values.push(value);
+        }
+        let rollout = self.rollout.as_mut().expect("step is called between begin_rollout and update");
+        rollout.note(t, input.columns, &steps);
+        output
+    }
+
+    fn infer(&mut self, input: &StepInput, steps: &[Step]) -> Result<Inference, AgentError> {
+        let StepInput { columns, frames, episode_start, .. } = *input;
+        let rows = columns.len();
         let preparation: FramePreparation = self.network.preparation;
         let goals: Vec<f32> = steps.iter().flat_map(|step| step.goal).collect();
         let previous_actions: Vec<i64> = steps.iter().map(|step| step.previous_action).collect();
@@ -461,7 +559,7 @@ impl Agent {
             log_probs.extend_from_slice(row_log_probs);
             values.push(*value);
         }
-        Ok(Inference { kept: observations.frames, beliefs, log_probs, values, steps })
+        Ok(Inference { kept: observations.frames, beliefs, log_probs, values })
     }
 
     fn largest_rollout(&self) -> i64 {
@@ -476,6 +574,9 @@ impl Agent {
         }
     }
 }
+
+/// What is said where a step is no CUDA graph.
+const NO_GRAPH: &str = "acting launches its kernels one by one, which takes longer, because they cannot be recorded";
 
 /// argmax of log-probability plus Gumbel noise: a sample of the policy (Gumbel's trick). The first of equals.
 fn sample(log_probs: &[f32], gumbel: &[f32]) -> usize {

@@ -523,6 +523,11 @@ impl<S: HalfSample> Collector<S> {
         batches
     }
 
+    /// A number that grows whenever an actor has started again.
+    pub(crate) fn actor_starts(&self) -> u64 {
+        self.actor_incarnations.iter().copied().map(u64::from).sum()
+    }
+
     /// Frames of the rollout in progress so far; 0 when there is none.
     pub fn collected(&self) -> u64 {
         self.cursor.as_ref().map_or(0, |cursor| cursor.statistics.frames())

@@ -2,8 +2,9 @@
 //! loaded at first use. Neither building nor running needs a CUDA toolkit, because libtorch ships NVRTC.
 //!
 //! Everything happens in the context and on the stream that libtorch uses: the device's primary context, and its
-//! default stream. So launches are ordered with libtorch's. Dropping a tensor while a kernel uses it is safe: the
-//! allocator reuses the memory only for later work on the same stream.
+//! default stream, except while a graph is recorded ([`super::graph`]). So launches are ordered with libtorch's.
+//! Dropping a tensor while a kernel uses it is safe: the allocator reuses the memory only for later work on the same
+//! stream.
 //!
 //! By hand, because cudarc (0.19) does not fit. It loads NVRTC by a list of names that begins with `libnvrtc.so`,
 //! whichever the machine has, and panics without one; we need the one beside libtorch, and an error. It compiles to
@@ -11,8 +12,22 @@
 //! unsafe there too.
 
 use super::library::{Handle, LibraryError, function, open};
+use std::cell::Cell;
 use std::ffi::{CStr, CString, c_char, c_int, c_uint, c_void};
 use std::ptr::{null, null_mut};
+
+thread_local! {
+    /// The stream that launches go to; null = the default stream.
+    static STREAM: Cell<Handle> = const { Cell::new(null_mut()) };
+}
+
+/// Runs `body` with its launches on another stream than the default one; libtorch must use the same one meanwhile.
+pub(super) fn on_stream<T>(stream: Handle, body: impl FnOnce() -> T) -> T {
+    let before = STREAM.replace(stream);
+    let result = body();
+    STREAM.set(before);
+    result
+}
 
 /// Why there are no kernels.
 #[derive(Debug, thiserror::Error)]
@@ -56,6 +71,8 @@ pub struct Module {
 pub struct Kernel {
     launch: LaunchKernel,
     function: Handle,
+    /// Shared memory that a block gets besides what the source declares, bytes.
+    shared_bytes: u32,
 }
 
 type LaunchKernel = unsafe extern "C" fn(
@@ -78,11 +95,13 @@ struct Driver {
     load: ModuleLoad,
     function: ModuleFunction,
     launch: LaunchKernel,
+    set: SetFunctionAttribute,
 }
 
 type DeviceAttribute = unsafe extern "C" fn(*mut c_int, c_int, c_int) -> c_int;
 type ModuleLoad = unsafe extern "C" fn(*mut Handle, *const c_void) -> c_int;
 type ModuleFunction = unsafe extern "C" fn(*mut Handle, Handle, *const c_char) -> c_int;
+type SetFunctionAttribute = unsafe extern "C" fn(Handle, c_int, c_int) -> c_int;
 
 #[derive(Debug, Clone, Copy)]
 struct Nvrtc {
@@ -116,6 +135,7 @@ impl Driver {
             load: function!(library, c"cuModuleLoadData" as ModuleLoad),
             function: function!(library, c"cuModuleGetFunction" as ModuleFunction),
             launch: function!(library, c"cuLaunchKernel" as LaunchKernel),
+            set: function!(library, c"cuFuncSetAttribute" as SetFunctionAttribute),
         })
     }
 
@@ -190,7 +210,7 @@ fn bytes(program: Handle, size: ResultSize, read: ReadResult) -> Result<Vec<u8>,
     if code == 0 { Ok(bytes) } else { Err(CudaError::Compilation(format!("no result: error {code}"))) }
 }
 
-fn succeed(call: &'static str, code: c_int) -> Result<(), CudaError> {
+pub(super) fn succeed(call: &'static str, code: c_int) -> Result<(), CudaError> {
     if code == 0 { Ok(()) } else { Err(CudaError::Driver { call, code }) }
 }
 
@@ -206,13 +226,20 @@ impl Module {
         Ok(Self { driver, module })
     }
 
-    /// One of its `extern "C" __global__` functions.
-    pub fn kernel(&self, name: &CStr) -> Result<Kernel, CudaError> {
+    /// One of its `extern "C" __global__` functions, whose blocks get so much shared memory besides what the source
+    /// declares.
+    pub fn kernel(&self, name: &CStr, shared_bytes: u32) -> Result<Kernel, CudaError> {
+        /// `CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES`: more than 48 KiB in all must be asked for.
+        const LARGEST_SHARED_BYTES: c_int = 8;
         let mut function = null_mut();
         // SAFETY: a loaded module and a C string.
         let code = unsafe { (self.driver.function)(&raw mut function, self.module, name.as_ptr()) };
         succeed("cuModuleGetFunction", code)?;
-        Ok(Kernel { launch: self.driver.launch, function })
+        let bytes = c_int::try_from(shared_bytes).unwrap_or(c_int::MAX);
+        // SAFETY: a function of that module.
+        let code = unsafe { (self.driver.set)(function, LARGEST_SHARED_BYTES, bytes) };
+        succeed("cuFuncSetAttribute", code)?;
+        Ok(Kernel { launch: self.driver.launch, function, shared_bytes })
     }
 }
 
@@ -238,7 +265,19 @@ impl Kernel {
         let mut pointers: Vec<*mut c_void> = slots.iter_mut().map(|slot| std::ptr::from_mut(slot).cast()).collect();
         // SAFETY: the slots outlive the call, which copies them; the rest is the caller's promise.
         let code = unsafe {
-            (self.launch)(self.function, blocks, 1, 1, threads, 1, 1, 0, null_mut(), pointers.as_mut_ptr(), null_mut())
+            (self.launch)(
+                self.function,
+                blocks,
+                1,
+                1,
+                threads,
+                1,
+                1,
+                self.shared_bytes,
+                STREAM.get(),
+                pointers.as_mut_ptr(),
+                null_mut(),
+            )
         };
         succeed("cuLaunchKernel", code)
     }

@@ -3,7 +3,10 @@
 pub mod arithmetic;
 pub mod convolution;
 pub mod cuda;
+pub mod determinism;
+pub mod graph;
 pub mod group;
+pub mod host_memory;
 pub mod kernels;
 pub mod library;
 pub mod nccl;
@@ -72,6 +75,40 @@ pub fn floats(size: &[i64], fill: impl FnOnce(&mut [f32])) -> Tensor {
         fill(unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), tensor.numel()) });
     }
     tensor
+}
+
+/// The numbers that a 32-bit floating-point tensor on the CPU consists of, row-major.
+///
+/// # Safety
+/// As long as the slice lives, nothing else reads or writes the memory: no other tensor that shares it, and no GPU.
+///
+/// # Panics
+/// If it is not contiguous, not on the CPU, or of another kind.
+pub unsafe fn floats_mut(tensor: &mut Tensor) -> &mut [f32] {
+    assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Float && tensor.is_contiguous());
+    if tensor.numel() == 0 {
+        return &mut [];
+    }
+    // SAFETY: the tensor's memory holds so many 32-bit numbers one after another, lives as long as the tensor that is
+    // borrowed, and every pattern of bits is a number. That nothing else touches it is the caller's promise.
+    unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), tensor.numel()) }
+}
+
+/// The raw bytes that a tensor on the CPU consists of.
+///
+/// # Safety
+/// As for [`floats_mut`].
+///
+/// # Panics
+/// If it is not contiguous, not on the CPU, or not of bytes.
+pub unsafe fn bytes_mut(tensor: &mut Tensor) -> &mut [u8] {
+    assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Uint8 && tensor.is_contiguous());
+    if tensor.numel() == 0 {
+        return &mut [];
+    }
+    // SAFETY: the tensor's memory holds so many bytes and lives as long as the tensor that is borrowed. That nothing
+    // else touches it is the caller's promise.
+    unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), tensor.numel()) }
 }
 
 /// Calls a function of ours in C++ that takes room for an error's text and its size, and returns 0 or 1 (`guard.h`).

@@ -93,16 +93,31 @@ impl Staging {
     /// Frames → i16 \[rows, 224, 224\] on the device. libtorch has no 16-bit unsigned arithmetic; depths end below
     /// 32.767 m, where both kinds agree.
     fn upload(&mut self, frames: &[&RawFrame], device: Device) -> Tensor {
-        let rows = frames.len() as i64;
-        let kept = self.0.take().filter(|room| room.rows() >= rows && device.is_cuda());
-        let mut room = kept.unwrap_or_else(|| FrameRoom::new(rows, device));
+        let mut room = self.room(frames.len(), device);
         copy_frames(&mut room.frames_mut()[..frames.len()], frames);
         if !device.is_cuda() {
             return room.into_tensor();
         }
-        let raw = room.copy_to(device, rows);
+        let raw = room.copy_to(device, frames.len() as i64);
         self.0 = Some(room);
         raw
+    }
+
+    /// Frames → the address of the first of them, one after the other, for a GPU to read.
+    pub(crate) fn gather(&mut self, frames: &[&RawFrame], device: Device) -> *const RawFrame {
+        let mut room = self.room(frames.len(), device);
+        let places = room.frames_mut();
+        copy_frames(&mut places[..frames.len()], frames);
+        let first = places.as_ptr();
+        self.0 = Some(room);
+        first
+    }
+
+    /// Takes out the room, if there is enough, or makes it.
+    fn room(&mut self, rows: usize, device: Device) -> FrameRoom {
+        let rows = rows as i64;
+        let kept = self.0.take().filter(|room| room.rows() >= rows && device.is_cuda());
+        kept.unwrap_or_else(|| FrameRoom::new(rows, device))
     }
 }
 

@@ -22,6 +22,7 @@ pub(crate) use layers::{Gru, Linear};
 pub use parameters::{Layout, ParameterId, Parameters, Unfit, to_vec};
 pub(crate) use parameters::{all_finite, fits};
 
+use crate::ffi::kernels::Kernels;
 use embedding::{ActionEmbedding, GoalEmbedding};
 use encoder::{Backward, VisualEncoder};
 use proto::config::{Config, EncoderPrecision};
@@ -146,6 +147,17 @@ impl Network {
     /// Whether the encoder computes in bfloat16.
     pub(crate) fn is_fused(&self) -> bool {
         self.encoder.is_fused()
+    }
+
+    /// The kernels of our own, where the encoder computes with them.
+    pub(crate) fn kernels(&self) -> Option<&Kernels> {
+        self.encoder.kernels()
+    }
+
+    /// Renews what was derived from the weights, if they have changed. [`Network::embed`] does it by itself; a recorded
+    /// one cannot.
+    pub(crate) fn refresh(&self) {
+        self.encoder.refresh(&self.parameters);
     }
 
     /// Embeddings of the observations: \[rows, 512 + 32\], and 16 more with the previous action.

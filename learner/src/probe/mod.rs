@@ -19,7 +19,7 @@ use crate::network::{Network, PrecisionError};
 use crate::ppo::UpdateError;
 use batch::Batch;
 use first_epoch::{Probed, probe};
-use proto::config::{Config, ConfigError, DeviceChoice, Setting};
+use proto::config::{Config, ConfigError, DeviceChoice, LearnerConfig, Setting};
 use proto::run_folder::write_atomically;
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -133,7 +133,7 @@ pub enum ProbeError {
 /// Runs the command: writes the file and prints every figure, a line each.
 pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<(), ProbeError> {
     let mut config = Config::resolve_set(&arguments.preset, arguments.config.as_deref(), &arguments.set)?;
-    let device = device::choose(arguments.device, config.learner.cpu, config.learner.threads)?;
+    let device = device::choose(&LearnerConfig { device: arguments.device, ..config.learner })?;
     let weights = model(read(&arguments.weights)?);
     let in_weights = |cause| ProbeError::Tensors { path: arguments.weights.clone(), cause };
     fit(&mut config, &weights).map_err(in_weights)?;

@@ -47,7 +47,7 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
         bail!("{} has no table [evaluation]: it is the configuration of a run", folder.config().display());
     };
 
-    let device = device::choose(config.learner.device, config.learner.cpu, config.learner.threads)?;
+    let device = device::choose(&config.learner)?;
     let mut agent = Agent::new(&config, device)?;
     let (rollout, frames) = match &asked.checkpoint {
         None => (0, 0),

@@ -37,7 +37,7 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
         .with_context(|| from.display().to_string())?;
 
     let _lock = Lock::take(&run.learner_lock(0), lock::PATIENCE, || false)?;
-    let device = device::choose(config.learner.device, config.learner.cpu, config.learner.threads)?;
+    let device = device::choose(&config.learner)?;
     let machine = machine::machine(device, config.learner.threads, config.learner.count);
     let store = Store::new(run.clone(), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);
     if let Some(loaded) = store.load()? {

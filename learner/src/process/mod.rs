@@ -72,7 +72,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     ensure!(rank < learners, "the run has learners 0 to {}: there is no learner {rank}", learners - 1);
     let _lock = Lock::take(&run.learner_lock(rank), lock::PATIENCE, || gone.is_set())?;
 
-    let device = device::choose(config.learner.device, config.learner.cpu, config.learner.threads)?;
+    let device = device::choose(&config.learner)?;
     // A new rendezvous for each joint start, so that files of dead learners are not used.
     let rendezvous = wire.root().join(format!("learners-{incarnation}"));
     let peers = Peers::join(&rendezvous, [rank, learners], device)?;

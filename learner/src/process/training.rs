@@ -68,6 +68,8 @@ struct Loop {
     timing: Timing,
     /// This learner ended the rollout in progress, or the last one, early, because the others had finished.
     preempted: bool,
+    /// See [`crate::collector::Collector::actor_starts`].
+    actor_starts: u64,
 }
 
 impl<W: Write> Training<'_, W> {
@@ -81,7 +83,8 @@ impl<W: Write> Training<'_, W> {
     }
 
     fn train(&mut self) -> Result<()> {
-        let mut state = Loop { last_save: Instant::now(), timing: Timing::default(), preempted: false };
+        let mut state =
+            Loop { last_save: Instant::now(), timing: Timing::default(), preempted: false, actor_starts: 0 };
         if self.saved.is_none() {
             self.save(&mut state)?;
         }
@@ -347,6 +350,7 @@ impl<W: Write> Training<'_, W> {
                 Task::Act { half, t } => {
                     self.conversation.note_connected();
                     let began = Instant::now();
+                    self.look_for_new_actors(state);
                     self.settle(half);
                     let batch = self.conversation.collector.batch(half);
                     let output = self.agent.step(t, &batch.input())?;
@@ -359,6 +363,7 @@ impl<W: Write> Training<'_, W> {
                 }
                 Task::Bootstrap { half } => {
                     let began = Instant::now();
+                    self.look_for_new_actors(state);
                     self.settle(half);
                     let batch = self.conversation.collector.batch(half);
                     self.agent.bootstrap(&batch.input())?;
@@ -373,6 +378,13 @@ impl<W: Write> Training<'_, W> {
                     return Ok(None);
                 }
             }
+        }
+    }
+
+    fn look_for_new_actors(&mut self, state: &mut Loop) {
+        let starts = self.conversation.collector.actor_starts();
+        if std::mem::replace(&mut state.actor_starts, starts) != starts {
+            self.agent.recheck_memory();
         }
     }
 

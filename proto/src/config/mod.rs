@@ -233,6 +233,9 @@ pub struct LearnerConfig {
     pub cpu: CpuArithmetic,
     /// What the visual encoder computes in.
     pub encoder_precision: EncoderPrecision,
+    /// On CUDA: only algorithms that give the same bits every time, so that the same seed gives the same weights on the
+    /// same kind of GPU with the same number of learners, killed or not.
+    pub deterministic: bool,
     /// Threads of libtorch on the CPU, of each learner. Part of what makes a run reproducible: results differ in the
     /// last bits between thread counts.
     pub threads: u32,
@@ -388,6 +391,7 @@ impl Default for LearnerConfig {
             device: DeviceChoice::Auto,
             cpu: CpuArithmetic::Reproducible,
             encoder_precision: EncoderPrecision::Auto,
+            deterministic: true,
             threads: 1,
             actor_deadline_s: 120.0,
         }

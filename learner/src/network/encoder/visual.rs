@@ -1,6 +1,7 @@
 //! What a visual encoder is to the network, and what the registry holds of each.
 
 use crate::ffi::cuda::CudaError;
+use crate::ffi::kernels::Kernels;
 use crate::network::initialize::Initial;
 use crate::network::layers::Linear;
 use crate::network::parameters::{Layout, ParameterId, Parameters};
@@ -39,10 +40,18 @@ pub(crate) trait VisualEncoder: fmt::Debug {
         panic!("this encoder has no kernels")
     }
 
+    /// Its kernels, once they are compiled.
+    fn kernels(&self) -> Option<&Kernels> {
+        None
+    }
+
     /// Whether its kernels are compiled.
     fn is_fused(&self) -> bool {
-        false
+        self.kernels().is_some()
     }
+
+    /// Renews, in place, what [`VisualEncoder::forward_fused`] derives from the weights, if they have changed.
+    fn refresh(&self, _parameters: &Parameters) {}
 
     /// Kept frames \[rows, side, side\] → \[rows, 512\], f32 and outside autograd, and the backward pass to it. The
     /// network's input is `frame · scale + offset`. `None` before [`VisualEncoder::fuse`].

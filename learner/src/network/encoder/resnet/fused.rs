@@ -1,5 +1,5 @@
-//! The encoder on a CUDA device in bfloat16: libtorch's convolutions on maps with channels last, everything between two
-//! convolutions in one kernel of our own, and the backward pass written out.
+//! The encoder on a CUDA device in bfloat16: the stem in kernels of our own, then libtorch's convolutions on maps with
+//! channels last, everything between two of them in one kernel, and the backward pass written out.
 //!
 //! Weights stay f32; this pass works on rounded copies, which are made once an optimiser step. Only what the backward
 //! pass reads is kept, and autograd never sees the encoder: it ends at the visual embedding, whose gradient
@@ -9,7 +9,10 @@ use super::super::visual::Gradients;
 use super::plain::{BASE, Block, COMPRESSED, Resnet};
 use crate::ffi::convolution::convolution_backward;
 use crate::ffi::cuda::CudaError;
-use crate::ffi::kernels::{Affine, Kernels, NormGradients, Statistics, Winners, channels_last};
+use crate::ffi::kernels::{
+    self, Affine, BlockGradients, BlockKernels, Kernels, NormGradients, Statistics, Stem, StemGradients, StemTape,
+    channels_last,
+};
 use crate::network::layers::{Convolution, GroupNorm};
 use crate::network::parameters::Parameters;
 use std::cell::RefCell;
@@ -53,20 +56,31 @@ struct Normed {
 #[derive(Debug)]
 struct BlockTape {
     input: Tensor,
-    first: Normed,
-    /// After the first norm's ReLU.
-    between: Tensor,
-    second: Normed,
-    projection: Option<Normed>,
+    inner: Inner,
     output: Tensor,
+}
+
+/// What a block leaves between input and output.
+#[derive(Debug)]
+enum Inner {
+    /// A kernel of our own for the whole block keeps nothing else.
+    Whole(Statistics),
+    /// Layer by layer.
+    Layers {
+        first: Normed,
+        /// After the first norm's ReLU.
+        between: Tensor,
+        second: Normed,
+        projection: Option<Normed>,
+    },
 }
 
 /// What a forward pass leaves for its backward pass.
 #[derive(Debug)]
 pub(super) struct Tape {
-    stem_input: Tensor,
-    stem: Normed,
-    winners: Winners,
+    /// Frames, f32.
+    kept: Tensor,
+    stem: StemTape,
     blocks: Vec<BlockTape>,
     /// What the compression saw.
     features: Tensor,
@@ -76,9 +90,24 @@ pub(super) struct Tape {
 }
 
 impl Fused {
-    /// Compiles the kernels. libtorch must have made a tensor on the device before.
-    pub(super) fn new() -> Result<Self, CudaError> {
-        Ok(Self { kernels: Kernels::compile()?, rounded: RefCell::new(None) })
+    /// Compiles the kernels for frames of this side. libtorch must have made a tensor on the device before.
+    pub(super) fn new(side: i64) -> Result<Self, CudaError> {
+        Ok(Self { kernels: Kernels::compile(side)?, rounded: RefCell::new(None) })
+    }
+
+    /// The kernels.
+    pub(super) fn kernels(&self) -> &Kernels {
+        &self.kernels
+    }
+
+    /// Rounds the weights anew if they have changed. The copies stay in their places, which recorded graphs know.
+    pub(super) fn refresh(&self, resnet: &Resnet, parameters: &Parameters) {
+        let mut rounded = self.rounded.borrow_mut();
+        match &mut *rounded {
+            Some(weights) if weights.version == parameters.version() => {}
+            Some(weights) => weights.take(Rounded::new(resnet, parameters)),
+            none => *none = Some(Rounded::new(resnet, parameters)),
+        }
     }
 
     /// Kept frames \[rows, side, side\] → visual embedding \[rows, 512\], f32 and outside autograd. The network sees
@@ -88,53 +117,50 @@ impl Fused {
         resnet: &Resnet,
         parameters: &Parameters,
         kept: &Tensor,
-        [scale, offset]: [f32; 2],
+        scale_offset: [f32; 2],
     ) -> (Tensor, Tape) {
         let _no_grad = tch::no_grad_guard();
-        let mut rounded = self.rounded.borrow_mut();
-        let weights = match rounded.take() {
-            Some(weights) if weights.version == parameters.version() => rounded.insert(weights),
-            _ => rounded.insert(Rounded::new(resnet, parameters)),
-        };
+        self.refresh(resnet, parameters);
+        let rounded = self.rounded.borrow();
+        let weights = rounded.as_ref().expect("just made");
         let kernels = &self.kernels;
         let affine = |norm: &GroupNorm| affine(parameters, norm);
 
-        let stem_input = kernels.stem_input(&kept.to_kind(Kind::Float).contiguous(), scale, offset);
-        let x = convolve(&stem_input, &weights.stem, [1, 0]);
-        let (mut features, winners, statistics) = kernels.stem_forward(&x, affine(&resnet.stem.1));
-        let stem = Normed { x, statistics };
+        let kept = kept.to_kind(Kind::Float).contiguous();
+        let stem = Stem { taps: &weights.stem, norm: affine(&resnet.stem.1), scale_offset };
+        let (mut features, stem) = kernels.stem.forward(&kept, stem);
 
         let mut blocks = Vec::with_capacity(resnet.blocks.len());
         for (block, weights) in resnet.blocks.iter().zip(&weights.blocks) {
             let normed = |input: &Tensor, weight: &Tensor, part: &(Convolution, GroupNorm), around, relu| {
                 let x = convolve(input, weight, [part.0.stride, part.0.padding]);
-                let (y, statistics) = kernels.norm_forward(&x, around, affine(&part.1), relu);
+                let (y, statistics) = kernels.norm.forward(&x, around, affine(&part.1), relu);
                 (y, Normed { x, statistics })
             };
             let input = features;
+            if let Some((kernels, whole)) = whole(kernels, parameters, block, weights, &input) {
+                let (output, statistics) = kernels.forward(&input, whole);
+                features = output.shallow_clone();
+                blocks.push(BlockTape { input, inner: Inner::Whole(statistics), output });
+                continue;
+            }
             let (between, first) = normed(&input, &weights.first, &block.first, None, true);
             let projection = block.projection.as_ref().zip(weights.projection.as_ref());
             let projection = projection.map(|(part, weight)| normed(&input, weight, part, None, false));
             let around = projection.as_ref().map_or(&input, |(around, _)| around);
             let (output, second) = normed(&between, &weights.second, &block.second, Some(around), true);
             features = output.shallow_clone();
-            blocks.push(BlockTape {
-                input,
-                first,
-                between,
-                second,
-                projection: projection.map(|(_, normed)| normed),
-                output,
-            });
+            let projection = projection.map(|(_, normed)| normed);
+            blocks.push(BlockTape { input, inner: Inner::Layers { first, between, second, projection }, output });
         }
 
         let part = &resnet.compression;
         let x = convolve(&features, &weights.compression, [part.0.stride, part.0.padding]);
-        let (compressed, statistics) = kernels.norm_forward(&x, None, affine(&part.1), true);
+        let (compressed, statistics) = kernels.norm.forward(&x, None, affine(&part.1), true);
         let compression = Normed { x, statistics };
         let visual = flat(&compressed).linear(&weights.linear, Some(&weights.linear_bias)).relu_();
         let embedding = visual.to_kind(Kind::Float);
-        (embedding, Tape { stem_input, stem, winners, blocks, features, compression, compressed, visual })
+        (embedding, Tape { kept, stem, blocks, features, compression, compressed, visual })
     }
 
     /// Gradients of all of the encoder's parameters for that of the embedding \[rows, 512\].
@@ -148,6 +174,7 @@ impl Fused {
         parameters: &Parameters,
         tape: Tape,
         gradient: &Tensor,
+        scale_offset: [f32; 2],
     ) -> Gradients {
         let _no_grad = tch::no_grad_guard();
         let rounded = self.rounded.borrow();
@@ -161,14 +188,14 @@ impl Fused {
             gradients.push((norm.weight, affine.get(1)));
             input
         };
-        let mut convolutions: Gradients = Vec::new();
+        let (mut convolutions, mut whole_blocks): (Gradients, Gradients) = (Vec::new(), Vec::new());
         let mut of_convolution = |part: &Convolution, dy: &Tensor, x: &Tensor, weight: &Tensor| {
             let (dw, dx) = convolution_gradients(dy, x, weight, [part.stride, part.padding], true);
             convolutions.push((part.weight, dw.to_kind(Kind::Float)));
             dx.map(channels_last)
         };
 
-        let Tape { stem_input, stem, winners, blocks, features, compression, compressed, visual } = tape;
+        let Tape { kept, stem, blocks, features, compression, compressed, visual } = tape;
         let d_visual = gradient.to_kind(Kind::BFloat16) * visual.gt(0);
         let d_linear = d_visual.tr().matmul(&flat(&compressed));
         let d_linear_bias = d_visual.sum_dim_intlist([0i64].as_slice(), false, Kind::Float);
@@ -177,7 +204,7 @@ impl Fused {
         let (_, channels, height, width) = compressed.size4().expect("a feature map");
         let d_compressed = d_compressed.view([-1, height, width, channels]).permute([0, 3, 1, 2]);
         let (part, norm) = &resnet.compression;
-        let (d, _) = kernels.norm_backward(
+        let (d, _) = kernels.norm.backward(
             [Some(&d_compressed), None],
             Some(&compressed),
             &compression.x,
@@ -191,8 +218,26 @@ impl Fused {
         let mut around: Option<Tensor> = None;
 
         for ((block, weights), tape) in resnet.blocks.iter().zip(&weights.blocks).zip(blocks).rev() {
-            let BlockTape { input, first, between, second, projection, output } = tape;
-            let (d, d_around) = kernels.norm_backward(
+            let BlockTape { input, inner, output } = tape;
+            let (first, between, second, projection) = match inner {
+                Inner::Layers { first, between, second, projection } => (first, between, second, projection),
+                Inner::Whole(statistics) => {
+                    let whole = whole(kernels, parameters, block, weights, &input);
+                    let (kernels, words) = whole.expect("as in the forward pass");
+                    let users = [through.as_ref(), around.as_ref()];
+                    let d = kernels.backward(users, &output, &input, &statistics, words);
+                    let BlockGradients { input, weights, affine } = d;
+                    let parts = [&block.first, &block.second].into_iter().zip(weights.into_iter().zip(affine));
+                    for ((part, norm), (weight, affine)) in parts {
+                        whole_blocks.push((part.weight, weight));
+                        whole_blocks.push((norm.bias, affine.get(0)));
+                        whole_blocks.push((norm.weight, affine.get(1)));
+                    }
+                    (through, around) = (Some(input), None);
+                    continue;
+                }
+            };
+            let (d, d_around) = kernels.norm.backward(
                 [through.as_ref(), around.as_ref()],
                 Some(&output),
                 &second.x,
@@ -202,7 +247,7 @@ impl Fused {
             );
             let d = of_norm(&block.second.1, d);
             let d_between = of_convolution(&block.second.0, &d, &between, &weights.second);
-            let (d, _) = kernels.norm_backward(
+            let (d, _) = kernels.norm.backward(
                 [d_between.as_ref(), None],
                 Some(&between),
                 &first.x,
@@ -215,21 +260,23 @@ impl Fused {
             around = match (&block.projection, projection, &weights.projection) {
                 (Some((part, norm)), Some(normed), Some(weight)) => {
                     let dy = [d_around.as_ref(), None];
-                    let (d, _) = kernels.norm_backward(dy, None, &normed.x, &normed.statistics, affine(norm), false);
+                    let (d, _) = kernels.norm.backward(dy, None, &normed.x, &normed.statistics, affine(norm), false);
                     of_convolution(part, &of_norm(norm, d), &input, weight)
                 }
                 _ => d_around,
             };
         }
 
-        let norm = &resnet.stem.1;
+        let (part, norm) = &resnet.stem;
         let users = [through.as_ref(), around.as_ref()];
-        let d = kernels.stem_backward(users, &winners, &stem.x, &stem.statistics, affine(norm));
-        let d = of_norm(norm, d);
-        let (d_stem, _) = convolution_gradients(&d, &stem_input, &weights.stem, [1, 0], false);
+        let words = Stem { taps: &weights.stem, norm: affine(norm), scale_offset };
+        let StemGradients { taps, affine } = kernels.stem.backward(users, &stem, &kept, words);
+        gradients.push((norm.bias, affine.get(0)));
+        gradients.push((norm.weight, affine.get(1)));
+        gradients.push((part.weight, from_stem_weight(&taps)));
 
         gradients.append(&mut convolutions);
-        gradients.push((resnet.stem.0.weight, from_stem_weight(&d_stem.to_kind(Kind::Float))));
+        gradients.append(&mut whole_blocks);
         gradients.push((resnet.linear.weight, from_pixel_order(&d_linear.to_kind(Kind::Float))));
         gradients.push((resnet.linear.bias, d_linear_bias));
         gradients
@@ -245,6 +292,7 @@ impl Rounded {
             projection: block.projection.as_ref().map(|(part, _)| round(part)),
         };
         let linear = |id| parameters[id].detach().to_kind(Kind::BFloat16);
+        let _no_grad = tch::no_grad_guard();
         Self {
             version: parameters.version(),
             stem: channels_last(to_stem_weight(&parameters[resnet.stem.0.weight].detach()).to_kind(Kind::BFloat16)),
@@ -254,6 +302,42 @@ impl Rounded {
             linear_bias: linear(resnet.linear.bias),
         }
     }
+}
+
+impl Rounded {
+    fn tensors(&mut self) -> impl Iterator<Item = &mut Tensor> {
+        let blocks = self
+            .blocks
+            .iter_mut()
+            .flat_map(|block| [&mut block.first, &mut block.second].into_iter().chain(block.projection.as_mut()));
+        [&mut self.stem, &mut self.compression, &mut self.linear, &mut self.linear_bias].into_iter().chain(blocks)
+    }
+
+    /// Copies other numbers into these places.
+    fn take(&mut self, mut newer: Self) {
+        self.version = newer.version;
+        tch::no_grad(|| {
+            for (place, newer) in self.tensors().zip(newer.tensors()) {
+                place.copy_(newer);
+            }
+        });
+    }
+}
+
+/// The kernels for whole blocks and the block as they take it, if there are any for such maps.
+fn whole<'a>(
+    kernels: &'a Kernels,
+    parameters: &'a Parameters,
+    block: &Block,
+    weights: &'a BlockWeights,
+    input: &Tensor,
+) -> Option<(&'a BlockKernels, kernels::Block<'a>)> {
+    let kernels = kernels.block.as_ref().filter(|_| weights.projection.is_none() && BlockKernels::fit(input))?;
+    let words = kernels::Block {
+        weights: [&weights.first, &weights.second],
+        norms: [affine(parameters, &block.first.1), affine(parameters, &block.second.1)],
+    };
+    Some((kernels, words))
 }
 
 fn affine<'a>(parameters: &'a Parameters, norm: &GroupNorm) -> Affine<'a> {
@@ -295,7 +379,7 @@ fn from_pixel_order(weight: &Tensor) -> Tensor {
     weight.view([outputs, -1, COMPRESSED]).permute([0, 2, 1]).reshape([outputs, -1])
 }
 
-/// The stem's weight \[32, 1, 7, 7\] → \[32, 8, 4, 4\], for an input as `stem_input` in `kernels.cu` makes it: taps
+/// The stem's weight \[32, 1, 7, 7\] → \[32, 8, 4, 4\], for an input as `fill_band` in `stem.cu` makes it: taps
 /// −1..6 in twos, the first of which is zero, and the same for both parts of a number.
 fn to_stem_weight(weight: &Tensor) -> Tensor {
     let taps = weight.constant_pad_nd([1, 0, 1, 0]).view([BASE, 4, 2, 4, 2]);
@@ -315,7 +399,7 @@ mod tests {
     use super::*;
     use tch::Device;
 
-    /// The computation of `stem_input` with libtorch's operations and without rounding.
+    /// The computation of `fill_band` with libtorch's operations and without rounding.
     fn stem_input(x: &Tensor) -> Tensor {
         let (rows, _, side, _) = x.size4().unwrap();
         let half = side / 2;

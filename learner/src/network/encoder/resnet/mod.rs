@@ -6,6 +6,7 @@ mod plain;
 
 use super::visual::{Backward, EncoderEntry, PATH, VisualEncoder};
 use crate::ffi::cuda::CudaError;
+use crate::ffi::kernels::Kernels;
 use crate::network::parameters::Parameters;
 use fused::Fused;
 use plain::Resnet;
@@ -17,7 +18,7 @@ pub(crate) const ENTRY: EncoderEntry = EncoderEntry {
     encoder: Encoder::Resnet,
     linear: plain::LINEAR,
     features: plain::features,
-    declare: |layout, side| Box::new(ResnetEncoder { resnet: Resnet::new(layout, PATH, side), fused: None }),
+    declare: |layout, side| Box::new(ResnetEncoder { resnet: Resnet::new(layout, PATH, side), side, fused: None }),
     allenact: &[
         ("visual_encoder.backbone.", "visual_encoder.backbone."),
         ("visual_encoder.compression.", "visual_encoder.compression."),
@@ -28,6 +29,8 @@ pub(crate) const ENTRY: EncoderEntry = EncoderEntry {
 #[derive(Debug)]
 struct ResnetEncoder {
     resnet: Resnet,
+    /// Side of a frame, pixels.
+    side: i64,
     /// The kernels, once they are compiled.
     fused: Option<Fused>,
 }
@@ -42,12 +45,18 @@ impl VisualEncoder for ResnetEncoder {
     }
 
     fn fuse(&mut self) -> Result<(), CudaError> {
-        self.fused = Some(Fused::new()?);
+        self.fused = Some(Fused::new(self.side)?);
         Ok(())
     }
 
-    fn is_fused(&self) -> bool {
-        self.fused.is_some()
+    fn kernels(&self) -> Option<&Kernels> {
+        self.fused.as_ref().map(Fused::kernels)
+    }
+
+    fn refresh(&self, parameters: &Parameters) {
+        if let Some(fused) = &self.fused {
+            fused.refresh(&self.resnet, parameters);
+        }
     }
 
     fn forward_fused<'a>(
@@ -58,7 +67,7 @@ impl VisualEncoder for ResnetEncoder {
     ) -> Option<(Tensor, Backward<'a>)> {
         let fused = self.fused.as_ref()?;
         let (visual, tape) = fused.forward(&self.resnet, parameters, kept, scale_offset);
-        let backward = move |gradient: &Tensor| fused.backward(&self.resnet, parameters, tape, gradient);
+        let backward = move |gradient: &Tensor| fused.backward(&self.resnet, parameters, tape, gradient, scale_offset);
         Some((visual, Box::new(backward)))
     }
 }

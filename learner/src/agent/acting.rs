@@ -1,0 +1,249 @@
+//! A step of the policy on a GPU as one CUDA graph for each size of batch: from frames in the actors' shared memory,
+//! which the GPU reads itself, to sampled actions in the host's. Recorded when a size is first met.
+//!
+//! The graph also keeps what the step leaves: frames in the rollout's store, beliefs in their table. Store and table
+//! have one row more than are used; what is not to be kept goes there.
+
+use crate::ffi;
+use crate::ffi::graph::{Graph, GraphError, Recorder};
+use crate::ffi::host_memory::HostMemory;
+use crate::ffi::kernels::{CHOSEN_WORDS, Chosen, Kernels};
+use crate::network::{Network, Observations, RawFrame, Staging};
+use crate::rollout::Step;
+use std::ops::Range;
+use tch::{Cuda, Device, Kind, Tensor};
+
+/// Graphs and their memory.
+#[derive(Debug)]
+pub(super) struct Acting {
+    recorder: Recorder,
+    memory: HostMemory,
+    /// Frames that the GPU cannot read where they are.
+    staging: Staging,
+    recorded: Vec<Recorded>,
+    device: Device,
+}
+
+/// One step for all rows of a batch.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rows<'a> {
+    pub frames: &'a [&'a RawFrame],
+    /// Rows of the store that get the frames.
+    pub places: &'a [i64],
+    /// Rows of the table of beliefs: where they are now, and where they go.
+    pub columns: &'a [i64],
+    pub beliefs_to: &'a [i64],
+    /// Goals, previous actions, episode starts.
+    pub steps: &'a [Step],
+    /// \[rows · actions\].
+    pub noise: &'a [f32],
+}
+
+/// What a graph reads and writes besides network and beliefs.
+#[derive(Debug)]
+struct Recorded {
+    layout: Layout,
+    /// Address of the store that it writes to.
+    store: usize,
+    graph: Graph,
+    /// The inputs, in pinned memory.
+    inputs: Tensor,
+    /// \[rows, [`CHOSEN_WORDS`]\], in pinned memory.
+    choices: Tensor,
+}
+
+/// Where each input lies among the bytes of all.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Layout {
+    rows: usize,
+    frames: Range<usize>,
+    places: Range<usize>,
+    columns: Range<usize>,
+    beliefs_to: Range<usize>,
+    previous_actions: Range<usize>,
+    goals: Range<usize>,
+    carried: Range<usize>,
+    noise: Range<usize>,
+}
+
+impl Layout {
+    fn new(rows: usize, actions: usize) -> Self {
+        let mut end = 0;
+        let mut next = |bytes: usize| {
+            let start = end;
+            end += bytes.next_multiple_of(16);
+            start..start + bytes
+        };
+        Self {
+            rows,
+            frames: next(rows * 8),
+            places: next(rows * 8),
+            columns: next(rows * 8),
+            beliefs_to: next(rows * 8),
+            previous_actions: next(rows * 8),
+            goals: next(rows * 12),
+            carried: next(rows * 4),
+            noise: next(rows * actions * 4),
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        self.noise.end
+    }
+}
+
+impl Acting {
+    /// Nothing is recorded yet.
+    pub fn new(device: Device) -> Result<Self, GraphError> {
+        Ok(Self {
+            recorder: Recorder::open()?,
+            memory: HostMemory::open()?,
+            staging: Staging::default(),
+            recorded: vec![],
+            device,
+        })
+    }
+
+    /// Actors have started again: their frames may lie where others' lay.
+    pub fn recheck_memory(&mut self) {
+        self.memory.recheck();
+    }
+
+    /// Takes a step. `beliefs` is the table \[columns + 1, hidden\], `store` the rollout's \[frames + 1, side, side\].
+    pub fn step(
+        &mut self,
+        network: &Network,
+        kernels: &Kernels,
+        beliefs: &Tensor,
+        store: &Tensor,
+        rows: Rows,
+    ) -> Result<Vec<Chosen>, GraphError> {
+        let layout = Layout::new(rows.steps.len(), rows.noise.len() / rows.steps.len());
+        let store_address = store.data_ptr() as usize;
+        // After a change of weights.
+        network.refresh();
+        let frames = self.addresses(rows.frames);
+        let at = self.recorded.iter().position(|graph| graph.layout == layout && graph.store == store_address);
+        let at = if let Some(at) = at {
+            at
+        } else {
+            self.recorded.retain(|graph| graph.store == store_address);
+            let recorded = self.record(network, kernels, beliefs, store, layout, &frames, rows)?;
+            self.recorded.push(recorded);
+            self.recorded.len() - 1
+        };
+        let recorded = &mut self.recorded[at];
+        recorded.fill(&frames, rows);
+        recorded.graph.replay()?;
+        Cuda::synchronize(0);
+        // SAFETY: the GPU has written them, as the line above has waited for; no other tensor shares this memory.
+        let words = unsafe { ffi::floats_mut(&mut recorded.choices) };
+        Ok(words.chunks_exact(CHOSEN_WORDS).map(Chosen::from_words).collect())
+    }
+
+    /// Where the GPU finds the frames: where they are if it can read them there, or in pinned memory.
+    fn addresses(&mut self, frames: &[&RawFrame]) -> Vec<i64> {
+        let address = |frame: &RawFrame| frame.as_ptr() as usize;
+        let memory = &mut self.memory;
+        let aligned = |frame: &RawFrame| address(frame).is_multiple_of(16);
+        if frames.iter().all(|frame| aligned(frame) && memory.covers(address(frame), size_of::<RawFrame>())) {
+            return frames.iter().map(|frame| address(frame) as i64).collect();
+        }
+        let gathered = self.staging.gather(frames, self.device).cast::<RawFrame>();
+        (0..frames.len()).map(|row| gathered.wrapping_add(row) as i64).collect()
+    }
+
+    // Long because: it hands on all that `step` has.
+    #[allow(clippy::too_many_arguments)]
+    fn record(
+        &self,
+        network: &Network,
+        kernels: &Kernels,
+        beliefs: &Tensor,
+        store: &Tensor,
+        layout: Layout,
+        frames: &[i64],
+        rows: Rows,
+    ) -> Result<Recorded, GraphError> {
+        let device = self.device;
+        let pinned = |size: &[i64], kind| Tensor::zeros(size, (kind, Device::Cpu)).pin_memory(device);
+        let mut inputs = pinned(&[layout.bytes() as i64], Kind::Uint8);
+        let choices = pinned(&[layout.rows as i64, CHOSEN_WORDS as i64], Kind::Float);
+        // The runs that warm up keep nothing.
+        let beyond = |tensor: &Tensor| vec![tensor.size()[0] - 1; layout.rows];
+        let (places, beliefs_to) = (beyond(store), beyond(beliefs));
+        fill(&mut inputs, &layout, frames, Rows { places: &places, beliefs_to: &beliefs_to, ..rows });
+
+        let (graph, ()) = self.recorder.record(|| {
+            let _no_grad = tch::no_grad_guard();
+            let inputs = inputs.to_device_(device, Kind::Uint8, true, false);
+            let part =
+                |range: &Range<usize>, kind| inputs.narrow(0, range.start as i64, range.len() as i64).view_dtype(kind);
+            let side = store.size()[1];
+            let kept = Tensor::empty([layout.rows as i64, side, side], (Kind::Float, device));
+            let (frames, places) = (part(&layout.frames, Kind::Int64), part(&layout.places, Kind::Int64));
+            // SAFETY: `fill` puts there the addresses of `addresses` and rows of this store, before each replay.
+            unsafe { kernels.acting.observe(&frames, &places, &kept, store) };
+            let observations = Observations {
+                frames: kept,
+                goals: part(&layout.goals, Kind::Float).view([-1, 3]),
+                previous_actions: part(&layout.previous_actions, Kind::Int64),
+            };
+            let before = beliefs.index_select(0, &part(&layout.columns, Kind::Int64))
+                * part(&layout.carried, Kind::Float).unsqueeze(1);
+            let embedded = network.embed(&observations);
+            let after = network.belief.step(&network.parameters, &embedded, &before);
+            let output = network.actor_critic(&after);
+            let noise = part(&layout.noise, Kind::Float).view([layout.rows as i64, -1]);
+            kernels.acting.choose(&output.log_probs, &output.values.contiguous(), &noise, &choices);
+            // SAFETY: `fill` puts rows of the table there.
+            unsafe { kernels.acting.keep(&after.contiguous(), &part(&layout.beliefs_to, Kind::Int64), beliefs) };
+        })?;
+        Ok(Recorded { layout, store: store.data_ptr() as usize, graph, inputs, choices })
+    }
+}
+
+impl Recorded {
+    fn fill(&mut self, frames: &[i64], rows: Rows) {
+        fill(&mut self.inputs, &self.layout, frames, rows);
+    }
+}
+
+/// Writes the inputs of a step into their pinned memory.
+fn fill(inputs: &mut Tensor, layout: &Layout, frames: &[i64], rows: Rows) {
+    fn put<const BYTES: usize>(to: &mut [u8], numbers: impl Iterator<Item = [u8; BYTES]>) {
+        for (to, number) in to.chunks_exact_mut(BYTES).zip(numbers) {
+            to.copy_from_slice(&number);
+        }
+    }
+    // SAFETY: the GPU reads them in a replay alone, and each replay was waited for; no other tensor shares this memory.
+    let bytes = unsafe { ffi::bytes_mut(inputs) };
+    let integers = |to: &mut [u8], numbers: &[i64]| put(to, numbers.iter().map(|number| number.to_ne_bytes()));
+    integers(&mut bytes[layout.frames.clone()], frames);
+    integers(&mut bytes[layout.places.clone()], rows.places);
+    integers(&mut bytes[layout.columns.clone()], rows.columns);
+    integers(&mut bytes[layout.beliefs_to.clone()], rows.beliefs_to);
+    let steps = rows.steps.iter();
+    put(&mut bytes[layout.previous_actions.clone()], steps.clone().map(|step| step.previous_action.to_ne_bytes()));
+    put(&mut bytes[layout.goals.clone()], steps.clone().flat_map(|step| step.goal.map(f32::to_ne_bytes)));
+    let carried = steps.map(|step| if step.episode_start { 0.0f32 } else { 1.0 });
+    put(&mut bytes[layout.carried.clone()], carried.map(f32::to_ne_bytes));
+    put(&mut bytes[layout.noise.clone()], rows.noise.iter().map(|number| number.to_ne_bytes()));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_lie_one_after_the_other_on_16_bytes() {
+        let layout = Layout::new(3, 21);
+        let Layout { rows: _, frames, places, columns, beliefs_to, previous_actions, goals, carried, noise } =
+            layout.clone();
+        let parts = [frames, places, columns, beliefs_to, previous_actions, goals, carried, noise];
+        assert!(parts.is_sorted_by(|a, b| a.end <= b.start && b.start - a.end < 16));
+        assert!(parts.iter().all(|part| part.start.is_multiple_of(16)));
+        assert_eq!(layout.bytes(), parts[7].end);
+        assert_eq!(parts[7].len(), 3 * 21 * 4);
+    }
+}

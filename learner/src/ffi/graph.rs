@@ -1,0 +1,176 @@
+//! CUDA graphs: many launches recorded once and then made by one call (`graph.cpp`).
+
+use super::cuda::{self, CudaError};
+use super::guarded;
+use super::library::{Handle, function, open};
+use std::ffi::{c_char, c_int, c_uint};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ptr::null_mut;
+use tch::{Cuda, TchError};
+
+/// Runs before a recording: libraries choose their algorithms and allocate their room at first use, which a recording
+/// does not allow.
+const WARM_UPS: usize = 3;
+
+/// Why nothing was recorded.
+#[derive(Debug, thiserror::Error)]
+pub enum GraphError {
+    /// The driver, or a library, refuses.
+    #[error(transparent)]
+    Cuda(#[from] CudaError),
+    /// libtorch refuses.
+    #[error(transparent)]
+    Torch(#[from] TchError),
+    /// An operation cannot be recorded. libtorch's reason is on standard error.
+    #[error("an operation cannot be recorded")]
+    Operation,
+}
+
+/// Members of `at::cuda::CUDAGraph`, in the order of `GraphFunctions` in graph.cpp.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+struct Functions {
+    construct: Member,
+    destroy: Member,
+    begin: Member,
+    end: Member,
+    replay: Member,
+}
+
+type Member = unsafe extern "C" fn();
+
+unsafe extern "C" {
+    fn stillroom_exchange_stream(stream: i64, before: *mut i64, message: *mut c_char, capacity: usize) -> c_int;
+    fn stillroom_graph_begin(
+        functions: *const Functions,
+        graph: *mut Handle,
+        message: *mut c_char,
+        capacity: usize,
+    ) -> c_int;
+    fn stillroom_graph_end(functions: *const Functions, graph: Handle, message: *mut c_char, capacity: usize) -> c_int;
+    fn stillroom_graph_replay(
+        functions: *const Functions,
+        graph: Handle,
+        message: *mut c_char,
+        capacity: usize,
+    ) -> c_int;
+    fn stillroom_graph_destroy(
+        functions: *const Functions,
+        graph: Handle,
+        message: *mut c_char,
+        capacity: usize,
+    ) -> c_int;
+}
+
+/// Records graphs.
+#[derive(Debug)]
+pub struct Recorder {
+    functions: Functions,
+    /// A stream of our own, because nothing can be recorded on the default stream.
+    stream: Handle,
+}
+
+/// A recorded graph of the first CUDA device.
+#[derive(Debug)]
+pub struct Graph {
+    functions: Functions,
+    graph: Handle,
+}
+
+type StreamCreate = unsafe extern "C" fn(*mut Handle, c_uint) -> c_int;
+
+impl Recorder {
+    /// Finds libtorch's functions and makes a stream. libtorch must have made a tensor on the device before.
+    pub fn open() -> Result<Self, GraphError> {
+        /// `CU_STREAM_NON_BLOCKING`: not ordered with the default stream.
+        const NON_BLOCKING: c_uint = 1;
+        let functions = functions()?;
+        let create = stream_create()?;
+        let mut stream = null_mut();
+        // SAFETY: the driver is initialised; the out-pointer is ours.
+        cuda::succeed("cuStreamCreate", unsafe { create(&raw mut stream, NON_BLOCKING) })?;
+        Ok(Self { functions, stream })
+    }
+
+    /// Runs `body` a few times, then records what it launches; what it launches must be the same every time. Its
+    /// results are in the memory that it writes, which must live as long as the graph.
+    pub fn record<T>(&self, mut body: impl FnMut() -> T) -> Result<(Graph, T), GraphError> {
+        Cuda::synchronize(0);
+        let before = exchange(self.stream as i64)?;
+        let recorded = cuda::on_stream(self.stream, || {
+            let mut try_body = || catch_unwind(AssertUnwindSafe(&mut body)).map_err(|_| GraphError::Operation);
+            for _ in 0..WARM_UPS {
+                try_body()?;
+                Cuda::synchronize(0);
+            }
+            let mut graph = Graph { functions: self.functions, graph: null_mut() };
+            // SAFETY: the functions are libtorch's; the out-pointer is ours.
+            guarded(|message, capacity| unsafe {
+                stillroom_graph_begin(&raw const graph.functions, &raw mut graph.graph, message, capacity)
+            })?;
+            let result = try_body();
+            // In any case, or the stream would stay in the state of recording.
+            // SAFETY: begun above.
+            let ended = guarded(|message, capacity| unsafe {
+                stillroom_graph_end(&raw const graph.functions, graph.graph, message, capacity)
+            });
+            let result = result?;
+            ended?;
+            Ok((graph, result))
+        });
+        exchange(before)?;
+        Cuda::synchronize(0);
+        recorded
+    }
+}
+
+impl Graph {
+    /// Launches what was recorded, on the current stream.
+    pub fn replay(&self) -> Result<(), GraphError> {
+        // SAFETY: a graph that was recorded to its end.
+        Ok(guarded(|message, capacity| unsafe {
+            stillroom_graph_replay(&raw const self.functions, self.graph, message, capacity)
+        })?)
+    }
+}
+
+impl Drop for Graph {
+    fn drop(&mut self) {
+        if self.graph.is_null() {
+            return;
+        }
+        // SAFETY: made by libtorch, and not used afterwards.
+        let destroyed = guarded(|message, capacity| unsafe {
+            stillroom_graph_destroy(&raw const self.functions, self.graph, message, capacity)
+        });
+        if let Err(error) = destroyed {
+            tracing::debug!("a CUDA graph is not freed: {error}");
+        }
+    }
+}
+
+/// Members of the class, by the names that the compiler gives them: torch 2.11's are declared in
+/// `ATen/cuda/CUDAGraph.h`.
+fn functions() -> Result<Functions, CudaError> {
+    let library = open(&[c"libtorch_cuda.so"])?;
+    Ok(Functions {
+        construct: function!(library, c"_ZN2at4cuda9CUDAGraphC1Eb" as Member),
+        destroy: function!(library, c"_ZN2at4cuda9CUDAGraphD1Ev" as Member),
+        begin: function!(library, c"_ZN2at4cuda9CUDAGraph13capture_beginESt4pairIyyE21cudaStreamCaptureMode" as Member),
+        end: function!(library, c"_ZN2at4cuda9CUDAGraph11capture_endEv" as Member),
+        replay: function!(library, c"_ZN2at4cuda9CUDAGraph6replayEv" as Member),
+    })
+}
+
+fn stream_create() -> Result<StreamCreate, CudaError> {
+    let library = open(&[c"libcuda.so.1"])?;
+    Ok(function!(library, c"cuStreamCreate" as StreamCreate))
+}
+
+/// Makes a stream libtorch's current one and returns the one that was.
+fn exchange(stream: i64) -> Result<i64, TchError> {
+    let mut before = 0;
+    // SAFETY: the out-pointer is ours.
+    guarded(|message, capacity| unsafe { stillroom_exchange_stream(stream, &raw mut before, message, capacity) })?;
+    Ok(before)
+}

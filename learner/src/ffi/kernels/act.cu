@@ -1,0 +1,72 @@
+// What acting needs before and after the network: frames come straight from the actors' shared memory, and actions are
+// sampled. POOL is the side of the pooling window, SIDE that of a pooled frame.
+
+// Blocks that share a frame.
+#define BANDS 4
+
+// frames: addresses of raw frames, u16 [SIDE · POOL, SIDE · POOL] millimetres, in host memory that the device may read.
+// Means over POOL × POOL pixels go to `kept` f32 [rows, SIDE, SIDE] and to row places[i] of the rollout's store, which
+// has the same numbers, or without pooling the raw ones. Sums of 16 numbers of 16 bits are exact in f32.
+extern "C" __global__ void observe(const unsigned long long* frames, const long long* places, float* kept, void* store) {
+    const size_t row = blockIdx.x / BANDS;
+    const uint4* frame = (const uint4*)frames[row];
+    const int octets = SIDE * POOL / 8, all = SIDE * octets / BANDS, first = blockIdx.x % BANDS * all;
+    const size_t place = (size_t)places[row] * SIDE * SIDE;
+    kept += row * SIDE * SIDE;
+    for (int i = first + threadIdx.x; i < first + all; i += blockDim.x) {
+        const int v = i / octets, octet = i % octets;
+        u32 sums[8 / POOL] = {};
+        uint4 raw;
+#pragma unroll
+        for (int line = 0; line < POOL; line++) {
+            raw = frame[(v * POOL + line) * octets + octet];
+            const u32 words[4] = {raw.x, raw.y, raw.z, raw.w};
+#pragma unroll
+            for (int k = 0; k < 8; k++) sums[k / POOL] += words[k / 2] >> (16 * (k % 2)) & 0xffffu;
+        }
+        const int at = v * SIDE + octet * (8 / POOL);
+#pragma unroll
+        for (int k = 0; k < 8 / POOL; k++) {
+            const float mean = (float)sums[k] * (1.0f / (POOL * POOL));
+            kept[at + k] = mean;
+            if (POOL > 1) ((float*)store)[place + at + k] = mean;
+        }
+        if (POOL == 1) ((uint4*)store)[(place + at) / 8] = raw;
+    }
+}
+
+// What was chosen, in host memory.
+struct Chosen {
+    float log_prob, value;
+    int action;
+    // 0 if a number of the row is not finite.
+    int finite;
+};
+
+// log_probs and noise [rows, actions], values [rows]. The action is argmax(log-probability + noise), the first of
+// equals.
+extern "C" __global__ void choose(const float* log_probs, const float* values, const float* noise, Chosen* choices,
+                                  int rows, int actions) {
+    const int row = blockIdx.x * blockDim.x + threadIdx.x;
+    if (row >= rows) return;
+    float best = __int_as_float(0xff800000);
+    Chosen choice = {0.0f, values[row], 0, isfinite(values[row])};
+    for (int action = 0; action < actions; action++) {
+        const float log_prob = log_probs[(size_t)row * actions + action];
+        choice.finite = choice.finite && isfinite(log_prob);
+        const float perturbed = log_prob + noise[(size_t)row * actions + action];
+        if (perturbed > best) {
+            best = perturbed;
+            choice.action = action;
+            choice.log_prob = log_prob;
+        }
+    }
+    choices[row] = choice;
+}
+
+// Rows of beliefs f32 [rows, hidden] to the rows `to` of a table. Several may go to one row that nobody reads.
+extern "C" __global__ void keep(const float* beliefs, const long long* to, float* table, int hidden) {
+    beliefs += (size_t)blockIdx.x * hidden;
+    table += (size_t)to[blockIdx.x] * hidden;
+    for (int i = threadIdx.x; i < hidden; i += blockDim.x) table[i] = beliefs[i];
+}
