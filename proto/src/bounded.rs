@@ -7,7 +7,7 @@ use std::io::{Error, ErrorKind, Read, Result};
 use std::path::Path;
 
 /// A text that a person writes, or that we write for one: configurations, suites, scene files.
-pub const TEXT_BYTES_MOST: u64 = 4 << 20;
+pub(crate) const TEXT_BYTES_MOST: u64 = 4 << 20;
 
 /// The bytes of an ordinary file that has `most` at most. Links are followed: the user named the file.
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
