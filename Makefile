@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up test lint doc deny miri bench-peers check-determinism
+.PHONY: help setup build install uninstall up test lint doc deny bench-peers check-determinism
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -21,7 +21,6 @@ help:
 	@echo 'make lint    formatting and clippy, warnings are errors'
 	@echo 'make doc     the API documentation, warnings are errors'
 	@echo 'make deny    licences, duplicates, sources and advisories of the dependencies; STRICT=yes: an advisory is an error'
-	@echo 'make miri    the unsafe code that Miri can run, under Miri (a nightly toolchain; minutes)'
 	@echo 'make bench-peers'
 	@echo '             the simulator beside MuJoCo, Embree and PyBullet on one core; PYTHON=/path/to/python takes one that'
 	@echo '             has them, otherwise they go into .venv/ (once); ARGS="--kitchens 1,2" measures fewer kitchens'
@@ -74,14 +73,6 @@ doc: setup
 # cargo-deny is fetched if it is not there (seconds); without a network everything but advisories is checked.
 deny:
 	@STRICT='$(STRICT)' deploy/deny
-
-# The interpreter finds what is read before it was written, slices that alias, and indices out of bounds. It is slow, so
-# random tests get few cases. Calls into C and C++ it cannot follow.
-miri:
-	rustup component add --toolchain nightly miri rust-src
-	MIRIFLAGS=-Zmiri-disable-isolation PROPTEST_CASES=8 cargo +nightly miri test --target-dir target/miri \
-		-p simulator --lib simd depth_buffer
-	MIRIFLAGS=-Zmiri-disable-isolation cargo +nightly miri test --target-dir target/miri -p actor --lib shm
 
 # Of the workspace, not of the package alone: so its dependencies have the same features, and are not compiled again.
 bench-peers:

@@ -77,7 +77,6 @@ pub fn fill(
 mod tests {
     use super::*;
 
-    /// Run under Miri: it finds a byte that is read before it was written.
     #[test]
     fn every_byte_of_an_observation_is_written_in_its_slot() {
         let mut slot = Box::new(MaybeUninit::<Observation>::uninit());
