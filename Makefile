@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up test lint doc deny bench-peers check-determinism
+.PHONY: help setup build install uninstall up test chaos soak lint doc deny bench-peers bench-learner bench-wire check-determinism
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -17,6 +17,9 @@ help:
 	@echo 'make up      build and start a run: 19 actors, a learner, the orchestrator; ARGS="..." adds options'
 	@echo 'make install puts the programs and their libtorch under PREFIX (~/.local); make uninstall takes them away'
 	@echo 'make test    set up, build and run all tests'
+	@echo 'make chaos   let 200 faults happen to small runs and compare what they leave with undisturbed ones (half an hour);'
+	@echo '             ARGS="--seed S --faults N --minutes M" chooses, ARGS="--seed S --case K" does one case again'
+	@echo 'make soak    a run of two hours with faults, and how its processes and files grow; ARGS="--minutes M"'
 	@echo 'make check-determinism   the simulator, built for other processors and in debug, gives the same bits (minutes)'
 	@echo 'make lint    formatting and clippy, warnings are errors'
 	@echo 'make doc     the API documentation, warnings are errors'
@@ -24,6 +27,11 @@ help:
 	@echo 'make bench-peers'
 	@echo '             the simulator beside MuJoCo, Embree and PyBullet on one core; PYTHON=/path/to/python takes one that'
 	@echo '             has them, otherwise they go into .venv/ (once); ARGS="--kitchens 1,2" measures fewer kitchens'
+	@echo 'make bench-learner'
+	@echo '             the learner beside PyTorch, eager and compiled; PYTHON=/path/to/python must have torch 2.11 (with'
+	@echo '             CUDA on a GPU machine), nothing is installed; ARGS="--batches 152 --steps 32" measures less'
+	@echo 'make bench-wire'
+	@echo '             shared memory beside raw POSIX shared memory, Unix sockets, ZeroMQ and gRPC; needs a C++ compiler'
 
 setup:
 	@LIBTORCH='$(LIBTORCH)' deploy/setup
@@ -50,6 +58,12 @@ test: build
 		set -x; cargo test --release --locked --workspace --tests; \
 	fi
 	cargo test --doc --release --locked --workspace
+
+chaos: build
+	@./target/release/chaos faults $(ARGS)
+
+soak: build
+	@./target/release/chaos soak $(ARGS)
 
 # The golden hashes, which every build must reproduce: debug, release (AVX2 and fused multiply-add at hand, see
 # .cargo/config.toml), the plainest x86-64 there is, and the processor that runs here. The first two are the workspace's
@@ -78,3 +92,13 @@ deny:
 bench-peers:
 	cargo build --release --locked --workspace --bin actor
 	@python=$$(PYTHON='$(PYTHON)' bench/peers/setup) && cd bench && "$$python" -m peers --actor ../target/release/actor $(ARGS)
+
+# torch is taken as it is found: a second one beside that of a GPU machine would be gigabytes.
+bench-learner:
+	cargo build --release --locked --workspace --bin learner
+	@cd bench && "$(or $(PYTHON),python3)" -m peers.learner --learner ../target/release/learner $(ARGS)
+
+# A package of its own with a lock file of its own: its dependencies are none of the product's.
+bench-wire:
+	cargo build --release --locked --manifest-path bench/wire/Cargo.toml --target-dir target/wire
+	@target/wire/release/bench-wire $(ARGS)

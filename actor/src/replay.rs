@@ -1,8 +1,8 @@
 //! `actor replay`: proves that recorded episodes happen again, and draws them.
 //!
 //! Input and output are the lines of [`proto::replay`]. Nothing but the configuration and the actions of an episode
-//! is needed to simulate it; every state hash on the way is compared with the recorded one, and the goal vector before
-//! each action.
+//! is needed to simulate it. All that was recorded of it is compared on the way: state hashes, the goal vector before
+//! each action, outcomes, rewards, disturbance and distances.
 
 mod film;
 mod picture;
@@ -14,8 +14,12 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::replay::{RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict, goal_digest};
-use proto::step::{current_flag, transition_flag};
+use proto::replay::{
+    Aspect, Difference, RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict, STEP_ASPECTS, goal_digest, length_m,
+    start_digest, step_digests,
+};
+use proto::reward::RewardKind;
+use proto::step::{Transition, current_flag, transition_flag};
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
@@ -66,18 +70,7 @@ impl Theatre {
     fn perform(&mut self, recorded: &RecordedEpisode) -> Result<ReplayVerdict> {
         let id = recorded.environment;
         whereabouts::enter(id, recorded.episode);
-        ensure!(
-            recorded.actions.len() == recorded.hashes.len(),
-            "{} actions but {} hashes were recorded",
-            recorded.actions.len(),
-            recorded.hashes.len()
-        );
-        ensure!(
-            recorded.goals.is_empty() || recorded.goals.len() == recorded.actions.len(),
-            "{} actions but {} goals were recorded",
-            recorded.actions.len(),
-            recorded.goals.len()
-        );
+        check_lengths(recorded)?;
         if !self.kitchens.contains_key(&id.kitchen) {
             let kitchen = source::of_run(id.kitchen, &self.config, &self.folder)?;
             let camera = DepthCamera::new(kitchen.bodies());
@@ -105,6 +98,9 @@ impl Theatre {
         if let Some(hash) = recorded.start_hash {
             compare(&mut verdict, 0, hash, environment.state_hash());
         }
+        if recorded.start.is_some_and(|start| start != start_of(environment)) {
+            differ(&mut verdict, 0, Aspect::Start);
+        }
         if let Some(film) = &mut film {
             film.keep(environment, None);
         }
@@ -112,16 +108,24 @@ impl Theatre {
             let action =
                 Action::from_index(index).with_context(|| format!("step {step}: there is no action {index}"))?;
             if recorded.goals.get(step).is_some_and(|&goal| goal != 0 && goal != goal_of(environment)) {
-                verdict.first_difference.get_or_insert(step as u64);
+                differ(&mut verdict, step as u64, Aspect::Goal);
             }
             let transition = environment.step(action);
-            compare(&mut verdict, step as u64 + 1, hash, transition.state_hash);
+            let taken = step as u64 + 1;
+            compare(&mut verdict, taken, hash, transition.state_hash);
+            if let Some(digests) = recorded.steps.get(step) {
+                let simulated = digests_of(&transition, &self.config);
+                let aspects = STEP_ASPECTS.into_iter().zip(digests.iter().zip(&simulated));
+                for (aspect, _) in aspects.filter(|(_, (recorded, simulated))| recorded != simulated) {
+                    differ(&mut verdict, taken, aspect);
+                }
+            }
             if let Some(film) = &mut film {
                 film.keep(environment, Some(transition));
             }
             if transition.flags & transition_flag::ENDED != 0 && step + 1 < recorded.actions.len() {
                 // The recorded episode went on: whatever comes now differs.
-                verdict.first_difference.get_or_insert(step as u64 + 2);
+                differ(&mut verdict, taken + 1, Aspect::Length);
                 break;
             }
         }
@@ -139,11 +143,40 @@ fn goal_of(environment: &Environment) -> u32 {
     goal_digest(holding, if holding { current.object_to_goal_m } else { current.wrist_to_object_m })
 }
 
+/// Digest of the episode's beginning.
+fn start_of(environment: &Environment) -> u32 {
+    let current = environment.current();
+    start_digest(current.target, length_m(current.wrist_to_object_m), length_m(current.object_to_goal_m))
+}
+
+/// Digests of a step as a recorder would have recorded it.
+fn digests_of(transition: &Transition, config: &Config) -> [u32; STEP_ASPECTS.len()] {
+    let rewards = [RewardKind::Task, RewardKind::DisturbanceFree]
+        .map(|kind| transition.reward.compose(kind, config.reward.lambda_disturb));
+    step_digests(transition, rewards)
+}
+
+/// Everything of an episode is of its length, or not there.
+fn check_lengths(recorded: &RecordedEpisode) -> Result<()> {
+    let RecordedEpisode { actions, hashes, goals, steps, .. } = recorded;
+    let count = actions.len();
+    ensure!(hashes.len() == count, "{count} actions but {} hashes were recorded", hashes.len());
+    for (what, length) in [("goals", goals.len()), ("steps", steps.len())] {
+        ensure!(length == 0 || length == count, "{count} actions but {length} {what} were recorded");
+    }
+    Ok(())
+}
+
 fn compare(verdict: &mut ReplayVerdict, step: u64, recorded: u64, simulated: u64) {
     verdict.compared += 1;
-    if recorded != simulated && verdict.first_difference.is_none() {
-        verdict.first_difference = Some(step);
+    if recorded != simulated {
+        differ(verdict, step, Aspect::State);
     }
+}
+
+/// The first difference stands.
+fn differ(verdict: &mut ReplayVerdict, step: u64, aspect: Aspect) {
+    verdict.first_difference.get_or_insert(Difference { step, aspect });
 }
 
 #[cfg(test)]

@@ -14,8 +14,8 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use wire::message::{ActionHeader, EnvironmentState, Halves, Observation, RestoreHeader, observation_kind};
 use wire::{
-    ActionPublisher, Bell, ObservationSubscriber, RestorePublisher, UpdateConnections, Wakeup, Wire, WireAddress,
-    WireHost, WireShape,
+    ActionPublisher, Bell, ObservationSubscriber, ReceiptBook, RestorePublisher, UpdateConnections, Wakeup, Wire,
+    WireAddress, WireHost, WireShape,
 };
 
 const ENVIRONMENTS: u32 = 3;
@@ -30,6 +30,8 @@ struct Stand {
     actions: ActionPublisher,
     restores: RestorePublisher,
     bell: Bell,
+    /// The recorder's, which meets actors.
+    book: ReceiptBook,
     learner_incarnation: u32,
     /// Next observation that counts, of each half: those before it were answered.
     next: [u64; 2],
@@ -60,6 +62,7 @@ impl Stand {
             actions: wire.action_publisher(0).unwrap(),
             restores: wire.restore_publisher(0).unwrap(),
             bell: wire.actions_bell(0).unwrap(),
+            book: ReceiptBook::open(&address, 1).unwrap(),
             folder,
             host,
             learner_incarnation: 1,
@@ -115,6 +118,7 @@ impl Stand {
             assert_eq!(header.actor, 0);
             if header.kind == observation_kind::HELLO {
                 self.hellos.push(header.actor_incarnation);
+                self.book.meet(0, header.actor_incarnation);
                 self.restore(header.actor_incarnation);
                 continue;
             }

@@ -51,6 +51,16 @@ pub(crate) fn choose(config: &LearnerConfig) -> Result<Device, DeviceError> {
     Ok(device)
 }
 
+/// The device that a command line names.
+pub(crate) fn parse_choice(text: &str) -> Result<DeviceChoice, String> {
+    match text {
+        "cpu" => Ok(DeviceChoice::Cpu),
+        "cuda" => Ok(DeviceChoice::Cuda),
+        "auto" => Ok(DeviceChoice::Auto),
+        _ => Err("must be cpu, cuda or auto".to_owned()),
+    }
+}
+
 /// Words for logs, events and results: `cpu, 2 threads`, `cuda:0`, or `cuda:0, bfloat16 encoder` where the encoder
 /// computes in bfloat16. All else is float32. A device is called as the machine calls it, whatever this process sees.
 pub fn describe(device: Device, bfloat16_encoder: bool) -> String {

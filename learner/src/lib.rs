@@ -6,6 +6,7 @@
 
 pub mod agent;
 pub mod auxiliary;
+pub mod bench;
 pub mod checkpoint;
 pub mod collector;
 pub mod device;

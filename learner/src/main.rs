@@ -1,8 +1,8 @@
 //! The `learner` binary.
 
 use clap::{Parser, Subcommand};
-use learner::probe;
 use learner::process::{self, Arguments, EvaluationArguments};
+use learner::{bench, probe};
 use proto::exit::{EXIT_LOST_PEERS, EXIT_NON_FINITE, EXIT_UNSAVED};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -42,6 +42,8 @@ enum Command {
     Evaluate(EvaluateArgs),
     /// Writes a new run's first checkpoint from weights of elsewhere. Started by `orchestrator import`
     Import(process::ImportArguments),
+    /// Measures inference, updates and the whole loop on this machine
+    Bench(bench::Arguments),
     /// Runs network, losses and gradients on a batch from a file, to compare with another implementation
     Probe(probe::Arguments),
 }
@@ -77,6 +79,7 @@ fn main() -> ExitCode {
             process::evaluate(EvaluationArguments { folder, wire, incarnation, lifeline })
         }
         CommandLine { command: Some(Command::Import(arguments)), .. } => process::import(&arguments, std::io::stdout()),
+        CommandLine { command: Some(Command::Bench(arguments)), .. } => bench::run(&arguments, std::io::stdout()),
         CommandLine { command: Some(Command::Probe(arguments)), .. } => {
             probe::run(&arguments, std::io::stdout()).map_err(anyhow::Error::from)
         }

@@ -88,6 +88,39 @@ fn a_learner_killed_anywhere_goes_on_to_the_same_weights() {
     }
 }
 
+/// What is not recorded is not trained on: the learner goes back to the boundary before, which is.
+#[test]
+fn a_rollout_whose_recording_is_not_written_is_given_up() {
+    let mut config = tiny();
+    config.recording.enabled = true;
+    config.checkpoint.interval_s = 300.0;
+    let cases = [("unwritten", Plan::CutLifelineUnwritten(2), 21), ("unrecorded", Plan::FailRecording(2), 22)];
+    for (name, plan, incarnation) in cases {
+        let mut rig = Rig::new(name, config.clone());
+        let ended = rig.learner(&plan);
+        assert!(ended.status.success(), "{ended:?}");
+        assert_eq!(trained(&ended), vec![(0, 24, 0), (1, 48, 0)], "{}", ended.stderr);
+        let (frames, _, whole) = ended.finished();
+        assert_eq!((frames, whole), (48, false));
+        assert!(rig.run_folder().checkpoint_manifest(2).exists() && !rig.run_folder().checkpoint_manifest(3).exists());
+        rig.next_incarnation(incarnation);
+        let again = rig.learner(&Plan::Undisturbed);
+        assert_eq!(complete(&rig, &again), undisturbed(), "{}", again.stderr);
+    }
+}
+
+/// An actor of which the recorder has nothing does not count as having answered.
+#[test]
+fn a_learner_does_not_answer_what_the_recorder_does_not_have() {
+    let mut config = tiny();
+    config.recording.enabled = true;
+    config.learner.actor_deadline_s = 3.0;
+    let mut rig = Rig::new("untaken", config);
+    let ended = rig.learner(&Plan::LoseReceipts);
+    assert!(!ended.status.success() && trained(&ended).is_empty(), "{ended:?}");
+    assert!(ended.stderr.contains("actors 0, 1 did not answer within 3 s"), "{}", ended.stderr);
+}
+
 /// A folder where the file of a checkpoint is to be written stands for a full disk.
 #[test]
 fn a_checkpoint_that_cannot_be_written_costs_nothing_but_at_the_end() {

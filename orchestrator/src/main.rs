@@ -1,88 +1,9 @@
-//! `orchestrator`: starts and supervises a run, shows how it stands, stops it, goes on with it, replays what it
-//! recorded. Each command is a file in [`command`].
+//! The program `orchestrator`: all of it is in the library, where tests reach its parts.
 
-mod command;
-mod evaluation;
-mod preflight;
-mod process_end;
-mod recording;
-mod reporting;
-mod run;
-mod showing;
-mod suite;
-mod supervisor;
-mod training;
-
-use clap::{Parser, Subcommand};
-use rustix::process::Signal;
 use std::process::ExitCode;
 
 wire::require_processor!();
 
-/// Trains mobile manipulators that leave a kitchen as they found it
-#[derive(Debug, Parser)]
-#[command(
-    version,
-    propagate_version = true,
-    after_help = "Exit status: 0 when all went well (an orderly stop included), 1 on failure, 2 on wrong usage, 130 after \
-                  a second Ctrl-C."
-)]
-struct CommandLine {
-    #[command(subcommand)]
-    command: Command,
-    /// Show the children's ordinary log lines, too (the variable `STILLROOM_LOG` filters more finely)
-    #[arg(short, long, global = true)]
-    verbose: bool,
-    /// The process that started this one: it is interrupted when that one dies
-    #[arg(long, value_name = "PID", hide = true)]
-    parent: Option<u32>,
-}
-
-#[derive(Debug, Subcommand)]
-enum Command {
-    Up(command::up::UpArgs),
-    Resume(command::resume::ResumeArgs),
-    Stop(command::stop::StopArgs),
-    Status(command::status::StatusArgs),
-    Eval(command::eval::EvalArgs),
-    Report(command::report::ReportArgs),
-    Suite(command::suite::SuiteArgs),
-    Config(command::config::ConfigArgs),
-    Presets(command::presets::PresetsArgs),
-    Import(command::import::ImportArgs),
-    Kitchens(command::kitchens::KitchensArgs),
-    Replay(command::replay::ReplayArgs),
-    Recover(command::recover::RecoverArgs),
-    Clean(command::clean::CleanArgs),
-    Doctor(command::doctor::DoctorArgs),
-}
-
 fn main() -> ExitCode {
-    let line = CommandLine::parse();
-    showing::terminal::init(line.verbose);
-    // Before any child is started: it inherits the limit.
-    wire::descriptors::raise_limit();
-    let done = |()| ExitCode::SUCCESS;
-    let followed = line.parent.map_or(Ok(()), |parent| run::lifeline::follow(parent, Signal::INT));
-    let result = followed.and_then(|()| match &line.command {
-        Command::Up(args) => command::up::run(args),
-        Command::Resume(args) => command::resume::run(args),
-        Command::Stop(args) => command::stop::run(args).map(done),
-        Command::Status(args) => command::status::run(args).map(done),
-        Command::Eval(args) => command::eval::run(args),
-        Command::Report(args) => command::report::run(args).map(done),
-        Command::Suite(args) => command::suite::run(args),
-        Command::Config(args) => command::config::run(args).map(done),
-        Command::Presets(args) => command::presets::run(args).map(done),
-        Command::Import(args) => command::import::run(args).map(done),
-        Command::Kitchens(args) => command::kitchens::run(args).map(done),
-        Command::Replay(args) => command::replay::run(args).map(done),
-        Command::Recover(args) => command::recover::run(args).map(done),
-        Command::Clean(args) => command::clean::run(args).map(done),
-        Command::Doctor(args) => command::doctor::run(args),
-    });
-    result.unwrap_or_else(|error| {
-        showing::terminal::note(&format!("error: {error:#}"));
-        ExitCode::FAILURE
-    })
+    orchestrator::main()
 }

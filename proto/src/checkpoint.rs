@@ -1,11 +1,13 @@
-//! The manifest of a checkpoint: the hash of the tensor file, the run's position, and the conditions it ran under. A
-//! learner writes it; learner and orchestrator read it.
+//! The manifest of a checkpoint: whose it is, the hashes of its other files, the run's position, and the conditions it
+//! ran under. A learner writes it; learner and orchestrator read it.
 
 use crate::bounded;
 use crate::config::CarriedGoal;
 use crate::digest::sha256;
+use crate::run_folder::{RolloutName, RunFolder};
+use crate::trained::History;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Everything that the last bits of a result depend on. A run can resume under another environment, but not bit for
 /// bit.
@@ -68,6 +70,9 @@ fn is_older_sign(sign: &CarriedGoal) -> bool {
 pub struct Manifest {
     /// [`crate::SCHEMA_VERSION`] of the writer.
     pub schema_version: u32,
+    /// Id of the run that it belongs to. Empty where an older version wrote the checkpoint.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub run: String,
     /// First rollout that is not in it.
     pub rollout: u64,
     /// Frames trained on.
@@ -93,6 +98,10 @@ pub struct Manifest {
     pub tensors_bytes: u64,
     /// Its SHA-256.
     pub tensors_sha256: String,
+    /// SHA-256 of the figures of all rollouts before it ([`RolloutName::Figures`]). Empty where an older version wrote
+    /// the checkpoint, which has none.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub figures_sha256: String,
     /// SHA-256 of the effective configuration as TOML.
     pub config_sha256: String,
     /// That configuration: a resume under another one names what has changed. Empty where an older version wrote the
@@ -145,6 +154,14 @@ pub enum ManifestError {
     Checksum,
 }
 
+/// The figures of a checkpoint cannot be used. Its weights may well be.
+#[derive(Debug, thiserror::Error)]
+#[error("{path} {problem}", path = .path.display())]
+pub struct FiguresError {
+    path: PathBuf,
+    problem: String,
+}
+
 impl Manifest {
     /// The manifest as a file, its own checksum filled in.
     pub fn seal(mut self) -> Vec<u8> {
@@ -168,6 +185,25 @@ impl Manifest {
         }
         let manifest: Self = serde_json::from_value(value)?;
         if manifest.checksum() == manifest.manifest_sha256 { Ok(manifest) } else { Err(ManifestError::Checksum) }
+    }
+
+    /// Whether it belongs to another run than the one with this id. One that says nothing belongs to every run.
+    pub fn is_of_another(&self, run: &str) -> bool {
+        !self.run.is_empty() && self.run != run
+    }
+
+    /// The figures of all rollouts before this checkpoint of a run; none where an older version wrote it.
+    pub fn figures(&self, run: &RunFolder) -> Result<Option<History>, FiguresError> {
+        if self.figures_sha256.is_empty() {
+            return Ok(None);
+        }
+        let path = run.checkpoints().join(RolloutName::Figures.of(self.rollout));
+        let bytes = std::fs::read(&path)
+            .map_err(|cause| FiguresError { path: path.clone(), problem: format!("cannot be read: {cause}") })?;
+        if sha256(&bytes) != self.figures_sha256 {
+            return Err(FiguresError { path, problem: "does not match the checksum in its manifest".to_owned() });
+        }
+        Ok(Some(History::decode(&bytes).0))
     }
 
     fn checksum(&self) -> String {

@@ -12,6 +12,9 @@ pub struct Torch {
     pub library: String,
     /// Devices it can compute on: `cuda:0`, ..., `cpu`.
     pub devices: Vec<String>,
+    /// Addresses of its GPUs on the PCI bus, as sysfs names them, in the order of `devices`; empty if one is unknown.
+    #[serde(default)]
+    pub pci: Vec<String>,
     /// The CPU's arithmetic: `reproducible`, or the instruction set of libtorch's kernels.
     pub arithmetic: String,
 }

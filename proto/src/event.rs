@@ -59,6 +59,11 @@ pub enum LearnerEvent {
         /// Named figures: see [`crate::metric`].
         metrics: BTreeMap<String, f64>,
     },
+    /// A checkpoint is being written. What follows is [`LearnerEvent::CheckpointWritten`], or nothing if it fails.
+    CheckpointBegun {
+        /// Rank in the process group.
+        rank: u32,
+    },
     /// A checkpoint is complete on disk.
     CheckpointWritten {
         /// Rank in the process group.
@@ -108,6 +113,7 @@ impl LearnerEvent {
             | Self::ActorsConnected { rank }
             | Self::RolloutCollected { rank, .. }
             | Self::RolloutTrained { rank, .. }
+            | Self::CheckpointBegun { rank }
             | Self::CheckpointWritten { rank, .. }
             | Self::WaitingForActor { rank, .. }
             | Self::Finished { rank, .. } => rank,
@@ -127,4 +133,11 @@ pub struct Timing {
     pub update_s: f64,
     /// Everything else: waiting for announcements and other learners, checkpoints.
     pub other_s: f64,
+}
+
+impl Timing {
+    /// All parts together, seconds.
+    pub fn total_s(&self) -> f64 {
+        self.simulate_s + self.infer_s + self.update_s + self.other_s
+    }
 }

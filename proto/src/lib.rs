@@ -17,12 +17,15 @@ pub mod checkpoint;
 pub mod config;
 pub mod device;
 pub mod digest;
+pub mod disk;
 pub mod episode;
 pub mod evaluation;
 pub mod event;
 pub mod exit;
+pub mod fault;
 pub mod kitchen;
 pub mod metric;
+pub mod pin;
 pub mod plain_file;
 pub mod plausible;
 pub mod printable;
@@ -34,6 +37,7 @@ pub mod run_state;
 pub mod shares;
 pub mod stage;
 pub mod step;
+pub mod trained;
 
 /// Version of everything that is written to a file or sent between processes. Raised on any incompatible change. Each
 /// payload in shared memory has a number of its own besides, in the name of its type.

@@ -35,6 +35,10 @@ pub enum Purpose {
     AuxiliaryNegatives = 16,
     /// Resamples behind the intervals of a report; `environment` is the number of seeds, `episode` the resample.
     Bootstrap = 24,
+    /// What happens when in the simulated world of the tests; `step` counts its streams.
+    Schedule = 32,
+    /// Which faults the chaos harness lets happen, and when; `episode` is the number of the case.
+    Chaos = 33,
 }
 
 /// The key of a stream of random numbers.

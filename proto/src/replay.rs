@@ -2,6 +2,7 @@
 //! results on its standard output, one JSON object per line.
 
 use crate::episode::EnvironmentId;
+use crate::step::{Transition, transition_flag};
 use serde::{Deserialize, Serialize};
 
 /// First line of the input.
@@ -65,6 +66,95 @@ pub struct RecordedEpisode {
     /// `actions`, or none.
     #[serde(default)]
     pub goals: Vec<u32>,
+    /// [`start_digest`] of the episode's beginning, if the recording holds it.
+    #[serde(default)]
+    pub start: Option<u32>,
+    /// [`step_digests`] of each action; as many as `actions`, or none.
+    #[serde(default)]
+    pub steps: Vec<[u32; STEP_ASPECTS.len()]>,
+}
+
+/// What a replay compares, in words that people read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Aspect {
+    /// Hash of the simulator's state.
+    State,
+    /// Goal vector before an action.
+    Goal,
+    /// Target and distances at the start.
+    Start,
+    /// What an action did: failed, picked up, held, Done, success, time limit, end.
+    Outcome,
+    /// Parts of the reward, and the two rewards composed of them.
+    Reward,
+    /// Disturbance now and at most, and objects disturbed.
+    Disturbance,
+    /// Distances left.
+    Distance,
+    /// The episode ends where the recording goes on.
+    Length,
+}
+
+/// The aspects that [`step_digests`] covers, in its order.
+pub const STEP_ASPECTS: [Aspect; 4] = [Aspect::Outcome, Aspect::Reward, Aspect::Disturbance, Aspect::Distance];
+
+impl Aspect {
+    /// The word for it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::State => "state",
+            Self::Goal => "goal vector",
+            Self::Start => "target or distances at the start",
+            Self::Outcome => "outcome",
+            Self::Reward => "reward",
+            Self::Disturbance => "disturbance",
+            Self::Distance => "distances",
+            Self::Length => "length",
+        }
+    }
+}
+
+/// Flags of a transition that a recording holds.
+const RECORDED_FLAGS: u32 = transition_flag::ACTION_FAILED
+    | transition_flag::HOLDING
+    | transition_flag::PICKED_UP
+    | transition_flag::DONE
+    | transition_flag::SUCCESS
+    | transition_flag::TIME_LIMIT
+    | transition_flag::ENDED;
+
+/// Digests of what a recording holds of a step beside its state, one for each of [`STEP_ASPECTS`]. `rewards`: r and r′.
+pub fn step_digests(transition: &Transition, rewards: [f32; 2]) -> [u32; STEP_ASPECTS.len()] {
+    let Transition { flags, target, reward, disturbance_m, peak_disturbance_m, disturbed_objects, .. } = transition;
+    let parts = [reward.wrist_object_progress_m, reward.object_goal_progress_m, reward.disturbance_progress_m];
+    [
+        digest([flags & RECORDED_FLAGS, *target]),
+        digest(parts.into_iter().chain(rewards).map(bits)),
+        digest([bits(*disturbance_m), bits(*peak_disturbance_m), *disturbed_objects]),
+        digest([transition.wrist_object_m, transition.object_goal_m].map(bits)),
+    ]
+}
+
+/// Digest of an episode's beginning: target, and its distances from wrist and goal.
+pub fn start_digest(target: u32, wrist_object_m: f32, object_goal_m: f32) -> u32 {
+    digest([target, bits(wrist_object_m), bits(object_goal_m)])
+}
+
+/// Length of a vector, as recordings hold it.
+pub fn length_m([x, y, z]: [f32; 3]) -> f32 {
+    (x * x + y * y + z * z).sqrt()
+}
+
+/// Bits of a number as it comes out of a recording: protobuf does not store the sign of zero.
+fn bits(number: f32) -> u32 {
+    (number + 0.0).to_bits()
+}
+
+/// FNV-1a over the words' bytes.
+fn digest(words: impl IntoIterator<Item = u32>) -> u32 {
+    let bytes = words.into_iter().flat_map(u32::to_le_bytes);
+    bytes.fold(0x811C_9DC5_u32, |digest, byte| (digest ^ u32::from(byte)).wrapping_mul(0x0100_0193))
 }
 
 /// Digest of a goal vector, and of which of its two kinds it is: FNV-1a over its bits. Never 0.
@@ -82,8 +172,59 @@ pub struct ReplayVerdict {
     pub episode: u32,
     /// States compared, the first one included.
     pub compared: u64,
-    /// First step (0 = the start state) whose hash differs, or whose goal vector does, if any.
-    pub first_difference: Option<u64>,
+    /// The first thing that differs, if any.
+    pub first_difference: Option<Difference>,
     /// Images written.
     pub images: u64,
+}
+
+/// Something that the simulator does not give as it was recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Difference {
+    /// Actions taken until then; for a goal vector, before the action that was chosen from it.
+    pub step: u64,
+    /// What differs.
+    pub aspect: Aspect,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reward::RewardParts;
+
+    /// Alters one field of a transition.
+    type Alter = fn(&mut Transition);
+
+    #[test]
+    fn every_recorded_field_of_a_step_is_in_its_aspect_s_digest() {
+        let base = Transition { flags: transition_flag::VALID, ..Transition::default() };
+        let before = step_digests(&base, [1.0, 2.0]);
+        let cases: [(usize, Alter); 11] = [
+            (0, |step| step.flags |= transition_flag::SUCCESS),
+            (0, |step| step.flags |= transition_flag::ENDED),
+            (0, |step| step.target = 3),
+            (1, |step| step.reward.wrist_object_progress_m = 0.1),
+            (1, |step| step.reward.object_goal_progress_m = 0.1),
+            (1, |step| step.reward.disturbance_progress_m = 0.1),
+            (2, |step| step.disturbance_m = 0.1),
+            (2, |step| step.peak_disturbance_m = 0.1),
+            (2, |step| step.disturbed_objects = 1),
+            (3, |step| step.wrist_object_m = 0.1),
+            (3, |step| step.object_goal_m = 0.1),
+        ];
+        for (number, (aspect, alter)) in cases.into_iter().enumerate() {
+            let mut step = base;
+            alter(&mut step);
+            let after = step_digests(&step, [1.0, 2.0]);
+            let differing: Vec<_> = (0..4).filter(|&index| before[index] != after[index]).collect();
+            assert_eq!(differing, [aspect], "case {number}");
+        }
+        for rewards in [[1.5, 2.0], [1.0, 2.5]] {
+            assert_ne!(step_digests(&base, rewards)[1], before[1]);
+        }
+        let negative = RewardParts { wrist_object_progress_m: -0.0, ..RewardParts::default() };
+        assert_eq!(step_digests(&Transition { reward: negative, ..base }, [1.0, 2.0]), before, "zero has no sign");
+        let starts = [start_digest(1, 0.5, 0.7), start_digest(2, 0.5, 0.7), start_digest(1, 0.6, 0.7)];
+        assert!(!starts.contains(&start_digest(1, 0.5, 0.8)) && starts[0] != starts[1] && starts[0] != starts[2]);
+    }
 }

@@ -7,10 +7,11 @@
 //!   orchestrator.lock      held (flock) by the orchestrator that runs it
 //!   learner-0.lock, ...    held by the learner of that rank while it lives
 //!   scenes/000/            copies of the scenes it trains in, if it has its own
-//!   checkpoints/           rollout-00000012.safetensors + rollout-00000012.json (manifest, written last)
+//!   checkpoints/           rollout-00000012.safetensors, rollout-00000012.jsonl (figures of all rollouts before it) and
+//!                          rollout-00000012.json (manifest, written last)
 //!   recordings/            incarnation-001.000.mcap, ...
 //!   logs/                  orchestrator.log, learner-0.log, ..., actor-00.log, ...
-//!   metrics.jsonl          one line a trained rollout
+//!   metrics.jsonl          one line a trained rollout; what is missing is taken from the checkpoint
 //!   validation.jsonl       one line an evaluation made while it trained
 //!   validation/rollout-00000012/   its result; the checkpoint, too, until it is known not to be the best
 //!   best -> validation/rollout-00000012   the best checkpoint so far
@@ -19,7 +20,9 @@
 //!   summary.json           written when the budget is reached
 //! ```
 
-use std::io::Write;
+use crate::disk::{Disk, LocalDisk};
+use crate::fault;
+use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
 /// A run folder, existing or about to be created.
@@ -42,6 +45,16 @@ impl RunFolder {
     /// Identity of the run.
     pub fn identity(&self) -> PathBuf {
         self.root.join("run.toml")
+    }
+
+    /// The id in `run.toml`; none where there is none that can be read.
+    pub fn id(&self) -> Option<String> {
+        #[derive(Deserialize)]
+        struct Named {
+            id: String,
+        }
+        let text = std::fs::read_to_string(self.identity()).ok()?;
+        toml::from_str(&text).ok().map(|Named { id }| id)
     }
 
     /// Effective configuration.
@@ -67,6 +80,11 @@ impl RunFolder {
     /// Tensors of the checkpoint whose first missing rollout is `rollout`.
     pub fn checkpoint_tensors(&self, rollout: u64) -> PathBuf {
         self.checkpoints().join(RolloutName::Tensors.of(rollout))
+    }
+
+    /// Figures of all rollouts before that checkpoint.
+    pub fn checkpoint_figures(&self, rollout: u64) -> PathBuf {
+        self.checkpoints().join(RolloutName::Figures.of(rollout))
     }
 
     /// Manifest of that checkpoint. It is written last: a checkpoint without one does not exist.
@@ -165,6 +183,8 @@ pub enum RolloutName {
     Manifest,
     /// Its tensors, beside it: `rollout-00000012.safetensors`.
     Tensors,
+    /// The figures of all rollouts before it: `rollout-00000012.jsonl`.
+    Figures,
     /// Folder of a validation: `rollout-00000012`.
     Folder,
 }
@@ -188,6 +208,7 @@ impl RolloutName {
         match self {
             Self::Manifest => "json",
             Self::Tensors => "safetensors",
+            Self::Figures => "jsonl",
             Self::Folder => "",
         }
     }
@@ -202,26 +223,35 @@ pub const PARTIAL: &str = ".partial";
 /// Writes a file so that a reader finds either the old content or the new, whole: temporary file in the same folder,
 /// fsync, rename, fsync of the folder.
 pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
+    write_atomically_on(&LocalDisk, path, content)
+}
+
+/// The same on any file system.
+pub fn write_atomically_on<D: Disk>(disk: &D, path: &Path, content: &[u8]) -> std::io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut temporary = path.as_os_str().to_owned();
     temporary.push(PARTIAL);
     let temporary = PathBuf::from(temporary);
+    fault::reach("file.before_write");
     // One that a crash left gives way. Made anew, it cannot be a link to a file elsewhere.
-    match std::fs::remove_file(&temporary) {
+    match disk.remove(&temporary) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
         _ => {}
     }
-    let written = std::fs::File::create_new(&temporary).and_then(|mut file| {
-        file.write_all(content)?;
-        file.sync_all()
+    let written = disk.create_new(&temporary).and_then(|mut file| {
+        disk.write_all(&mut file, content)?;
+        fault::reach("file.before_fsync");
+        disk.sync(&file)
     });
     if let Err(error) = written {
         // A full disk leaves nothing behind but the error.
-        let _ = std::fs::remove_file(&temporary);
+        let _ = disk.remove(&temporary);
         return Err(error);
     }
-    std::fs::rename(&temporary, path)?;
-    std::fs::File::open(folder)?.sync_all()
+    fault::reach("file.before_rename");
+    disk.rename(&temporary, path)?;
+    fault::reach("file.after_rename");
+    disk.sync_folder(folder)
 }
 
 #[cfg(test)]
@@ -237,10 +267,10 @@ mod tests {
 
     #[test]
     fn a_rollouts_name_is_read_as_it_was_made() {
-        let kinds = [RolloutName::Manifest, RolloutName::Tensors, RolloutName::Folder];
+        let kinds = [RolloutName::Manifest, RolloutName::Tensors, RolloutName::Figures, RolloutName::Folder];
         assert_eq!(
             kinds.map(|kind| kind.of(12)),
-            ["rollout-00000012.json", "rollout-00000012.safetensors", "rollout-00000012"]
+            ["rollout-00000012.json", "rollout-00000012.safetensors", "rollout-00000012.jsonl", "rollout-00000012"]
         );
         for kind in kinds {
             for rollout in [0, 12, 123_456_789] {
@@ -250,7 +280,7 @@ mod tests {
             }
         }
         for other in ["rollout-1.json.partial", "rollout-x.json", "best", "rollout-", ".json"] {
-            assert_eq!(kinds.map(|kind| kind.rollout_of(Path::new(other))), [None; 3], "{other}");
+            assert_eq!(kinds.map(|kind| kind.rollout_of(Path::new(other))), [None; 4], "{other}");
         }
     }
 

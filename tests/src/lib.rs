@@ -3,6 +3,10 @@
 //! The binaries are those that `cargo build` of the same profile put beside the test executable; `make test` builds
 //! them first.
 
+mod recorded;
+
+pub use recorded::RecordedSteps;
+
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
 use std::os::unix::process::ExitStatusExt;
@@ -48,7 +52,9 @@ pub const DEADLINE: Duration = Duration::from_mins(4);
 /// If it has not been built.
 pub fn binary(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a running test has a path");
-    let profile = test.parent().and_then(Path::parent).expect("tests lie in target/PROFILE/deps");
+    // Tests lie in target/PROFILE/deps, programs beside those that are started.
+    let folder = test.parent().expect("a program lies in a folder");
+    let profile = if folder.ends_with("deps") { folder.parent().expect("target/PROFILE") } else { folder };
     let path = profile.join(name);
     let release = if profile.ends_with("release") { " --release" } else { "" };
     assert!(path.exists(), "{} is not built: `cargo build{release} --workspace --bins` first", path.display());
@@ -137,6 +143,8 @@ impl Workshop {
 pub struct Printed {
     /// Exit status 0.
     pub success: bool,
+    /// Exit status; none after a signal.
+    pub status: Option<i32>,
     /// Ended by SIGKILL.
     pub killed: bool,
     /// Standard output.
@@ -150,6 +158,7 @@ impl Printed {
         Self {
             success: output.status.success(),
             killed: output.status.signal() == Some(rustix::process::Signal::KILL.as_raw()),
+            status: output.status.code(),
             stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
             stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
         }

@@ -4,10 +4,11 @@ use super::shm;
 use anyhow::{Context, Result, anyhow};
 use std::mem::MaybeUninit;
 use std::time::Duration;
+use wire::fault;
 use wire::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
 use wire::{
-    ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, RestoreSubscriber, UpdateConnections,
-    Wakeup, Wire, WireAddress, WireShape,
+    ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, Receipts, RestoreSubscriber,
+    UpdateConnections, Wakeup, Wire, WireAddress, WireShape,
 };
 
 /// A received restore.
@@ -23,13 +24,17 @@ pub struct Link {
     restores: RestoreSubscriber,
     actions: ActionSubscriber,
     wakeup: Wakeup,
+    actor: u32,
+    /// None where nothing is recorded.
+    receipts: Option<Receipts>,
     // Ports refer to the node: dropped last.
     _wire: Wire,
 }
 
 impl Link {
-    /// Joins the run and opens the services of actor `actor`. The orchestrator has created them.
-    pub fn open(address: &WireAddress, shape: WireShape, actor: u32) -> Result<Self> {
+    /// Joins the run and opens the services of actor `actor`. The orchestrator has created them. `recorder`: whether
+    /// there is one.
+    pub fn open(address: &WireAddress, shape: WireShape, actor: u32, recorder: bool) -> Result<Self> {
         let actors = shape.shares.actors();
         anyhow::ensure!(actor < actors, "the run has actors 0 to {}: there is no actor {actor}", actors - 1);
         let wire = Wire::join(address, shape, &format!("actor-{actor:02}"))?;
@@ -41,8 +46,15 @@ impl Link {
             bell: wire.observations_bell(actor)?,
             observations: wire.observation_publisher(actor)?,
             readers: wire.observation_readers(actor)?,
+            actor,
+            receipts: recorder.then(|| Receipts::open(address, actors)).transpose()?,
             _wire: wire,
         })
+    }
+
+    /// The newest incarnation of this actor that the recorder has heard; 0 where there is none.
+    pub fn met(&self) -> u32 {
+        self.receipts.as_ref().map_or(0, |receipts| receipts.met(self.actor))
     }
 
     /// The next restore in the queue, if any.
@@ -69,8 +81,8 @@ impl Link {
     }
 
     /// Sends `count` observations, each written in place by `write`, which is given its index and its slot, and
-    /// returns what it wrote there. Blocks while a subscriber is full. Returns whether all subscribers got them: a new subscriber that
-    /// has not yet connected to this publisher can miss a sample.
+    /// returns what it wrote there. Blocks while a subscriber is full. Returns whether all subscribers got them: a new
+    /// subscriber that has not yet connected to this publisher can miss a sample.
     pub fn send_observations(
         &self,
         header: ObservationHeader,
@@ -79,9 +91,14 @@ impl Link {
     ) -> Result<bool> {
         // A subscriber that came after the last send is found here, and only here.
         self.observations.update_connections().context("cannot connect to the learner")?;
+        fault::reach("actor.before_loan");
         let mut sample = self.observations.loan_slice_uninit(count).context("no free slot for observations")?;
+        fault::reach("actor.after_loan");
         *sample.user_header_mut() = header;
-        let receivers = shm::fill(sample, write).send().context("cannot send observations")?;
+        let sample = shm::fill(sample, write);
+        fault::reach("actor.after_write");
+        let receivers = sample.send().context("cannot send observations")?;
+        fault::reach("actor.before_bell");
         self.bell.notify().context("cannot ring the observations' bell")?;
         Ok(receivers > 0 && receivers >= self.readers.count())
     }

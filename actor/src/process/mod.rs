@@ -59,7 +59,8 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     let bodies = kitchen.bodies().len();
     let kitchen_ms = started.elapsed().as_millis() as u64;
     let mut environments = Environments::new(&kitchen, kitchen_id, settings.actor, &config)?;
-    let link = Link::open(&settings.wire, WireShape::of(&config), settings.actor)?;
+    let recorder = config.recording.enabled;
+    let link = Link::open(&settings.wire, WireShape::of(&config), settings.actor, recorder)?;
     tracing::info!(
         bodies,
         triangles = environments.triangles(),
@@ -70,9 +71,14 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
         "ready"
     );
 
-    let mut protocol = Protocol::new(settings.actor, settings.incarnation, config.actors.environments_per_actor);
+    let environments_each = config.actors.environments_per_actor;
+    let mut protocol = Protocol::new(settings.actor, settings.incarnation, environments_each, recorder);
     let mut accepted: [Vec<u8>; 2] = Default::default();
     loop {
+        if protocol.is_strange() {
+            protocol.on_met(link.met());
+        }
+        fault::reach("actor.before_receive");
         // Restores before actions: the learner sends a restore before the actions that build on it.
         while let Some(restore) = link.receive_restore()? {
             // Copied once, then checked: what lies in shared memory can change meanwhile.
@@ -87,18 +93,7 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
                 Verdict::Ignored(reason) => tracing::debug!(?header, reason, "restore ignored"),
             }
         }
-        while let Some(actions) = link.receive_actions()? {
-            let header = *actions.user_header();
-            match protocol.on_actions(&header, actions.payload().len()) {
-                Verdict::Accepted => {
-                    fault::reach("actor.after_receive");
-                    let kept = &mut accepted[header.half as usize];
-                    kept.clear();
-                    kept.extend_from_slice(actions.payload());
-                }
-                Verdict::Ignored(reason) => tracing::debug!(?header, reason, "actions ignored"),
-            }
-        }
+        receive_actions(&link, &mut protocol, &mut accepted)?;
         match protocol.next(started.elapsed()) {
             Todo::Hello => {
                 link.send_hello(protocol.hello_header())?;
@@ -121,4 +116,22 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
             Todo::Wait(longest) => link.wait(longest)?,
         }
     }
+}
+
+/// Takes in the actions that wait; what is accepted is kept by half until it is applied.
+fn receive_actions(link: &Link, protocol: &mut Protocol, accepted: &mut [Vec<u8>; 2]) -> Result<()> {
+    while let Some(actions) = link.receive_actions()? {
+        // Copied once, then checked, as a restore is.
+        let header = *actions.user_header();
+        match protocol.on_actions(&header, actions.payload().len()) {
+            Verdict::Accepted => {
+                fault::reach("actor.after_receive");
+                let kept = &mut accepted[header.half as usize];
+                kept.clear();
+                kept.extend_from_slice(actions.payload());
+            }
+            Verdict::Ignored(reason) => tracing::debug!(?header, reason, "actions ignored"),
+        }
+    }
+    Ok(())
 }

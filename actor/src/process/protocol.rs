@@ -4,11 +4,15 @@
 //! batch that arrives, and executes [`Protocol::next`], one step at a time:
 //!
 //! ```text
-//!            restore adopted                  actions for this step
+//!       restore adopted, recorder met         actions for this step
 //!  Hello ──────────────────▶ half: Sending ◀───────────────────────── half: Awaiting
 //!  every 200 ms                   │                                        ▲
 //!  until then                     └──────── sent and received ─────────────┘
 //! ```
+//!
+//! An actor does not take part before the recorder has received a HELLO of its: until then the recorder may not know
+//! this publisher, and a sample for it is dropped as soon as its queue is full. Afterwards it is waited for, and no
+//! sample passes it by.
 //!
 //! Everything is idempotent because every message names its exchange: a duplicate, a batch of another learner
 //! incarnation or one for another step changes nothing.
@@ -20,6 +24,8 @@ use wire::message::{ActionHeader, Halves, ObservationHeader, RestoreHeader, can_
 const HELLO_INTERVAL: Duration = Duration::from_millis(200);
 /// Time until an undelivered observation is sent again.
 const RESEND_INTERVAL: Duration = Duration::from_millis(50);
+/// Time between two looks for the recorder's word that it has met this actor; it rings no bell of an actor.
+const MEETING_INTERVAL: Duration = Duration::from_millis(10);
 /// Longest single wait for a message. Every message rings, but its sender can be killed before it does.
 const WAIT_MAX: Duration = Duration::from_millis(250);
 
@@ -71,13 +77,15 @@ struct HalfState {
 
 /// The state of the conversation with the learner. Times are measured from any fixed moment.
 #[derive(Debug, Clone)]
-pub(crate) struct Protocol {
+pub struct Protocol {
     actor: u32,
     incarnation: u32,
     halves: Halves,
     environments: usize,
     /// The learner whose restore is in force; none before the first one.
     learner_incarnation: Option<u32>,
+    /// The recorder has received something of this incarnation, or there is none.
+    met: bool,
     half: [HalfState; 2],
     /// The half that was served last: the other one has precedence.
     served_last: u32,
@@ -85,8 +93,9 @@ pub(crate) struct Protocol {
 }
 
 impl Protocol {
-    /// An actor that has just started: it sends HELLO until a restore arrives.
-    pub fn new(actor: u32, incarnation: u32, environments: u32) -> Self {
+    /// An actor that has just started: it sends HELLO until a restore arrives and the recorder, if there is one, has
+    /// met it.
+    pub fn new(actor: u32, incarnation: u32, environments: u32, recorder: bool) -> Self {
         let idle = HalfState { step: 0, stage_version: 0, phase: Phase::Awaiting };
         Self {
             actor,
@@ -94,6 +103,7 @@ impl Protocol {
             halves: Halves::of(environments),
             environments: environments as usize,
             learner_incarnation: None,
+            met: !recorder,
             half: [idle; 2],
             served_last: 1,
             hello_due: Duration::ZERO,
@@ -105,9 +115,19 @@ impl Protocol {
         self.halves
     }
 
+    /// The newest incarnation of this actor that the recorder has heard.
+    pub fn on_met(&mut self, incarnation: u32) {
+        self.met |= incarnation == self.incarnation;
+    }
+
+    /// Whether the recorder's word is still to come.
+    pub fn is_strange(&self) -> bool {
+        !self.met
+    }
+
     /// A restore has arrived with `states` environment states. If accepted, the shell rebuilds the environments
     /// before it asks for anything else.
-    pub(crate) fn on_restore(&mut self, header: &RestoreHeader, states: usize, now: Duration) -> Verdict {
+    pub fn on_restore(&mut self, header: &RestoreHeader, states: usize, now: Duration) -> Verdict {
         if header.actor_incarnation != 0 && header.actor_incarnation != self.incarnation {
             return Verdict::Ignored("it is for another incarnation of this actor");
         }
@@ -142,7 +162,7 @@ impl Protocol {
     }
 
     /// An action batch has arrived with `actions` actions. If accepted, the shell keeps them until [`Todo::Act`].
-    pub(crate) fn on_actions(&mut self, header: &ActionHeader, actions: usize) -> Verdict {
+    pub fn on_actions(&mut self, header: &ActionHeader, actions: usize) -> Verdict {
         if self.learner_incarnation != Some(header.learner_incarnation) {
             return Verdict::Ignored("they come from another learner incarnation");
         }
@@ -159,7 +179,8 @@ impl Protocol {
         if state.phase == Phase::Acting {
             return Verdict::Ignored("this exchange has its actions already");
         }
-        // Actions for an observation that seems unsent are its receipt: the learner has it.
+        // Actions for an observation that seems unsent are its receipt: the learner has it, and it answers only what
+        // the recorder has, too.
         state.phase = Phase::Acting;
         state.stage_version = header.stage_version;
         Verdict::Accepted
@@ -167,9 +188,10 @@ impl Protocol {
 
     /// What to do now.
     pub fn next(&self, now: Duration) -> Todo {
-        if self.learner_incarnation.is_none() {
+        if self.learner_incarnation.is_none() || !self.met {
             let left = self.hello_due.saturating_sub(now);
-            return if left.is_zero() { Todo::Hello } else { Todo::Wait(left.min(WAIT_MAX)) };
+            let longest = if self.met { WAIT_MAX } else { MEETING_INTERVAL };
+            return if left.is_zero() { Todo::Hello } else { Todo::Wait(left.min(longest)) };
         }
         let mut wait = WAIT_MAX;
         for offset in 1..=self.halves.count() {
@@ -185,7 +207,7 @@ impl Protocol {
     }
 
     /// A HELLO went out.
-    pub(crate) fn hello_sent(&mut self, now: Duration) {
+    pub fn hello_sent(&mut self, now: Duration) {
         self.hello_due = now + HELLO_INTERVAL;
     }
 
@@ -210,7 +232,7 @@ impl Protocol {
     }
 
     /// Header of a HELLO.
-    pub(crate) fn hello_header(&self) -> ObservationHeader {
+    pub fn hello_header(&self) -> ObservationHeader {
         ObservationHeader {
             kind: observation_kind::HELLO,
             actor: self.actor,
@@ -223,7 +245,7 @@ impl Protocol {
     ///
     /// # Panics
     /// If no restore has been accepted yet.
-    pub(crate) fn observation_header(&self, half: u32) -> ObservationHeader {
+    pub fn observation_header(&self, half: u32) -> ObservationHeader {
         let state = self.half[half as usize];
         ObservationHeader {
             step: state.step,
@@ -259,7 +281,7 @@ mod tests {
 
     /// An actor of `environments` with both halves' observations of step 10 out.
     fn talking(environments: u32) -> Protocol {
-        let mut protocol = Protocol::new(3, 7, environments);
+        let mut protocol = Protocol::new(3, 7, environments, false);
         assert_eq!(protocol.on_restore(&restore(1, 0, [10, 10]), environments as usize, T0), Verdict::Accepted);
         for half in 0..protocol.halves().count() {
             assert_eq!(protocol.next(T0), Todo::Send { half });
@@ -274,7 +296,7 @@ mod tests {
 
     #[test]
     fn it_says_hello_until_its_restore_arrives() {
-        let mut protocol = Protocol::new(3, 7, 2);
+        let mut protocol = Protocol::new(3, 7, 2, false);
         assert_eq!(protocol.next(T0), Todo::Hello);
         assert_eq!((protocol.hello_header().actor, protocol.hello_header().actor_incarnation), (3, 7));
         protocol.hello_sent(T0);
@@ -293,13 +315,33 @@ mod tests {
 
     #[test]
     fn a_learner_that_was_never_started_is_not_followed() {
-        let mut protocol = Protocol::new(3, 7, 2);
+        let mut protocol = Protocol::new(3, 7, 2, false);
         assert!(ignored(protocol.on_restore(&restore(u32::MAX, 7, [0, 0]), 2, T0)));
         assert_eq!(protocol.on_restore(&restore(3, 7, [4, 5]), 2, T0), Verdict::Accepted);
         assert!(ignored(protocol.on_restore(&restore(u32::MAX, 7, [0, 0]), 2, T0)));
         // The true learner is followed still, and so is its successor.
         assert_eq!(protocol.on_actions(&actions(3, 0, 4), 1), Verdict::Accepted);
         assert_eq!(protocol.on_restore(&restore(5, 0, [1, 1]), 2, T0), Verdict::Accepted);
+    }
+
+    #[test]
+    fn it_takes_no_part_before_the_recorder_has_met_it() {
+        let mut protocol = Protocol::new(3, 7, 2, true);
+        protocol.hello_sent(T0);
+        assert_eq!(protocol.on_restore(&restore(1, 7, [4, 5]), 2, T0), Verdict::Accepted);
+        // The recorder's word is looked for often, and HELLO said again: the one before may have been dropped.
+        assert_eq!(protocol.next(ms(1)), Todo::Wait(MEETING_INTERVAL));
+        assert_eq!(protocol.next(ms(200)), Todo::Hello);
+        protocol.hello_sent(ms(200));
+        protocol.on_met(6);
+        assert!(protocol.is_strange(), "that was its predecessor");
+        assert_eq!(protocol.next(ms(201)), Todo::Wait(MEETING_INTERVAL));
+        protocol.on_met(7);
+        assert_eq!(protocol.next(ms(202)), Todo::Send { half: 0 });
+        // It stays so, whichever learner comes.
+        assert_eq!(protocol.on_restore(&restore(2, 0, [4, 4]), 2, ms(203)), Verdict::Accepted);
+        assert!(!protocol.is_strange());
+        assert_eq!(protocol.next(ms(203)), Todo::Send { half: 0 });
     }
 
     #[test]
@@ -400,7 +442,7 @@ mod tests {
 
     #[test]
     fn an_observation_that_reached_nobody_is_sent_again() {
-        let mut protocol = Protocol::new(0, 1, 1);
+        let mut protocol = Protocol::new(0, 1, 1, false);
         protocol.on_restore(&restore(1, 0, [0, 0]), 1, T0);
         protocol.sent(0, false, T0);
         assert_eq!(protocol.next(ms(20)), Todo::Wait(ms(30)));
@@ -426,7 +468,7 @@ mod tests {
         /// and never one of a step it could not have asked for.
         #[test]
         fn it_never_gets_stuck(environments in 1u32..6, script in prop::collection::vec(0u8..6, 1..200)) {
-            let mut protocol = Protocol::new(0, 1, environments);
+            let mut protocol = Protocol::new(0, 1, environments, false);
             let halves = protocol.halves();
             let mut learner = 1;
             // The learner's books: next exchange of each half, and how many it has answered.

@@ -28,15 +28,18 @@ fn recorded(config: &Config, episode: u32, actions: &[Action]) -> RecordedEpisod
     let mut environment = programme.environment(&kitchen, id, config).unwrap();
     programme.start(&mut environment, id, episode);
     let start_hash = Some(environment.state_hash());
-    let (mut hashes, mut goals) = (Vec::new(), Vec::new());
+    let start = Some(start_of(&environment));
+    let (mut hashes, mut goals, mut steps) = (Vec::new(), Vec::new(), Vec::new());
     for &action in actions {
         let Current { flags, wrist_to_object_m, object_to_goal_m, .. } = environment.current();
         let holding = flags & current_flag::HOLDING != 0;
         goals.push(goal_digest(holding, if holding { object_to_goal_m } else { wrist_to_object_m }));
-        hashes.push(environment.step(action).state_hash);
+        let transition = environment.step(action);
+        hashes.push(transition.state_hash);
+        steps.push(digests_of(&transition, config));
     }
     let actions = actions.iter().map(|action| action.index()).collect();
-    RecordedEpisode { environment: id, episode, start_hash, actions, hashes, goals }
+    RecordedEpisode { environment: id, episode, start_hash, actions, hashes, goals, start, steps }
 }
 
 fn replay(config: &Config, images: Option<ReplayImages>, episodes: &[RecordedEpisode]) -> Vec<ReplayVerdict> {
@@ -63,7 +66,53 @@ fn a_goal_vector_that_the_simulator_does_not_give_is_a_difference() {
     wrong.goals[2] ^= 1;
     let differences =
         replay(&config, None, &[good, unknown, wrong]).into_iter().map(|verdict| verdict.first_difference);
-    assert_eq!(differences.collect::<Vec<_>>(), [None, None, Some(2)]);
+    let difference = Difference { step: 2, aspect: Aspect::Goal };
+    assert_eq!(differences.collect::<Vec<_>>(), [None, None, Some(difference)]);
+}
+
+#[test]
+fn all_that_was_recorded_of_a_step_is_compared() {
+    let config = config(false);
+    let good = recorded(&config, 3, &WAY);
+    for (number, aspect) in STEP_ASPECTS.into_iter().enumerate() {
+        let mut wrong = good.clone();
+        wrong.steps[2][number] ^= 1;
+        let verdict = replay(&config, None, &[wrong]).remove(0);
+        assert_eq!(verdict.first_difference, Some(Difference { step: 3, aspect }));
+    }
+    let mut wrong = good.clone();
+    wrong.start = wrong.start.map(|start| start ^ 1);
+    let difference = replay(&config, None, &[wrong]).remove(0).first_difference;
+    assert_eq!(difference, Some(Difference { step: 0, aspect: Aspect::Start }));
+    // What an older recording does not hold is no difference.
+    let older = RecordedEpisode { start: None, steps: Vec::new(), ..good };
+    assert_eq!(replay(&config, None, &[older]).remove(0).first_difference, None);
+}
+
+#[test]
+fn a_film_of_an_episode_that_diverges_announces_the_pictures_that_it_has() {
+    let config = config(false);
+    let mut longer = recorded(&config, 3, &WAY);
+    for _ in 0..20 {
+        longer.actions.push(Action::LookUp.index());
+        longer.hashes.push(1);
+        longer.goals.push(0);
+        longer.steps.push([0; 4]);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let images = ReplayImages { folder: folder.path().display().to_string(), format: ImageFormat::Apng, side: 48 };
+    let verdict = replay(&config, Some(images), &[longer]).remove(0);
+    assert_eq!(verdict.images, 5);
+    assert_eq!(verdict.first_difference, Some(Difference { step: 5, aspect: Aspect::Length }));
+    let file = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
+    let mut reader =
+        png::Decoder::new(std::io::BufReader::new(std::fs::File::open(file).unwrap())).read_info().unwrap();
+    let frames = reader.info().animation_control().unwrap().num_frames;
+    assert_eq!(frames, 5);
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    for frame in 0..frames {
+        assert!(reader.next_frame(&mut bytes).is_ok(), "frame {frame}");
+    }
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! Checkpoints: the complete state that a run needs to continue exactly.
 //!
-//! A checkpoint is two files in `RUN/checkpoints/`: `rollout-K.safetensors` ([`tensors`]) and, written after it,
-//! `rollout-K.json` ([`proto::checkpoint::Manifest`]), which holds the hash of the first and of itself. Each is written
-//! beside its place, flushed to the disk and renamed, so at every moment the newest complete checkpoint is a good one.
+//! A checkpoint is three files in `RUN/checkpoints/`: `rollout-K.safetensors` ([`tensors`]), `rollout-K.jsonl` (the
+//! figures of all rollouts before it) and, written last, `rollout-K.json` ([`proto::checkpoint::Manifest`]), which names
+//! the run and holds the hashes of the others and of itself. Each is written beside its place, flushed to the disk and
+//! renamed, so at every moment the newest complete checkpoint is a good one.
 //! [`store`] writes, finds, verifies and prunes them; [`part`] is about several learners.
 
 mod part;
@@ -18,6 +19,7 @@ pub use tensors::{TensorsError, encode_tensors};
 
 use crate::agent::AgentState;
 use crate::collector::Boundary;
+use proto::trained::History;
 
 /// A run at a rollout boundary.
 #[derive(Debug)]
@@ -32,4 +34,6 @@ pub struct Snapshot {
     pub boundary: Boundary,
     /// Digest of the weights.
     pub weights: String,
+    /// Figures of all rollouts before it.
+    pub figures: History,
 }

@@ -3,12 +3,15 @@
 use super::Snapshot;
 use super::tensors::{self, TensorsError};
 use crate::agent::AgentState;
-use proto::bounded;
-use proto::checkpoint::{Machine, Manifest};
+use proto::checkpoint::{Machine, Manifest, ManifestError};
 use proto::config::StageConfig;
 use proto::digest::sha256;
-use proto::run_folder::{RolloutName, RunFolder, write_atomically};
+use proto::disk::{Disk, LocalDisk};
+use proto::pin::pin;
+use proto::run_folder::{RolloutName, RunFolder, write_atomically_on};
 use proto::stage::position_at;
+use proto::trained::History;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// A checkpoint that cannot be used, and why.
@@ -40,6 +43,15 @@ pub enum CheckpointError {
         /// Free space on its file system, if known.
         free_bytes: Option<u64>,
     },
+    /// The recording could not be seen onto the disk: a checkpoint must not be ahead of it.
+    #[error("cannot see recording {path} onto the disk: {cause} (the checkpoint is not written; earlier ones are kept)",
+        path = .path.display())]
+    Recording {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
     /// The folder could not be read or created.
     #[error("cannot use checkpoint folder {path}: {cause}", path = .path.display())]
     Folder {
@@ -51,6 +63,16 @@ pub enum CheckpointError {
     /// The state could not be turned into a file.
     #[error("cannot encode the state: {0}")]
     Encode(#[from] TensorsError),
+    /// The folder does not belong to this run any more: whoever made it anew would go on from our checkpoint.
+    #[error("{folder} is not the folder of run {run} any more ({found}): nothing is written there", folder = .folder.display())]
+    Foreign {
+        /// The run's folder.
+        folder: PathBuf,
+        /// Our run.
+        run: String,
+        /// Whose it is now.
+        found: String,
+    },
     /// There are checkpoints, and none can be used.
     #[error("no checkpoint in {folder} can be used:\n{}", list(.rejected), folder = .folder.display())]
     NoneGood {
@@ -80,12 +102,17 @@ pub struct Loaded {
     pub path: String,
     /// Newer checkpoints that could not be used.
     pub rejected: Vec<Rejected>,
+    /// Why it holds no figures of the rollouts before it, if that is so.
+    pub without_figures: Option<String>,
 }
 
 /// The checkpoints of one run.
 #[derive(Debug, Clone)]
-pub struct Store {
+pub struct Store<D = LocalDisk> {
+    disk: D,
     run: RunFolder,
+    /// The run's id. Empty where nobody gave it one: then nothing is compared with it.
+    id: String,
     stages: Vec<StageConfig>,
     config: String,
     machine: Machine,
@@ -94,8 +121,34 @@ pub struct Store {
 
 impl Store {
     /// The checkpoints of `run`. The `keep` newest are kept, and the one at each stage's end.
-    pub fn new(run: RunFolder, stages: &[StageConfig], config_toml: &str, machine: Machine, keep: u32) -> Self {
-        Self { run, stages: stages.to_vec(), config: config_toml.to_owned(), machine, keep: keep as usize }
+    pub fn new(
+        (run, id): (RunFolder, &str),
+        stages: &[StageConfig],
+        config_toml: &str,
+        machine: Machine,
+        keep: u32,
+    ) -> Self {
+        let (id, stages, config) = (id.to_owned(), stages.to_vec(), config_toml.to_owned());
+        Self { disk: LocalDisk, run, id, stages, config, machine, keep: keep as usize }
+    }
+
+    /// The same on another file system.
+    pub fn on<D: Disk>(self, disk: D) -> Store<D> {
+        let Self { disk: _, run, id, stages, config, machine, keep } = self;
+        Store { disk, run, id, stages, config, machine, keep }
+    }
+}
+
+impl<D: Disk> Store<D> {
+    /// Fails if the folder is another run's, or nobody's: it was removed, and perhaps made anew, while we worked.
+    pub(crate) fn check_run(&self) -> Result<(), CheckpointError> {
+        let found = match self.run.id() {
+            _ if self.id.is_empty() => return Ok(()),
+            Some(id) if id == self.id => return Ok(()),
+            Some(id) => format!("it is that of run {id}"),
+            None => format!("{} is gone or damaged", self.run.identity().display()),
+        };
+        Err(CheckpointError::Foreign { folder: self.run.root().to_path_buf(), run: self.id.clone(), found })
     }
 
     /// The machine that new checkpoints carry.
@@ -103,18 +156,22 @@ impl Store {
         &self.machine
     }
 
-    /// Writes a checkpoint, then deletes those that need not be kept. Returns the manifest's path relative to the run
-    /// folder. After an error everything that was there before is still there.
-    pub fn save(&self, snapshot: &Snapshot) -> Result<String, CheckpointError> {
+    /// Writes a checkpoint, then deletes those that need not be kept. The recordings, which hold everything up to it,
+    /// are on the disk before it counts. Returns the manifest's path relative to the run folder. After an error
+    /// everything that was there before is still there. `evaluated`: it is to be evaluated, so it is pinned, too.
+    pub fn save(&self, snapshot: &Snapshot, evaluated: bool) -> Result<String, CheckpointError> {
         wire::fault::reach("learner.before_checkpoint");
+        self.check_run()?;
         let folder = self.run.checkpoints();
-        std::fs::create_dir_all(&folder).map_err(|cause| CheckpointError::Folder { path: folder.clone(), cause })?;
+        self.disk.create_folders(&folder).map_err(|cause| CheckpointError::Folder { path: folder.clone(), cause })?;
         let tensors_path = self.run.checkpoint_tensors(snapshot.rollout);
         let manifest_path = self.run.checkpoint_manifest(snapshot.rollout);
         let bytes = tensors::encode(&snapshot.agent.tensors, &snapshot.boundary)?;
+        let figures = snapshot.figures.encode();
         let position = position_at(&self.stages, snapshot.frames);
         let manifest = Manifest {
             schema_version: proto::SCHEMA_VERSION,
+            run: self.id.clone(),
             rollout: snapshot.rollout,
             frames: snapshot.frames,
             exchange: snapshot.boundary.exchange,
@@ -126,21 +183,31 @@ impl Store {
             tensors: file_name(&tensors_path),
             tensors_bytes: bytes.len() as u64,
             tensors_sha256: sha256(&bytes),
+            figures_sha256: sha256(&figures),
             config_sha256: sha256(self.config.as_bytes()),
             config: self.config.clone(),
             weights: snapshot.weights.clone(),
             machine: self.machine.clone(),
             manifest_sha256: String::new(),
         };
-        write(&tensors_path, &bytes)?;
+        self.write(&tensors_path, &bytes)?;
         wire::fault::reach("learner.after_tensors");
-        write(&manifest_path, &manifest.seal())?;
+        self.write(&self.run.checkpoint_figures(snapshot.rollout), &figures)?;
+        wire::fault::reach("learner.after_figures");
+        self.sync_recordings()?;
+        wire::fault::reach("learner.after_sync");
+        self.write(&manifest_path, &manifest.seal())?;
         wire::fault::reach("learner.after_manifest");
+        if evaluated && let Err(cause) = pin(&self.run, snapshot.rollout) {
+            tracing::warn!("the checkpoint at {} frames is not kept for its evaluation: {cause}", snapshot.frames);
+        }
+        wire::fault::reach("learner.after_pin");
         self.prune(snapshot.rollout);
+        wire::fault::reach("learner.after_prune");
         Ok(relative(&self.run, &manifest_path))
     }
 
-    /// The newest good checkpoint; none when none was ever completed.
+    /// The newest good checkpoint; none when none was ever completed. Those of other runs do not count.
     pub fn load(&self) -> Result<Option<Loaded>, CheckpointError> {
         let folder = self.run.checkpoints();
         let rollouts = match self.rollouts() {
@@ -150,15 +217,41 @@ impl Store {
         };
         let mut rejected = vec![];
         for rollout in rollouts.into_iter().rev() {
+            let manifest_path = self.run.checkpoint_manifest(rollout);
+            if let Ok(manifest) = self.manifest(rollout)
+                && manifest.is_of_another(&self.id)
+            {
+                let path = manifest_path.display();
+                tracing::warn!(
+                    "checkpoint passed over: {path} is of run {}, and this is run {}",
+                    manifest.run,
+                    self.id
+                );
+                continue;
+            }
             match self.open(rollout) {
-                Ok((snapshot, manifest)) => {
-                    let path = relative(&self.run, &self.run.checkpoint_manifest(rollout));
-                    return Ok(Some(Loaded { snapshot, manifest, path, rejected }));
+                Ok((mut snapshot, manifest)) => {
+                    let path = relative(&self.run, &manifest_path);
+                    let (figures, without_figures) = match manifest.figures(&self.run) {
+                        Ok(Some(figures)) => (figures, None),
+                        Ok(None) => (History::default(), Some(format!("{path} is of an older version"))),
+                        Err(error) => (History::default(), Some(error.to_string())),
+                    };
+                    snapshot.figures = figures;
+                    return Ok(Some(Loaded { snapshot, manifest, path, rejected, without_figures }));
                 }
                 Err(reason) => rejected.push(reason),
             }
         }
         if rejected.is_empty() { Ok(None) } else { Err(CheckpointError::NoneGood { folder, rejected }) }
+    }
+
+    /// The figures of the rollouts before this one in `metrics.jsonl`, as far as it has them.
+    pub(crate) fn figures_of_file(&self, rollout: u64) -> History {
+        let bytes = std::fs::read(self.run.metrics()).unwrap_or_default();
+        let (mut figures, _) = History::decode(&bytes);
+        figures.rewind_to(rollout);
+        figures
     }
 
     fn open(&self, rollout: u64) -> Result<(Snapshot, Manifest), Rejected> {
@@ -169,19 +262,18 @@ impl Store {
         if manifest.rollout != rollout || manifest.tensors != file_name(&tensors_path) {
             return Err(at(&manifest_path, format!("is the manifest of rollout {}", manifest.rollout)));
         }
-        Ok((tensors_of(&manifest, &tensors_path)?, manifest))
+        Ok((tensors_of(&self.disk, &manifest, &tensors_path)?, manifest))
     }
 
     fn manifest(&self, rollout: u64) -> Result<Manifest, String> {
-        Manifest::read(&self.run.checkpoint_manifest(rollout)).map_err(|cause| cause.to_string())
+        let bytes = self.disk.read(&self.run.checkpoint_manifest(rollout)).map_err(ManifestError::from);
+        bytes.and_then(|bytes| Manifest::open(&bytes)).map_err(|cause| cause.to_string())
     }
 
     /// Rollouts that have a manifest, ascending.
     fn rollouts(&self) -> std::io::Result<Vec<u64>> {
-        let mut rollouts = vec![];
-        for entry in std::fs::read_dir(self.run.checkpoints())? {
-            rollouts.extend(RolloutName::Manifest.rollout_of(&entry?.path()));
-        }
+        let names = self.disk.list(&self.run.checkpoints())?;
+        let mut rollouts: Vec<u64> = names.iter().filter_map(|path| RolloutName::Manifest.rollout_of(path)).collect();
         rollouts.sort_unstable();
         Ok(rollouts)
     }
@@ -197,8 +289,8 @@ impl Store {
         let mut kept = 0;
         for rollout in rollouts.into_iter().rev() {
             let whole = self.manifest(rollout).ok().filter(|manifest| {
-                let tensors = std::fs::metadata(self.run.checkpoint_tensors(rollout));
-                tensors.is_ok_and(|file| file.len() == manifest.tensors_bytes)
+                let bytes = self.disk.size(&self.run.checkpoint_tensors(rollout));
+                bytes.is_ok_and(|bytes| bytes == manifest.tensors_bytes) && !manifest.is_of_another(&self.id)
             });
             if whole.is_some() && kept < self.keep {
                 kept += 1;
@@ -208,8 +300,9 @@ impl Store {
                 continue;
             }
             // The manifest first: without it the rest does not count.
-            for path in [self.run.checkpoint_manifest(rollout), self.run.checkpoint_tensors(rollout)] {
-                match std::fs::remove_file(&path) {
+            for kind in [RolloutName::Manifest, RolloutName::Tensors, RolloutName::Figures] {
+                let path = self.run.checkpoints().join(kind.of(rollout));
+                match self.disk.remove(&path) {
                     Err(cause) if cause.kind() != std::io::ErrorKind::NotFound => {
                         tracing::warn!("cannot delete old checkpoint {}: {cause}", path.display());
                     }
@@ -220,27 +313,52 @@ impl Store {
         self.sweep_fragments();
     }
 
-    /// Deletes the remains of a process that died while it wrote: temporary files, and tensors without a manifest.
+    /// Deletes the remains of a process that died while it wrote: temporary files, and others without a manifest.
     fn sweep_fragments(&self) {
-        let Ok(entries) = std::fs::read_dir(self.run.checkpoints()) else { return };
-        for path in entries.filter_map(|entry| entry.ok().map(|entry| entry.path())) {
+        let Ok(paths) = self.disk.list(&self.run.checkpoints()) else { return };
+        let has_manifest = |rollout| paths.contains(&self.run.checkpoint_manifest(rollout));
+        for path in &paths {
             let temporary = path.extension().is_some_and(|extension| extension == "partial");
-            let orphan = RolloutName::Tensors
-                .rollout_of(&path)
-                .is_some_and(|rollout| !self.run.checkpoint_manifest(rollout).exists());
+            let rollout = RolloutName::Tensors.rollout_of(path).or_else(|| RolloutName::Figures.rollout_of(path));
+            let orphan = rollout.is_some_and(|rollout| !has_manifest(rollout));
             if temporary || orphan {
-                let _ = std::fs::remove_file(&path);
+                let _ = self.disk.remove(path);
             }
         }
+    }
+
+    fn write(&self, path: &Path, content: &[u8]) -> Result<(), CheckpointError> {
+        write_atomically_on(&self.disk, path, content).map_err(|cause| CheckpointError::Write {
+            path: path.to_path_buf(),
+            cause,
+            free_bytes: path.parent().and_then(free_bytes),
+        })
+    }
+
+    /// Has all recordings and their names written to the disk. Those that are there already cost next to nothing.
+    fn sync_recordings(&self) -> Result<(), CheckpointError> {
+        let folder = self.run.recordings();
+        let failed = |path: &Path, cause| CheckpointError::Recording { path: path.to_path_buf(), cause };
+        let paths = match self.disk.list(&folder) {
+            Ok(paths) => paths,
+            Err(cause) if cause.kind() == ErrorKind::NotFound => return Ok(()),
+            Err(cause) => return Err(failed(&folder, cause)),
+        };
+        for path in paths.iter().filter(|path| path.extension().is_some_and(|extension| extension == "mcap")) {
+            match self.disk.open(path).and_then(|file| self.disk.sync(&file)) {
+                // Somebody has moved or deleted it, or it is no plain file: it is not ours to keep.
+                Err(cause) if matches!(cause.kind(), ErrorKind::NotFound | ErrorKind::InvalidInput) => {}
+                synced => synced.map_err(|cause| failed(path, cause))?,
+            }
+        }
+        self.disk.sync_folder(&folder).map_err(|cause| failed(&folder, cause))
     }
 }
 
 /// Rollouts, frames and exchanges of a run: each leaves room for the next.
 const COUNT_MOST: u64 = 1 << 60;
-/// Tensors of a checkpoint, bytes: the largest network with the most environments has a tenth.
-const TENSORS_BYTES_MOST: u64 = 64 << 30;
 
-/// Reads the checkpoint with this manifest, in any folder, and verifies it.
+/// Reads the checkpoint with this manifest, wherever it lies, and verifies it. Its figures are left out.
 pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
     let manifest = Manifest::read(manifest_path)
         .map_err(|cause| Rejected { path: manifest_path.to_path_buf(), reason: cause.to_string() })?;
@@ -249,13 +367,13 @@ pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
         return Err(Rejected { path: manifest_path.to_path_buf(), reason });
     }
     let tensors_path = manifest_path.with_file_name(&manifest.tensors);
-    Ok((tensors_of(&manifest, &tensors_path)?, manifest))
+    Ok((tensors_of(&LocalDisk, &manifest, &tensors_path)?, manifest))
 }
 
 /// The state in the tensor file that belongs to a manifest.
-fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
+fn tensors_of<D: Disk>(disk: &D, manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
     let at = |reason: String| Rejected { path: path.to_path_buf(), reason };
-    let bytes = bounded::read(path, TENSORS_BYTES_MOST).map_err(|cause| at(format!("cannot be read: {cause}")))?;
+    let bytes = disk.read(path).map_err(|cause| at(format!("cannot be read: {cause}")))?;
     if bytes.len() as u64 != manifest.tensors_bytes {
         return Err(at(format!("is torn: it has {} bytes of {}", bytes.len(), manifest.tensors_bytes)));
     }
@@ -270,15 +388,8 @@ fn tensors_of(manifest: &Manifest, path: &Path) -> Result<Snapshot, Rejected> {
     let (tensors, boundary) =
         tensors::decode(&bytes, exchange).map_err(|cause| at(format!("cannot be used: {cause}")))?;
     let agent = AgentState { tensors, adam_steps, multiplier, carried_goal };
-    Ok(Snapshot { rollout, frames, agent, boundary, weights: manifest.weights.clone() })
-}
-
-fn write(path: &Path, content: &[u8]) -> Result<(), CheckpointError> {
-    write_atomically(path, content).map_err(|cause| CheckpointError::Write {
-        path: path.to_path_buf(),
-        cause,
-        free_bytes: path.parent().and_then(free_bytes),
-    })
+    let (weights, figures) = (manifest.weights.clone(), History::default());
+    Ok(Snapshot { rollout, frames, agent, boundary, weights, figures })
 }
 
 /// Bytes that this process may still write to the file system of a folder.

@@ -27,7 +27,7 @@ impl ColumnMap {
     }
 
     /// The environments of the actors that a rank serves.
-    pub(crate) fn of(rank: u32, config: &Config) -> Self {
+    pub fn of(rank: u32, config: &Config) -> Self {
         let actors = config.shares().actors_of(rank);
         Self::new(actors.start, actors.len() as u32, config.actors.environments_per_actor)
             .in_kitchens(config.kitchens())

@@ -49,6 +49,9 @@ pub struct Environments {
     running: Vec<RunningEpisode>,
     /// The action that was sent and whose outcome is not yet recorded.
     in_flight: Vec<Option<u8>>,
+    /// The episode has ended with the last outcome, and the state still holds all of it: an actor that has to send
+    /// that outcome again can.
+    ended: Vec<bool>,
 }
 
 impl Environments {
@@ -68,7 +71,9 @@ impl Environments {
             states.len() == column_map.columns() && running.len() == column_map.columns(),
             "there is one state and one running episode for each environment"
         );
-        Self { column_map, max_episode_steps, gamma, states, running, in_flight: vec![None; column_map.columns()] }
+        let columns = column_map.columns();
+        let (in_flight, ended) = (vec![None; columns], vec![false; columns]);
+        Self { column_map, max_episode_steps, gamma, states, running, in_flight, ended }
     }
 
     /// State of one column, actions in flight included.
@@ -91,12 +96,20 @@ impl Environments {
         self.in_flight.iter().any(Option::is_some)
     }
 
-    /// Notes an action that is being sent; [`HOLD`] changes nothing.
+    /// Nobody needs a column's last outcome again: where it ended an episode, the next one begins.
+    pub(crate) fn forget_outcome(&mut self, column: usize) {
+        if std::mem::take(&mut self.ended[column]) {
+            self.states[column] = EnvironmentState::start_of(self.states[column].episode + 1);
+        }
+    }
+
+    /// Notes an action that is being sent; [`HOLD`] changes nothing but that the last outcome is forgotten.
     ///
     /// # Panics
     /// If the byte is neither an action nor HOLD, or the last action's outcome has not been taken in.
     pub fn act(&mut self, column: usize, action: u8) {
         assert!(self.in_flight[column].is_none(), "one action at a time is in flight");
+        self.forget_outcome(column);
         if action == HOLD {
             return;
         }
@@ -179,7 +192,7 @@ impl Environments {
         if has(transition_flag::ENDED) {
             statistics.add_episode(transition, running);
             *running = RunningEpisode::default();
-            self.states[column] = EnvironmentState::start_of(transition.episode + 1);
+            self.ended[column] = true;
         }
         Some(Outcome {
             reward: value,

@@ -9,6 +9,8 @@
 pub struct Half<S> {
     step: u64,
     samples: Vec<Option<S>>,
+    /// The newest exchange of which the recorder has each actor's observations.
+    recorded: Vec<Option<u64>>,
     settled: bool,
 }
 
@@ -26,7 +28,8 @@ pub enum Arrival {
 impl<S> Half<S> {
     /// A half that waits for the observations of exchange `step` from every actor.
     pub fn new(actors: u32, step: u64) -> Self {
-        Self { step, samples: (0..actors).map(|_| None).collect(), settled: false }
+        let recorded = vec![None; actors as usize];
+        Self { step, samples: (0..actors).map(|_| None).collect(), recorded, settled: false }
     }
 
     /// The exchange whose observations are expected or here; as many actions have been sent since the run's start.
@@ -57,6 +60,17 @@ impl<S> Half<S> {
     /// Actors whose observations are missing, ascending.
     pub fn missing(&self) -> impl Iterator<Item = u32> {
         self.samples.iter().enumerate().filter(|(_, sample)| sample.is_none()).map(|(actor, _)| actor as u32)
+    }
+
+    /// The recorder has an actor's observations up to those of exchange `step`.
+    pub fn recorded(&mut self, actor: u32, step: u64) {
+        let newest = &mut self.recorded[actor as usize];
+        *newest = (*newest).max(Some(step));
+    }
+
+    /// Actors whose observations of this exchange the recorder does not have yet, ascending.
+    pub fn unrecorded(&self) -> impl Iterator<Item = u32> {
+        self.recorded.iter().enumerate().filter(|(_, newest)| **newest < Some(self.step)).map(|(actor, _)| actor as u32)
     }
 
     /// The observations of all actors in order, once they are complete.

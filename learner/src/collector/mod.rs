@@ -8,12 +8,17 @@
 //! observation of each half, for the bootstrap values. These observations are kept: they are the first of the next
 //! rollout.
 //!
+//! Where a run is recorded, a half goes on only when the recorder has its observations, too ([`Collector::unrecorded`]).
+//! Until then an actor that is killed can send them again, last outcomes included. So no step is trained on that the
+//! recorder has not seen.
+//!
 //! Nothing that arrives twice or late changes anything: every sample names its exchange and the learner incarnation it
 //! goes back to. [`Collector::restore`] tells a restarted actor the state of its environments, at any moment; a
 //! restarted learner begins from a [`Boundary`]. The tests crash both at every point and compare what was recorded.
 
 mod column_map;
 mod environments;
+mod error;
 mod exchange;
 mod noise;
 mod statistics;
@@ -22,6 +27,7 @@ mod tests;
 
 pub use column_map::ColumnMap;
 pub use environments::{Environments, Mismatch, Reward};
+pub use error::ProtocolError;
 pub use noise::gumbel;
 pub(crate) use noise::gumbel_of;
 pub use statistics::{RolloutStatistics, RunningEpisode};
@@ -36,6 +42,7 @@ use proto::config::CarriedGoal;
 use proto::episode::EnvironmentId;
 use proto::stage::RolloutShape;
 use proto::step::{Current, Transition, current_flag};
+use wire::Receipt;
 use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, can_follow, observation_kind};
 
 /// One actor's observations of one half, in the order of [`ColumnMap::half`].
@@ -95,6 +102,8 @@ pub struct Settings {
     pub gamma: f64,
     /// Incarnation of this learner.
     pub learner_incarnation: u32,
+    /// Whether there is a recorder, whose receipts are waited for.
+    pub recorded: bool,
 }
 
 /// What to do next.
@@ -137,48 +146,6 @@ pub enum Received {
         /// Its incarnation.
         actor_incarnation: u32,
     },
-}
-
-/// A sample that no correct actor sends.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ProtocolError {
-    /// The header makes no sense.
-    #[error("an observation sample has a header that makes no sense: {0:?}")]
-    Header(ObservationHeader),
-    /// The payload is not one half.
-    #[error("actor {actor} sent {found} observations for half {half}, which has {expected} environments")]
-    Length {
-        /// Actor number.
-        actor: u32,
-        /// The half.
-        half: u32,
-        /// Observations in the sample.
-        found: usize,
-        /// Environments of the half.
-        expected: usize,
-    },
-    /// It answers an action that was never sent.
-    #[error("actor {actor} is at exchange {found} of half {half}, but the learner has only sent actions up to {sent}")]
-    Ahead {
-        /// Actor number.
-        actor: u32,
-        /// The half.
-        half: u32,
-        /// Its step.
-        found: u64,
-        /// Exchange the learner is at.
-        sent: u64,
-    },
-    /// An environment is not where it must be.
-    #[error(transparent)]
-    Mismatch(#[from] Mismatch),
-}
-
-impl ProtocolError {
-    /// Whether it is nothing but a number that is not finite.
-    pub fn is_non_finite(&self) -> bool {
-        matches!(self, Self::Mismatch(Mismatch { non_finite: true, .. }))
-    }
 }
 
 /// Actions to send to one actor.
@@ -360,6 +327,30 @@ impl<S: HalfSample> Collector<S> {
         Ok(Received::Kept)
     }
 
+    /// Halves: 1 or 2.
+    pub(crate) fn halves(&self) -> u32 {
+        self.settings.column_map.halves()
+    }
+
+    /// The recorder's newest receipt of one half of an actor of this learner's.
+    ///
+    /// # Panics
+    /// If there is no such actor or half.
+    pub fn recorded(&mut self, actor: u32, half: u32, receipt: Receipt) {
+        let index = self.settings.column_map.index_of(actor).expect("a learner reads receipts of its own actors");
+        if receipt.learner_incarnation == self.settings.learner_incarnation {
+            self.halves[half as usize].recorded(index, receipt.step);
+        }
+    }
+
+    /// Actors whose observations of this half's exchange the recorder does not have yet, ascending. While there are
+    /// some, the half is not answered.
+    pub fn unrecorded(&self, half: u32) -> Vec<u32> {
+        let column_map = self.settings.column_map;
+        let half = Some(&self.halves[half as usize]).filter(|_| self.settings.recorded);
+        half.into_iter().flat_map(Half::unrecorded).map(|index| column_map.actor(index)).collect()
+    }
+
     /// An actor's state according to all messages received from it and sent to it: an actor that has just started must
     /// rebuild this state. `actor_incarnation` 0 addresses any incarnation.
     ///
@@ -491,10 +482,12 @@ impl<S: HalfSample> Collector<S> {
     /// the environments beyond its shape HOLD, whatever the agent chose for them.
     ///
     /// # Panics
-    /// If the current task is not to act on this half, or there is not one action for each of its environments.
+    /// If the current task is not to act on this half, there is not one action for each of its environments, or the
+    /// recorder does not have what is answered.
     pub fn answer(&mut self, half: u32, actions: &[u8]) -> Vec<ActionBatch> {
         let Task::Act { half: due, t } = self.task() else { panic!("actions are answered when they are due") };
         assert_eq!(half, due, "the halves take turns");
+        assert!(self.unrecorded(half).is_empty(), "what is answered is recorded");
         let column_map = self.settings.column_map;
         let width = column_map.half(half).len();
         assert_eq!(actions.len(), width * column_map.actors() as usize, "one action for each environment of the half");
@@ -555,9 +548,13 @@ impl<S: HalfSample> Collector<S> {
     /// The agent has computed the values of this half's last observations.
     ///
     /// # Panics
-    /// If that was not the current task.
-    pub(crate) fn bootstrapped(&mut self, half: u32) {
+    /// If that was not the current task, or the recorder does not have these observations.
+    pub fn bootstrapped(&mut self, half: u32) {
         assert_eq!(self.task(), Task::Bootstrap { half }, "a half is bootstrapped when it is due");
+        assert!(self.unrecorded(half).is_empty(), "what a rollout ends with is recorded");
+        for column in self.settings.column_map.batch(half) {
+            self.environments.forget_outcome(column);
+        }
         self.cursor.as_mut().expect("a task is due in a rollout").turn += 1;
     }
 

@@ -2,14 +2,18 @@
 
 #[path = "../../tests/support/environment.rs"]
 mod environment;
+mod fake_actor;
+mod taker;
 
 use super::*;
-use environment::{FakeEnvironment, mix};
+use environment::mix;
+use fake_actor::FakeActor;
 use proptest::prelude::*;
 use proto::config::CarriedGoal;
 use proto::reward::RewardKind;
 use proto::step::transition_flag;
 use std::collections::VecDeque;
+use taker::Taker;
 
 const SEED: u64 = 5;
 const MAX_STEPS: u32 = 7;
@@ -37,79 +41,7 @@ impl HalfSample for FakeSample {
     }
 }
 
-/// A simulated actor process and its queues.
-#[derive(Debug)]
-struct FakeActor {
-    number: u32,
-    incarnation: u32,
-    /// Learner incarnation it follows, and the exchange of each half; none until its first restore.
-    following: Option<(u32, [u64; 2])>,
-    environments: Vec<FakeEnvironment>,
-    /// On its way to it; what is lost when it dies.
-    actions: VecDeque<ActionBatch>,
-    restore: Option<(RestoreHeader, Vec<EnvironmentState>)>,
-}
-
 type Message = (ObservationHeader, FakeSample);
-
-impl FakeActor {
-    fn new(number: u32, incarnation: u32) -> Self {
-        Self { number, incarnation, following: None, environments: vec![], actions: VecDeque::new(), restore: None }
-    }
-
-    fn hello(&self) -> Message {
-        let header = ObservationHeader {
-            kind: observation_kind::HELLO,
-            actor: self.number,
-            actor_incarnation: self.incarnation,
-            ..ObservationHeader::default()
-        };
-        (header, FakeSample(vec![]))
-    }
-
-    fn observe(&self, column_map: ColumnMap, half: u32) -> Message {
-        let (learner_incarnation, steps) = self.following.expect("an actor observes once it is restored");
-        let header = ObservationHeader {
-            step: steps[half as usize],
-            kind: observation_kind::OBSERVATIONS,
-            actor: self.number,
-            actor_incarnation: self.incarnation,
-            learner_incarnation,
-            half,
-            ..ObservationHeader::default()
-        };
-        let observe = |e: usize| (e as u32, self.environments[e].transition(), self.environments[e].current());
-        (header, FakeSample(column_map.half(half).map(observe).collect()))
-    }
-
-    /// Handles one message that waits for it, and returns what it sends. None when nothing waits.
-    fn turn(&mut self, column_map: ColumnMap) -> Option<Vec<Message>> {
-        if let Some((header, states)) = self.restore.take() {
-            let meant = header.actor_incarnation == 0 || header.actor_incarnation == self.incarnation;
-            if !meant || self.following.is_some_and(|(learner, _)| learner >= header.learner_incarnation) {
-                return Some(vec![]);
-            }
-            let first = column_map.columns_of_actor(self.number).start;
-            self.environments = states
-                .iter()
-                .enumerate()
-                .map(|(e, state)| FakeEnvironment::rebuild(column_map.environment(first + e), MAX_STEPS, state))
-                .collect();
-            self.following = Some((header.learner_incarnation, header.step));
-            return Some((0..column_map.halves()).map(|half| self.observe(column_map, half)).collect());
-        }
-        let ActionBatch { header, actions, .. } = self.actions.pop_front()?;
-        let Some((learner, steps)) = &mut self.following else { return Some(vec![]) };
-        if header.learner_incarnation != *learner || header.step != steps[header.half as usize] {
-            return Some(vec![]);
-        }
-        steps[header.half as usize] += 1;
-        for (e, action) in column_map.half(header.half).zip(actions) {
-            self.environments[e].act(action);
-        }
-        Some(vec![self.observe(column_map, header.half)])
-    }
-}
 
 /// What a run leaves: for each rollout everything that training would see.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -149,6 +81,7 @@ struct Run {
     /// Rollouts are cut after this many steps.
     cut: Option<usize>,
     budget: u64,
+    recorded: bool,
 }
 
 /// A fault of the schedule, at the n-th turn of the world.
@@ -162,6 +95,7 @@ struct World {
     run: Run,
     actors: Vec<FakeActor>,
     to_learner: VecDeque<Message>,
+    recorder: Taker,
     learner_incarnation: u32,
     record: Record,
     checkpoints: Vec<Checkpoint>,
@@ -182,13 +116,14 @@ impl World {
             run,
             actors: (0..run.column_map.actors()).map(|actor| FakeActor::new(actor, 1)).collect(),
             to_learner: VecDeque::new(),
+            recorder: Taker::default(),
             learner_incarnation: 1,
             record: Record::default(),
             checkpoints: vec![first],
             before: brain.clone(),
             brain,
             frames: 0,
-            collector: Collector::new(settings(run.column_map, 1), boundary),
+            collector: Collector::new(Settings { recorded: run.recorded, ..settings(run.column_map, 1) }, boundary),
             in_progress: None,
         };
         for actor in 0..run.column_map.actors() as usize {
@@ -204,8 +139,10 @@ impl World {
         }
     }
 
-    /// The actor dies. What it had sent stays readable; what was on its way to it is lost.
+    /// The actor dies. What it had sent stays readable to the learner, not to the recorder; what was on its way to it is
+    /// lost.
     fn kill_actor(&mut self, actor: u32) {
+        self.recorder.lose(actor);
         let slot = &mut self.actors[actor as usize];
         *slot = FakeActor::new(actor, slot.incarnation + 1);
         let hello = slot.hello();
@@ -224,7 +161,8 @@ impl World {
         self.in_progress = None;
         // Its subscriber dies with it.
         self.to_learner.clear();
-        self.collector = Collector::new(settings(self.run.column_map, self.learner_incarnation), boundary);
+        let settings = settings(self.run.column_map, self.learner_incarnation);
+        self.collector = Collector::new(Settings { recorded: self.run.recorded, ..settings }, boundary);
         self.broadcast();
         // Actors that have no restore yet keep crying.
         for actor in &self.actors {
@@ -255,16 +193,14 @@ impl World {
             self.in_progress =
                 Some(RolloutRecord { shape, actions: vec![], outcomes: vec![], metrics: vec![], bootstrap: vec![] });
         }
-        if let Some([steps, planned]) = self.collector.between_steps() {
-            let record = self.in_progress.as_mut().unwrap();
-            assert_eq!(planned, record.shape.steps);
-            if self.run.cut == Some(steps) {
-                self.collector.cut();
-                record.shape = RolloutShape::next(u64::MAX, steps, column_map.columns());
-            }
-        }
+        self.cut_if_due();
         match self.collector.task() {
             Task::Await { .. } => return heard,
+            Task::Act { half, .. } | Task::Bootstrap { half } if !self.collector.unrecorded(half).is_empty() => {
+                // As the process does, which acts meanwhile.
+                self.settle(half);
+                return heard;
+            }
             Task::Act { half, t } => {
                 self.settle(half);
                 let record = self.in_progress.as_mut().unwrap();
@@ -312,11 +248,42 @@ impl World {
         true
     }
 
+    fn cut_if_due(&mut self) {
+        let Some([steps, planned]) = self.collector.between_steps() else { return };
+        let record = self.in_progress.as_mut().unwrap();
+        assert_eq!(planned, record.shape.steps);
+        if self.run.cut == Some(steps) {
+            self.collector.cut();
+            record.shape = RolloutShape::next(u64::MAX, steps, self.run.column_map.columns());
+        }
+    }
+
     fn settle(&mut self, half: u32) {
         let record = self.in_progress.as_mut().unwrap();
         for Settled { t, column, outcome } in self.collector.settle(half) {
             let Outcome { reward, ended, time_limit, disturbed } = outcome;
             record.outcomes.push((t, column, reward.to_bits(), ended, time_limit, disturbed));
+        }
+    }
+
+    /// Lets one of the actors, the learner or the recorder do something. False when it waits.
+    fn move_one(&mut self, order: usize) -> bool {
+        let actors = self.actors.len();
+        match order % (actors + 2) {
+            learner if learner == actors => self.learner_turn(),
+            recorder if recorder > actors => {
+                let Some(taken) = self.recorder.take() else { return false };
+                if let Some((actor, half, receipt)) = taken {
+                    self.collector.recorded(actor, half, receipt);
+                }
+                true
+            }
+            actor => {
+                let Some(sent) = self.actors[actor].turn(self.run.column_map) else { return false };
+                self.recorder.queue.extend(sent.clone());
+                self.to_learner.extend(sent);
+                true
+            }
         }
     }
 
@@ -333,17 +300,12 @@ impl World {
                 }
             }
             turn += 1;
-            let who = order() % (actors + 1);
-            let moved = if who == actors {
-                self.learner_turn()
-            } else if let Some(sent) = self.actors[who].turn(self.run.column_map) {
-                self.to_learner.extend(sent);
-                true
-            } else {
-                false
-            };
+            let moved = self.move_one(order());
             idle = if moved { 0 } else { idle + 1 };
             assert!(idle < 10_000, "everybody waits for somebody: {:?}", self.collector.task());
+        }
+        if self.run.recorded {
+            assert_eq!(self.recorder.steps.len() as u64, self.run.budget, "every step is recorded: {faults:?}");
         }
         self.record
     }
@@ -358,6 +320,7 @@ fn settings(column_map: ColumnMap, learner_incarnation: u32) -> Settings {
         carried_goal: CarriedGoal::GoalToObject,
         gamma: 0.99,
         learner_incarnation,
+        recorded: false,
     }
 }
 
@@ -388,12 +351,15 @@ fn random_order(seed: u64) -> impl FnMut() -> usize {
 }
 
 fn any_run() -> impl Strategy<Value = Run> {
-    (1u32..4, 1u32..5, 1usize..9, 1u64..120).prop_map(|(actors, environments, rollout_steps, budget)| Run {
-        column_map: ColumnMap::new(0, actors, environments),
-        rollout_steps,
-        cut: None,
-        budget,
-    })
+    (1u32..4, 1u32..5, 1usize..9, 1u64..120, any::<bool>()).prop_map(
+        |(actors, environments, rollout_steps, budget, recorded)| Run {
+            column_map: ColumnMap::new(0, actors, environments),
+            rollout_steps,
+            cut: None,
+            budget,
+            recorded,
+        },
+    )
 }
 
 fn any_fault() -> impl Strategy<Value = (usize, Fault)> {
@@ -436,12 +402,7 @@ proptest! {
         let mut world = World::new(run);
         let mut order = round_robin();
         for _ in 0..stop_after {
-            let who = order() % (world.actors.len() + 1);
-            if who == world.actors.len() {
-                world.learner_turn();
-            } else if let Some(sent) = world.actors[who].turn(run.column_map) {
-                world.to_learner.extend(sent);
-            }
+            world.move_one(order());
         }
         let brain = if world.in_progress.is_some() { world.before.clone() } else { world.brain.clone() };
         let (boundary, frames) = (world.collector.boundary(), world.frames);
@@ -450,6 +411,7 @@ proptest! {
         let rollout = world.record.rollouts.len();
         let mut resumed = World::new(run);
         resumed.record = world.record;
+        resumed.recorder = world.recorder;
         resumed.checkpoints = vec![Checkpoint { boundary, brain, frames, rollout }];
         resumed.kill_learner(0);
         prop_assert_eq!(resumed.run(round_robin(), &[]), undisturbed);
@@ -459,10 +421,10 @@ proptest! {
 /// Every single point of a run, one crash each: shorter than chance, but complete.
 #[test]
 fn a_crash_at_each_turn() {
-    let run = Run { column_map: ColumnMap::new(0, 2, 3), rollout_steps: 3, cut: None, budget: 40 };
+    let run = Run { column_map: ColumnMap::new(0, 2, 3), rollout_steps: 3, cut: None, budget: 40, recorded: true };
     let undisturbed = World::new(run).run(round_robin(), &[]);
     assert!(undisturbed.rollouts.iter().flat_map(|rollout| &rollout.outcomes).any(|outcome| outcome.3), "some end");
-    for turn in 0..150 {
+    for turn in 0..200 {
         for fault in [Fault::Actor(0), Fault::Actor(1), Fault::Learner] {
             assert_eq!(World::new(run).run(round_robin(), &[(turn, fault)]), undisturbed, "{fault:?} at {turn}");
         }

@@ -4,6 +4,7 @@ pub mod arithmetic;
 pub mod convolution;
 pub mod cuda;
 pub mod determinism;
+pub mod gpu;
 pub mod graph;
 pub mod group;
 pub mod host_memory;

@@ -71,17 +71,8 @@ pub struct Arguments {
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<Setting>,
     /// Where to compute: cpu, cuda or auto
-    #[arg(long, value_name = "D", default_value = "cpu", value_parser = device_choice)]
+    #[arg(long, value_name = "D", default_value = "cpu", value_parser = device::parse_choice)]
     device: DeviceChoice,
-}
-
-fn device_choice(text: &str) -> Result<DeviceChoice, String> {
-    match text {
-        "cpu" => Ok(DeviceChoice::Cpu),
-        "cuda" => Ok(DeviceChoice::Cuda),
-        "auto" => Ok(DeviceChoice::Auto),
-        _ => Err("must be cpu, cuda or auto".to_owned()),
-    }
 }
 
 /// Why a probe failed.

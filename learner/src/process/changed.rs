@@ -33,6 +33,7 @@ mod tests {
             Machine { torch: String::new(), device: String::new(), threads: 1, arithmetic: String::new(), learners: 1 };
         Manifest {
             schema_version: proto::SCHEMA_VERSION,
+            run: String::new(),
             rollout: 0,
             frames: 0,
             exchange: 0,
@@ -44,6 +45,7 @@ mod tests {
             tensors: String::new(),
             tensors_bytes: 0,
             tensors_sha256: String::new(),
+            figures_sha256: String::new(),
             config_sha256: sha256(config.as_bytes()),
             config: if kept { config.to_owned() } else { String::new() },
             weights: String::new(),

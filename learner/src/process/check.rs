@@ -1,6 +1,7 @@
 //! `learner check`: proof that libtorch loads and computes, before anything is started.
 
 use super::machine::{TORCH_VERSION, machine, torch_library, torch_version};
+use crate::ffi::gpu::pci_address;
 use anyhow::{Result, bail};
 use proto::device::Torch;
 use std::io::Write;
@@ -28,7 +29,9 @@ pub fn check(mut output: impl Write) -> Result<()> {
     }
     devices.push("cpu".to_owned());
     let machine = machine(Device::Cpu, 1, 1);
-    let torch = Torch { version: machine.torch, library, devices, arithmetic: machine.arithmetic };
+    let pci = (0..Cuda::device_count().max(0)).map(|index| pci_address(index as usize)).collect();
+    let pci = if Cuda::is_available() { Option::unwrap_or_default(pci) } else { vec![] };
+    let torch = Torch { version: machine.torch, library, devices, pci, arithmetic: machine.arithmetic };
     writeln!(output, "{}", serde_json::to_string(&torch)?)?;
     Ok(())
 }

@@ -4,6 +4,7 @@
 use super::announcements::Announcements;
 use super::control::Control;
 use super::link::{Ports, Sample};
+use super::patience::{Patience, Waited};
 use super::stop::{OrchestratorGone, Stop};
 use crate::collector::{Boundary, Collector, ColumnMap, Received, Settings};
 use anyhow::Result;
@@ -12,13 +13,10 @@ use proto::event::LearnerEvent;
 use std::io::Write;
 use std::ops::Range;
 use std::time::{Duration, Instant};
-use wire::Waiting;
+use wire::{Waiting, Written, fault};
 
 /// Longest sleep without a look around. Whatever is waited for rings, but a process can be killed before it does.
 const LOOK: Duration = Duration::from_millis(250);
-/// An actor that has not answered for this long is reported, and again after each [`NOTICE_INTERVAL`].
-const FIRST_NOTICE: Duration = Duration::from_secs(2);
-const NOTICE_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Actors that did not answer in time.
 #[derive(Debug, thiserror::Error)]
@@ -50,6 +48,7 @@ pub struct Conversation<'a, W> {
     /// What the orchestrator allows, by the newest announcement received.
     pub announcements: Announcements,
     actors: Range<u32>,
+    incarnation: u32,
     actor_deadline_s: f64,
     ports: &'a Ports,
     waiting: Waiting<'a>,
@@ -70,6 +69,7 @@ impl<'a, W: Write> Conversation<'a, W> {
             carried_goal: config.network.carried_goal,
             gamma: config.ppo.gamma,
             learner_incarnation: incarnation,
+            recorded: ports.recorded(),
         };
         let actors = config.shares().actors_of(rank);
         Ok(Self {
@@ -77,6 +77,7 @@ impl<'a, W: Write> Conversation<'a, W> {
             collector: Collector::new(settings, boundary),
             announcements: Announcements::default(),
             actors,
+            incarnation,
             actor_deadline_s: config.learner.actor_deadline_s,
             ports,
             waiting: ports.attach(gone.bell())?,
@@ -107,9 +108,12 @@ impl<'a, W: Write> Conversation<'a, W> {
         Ok(self.waiting.wait(longest.min(LOOK))?)
     }
 
-    /// Receives every waiting sample, so that an actor that is served first does not make others wait.
+    /// Receives every waiting sample, so that an actor that is served first does not make others wait, and reads the
+    /// recorder's receipts.
     pub fn receive_all(&mut self) -> Result<()> {
+        fault::reach("learner.before_receive");
         while let Some((header, sample)) = self.ports.receive()? {
+            fault::reach("learner.after_receive");
             match self.collector.receive(&header, sample)? {
                 Received::Hello { actor, actor_incarnation } => {
                     tracing::debug!("actor {actor}, start number {actor_incarnation}, asks for its state");
@@ -121,12 +125,18 @@ impl<'a, W: Write> Conversation<'a, W> {
                 Received::Kept | Received::Duplicate => {}
             }
         }
+        for (actor, half, receipt) in self.ports.receipts() {
+            if half < self.collector.halves() {
+                self.collector.recorded(actor, half, receipt);
+            }
+        }
         Ok(())
     }
 
     /// Reads the announcements; returns a reason to stop, if there is one.
     pub fn stop_asked(&mut self) -> Result<Option<Stop>> {
         for announcement in self.ports.announcements()? {
+            fault::reach("learner.after_announcement");
             self.announcements.hear(announcement);
         }
         Ok(if self.gone.is_set() {
@@ -138,12 +148,34 @@ impl<'a, W: Write> Conversation<'a, W> {
 
     /// Receives until the half whose turn it is is complete, or there is a reason to stop.
     pub fn await_observations(&mut self) -> Result<Option<Stop>> {
+        self.await_actors(Collector::missing)
+    }
+
+    /// Waits until the recorder has this half's observations, or there is a reason to stop. An actor that cannot send
+    /// them to it does not answer, whatever the learner has of it.
+    pub fn await_receipts(&mut self, half: u32) -> Result<Option<Stop>> {
+        self.await_actors(|collector| collector.unrecorded(half))
+    }
+
+    /// Whether the recording of this learner's rollouts before `rollout` is written; without a recorder it is.
+    pub fn is_written(&self, rollout: u64) -> bool {
+        let written =
+            |Written { learner_incarnation, rollout: to }| learner_incarnation == self.incarnation && to >= rollout;
+        !self.ports.recorded() || self.ports.written().is_some_and(written)
+    }
+
+    /// Whether nothing more can be recorded.
+    pub fn recording_failed(&self) -> bool {
+        self.ports.recording_failed()
+    }
+
+    /// Receives until no actor is waited for, or there is a reason to stop.
+    fn await_actors(&mut self, waits_for: impl Fn(&Collector<Sample>) -> Vec<u32>) -> Result<Option<Stop>> {
         let began = Instant::now();
-        let deadline = Duration::try_from_secs_f64(self.actor_deadline_s).unwrap_or(Duration::MAX);
-        let mut notice = FIRST_NOTICE;
+        let mut patience = Patience::new(self.actor_deadline_s);
         loop {
             self.receive_all()?;
-            let missing = self.collector.missing();
+            let missing = waits_for(&self.collector);
             if let Some(stop) = self.stop_asked()? {
                 return Ok(Some(stop));
             }
@@ -151,21 +183,25 @@ impl<'a, W: Write> Conversation<'a, W> {
                 return Ok(None);
             }
             let waited = began.elapsed();
-            if waited >= deadline {
-                let named: Vec<String> = missing.iter().map(u32::to_string).collect();
-                let plural = if named.len() == 1 { "actor" } else { "actors" };
-                let actors = format!("{plural} {}", named.join(", "));
-                return Err(Silent { actors, deadline_s: self.actor_deadline_s }.into());
-            }
-            if waited >= notice {
-                notice = waited + NOTICE_INTERVAL;
-                let waited_s = waited.as_secs_f64();
-                for actor in missing {
-                    self.tell(&LearnerEvent::WaitingForActor { rank: self.rank, actor, waited_s });
+            let left = match patience.after(waited) {
+                Waited::Overdue => return Err(self.silent(&missing).into()),
+                Waited::Wait(left) => left,
+                Waited::Notice(left) => {
+                    let waited_s = waited.as_secs_f64();
+                    for actor in missing {
+                        self.tell(&LearnerEvent::WaitingForActor { rank: self.rank, actor, waited_s });
+                    }
+                    left
                 }
-            }
-            self.wait(notice.min(deadline).saturating_sub(waited))?;
+            };
+            self.wait(left)?;
         }
+    }
+
+    fn silent(&self, missing: &[u32]) -> Silent {
+        let named: Vec<String> = missing.iter().map(u32::to_string).collect();
+        let plural = if named.len() == 1 { "actor" } else { "actors" };
+        Silent { actors: format!("{plural} {}", named.join(", ")), deadline_s: self.actor_deadline_s }
     }
 
     /// An action is due, so all actors have answered. At the first time this is reported.
@@ -175,11 +211,14 @@ impl<'a, W: Write> Conversation<'a, W> {
         }
     }
 
-    /// Sends a half's actions, in batch order.
-    pub fn answer(&mut self, half: u32, actions: &[u8]) -> Result<()> {
-        for batch in self.collector.answer(half, actions) {
-            self.ports.send_actions(&batch)?;
+    /// Sends a half's actions, in batch order, once the recorder has what they answer; or returns a reason to stop.
+    pub fn answer(&mut self, half: u32, actions: &[u8]) -> Result<Option<Stop>> {
+        let stop = self.await_receipts(half)?;
+        if stop.is_none() {
+            for batch in self.collector.answer(half, actions) {
+                self.ports.send_actions(&batch)?;
+            }
         }
-        Ok(())
+        Ok(stop)
     }
 }

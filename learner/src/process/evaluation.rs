@@ -60,7 +60,7 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     let seed = (!asked.deterministic).then_some(config.seed);
     let policy_actions = config.episode.action_space.actions().len();
     let examination = Examination::new(plan, column_map, config.reward.lambda_disturb, seed, policy_actions);
-    let ports = Ports::open(&wire, WireShape::of(&config), RANK)?;
+    let ports = Ports::open(&wire, WireShape::of(&config), RANK, config.recording.enabled)?;
     let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone };
     let boundary = Boundary::start(column_map.columns());
     let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout())?;
@@ -102,7 +102,15 @@ impl<W: Write> Room<'_, W> {
                 Task::Act { half, t: _ } => {
                     self.conversation.note_connected();
                     self.settle(half);
-                    self.act(half)?;
+                    let stop = match self.examination.remaining() {
+                        // The last outcomes, too, are recorded before all processes leave.
+                        0 => self.conversation.await_receipts(half)?,
+                        _ => self.act(half)?,
+                    };
+                    if stop.is_some() {
+                        self.leave(stop);
+                        return Ok(());
+                    }
                     if half == 0 {
                         fault::reach("learner.mid_evaluation");
                     }
@@ -131,7 +139,7 @@ impl<W: Write> Room<'_, W> {
         }
     }
 
-    fn act(&mut self, half: u32) -> Result<()> {
+    fn act(&mut self, half: u32) -> Result<Option<Stop>> {
         let collector = &self.conversation.collector;
         let batch = collector.batch_with(half, |place, noise| self.examination.noise(place, noise));
         let input = batch.input();

@@ -12,6 +12,7 @@ use anyhow::{Context, Result, bail};
 use proto::checkpoint::Manifest;
 use proto::config::{CarriedGoal, Config, NetworkConfig};
 use proto::run_folder::RunFolder;
+use proto::trained::History;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -24,11 +25,14 @@ pub struct ImportArguments {
     /// Run folder; its config.toml names the network
     #[arg(long, value_name = "RUN")]
     run: PathBuf,
+    /// Id that the run is to have
+    #[arg(long, value_name = "ID", default_value = "")]
+    run_id: String,
 }
 
 /// Writes the run's first checkpoint, and prints the destination of every weight.
 pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()> {
-    let ImportArguments { from, run } = arguments;
+    let ImportArguments { from, run, run_id } = arguments;
     let run = RunFolder::new(run);
     let config = Config::of_run(&run)?;
     let bytes = std::fs::read(from).with_context(|| format!("cannot read {}", from.display()))?;
@@ -39,7 +43,7 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
     let _lock = Lock::take(&run.learner_lock(0), lock::PATIENCE, || false)?;
     let device = device::choose(&config.learner)?;
     let machine = machine::machine(device, config.learner.threads, config.learner.count);
-    let store = Store::new(run.clone(), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);
+    let store = Store::new((run.clone(), run_id), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);
     if let Some(loaded) = store.load()? {
         bail!("{} has begun: it holds {}", run.root().display(), loaded.path);
     }
@@ -58,8 +62,9 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
         agent: agent.state(),
         boundary: Boundary::start(ColumnMap::of(0, &config).columns()),
         weights: agent.weights_digest(),
+        figures: History::default(),
     };
-    let checkpoint = store.save(&snapshot)?;
+    let checkpoint = store.save(&snapshot, false)?;
 
     writeln!(output, "{} weights of {}", imported.taken, from.display())?;
     for (names, what) in [(&imported.fresh, "starts from the seed"), (&imported.left_out, "is left out")] {

@@ -6,10 +6,11 @@ use iceoryx2::port::ReceiveError;
 use iceoryx2::sample::Sample as IoxSample;
 use proto::camera::FRAME_PIXELS;
 use proto::step::{Current, Transition};
+use wire::fault;
 use wire::message::{EnvironmentState, Observation, ObservationHeader, RestoreHeader, StageAnnouncement};
 use wire::{
-    ActionPublisher, Bell, Bells, Ipc, ObservationSubscriber, RestorePublisher, StageSubscriber, ThreadBell, Waiting,
-    Wakeup, Wire, WireAddress, WireError, WireShape,
+    ActionPublisher, Bell, Bells, Ipc, ObservationSubscriber, Receipt, Receipts, RestorePublisher, StageSubscriber,
+    ThreadBell, Waiting, Wakeup, Wire, WireAddress, WireError, WireShape, Written,
 };
 
 /// A received sample: borrowed from shared memory until it is dropped. A subscriber may hold two of each actor.
@@ -72,6 +73,9 @@ pub struct Ports {
     observations_wakeup: Wakeup,
     stage: StageSubscriber,
     stage_wakeup: Wakeup,
+    recorded_wakeup: Wakeup,
+    /// None where nothing is recorded.
+    receipts: Option<Receipts>,
     bells: Bells,
     /// The run's number of the first of [`Self::actors`].
     first_actor: u32,
@@ -80,14 +84,16 @@ pub struct Ports {
 }
 
 impl Ports {
-    /// Joins the services of an orchestrator incarnation.
-    pub fn open(address: &WireAddress, shape: WireShape, rank: u32) -> Result<Self> {
+    /// Joins the services of an orchestrator incarnation. `recorder`: whether it has one.
+    pub fn open(address: &WireAddress, shape: WireShape, rank: u32, recorder: bool) -> Result<Self> {
         let wire = Wire::join(address, shape, &format!("learner-{rank}"))?;
         // The bells' listeners first: whoever finds the subscriber finds someone to wake.
         let observations_wakeup = wire.observations_wakeup(rank)?;
         let observations = wire.observation_subscriber(rank)?;
         let stage_wakeup = wire.stage_wakeup()?;
         let stage = wire.stage_subscriber()?;
+        let recorded_wakeup = wire.recorded_wakeup(rank)?;
+        let receipts = recorder.then(|| Receipts::open(address, shape.shares.actors())).transpose()?;
         let actors = shape
             .shares
             .actors_of(rank)
@@ -101,7 +107,18 @@ impl Ports {
             .collect::<Result<_>>()?;
         let first_actor = shape.shares.actors_of(rank).start;
         let bells = Bells::new()?;
-        Ok(Self { observations, observations_wakeup, stage, stage_wakeup, bells, first_actor, actors, _wire: wire })
+        Ok(Self {
+            observations,
+            observations_wakeup,
+            stage,
+            stage_wakeup,
+            recorded_wakeup,
+            receipts,
+            bells,
+            first_actor,
+            actors,
+            _wire: wire,
+        })
     }
 
     /// The next observation sample, if one is waiting.
@@ -115,9 +132,33 @@ impl Ports {
         }
     }
 
-    /// Waiting for all that can happen: observations, announcements, and what rings `gone`.
+    /// Waiting for all that can happen: observations, announcements, receipts, and what rings `gone`.
     pub fn attach<'a>(&'a self, gone: &'a ThreadBell) -> Result<Waiting<'a>, WireError> {
-        self.bells.attach([&self.observations_wakeup, &self.stage_wakeup], gone)
+        self.bells.attach([&self.observations_wakeup, &self.stage_wakeup, &self.recorded_wakeup], gone)
+    }
+
+    /// Whether there is a recorder.
+    pub fn recorded(&self) -> bool {
+        self.receipts.is_some()
+    }
+
+    /// The recorder's newest receipts: actor, half, receipt.
+    pub fn receipts(&self) -> impl Iterator<Item = (u32, u32, Receipt)> {
+        let actors = self.first_actor..self.first_actor + self.actors.len() as u32;
+        self.receipts.iter().flat_map(move |receipts| {
+            let of = |(actor, half)| receipts.of(actor, half).map(|receipt| (actor, half, receipt));
+            actors.clone().flat_map(|actor| [(actor, 0), (actor, 1)]).filter_map(of)
+        })
+    }
+
+    /// How far the recording is written.
+    pub fn written(&self) -> Option<Written> {
+        self.receipts.as_ref().and_then(Receipts::written)
+    }
+
+    /// Whether nothing more can be recorded.
+    pub fn recording_failed(&self) -> bool {
+        self.receipts.as_ref().is_some_and(Receipts::failed)
     }
 
     /// Announcements made since the last call, the newest last.
@@ -139,9 +180,12 @@ impl Ports {
     pub fn send_actions(&self, batch: &ActionBatch) -> Result<()> {
         let ports = self.ports_of(batch.actor);
         let failed = || format!("cannot send actions to actor {}", batch.actor);
+        fault::reach("learner.before_loan");
         let mut sample = ports.actions.loan_slice_uninit(batch.actions.len()).with_context(failed)?;
+        fault::reach("learner.after_loan");
         *sample.user_header_mut() = batch.header;
         sample.write_from_slice(&batch.actions).send().with_context(failed)?;
+        fault::reach("learner.after_send");
         ring(&ports.bell, batch.actor);
         Ok(())
     }
@@ -150,9 +194,11 @@ impl Ports {
     pub fn send_restore(&self, actor: u32, header: RestoreHeader, states: &[EnvironmentState]) -> Result<()> {
         let ports = self.ports_of(actor);
         let failed = || format!("cannot send a restore to actor {actor}");
+        fault::reach("learner.before_restore");
         let mut sample = ports.restores.loan_slice_uninit(states.len()).with_context(failed)?;
         *sample.user_header_mut() = header;
         sample.write_from_slice(states).send().with_context(failed)?;
+        fault::reach("learner.after_restore");
         ring(&ports.bell, actor);
         Ok(())
     }

@@ -14,14 +14,17 @@ mod import;
 mod link;
 mod lock;
 mod machine;
+mod patience;
 mod stop;
 mod training;
 mod weights;
 
+pub use announcements::{Announcements, Permission};
 pub use check::check;
 pub use evaluation::{EvaluationArguments, evaluate};
 pub use failure::{is_non_finite, is_of_peers, is_unsaved};
 pub use import::{ImportArguments, import};
+pub use patience::{Patience, Waited};
 
 use crate::agent::Agent;
 use crate::checkpoint::Store;
@@ -35,6 +38,7 @@ use lock::Lock;
 use proto::config::{Config, FromConfig};
 use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
+use proto::trained::History;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -75,17 +79,26 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let device = device::choose(&config.learner)?;
     // A new rendezvous for each joint start, so that files of dead learners are not used.
     let rendezvous = wire.root().join(format!("learners-{incarnation}"));
+    // One that never comes is waited for in libtorch, which hears of no lifeline. There is nothing to save yet.
+    let joining = gone.end_while_held(|| {
+        tracing::error!("the orchestrator is gone before all learners have joined: ends");
+        std::process::abort();
+    })?;
     let peers = Peers::join(&rendezvous, [rank, learners], device)?;
+    drop(joining);
     let mut agent = Agent::among(peers, columns(rank, &config), &config, device)?;
     let machine = machine::machine(device, config.learner.threads, learners);
-    let store = Store::new(run.clone(), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);
+    // A folder without an identity was made by hand.
+    let id = if run.identity().exists() { wire.run_id() } else { "" };
+    let store = Store::new((run.clone(), id), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);
+    store.check_run()?;
 
     let file = std::fs::read_to_string(run.config()).with_context(|| run.config().display().to_string())?;
     let resumed = resume(&store, &mut agent, &config, &file)?;
-    let Resumed { rollout, frames, boundary, checkpoint } = resumed;
+    let Resumed { rollout, frames, boundary, figures, checkpoint } = resumed;
     // 0 = none was found, which is not the checkpoint of rollout 0.
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
-    let ports = Ports::open(&wire, WireShape::of(&config), rank)?;
+    let ports = Ports::open(&wire, WireShape::of(&config), rank, config.recording.enabled)?;
     let speaker = Speaker { rank, incarnation, ports: &ports, gone: &gone };
     let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout())?;
     conversation.tell(&LearnerEvent::Ready {
@@ -97,7 +110,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
         checkpoint: checkpoint.clone(),
     });
     let saved = checkpoint.map(|_| rollout);
-    Training { config, run, store, agent, conversation, rollout, frames, saved }.run()
+    let orchestrator = wire.incarnation();
+    Training { config, run, store, agent, conversation, rollout, frames, saved, figures, orchestrator }.run()
 }
 
 /// Columns, numbered as in the whole run, of the actors that a rank serves.
@@ -112,6 +126,7 @@ struct Resumed {
     rollout: u64,
     frames: u64,
     boundary: Boundary,
+    figures: History,
     checkpoint: Option<String>,
 }
 
@@ -123,11 +138,16 @@ fn resume(store: &Store, agent: &mut Agent, config: &Config, file: &str) -> Resu
         if let Some(from) = &config.from {
             begin_from(agent, from)?;
         }
-        return Ok(Resumed { rollout: 0, frames: 0, boundary: Boundary::start(columns.len()), checkpoint: None });
+        let (boundary, figures) = (Boundary::start(columns.len()), History::default());
+        return Ok(Resumed { rollout: 0, frames: 0, boundary, figures, checkpoint: None });
     };
     for rejected in &loaded.rejected {
         tracing::warn!("checkpoint passed over: {rejected}");
     }
+    let figures_elsewhere = loaded.without_figures.map(|reason| {
+        tracing::warn!("{reason}: the figures of the rollouts before it are those in metrics.jsonl");
+        store.figures_of_file(loaded.snapshot.rollout)
+    });
     let (mut snapshot, manifest, path) = (loaded.snapshot, loaded.manifest, loaded.path);
     let (held, wanted) = (snapshot.boundary.environments.len(), config.environments());
     ensure!(held == wanted, "checkpoint {path} holds {held} environments, the configuration asks for {wanted}");
@@ -153,6 +173,7 @@ fn resume(store: &Store, agent: &mut Agent, config: &Config, file: &str) -> Resu
         rollout: snapshot.rollout,
         frames: snapshot.frames,
         boundary: snapshot.boundary,
+        figures: figures_elsewhere.unwrap_or(snapshot.figures),
         checkpoint: Some(path),
     })
 }

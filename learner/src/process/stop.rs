@@ -55,6 +55,21 @@ impl OrchestratorGone {
         Ok(())
     }
 
+    /// Calls `end` on a thread of its own as soon as it was noted, if what is returned is still held then: for a wait
+    /// that nothing else ends, of a process that has nothing to save.
+    pub fn end_while_held(&self, end: impl FnOnce() + Send + 'static) -> Result<Arc<()>> {
+        let held = Arc::new(());
+        let (noted, is_held) = (Arc::clone(&self.0), Arc::downgrade(&held));
+        let watch = move || {
+            noted.gone.wait();
+            if is_held.upgrade().is_some() {
+                end();
+            }
+        };
+        std::thread::Builder::new().name("joining".into()).spawn(watch).context("cannot start a thread")?;
+        Ok(held)
+    }
+
     /// Notes it.
     pub fn set(&self) {
         let _ = self.0.gone.set(());
@@ -85,5 +100,21 @@ mod tests {
         assert_eq!(ended.recv_timeout(Duration::from_millis(100)), Err(RecvTimeoutError::Timeout));
         gone.set();
         assert_eq!(ended.recv_timeout(Duration::from_secs(10)), Ok(()));
+    }
+
+    #[test]
+    fn who_waits_for_others_is_ended_and_who_has_joined_them_is_not() {
+        let gone = OrchestratorGone::new().unwrap();
+        let (sender, ended) = channel();
+        let end = |name| {
+            let sender = sender.clone();
+            move || sender.send(name).unwrap()
+        };
+        let waits = gone.end_while_held(end("waits")).unwrap();
+        drop(gone.end_while_held(end("has joined")).unwrap());
+        gone.set();
+        assert_eq!(ended.recv_timeout(Duration::from_secs(10)), Ok("waits"));
+        assert_eq!(ended.recv_timeout(Duration::from_millis(100)), Err(RecvTimeoutError::Timeout));
+        drop(waits);
     }
 }

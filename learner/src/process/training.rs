@@ -6,7 +6,7 @@ use super::conversation::{Conversation, Silent};
 use super::failure::{NonFinite, Unsaved, is_non_finite};
 use super::stop::Stop;
 use crate::agent::{Agent, AgentError};
-use crate::checkpoint::{Part, Snapshot, Store, encode_tensors};
+use crate::checkpoint::{CheckpointError, Part, Snapshot, Store, encode_tensors};
 use crate::collector::{Reward, Task};
 use crate::optimizer::learning_rate_progress;
 use crate::peers::PeerError;
@@ -17,12 +17,18 @@ use proto::metric;
 use proto::reward::RewardKind;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::stage::{RolloutShape, StagePosition, position_at};
+use proto::trained::{History, Trained};
+use std::collections::BTreeMap;
 use std::io::Write;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use wire::fault;
 
 /// Longest wait for a rollout's announcement.
 const ANNOUNCEMENT_DEADLINE: Duration = Duration::from_mins(1);
+/// Longest wait until a collected rollout's recording is written.
+const WRITING_DEADLINE: Duration = Duration::from_mins(1);
+/// The same once a stop is announced: the recorder may have died without a word.
+const WRITING_PATIENCE: Duration = Duration::from_secs(5);
 
 /// All that training needs.
 pub struct Training<'a, W> {
@@ -42,6 +48,10 @@ pub struct Training<'a, W> {
     pub frames: u64,
     /// The rollout of the last checkpoint on disk, if this process has written or loaded one.
     pub saved: Option<u64>,
+    /// Figures of all rollouts trained so far.
+    pub figures: History,
+    /// Number of the orchestrator's start.
+    pub orchestrator: u32,
 }
 
 /// Why a rollout is abandoned. The work up to its beginning is good.
@@ -68,6 +78,8 @@ struct Loop {
     timing: Timing,
     /// This learner ended the rollout in progress, or the last one, early, because the others had finished.
     preempted: bool,
+    /// The next checkpoint is to be evaluated.
+    evaluated: bool,
     /// See [`crate::collector::Collector::actor_starts`].
     actor_starts: u64,
 }
@@ -83,8 +95,13 @@ impl<W: Write> Training<'_, W> {
     }
 
     fn train(&mut self) -> Result<()> {
-        let mut state =
-            Loop { last_save: Instant::now(), timing: Timing::default(), preempted: false, actor_starts: 0 };
+        let mut state = Loop {
+            last_save: Instant::now(),
+            timing: Timing::default(),
+            preempted: false,
+            evaluated: false,
+            actor_starts: 0,
+        };
         if self.saved.is_none() {
             self.save(&mut state)?;
         }
@@ -98,19 +115,17 @@ impl<W: Write> Training<'_, W> {
             let cut_short = self.await_and_collect(&mut state, position)?;
             let Agreement { collected, preempted, end } = self.agree(&state, cut_short)?;
             if let Some(end) = end {
-                // Also if this learner has taken all its steps, because another one has not.
-                self.agent.abandon_rollout();
-                return match end {
-                    CutShort::Stop(stop) => self.leave(&mut state, Some(stop)),
-                    CutShort::Fault(error) => self.save_unsaved(&mut state).and(Err(error)),
-                };
+                return self.break_off(&mut state, end);
             }
-            let statistics = self.conversation.collector.finish().over(self.agent.peers())?;
-            assert_eq!(statistics.frames(), collected, "every frame is counted once");
             let before = self.frames;
             let frames = before + collected;
             let rollout = self.rollout;
             self.tell_for_all(|rank| LearnerEvent::RolloutCollected { rank, rollout, frames });
+            if let Some(end) = self.await_writing()? {
+                return self.break_off(&mut state, end);
+            }
+            let statistics = self.conversation.collector.finish().over(self.agent.peers())?;
+            assert_eq!(statistics.frames(), collected, "every frame is counted once");
 
             fault::reach("learner.before_update");
             let update_began = Instant::now();
@@ -140,12 +155,16 @@ impl<W: Write> Training<'_, W> {
 
             let timing = state.timing_of(began.elapsed());
             let stage = position.stage as u32;
+            self.note(rollout, stage, timing, &metrics);
+            fault::reach("learner.before_trained_told");
             self.tell_for_all(|rank| LearnerEvent::RolloutTrained { rank, rollout, frames, stage, timing, metrics });
             let stage_ended = collected == position.frames_left;
             let due = self.first_says(state.last_save.elapsed().as_secs_f64() >= self.config.checkpoint.interval_s)?;
-            // The orchestrator evaluates that checkpoint.
-            let validated = self.config.validation.is_due(before, frames);
-            if stage_ended || due || validated {
+            // The orchestrator evaluates that checkpoint. One that cannot be written leaves it to the next.
+            let complete =
+                position_at(&self.config.stages, frames).is_none() && self.config.validation.every_frames > 0;
+            state.evaluated |= complete || self.config.validation.is_due(before, frames);
+            if stage_ended || due || state.evaluated {
                 let began = Instant::now();
                 self.save_or_go_on(&mut state)?;
                 // Counts as time of the next rollout.
@@ -153,6 +172,15 @@ impl<W: Write> Training<'_, W> {
             }
         }
         self.leave(&mut state, None)
+    }
+
+    /// Abandons the rollout, also if this learner has taken all its steps: the state at its beginning is saved.
+    fn break_off(&mut self, state: &mut Loop, end: CutShort) -> Result<()> {
+        self.agent.abandon_rollout();
+        match end {
+            CutShort::Stop(stop) => self.leave(state, Some(stop)),
+            CutShort::Fault(error) => self.save_unsaved(state).and(Err(error)),
+        }
     }
 
     /// Saves the state if necessary and reports the end.
@@ -165,6 +193,7 @@ impl<W: Write> Training<'_, W> {
             }
         }
         self.save_unsaved(state)?;
+        fault::reach("learner.before_finished");
         let weights = self.agent.weights_digest();
         self.conversation.tell(&LearnerEvent::Finished {
             rank: self.conversation.rank,
@@ -172,6 +201,7 @@ impl<W: Write> Training<'_, W> {
             weights,
             complete: stop.is_none(),
         });
+        fault::reach("learner.after_finished");
         Ok(())
     }
 
@@ -199,8 +229,18 @@ impl<W: Write> Training<'_, W> {
         Ok(())
     }
 
+    /// Keeps the figures of a rollout for the next checkpoint, which rank 0 writes.
+    fn note(&mut self, rollout: u64, stage: u32, timing: Timing, metrics: &BTreeMap<String, f64>) {
+        if self.conversation.rank == 0 {
+            let at_unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+            let (frames, incarnation, metrics) = (self.frames, self.orchestrator, metrics.clone());
+            self.figures.insert(Trained { rollout, frames, stage, at_unix_s, incarnation, timing, metrics });
+        }
+    }
+
     /// Writes a checkpoint. Rank 0 writes it, with the other learners' parts about their own environments.
     fn save(&mut self, state: &mut Loop) -> Result<()> {
+        self.tell_for_all(|rank| LearnerEvent::CheckpointBegun { rank });
         let (peers, weights) = (self.agent.peers(), self.agent.weights_digest());
         let head = u64::from_str_radix(&weights[..16], 16).expect("a digest is hex digits");
         peers.agree("the heads of their weights' digests", head)?;
@@ -208,24 +248,29 @@ impl<W: Write> Training<'_, W> {
         let mut written = Ok(None);
         if self.conversation.rank == 0 {
             let Self { rollout, frames, .. } = *self;
-            let mut snapshot = Snapshot { rollout, frames, agent: self.agent.state(), boundary, weights };
+            let (agent, figures) = (self.agent.state(), self.figures.clone());
+            let mut snapshot = Snapshot { rollout, frames, agent, boundary, weights, figures };
             for part in peers.gather(&[])? {
                 snapshot.append(Part::decode(&part)?);
             }
-            written = self.store.save(&snapshot).map(Some);
+            written = self.store.save(&snapshot, state.evaluated).map(Some);
         } else {
             peers.gather(&Part { beliefs: self.agent.boundary_beliefs(), boundary }.encode()?)?;
         }
         // A barrier, too: no learner continues or exits before the checkpoint is on disk.
         let mut good = f64::from(u8::from(written.is_ok()));
         peers.first(&mut good)?;
+        if let Err(error @ CheckpointError::Foreign { .. }) = written {
+            return Err(error.into());
+        }
         let written = written.map_err(Unsaved::Here)?;
         if good == 0.0 {
             return Err(Unsaved::Elsewhere.into());
         }
         self.saved = Some(self.rollout);
-        state.last_save = Instant::now();
+        (state.last_save, state.evaluated) = (Instant::now(), false);
         if let Some(path) = written {
+            fault::reach("learner.before_checkpoint_told");
             let (rollout, frames) = (self.rollout, self.frames);
             self.tell_for_all(|rank| LearnerEvent::CheckpointWritten { rank, rollout, frames, path });
         }
@@ -298,6 +343,57 @@ impl<W: Write> Training<'_, W> {
         Ok(Agreement { collected: collected as u64, preempted: preempted as u32, end })
     }
 
+    /// Waits until the recording of the collected rollout is written. Only then it is trained on: whoever is killed from
+    /// there on, what a checkpoint holds is recorded. Rank 0 waits for all. Returns why the rollout must be abandoned,
+    /// if it must.
+    fn await_writing(&mut self) -> Result<Option<CutShort>> {
+        if !self.config.recording.enabled {
+            return Ok(None);
+        }
+        let own = if self.conversation.rank == 0 { self.await_written()? } else { None };
+        let mut word = match &own {
+            None => 0.0,
+            Some(CutShort::Stop(Stop::Announced)) => 1.0,
+            Some(CutShort::Stop(Stop::OrchestratorGone)) => 2.0,
+            Some(CutShort::Fault(_)) => 3.0,
+        };
+        self.agent.peers().first(&mut word)?;
+        Ok(own.or_else(|| match word as u8 {
+            0 => None,
+            1 => Some(CutShort::Stop(Stop::Announced)),
+            2 => Some(CutShort::Stop(Stop::OrchestratorGone)),
+            _ => Some(CutShort::Fault(PeerError::Elsewhere.into())),
+        }))
+    }
+
+    fn await_written(&mut self) -> Result<Option<CutShort>> {
+        let began = Instant::now();
+        loop {
+            self.conversation.receive_all()?;
+            // Asked before it is looked whether all is written: a recorder that is gone writes nothing more.
+            let stop = self.conversation.stop_asked()?;
+            if self.conversation.is_written(self.rollout + 1) {
+                return Ok(None);
+            }
+            let waited = began.elapsed();
+            match stop {
+                Some(Stop::OrchestratorGone) => return Ok(stop.map(CutShort::Stop)),
+                Some(Stop::Announced) if self.conversation.recording_failed() || waited >= WRITING_PATIENCE => {
+                    return Ok(stop.map(CutShort::Stop));
+                }
+                _ if waited >= WRITING_DEADLINE => {
+                    return Ok(Some(CutShort::Fault(anyhow::anyhow!(
+                        "rollout {} was not recorded within {} s: the disk of {} hangs, or the orchestrator does",
+                        self.rollout,
+                        WRITING_DEADLINE.as_secs(),
+                        self.run.recordings().display()
+                    ))));
+                }
+                _ => self.conversation.wait(WRITING_PATIENCE)?,
+            }
+        }
+    }
+
     /// Waits until the next rollout is announced. Actors that start meanwhile are served.
     fn await_announcement(&mut self) -> Result<Result<u64, CutShort>> {
         let began = Instant::now();
@@ -356,7 +452,12 @@ impl<W: Write> Training<'_, W> {
                     let output = self.agent.step(t, &batch.input())?;
                     drop(batch);
                     state.timing.infer_s += began.elapsed().as_secs_f64();
-                    self.conversation.answer(half, &output.actions)?;
+                    let began = Instant::now();
+                    let stop = self.conversation.answer(half, &output.actions)?;
+                    state.timing.simulate_s += began.elapsed().as_secs_f64();
+                    if stop.is_some() {
+                        return Ok(stop);
+                    }
                     if half == 0 {
                         fault::reach("learner.mid_rollout");
                     }
@@ -369,6 +470,10 @@ impl<W: Write> Training<'_, W> {
                     self.agent.bootstrap(&batch.input())?;
                     drop(batch);
                     state.timing.infer_s += began.elapsed().as_secs_f64();
+                    let stop = self.conversation.await_receipts(half)?;
+                    if stop.is_some() {
+                        return Ok(stop);
+                    }
                     self.conversation.collector.bootstrapped(half);
                 }
                 Task::Finish => {

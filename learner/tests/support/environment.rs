@@ -18,7 +18,7 @@ pub fn mix(words: impl IntoIterator<Item = u64>) -> u64 {
 }
 
 /// The upper bits of a hash as a number in -0.5..0.5.
-pub fn unit(word: u64) -> f32 {
+fn unit(word: u64) -> f32 {
     (word >> 40) as f32 / 16_777_216.0 - 0.5
 }
 

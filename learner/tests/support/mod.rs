@@ -20,7 +20,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use wire::message::{Halves, ObservationHeader, StageAnnouncement, directive, observation_kind};
-use wire::{Announcer, ObservationPublisher, Wire, WireAddress, WireHost, WireShape};
+use wire::{Announcer, ObservationPublisher, Receipt, ReceiptBook, Wire, WireAddress, WireHost, WireShape, Written};
 
 /// Longest that one learner process may take.
 const DEADLINE: Duration = Duration::from_mins(2);
@@ -39,6 +39,8 @@ pub fn tiny() -> Config {
     config.learner.threads = 1;
     config.learner.actor_deadline_s = 30.0;
     config.checkpoint.interval_s = 0.0;
+    // There is no recorder here, whose receipts a learner would wait for.
+    config.recording.enabled = false;
     config.stages = vec![
         StageConfig { name: "I".into(), reward: RewardKind::Task, frames: 62 },
         StageConfig { name: "II".into(), reward: RewardKind::DisturbanceFree, frames: 40 },
@@ -54,6 +56,8 @@ pub struct Rig {
     host: Option<WireHost>,
     stage: Option<Announcer>,
     version: u64,
+    /// Of the recorder, where there is one.
+    book: Option<ReceiptBook>,
     learners: u32,
     actors: Vec<StandIn>,
 }
@@ -84,6 +88,12 @@ pub enum Plan<'a> {
     Fault(&'a str),
     /// STOP is announced when it says that this rollout is trained.
     StopAfter(u64),
+    /// Its lifeline is cut when it says that this rollout is collected, before that is recorded.
+    CutLifelineUnwritten(u64),
+    /// The recorder takes nothing.
+    LoseReceipts,
+    /// Nothing, but the recording fails with this rollout; STOP is announced.
+    FailRecording(u64),
     /// Its lifeline is cut when it says that this rollout is trained.
     CutLifelineAfter(u64),
     /// An actor dies when the learner says that this rollout is trained, and is started again.
@@ -103,7 +113,8 @@ impl Rig {
         let host = WireHost::create(&address, shape).unwrap();
         let stage = host.wire().announcer().unwrap();
         let actors = (0..shape.shares.actors()).map(|actor| StandIn::start(&address, &config, actor, 1)).collect();
-        Self { config, folder, address, host: Some(host), stage: Some(stage), version: 0, learners: 0, actors }
+        let book = config.recording.enabled.then(|| ReceiptBook::open(&address, shape.shares.actors()).unwrap());
+        Self { config, folder, address, host: Some(host), stage: Some(stage), version: 0, book, learners: 0, actors }
     }
 
     pub fn run_folder(&self) -> RunFolder {
@@ -113,6 +124,9 @@ impl Rig {
     /// Starts a learner and plays the orchestrator until it ends.
     pub fn learner(&mut self, plan: &Plan) -> Ended {
         self.learners += 1;
+        if !matches!(plan, Plan::LoseReceipts) {
+            self.take_everything();
+        }
         // With fewer open files than it needs, unless it raises that limit itself.
         let mut command = Command::new("sh");
         command
@@ -159,11 +173,35 @@ impl Rig {
         Ended { status, events, stderr: words.join().unwrap() }
     }
 
+    /// The recorder has whatever actors may send to this learner.
+    fn take_everything(&self) {
+        let Some(book) = &self.book else { return };
+        let receipt = Receipt { learner_incarnation: self.learners, step: 1 << 30 };
+        for actor in 0..self.config.actors.count {
+            book.take(actor, 0, receipt);
+            book.take(actor, 1, receipt);
+        }
+    }
+
+    /// The recorder hears of a collected rollout.
+    fn record(&mut self, rollout: u64, plan: &Plan, lifeline: &mut Option<std::process::ChildStdin>) {
+        match (plan, &self.book) {
+            (Plan::CutLifelineUnwritten(unwritten), _) if *unwritten == rollout => *lifeline = None,
+            (Plan::FailRecording(failed), Some(book)) if *failed == rollout => {
+                book.fail();
+                self.say(rollout + 1, 0, directive::STOP);
+            }
+            (_, Some(book)) => book.write(Written { learner_incarnation: self.learners, rollout: rollout + 1 }),
+            _ => {}
+        }
+    }
+
     fn answer(&mut self, event: &LearnerEvent, plan: &Plan, lifeline: &mut Option<std::process::ChildStdin>) {
         match *event {
             LearnerEvent::Ready { rollout, frames, .. } => self.announce(rollout, frames),
             LearnerEvent::RolloutCollected { rollout, frames, .. } => {
-                let stop = matches!(plan, Plan::StopAfter(after) if *after == rollout);
+                self.record(rollout, plan, lifeline);
+                let stop = matches!(plan, Plan::StopAfter(after) | Plan::FailRecording(after) if *after == rollout);
                 if !stop {
                     self.announce(rollout + 1, frames);
                 }
@@ -207,6 +245,8 @@ impl Rig {
         self.stage = Some(host.wire().announcer().unwrap());
         self.host = Some(host);
         self.version = 0;
+        let actors = shape.shares.actors();
+        self.book = self.config.recording.enabled.then(|| ReceiptBook::open(&self.address, actors).unwrap());
         self.actors =
             (0..shape.shares.actors()).map(|actor| StandIn::start(&self.address, &self.config, actor, 1)).collect();
     }

@@ -2,7 +2,7 @@
 
 use super::overrides::{Overrides, default_preset};
 use crate::preflight::tools::Tools;
-use crate::preflight::{Finding, descriptors, device, disk, memory, processor, programs, shared_memory};
+use crate::preflight::{Finding, cores, descriptors, device, disk, memory, processor, programs, shared_memory};
 use crate::run::remains::survey;
 use crate::run::scenes;
 use crate::showing::{format, terminal};
@@ -55,7 +55,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         }
     };
     if let Some(torch) = &torch {
-        let Torch { version, library, devices, arithmetic } = torch;
+        let Torch { version, library, devices, arithmetic, .. } = torch;
         let text = format!("{version} from {library}, {arithmetic} on the CPU");
         table.row("libtorch", Finding::Good(text));
         table.row("devices", Finding::Good(devices.join(", ")));
@@ -73,6 +73,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
             }
             if let Some(torch) = &torch {
                 table.row("learners", device::check(&config, torch));
+                table.row("cores", cores::check(&config, torch));
             }
             let on_gpu = torch.as_ref().is_some_and(|torch| device::is_cuda(&config, torch));
             match memory::available() {

@@ -58,7 +58,8 @@ pub fn run(args: &ImportArgs) -> Result<()> {
     let was_there = folder.root().exists();
     let lock = prepare(&folder, &mut config, &[folder.checkpoints(), folder.recordings()])?;
     // run.toml comes last: a folder without it is no run, whatever happens here.
-    let imported = take_weights(&args.from, &folder, &tools).and_then(|()| Identity::new()?.write(&folder));
+    let identity = Identity::new()?;
+    let imported = take_weights(&args.from, &folder, &identity.id, &tools).and_then(|()| identity.write(&folder));
     drop(lock);
     if imported.is_err() {
         let root = folder.root();
@@ -106,13 +107,14 @@ fn other_presets(taken: &Config) -> String {
     )
 }
 
-/// Has the learner write the run's first checkpoint, and shows its output.
-fn take_weights(from: &Path, folder: &RunFolder, tools: &Tools) -> Result<()> {
+/// Has the learner write the run's first checkpoint, and shows what it says.
+fn take_weights(from: &Path, folder: &RunFolder, id: &str, tools: &Tools) -> Result<()> {
     let learner = &tools.programs.learner;
     let output = Command::new(learner)
         .envs(tools.programs.learner_environment.iter().map(|(name, value)| (name, value)))
         .arg("import")
         .args([Path::new("--from"), from, Path::new("--run"), folder.root()])
+        .args(["--run-id", id])
         .output()
         .with_context(|| format!("cannot start {}", learner.display()))?;
     if !output.status.success() {

@@ -15,4 +15,5 @@ pub mod resume;
 pub mod status;
 pub mod stop;
 pub mod suite;
+pub mod tune;
 pub mod up;

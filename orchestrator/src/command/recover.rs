@@ -1,13 +1,21 @@
-//! `orchestrator recover`: a whole recording from one that was cut off.
+//! `orchestrator recover`: a whole recording from one that was cut off or damaged.
 
 use crate::recording::repair::{Repair, repair};
 use crate::showing::format::counted;
 use crate::showing::terminal;
 use anyhow::Result;
+use proto::exit::EXIT_INCOMPLETE;
 use std::path::PathBuf;
+use std::process::ExitCode;
 
-/// Repair a recording that was cut off (by a kill, a full disk, a power cut).
+/// Repair a recording that was cut off or damaged (by a kill, a full disk, a power cut).
 #[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Everything that can be read is kept: messages also behind damage and without indexes, profile, library, metadata,
+attachments and private records. What was lost, or may be wrong, is printed and stored in the new file's metadata.
+
+Exit status: 0 if the file is complete or nothing was lost, 6 if something was lost or may be wrong, 1 on failure."
+)]
 pub struct RecoverArgs {
     /// The recording.
     #[arg(value_name = "FILE")]
@@ -18,19 +26,24 @@ pub struct RecoverArgs {
     output: Option<PathBuf>,
 }
 
-/// Runs the command.
-pub fn run(args: &RecoverArgs) -> Result<()> {
+/// Runs the command. Its status tells a repair that lost something from one that did not.
+pub fn run(args: &RecoverArgs) -> Result<ExitCode> {
     let file = args.file.display();
     match repair(&args.file, args.output.as_deref())? {
         Repair::NotNeeded { messages } => {
             terminal::out(&format!("{file} is complete ({}): nothing to do", counted(messages, "message")));
+            Ok(ExitCode::SUCCESS)
         }
         Repair::Repaired { repaired, kept, extent } => {
-            terminal::out(&format!("{}: {} recovered", repaired.display(), counted(extent.messages, "message")));
+            let (messages, outcome) = (counted(extent.messages, "message"), extent.account.outcome());
+            terminal::out(&format!("{}: {messages} recovered, {outcome}", repaired.display()));
+            for line in extent.account.lines() {
+                terminal::out(&format!("  {line}"));
+            }
             if let Some(kept) = kept {
                 terminal::out(&format!("the old file is kept as {}", kept.display()));
             }
+            Ok(if extent.is_incomplete() { ExitCode::from(EXIT_INCOMPLETE as u8) } else { ExitCode::SUCCESS })
         }
     }
-    Ok(())
 }

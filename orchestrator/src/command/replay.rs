@@ -4,28 +4,36 @@
 
 use crate::recording::episodes::{Recorded, gather};
 use crate::recording::reader::RecordingError;
-use crate::recording::simulate::simulate;
+use crate::recording::simulate::{Totals, simulate};
 use crate::recording::wanted::Wanted;
 use crate::recording::{ffmpeg, files_at};
 use crate::showing::format::counted;
 use crate::showing::terminal;
+use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
+use proto::exit::EXIT_INCOMPLETE;
 use proto::kitchen::KitchenId;
-use proto::replay::{ImageFormat, ReplayImages, ReplaySetup};
+use proto::replay::{ImageFormat, RecordedEpisode, ReplayImages, ReplaySetup};
 use proto::run_folder::RunFolder;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::str::FromStr;
 
-/// Simulate recorded episodes again: compare every state, draw pictures if asked.
+/// Simulate recorded episodes again: compare all that was recorded, draw pictures if asked.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator replay runs/a                                        every recorded episode, every state compared
   orchestrator replay runs/a --images films --format video --limit 3   three films to look at
   orchestrator replay runs/a --images films --environment 3/0 --episode 12,40 --format video
   orchestrator replay EVALUATION --kitchen 26 --episode 2,7 --images films --format video   numbers of episodes.csv
-  orchestrator replay runs/a/recordings/incarnation-001.000.mcap --episode 7")]
+  orchestrator replay runs/a/recordings/incarnation-001.000.mcap --episode 7
+
+Compared are states, goal vectors, outcomes, rewards, disturbance and distances of every step, and each episode's end
+with its steps. Of a damaged recording everything that can be read is compared.
+
+Exit status: 0 if all agrees and nothing is missing, 1 if anything differs, 6 if the recordings are damaged or not complete.")]
 pub struct ReplayArgs {
     /// Recordings (.mcap), or the folder of a run or an evaluation: all its recordings.
     #[arg(required = true, value_name = "FILE|RUN")]
@@ -103,30 +111,31 @@ impl FromStr for EnvironmentChoice {
     }
 }
 
-/// Runs the command. An error if any state differs from the recording.
-pub fn run(args: &ReplayArgs) -> Result<()> {
+/// Runs the command. An error if anything differs from the recording; a status of its own if all agrees that is there,
+/// but not all is there.
+pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     let mut files = Vec::new();
     for path in &args.paths {
         files.extend(recordings_at(path)?);
     }
+    files.sort();
+    files.dedup();
     let wanted = Wanted {
         kitchen: args.kitchen,
         environment: args.environment.map(|choice| choice.0),
         episodes: args.episode.clone(),
     };
-    let Recorded { config, mut episodes, headless, broken, known, steps, complaints } = gather(&files, wanted.clone())?;
-    for complaint in complaints {
+    let recorded = gather(&files, wanted.clone())?;
+    for complaint in &recorded.complaints {
         tracing::warn!("{complaint}");
     }
-    wanted.check(&known)?;
-    if headless > 0 {
-        tracing::warn!("left out, because begun before these recordings: {}", counted(headless, "episode"));
-    }
-    if broken > 0 {
-        tracing::warn!("replayed up to a hole in the recording: {}", counted(broken, "episode"));
-    }
+    wanted.check(&recorded.known)?;
+    let all = args.kitchen.is_none() && args.environment.is_none() && args.episode.is_empty();
+    let incomplete = tell_what_is_missing(&recorded, args, all.then_some(&files[..]))?;
+    let Recorded { configs, mut episodes, mut config_of, steps, .. } = recorded;
     if let Some(limit) = args.limit {
         episodes.truncate(usize::try_from(limit).unwrap_or(usize::MAX));
+        config_of.truncate(episodes.len());
     }
     ensure!(
         !episodes.is_empty(),
@@ -134,33 +143,89 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         if files.len() == 1 { files[0].display().to_string() } else { format!("{} recordings", files.len()) }
     );
 
-    let images = args.images.as_ref().map(|folder| -> Result<ReplayImages> {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
-        // The actors run elsewhere; a relative folder is the user's.
-        let folder = std::path::absolute(folder)?;
-        Ok(ReplayImages {
-            folder: folder.to_str().context("the folder of images has a name that is not text")?.to_owned(),
-            format: args.format.image_format()?,
-            side: args.side.unwrap_or_else(|| args.format.side()),
-        })
-    });
+    let images = args.images_wanted()?;
     let run = files.first().and_then(|file| RunFolder::of_recording(file));
     let folder = run.and_then(|run| Some(std::path::absolute(run.root()).ok()?.to_str()?.to_owned()));
-    let setup = ReplaySetup { config, folder, images: images.transpose()? };
-    let totals = simulate(&setup, episodes)?;
+    let mut shares: Vec<Vec<RecordedEpisode>> = vec![Vec::new(); configs.len()];
+    for (episode, config) in episodes.into_iter().zip(config_of) {
+        shares[config].push(episode);
+    }
+    let mut totals = Totals::default();
+    for (config, episodes) in configs.into_iter().zip(shares).filter(|(_, episodes)| !episodes.is_empty()) {
+        let setup = ReplaySetup { config, folder: folder.clone(), images: images.clone() };
+        totals.merge(simulate(&setup, episodes)?);
+    }
 
     terminal::out(&format!("episodes: {}", totals.episodes));
     terminal::out(&format!("states compared: {}", totals.compared));
-    if let Some(images) = &setup.images {
+    if let Some(images) = &images {
         terminal::out(&format!("images: {} in {}", totals.images, images.folder));
     }
     terminal::out(&format!("differences: {}", totals.different));
     match totals.first {
-        None => Ok(()),
-        Some((kitchen, environment, episode, step)) => bail!(
-            "the simulation differs from the recording, first in kitchen {kitchen}, environment {environment}, episode \
-             {episode}, step {step}"
-        ),
+        None if incomplete => {
+            terminal::note("all that is there agrees, but the recordings are not complete: see the warnings above");
+            Ok(ExitCode::from(EXIT_INCOMPLETE as u8))
+        }
+        None => Ok(ExitCode::SUCCESS),
+        Some((kitchen, environment, episode, step, aspect)) => {
+            let kinds = totals.aspects.iter().map(|(aspect, count)| format!("{} {count}", aspect.word()));
+            bail!(
+                "the simulation differs from the recording, first in kitchen {kitchen}, environment {environment}, \
+                 episode {episode}, step {step}: {} (episodes by what differs first: {})",
+                aspect.word(),
+                kinds.collect::<Vec<_>>().join(", ")
+            )
+        }
+    }
+}
+
+/// Warns of all that is not there or contradicts itself; returns whether there is such a thing. `all`: the files, if
+/// all their episodes are wanted.
+fn tell_what_is_missing(recorded: &Recorded, args: &ReplayArgs, all: Option<&[PathBuf]>) -> Result<bool> {
+    for fault in &recorded.faults {
+        tracing::warn!("not complete: {fault}");
+    }
+    let mut incomplete = recorded.damaged_files > 0 || !recorded.faults.is_empty();
+    if recorded.headless > 0 {
+        let episodes = counted(recorded.headless, "episode");
+        // One file out of many begins in the middle of episodes.
+        let whole = recorded.from_the_start || args.paths.iter().any(|path| path.is_dir());
+        incomplete |= whole;
+        match whole {
+            true => tracing::warn!("not complete: the first steps are missing: {episodes}"),
+            false => tracing::warn!("left out, because begun before these recordings: {episodes}"),
+        }
+    }
+    if recorded.broken > 0 {
+        tracing::warn!("replayed up to a hole in the recording: {}", counted(recorded.broken, "episode"));
+    }
+    let run = match (&args.paths[..], all) {
+        ([run], Some(_)) if run.is_dir() && !recorded.failures_only => RunFolder::new(run),
+        _ => return Ok(incomplete),
+    };
+    if let Some(summary) = Summary::read(&run)? {
+        let there: u64 = recorded.episodes.iter().map(|episode| episode.actions.len() as u64).sum();
+        if there < summary.frames {
+            tracing::warn!("not complete: {there} of the {} steps that the run has", summary.frames);
+            incomplete = true;
+        }
+    }
+    Ok(incomplete)
+}
+
+impl ReplayArgs {
+    /// Where and how pictures are to be drawn.
+    fn images_wanted(&self) -> Result<Option<ReplayImages>> {
+        let Some(folder) = &self.images else { return Ok(None) };
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        // The actors run elsewhere; a relative folder is the user's.
+        let folder = std::path::absolute(folder)?;
+        Ok(Some(ReplayImages {
+            folder: folder.to_str().context("the folder of images has a name that is not text")?.to_owned(),
+            format: self.format.image_format()?,
+            side: self.side.unwrap_or_else(|| self.format.side()),
+        }))
     }
 }
 

@@ -4,7 +4,9 @@ use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
 use crate::run::identity::{Identity, host_name, is_evaluation};
 use crate::run::lock::{RunLock, wait_for_learners};
+use crate::run::process_state::stopped;
 use crate::run::remains;
+use crate::run::signal::wake_learner;
 use crate::showing::format;
 use crate::showing::terminal;
 use crate::suite;
@@ -16,8 +18,11 @@ use crate::training::run::TrainingRun;
 use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
+use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
-use std::path::PathBuf;
+use std::fs::OpenOptions;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -116,6 +121,7 @@ fn settle(folder: &RunFolder, identity: &Identity, learners: u32, patience: Dura
             format::duration(patience)
         ));
     };
+    wake_stopped_learners(folder);
     if let Some(rank) = wait_for_learners(folder, learners, patience, tell)? {
         bail!(
             "the learner of the last start still holds {} after {}; if it hangs, end it (`orchestrator clean` names \
@@ -132,6 +138,29 @@ fn settle(folder: &RunFolder, identity: &Identity, learners: u32, patience: Dura
         tracing::debug!("start {} was cut off; {} names of it removed", incarnation.number, swept.names);
     }
     Ok(())
+}
+
+/// Has learners of the last start go on that are stopped by a signal: they save and leave.
+fn wake_stopped_learners(folder: &RunFolder) {
+    for rank in (0..).take_while(|&rank| folder.learner_lock(rank).exists()) {
+        let lock = folder.learner_lock(rank);
+        // An old lock names a process that is gone, or somebody else's: only its holder is woken.
+        let Some(pid) = learner_in(&lock).filter(|&pid| stopped(pid).iter().any(|process| process.pid == pid)) else {
+            continue;
+        };
+        if wake_learner(pid, &lock).is_ok() {
+            terminal::note(&format!(
+                "learner-{rank} of the last start (pid {pid}) is stopped and is woken, so that it saves and leaves"
+            ));
+        }
+    }
+}
+
+/// The process that signed a learner's lock.
+fn learner_in(lock: &Path) -> Option<u32> {
+    let mut text = String::new();
+    open_plain(lock, OpenOptions::new().read(true)).ok()?.take(32).read_to_string(&mut text).ok()?;
+    text.trim().parse().ok()
 }
 
 #[cfg(test)]

@@ -3,26 +3,32 @@
 
 use crate::evaluation::standing::Standing;
 use crate::recording::Recordings;
-use crate::run::identity::{Identity, Incarnation, unix_now};
+use crate::run::identity::{Identity, Incarnation, host_name, unix_now};
 use crate::run::lock::{Held, holder};
+use crate::run::process_state::{Stopped, stopped};
 use crate::run::state::state_of;
 use crate::showing::format;
 use crate::showing::terminal;
 use crate::suite;
 use crate::training::means::{Recent, StageMeans, by_stage, recent};
-use crate::training::metrics::History;
+use crate::training::metrics::Figures;
 use crate::training::next_steps;
 use crate::training::progress::{figures_line, frames_line};
+use crate::training::scores::Scores;
 use crate::training::summary::{Summary, table};
 use crate::training::wall::{Last, Wall};
 use anyhow::Result;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use proto::run_state::RunState;
+use proto::trained::History;
 use serde::Serialize;
 use std::path::PathBuf;
 
 /// Show how a run or an evaluation stands
+///
+/// Says also what keeps a run from going on: processes that are stopped, and how long ago the last rollout was trained
+/// if that is unusually long.
 ///
 /// Wall time is counted from the beginning of each start to its end, not in between; a start that was killed counts
 /// until the last rollout that it trained.
@@ -47,6 +53,9 @@ struct Status {
     seed: u64,
     incarnations: Vec<Incarnation>,
     recordings: Option<Recordings>,
+    /// Its processes that are stopped by a signal.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    stopped: Vec<Stopped>,
     #[serde(flatten)]
     work: Work,
 }
@@ -60,11 +69,18 @@ enum Work {
         stages: Vec<StageMeans>,
         weights: Option<String>,
         wall: Wall,
+        /// For how long no rollout was trained, if somebody works on it, seconds.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        silent_s: Option<u64>,
+        /// What a rollout usually takes, seconds.
+        #[serde(skip)]
+        usual_s: f64,
+        /// What is wrong with the files of its figures.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        notes: Vec<String>,
     },
     /// An evaluation trains nothing: its configuration's stages are its run's.
-    Evaluation {
-        evaluation: Standing,
-    },
+    Evaluation { evaluation: Standing },
 }
 
 impl Work {
@@ -72,13 +88,19 @@ impl Work {
         if let Some(evaluation) = Standing::read(folder, config)? {
             return Ok(Self::Evaluation { evaluation });
         }
-        let history = History::read(folder)?;
+        let at_rest = *held == Held::Free;
+        let Figures { history, mut notes } = Figures::read(folder, at_rest)?;
+        notes.extend(Scores::read(folder, at_rest)?.notes);
+        let silent_s = (!at_rest).then(|| silence(&history, identity)).flatten();
         let last = if *held == Held::Free { Last::AsNoted } else { Last::Until(unix_now()) };
         Ok(Self::Training {
             recent: recent(&config.stages, &history),
             stages: by_stage(&config.stages, &history),
             weights: Summary::read(folder)?.map(|summary| summary.weights),
             wall: Wall::read(folder, identity, last)?,
+            silent_s,
+            usual_s: usual_s(&history),
+            notes,
         })
     }
 
@@ -99,7 +121,7 @@ impl Work {
     /// As people read it. `goes_on`: whether somebody works on it. `starts`: how often somebody began to.
     fn lines(&self, config: &Config, goes_on: bool, starts: usize) -> Vec<String> {
         match self {
-            Self::Training { recent, stages, wall, .. } => {
+            Self::Training { recent, stages, wall, silent_s, usual_s, notes, .. } => {
                 let mut lines = vec![frames_line(&config.stages, recent)];
                 lines.extend(Some(figures_line(recent)).filter(|figures| !figures.is_empty()));
                 if !stages.is_empty() {
@@ -108,6 +130,10 @@ impl Work {
                 if starts > 0 {
                     lines.push(wall.text(starts as u32));
                 }
+                if let Some(silent_s) = silent_s.filter(|&silent_s| silent_s as f64 > (3.0 * usual_s).max(10.0)) {
+                    lines.push(format!("no rollout for {silent_s} s (the last ones took {usual_s:.1} s each)"));
+                }
+                lines.extend(notes.iter().map(|note| format!("note: {note}")));
                 lines
             }
             Self::Evaluation { evaluation } => {
@@ -119,6 +145,34 @@ impl Work {
                 vec![evaluation.parts().join("  |  "), format!("result: {result}")]
             }
         }
+    }
+}
+
+/// Rollouts that say what is usual.
+const USUAL: usize = 8;
+
+/// What each of the last rollouts took, seconds.
+fn usual_s(history: &History) -> f64 {
+    let last: Vec<f64> = history.iter().rev().take(USUAL).map(|trained| trained.timing.total_s()).collect();
+    last.iter().sum::<f64>() / last.len().max(1) as f64
+}
+
+/// How long ago the newest rollout was trained, or the present start began, if that was later; seconds.
+fn silence(history: &History, identity: &Identity) -> Option<u64> {
+    let began = identity.incarnations.last()?.started_unix_s;
+    let newest = history.iter().next_back().map_or(0, |trained| trained.at_unix_s);
+    Some(unix_now().saturating_sub(began.max(newest)))
+}
+
+/// What is said of a stopped process. `holder`: the orchestrator.
+fn stopped_line(process: &Stopped, holder: u32) -> String {
+    let Stopped { program, pid } = process;
+    if *pid == holder {
+        format!("its orchestrator (pid {pid}) is stopped: nobody supervises the run until `kill -CONT {pid}`")
+    } else {
+        format!(
+            "{program} (pid {pid}) is stopped: it does nothing until `kill -CONT {pid}`, or until it is started again"
+        )
     }
 }
 
@@ -137,6 +191,10 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         seed: config.seed,
         incarnations: identity.incarnations,
         recordings: Recordings::of(&folder),
+        stopped: match &held {
+            Held::By(holder) if holder.host == host_name() => stopped(holder.pid),
+            Held::By(_) | Held::Free | Held::Unsigned => Vec::new(),
+        },
         work,
     };
     if args.json {
@@ -147,13 +205,16 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         Held::By(holder) => format!(" (pid {} on {})", holder.pid, holder.host),
         Held::Free | Held::Unsigned => String::new(),
     };
-    let Status { id, state, preset, seed, incarnations, recordings, work } = status;
+    let Status { id, state, preset, seed, incarnations, recordings, stopped, work } = status;
     terminal::out(&format!("{} {id} {state}{by}: preset {preset}, seed {seed}", work.name()));
     if let Some(last) = incarnations.last() {
         terminal::out(&format!("start {} at {}", last.number, format::date(last.started_unix_s)));
         if let Some(reason) = last.ended.as_ref().and_then(|ended| ended.reason.as_ref()) {
             terminal::out(reason);
         }
+    }
+    if let Held::By(holder) = &held {
+        stopped.iter().for_each(|process| terminal::out(&stopped_line(process, holder.pid)));
     }
     for line in work.lines(&config, held != Held::Free, incarnations.len()) {
         terminal::out(&line);

@@ -1,22 +1,34 @@
-//! `orchestrator stop`: an orderly stop of a run that another process runs.
+//! `orchestrator stop`: an orderly stop of a run that another process runs. While it waits it shows what the
+//! orchestrator says.
 
 use crate::run::identity::{Identity, host_name, is_evaluation};
-use crate::run::lock::{Held, holder};
+use crate::run::lock::{Held, Holder, holder};
+use crate::run::process_state::stopped;
 use crate::run::signal::ask_to_stop;
+use crate::showing::log_line::LogLine;
 use crate::showing::terminal;
 use crate::suite;
 use anyhow::{Result, bail};
+use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use proto::run_state::Ending;
+use std::fs::OpenOptions;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
+use tracing::Level;
 
 /// How often to look whether it has stopped.
 const LOOK: Duration = Duration::from_millis(50);
 
+/// How long an orchestrator may be stopped by a signal, before nobody waits for it any more.
+const ASLEEP: Duration = Duration::from_secs(3);
+
 /// Save and stop a run from another terminal
 ///
-/// Does what Ctrl-C in its terminal does, and waits until it is done. `orchestrator resume RUN` goes on with it.
+/// Does what Ctrl-C in its terminal does, shows what the run says meanwhile, and waits until it is done. A learner that
+/// hangs is given ten times what its last updates took, then the run ends with its last checkpoint. `orchestrator
+/// resume RUN` goes on with it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:
   orchestrator stop runs/20261121-020423-demo-1")]
@@ -38,7 +50,10 @@ pub fn run(args: &StopArgs) -> Result<()> {
     let root = folder.root().display();
     let begin = Instant::now();
     let mut asked = None;
+    let mut asleep = None;
+    let mut log = Log::at_end(folder.log("orchestrator"));
     loop {
+        log.show();
         match holder(&folder)? {
             Held::Free => break,
             Held::By(holder) if holder.host != host_name() => {
@@ -59,8 +74,16 @@ pub fn run(args: &StopArgs) -> Result<()> {
                     }
                 }
             }
+            Held::By(Holder { pid, .. }) if stopped(pid).iter().any(|process| process.pid == pid) => {
+                if asleep.get_or_insert_with(Instant::now).elapsed() > ASLEEP {
+                    bail!(
+                        "the orchestrator of {root} (pid {pid}) is itself stopped by a signal, so it cannot {asked_to}: \
+                         `kill -CONT {pid}` lets it go on, and it then does as asked"
+                    );
+                }
+            }
             // It is just starting, or has been asked.
-            Held::Unsigned | Held::By(_) => {}
+            Held::Unsigned | Held::By(_) => asleep = None,
         }
         if begin.elapsed() > Duration::from_secs(args.timeout) {
             bail!("{root} has not stopped within {} s; it still may", args.timeout);
@@ -68,6 +91,7 @@ pub fn run(args: &StopArgs) -> Result<()> {
         // A released lock shows that it is over, and a lock wakes nobody who waits with a deadline.
         std::thread::sleep(LOOK);
     }
+    log.show();
     if asked.is_none() {
         terminal::note(&format!("{root} does not run"));
     }
@@ -91,11 +115,66 @@ pub fn run(args: &StopArgs) -> Result<()> {
     Ok(())
 }
 
+/// What an orchestrator logs from now on.
+struct Log {
+    path: PathBuf,
+    shown: u64,
+}
+
+impl Log {
+    fn at_end(path: PathBuf) -> Self {
+        let shown = std::fs::metadata(&path).map_or(0, |file| file.len());
+        Self { path, shown }
+    }
+
+    /// Shows the lines that are new.
+    fn show(&mut self) {
+        self.new_lines().iter().for_each(|line| terminal::note(line));
+    }
+
+    fn new_lines(&mut self) -> Vec<String> {
+        let mut text = Vec::new();
+        let read = open_plain(&self.path, OpenOptions::new().read(true)).and_then(|mut file| {
+            file.seek(SeekFrom::Start(self.shown))?;
+            file.read_to_end(&mut text)
+        });
+        // To the end of the last whole line. A log that cannot be read is no reason not to stop.
+        let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
+        if read.is_err() || whole == 0 {
+            return Vec::new();
+        }
+        self.shown += whole as u64;
+        let text = String::from_utf8_lossy(&text[..whole]);
+        let lines = text.lines().map(LogLine::parse);
+        let told = lines.filter(|line| !matches!(line.level, Some(Level::DEBUG | Level::TRACE)));
+        told.map(|line| line.text.to_owned()).collect()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::lock::Holder;
+    use std::io::Write;
     use std::process::Command;
+
+    #[test]
+    fn what_is_logged_from_now_on_is_shown_line_by_line() {
+        let temporary = tempfile::tempdir().unwrap();
+        let path = temporary.path().join("orchestrator.log");
+        let mut log = Log::at_end(path.clone());
+        assert!(log.new_lines().is_empty(), "there is no log yet");
+        let write = |text: &str| {
+            let mut file = OpenOptions::new().append(true).create(true).open(&path).unwrap();
+            file.write_all(text.as_bytes()).unwrap();
+        };
+        write("2026-11-21T02:04:23.1Z  INFO before\n");
+        let mut log = Log::at_end(path.clone());
+        write("2026-11-21T02:04:24.1Z  INFO stopping: the learner saves\n2026-11-21T02:04:24.2Z DEBUG x\n2026-");
+        assert_eq!(log.new_lines(), ["stopping: the learner saves"]);
+        write("11-21T02:04:25.1Z  WARN the stop waits\n  for learner-0\n");
+        assert_eq!(log.new_lines(), ["the stop waits", "  for learner-0"]);
+        assert!(log.new_lines().is_empty());
+    }
 
     #[test]
     fn a_process_that_a_lock_names_falsely_is_not_signalled() {

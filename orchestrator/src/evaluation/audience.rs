@@ -14,6 +14,7 @@ use proto::kitchen::KitchenId;
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
 use std::time::Duration;
+use wire::fault;
 
 /// Records of an evaluation so far.
 #[derive(Debug)]
@@ -121,6 +122,7 @@ impl Audience for EvaluationAudience {
                 if let Some((_, ended)) = &mut self.span {
                     *ended = now;
                 }
+                fault::reach("evaluation.before_record");
                 self.journal.append(record)?;
                 let twice = self.records.insert((record.kitchen, record.episode), (*record, actions.clone()));
                 ensure!(twice.is_none(), "episode {} of kitchen {} was played twice", record.episode, record.kitchen);

@@ -18,6 +18,7 @@ use proto::evaluation::{
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::run_state::Ending;
 use std::process::ExitCode;
+use wire::fault;
 
 /// An evaluation whose folder has been made.
 pub struct EvaluationRun {
@@ -137,6 +138,7 @@ impl EvaluationRun {
         let table: Vec<_> = records.into_iter().map(|(record, _)| record).collect();
         let table = write_table(&table, self.asked.distribution);
         for (name, text) in [(TABLE_FILE, table), (RESULT_FILE, json(&evaluation)?)] {
+            fault::reach("evaluation.before_result");
             let path = self.folder.root().join(name);
             write_atomically(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
         }

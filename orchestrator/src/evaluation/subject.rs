@@ -78,7 +78,8 @@ pub fn find(path: &Path) -> Result<Found> {
     let manifest = if path.is_dir() {
         let checkpoints = path.join("checkpoints");
         let folder = if checkpoints.is_dir() { &checkpoints } else { &path };
-        newest(folder)?.with_context(|| format!("there is no checkpoint in {}", folder.display()))?
+        newest(folder, RunFolder::new(&path).id().as_deref())?
+            .with_context(|| format!("there is no checkpoint in {}", folder.display()))?
     } else {
         path.with_extension("json")
     };
@@ -98,14 +99,17 @@ pub fn find(path: &Path) -> Result<Found> {
     Ok(Found { run: run.to_path_buf(), manifest, config })
 }
 
-/// The manifest with the highest rollout in a folder.
-fn newest(folder: &Path) -> Result<Option<PathBuf>> {
+/// The manifest with the highest rollout in a folder; in that of a run, of those that are the run's.
+fn newest(folder: &Path, run: Option<&str>) -> Result<Option<PathBuf>> {
     let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+    let foreign =
+        |path: &Path| run.is_some_and(|run| Manifest::read(path).is_ok_and(|manifest| manifest.is_of_another(run)));
     let mut newest: Option<(u64, PathBuf)> = None;
     for entry in entries {
         let path = entry.with_context(|| folder.display().to_string())?.path();
         if let Some(rollout) = RolloutName::Manifest.rollout_of(&path)
             && newest.as_ref().is_none_or(|(highest, _)| *highest < rollout)
+            && !foreign(&path)
         {
             newest = Some((rollout, path));
         }
@@ -130,6 +134,7 @@ pub mod tests {
         };
         let manifest = Manifest {
             schema_version: proto::SCHEMA_VERSION,
+            run: String::new(),
             rollout,
             frames,
             exchange: 0,
@@ -141,6 +146,7 @@ pub mod tests {
             tensors: RolloutName::Tensors.of(rollout),
             tensors_bytes: 0,
             tensors_sha256: String::new(),
+            figures_sha256: String::new(),
             config_sha256: String::new(),
             config: String::new(),
             weights: "w".into(),

@@ -1,7 +1,7 @@
 //! Every check of one configuration, for a run that is to begin.
 
 use super::tools::Tools;
-use super::{descriptors, device, disk, memory, processor, shared_memory};
+use super::{cores, descriptors, device, disk, memory, processor, shared_memory};
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -10,6 +10,7 @@ use proto::run_folder::RunFolder;
 pub fn demand_all(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<()> {
     processor::check().demand()?;
     device::check(config, &tools.torch).demand()?;
+    cores::check(config, &tools.torch).demand()?;
     let on_gpu = device::is_cuda(config, &tools.torch);
     memory::check(config, on_gpu, memory::available().context("/proc/meminfo")?).demand()?;
     shared_memory::check(config).demand()?;

@@ -10,13 +10,13 @@ use proto::config::Config;
 use proto::shares::Shares;
 
 /// The orchestrator with its recorder: alone, for each actor, for each learner.
-const ORCHESTRATOR: [u64; 3] = [37, 13, 20];
+const ORCHESTRATOR: [u64; 3] = [37, 13, 27];
 /// A learner: alone, for each actor of the run, for each learner.
-const LEARNER: [u64; 3] = [51, 3, 7];
+const LEARNER: [u64; 3] = [57, 3, 9];
 /// A learner, for each actor that it serves itself.
 const LEARNER_OWN_ACTOR: u64 = 17;
 /// An actor: alone, for each actor of the run, for each learner.
-const ACTOR: [u64; 3] = [53, 3, 7];
+const ACTOR: [u64; 3] = [53, 3, 10];
 /// For what is open only for moments, and for what CUDA opens, which was not measured.
 const SPARE: u64 = 64;
 
@@ -83,10 +83,10 @@ mod tests {
         assert!(!text.contains("--actors"), "{text}");
     }
 
-    /// What was counted in real runs: the estimate is not below it, and not above it by more than the spare and a few.
+    /// What was counted in real runs (of the largest before each learner had a bell for receipts, which is added here): the estimate is not below it, and not above it by more than the spare and a few.
     #[test]
     fn the_need_is_what_was_counted() {
-        let runs = [((1, 1), 71), ((2, 1), 92), ((4, 1), 131), ((4, 2), 129), ((4, 4), 169), ((76, 2), 1065)];
+        let runs = [((1, 1), 79), ((2, 1), 99), ((4, 1), 139), ((4, 2), 143), ((4, 4), 197), ((76, 2), 1079)];
         for ((actors, learners), counted) in runs {
             let most = need(actors, learners) - SPARE;
             assert!((counted..counted + 8).contains(&most), "{actors} actors, {learners} learners: {most}");

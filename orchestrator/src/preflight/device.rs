@@ -56,7 +56,7 @@ mod tests {
     fn torch(cuda: usize) -> Torch {
         let devices = (0..cuda).map(|index| format!("cuda:{index}")).chain(["cpu".to_owned()]).collect();
         let library = "/x/libtorch_cpu.so".into();
-        Torch { version: "2.11.0".into(), library, devices, arithmetic: "reproducible".into() }
+        Torch { version: "2.11.0".into(), library, devices, pci: vec![], arithmetic: "reproducible".into() }
     }
 
     #[test]

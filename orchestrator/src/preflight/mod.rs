@@ -3,11 +3,13 @@
 //! of one configuration; [`tools`] finds the other two programs.
 
 pub mod all;
+pub mod cores;
 pub mod descriptors;
 pub mod device;
 pub mod disk;
 pub mod libtorch;
 pub mod memory;
+pub mod placement;
 pub mod processor;
 pub mod programs;
 pub mod shared_memory;

@@ -2,32 +2,42 @@
 //!
 //! An episode can run over several segments, and after a learner went back to its checkpoint a part of it is recorded
 //! twice. Files are read in the order of time, however they are given, and steps of a newer learner incarnation replace
-//! what they redo, with everything after it.
+//! what they redo, with everything after it. Each file is read under its own configuration.
 
-use super::reader::{Extent, RecordingError, read};
+use super::assembly::{Assembly, Generation, Taken};
+use super::origin::{Origin, world_of};
+use super::reader::{Extent, RecordingError, read_with_trust};
 use super::wanted::{Known, Wanted};
-use crate::recording::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, identity};
-use crate::recording::schema::stillroom::step::Goal;
-use crate::recording::schema::stillroom::{EpisodeStart, RobotVector, Step};
-use mcap::records::{Metadata, Record};
+use crate::recording::recorder::segment::{IDENTITY_METADATA, identity};
+use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, Step};
+use mcap::records::Record;
 use prost::Message;
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::evaluation::Plan;
 use proto::kitchen::KitchenId;
-use proto::replay::{RecordedEpisode, goal_digest};
+use proto::replay::RecordedEpisode;
+use salvage::Trust;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
+
+/// Faults that are named one by one.
+const FAULTS_MAX: usize = 20;
+
+/// The highest incarnation of a learner that is believed where nothing but an altered message says so.
+const FIRST_LEARNER_MAX: u32 = 1000;
 
 /// What a set of recordings holds.
 #[derive(Debug)]
 pub struct Recorded {
-    /// The run's configuration, TOML.
-    pub config: String,
+    /// Every configuration of the files, TOML; the first one first.
+    pub configs: Vec<String>,
     /// Episodes recorded from their first step, by kitchen, environment and number; the last of an environment may
     /// be unfinished.
     pub episodes: Vec<RecordedEpisode>,
+    /// For each of them the number of its configuration.
+    pub config_of: Vec<usize>,
     /// Episodes whose first step is in no file given.
     pub headless: u64,
     /// Episodes with a hole; they are kept up to it.
@@ -36,101 +46,49 @@ pub struct Recorded {
     pub known: Known,
     /// Steps read, those that were done again included.
     pub steps: u64,
-    /// What was wrong with which file.
+    /// Remarks about files: one that is being written, one that was damaged.
     pub complaints: Vec<String>,
+    /// Files that do not hold all that was recorded in them, or not as it was.
+    pub damaged_files: u64,
+    /// What is missing between and in the files, or contradicts itself.
+    pub faults: Vec<String>,
+    /// The files begin with the run's first.
+    pub from_the_start: bool,
+    /// Only failed episodes were recorded.
+    pub failures_only: bool,
 }
 
 /// Kitchen number, environment number, episode number.
 type Key = (u8, u32, u32);
 
-/// Incarnations of orchestrator and learner: the higher one is the newer.
-type Generation = (u32, u32);
-
-#[derive(Debug, Default)]
-struct Assembly {
-    generation: Generation,
-    start_hash: Option<u64>,
-    actions: Vec<u8>,
-    hashes: Vec<u64>,
-    goals: Vec<u32>,
-    gap: bool,
-}
-
-/// What one step holds about its episode.
-#[derive(Debug, Clone, Copy)]
-struct Taken {
-    action: u8,
-    hash: u64,
-    goal: u32,
-}
-
-impl Assembly {
-    fn step(&mut self, generation: Generation, step: usize, taken: Taken) {
-        if generation < self.generation {
-            // Void: a newer learner has gone on from an earlier point, and that has been read already.
-            return;
-        }
-        if generation > self.generation {
-            // The learner went back to before this step: what an older one did from here on is void.
-            self.generation = generation;
-            self.actions.truncate(step);
-            self.hashes.truncate(step);
-            self.goals.truncate(step);
-            self.gap = false;
-        }
-        match step.cmp(&self.actions.len()) {
-            std::cmp::Ordering::Equal => {
-                self.actions.push(taken.action);
-                self.hashes.push(taken.hash);
-                self.goals.push(taken.goal);
-            }
-            std::cmp::Ordering::Greater => self.gap = true,
-            // Recorded twice under the same learner: a segment was given twice.
-            std::cmp::Ordering::Less => {}
-        }
-    }
-}
-
 /// Reads the files, given in any order, and puts the wanted episodes together.
 pub fn gather(files: &[PathBuf], wanted: Wanted) -> Result<Recorded, RecordingError> {
-    let mut in_time = files.iter().map(|path| Ok((place(path)?, path))).collect::<Result<Vec<_>, RecordingError>>()?;
-    in_time.sort_by_key(|(place, _)| *place);
+    let mut in_time =
+        files.iter().map(|path| Ok((Origin::of(path)?, path))).collect::<Result<Vec<_>, RecordingError>>()?;
+    in_time.sort_by_key(|(origin, _)| origin.place);
     let mut collection = Collection { wanted, ..Collection::default() };
-    let mut complaints = Vec::new();
-    for (_, path) in in_time {
-        let extent = collection.add(path)?;
-        complaints.extend(extent.complaint(path));
+    for at in 0..in_time.len() {
+        let (origin, path) = &in_time[at];
+        let others = in_time.iter().map(|(other, _)| other);
+        let config = origin.configuration(path, others)?;
+        collection.incarnation = origin.place.map(|place| place.0);
+        let extent = collection.add(path, &config)?;
+        collection.complaints.extend(extent.complaints(path));
+        collection.damaged_files += u64::from(extent.is_incomplete());
     }
-    collection.into_recorded(files, complaints)
+    let places: Vec<_> = in_time.iter().filter_map(|(origin, _)| origin.place).collect();
+    collection.missing_segments(&places);
+    collection.into_recorded(files, places.first() == Some(&(1, 0)))
 }
 
-/// Incarnation of the orchestrator and number of the segment, from the beginning of a file; none if they are not there.
-/// The file's name is not used: files are copied and renamed.
-fn place(path: &Path) -> Result<Option<(u32, u32)>, RecordingError> {
-    /// Why reading ends before the end of the file.
-    enum Enough {
-        Seen(Option<(u32, u32)>),
-        Failed(RecordingError),
-    }
-    impl From<RecordingError> for Enough {
-        fn from(error: RecordingError) -> Self {
-            Self::Failed(error)
-        }
-    }
-    let outcome = read(path, |record| match record {
-        Record::Metadata(Metadata { name, metadata }) if name == IDENTITY_METADATA => {
-            let number = |key: &str| metadata.get(key)?.parse().ok();
-            Err(Enough::Seen(number(identity::INCARNATION).zip(number(identity::SEGMENT))))
-        }
-        // It comes before everything that was seen.
-        Record::Message { .. } => Err(Enough::Seen(None)),
-        _ => Ok(()),
-    });
-    match outcome {
-        Ok(_) => Ok(None),
-        Err(Enough::Seen(place)) => Ok(place),
-        Err(Enough::Failed(error)) => Err(error),
-    }
+/// A configuration under which files were recorded.
+struct Setting {
+    text: String,
+    failures_only: bool,
+    /// What of it decides what the simulator does.
+    world: Config,
+    /// Which fixed episodes were played, in an evaluation.
+    plan: Option<Plan>,
 }
 
 #[derive(Default)]
@@ -138,11 +96,16 @@ struct Collection {
     wanted: Wanted,
     known: Known,
     run_id: Option<String>,
-    config: Option<String>,
-    /// Which fixed episodes were played, in an evaluation.
-    plan: Option<Plan>,
+    /// That of the orchestrator which wrote the file that is being read.
+    incarnation: Option<u32>,
+    settings: Vec<Setting>,
     episodes: BTreeMap<Key, Assembly>,
+    /// Of every environment the newest learner, and the last episode that it began.
+    newest: BTreeMap<(u8, u32), (Generation, u32)>,
     steps: u64,
+    complaints: Vec<String>,
+    damaged_files: u64,
+    faults: Vec<String>,
 }
 
 /// What a channel of one file carries, as far as episodes are concerned.
@@ -150,60 +113,95 @@ struct Collection {
 enum Carries {
     Step,
     EpisodeStart,
+    EpisodeEnd,
+}
+
+/// A message about an episode.
+enum Carried {
+    Step(Box<Step>),
+    Start(EpisodeStart),
+    End(EpisodeEnd),
+}
+
+impl Carried {
+    fn decode(carries: Carries, data: &[u8]) -> Result<Self, prost::DecodeError> {
+        Ok(match carries {
+            Carries::Step => Self::Step(Box::new(Step::decode(data)?)),
+            Carries::EpisodeStart => Self::Start(EpisodeStart::decode(data)?),
+            Carries::EpisodeEnd => Self::End(EpisodeEnd::decode(data)?),
+        })
+    }
+
+    /// The episode as messages number it, and who played it.
+    fn whose(&self) -> ((u32, u32, u32), Generation) {
+        match self {
+            Self::Step(of) => ((of.kitchen, of.environment, of.episode), (of.incarnation, of.learner_incarnation)),
+            Self::Start(of) => ((of.kitchen, of.environment, of.episode), (of.incarnation, of.learner_incarnation)),
+            Self::End(of) => ((of.kitchen, of.environment, of.episode), (of.incarnation, of.learner_incarnation)),
+        }
+    }
 }
 
 impl Collection {
-    fn add(&mut self, path: &Path) -> Result<Extent, RecordingError> {
+    fn add(&mut self, path: &Path, config: &str) -> Result<Extent, RecordingError> {
         let foreign = |problem: String| RecordingError::Foreign { path: path.to_path_buf(), problem };
+        let config = self.configure(config).map_err(foreign)?;
         let mut channels: HashMap<u16, Carries> = HashMap::new();
         let mut identified = false;
-        read(path, |record| {
+        let mut undecodable = 0u64;
+        let extent = read_with_trust(path, |record, trust| {
             match record {
                 Record::Metadata(metadata) if metadata.name == IDENTITY_METADATA => {
                     self.identify(&metadata.metadata).map_err(foreign)?;
                     identified = true;
                 }
-                Record::Attachment { header, data, .. } if header.name == CONFIG_ATTACHMENT => {
-                    let config = String::from_utf8(data.into_owned())
-                        .map_err(|_| foreign("its configuration is not text".to_owned()))?;
-                    self.configure(config).map_err(foreign)?;
-                }
                 Record::Channel(channel) => {
                     if !identified {
-                        return Err(foreign("it was not written by this program".to_owned()));
+                        return Err(foreign("it was not written by this program, or its identity is lost".to_owned()));
                     }
-                    match channel.topic.as_str() {
-                        "/step" => drop(channels.insert(channel.id, Carries::Step)),
-                        "/episode/start" => drop(channels.insert(channel.id, Carries::EpisodeStart)),
-                        _ => {}
+                    let carries = match channel.topic.as_str() {
+                        "/step" => Carries::Step,
+                        "/episode/start" => Carries::EpisodeStart,
+                        "/episode/end" => Carries::EpisodeEnd,
+                        _ => return Ok(()),
+                    };
+                    channels.insert(channel.id, carries);
+                }
+                Record::Message { header, data } => {
+                    let Some(carries) = channels.get(&header.channel_id) else { return Ok(()) };
+                    // A place that was altered may hold anything.
+                    let doubtful = trust == Trust::Doubtful;
+                    match Carried::decode(*carries, &data) {
+                        Ok(carried) if doubtful && !self.is_credible(&carried) => undecodable += 1,
+                        Ok(carried) => self.take(config, carried).map_err(foreign)?,
+                        Err(_) if doubtful => undecodable += 1,
+                        Err(cause) => return Err(foreign(cause.to_string())),
                     }
                 }
-                Record::Message { header, data } => match channels.get(&header.channel_id) {
-                    Some(Carries::Step) => {
-                        let step = Step::decode(&*data).map_err(|cause| foreign(cause.to_string()))?;
-                        self.step(&step).map_err(foreign)?;
-                    }
-                    Some(Carries::EpisodeStart) => {
-                        let start = EpisodeStart::decode(&*data).map_err(|cause| foreign(cause.to_string()))?;
-                        self.start(&start).map_err(foreign)?;
-                    }
-                    None => {}
-                },
                 _ => {}
             }
             Ok(())
-        })
+        })?;
+        if undecodable > 0 {
+            self.faults.push(format!("{}: {undecodable} altered messages cannot be used", path.display()));
+        }
+        Ok(extent)
     }
 
-    fn configure(&mut self, config: String) -> Result<(), String> {
-        // All files of one run have the same.
-        if self.config.is_none() {
-            // Only read: whether it can be run is checked by those who run it.
-            let read: Config = toml::from_str(&config).map_err(|cause| format!("{CONFIG_ATTACHMENT}: {cause}"))?;
-            self.plan = read.evaluation_plan();
-            self.config = Some(config);
+    /// The number of a file's configuration.
+    fn configure(&mut self, config: &str) -> Result<usize, String> {
+        if let Some(known) = self.settings.iter().position(|setting| setting.text == config) {
+            return Ok(known);
         }
-        Ok(())
+        // Only read: whether it can be run is checked by those who run it.
+        let read: Config = toml::from_str(config).map_err(|cause| format!("its configuration: {cause}"))?;
+        self.settings.push(Setting {
+            text: config.to_owned(),
+            failures_only: read.recording.failures_only,
+            plan: read.evaluation_plan(),
+            world: world_of(&read),
+        });
+        Ok(self.settings.len() - 1)
     }
 
     fn identify(&mut self, metadata: &BTreeMap<String, String>) -> Result<(), String> {
@@ -223,72 +221,188 @@ impl Collection {
         }
     }
 
-    fn step(&mut self, step: &Step) -> Result<(), String> {
+    fn take(&mut self, config: usize, carried: Carried) -> Result<(), String> {
+        match carried {
+            Carried::Step(step) => self.step(config, &step),
+            Carried::Start(start) => self.start(config, &start),
+            Carried::End(end) => self.end(config, end),
+        }
+    }
+
+    /// Whether an altered message says what can follow those before it. One wrong incarnation would make everything
+    /// after it void.
+    fn is_credible(&self, carried: &Carried) -> bool {
+        let ((kitchen, environment, episode), generation) = carried.whose();
+        let newest = u8::try_from(kitchen).ok().and_then(|kitchen| self.newest.get(&(kitchen, environment)));
+        // The first of an environment: from its file's start, and learners do not restart so often.
+        let may_be_first = self.incarnation == Some(generation.0) && generation.1 <= FIRST_LEARNER_MAX;
+        newest.map_or(may_be_first, |(newest, last)| *newest == generation && episode <= last.saturating_add(1))
+            && !matches!(carried, Carried::Step(step) if Taken::of(step).is_none())
+    }
+
+    fn step(&mut self, config: usize, step: &Step) -> Result<(), String> {
         self.steps += 1;
-        let action = u8::try_from(step.action).map_err(|_| format!("there is no action {}", step.action))?;
+        let taken = Taken::of(step).ok_or_else(|| format!("there is no action {}", step.action))?;
         let generation = (step.incarnation, step.learner_incarnation);
-        if let Some(assembly) = self.assembly(step.kitchen, step.environment, step.episode)? {
-            let taken = Taken { action, hash: step.state_hash, goal: digest(step.goal.as_ref()) };
-            assembly.step(generation, step.step as usize, taken);
+        let key = (step.kitchen, step.environment, step.episode);
+        let Some((assembly, settings)) = self.assembly(key, generation, config, step.fixed_episode)? else {
+            return Ok(());
+        };
+        let at = step.step as usize;
+        if assembly.actions.is_empty() || at == 0 && generation > assembly.generation {
+            assembly.config = config;
+        } else if assembly.config != config && settings[assembly.config].world != settings[config].world {
+            // Nobody can simulate one episode in two worlds.
+            assembly.moved_to.get_or_insert((config, at));
+            return Ok(());
+        }
+        assembly.step(generation, at, &taken);
+        Ok(())
+    }
+
+    fn start(&mut self, config: usize, start: &EpisodeStart) -> Result<(), String> {
+        let generation = (start.incarnation, start.learner_incarnation);
+        let key = (start.kitchen, start.environment, start.episode);
+        if let Some((assembly, _)) = self.assembly(key, generation, config, start.fixed_episode)? {
+            assembly.begin(start);
         }
         Ok(())
     }
 
-    fn start(&mut self, start: &EpisodeStart) -> Result<(), String> {
-        if let Some(assembly) = self.assembly(start.kitchen, start.environment, start.episode)? {
-            assembly.start_hash = Some(start.state_hash);
+    fn end(&mut self, config: usize, end: EpisodeEnd) -> Result<(), String> {
+        let generation = (end.incarnation, end.learner_incarnation);
+        let key = (end.kitchen, end.environment, end.episode);
+        if let Some((assembly, _)) = self.assembly(key, generation, config, end.fixed_episode)? {
+            assembly.end(generation, end);
         }
         Ok(())
     }
 
-    /// The episode, if it is wanted.
-    fn assembly(&mut self, kitchen: u32, environment: u32, episode: u32) -> Result<Option<&mut Assembly>, String> {
+    /// The episode, if it is wanted, and all configurations. `fixed`: what the message says is its number in the table.
+    fn assembly(
+        &mut self,
+        (kitchen, environment, episode): (u32, u32, u32),
+        generation: Generation,
+        config: usize,
+        fixed: Option<u32>,
+    ) -> Result<Option<(&mut Assembly, &[Setting])>, String> {
         let kitchen = u8::try_from(kitchen)
             .ok()
             .and_then(|number| KitchenId::new(number).ok())
             .ok_or_else(|| format!("there is no kitchen {kitchen}"))?;
         let of = EnvironmentId { kitchen, number: environment };
         // In an evaluation episodes are called by the numbers of its table; an environment that has run out plays none.
-        let number = match &self.plan {
+        let number = match &self.settings[config].plan {
             None => episode,
             Some(plan) => match plan.dealt(of, episode) {
                 Some(fixed) => fixed,
                 None => return Ok(None),
             },
         };
+        if fixed.is_some_and(|fixed| fixed != number) {
+            return Err(format!("an episode is called {} of its table, but it is {number}", fixed.unwrap_or_default()));
+        }
         self.known.environments.insert((kitchen.number(), environment));
         if !self.wanted.is_of(of) {
             return Ok(None);
+        }
+        let newest = self.newest.entry((kitchen.number(), environment)).or_insert((generation, episode));
+        if generation > newest.0 {
+            *newest = (generation, episode);
+        } else if generation == newest.0 {
+            newest.1 = newest.1.max(episode);
         }
         self.known.episodes.insert(number);
         if !self.wanted.has_number(number) {
             return Ok(None);
         }
-        Ok(Some(self.episodes.entry((kitchen.number(), environment, episode)).or_default()))
+        let assembly = self.episodes.entry((kitchen.number(), environment, episode)).or_default();
+        Ok(Some((assembly, &self.settings)))
     }
 
-    fn into_recorded(self, files: &[PathBuf], complaints: Vec<String>) -> Result<Recorded, RecordingError> {
-        let Some(config) = self.config else {
+    /// Segments that are not there though later ones of the same start are.
+    fn missing_segments(&mut self, places: &[(u32, u32)]) {
+        for pair in places.windows(2) {
+            let ((incarnation, before), (next_incarnation, next)) = (pair[0], pair[1]);
+            let first = if incarnation == next_incarnation { before + 1 } else { 0 };
+            if first < next {
+                let name = |segment: u32| format!("incarnation-{next_incarnation:03}.{segment:03}.mcap");
+                self.faults.push(match next - first {
+                    1 => format!("{} is missing", name(first)),
+                    _ => format!("{} to {} are missing", name(first), name(next - 1)),
+                });
+            }
+        }
+    }
+
+    /// Looks for what is missing of the episodes, and says where.
+    fn examine(&mut self, failures_only: bool, from_the_start: bool) {
+        let all = self.wanted.episodes.is_empty() && !failures_only;
+        let mut before: Option<Key> = None;
+        for (&(kitchen, number, episode), assembly) in &self.episodes {
+            let place = |episode: u32| format!("kitchen {kitchen}, environment {number}, episode {episode}");
+            let last = self.newest.get(&(kitchen, number)).map_or(episode, |(_, last)| *last);
+            let follows = before.filter(|before| (before.0, before.1) == (kitchen, number)).map(|before| before.2);
+            before = Some((kitchen, number, episode));
+            if episode > last {
+                // Void: the learner went back to before it.
+                continue;
+            }
+            // Numbers begin with 0.
+            let next = follows.map(|before| before + 1).or(from_the_start.then_some(0));
+            if let Some(next) = next.filter(|next| all && *next < episode) {
+                let range = if next + 1 == episode { String::new() } else { format!(" to {}", episode - 1) };
+                self.faults.push(format!("{}{range}: not recorded, though episode {episode} is", place(next)));
+            }
+            if let Some((config, step)) = assembly.moved_to {
+                let (then, now) = (&self.settings[assembly.config].world, &self.settings[config].world);
+                let changes = now.changes_since(then).join(", ");
+                self.faults
+                    .push(format!("{}: from step {step} on under another configuration ({changes})", place(episode)));
+                continue;
+            }
+            // One without its first step is counted apart.
+            let headless = assembly.actions.is_empty() && (assembly.gap.is_some() || assembly.start.is_none());
+            if !headless && let Some(fault) = assembly.fault(episode < last) {
+                self.faults.push(format!("{}: {fault}", place(episode)));
+            }
+        }
+    }
+
+    fn into_recorded(mut self, files: &[PathBuf], from_the_start: bool) -> Result<Recorded, RecordingError> {
+        let Some(&Setting { failures_only, .. }) = self.settings.first() else {
             let path = files.first().cloned().unwrap_or_default();
             return Err(RecordingError::Foreign { path, problem: "it holds no configuration".to_owned() });
         };
+        self.examine(failures_only, from_the_start);
+        if self.faults.len() > FAULTS_MAX {
+            let more = self.faults.len() - FAULTS_MAX;
+            self.faults.truncate(FAULTS_MAX);
+            self.faults.push(format!("and {more} more"));
+        }
         let mut recorded = Recorded {
-            config,
+            configs: self.settings.into_iter().map(|setting| setting.text).collect(),
             episodes: Vec::new(),
+            config_of: Vec::new(),
             headless: 0,
             broken: 0,
             known: self.known,
             steps: self.steps,
-            complaints,
+            complaints: self.complaints,
+            damaged_files: self.damaged_files,
+            faults: self.faults,
+            from_the_start,
+            failures_only,
         };
         for ((kitchen, number, episode), assembly) in self.episodes {
             if assembly.actions.is_empty() {
                 // A start without a step is an episode that had just begun; steps without the first are headless.
-                recorded.headless += u64::from(assembly.gap);
+                recorded.headless += u64::from(assembly.gap.is_some());
                 continue;
             }
-            recorded.broken += u64::from(assembly.gap);
+            recorded.broken += u64::from(assembly.gap.is_some());
             let kitchen = KitchenId::new(kitchen).expect("checked when it was read");
+            recorded.config_of.push(assembly.config);
             recorded.episodes.push(RecordedEpisode {
                 environment: EnvironmentId { kitchen, number },
                 episode,
@@ -296,77 +410,10 @@ impl Collection {
                 actions: assembly.actions,
                 hashes: assembly.hashes,
                 goals: assembly.goals,
+                start: assembly.start,
+                steps: assembly.steps,
             });
         }
         Ok(recorded)
-    }
-}
-
-/// Digest of what the goal sensor read; 0 where that was not recorded.
-fn digest(goal: Option<&Goal>) -> u32 {
-    match goal {
-        None => 0,
-        Some(Goal::WristToObjectM(RobotVector { x, y, z })) => goal_digest(false, [*x, *y, *z]),
-        Some(Goal::ObjectToGoalM(RobotVector { x, y, z })) => goal_digest(true, [*x, *y, *z]),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn taken(action: u8, hash: u64) -> Taken {
-        Taken { action, hash, goal: u32::from(action) }
-    }
-
-    proptest! {
-        /// A reference by brute force: of every step, the newest generation counts, and nothing older lies beyond
-        /// the newest generation's last step.
-        #[test]
-        fn rewinds_leave_what_the_newest_learner_did(
-            runs in prop::collection::vec((0usize..12, 1usize..12), 1..6),
-        ) {
-            let mut assembly = Assembly::default();
-            let mut reference: Vec<(u8, u64)> = Vec::new();
-            for (generation, (back, length)) in runs.iter().enumerate() {
-                let from = reference.len().saturating_sub(*back);
-                reference.truncate(from);
-                for step in from..from + length {
-                    let (action, hash) = ((generation * 3 + step) as u8, (generation * 1000 + step) as u64);
-                    reference.push((action, hash));
-                    assembly.step((1, generation as u32 + 1), step, taken(action, hash));
-                }
-            }
-            prop_assert!(!assembly.gap);
-            let got: Vec<_> = assembly.actions.iter().copied().zip(assembly.hashes.iter().copied()).collect();
-            prop_assert_eq!(got, reference);
-            let goals: Vec<u32> = assembly.actions.iter().map(|&action| u32::from(action)).collect();
-            prop_assert_eq!(assembly.goals, goals);
-        }
-    }
-
-    #[test]
-    fn an_older_learner_adds_nothing_to_a_newer_one() {
-        let mut assembly = Assembly::default();
-        assembly.step((2, 1), 0, taken(1, 10));
-        assembly.step((1, 1), 1, taken(9, 90));
-        assert!(!assembly.gap);
-        assert_eq!((assembly.actions, assembly.hashes), (vec![1], vec![10]));
-    }
-
-    #[test]
-    fn a_hole_ends_an_episode_and_a_rewind_mends_it() {
-        let mut assembly = Assembly::default();
-        for step in [0, 1, 3, 4] {
-            assembly.step((1, 1), step, taken(step as u8, 0));
-        }
-        assert!(assembly.gap);
-        assert_eq!(assembly.actions, [0, 1]);
-        for step in [1, 2, 3] {
-            assembly.step((2, 1), step, taken(10 + step as u8, 0));
-        }
-        assert!(!assembly.gap);
-        assert_eq!(assembly.actions, [0, 11, 12, 13]);
     }
 }

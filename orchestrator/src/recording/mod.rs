@@ -1,14 +1,19 @@
 //! Recordings: [`recorder`] makes them, in the messages of [`schema`]. Reading them back: [`reader`] goes through a
-//! file however it ends, [`episodes`] puts together what can be re-simulated, [`wanted`] chooses among it, [`simulate`]
-//! simulates it, [`repair`] makes a whole file of a cut one. [`ffmpeg`] is looked for where films are to be made.
+//! file however damaged it is, [`origin`] knows where it comes from, [`episodes`] puts together what can be re-simulated
+//! (each of them an [`assembly`]), [`wanted`] chooses among it, [`simulate`] simulates it, [`repair`] makes a whole file
+//! of a damaged one. [`ffmpeg`] is looked for where films are to be made.
 
+mod assembly;
 pub mod episodes;
 pub mod ffmpeg;
+mod origin;
 pub mod reader;
 pub mod recorder;
 pub mod repair;
 pub mod schema;
 pub mod simulate;
+#[cfg(test)]
+mod tests;
 pub mod wanted;
 
 use crate::showing::format;

@@ -1,16 +1,9 @@
-//! One MCAP file from its start to its end, or to where it was cut off.
+//! One MCAP file from its start to its end, or as much of it as can be read: [`salvage`] with our errors.
 
 use mcap::records::Record;
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use mcap::{MAGIC, McapError};
-use std::fs::File;
-use std::io::Read;
+use salvage::{Account, FileSource, Limits, ReadError, Trust};
+use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
-
-/// No record or chunk of ours comes near this; one that claims more is damaged.
-const RECORD_LIMIT_BYTES: usize = 1 << 30;
-/// Bytes asked of the file at once.
-const READ_BYTES: usize = 1 << 20;
 
 /// A file that cannot be read as a recording.
 #[derive(Debug, thiserror::Error)]
@@ -45,11 +38,11 @@ pub enum RecordingError {
 /// Where a file stopped being readable.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum FileEnd {
-    /// At its end mark: the file is complete.
+    /// At its end mark, and nothing is wrong with it: the file is complete.
     Whole,
     /// Before its end mark, because the file stops.
     Cut,
-    /// Before its end mark, at something that cannot be read.
+    /// At its end mark, but something in it is damaged.
     Damaged(String),
 }
 
@@ -60,73 +53,86 @@ pub struct Extent {
     pub messages: u64,
     /// How reading ended.
     pub end: FileEnd,
+    /// What is wrong, and what it cost.
+    pub account: Account,
+    /// A recorder writes the file at this moment.
+    pub live: bool,
 }
 
 impl Extent {
-    /// The warning for the user about the file at `path`; none when it is complete.
-    pub fn complaint(&self, path: &Path) -> Option<String> {
-        let path = path.display();
-        let Self { messages, end } = self;
-        let how = match end {
-            FileEnd::Whole => return None,
-            FileEnd::Cut => "was cut off".to_owned(),
-            FileEnd::Damaged(cause) => format!("is damaged ({cause})"),
+    /// The extent that an account describes.
+    pub fn of(account: Account, live: bool) -> Self {
+        let end = match (account.is_whole(), account.cut) {
+            (true, _) => FileEnd::Whole,
+            (false, true) => FileEnd::Cut,
+            (false, false) => FileEnd::Damaged(account.outcome()),
         };
-        Some(format!("{path} {how}: readable up to message {messages}; `orchestrator recover {path}` repairs it"))
+        Self { messages: account.messages, end, account, live }
+    }
+
+    /// The warnings for the user about the file at `path`; none when it is complete.
+    pub fn complaints(&self, path: &Path) -> Vec<String> {
+        let (path, account) = (path.display(), &self.account);
+        if self.live {
+            return vec![format!("{path} is being written: read up to message {}", self.messages)];
+        }
+        let earlier = account.repaired_with_loss.as_ref();
+        let mut lines: Vec<_> = earlier
+            .map(|outcome| format!("{path} was repaired, and not all was there: {outcome}"))
+            .into_iter()
+            .collect();
+        if self.end != FileEnd::Whole {
+            let how = if self.end == FileEnd::Cut { "was cut off" } else { "is damaged" };
+            let (messages, outcome) = (self.messages, account.outcome());
+            lines.push(format!(
+                "{path} {how}: {messages} messages are readable, {outcome}; `orchestrator recover {path}` repairs it"
+            ));
+            lines.extend(account.lines().into_iter().map(|line| format!("  {line}")));
+        }
+        lines
+    }
+
+    /// Whether something that was recorded is not in the file, or not as it was recorded. What a recorder has not
+    /// written yet does not count.
+    pub fn is_incomplete(&self) -> bool {
+        !self.live && (!self.account.is_lossless() || self.account.repaired_with_loss.is_some())
     }
 }
 
-/// Hands every record of the file to `visit`, those inside chunks included and chunks checked against their sums
-/// first. What the file's end repeats from its data (schemas, channels, indexes) is left out.
+/// Opens a recording; also returns whether a recorder writes it at this moment.
+pub fn open(path: &Path) -> Result<(FileSource, bool), RecordingError> {
+    let unreadable = |cause| RecordingError::Unreadable { path: path.to_path_buf(), cause };
+    let file = File::open(path).map_err(unreadable)?;
+    if file.metadata().map_err(unreadable)?.is_dir() {
+        return Err(unreadable(std::io::ErrorKind::IsADirectory.into()));
+    }
+    let live = matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
+    Ok((FileSource::new(file).map_err(unreadable)?, live))
+}
+
+/// Hands every record of the file's data to `visit`, those inside chunks included, and whether it can be trusted. What
+/// the file's end repeats (schemas, channels, indexes) is left out.
 ///
 /// A cut or damaged file is no error: it is read as far as it goes. An error of `visit` ends the reading.
+pub fn read_with_trust<E: From<RecordingError>>(
+    path: &Path,
+    visit: impl FnMut(Record<'_>, Trust) -> Result<(), E>,
+) -> Result<Extent, E> {
+    let (source, live) = open(path)?;
+    match salvage::read(&source, &Limits::default(), visit) {
+        Ok(account) => Ok(Extent::of(account, live)),
+        Err(ReadError::Visit(error)) => Err(error),
+        Err(ReadError::Empty) => Err(RecordingError::Empty(path.to_path_buf()).into()),
+        Err(ReadError::NotMcap) => Err(RecordingError::NotMcap(path.to_path_buf()).into()),
+        Err(ReadError::Io(cause)) => Err(RecordingError::Unreadable { path: path.to_path_buf(), cause }.into()),
+    }
+}
+
+/// The same where it does not matter whether a record can be trusted.
+#[cfg(test)]
 pub fn read<E: From<RecordingError>>(
     path: &Path,
     mut visit: impl FnMut(Record<'_>) -> Result<(), E>,
 ) -> Result<Extent, E> {
-    let unreadable = |cause| RecordingError::Unreadable { path: path.to_path_buf(), cause };
-    let mut file = File::open(path).map_err(unreadable)?;
-    if file.metadata().map_err(unreadable)?.is_dir() {
-        return Err(unreadable(std::io::ErrorKind::IsADirectory.into()).into());
-    }
-    let mut reader = LinearReader::new_with_options(
-        LinearReaderOptions::default().with_prevalidate_chunk_crcs(true).with_record_length_limit(RECORD_LIMIT_BYTES),
-    );
-    let mut extent = Extent { messages: 0, end: FileEnd::Whole };
-    let mut bytes = 0;
-    let mut in_data = true;
-    while let Some(event) = reader.next_event() {
-        let stopped = match event {
-            Ok(LinearReadEvent::ReadRequest(wanted)) => {
-                let read = file.read(reader.insert(wanted.clamp(1, READ_BYTES))).map_err(unreadable)?;
-                reader.notify_read(read);
-                bytes += read;
-                continue;
-            }
-            Ok(LinearReadEvent::Record { data, opcode }) => match mcap::parse_record(opcode, data) {
-                Ok(record) => {
-                    in_data &= !matches!(record, Record::DataEnd(_));
-                    if in_data {
-                        extent.messages += u64::from(matches!(record, Record::Message { .. }));
-                        visit(record)?;
-                    }
-                    continue;
-                }
-                Err(error) => error,
-            },
-            Err(error) => error,
-        };
-        if bytes == 0 {
-            return Err(RecordingError::Empty(path.to_path_buf()).into());
-        }
-        if bytes < MAGIC.len() || matches!(stopped, McapError::BadMagic) && extent.messages == 0 && in_data {
-            return Err(RecordingError::NotMcap(path.to_path_buf()).into());
-        }
-        extent.end = match stopped {
-            McapError::UnexpectedEof => FileEnd::Cut,
-            error => FileEnd::Damaged(error.to_string()),
-        };
-        break;
-    }
-    Ok(extent)
+    read_with_trust(path, |record, _| visit(record))
 }

@@ -1,14 +1,15 @@
-//! Makes a complete file from a truncated one.
+//! Makes a complete file from a truncated or damaged one.
 
-use super::reader::{Extent, FileEnd, RecordingError, read};
+use super::reader::{Extent, RecordingError, open};
 use crate::recording::recorder::segment::{in_words, write_options};
-use mcap::records::{Metadata, Record};
-use mcap::{Attachment, McapError, Writer};
-use std::borrow::Cow;
-use std::collections::BTreeSet;
-use std::fs::{File, TryLockError};
-use std::io::{BufWriter, Seek, Write};
+use mcap::McapError;
+use salvage::{Limits, ReadError, RewriteError, rewrite};
+use std::fs::File;
+use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
+
+/// Names that are tried for the file that is being made.
+const PARTIAL_NAMES_MAX: u32 = 1000;
 
 /// Why a file could not be repaired.
 #[derive(Debug, thiserror::Error)]
@@ -54,9 +55,8 @@ pub enum Repair {
 /// Copies all that is readable in `path` into a complete file: to `output`, or in place of the old file, which is then
 /// kept as `….cut`. Neither `output` nor `….cut` may exist yet.
 pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError> {
-    let unreadable = |cause| RecordingError::Unreadable { path: path.to_path_buf(), cause };
-    let old = File::open(path).map_err(unreadable)?;
-    if let Err(TryLockError::WouldBlock) = old.try_lock_shared() {
+    let (source, live) = open(path)?;
+    if live {
         return Err(RepairError::Busy(path.to_path_buf()));
     }
     if let Some(output) = output
@@ -65,23 +65,26 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError>
         return Err(RepairError::Exists(output.to_path_buf()));
     }
     let target = output.unwrap_or(path);
-    let partial = with_suffix(target, ".partial");
     let failed = |cause: McapError| RepairError::Write { path: target.to_path_buf(), cause };
-    let extent = match copy(path, &partial) {
-        Ok(extent) => extent,
-        Err(error) => {
-            // Leaves nothing behind but the error.
-            let _ = std::fs::remove_file(&partial);
-            return Err(error);
+    let (partial, file) = new_file_beside(target).map_err(|cause| failed(cause.into()))?;
+    // Removed if it was not moved to its place: a failure leaves nothing behind but the error.
+    let partial = Partial(partial);
+    let mut out = BufWriter::new(file);
+    let account = rewrite(&source, &Limits::default(), write_options(), &mut out).map_err(|error| match error {
+        RewriteError::Write(cause) | RewriteError::Read(ReadError::Visit(cause)) => failed(cause),
+        RewriteError::Read(ReadError::Empty) => RecordingError::Empty(path.to_path_buf()).into(),
+        RewriteError::Read(ReadError::NotMcap) => RecordingError::NotMcap(path.to_path_buf()).into(),
+        RewriteError::Read(ReadError::Io(cause)) => {
+            RecordingError::Unreadable { path: path.to_path_buf(), cause }.into()
         }
-    };
-    if extent.end == FileEnd::Whole && output.is_none() {
-        std::fs::remove_file(&partial).map_err(|cause| failed(cause.into()))?;
+    })?;
+    out.flush().and_then(|()| out.get_ref().sync_all()).map_err(|cause| failed(cause.into()))?;
+    let extent = Extent::of(account, live);
+    if extent.account.is_whole() && output.is_none() {
         return Ok(Repair::NotNeeded { messages: extent.messages });
     }
     let kept = output.is_none().then(|| with_suffix(path, ".cut"));
     if let Some(kept) = kept.as_ref().filter(|kept| kept.symlink_metadata().is_ok()) {
-        std::fs::remove_file(&partial).map_err(|cause| failed(cause.into()))?;
         return Err(RepairError::Exists(kept.clone()));
     }
     let moved = match &kept {
@@ -90,10 +93,36 @@ pub fn repair(path: &Path, output: Option<&Path>) -> Result<Repair, RepairError>
         None => Ok(()),
     };
     moved
-        .and_then(|()| std::fs::rename(&partial, target))
+        .and_then(|()| std::fs::rename(&partial.0, target))
         .and_then(|()| sync_folder_of(target))
         .map_err(|cause| failed(cause.into()))?;
     Ok(Repair::Repaired { repaired: target.to_path_buf(), kept, extent })
+}
+
+/// A file that is not at its place yet.
+struct Partial(PathBuf);
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        // Not there any more if it was moved.
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+/// A new file `….partial` beside the target; where something has that name, with a number. It is made anew, so it
+/// cannot be a link to a file elsewhere, and replaces nothing.
+fn new_file_beside(target: &Path) -> std::io::Result<(PathBuf, File)> {
+    let mut last = ErrorKind::AlreadyExists.into();
+    for number in 1..=PARTIAL_NAMES_MAX {
+        let suffix = if number == 1 { ".partial".to_owned() } else { format!(".partial-{number}") };
+        let path = with_suffix(target, &suffix);
+        match File::create_new(&path) {
+            Ok(file) => return Ok((path, file)),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => last = error,
+            Err(error) => return Err(error),
+        }
+    }
+    Err(last)
 }
 
 fn sync_folder_of(path: &Path) -> std::io::Result<()> {
@@ -105,58 +134,4 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(suffix);
     PathBuf::from(name)
-}
-
-fn copy(from: &Path, to: &Path) -> Result<Extent, RepairError> {
-    let failed = |cause: McapError| RepairError::Write { path: to.to_path_buf(), cause };
-    // One that a cut repair left gives way. Made anew, it cannot be a link to a file elsewhere.
-    match std::fs::remove_file(to) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(failed(error.into())),
-        _ => {}
-    }
-    let file = File::create_new(to).map_err(|cause| failed(cause.into()))?;
-    let mut writer = write_options().create(BufWriter::new(file)).map_err(failed)?;
-    let mut channels = BTreeSet::new();
-    let extent = read(from, |record| copy_record(&mut writer, &mut channels, record).map_err(failed))?;
-    writer.finish().map_err(failed)?;
-    let synced = writer.into_inner().into_inner().map_err(std::io::IntoInnerError::into_error);
-    synced.and_then(|file| file.sync_all()).map_err(|cause| failed(cause.into()))?;
-    Ok(extent)
-}
-
-/// Copies one record under its old numbers. Indexes are made anew by the writer.
-fn copy_record<W: Write + Seek>(
-    writer: &mut Writer<W>,
-    channels: &mut BTreeSet<u16>,
-    record: Record<'_>,
-) -> Result<(), McapError> {
-    match record {
-        Record::Schema { header, data } => {
-            writer.add_schema_with_id(header.id, &header.name, &header.encoding, &data).map(drop)
-        }
-        Record::Channel(channel) => {
-            channels.insert(channel.id);
-            writer
-                .add_channel_with_id(
-                    channel.id,
-                    channel.schema_id,
-                    &channel.topic,
-                    &channel.message_encoding,
-                    &channel.metadata,
-                )
-                .map(drop)
-        }
-        // A message without a channel record cannot be decoded.
-        Record::Message { header, .. } if !channels.contains(&header.channel_id) => Ok(()),
-        Record::Message { header, data } => writer.write_to_known_channel(&header, &data),
-        Record::Attachment { header, data, .. } => writer.attach(&Attachment {
-            log_time: header.log_time,
-            create_time: header.create_time,
-            name: header.name,
-            media_type: header.media_type,
-            data: Cow::Borrowed(&data),
-        }),
-        Record::Metadata(Metadata { name, metadata }) => writer.write_metadata(&Metadata { name, metadata }),
-        _ => Ok(()),
-    }
 }

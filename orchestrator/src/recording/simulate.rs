@@ -10,7 +10,7 @@ use crate::showing::terminal;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::replay::{RecordedEpisode, ReplaySetup, ReplayVerdict};
+use proto::replay::{Aspect, Difference, RecordedEpisode, ReplaySetup, ReplayVerdict};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -38,8 +38,10 @@ pub struct Totals {
     pub images: u64,
     /// Episodes with a difference.
     pub different: u64,
-    /// Kitchen, environment, episode, step of the first one, in that order.
-    pub first: Option<(u8, u32, u32, u64)>,
+    /// Kitchen, environment, episode, step of the first one, in that order, and what differs.
+    pub first: Option<(u8, u32, u32, u64, Aspect)>,
+    /// Episodes with a difference by what differs first in them.
+    pub aspects: BTreeMap<Aspect, u64>,
 }
 
 impl Totals {
@@ -47,11 +49,26 @@ impl Totals {
         self.episodes += 1;
         self.compared += verdict.compared;
         self.images += verdict.images;
-        if let Some(step) = verdict.first_difference {
+        if let Some(Difference { step, aspect }) = verdict.first_difference {
             self.different += 1;
+            *self.aspects.entry(aspect).or_default() += 1;
             let EnvironmentId { kitchen, number } = verdict.environment;
-            let place = (kitchen.number(), number, verdict.episode, step);
+            let place = (kitchen.number(), number, verdict.episode, step, aspect);
             self.first = Some(self.first.map_or(place, |first| first.min(place)));
+        }
+    }
+}
+
+impl Totals {
+    /// Adds those of other episodes.
+    pub fn merge(&mut self, other: Self) {
+        self.episodes += other.episodes;
+        self.compared += other.compared;
+        self.images += other.images;
+        self.different += other.different;
+        self.first = [self.first, other.first].into_iter().flatten().min();
+        for (aspect, count) in other.aspects {
+            *self.aspects.entry(aspect).or_default() += count;
         }
     }
 }
@@ -267,6 +284,8 @@ mod tests {
             actions: vec![0; steps],
             hashes: vec![0; steps],
             goals: vec![0; steps],
+            start: None,
+            steps: Vec::new(),
         }
     }
 
@@ -285,16 +304,22 @@ mod tests {
     #[test]
     fn the_first_difference_is_the_first_in_order_not_in_time() {
         let mut totals = Totals::default();
-        let verdict = |kitchen: u8, first_difference| ReplayVerdict {
+        let verdict = |kitchen: u8, difference: Option<u64>| ReplayVerdict {
             environment: EnvironmentId { kitchen: KitchenId::new(kitchen).unwrap(), number: 1 },
             episode: 2,
             compared: 3,
-            first_difference,
+            first_difference: difference.map(|step| Difference { step, aspect: Aspect::Reward }),
             images: 0,
         };
         for (kitchen, difference) in [(9, Some(1)), (3, Some(2)), (1, None)] {
             totals.add(&verdict(kitchen, difference));
         }
-        assert_eq!((totals.different, totals.first), (2, Some((3, 1, 2, 2))));
+        assert_eq!((totals.different, totals.first), (2, Some((3, 1, 2, 2, Aspect::Reward))));
+        let mut other = Totals::default();
+        other.add(&verdict(2, Some(7)));
+        totals.merge(other);
+        assert_eq!((totals.episodes, totals.compared, totals.different), (4, 12, 3));
+        assert_eq!(totals.first, Some((2, 1, 2, 7, Aspect::Reward)));
+        assert_eq!(totals.aspects, BTreeMap::from([(Aspect::Reward, 3)]));
     }
 }

@@ -1,17 +1,18 @@
 //! Reads run folders and evaluation folders for a report.
 
 use crate::run::identity::Identity;
-use crate::run::lock::holder;
+use crate::run::lock::{Held, holder};
 use crate::run::state::state_of;
 use crate::showing::format::counted;
-use crate::training::metrics::{History, Trained, total_s};
+use crate::training::metrics::Figures;
+use crate::training::scores::{Score, Scores};
 use crate::training::summary::Summary;
-use crate::training::validation::{Score, read_log};
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::evaluation::{Evaluation, RESULT_FILE, TABLE_FILE, read_table};
 use proto::run_folder::RunFolder;
+use proto::trained::{History, Trained};
 use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated, differences_between};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -150,14 +151,18 @@ fn run(path: &Path, notes: &mut Vec<String>) -> Result<Run> {
     let folder = RunFolder::new(path);
     let identity = Identity::read(&folder)?;
     let complete = Summary::read(&folder)?.is_some();
-    let history = History::read(&folder)?;
+    let held = holder(&folder)?;
+    let at_rest = held == Held::Free;
+    let Figures { history, notes: about_figures } = Figures::read(&folder, at_rest)?;
+    let Scores { scores, notes: about_scores } = Scores::read(&folder, at_rest)?;
+    notes.extend(about_figures.into_iter().chain(about_scores).map(|note| format!("{}: {note}.", path.display())));
     Ok(Run {
         name: path.display().to_string(),
-        origin: Origin::Run(state_of(&identity, &holder(&folder)?, complete)),
+        origin: Origin::Run(state_of(&identity, &held, complete)),
         config: Config::of_run(&folder)?,
         rollouts: rollouts(&history),
         evaluations: evaluations_of(&folder, notes)?,
-        validation: validation_of(&folder)?,
+        validation: validation_of(&scores),
     })
 }
 
@@ -166,7 +171,7 @@ fn rollouts(history: &History) -> Vec<Rollout> {
     // The number of the next rollout and the frames before it.
     let (mut next, mut before, mut elapsed_s) = (0, 0, 0.0);
     let rollout = |trained: &Trained| {
-        let took_s = total_s(&trained.timing);
+        let took_s = trained.timing.total_s();
         elapsed_s += took_s;
         let mut metrics = trained.metrics.clone();
         metrics.insert(ELAPSED_S.to_owned(), elapsed_s);
@@ -180,15 +185,14 @@ fn rollouts(history: &History) -> Vec<Rollout> {
     history.iter().map(rollout).collect()
 }
 
-/// Evaluations during training, in order of frames. A checkpoint that was evaluated twice, because a crash came between
-/// the result and its line, counts once.
-fn validation_of(folder: &RunFolder) -> Result<Vec<Validated>> {
-    let mut by_frames = BTreeMap::new();
-    for line in read_log(&folder.validation_log())? {
-        let Score { frames, distribution, success, success_without_disturbance, .. } = line;
-        by_frames.insert(frames, Validated { frames, distribution, success, success_without_disturbance });
-    }
-    Ok(by_frames.into_values().collect())
+/// Evaluations during training, in order of frames.
+fn validation_of(scores: &[Score]) -> Vec<Validated> {
+    let validated = |score: &Score| {
+        let Score { frames, distribution, success, success_without_disturbance, .. } = *score;
+        Validated { frames, distribution, success, success_without_disturbance }
+    };
+    let by_frames: BTreeMap<u64, Validated> = scores.iter().map(|score| (score.frames, validated(score))).collect();
+    by_frames.into_values().collect()
 }
 
 /// The evaluations in a run's own folder, oldest first. One that cannot be read becomes a note.

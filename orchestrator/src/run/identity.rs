@@ -7,6 +7,7 @@ use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::run_state::Ending;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -41,6 +42,9 @@ pub struct Incarnation {
     pub pid: u32,
     /// When it began, seconds since 1970.
     pub started_unix_s: u64,
+    /// When it was last known to live, seconds since 1970: noted by the next start, if it left no word.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seen_unix_s: Option<u64>,
     /// How it ended; absent while it runs and after a crash.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<Ended>,
@@ -126,6 +130,7 @@ impl Identity {
             host: host_name(),
             pid: std::process::id(),
             started_unix_s: unix_now(),
+            seen_unix_s: None,
             ended: None,
         });
         (number, address)
@@ -135,6 +140,13 @@ impl Identity {
     /// the number, whatever `wire` holds: a run folder can come from anybody.
     pub fn address(&self, incarnation: &Incarnation) -> WireAddress {
         WireAddress::new(&self.id, incarnation.number)
+    }
+
+    /// Notes when incarnations that left no word were last known to live, by their numbers.
+    pub fn note_signs_of_life(&mut self, seen: &BTreeMap<u32, u64>) {
+        for incarnation in self.incarnations.iter_mut().filter(|incarnation| incarnation.ended.is_none()) {
+            incarnation.seen_unix_s = incarnation.seen_unix_s.max(seen.get(&incarnation.number).copied());
+        }
     }
 
     /// Notes how the last incarnation ended.

@@ -5,23 +5,34 @@ use anyhow::{Context, Result};
 use proto::plain_file::open_plain;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, Metadata, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 /// The whole lines of a file, in order; none when there is no file.
 pub fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>> {
+    Ok(read_counting(path)?.0)
+}
+
+/// The same, and how many other lines are damaged. The last line may be cut off.
+pub fn read_counting<T: DeserializeOwned>(path: &Path) -> Result<(Vec<T>, usize)> {
     let file = match File::open(path) {
         Ok(file) => file,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok((Vec::new(), 0)),
         Err(error) => return Err(error).with_context(|| path.display().to_string()),
     };
-    let mut lines = Vec::new();
-    for line in BufReader::new(file).split(b'\n') {
-        let line = line.with_context(|| path.display().to_string())?;
-        lines.extend(serde_json::from_slice::<T>(&line).ok());
+    let (mut lines, mut damaged) = (Vec::new(), 0);
+    let mut reader = BufReader::new(file);
+    let mut line = Vec::new();
+    while reader.read_until(b'\n', &mut line).with_context(|| path.display().to_string())? > 0 {
+        match serde_json::from_slice::<T>(&line) {
+            Ok(read) => lines.push(read),
+            Err(_) => damaged += usize::from(line.ends_with(b"\n") && !line.trim_ascii().is_empty()),
+        }
+        line.clear();
     }
-    Ok(lines)
+    Ok((lines, damaged))
 }
 
 /// Appends to a file.
@@ -54,6 +65,13 @@ impl Writer {
         self.file.write_all(&line).with_context(|| format!("cannot write {}", self.path.display()))
     }
 
+    /// Whether the file at this path is the one that is written.
+    pub fn is_of(&self, path: &Path) -> bool {
+        let place = |metadata: Metadata| (metadata.dev(), metadata.ino());
+        let (own, there) = (self.file.metadata().map(place), std::fs::symlink_metadata(path).map(place));
+        matches!((own, there), (Ok(own), Ok(there)) if own == there)
+    }
+
     /// Begins the file anew.
     pub fn clear(&mut self) -> Result<()> {
         self.file.set_len(0).with_context(|| format!("cannot write {}", self.path.display()))
@@ -82,6 +100,7 @@ mod tests {
             writer.sync().unwrap();
         }
         assert_eq!(read::<Vec<u32>>(&path).unwrap(), [vec![1, 2], vec![4], vec![4]]);
+        assert_eq!(read_counting::<Vec<u32>>(&path).unwrap().1, 2);
         let mut writer = Writer::open(&path).unwrap();
         writer.clear().unwrap();
         writer.append(&[5]).unwrap();

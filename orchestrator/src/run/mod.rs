@@ -1,14 +1,15 @@
 //! A run on disk, be it one that trains or an evaluation: its folder ([`create`]), who it is
 //! ([`identity`]), who works on it ([`lock`]) and how it stands ([`state`]); its parent
 //! ([`lifeline`]), its own scenes ([`scenes`]), what a dead one leaves in shared memory ([`remains`]), a signal to its
-//! orchestrator ([`signal`]), files of one JSON object a line ([`json_lines`]), and a folder that was never made to its
-//! end ([`unfinished`]).
+//! orchestrator or learner ([`signal`]) and whether one of them is stopped ([`process_state`]), files of one JSON object
+//! a line ([`json_lines`]), and a folder that was never made to its end ([`unfinished`]).
 
 pub mod create;
 pub mod identity;
 pub mod json_lines;
 pub mod lifeline;
 pub mod lock;
+pub mod process_state;
 pub mod remains;
 pub mod scenes;
 pub mod signal;

@@ -1,17 +1,26 @@
-//! A signal to the orchestrator that holds a run, and to no other process.
+//! A signal to the orchestrator or learner that holds a run, and to no other process.
 //!
-//! `orchestrator.lock` names its holder, but a run folder can come from anybody: it could name any process of ours.
-//! So a process is signalled only if it is ours, runs this program, and has this very lock file open.
+//! A lock names its holder, but a run folder can come from anybody: any process of ours could stand there. So a process
+//! is signalled only if it is ours, runs our program, and has this very lock file open.
 
 use anyhow::{Context, Result, bail};
 use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, geteuid, pidfd_open, pidfd_send_signal};
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-/// Asks the holder of a lock to save and stop. A process that has just gone by itself is no error.
+/// Asks the orchestrator that holds a lock to save and stop. A process that has just gone by itself is no error.
 pub fn ask_to_stop(pid: u32, lock: &Path) -> Result<()> {
+    send(pid, lock, &program("/proc/self")?, Signal::TERM)
+}
+
+/// Has the learner that holds a lock go on, if it is stopped.
+pub fn wake_learner(pid: u32, lock: &Path) -> Result<()> {
+    send(pid, lock, OsStr::new("learner"), Signal::CONT)
+}
+
+fn send(pid: u32, lock: &Path, program: &OsStr, signal: Signal) -> Result<()> {
     let Some(process) = i32::try_from(pid).ok().and_then(Pid::from_raw) else {
         bail!("{} names no process", lock.display());
     };
@@ -20,17 +29,17 @@ pub fn ask_to_stop(pid: u32, lock: &Path) -> Result<()> {
         Err(Errno::SRCH) => return Ok(()),
         opened => opened.with_context(|| format!("cannot look at pid {pid}"))?,
     };
-    check(pid, lock).with_context(|| {
+    check(pid, lock, program).with_context(|| {
         format!("{} names pid {pid}, which is not signalled; a run of yours is stopped with Ctrl-C too", lock.display())
     })?;
-    match pidfd_send_signal(&descriptor, Signal::TERM) {
+    match pidfd_send_signal(&descriptor, signal) {
         Ok(()) | Err(Errno::SRCH) => Ok(()),
-        Err(error) => bail!("cannot ask pid {pid} to stop: {error}"),
+        Err(error) => bail!("cannot signal pid {pid}: {error}"),
     }
 }
 
-/// Fails unless the process is an orchestrator of this user's that has this lock file of this user's open.
-fn check(pid: u32, lock: &Path) -> Result<()> {
+/// Fails unless the process runs this program for this user and has this lock file of this user's open.
+fn check(pid: u32, lock: &Path, ours: &OsStr) -> Result<()> {
     let me = geteuid().as_raw();
     let file = std::fs::symlink_metadata(lock)?;
     if !file.is_file() || file.uid() != me {
@@ -40,8 +49,8 @@ fn check(pid: u32, lock: &Path) -> Result<()> {
     if std::fs::metadata(&process)?.uid() != me {
         bail!("the process is another user's: stop the run as that user");
     }
-    if program(&process)? != program("/proc/self")? {
-        bail!("the process is no orchestrator");
+    if program(&process)? != ours {
+        bail!("the process is no {}", if ours == "learner" { "learner" } else { "orchestrator" });
     }
     let open = std::fs::read_dir(format!("{process}/fd"))?.flatten();
     let mut open = open.filter_map(|entry| std::fs::metadata(entry.path()).ok());
@@ -66,7 +75,7 @@ mod tests {
     use std::process::{Child, Command};
 
     fn reason(pid: u32, lock: &Path) -> String {
-        format!("{:#}", check(pid, lock).unwrap_err())
+        format!("{:#}", check(pid, lock, &program("/proc/self").unwrap()).unwrap_err())
     }
 
     /// Ends a child that is to have been left alone; panics if something else ended it.
@@ -83,7 +92,8 @@ mod tests {
         drop(File::create(&other).unwrap());
         std::os::unix::fs::symlink(&lock, &link).unwrap();
         let me = std::process::id();
-        check(me, &lock).unwrap();
+        check(me, &lock, &program("/proc/self").unwrap()).unwrap();
+        assert!(format!("{:#}", wake_learner(me, &lock).unwrap_err()).contains("no learner"));
         assert!(reason(me, &other).contains("does not hold"));
         assert!(reason(me, &link).contains("not a file"));
     }

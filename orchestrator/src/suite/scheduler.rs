@@ -7,7 +7,7 @@ use crate::run::lifeline::this_program;
 use crate::showing::log_line::error_in;
 use crate::showing::terminal;
 use crate::training::means::recent;
-use crate::training::metrics::History;
+use crate::training::metrics::read_history;
 use crate::training::progress::frames_line;
 use anyhow::{Context, Result};
 use proto::device::VISIBLE_DEVICES;
@@ -307,7 +307,7 @@ impl Scheduler<'_> {
             let entry = &self.suite.entries[worker.entry];
             let how = match &worker.step {
                 Step::Evaluate(number) => format!("evaluating ({})", self.suite.evaluations[*number].folder()),
-                Step::Begin | Step::Resume => match History::read(&self.folder.run(entry)) {
+                Step::Begin | Step::Resume => match read_history(&self.folder.run(entry)) {
                     Ok(history) => {
                         let stages = &entry.config.stages;
                         frames_line(stages, &recent(stages, &history))

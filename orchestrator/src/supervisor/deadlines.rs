@@ -1,4 +1,7 @@
-//! Which deadline of the learners is exceeded, and the report of it. Pure.
+//! Which deadline of the learners is exceeded, and what is said about it. Pure.
+//!
+//! How long a rollout, an update or a checkpoint may take follows from how long the last ones took ([`super::pace`]).
+//! What takes unusually long is first told of, again whenever the silence has doubled, and then ended.
 
 use super::event::Process;
 use super::gang::Gang;
@@ -12,18 +15,23 @@ pub enum Overdue {
     Fails(String),
     /// All learners are killed, with this warning.
     Kills(String),
+    /// One was not ready in time: all learners are killed, and if that has happened before the run fails for this reason.
+    Unready(String),
+    /// The user is warned. The silence until then.
+    Warns(String, Duration),
 }
 
 /// The first deadline that these learners have exceeded. All of them are there.
 pub fn of_learners(gang: &Gang, policy: &Policy, now: Duration) -> Option<Overdue> {
-    let Policy { learner_ready, actors_connected, silence, .. } = *policy;
-    let learners = gang.size();
+    let Policy { learner_ready, actors_connected, .. } = *policy;
     if let Some(rank) = gang.late_to_be_ready(now, learner_ready) {
         let (who, limit_s) = (Process::Learner(rank), learner_ready.as_secs());
-        return Some(Overdue::Fails(format!("{who} was not ready after {limit_s} s; its log says what it was doing")));
+        return Some(Overdue::Unready(format!(
+            "{who} was not ready after {limit_s} s; its log says what it was doing"
+        )));
     }
     if let Some(rank) = gang.late_to_be_connected(now, actors_connected) {
-        let (actors, who) = match learners {
+        let (actors, who) = match gang.size() {
             1 => ("actors", "the learner".to_owned()),
             _ => ("of its actors", Process::Learner(rank).to_string()),
         };
@@ -32,15 +40,66 @@ pub fn of_learners(gang: &Gang, policy: &Policy, now: Duration) -> Option<Overdu
             actors_connected.as_secs()
         )));
     }
-    if gang.silent_for(now).is_some_and(|silent| silent > silence) {
-        let (who, are) = match learners {
-            1 => (Process::Learner(0).to_string(), "is"),
-            _ => (format!("the {learners} learners"), "are"),
-        };
+    if let Some(starting) = gang.starting_for(now) {
+        let rank = gang.late_to_be_ready(now, Duration::ZERO)?;
+        return warning_is_due(gang, starting, learner_ready / 2).then(|| {
+            let (waited_s, limit_s) = (starting.as_secs(), learner_ready.as_secs());
+            let text = format!("{} is not ready after {waited_s} s; it is given {limit_s} s", Process::Learner(rank));
+            Overdue::Warns(text, starting)
+        });
+    }
+    of_progress(gang, policy, gang.silent_for(now)?)
+}
+
+/// The deadline of the work that they are at.
+fn of_progress(gang: &Gang, policy: &Policy, silent: Duration) -> Option<Overdue> {
+    let (work, first) = gang.work();
+    let (who, have, are) = subject(gang);
+    let patience = policy.patience(work, gang.pace(), first);
+    let silent_s = silent.as_secs();
+    let usual = match gang.pace().longest(work) {
+        Some(longest) => format!("the longest of the last took {:.1} s", longest.as_secs_f64()),
+        None => "it is the first, so nobody knows how long it takes".to_owned(),
+    };
+    if silent > patience {
         return Some(Overdue::Kills(format!(
-            "{who} finished neither a rollout nor an update for {} s and {are} killed",
-            silence.as_secs()
+            "{who} {have} finished no {work} for {silent_s} s ({usual}) and {are} killed"
         )));
     }
-    None
+    warning_is_due(gang, silent, policy.warning(work, gang.pace(), first)).then(|| {
+        let text = format!(
+            "{who} {have} shown no progress for {silent_s} s: no {work} is finished ({usual}); {who} {are} killed after {} s",
+            patience.as_secs()
+        );
+        Overdue::Warns(text, silent)
+    })
+}
+
+/// Whether an orderly stop takes too long: what it has waited for learners `to` be done, and how long it may. Those that
+/// exceed it hang.
+pub fn of_stop(gang: &Gang, policy: &Policy, (waited, patience): (Duration, Duration), to: &str) -> Option<Overdue> {
+    if waited >= patience {
+        return Some(Overdue::Fails(format!("learner-0 has not {to} within {} s", patience.as_secs())));
+    }
+    let (who, have, are) = subject(gang);
+    warning_is_due(gang, waited, policy.floor / 6).then(|| {
+        let (waited_s, left_s) = (waited.as_secs(), (patience - waited).as_secs());
+        let text = format!(
+            "the stop waits for {who}: {who} {have} not {to} after {waited_s} s and {are} given {left_s} s more"
+        );
+        Overdue::Warns(text, waited)
+    })
+}
+
+/// The learners as a subject, with its verbs.
+fn subject(gang: &Gang) -> (String, &'static str, &'static str) {
+    match gang.size() {
+        1 => (Process::Learner(0).to_string(), "has", "is"),
+        learners => (format!("the {learners} learners"), "have", "are"),
+    }
+}
+
+/// Whether to warn now: at first after `first`, then whenever the silence has doubled.
+fn warning_is_due(gang: &Gang, silent: Duration, first: Duration) -> bool {
+    silent > gang.last_warning().map_or(first, |last| last * 2)
 }

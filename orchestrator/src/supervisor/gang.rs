@@ -5,6 +5,7 @@
 //! incarnation number, which names their rendezvous. Such a failure counts as one death, whichever learner died first.
 
 use super::event::Exit;
+use super::pace::{Pace, Work};
 use super::restart::{RestartHistory, RestartPolicy, Verdict};
 use proto::exit::EXIT_NON_FINITE;
 use std::ops::Range;
@@ -33,8 +34,17 @@ pub struct Bereaved {
 pub struct Gang {
     said: Vec<Said>,
     begun: Duration,
-    /// Time of rank 0's last event of progress.
-    advanced: Duration,
+    /// What they do, and since when.
+    work: Work,
+    since: Duration,
+    /// Kinds of work that the present incarnation has done once.
+    done: [bool; 4],
+    /// How long their work takes.
+    pace: Pace,
+    /// Time of the last sign of life while they are at this work.
+    heard: Duration,
+    /// For how long they had been silent when the user was last warned of it.
+    warned: Option<Duration>,
     /// The present incarnation has collected a rollout.
     collected: bool,
     /// Time of the next joint start, if no learner is left by then.
@@ -45,6 +55,8 @@ pub struct Gang {
     /// One of the present incarnation died of non-finite numbers.
     non_finite: bool,
     non_finite_falls: u32,
+    /// Starts since the last progress that did not become ready in time.
+    late_starts: u32,
 }
 
 impl Gang {
@@ -53,13 +65,19 @@ impl Gang {
         Self {
             said: vec![Said::default(); learners as usize],
             begun: Duration::ZERO,
-            advanced: Duration::ZERO,
+            work: Work::Collect,
+            since: Duration::ZERO,
+            done: [false; 4],
+            pace: Pace::default(),
+            heard: Duration::ZERO,
+            warned: None,
             collected: false,
             restart_at: None,
             bereaved: None,
             history: RestartHistory::default(),
             non_finite: false,
             non_finite_falls: 0,
+            late_starts: 0,
         }
     }
 
@@ -76,7 +94,9 @@ impl Gang {
     /// All are started and have sent no event yet.
     pub fn begin(&mut self, now: Duration) {
         self.said.fill(Said::default());
-        (self.begun, self.advanced) = (now, now);
+        self.begun = now;
+        self.begin_work(now, Work::Collect);
+        self.done = [false; 4];
         (self.collected, self.non_finite, self.restart_at, self.bereaved) = (false, false, None, None);
     }
 
@@ -86,7 +106,7 @@ impl Gang {
     pub fn ready(&mut self, rank: u32, now: Duration) {
         self.said[rank as usize].ready = Some(now);
         if rank == 0 {
-            self.advanced = now;
+            self.begin_work(now, Work::Collect);
         }
     }
 
@@ -99,12 +119,37 @@ impl Gang {
     /// A rollout is collected. Whoever had a part in it has its actors; in a short one some have none.
     pub fn collected(&mut self, now: Duration) {
         self.collected = true;
-        self.advanced = now;
+        self.goes_on(now, Work::Update);
     }
 
-    /// They got on.
-    pub fn advanced(&mut self, now: Duration) {
-        self.advanced = now;
+    /// They have finished what they were at, and begin with `next`.
+    pub fn goes_on(&mut self, now: Duration, next: Work) {
+        let first = !std::mem::replace(&mut self.done[self.work as usize], true);
+        // The first rollout after a start waits until its actors have been started, too.
+        if !first || self.work != Work::Collect {
+            self.pace.took(self.work, now.saturating_sub(self.since));
+        }
+        self.begin_work(now, next);
+    }
+
+    fn begin_work(&mut self, now: Duration, work: Work) {
+        (self.work, self.since, self.heard, self.warned) = (work, now, now, None);
+    }
+
+    /// One says that it waits for an actor: it lives, and it bounds that wait itself.
+    pub fn waits(&mut self, now: Duration) {
+        (self.heard, self.warned) = (now, None);
+    }
+
+    /// The user was warned that they have been silent for so long.
+    pub fn warned(&mut self, silent: Duration) {
+        self.warned = Some(silent);
+    }
+
+    /// One did not become ready in time; true if that has happened before since the last progress.
+    pub fn started_late_again(&mut self) -> bool {
+        self.late_starts += 1;
+        self.late_starts > 1
     }
 
     /// One has done all that it had to, and leaves.
@@ -146,7 +191,27 @@ impl Gang {
 
     /// For how long they have not got on since all were ready.
     pub fn silent_for(&self, now: Duration) -> Option<Duration> {
-        self.all_ready_since().map(|_| now.saturating_sub(self.advanced))
+        self.all_ready_since().map(|_| now.saturating_sub(self.heard))
+    }
+
+    /// For how long all have been started and not all ready.
+    pub fn starting_for(&self, now: Duration) -> Option<Duration> {
+        self.all_ready_since().is_none().then(|| now.saturating_sub(self.begun))
+    }
+
+    /// What they do, and whether it is the first of its kind since they were started.
+    pub fn work(&self) -> (Work, bool) {
+        (self.work, !self.done[self.work as usize])
+    }
+
+    /// How long their work takes.
+    pub fn pace(&self) -> &Pace {
+        &self.pace
+    }
+
+    /// For how long they had been silent at the last warning of the present silence.
+    pub fn last_warning(&self) -> Option<Duration> {
+        self.warned
     }
 
     // How they fall
@@ -154,7 +219,7 @@ impl Gang {
     /// The run got further.
     pub fn progress(&mut self) {
         self.history.progress();
-        self.non_finite_falls = 0;
+        (self.non_finite_falls, self.late_starts) = (0, 0);
     }
 
     /// One died, as the first: all fall.
@@ -234,8 +299,34 @@ mod tests {
         assert_eq!(gang.late_to_be_connected(at(1000), PATIENCE), None, "it had no part in a short rollout");
         assert_eq!(gang.silent_for(at(123)), Some(at(1)));
         assert!(gang.connected(2));
+        gang.waits(at(150));
+        assert_eq!(gang.silent_for(at(151)), Some(at(1)), "one that waits for an actor lives");
         gang.begin(at(200));
         assert_eq!(gang.late_to_be_ready(at(211), PATIENCE), Some(0), "what was said before a fall is forgotten");
+    }
+
+    #[test]
+    fn their_work_is_timed_but_for_the_first_rollout_of_a_start() {
+        let mut gang = Gang::new(1);
+        let longest = |gang: &Gang| [Work::Collect, Work::Update, Work::Save].map(|work| gang.pace().longest(work));
+        for start in 0..2 {
+            let begin = 1000 * start;
+            gang.begin(at(begin));
+            gang.ready(0, at(begin + 5));
+            assert_eq!(gang.work(), (Work::Collect, true));
+            gang.collected(at(begin + 50));
+            assert_eq!(gang.work(), (Work::Update, true));
+            if start == 0 {
+                assert_eq!(longest(&gang), [None; 3], "actors are started meanwhile");
+            }
+            gang.waits(at(begin + 51));
+            gang.goes_on(at(begin + 52), Work::Collect);
+            assert_eq!(gang.work(), (Work::Collect, false));
+            gang.collected(at(begin + 55));
+            gang.goes_on(at(begin + 56), Work::Save);
+            gang.goes_on(at(begin + 63), Work::Collect);
+            assert_eq!(longest(&gang), [Some(at(3)), Some(at(2)), Some(at(7))]);
+        }
     }
 
     #[test]

@@ -9,10 +9,11 @@
 //! killed, because they can neither continue nor save.
 //!
 //! Every state has a deadline: learners must become ready, their actors must connect, rollouts must come, a stop must
-//! be acknowledged, and a process that was asked to exit must exit. A learner that does not become ready, or whose
-//! actors do not connect, fails the run at once: trying again would only take as long again. What exceeds any other
-//! deadline is killed, and a kill is a death like any other. Deaths without progress are bounded ([`super::restart`]),
-//! progress is bounded by the frame budget, so every schedule of events ends in [`Action::Finish`].
+//! be acknowledged, and a process that was asked to exit must exit. Learners whose actors do not connect fail the run at
+//! once, and those that do not become ready at their second start: trying again would only take as long again. What
+//! exceeds any other deadline is killed, and a kill is a death like any other. Deaths without progress are bounded
+//! ([`super::restart`]), progress is bounded by the frame budget, so every schedule of events ends in
+//! [`Action::Finish`].
 //!
 //! Time is the duration since the orchestrator began.
 
@@ -20,10 +21,13 @@ use super::children::Children;
 use super::deadlines::{self, Overdue};
 use super::event::{Action, Event, Exit, Level, Outcome, Process, Saved, SessionEnd};
 use super::gang::{Bereaved, Gang};
+use super::pace::Work;
 use super::policy::Policy;
 use super::restart::{RestartHistory, Verdict};
 use super::stage::StageMachine;
-use super::words::{given_up, quote, rewinds};
+use super::words::{
+    also, connected, died_at_stop, given_up, immortal, learners_given_up, quote, ready, rewinds, stopping, unanswering,
+};
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
 use proto::exit::{EXIT_LOST_PEERS, EXIT_UNSAVED};
@@ -38,7 +42,8 @@ enum Phase {
     /// STOP is announced; the learners save.
     Saving {
         failure: Option<String>,
-        until: Duration,
+        since: Duration,
+        patience: Duration,
     },
     /// All that still run have been asked to exit.
     Leaving {
@@ -120,18 +125,6 @@ impl Supervisor {
         self.stages.budget() == 0
     }
 
-    /// True once [`Action::Finish`] was given.
-    #[cfg(test)]
-    pub fn is_over(&self) -> bool {
-        self.phase == Phase::Over
-    }
-
-    /// True from the moment on when a stop or an end is being carried out.
-    #[cfg(test)]
-    pub fn is_stopping(&self) -> bool {
-        self.phase != Phase::Running
-    }
-
     // Processes
 
     fn spawn(&mut self, process: Process, now: Duration) {
@@ -197,15 +190,8 @@ impl Supervisor {
             Phase::Saving { failure, .. } => match process {
                 Process::Learner(rank) if self.gang.has_finished(rank) => {}
                 Process::Learner(_) => {
-                    let died = if self.evaluates() {
-                        format!("{process} died while it stopped ({exit}){}", quote(last_words))
-                    } else {
-                        format!(
-                            "{process} died while it saved ({exit}); the last checkpoint stands{}",
-                            quote(last_words)
-                        )
-                    };
-                    let reason = failure.as_ref().map_or_else(|| died.clone(), |failure| format!("{failure}\n{died}"));
+                    let died = died_at_stop(process, self.evaluates(), exit, last_words);
+                    let reason = also(failure.as_deref(), &died);
                     self.report(Level::Error, died);
                     self.leave(now, SessionEnd::Failed(reason), None);
                 }
@@ -277,10 +263,7 @@ impl Supervisor {
                 self.kill_learners(now);
             }
             Verdict::GiveUp { deaths } => {
-                let (all, last) = match learners {
-                    1 => (who.to_string(), String::new()),
-                    _ => ("the learners".to_owned(), format!("{who} ")),
-                };
+                let (all, last) = learners_given_up(learners, who);
                 self.fail(now, given_up(&all, &last, deaths, exit, last_words));
             }
         }
@@ -325,12 +308,7 @@ impl Supervisor {
             LearnerEvent::Ready { .. } if self.gang.is_falling() => {}
             LearnerEvent::Ready { rank, rollout, frames, device, parameters, checkpoint } => {
                 self.gang.ready(rank, now);
-                let who = Process::Learner(rank);
-                let origin = checkpoint.map_or_else(String::new, |path| format!(" from {path},"));
-                self.report(
-                    Level::Info,
-                    format!("{who} ready on {device}, {parameters} parameters,{origin} {frames} frames trained"),
-                );
+                self.report(Level::Info, ready(rank, &device, parameters, checkpoint, frames));
                 match self.phase {
                     Phase::Running if rank == 0 => self.allow(rollout, frames),
                     Phase::Saving { .. } => self.announce_stop(),
@@ -339,11 +317,7 @@ impl Supervisor {
             }
             LearnerEvent::ActorsConnected { rank } => {
                 if self.gang.connected(rank) {
-                    let actors = match self.policy.actors {
-                        1 => "the actor".to_owned(),
-                        actors => format!("all {actors} actors"),
-                    };
-                    self.report(Level::Info, format!("{actors} connected"));
+                    self.report(Level::Info, connected(self.policy.actors));
                 }
             }
             LearnerEvent::RolloutCollected { rollout, frames, .. } => {
@@ -353,14 +327,14 @@ impl Supervisor {
                 }
             }
             LearnerEvent::RolloutTrained { frames, .. } => {
-                self.gang.advanced(now);
+                self.gang.goes_on(now, Work::Collect);
                 if frames > self.frames_reached {
                     self.frames_reached = frames;
                     self.progress();
                 }
             }
             LearnerEvent::EpisodePlayed { .. } => {
-                self.gang.advanced(now);
+                self.gang.goes_on(now, Work::Play);
                 self.episodes += 1;
                 // One that was started again plays the first ones again: that is no progress.
                 if self.episodes > self.episodes_reached {
@@ -368,8 +342,12 @@ impl Supervisor {
                     self.progress();
                 }
             }
-            LearnerEvent::CheckpointWritten { .. } => {}
-            LearnerEvent::WaitingForActor { actor, waited_s, .. } => self.waits_for(now, actor, waited_s),
+            LearnerEvent::CheckpointBegun { .. } => self.gang.goes_on(now, Work::Save),
+            LearnerEvent::CheckpointWritten { .. } => self.gang.goes_on(now, Work::Collect),
+            LearnerEvent::WaitingForActor { actor, waited_s, .. } => {
+                self.gang.waits(now);
+                self.waits_for(now, actor, waited_s);
+            }
             LearnerEvent::Finished { rank, frames, weights, complete } => {
                 self.gang.finished(rank);
                 if rank == 0 {
@@ -397,18 +375,14 @@ impl Supervisor {
     fn waits_for(&mut self, now: Duration, actor: u32, waited_s: f64) {
         let process = Process::Actor(actor);
         let Some(since) = self.children.alive_since(process) else { return };
-        let waited = Duration::try_from_secs_f64(waited_s).unwrap_or_default();
-        if self.phase == Phase::Running
-            && waited >= self.policy.actor_silence
-            && now.saturating_sub(since) >= self.policy.actor_silence
-        {
-            self.report(
-                Level::Warning,
-                format!(
-                    "{} has not answered for {waited_s:.0} s and is killed",
-                    process.describe(self.policy.kitchens)
-                ),
-            );
+        let waited = Duration::try_from_secs_f64(waited_s).unwrap_or_default().min(now.saturating_sub(since));
+        let patience = self.policy.actor_patience(self.gang.pace());
+        if self.phase != Phase::Running || waited < patience / 3 {
+            return;
+        }
+        let who = process.describe(self.policy.kitchens);
+        self.report(Level::Warning, unanswering(&who, waited, (waited < patience).then_some(patience)));
+        if waited >= patience {
             self.kill(now, process);
         }
     }
@@ -449,15 +423,7 @@ impl Supervisor {
                     self.start_due(now);
                 }
             }
-            Phase::Saving { failure, until } => {
-                if now >= until {
-                    let done = if self.evaluates() { "stopped" } else { "saved" };
-                    let late = format!("learner-0 has not {done} within {} s", self.policy.silence.as_secs());
-                    let reason = failure.map_or_else(|| late.clone(), |failure| format!("{failure}\n{late}"));
-                    self.report(Level::Error, late);
-                    self.leave(now, SessionEnd::Failed(reason), None);
-                }
-            }
+            Phase::Saving { failure, since, patience } => self.check_saving(now, failure, now - since, patience),
             Phase::Leaving { since } => self.check_leaving(now, since),
             Phase::Over => {}
         }
@@ -473,7 +439,38 @@ impl Supervisor {
                 self.report(Level::Warning, warning);
                 self.kill_learners(now);
             }
+            Some(Overdue::Unready(late)) => self.unready(now, late),
+            Some(Overdue::Warns(warning, silent)) => self.warn(warning, silent),
             None => {}
+        }
+    }
+
+    /// A learner is not ready in time. One that hung at its start comes up at the next.
+    fn unready(&mut self, now: Duration, late: String) {
+        if self.gang.started_late_again() {
+            return self.fail(now, late);
+        }
+        self.report(Level::Warning, format!("{late}. It is killed"));
+        self.kill_learners(now);
+    }
+
+    fn warn(&mut self, warning: String, silent: Duration) {
+        self.report(Level::Warning, warning);
+        self.gang.warned(silent);
+    }
+
+    /// Learners that do not save in time hang: no more is asked of them.
+    fn check_saving(&mut self, now: Duration, failure: Option<String>, waited: Duration, patience: Duration) {
+        let done = if self.evaluates() { "stopped" } else { "saved" };
+        match deadlines::of_stop(&self.gang, &self.policy, (waited, patience), done) {
+            Some(Overdue::Warns(warning, silent)) => self.warn(warning, silent),
+            Some(Overdue::Fails(late)) => {
+                let reason = also(failure.as_deref(), &late);
+                self.report(Level::Error, late);
+                self.leave(now, SessionEnd::Failed(reason), None);
+                self.kill_learners(now);
+            }
+            _ => {}
         }
     }
 
@@ -484,10 +481,7 @@ impl Supervisor {
         if self.phase == Phase::Running
             && let Some((process, _)) = self.children.up().into_iter().find(|(_, killed)| killed_long_ago(*killed))
         {
-            self.fail(
-                now,
-                format!("SIGKILL does not end {}: the kernel holds on", process.describe(self.policy.kitchens)),
-            );
+            self.fail(now, immortal(&process.describe(self.policy.kitchens)));
         }
     }
 
@@ -510,7 +504,7 @@ impl Supervisor {
         }
         let up = self.children.up().len();
         if up > 0 && stuck.len() == up {
-            self.report(Level::Error, format!("SIGKILL does not end {}: the kernel holds on", stuck.join(", ")));
+            self.report(Level::Error, immortal(&stuck.join(", ")));
             self.finish();
         }
     }
@@ -520,6 +514,9 @@ impl Supervisor {
     fn stop(&mut self, now: Duration) {
         if self.phase == Phase::Running {
             self.save(now, None);
+            if matches!(self.phase, Phase::Saving { .. }) {
+                self.report(Level::Info, stopping(self.gang.size(), self.evaluates()));
+            }
         }
     }
 
@@ -528,12 +525,8 @@ impl Supervisor {
             Phase::Running => {
                 self.save(now, None);
                 if matches!(self.phase, Phase::Saving { .. }) {
-                    let what = match self.gang.size() {
-                        _ if self.evaluates() => "an evaluation that is cut off leaves no result",
-                        1 => "the learner saves",
-                        _ => "the learners save",
-                    };
-                    self.report(Level::Info, format!("stopping: {what}; Ctrl-C again ends everything at once"));
+                    let text = stopping(self.gang.size(), self.evaluates());
+                    self.report(Level::Info, format!("{text}; Ctrl-C again ends everything at once"));
                 }
             }
             Phase::Over => {}
@@ -560,7 +553,13 @@ impl Supervisor {
     /// Has the learners save, if they can: they agree on where, so it takes all of them.
     fn save(&mut self, now: Duration, failure: Option<String>) {
         if self.learners_are_whole() && (self.gang.all_ready_since().is_some() || failure.is_none()) {
-            self.phase = Phase::Saving { failure, until: now + self.policy.silence };
+            let (work, first) = self.gang.work();
+            let patience = match self.gang.starting_for(now) {
+                Some(starting) => self.policy.learner_ready.saturating_sub(starting) + self.policy.first_save,
+                None => self.policy.stop(work, self.gang.pace(), first),
+            };
+            self.phase = Phase::Saving { failure, since: now, patience };
+            self.gang.waits(now);
             self.announce_stop();
         } else {
             self.leave(now, failure.map_or(SessionEnd::Stopped, SessionEnd::Failed), None);

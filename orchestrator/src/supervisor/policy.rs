@@ -1,9 +1,18 @@
 //! Every bound that the supervisor keeps, from the configuration.
 
+use super::pace::{Pace, Work};
 use super::restart::RestartPolicy;
 use proto::config::Config;
 use proto::kitchen::Kitchens;
 use std::time::Duration;
+
+/// Learners hang when they take this many times the longest of the last times. Beside an evaluation, a build or a busy
+/// disk they may well take three times as long.
+const MARGIN: u32 = 10;
+/// From this many times on the user is warned.
+const WARNING: u32 = 3;
+/// First work after a start, which warms caches up, may take as many times what is usual.
+const FIRST: u32 = 2;
 
 /// Every bound the supervisor keeps.
 #[derive(Debug, Clone, Copy)]
@@ -16,13 +25,18 @@ pub struct Policy {
     pub actors: u32,
     /// On restarts.
     pub restart: RestartPolicy,
-    /// From a learner's start to its `Ready`.
+    /// From a learner's start to its `Ready`. One that takes longer is started again, once.
     pub learner_ready: Duration,
     /// From the last learner's `Ready` until all actors have answered.
     pub actors_connected: Duration,
-    /// The longest that learners may be without a finished rollout or update; also the longest that saving may take.
+    /// The longest that learners may be without a finished rollout or update, while it is not known how long they take.
     pub silence: Duration,
-    /// An actor that the learner has waited for this long, and that has run this long, is taken to hang.
+    /// No learner is taken to hang before this, however quick it was.
+    pub floor: Duration,
+    /// The longest that a checkpoint may take, while it is not known how long it takes.
+    pub first_save: Duration,
+    /// An actor that the learner has waited for this long, and that has run this long, is taken to hang, while it is
+    /// not known how long a rollout takes.
     pub actor_silence: Duration,
     /// From a learner's `Finished` to its exit.
     pub learner_leaves: Duration,
@@ -44,10 +58,89 @@ impl Policy {
             learner_ready: Duration::from_mins(2),
             actors_connected: actor_deadline + Duration::from_secs(30),
             silence: Duration::from_secs_f64(config.longest_update_s()) + actor_deadline,
+            floor: Duration::from_secs_f64(config.learner.progress_deadline_s.min(1e6)),
+            first_save: Duration::from_mins(3),
             actor_silence: actor_deadline / 2,
             learner_leaves: Duration::from_secs(30),
             actor_leaves: Duration::from_secs(2),
             killed: Duration::from_secs(10),
         }
+    }
+
+    /// How long learners may be at this work, before they are taken to hang. `first`: it is the first of its kind since
+    /// they were started. A checkpoint that fails is followed by a rollout without a word.
+    pub fn patience(&self, work: Work, pace: &Pace, first: bool) -> Duration {
+        match work {
+            Work::Save => self.longest(work, pace, first) + self.longest(Work::Collect, pace, false),
+            Work::Collect | Work::Update | Work::Play => self.longest(work, pace, first),
+        }
+    }
+
+    fn longest(&self, work: Work, pace: &Pace, first: bool) -> Duration {
+        let most = self.silence;
+        match (pace.longest(work), work) {
+            (Some(longest), _) => {
+                let usual = (longest * MARGIN).max(self.floor);
+                if first { usual * FIRST } else { usual }.min(most)
+            }
+            (None, Work::Save) => self.first_save.min(most),
+            (None, Work::Collect | Work::Update | Work::Play) => most,
+        }
+    }
+
+    /// From when on the user is warned that learners take longer than usual.
+    pub fn warning(&self, work: Work, pace: &Pace, first: bool) -> Duration {
+        match pace.longest(work) {
+            Some(longest) if !first => (longest * WARNING).max(self.floor / 6),
+            _ => self.floor,
+        }
+    }
+
+    /// How long a stop may take that begins in the middle of this work: it ends or is abandoned, and a checkpoint is
+    /// written.
+    pub fn stop(&self, work: Work, pace: &Pace, first: bool) -> Duration {
+        match work {
+            Work::Save | Work::Play => self.longest(work, pace, first),
+            Work::Collect | Work::Update => self.longest(work, pace, first) + self.longest(Work::Save, pace, false),
+        }
+    }
+
+    /// How long an actor may leave its learner waiting. An answer is a small part of a rollout.
+    pub fn actor_patience(&self, pace: &Pace) -> Duration {
+        let measured = pace.longest(Work::Collect).map(|longest| (longest * MARGIN).max(self.floor / 2));
+        measured.unwrap_or(self.actor_silence).min(self.actor_silence)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seconds(value: f64) -> Duration {
+        Duration::from_secs_f64(value)
+    }
+
+    #[test]
+    fn patience_follows_what_was_measured_between_a_floor_and_the_longest() {
+        let policy = Policy::of(&Config::default());
+        let mut pace = Pace::default();
+        let patience = |pace: &Pace, first| policy.patience(Work::Update, pace, first);
+        assert_eq!((patience(&pace, true), policy.warning(Work::Update, &pace, true)), (policy.silence, seconds(60.0)));
+        assert_eq!(policy.stop(Work::Save, &pace, true), seconds(180.0));
+        assert_eq!(policy.patience(Work::Save, &pace, true), seconds(180.0) + policy.silence);
+        assert_eq!(policy.actor_patience(&pace), seconds(60.0));
+        pace.took(Work::Update, seconds(0.5));
+        assert_eq!((patience(&pace, false), patience(&pace, true)), (seconds(60.0), seconds(120.0)));
+        assert_eq!(policy.warning(Work::Update, &pace, false), seconds(10.0));
+        pace.took(Work::Update, seconds(20.0));
+        assert_eq!((patience(&pace, false), patience(&pace, true)), (seconds(200.0), seconds(400.0)));
+        assert_eq!(policy.warning(Work::Update, &pace, false), seconds(60.0));
+        assert_eq!(policy.stop(Work::Update, &pace, false), seconds(380.0));
+        pace.took(Work::Update, seconds(500.0));
+        assert_eq!(patience(&pace, false), policy.silence);
+        pace.took(Work::Collect, seconds(1.0));
+        assert_eq!(policy.actor_patience(&pace), seconds(30.0));
+        pace.took(Work::Collect, seconds(9.0));
+        assert_eq!(policy.actor_patience(&pace), policy.actor_silence, "never longer than the learner itself waits");
     }
 }

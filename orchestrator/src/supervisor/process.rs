@@ -6,6 +6,7 @@
 //! to the terminal. A learner writes its events to standard output ([`proto::event`]).
 
 use super::event::{Event, Exit, Process};
+use crate::preflight::placement::{Placement, start_on};
 use crate::preflight::programs::Programs;
 use crate::showing::log_line::LogLine;
 use proto::device::{VISIBLE_DEVICES, device_name};
@@ -48,6 +49,8 @@ pub struct Launch {
     pub folder: RunFolder,
     /// Its services.
     pub address: WireAddress,
+    /// Cores of each; none where the kernel chooses.
+    pub placement: Option<Placement>,
 }
 
 impl Launch {
@@ -124,7 +127,17 @@ impl Processes {
         let mut command = self.launch.command(process, incarnation);
         let program = command.as_std().get_program().to_owned();
         let _ = writeln!(log, "--- {process}, start {incarnation} of {}", self.launch.address);
-        let mut child = command.spawn().map_err(|cause| format!("{}: {cause}", program.display()))?;
+        let child = match &self.launch.placement {
+            None => command.spawn(),
+            Some(placement) => {
+                let cores = match process {
+                    Process::Learner(rank) => placement.of_learner(rank),
+                    Process::Actor(actor) => placement.of_actor(actor),
+                };
+                start_on(cores, || command.spawn()).map_err(|error| format!("{process}: {error}"))?
+            }
+        };
+        let mut child = child.map_err(|cause| format!("{}: {cause}", program.display()))?;
         tracing::debug!("{process} started, pid {}", child.id().unwrap_or_default());
         let lifeline = child.stdin.take();
         let (kill, killed) = oneshot::channel();
@@ -292,6 +305,7 @@ mod tests {
                 evaluates: false,
                 folder: RunFolder::new("run"),
                 address: WireAddress::new("nccl", 1),
+                placement: None,
             };
             let command = launch.command(process, 1);
             let set = command.as_std().get_envs().find(|(name, _)| *name == NCCL_INTERFACE);

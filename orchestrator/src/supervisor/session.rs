@@ -4,6 +4,7 @@
 use super::event::Outcome;
 use super::process::Launch;
 use super::shell::{Audience, Shell, Signals};
+use crate::preflight::cores;
 use crate::preflight::tools::Tools;
 use crate::recording::recorder::{Recorder, RecorderSetup};
 use crate::run::lock::RunLock;
@@ -76,6 +77,10 @@ impl Session<'_> {
         };
         // Before the actors: none of their samples is missed.
         let recorder = config.recording.enabled.then(|| Recorder::start(setup())).transpose()?;
+        let placement = cores::placement(config, &tools.torch)?;
+        if let Some(placement) = &placement {
+            tracing::info!("cores: {}", placement.describe());
+        }
         let launch = Launch {
             programs: tools.programs.clone(),
             learners: config.learner.count,
@@ -83,6 +88,7 @@ impl Session<'_> {
             evaluates: config.evaluation.is_some(),
             folder: folder.clone(),
             address: address.clone(),
+            placement,
         };
         let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals };
         let outcome = shell.supervise(launch, audience).await;
@@ -98,12 +104,28 @@ impl Session<'_> {
                     counted(recorded.files.len() as u64, "file"),
                     format::bytes(recorded.bytes)
                 );
-                Ok(())
+                match &outcome {
+                    Ok(Outcome { saved: Some(saved), .. }) if config.evaluation.is_none() => {
+                        all_recorded(recorded.frames, saved.frames)
+                    }
+                    _ => Ok(()),
+                }
             }
             Some(Err(error)) => Err(anyhow::Error::new(error)),
         };
         Ok((outcome?, recording))
     }
+}
+
+/// Compares the frames of a run with those that the recorder has confirmed, rollout by rollout. It may have confirmed a
+/// rollout that a stop then left aside.
+fn all_recorded(confirmed: Option<u64>, frames: u64) -> Result<()> {
+    let confirmed = confirmed.unwrap_or(0);
+    anyhow::ensure!(
+        confirmed >= frames,
+        "the run has {frames} frames, but only of {confirmed} was every step recorded"
+    );
+    Ok(())
 }
 
 /// The processes of a run, as text.
@@ -115,4 +137,18 @@ pub fn shape(config: &Config) -> String {
     let ActorsConfig { count, environments_per_actor } = config.actors;
     let environments = counted(u64::from(environments_per_actor), "environment");
     format!("{learners}{} of {environments}", counted(u64::from(count), "actor"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_whose_steps_are_not_all_recorded_are_an_error() {
+        assert!(all_recorded(Some(1200), 1200).is_ok());
+        assert!(all_recorded(Some(1260), 1200).is_ok(), "a stop left the last rollout aside");
+        let message = all_recorded(Some(1185), 1200).unwrap_err().to_string();
+        assert!(message.contains("1200 frames, but only of 1185"), "{message}");
+        assert!(all_recorded(None, 1200).is_err(), "no learner ever began");
+    }
 }

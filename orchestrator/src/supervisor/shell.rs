@@ -4,6 +4,7 @@
 //! listened to by small tasks on the same thread, which send events. A turn of the loop takes milliseconds, the
 //! longest part being the sweep after a death.
 
+use super::clock::Clock;
 use super::event::{Action, Event, Exit, Level, Outcome, Process, SessionEnd};
 use super::machine::Supervisor;
 use super::policy::Policy;
@@ -26,6 +27,8 @@ const TICK: Duration = Duration::from_millis(250);
 /// A dead process's ports are swept at its death and on this many ticks after it: the file locks by which it is known
 /// to be dead are released a moment after it is reaped.
 const SWEEPS_AFTER_DEATH: u32 = 4;
+/// Being stopped for longer than this is told of.
+const STANDSTILL: Duration = Duration::from_secs(5);
 /// Events that may wait. A child that is not listened to blocks; the orchestrator never does.
 const QUEUE: usize = 1024;
 
@@ -115,6 +118,7 @@ impl Shell<'_> {
             processes: Processes::new(launch, sender),
             inbox,
             begin: Instant::now(),
+            clock: Clock::default(),
             tick,
             learner_incarnation: 0,
             sweeps: 0,
@@ -131,7 +135,7 @@ impl Shell<'_> {
                 }
             }
             let event = supervision.next_event().await;
-            let now = supervision.begin.elapsed();
+            let now = supervision.now();
             supervision.take_note(now, &event);
             actions = machine.on_event(now, event);
         }
@@ -146,6 +150,7 @@ struct Supervision<'a, A> {
     processes: Processes,
     inbox: mpsc::Receiver<Event>,
     begin: Instant,
+    clock: Clock,
     tick: Interval,
     /// Incarnation of the learners whose events count.
     learner_incarnation: u32,
@@ -193,6 +198,17 @@ impl<A: Audience> Supervision<'_, A> {
         Ok(None)
     }
 
+    fn now(&mut self) -> Duration {
+        let (now, stood) = self.clock.at(self.begin.elapsed());
+        if let Some(stood) = stood.filter(|stood| *stood > STANDSTILL) {
+            tracing::warn!(
+                "this orchestrator stood still for {} s (it was stopped, or got no processor); deadlines do not count that",
+                stood.as_secs()
+            );
+        }
+        now
+    }
+
     async fn next_event(&mut self) -> Event {
         if let Some(event) = self.own_events.pop_front() {
             return event;
@@ -220,7 +236,7 @@ impl<A: Audience> Supervision<'_, A> {
             }
             Event::Learner { incarnation, event } if *incarnation == self.learner_incarnation => {
                 if let Some(recorder) = recorder {
-                    recorder.learner(event);
+                    recorder.learner(*incarnation, event);
                 }
                 if is_for_audience(event)
                     && let Err(error) = self.audience.learner(now, event)
@@ -254,7 +270,10 @@ impl<A: Audience> Supervision<'_, A> {
         while self.audience.is_busy() && !self.asked_to_stop {
             tokio::select! {
                 _ = self.shell.signals.next() => self.asked_to_stop = true,
-                _ = self.tick.tick() => self.audience.tick(self.begin.elapsed(), self.shell.recorder),
+                _ = self.tick.tick() => {
+                    let now = self.now();
+                    self.audience.tick(now, self.shell.recorder);
+                }
             }
         }
         !self.audience.is_busy()

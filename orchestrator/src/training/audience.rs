@@ -2,24 +2,23 @@
 
 use crate::recording::recorder::Recorder;
 use crate::run::identity::unix_now;
-use crate::run::json_lines::Writer;
 use crate::supervisor::shell::Audience;
-use crate::training::metrics::{History, Trained};
+use crate::training::metrics::Journal;
 use crate::training::progress::Progress;
 use crate::training::validation::Validation;
 use anyhow::Result;
 use proto::config::Config;
 use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
+use proto::trained::Trained;
 use std::time::Duration;
+use wire::fault;
 
 /// The audience of a training run.
 #[derive(Debug)]
 pub struct TrainingAudience {
-    /// Rollouts trained so far, in all incarnations.
-    pub history: History,
     /// `metrics.jsonl`.
-    journal: Writer,
+    pub journal: Journal,
     incarnation: u32,
     progress: Progress,
     validation: Option<Validation>,
@@ -29,8 +28,7 @@ impl TrainingAudience {
     /// Goes on with what the folder holds.
     pub fn open(folder: &RunFolder, config: &Config, incarnation: u32) -> Result<Self> {
         Ok(Self {
-            history: History::read(folder)?,
-            journal: Writer::open(&folder.metrics())?,
+            journal: Journal::open(folder)?,
             incarnation,
             progress: Progress::new(config.stages.clone()),
             validation: Validation::open(folder, config)?,
@@ -42,15 +40,16 @@ impl Audience for TrainingAudience {
     fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()> {
         self.progress.learner(now, event);
         match event {
-            LearnerEvent::Ready { rollout, frames, .. } => {
-                self.history.rewind_to(*rollout);
-                // This checkpoint can be new to the orchestrator: it was written after the last one had ended.
+            LearnerEvent::Ready { rollout, frames, checkpoint, .. } => {
+                self.journal.begin(*rollout, checkpoint.as_deref())?;
+                // The orchestrator may not know this checkpoint: it was written after the last orchestrator had ended.
                 if let Some(validation) = &mut self.validation {
                     validation.checkpoint(*rollout, *frames);
                 }
             }
             LearnerEvent::RolloutTrained { rollout, frames, stage, timing, metrics, .. } => {
-                let trained = Trained {
+                fault::reach("metrics.before_line");
+                self.journal.append(Trained {
                     rollout: *rollout,
                     frames: *frames,
                     stage: *stage,
@@ -58,9 +57,8 @@ impl Audience for TrainingAudience {
                     incarnation: self.incarnation,
                     timing: *timing,
                     metrics: metrics.clone(),
-                };
-                self.journal.append(&trained)?;
-                self.history.insert(trained);
+                })?;
+                fault::reach("metrics.after_line");
             }
             LearnerEvent::CheckpointWritten { path, rollout, frames, .. } => {
                 tracing::debug!("checkpoint {path} at {frames} frames");
@@ -81,7 +79,7 @@ impl Audience for TrainingAudience {
         if let Some(validation) = &mut self.validation {
             validation.look(recorder);
         }
-        self.progress.show(now, &self.history, self.is_busy());
+        self.progress.show(now, &self.journal.history, self.is_busy());
     }
 
     fn is_busy(&self) -> bool {
@@ -90,6 +88,9 @@ impl Audience for TrainingAudience {
 
     fn over(&mut self) {
         self.progress.clear();
+        if let Err(error) = self.journal.close() {
+            tracing::warn!("{error:#}");
+        }
         if let Some(validation) = &mut self.validation {
             validation.stop();
         }

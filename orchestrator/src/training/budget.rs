@@ -111,11 +111,13 @@ fn trained(folder: &RunFolder) -> Result<u64> {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(0),
         Err(error) => return Err(error).with_context(|| path.display().to_string()),
     };
+    let id = folder.id().unwrap_or_default();
     let mut trained = 0;
     for entry in entries {
         let path = entry.with_context(|| path.display().to_string())?.path();
         if RolloutName::Manifest.rollout_of(&path).is_some()
             && let Ok(manifest) = Manifest::read(&path)
+            && !manifest.is_of_another(&id)
         {
             trained = trained.max(manifest.frames);
         }

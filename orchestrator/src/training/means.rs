@@ -1,11 +1,11 @@
 //! Means of the metrics of many rollouts: of a stage, and of the moment. Pure.
 
-use crate::training::metrics::{History, Trained, total_s};
 use proto::config::StageConfig;
 use proto::event::Timing;
 use proto::metric;
 use proto::reward::RewardKind;
 use proto::stage::total_frames;
+use proto::trained::{History, Trained};
 use serde::{Deserialize, Serialize};
 
 /// Episode figures over some rollouts: means over the episodes that ended in them.
@@ -152,7 +152,7 @@ pub fn recent(stages: &[StageConfig], history: &History) -> Recent {
     let frames = history.frames();
     let budget = total_frames(stages);
     let sum = |part: fn(&Timing) -> f64| newest.iter().map(|trained| part(&trained.timing)).sum::<f64>();
-    let total = sum(total_s);
+    let total = sum(Timing::total_s);
     let share = |part: f64| if total > 0.0 { part / total } else { 0.0 };
     let frames_per_s = (total > 0.0).then(|| (frames - before.min(frames)) as f64 / total);
     Recent {

@@ -1,120 +1,267 @@
-//! `metrics.jsonl`: one JSON object a trained rollout.
+//! `metrics.jsonl`: one JSON object a trained rollout, each rollout once, in order.
 //!
-//! The file is only ever appended to. After a crash a learner goes on from its last checkpoint and trains some rollouts
-//! again: of several lines with the same rollout number the last is valid, and a line invalidates all earlier ones with
-//! higher numbers. [`History`] reads it that way.
-//!
-//! A rollout can be missing: a learner whose orchestrator was killed finishes its update and saves before it exits, and
-//! no process receives its event. Frames, weights and later lines are complete; only this rollout's figures are lost.
+//! The orchestrator appends what it hears. It may miss something: a learner whose orchestrator was killed finishes its
+//! update and saves before it exits, and the file can be damaged. A checkpoint holds the figures of all rollouts before
+//! it, so whenever a learner begins, the file is made to say what its checkpoint says: missing lines are added, and
+//! those behind it removed, because these rollouts are trained again.
 
-use crate::run::json_lines;
-use anyhow::Result;
-use proto::event::Timing;
-use proto::run_folder::RunFolder;
-use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use crate::run::json_lines::Writer;
+use crate::showing::format::counted;
+use anyhow::{Context, Result};
+use proto::checkpoint::Manifest;
+use proto::run_folder::{RolloutName, RunFolder, write_atomically};
+use proto::trained::{History, Trained};
+use std::io::ErrorKind;
+use std::ops::RangeInclusive;
 
-/// One line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Trained {
-    /// Number of the rollout, from 0.
-    pub rollout: u64,
-    /// Frames trained on, this rollout included.
-    pub frames: u64,
-    /// Stage, as an index into the configuration's.
-    pub stage: u32,
-    /// When it was trained, seconds since 1970.
-    pub at_unix_s: u64,
-    /// Incarnation of the orchestrator.
-    pub incarnation: u32,
-    /// Where the time went.
-    pub timing: Timing,
-    /// Figures: see [`proto::metric`].
-    pub metrics: BTreeMap<String, f64>,
+/// What the file says; none where there is no file.
+fn read_file(folder: &RunFolder) -> Result<Option<(History, usize)>> {
+    match std::fs::read(folder.metrics()) {
+        Ok(bytes) => Ok(Some(History::decode(&bytes))),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error).with_context(|| folder.metrics().display().to_string()),
+    }
 }
 
-/// All parts of a timing together, seconds.
-pub fn total_s(timing: &Timing) -> f64 {
-    timing.simulate_s + timing.infer_s + timing.update_s + timing.other_s
+/// The rollouts in the file, whatever the checkpoints say: for a look at a run that goes on.
+pub fn read_history(folder: &RunFolder) -> Result<History> {
+    Ok(read_file(folder)?.map(|(history, _)| history).unwrap_or_default())
 }
 
-/// The rollouts that count, in order.
-#[derive(Debug, Clone, Default)]
-pub struct History {
-    rollouts: BTreeMap<u64, Trained>,
+/// What is known of a run's rollouts, from the file and from the newest checkpoint.
+#[derive(Debug)]
+pub struct Figures {
+    /// The rollouts.
+    pub history: History,
+    /// What is wrong with the files, as sentences without an end.
+    pub notes: Vec<String>,
 }
 
-impl History {
-    /// Reads the folder's `metrics.jsonl`; empty when there is none.
-    pub fn read(folder: &RunFolder) -> Result<Self> {
-        let mut history = Self::default();
-        for trained in json_lines::read(&folder.metrics())? {
-            history.insert(trained);
+impl Figures {
+    /// Reads a run's folder. `at_rest`: nobody works on the run, so the file should have all that the checkpoint has.
+    pub fn read(folder: &RunFolder, at_rest: bool) -> Result<Self> {
+        let file = read_file(folder)?;
+        let newest = newest_checkpoint(folder);
+        let trained = newest.as_ref().map_or(0, |manifest| manifest.rollout);
+        let mut notes = Vec::new();
+        let is_missing = file.is_none() && trained > 0;
+        if is_missing {
+            notes.push("metrics.jsonl is missing".to_owned());
         }
-        Ok(history)
+        let (mut history, damaged) = file.unwrap_or_default();
+        if damaged > 0 {
+            notes.push(format!("metrics.jsonl has {}", counted(damaged as u64, "damaged line")));
+        }
+        let of_checkpoint = newest.map_or(Ok(None), |manifest| manifest.figures(folder));
+        let added = match of_checkpoint {
+            Ok(figures) => figures.map_or(0, |figures| history.fill(&figures)),
+            Err(error) => {
+                notes.push(error.to_string());
+                0
+            }
+        };
+        if added > 0 && (at_rest || is_missing || damaged > 0) {
+            let rollouts = counted(added as u64, "rollout");
+            notes.push(format!("the figures of {rollouts} are not in metrics.jsonl and are taken from the checkpoint"));
+        }
+        let end = history.iter().next_back().map_or(0, |last| last.rollout + 1);
+        let gaps = history.gaps(if at_rest { end.max(trained) } else { end });
+        notes.extend(lost(&gaps));
+        Ok(Self { history, notes })
+    }
+}
+
+/// That nothing is known of some rollouts.
+fn lost(gaps: &[RangeInclusive<u64>]) -> Option<String> {
+    let named = |gap: &RangeInclusive<u64>| match (gap.start(), gap.end()) {
+        (first, last) if first == last => first.to_string(),
+        (first, last) => format!("{first} to {last}"),
+    };
+    let named: Vec<String> = gaps.iter().map(named).collect();
+    let are = "are lost: neither metrics.jsonl nor the checkpoint has them, and all means are without them";
+    (!named.is_empty()).then(|| format!("the figures of rollouts {} {are}", named.join(", ")))
+}
+
+/// The manifest of the run's newest checkpoint that can be read.
+fn newest_checkpoint(folder: &RunFolder) -> Option<Manifest> {
+    let id = folder.id().unwrap_or_default();
+    let paths = std::fs::read_dir(folder.checkpoints()).ok()?.flatten().map(|entry| entry.path());
+    let mut paths: Vec<_> = paths.filter_map(|path| Some((RolloutName::Manifest.rollout_of(&path)?, path))).collect();
+    paths.sort();
+    let manifests = paths.into_iter().rev().filter_map(|(_, path)| Manifest::read(&path).ok());
+    manifests.into_iter().find(|manifest| !manifest.is_of_another(&id))
+}
+
+/// Writes the file.
+#[derive(Debug)]
+pub struct Journal {
+    folder: RunFolder,
+    writer: Writer,
+    /// Rollouts trained so far, in all incarnations.
+    pub history: History,
+}
+
+impl Journal {
+    /// Goes on with what the folder holds.
+    pub fn open(folder: &RunFolder) -> Result<Self> {
+        let (history, damaged) = read_file(folder)?.unwrap_or_default();
+        if damaged > 0 {
+            tracing::warn!("metrics.jsonl has {}", counted(damaged as u64, "damaged line"));
+        }
+        Ok(Self { folder: folder.clone(), writer: Writer::open(&folder.metrics())?, history })
     }
 
-    /// Takes in the newest line.
-    pub fn insert(&mut self, trained: Trained) {
-        self.rewind_to(trained.rollout);
-        self.rollouts.insert(trained.rollout, trained);
+    /// A learner begins with `rollout`, from the checkpoint with the manifest at this path in the folder, if any.
+    pub fn begin(&mut self, rollout: u64, checkpoint: Option<&str>) -> Result<()> {
+        self.history.rewind_to(rollout);
+        if let Some(path) = checkpoint {
+            let manifest = Manifest::read(&self.folder.root().join(path));
+            match manifest.map_err(anyhow::Error::from).and_then(|manifest| Ok(manifest.figures(&self.folder)?)) {
+                Ok(figures) => {
+                    let added = figures.map_or(0, |figures| self.history.correct(&figures));
+                    if added > 0 {
+                        let rollouts = counted(added as u64, "rollout");
+                        tracing::info!("metrics.jsonl lacked the figures of {rollouts}: they are taken from {path}");
+                    }
+                }
+                Err(error) => tracing::warn!("the figures of checkpoint {path} cannot be used: {error:#}"),
+            }
+        }
+        if let Some(lost) = lost(&self.history.gaps(rollout)) {
+            tracing::warn!("{lost}");
+        }
+        self.mend().map(drop)
     }
 
-    /// A learner begins with `rollout` again: what came after its checkpoint is void.
-    pub fn rewind_to(&mut self, rollout: u64) {
-        drop(self.rollouts.split_off(&rollout));
+    /// Adds a line.
+    pub fn append(&mut self, trained: Trained) -> Result<()> {
+        let is_there = self.writer.is_of(&self.folder.metrics());
+        if is_there {
+            self.writer.append(&trained)?;
+        }
+        self.history.insert(trained);
+        if !is_there {
+            tracing::warn!("metrics.jsonl was removed or replaced while the run went on: it is written anew");
+            self.mend()?;
+        }
+        Ok(())
     }
 
-    /// In order of their numbers.
-    pub fn iter(&self) -> impl DoubleEndedIterator<Item = &Trained> {
-        self.rollouts.values()
+    /// The end of a session: what the file says then is what the run did.
+    pub fn close(&mut self) -> Result<()> {
+        if self.mend()? {
+            tracing::warn!("metrics.jsonl was changed while the run went on: it is written anew");
+        }
+        Ok(())
     }
 
-    /// Frames trained on.
-    pub fn frames(&self) -> u64 {
-        self.rollouts.values().next_back().map_or(0, |last| last.frames)
+    /// Has the file say what the history says; whether it said something else.
+    fn mend(&mut self) -> Result<bool> {
+        let (path, wanted) = (self.folder.metrics(), self.history.encode());
+        let differs = std::fs::read(&path).map_or(!wanted.is_empty(), |found| found != wanted);
+        if differs {
+            write_atomically(&path, &wanted).with_context(|| format!("cannot write {}", path.display()))?;
+            self.writer = Writer::open(&path)?;
+        }
+        Ok(differs)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::json_lines::Writer;
-    use std::fs::OpenOptions;
-    use std::io::Write;
+    use crate::evaluation::subject::tests::manifest;
+    use crate::training::means::tests::history;
+    use proto::digest::sha256;
 
-    fn trained(rollout: u64, mark: u64) -> Trained {
-        Trained {
-            rollout,
-            frames: (rollout + 1) * 10,
-            stage: 0,
-            at_unix_s: mark,
-            incarnation: 1,
-            timing: Timing::default(),
-            metrics: BTreeMap::new(),
-        }
+    /// A run whose newest checkpoint stands before rollout 6, with the figures of all before, and whose file has seven.
+    fn run() -> (tempfile::TempDir, RunFolder) {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        std::fs::create_dir_all(folder.checkpoints()).unwrap();
+        let figures = history(6).encode();
+        std::fs::write(folder.checkpoint_figures(6), &figures).unwrap();
+        let mut six = Manifest::open(&manifest(6, 300)).unwrap();
+        six.figures_sha256 = sha256(&figures);
+        std::fs::write(folder.checkpoint_manifest(6), six.seal()).unwrap();
+        std::fs::write(folder.checkpoint_manifest(3), manifest(3, 150)).unwrap();
+        std::fs::write(folder.metrics(), history(7).encode()).unwrap();
+        (temporary, folder)
+    }
+
+    fn text(folder: &RunFolder) -> String {
+        std::fs::read_to_string(folder.metrics()).unwrap()
+    }
+
+    /// The file of [`run`] without these lines, and with garbage in their place.
+    fn damage(folder: &RunFolder, lines: &[usize]) {
+        let text = text(folder);
+        let line = |(number, line)| if lines.contains(&number) { "{\"rollout\": garbage" } else { line };
+        let lines: Vec<&str> = text.lines().enumerate().map(line).collect();
+        std::fs::write(folder.metrics(), lines.join("\n") + "\n").unwrap();
     }
 
     #[test]
-    fn later_lines_hold_and_void_what_lay_ahead() {
-        let temporary = tempfile::tempdir().unwrap();
-        let folder = RunFolder::new(temporary.path());
-        assert_eq!(History::read(&folder).unwrap().frames(), 0);
-        let mut journal = Writer::open(&folder.metrics()).unwrap();
-        for rollout in 0..5 {
-            journal.append(&trained(rollout, 1)).unwrap();
+    fn a_learner_that_begins_has_the_file_say_what_its_checkpoint_says() {
+        let (_temporary, folder) = run();
+        let undisturbed = String::from_utf8(history(6).encode()).unwrap();
+        let begin = || {
+            let mut journal = Journal::open(&folder).unwrap();
+            journal.begin(6, Some("checkpoints/rollout-00000006.json")).unwrap();
+            assert_eq!(text(&folder), undisturbed);
+            journal
+        };
+        begin();
+        damage(&folder, &[0, 4]);
+        begin();
+        // Killed in the middle of a line.
+        std::fs::write(folder.metrics(), &undisturbed[..undisturbed.len() * 2 / 3]).unwrap();
+        begin();
+        std::fs::remove_file(folder.metrics()).unwrap();
+        let mut journal = begin();
+
+        // Meddled with while the run goes on.
+        let seventh = history(7).iter().next_back().unwrap().clone();
+        std::fs::remove_file(folder.metrics()).unwrap();
+        journal.append(seventh).unwrap();
+        assert_eq!(text(&folder).lines().count(), 7);
+        damage(&folder, &[2]);
+        journal.close().unwrap();
+        assert_eq!(text(&folder).as_bytes(), history(7).encode());
+    }
+
+    #[test]
+    fn a_reader_takes_from_the_checkpoint_what_the_file_lacks_and_says_so() {
+        let (_temporary, folder) = run();
+        let read = |at_rest| {
+            let Figures { history, notes } = Figures::read(&folder, at_rest).unwrap();
+            (history.len(), notes.join(". "))
+        };
+        assert_eq!((read(false), read(true)), ((7, String::new()), (7, String::new())));
+        damage(&folder, &[0, 4]);
+        let (known, notes) = read(true);
+        assert_eq!(known, 7);
+        for part in ["2 damaged lines", "of 2 rollouts are not in metrics.jsonl and are taken from the checkpoint"] {
+            assert!(notes.contains(part), "{notes}");
         }
-        drop(journal);
-        // A crash in the middle of a line, then a learner that goes on from rollout 2.
-        let torn = &serde_json::to_vec(&trained(5, 1)).unwrap()[..20];
-        OpenOptions::new().append(true).open(folder.metrics()).unwrap().write_all(torn).unwrap();
-        let mut journal = Writer::open(&folder.metrics()).unwrap();
-        for rollout in 2..4 {
-            journal.append(&trained(rollout, 2)).unwrap();
-        }
-        let history = History::read(&folder).unwrap();
-        let kept: Vec<_> = history.iter().map(|trained| (trained.rollout, trained.at_unix_s)).collect();
-        assert_eq!(kept, [(0, 1), (1, 1), (2, 2), (3, 2)]);
-        assert_eq!(history.frames(), 40);
+        std::fs::remove_file(folder.metrics()).unwrap();
+        let (known, notes) = read(true);
+        assert!(known == 6 && notes.contains("is missing") && !notes.contains("lost"), "{notes}");
+        // A damaged list of figures: nobody has them any more.
+        std::fs::write(folder.checkpoint_figures(6), "{}").unwrap();
+        let (known, notes) = read(true);
+        assert!(known == 0 && notes.contains("rollout-00000006.jsonl does not match"), "{notes}");
+        assert!(notes.contains("the figures of rollouts 0 to 5 are lost"), "{notes}");
+    }
+
+    #[test]
+    fn a_checkpoint_of_an_older_version_changes_nothing() {
+        let (_temporary, folder) = run();
+        damage(&folder, &[1]);
+        let mut journal = Journal::open(&folder).unwrap();
+        journal.begin(3, Some("checkpoints/rollout-00000003.json")).unwrap();
+        let kept: Vec<u64> = journal.history.iter().map(|trained| trained.rollout).collect();
+        assert_eq!(kept, [0, 2]);
+        assert_eq!(History::decode(text(&folder).as_bytes()), (journal.history.clone(), 0));
     }
 }

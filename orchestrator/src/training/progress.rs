@@ -3,11 +3,11 @@
 //! No crate for progress bars: theirs count to a total, these lines show stages, shares of time and success.
 
 use super::means::{EpisodeMeans, Recent, recent};
-use super::metrics::History;
 use crate::showing::format;
 use crate::showing::terminal::Live;
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
+use proto::trained::History;
 use std::time::Duration;
 
 /// The learner's current activity according to its events.
@@ -46,6 +46,7 @@ impl Progress {
             }
             LearnerEvent::Finished { complete, .. } => Doing::Leaving { complete },
             LearnerEvent::ActorsConnected { .. }
+            | LearnerEvent::CheckpointBegun { .. }
             | LearnerEvent::CheckpointWritten { .. }
             | LearnerEvent::EpisodePlayed { .. } => return,
         };

@@ -8,7 +8,6 @@ use crate::showing::format;
 use crate::showing::terminal;
 use crate::supervisor::event::{Outcome, SessionEnd};
 use crate::supervisor::session::{EXIT_INTERRUPTED, Session, shape};
-use crate::training::metrics::History;
 use crate::training::next_steps;
 use crate::training::summary::Summary;
 use crate::training::wall::{Last, Wall};
@@ -17,6 +16,7 @@ use proto::config::Config;
 use proto::run_folder::RunFolder;
 use proto::run_state::Ending;
 use proto::stage::total_frames;
+use proto::trained::History;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 use wire::{WireAddress, fault};
@@ -39,6 +39,8 @@ impl TrainingRun {
     /// Runs it and reports; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
         let begin = Instant::now();
+        // Before the lines are removed by which it is known how long a killed one lived.
+        self.identity.note_signs_of_life(&Wall::signs_of_life(&self.folder)?);
         let (incarnation, address) = self.identity.begin_incarnation();
         self.identity.write(&self.folder)?;
         match self.session(incarnation, &address) {
@@ -66,7 +68,7 @@ impl TrainingRun {
         fault::reach("orchestrator.after_lock");
         let mut audience = TrainingAudience::open(folder, config, incarnation)?;
         let (outcome, recording) = session.run(lock, &mut audience)?;
-        Ok((outcome, recording, audience.history))
+        Ok((outcome, recording, audience.journal.history))
     }
 
     fn report(
@@ -80,11 +82,15 @@ impl TrainingRun {
         let reason = outcome.end.reason().map(str::to_owned);
         let saved = outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.as_str()));
         let wall = Wall::read(&self.folder, &self.identity, Last::Took(wall))?;
-        let summary = saved.map(|saved| Summary::of(&self.folder, &self.config, history, &self.identity, wall, saved));
+        let summary = saved.map(|saved| Summary {
+            recording_complete: self.config.recording.enabled.then_some(recording.is_ok()),
+            ..Summary::of(&self.folder, &self.config, history, &self.identity, wall, saved)
+        });
         fault::reach("orchestrator.before_summary");
         if let Some(summary) = summary.as_ref().filter(|_| outcome.end == SessionEnd::Complete) {
             summary.write(&self.folder)?;
         }
+        fault::reach("orchestrator.after_summary");
         self.note_end(how, outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.clone())), reason);
         if let Some(summary) = &summary {
             for line in summary.lines(&self.folder, &outcome.end) {

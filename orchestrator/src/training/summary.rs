@@ -5,12 +5,12 @@ use crate::run::identity::Identity;
 use crate::showing::format;
 use crate::supervisor::event::SessionEnd;
 use crate::training::means::{EpisodeMeans, StageMeans, by_stage};
-use crate::training::metrics::{History, total_s};
 use crate::training::wall::Wall;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
+use proto::trained::History;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -36,6 +36,9 @@ pub struct Summary {
     pub weights: String,
     /// Figures of every stage that has begun.
     pub stages: Vec<StageMeans>,
+    /// Rollouts whose figures are lost: the means above are without them. 0 is not written.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub lost_rollouts: u64,
     /// Time spent on the rollouts that count, seconds.
     pub training_s: f64,
     /// Frames a second of that time.
@@ -44,6 +47,9 @@ pub struct Summary {
     /// None in summaries of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wall: Option<Wall>,
+    /// Whether the recordings hold every step of the run. None without recordings, and in summaries of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recording_complete: Option<bool>,
     /// How often an orchestrator was started on it.
     pub incarnations: u32,
     /// Recordings, relative to the run folder.
@@ -60,7 +66,7 @@ impl Summary {
         wall: Wall,
         (frames, weights): (u64, &str),
     ) -> Self {
-        let training_s: f64 = history.iter().map(|trained| total_s(&trained.timing)).sum();
+        let training_s: f64 = history.iter().map(|trained| trained.timing.total_s()).sum();
         let budget = proto::stage::total_frames(&config.stages);
         Self {
             schema_version: SCHEMA_VERSION,
@@ -72,9 +78,11 @@ impl Summary {
             budget,
             weights: weights.to_owned(),
             stages: by_stage(&config.stages, history),
+            lost_rollouts: lost_rollouts(history),
             training_s,
             frames_per_s: if training_s > 0.0 { frames as f64 / training_s } else { 0.0 },
             wall: Some(wall),
+            recording_complete: None,
             incarnations: identity.incarnations.len() as u32,
             recordings: recordings(folder),
         }
@@ -113,6 +121,10 @@ impl Summary {
         lines.extend(self.stages.iter().filter_map(|stage| {
             stage.multiplier.map(|multiplier| format!("stage {}: multiplier λ {multiplier:.4}", stage.name))
         }));
+        if self.lost_rollouts > 0 {
+            let rollouts = format::counted(self.lost_rollouts, "rollout");
+            lines.push(format!("the figures of {rollouts} are lost: the table is without them (the weights are not)"));
+        }
         let training = Duration::try_from_secs_f64(self.training_s).unwrap_or_default();
         let wall = self.wall.map_or_else(String::new, |wall| format!(", {}", wall.text(self.incarnations)));
         lines.push(format!(
@@ -126,12 +138,26 @@ impl Summary {
             [one] => lines.push(format!("recording   {}", folder.root().join(one).display())),
             many => lines.push(format!("recordings  {} ({} files)", folder.recordings().display(), many.len())),
         }
+        if self.recording_complete == Some(false) {
+            lines.push("ERROR       the recordings do not hold every step of the run: see the error below".to_owned());
+        }
         if !matches!(end, SessionEnd::Failed(_)) {
             lines.push(format!("weights: {}", self.weights));
             lines.push(format!("frames: {}", self.frames));
         }
         lines
     }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's derive calls it so")]
+fn is_zero(count: &u64) -> bool {
+    *count == 0
+}
+
+/// Rollouts up to the newest of which nothing is known.
+fn lost_rollouts(history: &History) -> u64 {
+    let end = history.iter().next_back().map_or(0, |last| last.rollout + 1);
+    end - history.len() as u64
 }
 
 fn recordings(folder: &RunFolder) -> Vec<PathBuf> {
@@ -205,6 +231,22 @@ mod tests {
             lines[4],
             "training time 1 min 00 s, wall time 1 min 15 s over 2 starts (the last 1 min 01 s), 25.0 frames/s"
         );
+    }
+
+    #[test]
+    fn lost_figures_are_said_to_be() {
+        let mut history = history(30);
+        let lines = |history: &History| {
+            let lost_rollouts = lost_rollouts(history);
+            let summary = Summary { lost_rollouts, ..summary() };
+            assert_eq!(serde_json::to_string(&summary).unwrap().contains("lost"), lost_rollouts > 0);
+            summary.lines(&RunFolder::new("/nowhere/run"), &SessionEnd::Complete).join("\n")
+        };
+        assert!(!lines(&history).contains("lost"));
+        let last = history.iter().next_back().unwrap().clone();
+        history.rewind_to(20);
+        history.insert(last);
+        assert!(lines(&history).contains("the figures of 9 rollouts are lost"), "{}", lines(&history));
     }
 
     #[test]

@@ -1,112 +1,43 @@
 //! Validation while a run trains: checkpoints are evaluated by a process beside it, and the best one is kept.
 //!
 //! ```text
-//! checkpoint due ─▶ pinned: hard links in RUN/validation/rollout-K/ ─▶ waiting (one at most) ─▶ `orchestrator eval`
+//! checkpoint due ─▶ pinned by the learner: hard links in RUN/validation/rollout-K/ ─▶ waiting ─▶ `orchestrator eval`
 //!                ─▶ a line in validation.jsonl ─▶ RUN/best points to it, or its links are removed
 //! ```
 //!
 //! A crash can interrupt every arrow; [`Validation::open`] reads the state from the folder and continues. An evaluation
-//! that fails is reported and skipped; the run continues.
+//! that fails is made again. One that fails again and again is left to the next start; the run continues, and its
+//! checkpoint stays pinned. So the lines, and which checkpoint is the best, do not depend on what was killed.
 
 use crate::evaluation::subject::read_manifest;
 use crate::process_end::wait_for_child;
 use crate::recording::recorder::Recorder;
 use crate::recording::schema::stillroom;
 use crate::run::identity::Identity;
-use crate::run::json_lines;
 use crate::run::json_lines::Writer;
 use crate::run::lifeline::this_program;
 use crate::run::remains;
+use crate::training::scores::{Score, Scores, best, read_result, result_folder};
 use anyhow::{Context, Result};
 use proto::config::Config;
-use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
+use proto::pin::{pin, unpin};
 use proto::plain_file::open_plain;
-use proto::run_folder::{RolloutName, RunFolder};
+use proto::run_folder::{RolloutName, RunFolder, write_atomically};
 use proto::stage::total_frames;
-use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::OpenOptions;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::Duration;
+use wire::fault;
 
 /// Time that an evaluation has to stop its processes.
 const STOPS: Duration = Duration::from_secs(10);
-
-/// One line of `validation.jsonl`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Score {
-    /// First rollout that is not in the checkpoint.
-    pub rollout: u64,
-    /// Frames that its weights were trained on.
-    pub frames: u64,
-    /// SHA-256 of the weights, 64 hex digits.
-    pub weights: String,
-    /// Folder of the result, relative to the run folder.
-    pub result: String,
-    /// Episodes played.
-    pub episodes: u64,
-    /// Fixed ones, or drawn as the run draws its own.
-    #[serde(default)]
-    pub distribution: Distribution,
-    /// SR.
-    pub success: f64,
-    /// `SRwoD`.
-    pub success_without_disturbance: f64,
-    /// `SRwoD` by the largest displacement on an axis; none in lines of versions that did not give it.
-    #[serde(default)]
-    pub success_without_disturbance_per_axis: Option<f64>,
-    /// Share of episodes in which the target was picked up.
-    pub picked_up: f64,
-    /// Mean length, steps.
-    pub length: f64,
-    /// Mean total displacement at the end, metres.
-    pub disturbance_m: f64,
-    /// Mean number of disturbed objects at the end.
-    pub disturbed_objects: f64,
-    /// When, seconds since 1970.
-    pub at_unix_s: u64,
-    /// What it took, seconds.
-    pub wall_s: f64,
-}
-
-impl Score {
-    fn of(rollout: u64, evaluation: &Evaluation) -> Self {
-        let figures = &evaluation.overall;
-        let known = |figure: Option<f64>| figure.unwrap_or(0.0);
-        Self {
-            rollout,
-            frames: evaluation.subject.frames,
-            weights: evaluation.subject.weights.clone(),
-            result: format!("{}/result", RunFolder::relative_validation(rollout)),
-            episodes: figures.episodes,
-            distribution: evaluation.conditions.distribution,
-            success: known(figures.success),
-            success_without_disturbance: known(figures.success_without_disturbance),
-            success_without_disturbance_per_axis: figures.success_without_disturbance_per_axis,
-            picked_up: known(figures.picked_up),
-            length: known(figures.length),
-            disturbance_m: known(figures.disturbance_m),
-            disturbed_objects: known(figures.disturbed_objects),
-            at_unix_s: evaluation.cost.at_unix_s,
-            wall_s: evaluation.cost.wall_s,
-        }
-    }
-
-    /// At least as good: by `SRwoD`, then SR, then the longer training.
-    fn beats(&self, other: &Self) -> bool {
-        let key = |one: &Self| (one.success_without_disturbance, one.success);
-        match key(self).partial_cmp(&key(other)) {
-            Some(std::cmp::Ordering::Equal) | None => self.frames >= other.frames,
-            Some(order) => order.is_gt(),
-        }
-    }
-}
-
-/// The best of these.
-fn best(scored: &[Score]) -> Option<&Score> {
-    scored.iter().reduce(|best, one| if one.beats(best) { one } else { best })
-}
+/// Checkpoints that may wait. Each takes the space of a checkpoint.
+const WAITING: usize = 8;
+/// How often one start tries to evaluate a checkpoint.
+const TRIES: u32 = 3;
 
 /// The evaluation that runs.
 #[derive(Debug)]
@@ -123,8 +54,10 @@ pub struct Validation {
     scores: Vec<Score>,
     /// Frames of the newest checkpoint that was due.
     reached: u64,
-    waiting: Option<u64>,
+    waiting: VecDeque<u64>,
     running: Option<Running>,
+    /// How often the evaluation of a checkpoint has failed.
+    failures: BTreeMap<u64, u32>,
 }
 
 impl Validation {
@@ -133,22 +66,33 @@ impl Validation {
         if config.validation.every_frames == 0 {
             return Ok(None);
         }
+        let Scores { scores, notes } = Scores::read(folder, true)?;
+        for note in notes {
+            tracing::warn!("{note}");
+        }
         let mut validation = Self {
             folder: folder.clone(),
             config: config.clone(),
-            scores: read_log(&folder.validation_log())?,
+            scores,
             reached: 0,
-            waiting: None,
+            waiting: VecDeque::new(),
             running: None,
+            failures: BTreeMap::new(),
         };
+        validation.mend_log()?;
         std::fs::create_dir_all(folder.validations())
             .with_context(|| format!("cannot create {}", folder.validations().display()))?;
         validation.reached = validation.scores.iter().map(|one| one.frames).max().unwrap_or(0);
         for rollout in validation.pinned()? {
-            if validation.scores.iter().any(|one| one.rollout == rollout) {
+            if validation.is_scored(rollout) {
                 continue;
             }
-            let frames = match read_manifest(&validation.manifest(rollout)) {
+            let manifest = read_manifest(&validation.manifest(rollout)).and_then(|manifest| {
+                let foreign = manifest.is_of_another(&folder.id().unwrap_or_default());
+                anyhow::ensure!(!foreign, "its checkpoint is of run {}, not of this one", manifest.run);
+                Ok(manifest)
+            });
+            let frames = match manifest {
                 Ok(manifest) => manifest.frames,
                 Err(error) => {
                     tracing::warn!("the validation after rollout {rollout} is left out: {error:#}");
@@ -157,25 +101,53 @@ impl Validation {
                 }
             };
             validation.reached = validation.reached.max(frames);
-            if validation.result(rollout).join(RESULT_FILE).is_file() {
-                validation.conclude(rollout, None)?;
-            } else {
-                // Ascending: the newest is the one that waits.
-                validation.enqueue(rollout);
-            }
+            // Ascending, as without a crash.
+            validation.enqueue(rollout);
         }
         validation.crown()?;
         Ok(Some(validation))
     }
 
-    /// A checkpoint has been written.
+    /// Has the file say what is known.
+    fn mend_log(&self) -> Result<()> {
+        let path = self.folder.validation_log();
+        let mut wanted = Vec::new();
+        for one in &self.scores {
+            serde_json::to_writer(&mut wanted, one)?;
+            wanted.push(b'\n');
+        }
+        if std::fs::read(&path).map_or(!wanted.is_empty(), |found| found != wanted) {
+            write_atomically(&path, &wanted).with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    fn is_scored(&self, rollout: u64) -> bool {
+        self.scores.iter().any(|one| one.rollout == rollout)
+    }
+
+    /// A checkpoint has been written, or a learner goes on from it. The learner has pinned it if it is due; an older
+    /// one, or one that could not, leaves that to us.
     pub fn checkpoint(&mut self, rollout: u64, frames: u64) {
-        let complete = frames == total_frames(&self.config.stages) && frames > self.reached;
-        if !complete && !self.config.validation.is_due(self.reached, frames) {
+        let is_pinned = self.manifest(rollout).is_file();
+        if self.is_scored(rollout) {
+            // A learner that went back comes by again.
+            if is_pinned && best(&self.scores).is_some_and(|best| best.rollout != rollout) {
+                self.unpin(rollout);
+            }
             return;
         }
-        self.reached = frames;
-        match self.pin(rollout) {
+        let complete = frames == total_frames(&self.config.stages) && frames > self.reached;
+        if !is_pinned && !complete && !self.config.validation.is_due(self.reached, frames) {
+            return;
+        }
+        self.reached = self.reached.max(frames);
+        let runs = self.running.as_ref().is_some_and(|running| running.rollout == rollout);
+        if runs || self.waiting.contains(&rollout) {
+            return;
+        }
+        fault::reach("validation.before_pin");
+        match pin(&self.folder, rollout) {
             Ok(()) => self.enqueue(rollout),
             Err(error) => tracing::warn!("no validation at {frames} frames: {error:#}"),
         }
@@ -195,21 +167,35 @@ impl Validation {
             };
             self.running = None;
             if let Err(error) = ended {
-                tracing::warn!("the validation after rollout {rollout} is left out: {error:#}");
-                self.unpin(rollout);
+                self.failed(rollout, &error);
             }
         }
-        if let Some(rollout) = self.waiting.take()
+        if let Some(rollout) = self.waiting.pop_front()
             && let Err(error) = self.start(rollout)
         {
-            tracing::warn!("the validation after rollout {rollout} cannot be started: {error:#}");
-            self.unpin(rollout);
+            self.failed(rollout, &error);
+        }
+    }
+
+    /// An evaluation failed or was killed. It is made again, before those that wait.
+    fn failed(&mut self, rollout: u64, error: &anyhow::Error) {
+        let failures = self.failures.entry(rollout).or_default();
+        *failures += 1;
+        if *failures < TRIES {
+            tracing::warn!("the validation after rollout {rollout} failed and is made again: {error:#}");
+            self.waiting.push_front(rollout);
+        } else {
+            tracing::warn!(
+                "the validation after rollout {rollout} failed {TRIES} times and is left to the next start; its \
+                 checkpoint is kept in {}: {error:#}",
+                self.folder.validation(rollout).display()
+            );
         }
     }
 
     /// Whether an evaluation runs or waits.
     pub fn is_busy(&self) -> bool {
-        self.running.is_some() || self.waiting.is_some()
+        self.running.is_some() || !self.waiting.is_empty()
     }
 
     /// Ends the evaluation that runs; it is made anew when the run goes on.
@@ -229,10 +215,16 @@ impl Validation {
         }
     }
 
-    /// Notes that a pinned checkpoint is to be evaluated. It replaces a waiting one.
+    /// Notes that a pinned checkpoint is to be evaluated. If too many wait, the oldest gives way.
     fn enqueue(&mut self, rollout: u64) {
-        if let Some(skipped) = self.waiting.replace(rollout) {
-            tracing::info!("the validation after rollout {skipped} is skipped: one after rollout {rollout} is due");
+        self.waiting.push_back(rollout);
+        if self.waiting.len() > WAITING
+            && let Some(skipped) = self.waiting.pop_front()
+        {
+            tracing::warn!(
+                "the validation after rollout {skipped} is skipped: {WAITING} others wait. Fewer of them \
+                 (validation.every_frames, validation.episodes) would all be made"
+            );
             self.unpin(skipped);
         }
     }
@@ -257,18 +249,19 @@ impl Validation {
         command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log).process_group(0);
         let child = command.spawn().context("cannot start `orchestrator eval`")?;
         tracing::info!("validation after rollout {rollout} begins");
+        fault::reach("validation.after_start");
         self.running = Some(Running { rollout, child });
         Ok(())
     }
 
     /// Takes in a result: a line, and the best is crowned.
     fn conclude(&mut self, rollout: u64, recorder: Option<&Recorder>) -> Result<()> {
-        let path = self.result(rollout).join(RESULT_FILE);
-        let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
-        let evaluation: Evaluation = serde_json::from_str(&text).with_context(|| path.display().to_string())?;
+        let evaluation = read_result(&self.result(rollout))?;
         let one = Score::of(rollout, &evaluation);
+        fault::reach("validation.before_line");
         let mut log = Writer::open(&self.folder.validation_log())?;
         log.append(&one)?;
+        fault::reach("validation.after_line");
         log.sync()?;
         self.scores.push(one.clone());
         self.crown()?;
@@ -313,8 +306,12 @@ impl Validation {
             }
             // Renamed into place: at every moment there is a best one, the old or the new.
             std::os::unix::fs::symlink(&target, &partial)
-                .and_then(|()| std::fs::rename(&partial, &link))
+                .and_then(|()| {
+                    fault::reach("validation.before_crown");
+                    std::fs::rename(&partial, &link)
+                })
                 .with_context(|| format!("cannot make {}", link.display()))?;
+            fault::reach("validation.after_crown");
         }
         for one in self.scores.iter().filter(|one| one.rollout != best.rollout) {
             self.unpin(one.rollout);
@@ -322,36 +319,10 @@ impl Validation {
         Ok(())
     }
 
-    /// Keeps a checkpoint from being pruned: hard links, or copies where those cannot be.
-    fn pin(&self, rollout: u64) -> Result<()> {
-        let place = self.folder.validation(rollout);
-        std::fs::create_dir_all(&place).with_context(|| format!("cannot create {}", place.display()))?;
-        // The manifest last, as always: a checkpoint without one does not exist.
-        for from in [self.folder.checkpoint_tensors(rollout), self.folder.checkpoint_manifest(rollout)] {
-            let to = place.join(from.file_name().context("a checkpoint's files have names")?);
-            let linked = match std::fs::hard_link(&from, &to) {
-                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
-                    std::fs::remove_file(&to).and_then(|()| std::fs::hard_link(&from, &to))
-                }
-                linked => linked,
-            };
-            linked
-                .or_else(|_| std::fs::copy(&from, &to).map(drop))
-                .with_context(|| format!("cannot keep {} as {}", from.display(), to.display()))?;
-        }
-        Ok(())
-    }
-
     /// Lets go of a checkpoint; its result stays.
     fn unpin(&self, rollout: u64) {
-        for name in [RolloutName::Manifest, RolloutName::Tensors] {
-            let path = self.folder.validation(rollout).join(name.of(rollout));
-            match std::fs::remove_file(&path) {
-                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                    tracing::warn!("cannot delete {}: {error}", path.display());
-                }
-                _ => {}
-            }
+        if let Err(error) = unpin(&self.folder, rollout) {
+            tracing::warn!("cannot delete {error}");
         }
     }
 
@@ -372,7 +343,7 @@ impl Validation {
     }
 
     fn result(&self, rollout: u64) -> PathBuf {
-        self.folder.validation(rollout).join("result")
+        result_folder(&self.folder, rollout)
     }
 
     fn log(&self) -> PathBuf {
@@ -393,36 +364,14 @@ fn clear(result: &Path) -> Result<()> {
     std::fs::remove_dir_all(result).with_context(|| format!("cannot remove {}", result.display()))
 }
 
-/// The lines of a run's log; none when it was never validated.
-pub fn read_log(path: &Path) -> Result<Vec<Score>> {
-    json_lines::read(path)
-}
-
 #[cfg(test)]
 pub mod tests {
     use super::*;
     use crate::evaluation::subject::tests::manifest;
+    use crate::training::scores::tests::validated;
     use std::io::Write;
-
-    fn validated(rollout: u64, undisturbed: f64, success: f64) -> Score {
-        Score {
-            rollout,
-            frames: rollout * 100,
-            weights: "00".repeat(32),
-            result: String::new(),
-            episodes: 10,
-            distribution: Distribution::Fixed,
-            success,
-            success_without_disturbance: undisturbed,
-            success_without_disturbance_per_axis: None,
-            picked_up: 0.0,
-            length: 1.0,
-            disturbance_m: 0.0,
-            disturbed_objects: 0.0,
-            at_unix_s: 0,
-            wall_s: 1.0,
-        }
-    }
+    use std::os::unix::process::ExitStatusExt;
+    use std::process::Command;
 
     /// A run with checkpoints on disk, each of 100 frames more, to be validated after each 250.
     pub fn run(rollouts: &[u64]) -> (tempfile::TempDir, RunFolder, Config) {
@@ -443,42 +392,72 @@ pub mod tests {
     }
 
     #[test]
-    fn the_best_is_undisturbed_then_successful_then_trained_longer() {
-        let mut scored = vec![validated(1, 0.1, 0.9), validated(2, 0.2, 0.3), validated(3, 0.2, 0.4)];
-        assert_eq!(best(&scored).unwrap().rollout, 3);
-        scored.push(validated(4, 0.2, 0.4));
-        scored.push(validated(5, 0.2, 0.3));
-        assert_eq!(best(&scored).unwrap().rollout, 4);
-        assert!(best(&[]).is_none());
-    }
-
-    #[test]
-    fn a_checkpoint_that_is_due_is_pinned_and_the_newest_waits() {
+    fn checkpoints_that_are_due_are_pinned_and_wait() {
         let (_temporary, folder, config) = run(&[1, 2, 3, 4, 5, 6]);
         let mut validation = Validation::open(&folder, &config).unwrap().unwrap();
         // 250, 500: the first boundaries behind them are 300 and 500.
         for rollout in 1..=6 {
             validation.checkpoint(rollout, rollout * 100);
         }
-        assert_eq!(validation.pinned().unwrap(), [5]);
-        assert_eq!(validation.waiting, Some(5));
+        assert_eq!(validation.pinned().unwrap(), [3, 5]);
+        assert_eq!(validation.waiting, [3, 5]);
         // A learner that went back comes by again.
         validation.checkpoint(3, 300);
-        assert_eq!(validation.pinned().unwrap(), [5]);
+        assert_eq!(validation.waiting, [3, 5]);
         // Pruning takes the checkpoint, not the pinned one; a crash later it still waits.
         std::fs::remove_file(folder.checkpoint_tensors(5)).unwrap();
-        let again = Validation::open(&folder, &config).unwrap().unwrap();
-        assert_eq!((again.waiting, again.reached), (Some(5), 500));
+        let mut again = Validation::open(&folder, &config).unwrap().unwrap();
+        assert_eq!(again.reached, 500);
+        assert_eq!(again.waiting, [3, 5]);
         let tensors = again.manifest(5).with_extension("safetensors");
         assert_eq!(std::fs::read_to_string(tensors).unwrap(), "tensors 5");
+
+        // One that the learner pinned is due, whatever was evaluated after it.
+        pin(&folder, 2).unwrap();
+        again.checkpoint(2, 200);
+        assert_eq!(again.waiting, [3, 5, 2]);
+    }
+
+    #[test]
+    fn too_many_that_wait_push_the_oldest_out() {
+        let rollouts: Vec<u64> = (1..=10).map(|number| number * 3).collect();
+        let (_temporary, folder, config) = run(&rollouts);
+        let mut validation = Validation::open(&folder, &config).unwrap().unwrap();
+        for &rollout in &rollouts {
+            validation.checkpoint(rollout, rollout * 100);
+        }
+        assert_eq!(validation.waiting, &rollouts[2..]);
+        assert_eq!(validation.pinned().unwrap(), rollouts[2..]);
+    }
+
+    #[test]
+    fn an_evaluation_that_was_killed_is_made_again_and_then_left_to_the_next_start() {
+        let (_temporary, folder, config) = run(&[3, 5]);
+        let mut validation = Validation::open(&folder, &config).unwrap().unwrap();
+        validation.checkpoint(3, 300);
+        validation.checkpoint(5, 500);
+        assert_eq!(validation.waiting.pop_front(), Some(3));
+        let mut child = Command::new("sleep").arg("60").spawn().unwrap();
+        child.kill().unwrap();
+        assert_eq!(child.wait().unwrap().signal(), Some(9));
+        validation.running = Some(Running { rollout: 3, child });
+        // Killed, and then it cannot be started: there is no folder for its log.
+        validation.look(None);
+        assert_eq!((validation.failures[&3], validation.is_busy()), (2, true));
+        assert_eq!(validation.waiting, [3, 5]);
+        validation.look(None);
+        assert_eq!(validation.failures, BTreeMap::from([(3, TRIES)]));
+        assert_eq!(validation.waiting, [5]);
+        assert_eq!(validation.pinned().unwrap(), [3, 5], "its checkpoint is kept");
+        let again = Validation::open(&folder, &config).unwrap().unwrap();
+        assert_eq!(again.waiting, [3, 5]);
     }
 
     #[test]
     fn the_best_is_kept_and_a_crash_at_any_point_is_mended() {
         let (_temporary, folder, config) = run(&[3, 5, 8]);
-        let validation = Validation::open(&folder, &config).unwrap().unwrap();
         for rollout in [3, 5, 8] {
-            validation.pin(rollout).unwrap();
+            pin(&folder, rollout).unwrap();
         }
         append(&folder, &validated(3, 0.2, 0.2)).unwrap();
         append(&folder, &validated(5, 0.1, 0.6)).unwrap();
@@ -488,7 +467,9 @@ pub mod tests {
         let again = Validation::open(&folder, &config).unwrap().unwrap();
         assert_eq!(std::fs::read_link(folder.best()).unwrap(), Path::new("validation/rollout-00000003"));
         assert!(folder.best().join("rollout-00000003.safetensors").is_file());
-        assert_eq!((again.pinned().unwrap(), again.waiting), (vec![3, 8], Some(8)));
+        assert_eq!((again.pinned().unwrap(), again.waiting), (vec![3, 8], VecDeque::from([8])));
+        let text = std::fs::read_to_string(folder.validation_log()).unwrap();
+        assert!(text.lines().count() == 2 && text.ends_with('\n'), "what was cut short is gone: {text}");
 
         append(&folder, &validated(8, 0.3, 0.3)).unwrap();
         let again = Validation::open(&folder, &config).unwrap().unwrap();
@@ -502,7 +483,7 @@ pub mod tests {
         let (_temporary, folder, config) = run(&[3, 5]);
         let validation = Validation::open(&folder, &config).unwrap().unwrap();
         for rollout in [3, 5] {
-            validation.pin(rollout).unwrap();
+            pin(&folder, rollout).unwrap();
         }
         let path = validation.manifest(5);
         std::fs::remove_file(&path).unwrap();
@@ -510,7 +491,7 @@ pub mod tests {
         assert!(text.contains("500"));
         std::fs::write(&path, text.replace("500", "501")).unwrap();
         let again = Validation::open(&folder, &config).unwrap().unwrap();
-        assert_eq!((again.pinned().unwrap(), again.waiting, again.reached), (vec![3], Some(3), 300));
+        assert_eq!((again.pinned().unwrap(), again.waiting, again.reached), (vec![3], VecDeque::from([3]), 300));
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Wall time of a run: each start from its beginning to its end, added up. The time between two starts does not count.
 //!
 //! It is read from what survives a kill: `run.toml` has the beginning of every start, and the end of those that could
-//! note it. One that was killed counts until the last rollout that it wrote to `metrics.jsonl`, void ones included.
+//! note it. One that was killed counts until the last rollout that it wrote to `metrics.jsonl`. The next start may
+//! remove that line, so it notes the time in `run.toml` first.
 
 use crate::run::identity::Identity;
 use crate::run::json_lines;
@@ -42,12 +43,17 @@ struct Sign {
 impl Wall {
     /// Reads it from a run's folder.
     pub fn read(folder: &RunFolder, identity: &Identity, last: Last) -> Result<Self> {
+        Ok(Self::of(identity, &Self::signs_of_life(folder)?, last))
+    }
+
+    /// When each incarnation last wrote of a rollout, seconds since 1970.
+    pub fn signs_of_life(folder: &RunFolder) -> Result<BTreeMap<u32, u64>> {
         let mut seen = BTreeMap::new();
         for Sign { incarnation, at_unix_s } in json_lines::read(&folder.metrics())? {
             let newest = seen.entry(incarnation).or_insert(at_unix_s);
             *newest = at_unix_s.max(*newest);
         }
-        Ok(Self::of(identity, &seen, last))
+        Ok(seen)
     }
 
     /// `seen`: when each incarnation was last known to be alive, seconds since 1970.
@@ -55,7 +61,8 @@ impl Wall {
         let starts = &identity.incarnations;
         let noted = |number: usize| {
             let start = &starts[number];
-            let end = start.ended.as_ref().map(|ended| ended.at_unix_s).or_else(|| seen.get(&start.number).copied());
+            let seen = start.seen_unix_s.max(seen.get(&start.number).copied());
+            let end = start.ended.as_ref().map(|ended| ended.at_unix_s).or(seen);
             // A clock can have been set back.
             end.unwrap_or(start.started_unix_s).saturating_sub(start.started_unix_s) as f64
         };
@@ -115,6 +122,11 @@ mod tests {
         assert_eq!(wall(Last::AsNoted), (135.0, 5.0));
         assert_eq!(wall(Last::Until(3020)), (150.0, 20.0));
         assert_eq!(wall(Last::Took(Duration::from_millis(2500))), (132.5, 2.5));
+        // The next start removes what is trained again.
+        let mut noted = identity();
+        noted.note_signs_of_life(&Wall::signs_of_life(&folder).unwrap());
+        std::fs::remove_file(folder.metrics()).unwrap();
+        assert_eq!(Wall::read(&folder, &noted, Last::AsNoted).unwrap().all_starts_s, 135.0);
         let Wall { all_starts_s, last_start_s } = Wall::of(&Identity::new().unwrap(), &BTreeMap::new(), Last::AsNoted);
         assert_eq!((all_starts_s, last_start_s), (0.0, 0.0), "an imported run has had no start");
     }

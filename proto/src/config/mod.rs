@@ -8,6 +8,7 @@ mod changes;
 mod episode;
 mod error;
 mod experiment;
+mod machine;
 mod network;
 mod preset;
 mod presets;
@@ -18,6 +19,7 @@ mod validate;
 pub use changes::{Difference, Lists, differences};
 pub use episode::EpisodeConfig;
 pub use error::{ConfigError, nearest};
+pub use machine::{MachineConfig, Pin};
 pub use network::{CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, NetworkConfig};
 pub use preset::{Preset, overlay};
 pub use presets::presets;
@@ -57,6 +59,8 @@ pub struct Config {
     pub auxiliary: AuxiliaryConfig,
     /// Settings of the learner processes.
     pub learner: LearnerConfig,
+    /// Where processes run.
+    pub machine: MachineConfig,
     /// Checkpoints.
     pub checkpoint: CheckpointConfig,
     /// MCAP recording.
@@ -241,6 +245,9 @@ pub struct LearnerConfig {
     pub threads: u32,
     /// How long to wait for an actor's observations before giving up, seconds.
     pub actor_deadline_s: f64,
+    /// Learners that finish neither a rollout nor an update for ten times as long as the last ones took are taken to
+    /// hang and started again, but not before this time, seconds. An actor that a learner waits for: half of it.
+    pub progress_deadline_s: f64,
 }
 
 /// Checkpoints.
@@ -319,6 +326,7 @@ impl Default for Config {
             reward: RewardConfig::default(),
             auxiliary: AuxiliaryConfig::default(),
             learner: LearnerConfig::default(),
+            machine: MachineConfig::default(),
             checkpoint: CheckpointConfig::default(),
             recording: RecordingConfig::default(),
             validation: ValidationConfig::default(),
@@ -394,6 +402,7 @@ impl Default for LearnerConfig {
             deterministic: true,
             threads: 1,
             actor_deadline_s: 120.0,
+            progress_deadline_s: 60.0,
         }
     }
 }

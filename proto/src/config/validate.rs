@@ -130,6 +130,9 @@ impl Config {
         let (deadline_s, interval_s) = (learner.actor_deadline_s, checkpoint.interval_s);
         let valid = deadline_s.is_finite() && deadline_s > 0.0;
         check("learner.actor_deadline_s", deadline_s, valid, "must be greater than 0")?;
+        let progress_s = learner.progress_deadline_s;
+        let valid = progress_s.is_finite() && progress_s >= 1.0;
+        check("learner.progress_deadline_s", progress_s, valid, "must be 1 or greater")?;
         let valid = interval_s.is_finite() && interval_s >= 0.0;
         check("checkpoint.interval_s", interval_s, valid, "must be 0 or greater")?;
         check(
@@ -164,6 +167,9 @@ impl Config {
             recording.segment_bytes >= 1 << 20,
             "must be at least 1048576",
         )?;
+        if let Some(problem) = self.machine.pin.problem() {
+            check("machine.pin", &self.machine.pin, false, problem)?;
+        }
         let ValidationConfig { episodes, actors, .. } = self.validation;
         check("validation.episodes", episodes, episodes <= 360, "a kitchen has 360 episodes of each object set")?;
         check(

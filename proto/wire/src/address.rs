@@ -45,6 +45,21 @@ impl WireAddress {
         (is_run_id(id) && number.to_string() == incarnation).then(|| Self::new(id, number))
     }
 
+    /// Id of the run.
+    pub fn run_id(&self) -> &str {
+        self.parts().0
+    }
+
+    /// Number of the orchestrator's start on it.
+    pub fn incarnation(&self) -> u32 {
+        self.parts().1.parse().unwrap_or(0)
+    }
+
+    fn parts(&self) -> (&str, &str) {
+        let parts = self.prefix.trim_start_matches(PREFIX_MARK).trim_end_matches('_');
+        parts.split_once('_').unwrap_or((parts, ""))
+    }
+
     /// Prefix of all names in /dev/shm.
     pub fn prefix(&self) -> &str {
         &self.prefix
@@ -53,6 +68,11 @@ impl WireAddress {
     /// Folder of the small files.
     pub fn root(&self) -> &Path {
         &self.root
+    }
+
+    /// File of the recorder's receipts.
+    pub(super) fn receipts(&self) -> PathBuf {
+        self.root.join("receipts")
     }
 
     /// Deletes everything of this user's at this address. To be called when no process uses it any more.
@@ -194,6 +214,7 @@ mod tests {
     fn an_address_survives_the_command_line() {
         let address = WireAddress::new("text", 1);
         assert_eq!(address.to_string().parse::<WireAddress>().unwrap(), address);
+        assert_eq!((address.run_id(), address.incarnation()), ("text", 1));
         for wrong in [
             "nonsense",
             "stillroom_@/home/me",

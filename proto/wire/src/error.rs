@@ -48,6 +48,14 @@ pub enum WireError {
         /// Root folder of the incarnation.
         root: String,
     },
+    /// The file of the recorder's receipts could not be made or mapped.
+    #[error("cannot use the recorder's receipts in {path}: {cause}")]
+    Receipts {
+        /// The file.
+        path: String,
+        /// Why.
+        cause: std::io::Error,
+    },
     /// Bells could not be waited for.
     #[error("cannot wait for bells: {0}")]
     Wait(String),

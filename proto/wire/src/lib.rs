@@ -1,5 +1,5 @@
 //! What joins Stillroom's processes: payloads and services in shared memory, and what every process does in the same
-//! way (log, hold its lifeline, check its processor, raise its limit of open files, pass fault points).
+//! way (log, hold its lifeline, check its processor, raise its limit of open files).
 //!
 //! The crate `proto` defines what the processes exchange; this one carries it from process to process.
 //!
@@ -41,19 +41,23 @@ mod announcer;
 mod bells;
 pub mod descriptors;
 mod error;
-pub mod fault;
 mod ffi;
 pub mod lifeline;
 pub mod logging;
 pub mod message;
 pub mod processor;
+mod receipts;
+mod recorded;
 mod services;
+mod shm;
 mod sweeper;
 
 pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id};
 pub use announcer::Announcer;
 pub use bells::{Bells, ThreadBell, Waiting};
 pub use error::WireError;
+pub use proto::fault;
+pub use receipts::{Receipt, ReceiptBook, Receipts, Written};
 pub use services::{
     ActionPublisher, ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
     RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wakeup, Wire, WireHost, WireShape,

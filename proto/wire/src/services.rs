@@ -7,11 +7,12 @@
 //! | `restore/ACTOR` | publish-subscribe | learner → one actor | `[EnvironmentState]` of all its environments |
 //! | `actions/ACTOR` | publish-subscribe | learner → one actor | `[u8]`, one action an environment of the half |
 //! | `actions-ready/ACTOR` | event | learner → one actor | |
+//! | `recorded/RANK` | event | recorder → a learner | |
 //! | `stage` | publish-subscribe, history 1 | orchestrator → learners | `StageAnnouncement` |
 //! | `stage-ready` | event | orchestrator → the same | |
 //!
 //! Each learner has its own observation services: samples of another learner's actors neither wake it nor fill its
-//! queue.
+//! queue. What the recorder has taken stands in its [receipts](crate::receipts), which are no service.
 //!
 //! One long-lived process, the orchestrator, creates every service ([`WireHost`]) and all others only open them
 //! ([`Wire`]): a process killed while it creates a service can leave it half-made for good. Each incarnation of the
@@ -23,16 +24,16 @@ use crate::error::WireError;
 use crate::message::{
     ActionHeader, EnvironmentState, Halves, Observation, ObservationHeader, RestoreHeader, StageAnnouncement,
 };
+use crate::receipts;
 use crate::sweeper::Sweeper;
-use iceoryx2::config::Config;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 pub use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{
-    AllocationStrategy, AttributeSpecifier, AttributeVerifier, BackpressureStrategy, CallbackProgression, EventId,
-    Node, NodeBuilder, NodeName, NodeState, PortFactory, ServiceName, SignalHandlingMode, ipc,
+    AllocationStrategy, AttributeSpecifier, AttributeVerifier, BackpressureStrategy, EventId, Node, NodeBuilder,
+    NodeName, PortFactory, ServiceName, SignalHandlingMode, ipc,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::builder::event::Builder as EventBuilder;
@@ -284,6 +285,17 @@ impl Wire {
             .max_nodes(self.shape.nodes()))
     }
 
+    pub(crate) fn recorded(&self, rank: u32) -> Result<EventBuilder<Ipc>, WireError> {
+        Ok(self
+            .node
+            .service_builder(&name(&recorded_name(rank))?)
+            .event()
+            .max_notifiers(1)
+            .max_listeners(RESTART_MARGIN)
+            .event_id_max_value(1)
+            .max_nodes(self.shape.nodes()))
+    }
+
     fn actions(&self, actor: u32) -> Result<SampleBuilder<[u8], ActionHeader>, WireError> {
         Ok(self
             .node
@@ -399,20 +411,17 @@ impl WireHost {
         for rank in 0..shape.shares.learners() {
             create!(wire.observations(rank), &observations_name(rank));
             create!(wire.observations_ready(rank), &observations_ready_name(rank));
+            create!(wire.recorded(rank), &recorded_name(rank));
         }
         for actor in 0..shape.shares.actors() {
             create!(wire.actions(actor), &actions_name(actor));
             create!(wire.restore(actor), &restore_name(actor));
             create!(wire.actions_ready(actor), &actions_ready_name(actor));
         }
-        address.close_to_others().map_err(|cause| WireError::Node {
-            root: address.root().display().to_string(),
-            cause: cause.to_string(),
-        })?;
+        receipts::create(address, shape.shares.actors())?;
         let config = address.config()?;
-        let sweeper = Sweeper::new(move || sweep_nodes(&config)).map_err(|cause| WireError::Node {
-            root: address.root().display().to_string(),
-            cause: cause.to_string(),
+        let sweeper = address.close_to_others().and_then(|()| Sweeper::of(config)).map_err(|cause| {
+            WireError::Node { root: address.root().display().to_string(), cause: cause.to_string() }
         })?;
         Ok(Self { wire, address: address.clone(), sweeper, _services: held })
     }
@@ -434,21 +443,6 @@ impl WireHost {
     }
 }
 
-/// What [`Node::try_cleanup_dead_nodes`] does, on any thread: a node itself stays on the one that made it.
-fn sweep_nodes(config: &Config) {
-    let listed = Node::<Ipc>::list(config, |state| {
-        if let NodeState::Dead(dead) = state
-            && let Err(cause) = dead.try_remove_stale_resources()
-        {
-            tracing::debug!("what a dead process left cannot be removed now: {cause:?}");
-        }
-        CallbackProgression::Continue
-    });
-    if let Err(cause) = listed {
-        tracing::debug!("the dead processes cannot be listed: {cause:?}");
-    }
-}
-
 /// Name of the service of announcements.
 pub(crate) const STAGE: &str = "stage";
 /// Name of its bell.
@@ -460,6 +454,10 @@ fn observations_name(rank: u32) -> String {
 
 fn observations_ready_name(rank: u32) -> String {
     format!("observations-ready/{rank}")
+}
+
+pub(crate) fn recorded_name(rank: u32) -> String {
+    format!("recorded/{rank}")
 }
 
 fn actions_name(actor: u32) -> String {

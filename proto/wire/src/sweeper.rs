@@ -1,6 +1,8 @@
 //! Sweeping what dead processes left in iceoryx2, on a thread of its own: another program's hand in those files can keep a
 //! sweep busy for minutes, and the orchestrator must go on to supervise meanwhile.
 
+use iceoryx2::config::Config;
+use iceoryx2::prelude::{CallbackProgression, Node, NodeState, ipc};
 use std::cell::Cell;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::time::Duration;
@@ -19,9 +21,9 @@ pub struct Sweeper {
 }
 
 impl Sweeper {
-    /// A sweeper whose sweeps are calls of `sweep`.
-    pub fn new(sweep: impl FnMut() + Send + 'static) -> std::io::Result<Self> {
-        Self::with_patience(sweep, PATIENCE)
+    /// A sweeper of the nodes under this configuration.
+    pub fn of(config: Config) -> std::io::Result<Self> {
+        Self::with_patience(move || sweep_nodes(&config), PATIENCE)
     }
 
     fn with_patience(mut sweep: impl FnMut() + Send + 'static, patience: Duration) -> std::io::Result<Self> {
@@ -67,6 +69,21 @@ impl Sweeper {
                 false
             }
         }
+    }
+}
+
+/// What [`Node::try_cleanup_dead_nodes`] does, on any thread: a node itself stays on the one that made it.
+fn sweep_nodes(config: &Config) {
+    let listed = Node::<ipc::Service>::list(config, |state| {
+        if let NodeState::Dead(dead) = state
+            && let Err(cause) = dead.try_remove_stale_resources()
+        {
+            tracing::debug!("what a dead process left cannot be removed now: {cause:?}");
+        }
+        CallbackProgression::Continue
+    });
+    if let Err(cause) = listed {
+        tracing::debug!("the dead processes cannot be listed: {cause:?}");
     }
 }
 

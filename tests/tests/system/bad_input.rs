@@ -207,10 +207,19 @@ fn a_truncated_recording() {
 
     let printed = complete(workshop.orchestrator(&["replay", recording.to_str().unwrap()]));
     assert!(printed.stderr.contains("orchestrator recover"), "{printed:#?}");
+    assert_eq!(printed.status, Some(proto::exit::EXIT_INCOMPLETE), "{printed:#?}");
     let repaired = complete(workshop.orchestrator(&["recover", recording.to_str().unwrap()]));
-    assert!(repaired.success, "{repaired:#?}");
-    let printed = complete(workshop.orchestrator(&["replay", recording.to_str().unwrap()]));
-    assert!(printed.success, "{printed:#?}");
+    assert_eq!(repaired.status, Some(proto::exit::EXIT_INCOMPLETE), "what came after the cut is lost: {repaired:#?}");
+    assert!(repaired.stdout.contains("the file ends here, before its end mark"), "{repaired:#?}");
+    // What is there agrees, but the file is not what was recorded, and neither is the run.
+    for path in [recording.to_str().unwrap(), "cut"] {
+        let printed = complete(workshop.orchestrator(&["replay", path]));
+        assert_eq!(printed.status, Some(proto::exit::EXIT_INCOMPLETE), "{printed:#?}");
+        assert!(printed.stdout.contains("differences: 0"), "{printed:#?}");
+        assert!(printed.stderr.contains("was repaired, and not all was there"), "{printed:#?}");
+    }
+    let replay = complete(workshop.orchestrator(&["replay", "cut"]));
+    assert!(replay.stderr.contains("of the 600 steps that the run has"), "{replay:#?}");
 
     std::fs::write(workshop.path("noise.mcap"), [7u8; 4096]).unwrap();
     refused(&complete(workshop.orchestrator(&["replay", "noise.mcap"])), "noise.mcap");

@@ -272,7 +272,9 @@ fn validation_keeps_the_best_and_changes_nothing() {
     let printed = complete(workshop.up("run", 2, 3, 1500));
     assert_eq!(printed.result(), plain);
     let lines = validated(&workshop, "run");
-    assert_eq!(lines.last().expect("the last checkpoint is always evaluated")["frames"].as_u64(), Some(1500));
+    let frames: Vec<_> = lines.iter().filter_map(|line| line["frames"].as_u64()).collect();
+    assert_eq!(frames.len(), 5, "none is skipped: {frames:?}");
+    assert_eq!(frames.last(), Some(&1500));
     assert_best(&workshop, "run", &lines);
     let run = workshop.run("run");
     assert_eq!(run.recorded()["/evaluation"], lines.len() as u64);
@@ -285,7 +287,7 @@ fn validation_keeps_the_best_and_changes_nothing() {
 fn validation_survives_a_killed_orchestrator() {
     let workshop = Workshop::new();
     write_validating(&workshop);
-    let mut child = start(workshop.up("run", 2, 3, 3000));
+    let mut child = start(workshop.up("run", 2, 3, 1200));
     let run = workshop.run("run");
     let begun = Instant::now();
     while run.processes("--beside").is_empty() {

@@ -3,9 +3,13 @@
 mod bad_input;
 mod budget;
 mod evaluation;
+mod figures;
 mod gpu;
+mod hangs;
 mod learners;
+mod measuring;
 mod orchestrator_faults;
+mod recordings;
 mod same_weights;
 mod suite;
 mod whole_run;

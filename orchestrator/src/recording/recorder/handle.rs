@@ -57,8 +57,9 @@ impl Recorder {
         }
     }
 
-    /// Records what a learner said: metrics on `/learner/metrics`, everything else as a line on `/log`.
-    pub fn learner(&self, event: &LearnerEvent) {
+    /// Records what the learner of this incarnation said: metrics on `/learner/metrics`, most else as a line on `/log`.
+    /// Of a collected rollout the recorder checks that all of it is there, and writes it out.
+    pub fn learner(&self, learner_incarnation: u32, event: &LearnerEvent) {
         match event {
             LearnerEvent::RolloutTrained { rank, rollout, frames, stage, timing, metrics } => {
                 self.note(Note::Trained(RolloutMetrics {
@@ -71,6 +72,9 @@ impl Recorder {
                 }));
             }
             LearnerEvent::Ready { rank, rollout, frames, device, parameters, checkpoint } => {
+                if *rank == 0 {
+                    self.note(Note::Began { learner_incarnation, frames: *frames });
+                }
                 let origin = checkpoint.as_deref().unwrap_or("a fresh start");
                 self.learner_log(
                     *rank,
@@ -81,8 +85,11 @@ impl Recorder {
             LearnerEvent::ActorsConnected { rank } => {
                 self.learner_log(*rank, Level::Info, "all actors have answered".to_owned());
             }
-            // Each is followed by its metrics; an episode that was played has its end in the recording.
-            LearnerEvent::RolloutCollected { .. } | LearnerEvent::EpisodePlayed { .. } => {}
+            LearnerEvent::RolloutCollected { rollout, frames, .. } => {
+                self.note(Note::Collected { learner_incarnation, rollout: *rollout, frames: *frames });
+            }
+            // What begins is followed by what was written; an episode that was played has its end in the recording.
+            LearnerEvent::EpisodePlayed { .. } | LearnerEvent::CheckpointBegun { .. } => {}
             LearnerEvent::CheckpointWritten { rank, rollout, frames, path } => {
                 self.learner_log(
                     *rank,

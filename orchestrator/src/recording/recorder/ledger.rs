@@ -3,7 +3,11 @@
 //! Every frame trained on must be recorded once. But a restarted actor sends its last observation again, a restarted
 //! learner takes all actors back to its checkpoint, and an older sample may still be in flight. The headers distinguish
 //! all these cases.
+//!
+//! The ledger is also where the receipts come from that a learner waits for ([`wire::Receipt`]).
 
+use std::ops::Range;
+use wire::Receipt;
 use wire::message::{ObservationHeader, can_follow};
 
 /// What a sample is to the recorder.
@@ -45,6 +49,11 @@ impl Ledger {
         Self { actors: vec![Seen::default(); actors as usize], missed: 0 }
     }
 
+    /// Whether the run has this actor.
+    pub fn has(&self, actor: u32) -> bool {
+        (actor as usize) < self.actors.len()
+    }
+
     /// Judges a sample by its header and notes it.
     pub fn judge(&mut self, header: &ObservationHeader) -> Verdict {
         let Some(seen) = self.actors.get_mut(header.actor as usize).filter(|_| header.half < 2) else {
@@ -75,7 +84,23 @@ impl Ledger {
         }
     }
 
-    /// Exchanges that never arrived. Actors block rather than drop, so anything but 0 is a fault worth a warning.
+    /// The exchange up to which the samples of this half have come from every one of `actors`; none while some are at
+    /// different learner incarnations.
+    ///
+    /// # Panics
+    /// If there is no such actor or half.
+    pub fn complete(&self, actors: Range<u32>, half: u32) -> Option<Receipt> {
+        let seen = &self.actors[actors.start as usize..actors.end as usize];
+        let learner_incarnation = seen.first()?.learner_incarnation;
+        let steps = seen
+            .iter()
+            .map(|seen| seen.last_step[half as usize].filter(|_| seen.learner_incarnation == learner_incarnation));
+        let step = steps.min().flatten()?;
+        Some(Receipt { learner_incarnation, step })
+    }
+
+    /// Exchanges that never arrived. Learners answer what was judged here and nothing else, so anything but 0 is a
+    /// fault.
     pub fn missed(&self) -> u64 {
         self.missed
     }
@@ -117,6 +142,22 @@ mod tests {
             .map(|(incarnation, step)| ledger.judge(&header(0, 0, incarnation, step)));
         assert_eq!(verdicts, [Alien, RestorePoint, Alien, News, Alien, News]);
         assert_eq!(ledger.missed(), 0);
+    }
+
+    #[test]
+    fn what_is_complete_has_come_from_all_under_one_learner() {
+        let mut ledger = Ledger::new(3);
+        let receipt = |learner_incarnation, step| Some(Receipt { learner_incarnation, step });
+        let mut after = |actor, incarnation, step| {
+            ledger.judge(&header(actor, 1, incarnation, step));
+            (ledger.complete(0..2, 1), ledger.complete(2..3, 1), ledger.complete(0..3, 0))
+        };
+        assert_eq!(after(0, 1, 4), (None, None, None));
+        assert_eq!(after(1, 1, 4), (receipt(1, 4), None, None));
+        assert_eq!(after(1, 1, 5), (receipt(1, 4), None, None));
+        assert_eq!(after(2, 1, 9), (receipt(1, 4), receipt(1, 9), None));
+        assert_eq!(after(0, 2, 4), (None, receipt(1, 9), None), "one has gone back, the other not yet");
+        assert_eq!(after(1, 2, 4), (receipt(2, 4), receipt(1, 9), None));
     }
 
     #[test]

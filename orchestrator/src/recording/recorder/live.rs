@@ -12,6 +12,7 @@ use std::io::{Error, ErrorKind, Result, Seek, SeekFrom, Write};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::rc::Rc;
+use wire::fault;
 
 /// A new file that counts the bytes of data it is given.
 pub struct LiveFile {
@@ -41,7 +42,10 @@ impl LiveFile {
         self.commit()?;
         // The last tail of ours may have been longer than the writer's.
         self.file.set_len(self.data_end)?;
-        self.file.sync_all()
+        fault::reach("recorder.before_fsync");
+        self.file.sync_all()?;
+        fault::reach("recorder.after_fsync");
+        Ok(())
     }
 
     /// Writes what is pending, and the tail that belongs to it.
@@ -57,11 +61,13 @@ impl LiveFile {
         let finished = index.note(begin + magic as u64, records).map_err(Error::other)?;
         let tail = if finished { Vec::new() } else { index.tail(end) };
         self.pending.extend_from_slice(&tail);
+        fault::reach("recorder.before_chunk");
         if let Err(error) = self.file.write_all_at(&self.pending, begin) {
             // The space that the old tail took is there again.
             let _ = self.file.set_len(begin).and_then(|()| self.file.write_all_at(&self.tail, begin));
             return Err(error);
         }
+        fault::reach("recorder.after_chunk");
         self.pending.clear();
         self.data_end = end;
         self.tail = tail;

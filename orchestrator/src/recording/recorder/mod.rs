@@ -14,6 +14,7 @@ mod live;
 mod note;
 mod scribe;
 pub mod segment;
+mod tally;
 mod tap;
 #[cfg(test)]
 pub mod testing;
@@ -21,4 +22,6 @@ pub mod testing;
 mod tests;
 
 pub use handle::Recorder;
+pub use ledger::{Ledger, Verdict};
 pub use note::RecorderSetup;
+pub use tally::{Gap, Tally};

@@ -2,6 +2,7 @@
 
 use super::scribe::RolloutMetrics;
 use super::segment::SegmentError;
+use super::tally::Gap;
 use crate::recording::schema::foxglove::log::Level;
 use crate::recording::schema::stillroom::{StageSwitch, Validation};
 use proto::config::Config;
@@ -41,6 +42,9 @@ pub struct RecordingSummary {
     pub depth_frames: u64,
     /// Size of all segments.
     pub bytes: u64,
+    /// Frames of the run whose steps are all recorded, here or, before this incarnation began, in earlier ones. None
+    /// if no learner has begun.
+    pub frames: Option<u64>,
 }
 
 /// Why a recording is missing or incomplete.
@@ -54,6 +58,9 @@ pub enum RecorderError {
         "{0}; see that the folder is writable and its disk has space, or set recording.enabled = false to run without"
     )]
     Segment(#[from] SegmentError),
+    /// Steps are missing.
+    #[error(transparent)]
+    Gap(#[from] Gap),
     /// The thread could not be started.
     #[error("cannot start the recorder's thread: {0}")]
     Thread(std::io::Error),
@@ -73,10 +80,25 @@ pub enum RecorderError {
 
 /// Messages from the orchestrator to the thread.
 pub enum Note {
+    /// A learner goes on from this many frames.
+    Began {
+        learner_incarnation: u32,
+        frames: u64,
+    },
+    /// A rollout is collected, with which there are this many frames.
+    Collected {
+        learner_incarnation: u32,
+        rollout: u64,
+        frames: u64,
+    },
     Trained(RolloutMetrics),
     Stage(StageSwitch),
     Validation(Validation),
-    Log { level: Level, process: String, line: String },
+    Log {
+        level: Level,
+        process: String,
+        line: String,
+    },
     Finish,
 }
 

@@ -15,6 +15,7 @@ use proto::episode::EnvironmentId;
 use proto::evaluation::Plan;
 use proto::event::Timing;
 use proto::metric;
+use proto::replay::length_m;
 use proto::reward::{RewardKind, UNDISTURBED_THRESHOLD_M};
 use proto::step::{Current, Transition, current_flag, transition_flag};
 use std::collections::BTreeMap;
@@ -175,14 +176,16 @@ impl Scribe {
         }
     }
 
-    /// Describes one sample. `with_transitions` is false where the transitions were recorded before.
+    /// Describes one sample; returns how many steps it held. `with_transitions` is false where the transitions were
+    /// recorded before.
     pub fn observations(
         &mut self,
         time_ns: u64,
         header: &ObservationHeader,
         observations: &[Observation],
         with_transitions: bool,
-    ) -> Result<(), SegmentError> {
+    ) -> Result<u64, SegmentError> {
+        let mut steps = 0;
         let first = header.actor * self.shape.environments_per_actor;
         let range = Halves::of(self.shape.environments_per_actor).range(header.half);
         for (index, observation) in range.zip(observations) {
@@ -195,6 +198,7 @@ impl Scribe {
                 self.environments[environment].taken = taken;
                 if with_transitions {
                     self.step(time_ns, header, environment, index as u32, transition)?;
+                    steps += 1;
                     if transition.flags & transition_flag::ENDED != 0 {
                         self.episode_end(time_ns, header, environment, transition)?;
                     }
@@ -213,7 +217,7 @@ impl Scribe {
                 self.depth(time_ns, environment, observation)?;
             }
         }
-        Ok(())
+        Ok(steps)
     }
 
     /// Figures of a trained rollout.
@@ -507,8 +511,4 @@ fn goal_of(current: &Current) -> Goal {
 /// The number in an evaluation's table of an environment's episode.
 fn fixed(plan: Option<&Plan>, environment: EnvironmentId, episode: u32) -> Option<u32> {
     plan.and_then(|plan| plan.dealt(environment, episode))
-}
-
-fn length_m([x, y, z]: [f32; 3]) -> f32 {
-    (x * x + y * y + z * z).sqrt()
 }

@@ -4,11 +4,16 @@ use super::ledger::{Ledger, Verdict};
 use super::note::{Note, RecorderError, RecorderSetup, RecordingSummary, now_ns};
 use super::scribe::{Counts, Scribe};
 use super::segment::{Preamble, SegmentError, Segments};
+use super::tally::Tally;
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
+use wire::fault;
 use wire::message::{Halves, Observation, ObservationHeader, observation_kind};
-use wire::{Bells, ObservationSubscriber, PREFIX_MARK, ThreadBell, Wire, WireError};
+use wire::{
+    Bell, Bells, ObservationSubscriber, PREFIX_MARK, Receipt, ReceiptBook, ThreadBell, Wire, WireError, WireShape,
+    Written,
+};
 
 /// A killed recorder loses at most this much.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
@@ -32,7 +37,9 @@ pub fn run(
     let wakeups: Vec<_> = learners.map(|rank| wire.observations_wakeup(rank)).collect::<Result<_, WireError>>()?;
     let bells = Bells::new()?;
     let waiting = bells.attach(&wakeups, bell)?;
-    let mut desk = Desk::new(setup, failure)?;
+    let mut learners = Learners::open(&wire, setup.shape)?;
+    let book = ReceiptBook::open(&setup.address, setup.shape.shares.actors())?;
+    let mut desk = Desk::new(setup, failure, &book)?;
     // The orchestrator may have given up waiting; then its end of the notes is closed too.
     let _ = ready.send(());
 
@@ -43,7 +50,8 @@ pub fn run(
             // Without the bells it still sees every sample, only later.
             std::thread::sleep(Duration::from_millis(1));
         }
-        drain(&subscribers, &mut desk)?;
+        drain(&subscribers, &mut desk).inspect_err(|_| book.fail())?;
+        learners.tell(&desk.ledger);
         let mut finish = false;
         loop {
             match notes.try_recv() {
@@ -51,7 +59,12 @@ pub fn run(
                     finish = true;
                     break;
                 }
-                Ok((time_ns, note)) => desk.note(time_ns, note),
+                Ok((time_ns, note)) => {
+                    if desk.note(time_ns, note) {
+                        flushed = Instant::now();
+                        learners.ring_first();
+                    }
+                }
                 Err(std::sync::mpsc::TryRecvError::Empty) => break,
             }
         }
@@ -79,6 +92,7 @@ fn drain(subscribers: &[ObservationSubscriber], desk: &mut Desk<'_>) -> Result<u
             .receive()
             .map_err(|cause| WireError::Port { service: "observations".to_owned(), cause: format!("{cause:?}") })?
         {
+            fault::reach("recorder.after_receive");
             // Copied once, then checked: what lies in shared memory can change meanwhile.
             let header = *sample.user_header();
             desk.sample(&header, sample.payload());
@@ -88,11 +102,54 @@ fn drain(subscribers: &[ObservationSubscriber], desk: &mut Desk<'_>) -> Result<u
     Ok(taken)
 }
 
+/// The bells of the learners, which wait for receipts.
+struct Learners {
+    shape: WireShape,
+    bells: Vec<Bell>,
+    /// The last receipt that was rung for, of each learner and half.
+    told: Vec<[Option<Receipt>; 2]>,
+}
+
+impl Learners {
+    fn open(wire: &Wire, shape: WireShape) -> Result<Self, WireError> {
+        let ranks = 0..shape.shares.learners();
+        let bells: Vec<_> = ranks.map(|rank| wire.recorded_bell(rank)).collect::<Result<_, WireError>>()?;
+        Ok(Self { shape, told: vec![[None; 2]; bells.len()], bells })
+    }
+
+    /// Rings for each learner that now has the receipts of all its actors for the next exchange of a half: before that
+    /// it could not go on.
+    fn tell(&mut self, ledger: &Ledger) {
+        for ((rank, bell), told) in (0..).zip(&self.bells).zip(&mut self.told) {
+            let actors = self.shape.shares.actors_of(rank);
+            let complete = [0, 1].map(|half| ledger.complete(actors.clone(), half));
+            if complete != *told {
+                *told = complete;
+                ring(bell);
+            }
+        }
+    }
+
+    /// Rings for the first learner, which waits for rollouts on behalf of all.
+    fn ring_first(&self) {
+        self.bells.first().into_iter().for_each(ring);
+    }
+}
+
+/// A bell that does not ring is no loss: learners look a few times a second.
+fn ring(bell: &Bell) {
+    if let Err(cause) = bell.notify() {
+        tracing::debug!("a learner's bell does not ring: {cause:?}");
+    }
+}
+
 /// Where samples and notes arrive; it passes on new ones while writing still works.
 struct Desk<'a> {
     /// None after a failed write.
     scribe: Option<Scribe>,
     ledger: Ledger,
+    tally: Tally,
+    book: &'a ReceiptBook,
     halves: Halves,
     failure: &'a OnceLock<String>,
     /// Times never go back, whatever the clock does.
@@ -102,7 +159,7 @@ struct Desk<'a> {
 }
 
 impl<'a> Desk<'a> {
-    fn new(setup: &RecorderSetup, failure: &'a OnceLock<String>) -> Result<Self, SegmentError> {
+    fn new(setup: &RecorderSetup, failure: &'a OnceLock<String>, book: &'a ReceiptBook) -> Result<Self, SegmentError> {
         let time_ns = now_ns();
         let preamble = Preamble {
             run_id: run_id(setup.address.prefix()).to_owned(),
@@ -114,6 +171,8 @@ impl<'a> Desk<'a> {
         Ok(Self {
             scribe: Some(scribe),
             ledger: Ledger::new(setup.shape.shares.actors()),
+            tally: Tally::default(),
+            book,
             halves: Halves::of(setup.shape.environments_per_actor),
             failure,
             time_ns,
@@ -123,8 +182,12 @@ impl<'a> Desk<'a> {
     }
 
     fn sample(&mut self, header: &ObservationHeader, observations: &[Observation]) {
-        if header.kind != observation_kind::OBSERVATIONS {
-            return;
+        match header.kind {
+            observation_kind::OBSERVATIONS => {}
+            observation_kind::HELLO if self.ledger.has(header.actor) => {
+                return self.book.meet(header.actor, header.actor_incarnation);
+            }
+            _ => return,
         }
         let fits = header.half < self.halves.count() && self.halves.range(header.half).len() == observations.len();
         let with_transitions = match if fits { self.ledger.judge(header) } else { Verdict::Alien } {
@@ -141,21 +204,46 @@ impl<'a> Desk<'a> {
         };
         if self.ledger.missed() > self.missed {
             self.missed = self.ledger.missed();
-            tracing::warn!(missed = self.missed, actor = header.actor, "recorder: exchanges that were never seen");
+            tracing::error!(missed = self.missed, actor = header.actor, "recorder: exchanges that were never seen");
         }
         let time_ns = self.tick(now_ns());
-        self.attempt(|scribe| scribe.observations(time_ns, header, observations, with_transitions));
+        let mut steps = 0;
+        self.attempt(|scribe| {
+            steps = scribe.observations(time_ns, header, observations, with_transitions)?;
+            Ok(())
+        });
+        let ObservationHeader { actor, half, learner_incarnation, step, .. } = *header;
+        self.tally.record(learner_incarnation, steps);
+        // Also after a failure: the learner goes on until it hears of that.
+        self.book.take(actor, half, Receipt { learner_incarnation, step });
     }
 
-    fn note(&mut self, time_ns: u64, note: Note) {
+    /// Writes a note down; true if a learner may wait for what was done.
+    fn note(&mut self, time_ns: u64, note: Note) -> bool {
         let time_ns = self.tick(time_ns);
-        self.attempt(|scribe| match note {
-            Note::Trained(trained) => scribe.metrics(time_ns, &trained),
-            Note::Stage(stage) => scribe.stage(time_ns, &stage),
-            Note::Validation(figures) => scribe.validation(time_ns, &figures),
-            Note::Log { level, process, line } => scribe.log(time_ns, level, &process, line),
-            Note::Finish => Ok(()),
-        });
+        match note {
+            Note::Began { learner_incarnation, frames } => self.tally.begin(learner_incarnation, frames),
+            Note::Collected { learner_incarnation, rollout, frames } => {
+                self.collected(learner_incarnation, rollout, frames);
+                return true;
+            }
+            note => self.attempt(|scribe| write_note(scribe, time_ns, note)),
+        }
+        false
+    }
+
+    /// A rollout is collected: if all of it is there, it is written out and the learner may train on it.
+    fn collected(&mut self, learner_incarnation: u32, rollout: u64, frames: u64) {
+        if self.scribe.is_none() {
+            return;
+        }
+        match self.tally.collect(learner_incarnation, rollout, frames) {
+            Ok(()) => self.attempt(|scribe| scribe.segments().flush()),
+            Err(gap) => self.fail(&gap.into()),
+        }
+        if self.scribe.is_some() {
+            self.book.write(Written { learner_incarnation, rollout: rollout + 1 });
+        }
     }
 
     fn tick(&mut self, time_ns: u64) -> u64 {
@@ -167,13 +255,18 @@ impl<'a> Desk<'a> {
     fn attempt(&mut self, write: impl FnOnce(&mut Scribe) -> Result<(), SegmentError>) {
         let Some(scribe) = &mut self.scribe else { return };
         if let Err(error) = write(scribe) {
-            let message = RecorderError::from(error).to_string();
-            tracing::error!("recording ends here, and the run is saved and ended: {message}");
-            // Only this thread sets it, and only once: the scribe is gone afterwards.
-            let _ = self.failure.set(message);
-            if let Some(scribe) = self.scribe.take() {
-                scribe.into_segments().abandon();
-            }
+            self.fail(&error.into());
+        }
+    }
+
+    fn fail(&mut self, error: &RecorderError) {
+        let message = error.to_string();
+        tracing::error!("recording ends here, and the run is saved and ended: {message}");
+        // Only this thread sets it, and only once: the scribe is gone afterwards.
+        let _ = self.failure.set(message);
+        self.book.fail();
+        if let Some(scribe) = self.scribe.take() {
+            scribe.into_segments().abandon();
         }
     }
 
@@ -190,7 +283,19 @@ impl<'a> Desk<'a> {
             episodes,
             depth_frames,
             bytes: segments.bytes(),
+            frames: self.tally.frames(),
         })
+    }
+}
+
+/// Writes down what needs no more than that.
+fn write_note(scribe: &mut Scribe, time_ns: u64, note: Note) -> Result<(), SegmentError> {
+    match note {
+        Note::Trained(trained) => scribe.metrics(time_ns, &trained),
+        Note::Stage(stage) => scribe.stage(time_ns, &stage),
+        Note::Validation(figures) => scribe.validation(time_ns, &figures),
+        Note::Log { level, process, line } => scribe.log(time_ns, level, &process, line),
+        Note::Began { .. } | Note::Collected { .. } | Note::Finish => Ok(()),
     }
 }
 

@@ -128,11 +128,16 @@ impl FakeActor {
 
     /// Sends one half's observations of an exchange, each passed through `edit`.
     pub fn send(&self, half: u32, learner_incarnation: u32, step: u64, edit: impl Fn(&mut Observation)) {
+        self.send_as(observation_kind::OBSERVATIONS, half, learner_incarnation, step, edit);
+    }
+
+    /// The same as a sample of this kind.
+    pub fn send_as(&self, kind: u32, half: u32, learner_incarnation: u32, step: u64, edit: impl Fn(&mut Observation)) {
         let range = self.halves.range(half);
         let deadline = Instant::now() + Duration::from_secs(20);
         loop {
             let mut sample = self.publisher.loan_slice_uninit(range.len()).unwrap();
-            *sample.user_header_mut() = self.header(half, learner_incarnation, step);
+            *sample.user_header_mut() = ObservationHeader { kind, ..self.header(half, learner_incarnation, step) };
             let sample = sample.write_from_fn(|index| {
                 let mut observation = observation((range.start + index) as u32, step, 0);
                 edit(&mut observation);

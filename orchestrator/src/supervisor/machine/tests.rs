@@ -33,6 +33,18 @@ fn policy(learners: u32) -> Policy {
     Policy::of(&config)
 }
 
+impl Supervisor {
+    /// True once [`Action::Finish`] was given.
+    pub fn is_over(&self) -> bool {
+        self.phase == Phase::Over
+    }
+
+    /// True from the moment on when a stop or an end is being carried out.
+    pub fn is_stopping(&self) -> bool {
+        self.phase != Phase::Running
+    }
+}
+
 /// Everything outside the supervisor: processes that live and die, and learners that keep to the protocol.
 struct World {
     learners: u32,

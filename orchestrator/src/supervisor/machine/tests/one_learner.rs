@@ -142,7 +142,10 @@ fn a_hanging_actor_is_killed_and_started_again() {
     world.pass(Duration::from_secs(100));
     let waiting = |waited_s| LearnerEvent::WaitingForActor { rank: 0, actor: 1, waited_s };
     world.learner(waiting(10.0));
-    assert!(world.killed.is_empty());
+    assert!(world.killed.is_empty() && !world.reports.iter().any(|text| text.contains("answered")));
+    world.learner(waiting(22.0));
+    let warning = "actor-01 (kitchen 3) has not answered for 22 s; it is killed after 60 s";
+    assert_eq!((world.killed.len(), world.reports.last().map(String::as_str)), (0, Some(warning)));
     world.learner(waiting(61.0));
     assert_eq!(world.killed.iter().copied().collect::<Vec<_>>(), [Process::Actor(1)]);
     world.learner(waiting(62.0));
@@ -152,16 +155,23 @@ fn a_hanging_actor_is_killed_and_started_again() {
     assert!(world.killed.is_empty(), "the new one is given its time");
 }
 
+/// Seconds that pass, a tick each, until someone is killed or the run stops.
+fn seconds_until_a_kill(world: &mut World) -> u64 {
+    let begin = world.now;
+    while world.killed.is_empty() && !world.supervisor.is_stopping() {
+        world.pass(Duration::from_secs(1));
+        assert!(world.now < begin + Duration::from_hours(1), "nobody is killed");
+    }
+    (world.now - begin).as_secs()
+}
+
 #[test]
 fn a_silent_learner_is_killed_and_a_dead_ones_words_are_ignored() {
     let mut world = World::new();
     world.step(false);
     world.step(false);
-    for _ in 0..3000 {
-        if world.killed.is_empty() {
-            world.pass(Duration::from_secs(1));
-        }
-    }
+    // Nobody knows yet how long a rollout takes.
+    assert_eq!(seconds_until_a_kill(&mut world), policy(1).silence.as_secs() + 1);
     assert_eq!(world.killed.iter().copied().collect::<Vec<_>>(), [LEARNER]);
     world.obey();
     assert_eq!(world.spawned[&LEARNER], 2);
@@ -173,15 +183,98 @@ fn a_silent_learner_is_killed_and_a_dead_ones_words_are_ignored() {
     assert_eq!(world.announced.version, version);
 }
 
+/// A learner whose rollouts and updates take two seconds each hangs: in a rollout, and in an update.
 #[test]
-fn a_learner_that_never_gets_ready_ends_the_run() {
+fn a_hang_is_told_of_early_and_ended_by_what_was_measured() {
+    for steps in [14, 15] {
+        let mut world = World::new();
+        for _ in 0..steps {
+            world.pass(Duration::from_secs(2));
+            world.step(true);
+        }
+        world.reports.clear();
+        let work = if world.collected { "update" } else { "rollout" };
+        assert_eq!(world.collected, steps == 15);
+        assert_eq!(seconds_until_a_kill(&mut world), 61);
+        assert_eq!(world.killed.iter().copied().collect::<Vec<_>>(), [LEARNER]);
+        let warned = |silent_s| {
+            format!(
+                "learner-0 has shown no progress for {silent_s} s: no {work} is finished (the longest of the last took \
+                 2.0 s); learner-0 is killed after 60 s"
+            )
+        };
+        let killed =
+            format!("learner-0 has finished no {work} for 61 s (the longest of the last took 2.0 s) and is killed");
+        assert_eq!(world.reports, [warned(11), warned(23), warned(47), killed]);
+        world.obey();
+        train(&mut world);
+        assert_eq!(world.outcome.map(|outcome| outcome.end), Some(SessionEnd::Complete));
+    }
+}
+
+#[test]
+fn a_learner_that_waits_for_an_actor_does_not_hang() {
     let mut world = World::new();
-    for _ in 0..200 {
-        if world.outcome.is_none() {
-            world.pass(Duration::from_secs(1));
+    for _ in 0..14 {
+        world.pass(Duration::from_secs(2));
+        world.step(true);
+    }
+    // It waits longer than a rollout may take, for one that is started again and again.
+    for second in 1..=100 {
+        world.pass(Duration::from_secs(1));
+        if second % 10 == 0 {
+            world.learner(LearnerEvent::WaitingForActor { rank: 0, actor: 1, waited_s: f64::from(second) });
             world.obey();
         }
     }
+    assert_eq!((world.spawned[&LEARNER], world.spawned[&Process::Actor(1)]), (1, 3), "{:#?}", world.reports);
+    assert_eq!(seconds_until_a_kill(&mut world), 61, "what says nothing more hangs");
+    assert!(world.killed.contains(&LEARNER));
+}
+
+/// A stop waits for what was measured, and says what for.
+#[test]
+fn a_stop_of_a_hanging_learner_ends_in_bounded_time() {
+    let mut world = World::new();
+    for _ in 0..15 {
+        world.pass(Duration::from_secs(2));
+        world.step(true);
+    }
+    world.feed(Event::Stop);
+    world.reports.clear();
+    let begin = world.now;
+    while world.killed.is_empty() {
+        world.pass(Duration::from_secs(1));
+    }
+    // An update of at most a minute, and a checkpoint whose time is not known.
+    assert_eq!((world.now - begin).as_secs(), 60 + 180);
+    let first = "the stop waits for learner-0: learner-0 has not saved after 11 s and is given 229 s more";
+    assert_eq!(world.reports[0], first);
+    let told = |text: &String| text.contains("the stop waits for");
+    assert_eq!(world.reports.iter().filter(|text| told(text)).count(), 5, "{:#?}", world.reports);
+    for _ in 0..=ACTORS {
+        world.obey();
+    }
+    let Some(Outcome { end: SessionEnd::Failed(reason), saved: None }) = world.outcome else {
+        panic!("{:?}", world.outcome)
+    };
+    assert_eq!(reason, "learner-0 has not saved within 240 s");
+}
+
+#[test]
+fn a_learner_that_never_gets_ready_is_started_again_once() {
+    let mut world = World::new();
+    assert_eq!(seconds_until_a_kill(&mut world), 121);
+    assert_eq!(
+        world.reports,
+        [
+            "learner-0 is not ready after 61 s; it is given 120 s",
+            "learner-0 was not ready after 120 s; its log says what it was doing. It is killed"
+        ]
+    );
+    world.obey();
+    assert_eq!((world.spawned[&LEARNER], seconds_until_a_kill(&mut world)), (2, 121));
+    train(&mut world);
     let Some(Outcome { end: SessionEnd::Failed(reason), .. }) = world.outcome else { panic!("{:?}", world.outcome) };
     assert!(reason.contains("not ready after 120 s"), "{reason}");
 }

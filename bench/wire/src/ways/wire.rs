@@ -1,0 +1,182 @@
+//! The product's wire, with the services, settings and waits that actors, learner and recorder have.
+
+use crate::end::{ActorEnd, EndArgs, LearnerEnd, Place};
+use anyhow::{Context, Result, anyhow, ensure};
+use iceoryx2::sample::Sample;
+use proto::shares::Shares;
+use std::collections::BTreeMap;
+use std::time::Duration;
+use wire::message::{ActionHeader, Observation, ObservationHeader, observation_kind};
+use wire::{
+    ActionPublisher, ActionSubscriber, Bell, Bells, Ipc, ObservationPublisher, ObservationReaders,
+    ObservationSubscriber, ThreadBell, UpdateConnections, Waiting, Wakeup, Wire, WireAddress, WireHost, WireShape,
+};
+
+/// Longest sleep without a look around, as in the product.
+const LOOK: Duration = Duration::from_millis(250);
+
+/// Where a cell's services live.
+pub fn address(place: &Place) -> WireAddress {
+    WireAddress::new(&format!("bench{}", place.cell), 1)
+}
+
+fn shape(place: &Place) -> WireShape {
+    WireShape { shares: Shares::of_one(place.actors), environments_per_actor: place.environments() }
+}
+
+type Received = Sample<Ipc, [Observation], ObservationHeader>;
+
+/// The learner, and in the same process the host of all services.
+pub struct Learner {
+    // Ports before node and host: they are dropped in this order.
+    held: [BTreeMap<u32, Received>; 2],
+    observations: ObservationSubscriber,
+    waiting: Waiting<'static>,
+    actors: Vec<(ActionPublisher, Bell)>,
+    steps: [u64; 2],
+    frames: usize,
+    _wire: Wire,
+    _host: WireHost,
+}
+
+impl Learner {
+    /// Creates the services and opens the learner's ports.
+    pub fn open(place: &Place) -> Result<Self> {
+        let (address, shape) = (address(place), shape(place));
+        let host = WireHost::create(&address, shape)?;
+        let wire = Wire::join(&address, shape, "learner-0")?;
+        // For the rest of the process, which measures one cell.
+        let wakeup: &'static Wakeup = Box::leak(Box::new(wire.observations_wakeup(0)?));
+        let bells: &'static Bells = Box::leak(Box::new(Bells::new()?));
+        let gone: &'static ThreadBell = Box::leak(Box::new(ThreadBell::new()?));
+        let actors = (0..place.actors).map(|actor| Ok((wire.action_publisher(actor)?, wire.actions_bell(actor)?)));
+        Ok(Self {
+            held: Default::default(),
+            observations: wire.observation_subscriber(0)?,
+            waiting: bells.attach([wakeup], gone)?,
+            actors: actors.collect::<Result<_>>()?,
+            steps: [0; 2],
+            frames: place.frames as usize,
+            _wire: wire,
+            _host: host,
+        })
+    }
+}
+
+fn bytes(sample: &Received) -> &[u8] {
+    let payload = sample.payload();
+    // SAFETY: an Observation is `Pod`: all its bytes are initialised, and any of them may be read.
+    unsafe { std::slice::from_raw_parts(payload.as_ptr().cast(), size_of_val(payload)) }
+}
+
+impl LearnerEnd for Learner {
+    fn receive(&mut self, half: u32, each: &mut dyn FnMut(u32, &[u8])) -> Result<()> {
+        loop {
+            while let Some(sample) = self.observations.receive().context("cannot receive observations")? {
+                let ObservationHeader { actor, half, step, .. } = *sample.user_header();
+                ensure!(step == self.steps[half as usize], "actor {actor} is at another step");
+                self.held[half as usize].insert(actor, sample);
+            }
+            if self.held[half as usize].len() == self.actors.len() {
+                break;
+            }
+            self.waiting.wait(LOOK)?;
+        }
+        self.held[half as usize].iter().for_each(|(&actor, sample)| each(actor, bytes(sample)));
+        Ok(())
+    }
+
+    fn answer(&mut self, half: u32, action: u8) -> Result<()> {
+        let header = ActionHeader { step: self.steps[half as usize], half, ..Default::default() };
+        for (publisher, bell) in &self.actors {
+            let mut sample = publisher.loan_slice_uninit(self.frames).context("cannot send actions")?;
+            *sample.user_header_mut() = header;
+            sample.write_from_fn(|_| action).send().context("cannot send actions")?;
+            bell.notify().map_err(|cause| anyhow!("a bell does not ring: {cause:?}"))?;
+        }
+        self.steps[half as usize] += 1;
+        self.held[half as usize].clear();
+        Ok(())
+    }
+}
+
+/// An actor.
+pub struct Actor {
+    number: u32,
+    frames: usize,
+    steps: [u64; 2],
+    observations: ObservationPublisher,
+    readers: ObservationReaders,
+    bell: Bell,
+    actions: ActionSubscriber,
+    wakeup: Wakeup,
+    _wire: Wire,
+}
+
+impl Actor {
+    /// Opens its ports.
+    pub fn open(place: &Place, actor: u32) -> Result<Self> {
+        let wire = Wire::join(&address(place), shape(place), &format!("actor-{actor:02}"))?;
+        Ok(Self {
+            number: actor,
+            frames: place.frames as usize,
+            steps: [0; 2],
+            actions: wire.action_subscriber(actor)?,
+            wakeup: wire.actions_wakeup(actor)?,
+            bell: wire.observations_bell(actor)?,
+            observations: wire.observation_publisher(actor)?,
+            readers: wire.observation_readers(actor)?,
+            _wire: wire,
+        })
+    }
+}
+
+impl ActorEnd for Actor {
+    fn send(&mut self, half: u32, pattern: u8) -> Result<()> {
+        self.observations.update_connections().context("cannot connect to the learner")?;
+        let mut sample = self.observations.loan_slice_uninit(self.frames).context("no free slot")?;
+        *sample.user_header_mut() = ObservationHeader {
+            step: self.steps[half as usize],
+            kind: observation_kind::OBSERVATIONS,
+            actor: self.number,
+            half,
+            ..Default::default()
+        };
+        let slots = sample.payload_mut();
+        // SAFETY: the slots are ours to write.
+        unsafe { slots.as_mut_ptr().write_bytes(pattern, slots.len()) };
+        // SAFETY: every byte was written, and an Observation of any bytes is valid.
+        let receivers = unsafe { sample.assume_init() }.send().context("cannot send observations")?;
+        self.bell.notify().map_err(|cause| anyhow!("the bell does not ring: {cause:?}"))?;
+        ensure!(receivers == self.readers.count(), "{receivers} of {} readers got a sample", self.readers.count());
+        self.steps[half as usize] += 1;
+        Ok(())
+    }
+
+    fn wait(&mut self) -> Result<(u32, u8)> {
+        loop {
+            if let Some(sample) = self.actions.receive().context("cannot receive actions")? {
+                return Ok((sample.user_header().half, sample.payload()[0]));
+            }
+            self.wakeup.timed_wait(|_| {}, LOOK).map_err(|cause| anyhow!("cannot wait: {cause:?}"))?;
+        }
+    }
+}
+
+/// A second reader of the observations, which looks at what the product's recorder looks at in a step without its
+/// frame. It runs until its standard input closes or it is killed.
+pub fn record(args: &EndArgs) -> Result<()> {
+    wire::lifeline::hold(|| std::process::exit(0)).context("cannot watch standard input")?;
+    let wire = Wire::join(&address(&args.place), shape(&args.place), "recorder")?;
+    let wakeup = wire.observations_wakeup(0)?;
+    let observations = wire.observation_subscriber(0)?;
+    println!("ready");
+    let mut seen = 0_u64;
+    loop {
+        while let Some(sample) = observations.receive().context("cannot receive observations")? {
+            let hashes = sample.payload().iter().map(|observation| observation.transition.state_hash);
+            seen = std::hint::black_box(hashes.fold(seen, u64::wrapping_add));
+        }
+        wakeup.timed_wait(|_| {}, LOOK).map_err(|cause| anyhow!("cannot wait: {cause:?}"))?;
+    }
+}

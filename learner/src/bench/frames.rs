@@ -1,0 +1,207 @@
+//! Observations of both halves of all environments, in the shared memory of the real services.
+
+use crate::agent::StepInput;
+use crate::collector::{ColumnMap, gumbel};
+use anyhow::{Context, Result, ensure};
+use iceoryx2::sample::Sample;
+use proto::action::NO_ACTION;
+use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
+use proto::config::Config;
+use proto::shares::Shares;
+use proto::step::{Current, Transition};
+use std::sync::atomic::{AtomicU32, Ordering};
+use wire::message::{Halves, Observation, ObservationHeader};
+use wire::{Ipc, ObservationPublisher, ObservationSubscriber, SHARED_MEMORY, WireAddress, WireHost, WireShape};
+
+/// Length of an episode; columns are in different phases of theirs.
+const EPISODE_STEPS: usize = 50;
+
+type Received = Sample<Ipc, [Observation], ObservationHeader>;
+
+/// Actors and environments of each that make a half of `batch`: 19 actors where that goes, else as few as can be.
+pub fn shape_of(batch: u32) -> [u32; 2] {
+    // An actor has at most 256 environments.
+    let few = (1..=batch).find(|actors| batch.is_multiple_of(*actors) && 2 * batch / actors <= 256).unwrap_or(batch);
+    let actors = if batch.is_multiple_of(19) && 2 * batch / 19 <= 256 { 19 } else { few };
+    [actors, 2 * batch / actors]
+}
+
+/// Frames in shared memory. They lie where actors wrote them until this is dropped.
+pub struct Frames {
+    // Samples before ports before the host: they are dropped in this order.
+    halves: [Vec<Received>; 2],
+    map: ColumnMap,
+    seed: u64,
+    actions: usize,
+    _ports: (ObservationSubscriber, Vec<ObservationPublisher>),
+    _host: WireHost,
+    _swept: Swept,
+}
+
+/// Sweeps the address when all ports are gone.
+struct Swept(WireAddress);
+
+impl Drop for Swept {
+    fn drop(&mut self) {
+        if let Err(error) = self.0.sweep() {
+            tracing::warn!("{}: {error}; `orchestrator clean` removes it", self.0);
+        }
+    }
+}
+
+/// What one half's step is made of, besides the frames.
+pub struct Batch<'a> {
+    columns: Vec<usize>,
+    frames: Vec<&'a [u16; FRAME_PIXELS]>,
+    goal_m: Vec<[f32; 3]>,
+    previous_action: Vec<u8>,
+    episode_start: Vec<bool>,
+    gumbel: Vec<f32>,
+}
+
+impl Batch<'_> {
+    /// As the agent takes it.
+    pub fn input(&self) -> StepInput<'_> {
+        StepInput {
+            columns: &self.columns,
+            frames: &self.frames,
+            goal_m: &self.goal_m,
+            previous_action: &self.previous_action,
+            episode_start: &self.episode_start,
+            gumbel: &self.gumbel,
+        }
+    }
+}
+
+/// Addresses of this process: each takes another.
+static TAKEN: AtomicU32 = AtomicU32::new(1);
+
+impl Frames {
+    /// Those of all environments of a configuration.
+    pub fn new(config: &Config) -> Result<Self> {
+        let (actors, each) = (config.actors.count, config.actors.environments_per_actor);
+        ensure!(Halves::of(each).count() == 2, "an actor has two halves");
+        let need = config.environments() * size_of::<Observation>();
+        let status = rustix::fs::statvfs(SHARED_MEMORY).context(SHARED_MEMORY)?;
+        let free = status.f_bavail * status.f_frsize;
+        ensure!(
+            need as u64 + (8 << 20) <= free,
+            "{SHARED_MEMORY} has {} MiB free, frames of {} environments take {} MiB: measure smaller batches (--batches)",
+            free >> 20,
+            config.environments(),
+            need >> 20
+        );
+        let address = WireAddress::new(&format!("bench{}", std::process::id()), TAKEN.fetch_add(1, Ordering::Relaxed));
+        let swept = Swept(address.clone());
+        let shape = WireShape { shares: Shares::of_one(actors), environments_per_actor: each };
+        let host = WireHost::create(&address, shape)?;
+        let subscriber = host.wire().observation_subscriber(0)?;
+        let (mut halves, mut publishers) = ([vec![], vec![]], vec![]);
+        for actor in 0..actors {
+            let publisher = host.wire().observation_publisher(actor)?;
+            for half in 0..2 {
+                let range = Halves::of(each).range(half);
+                let mut sample = publisher.loan_slice_uninit(range.len())?;
+                *sample.user_header_mut() = ObservationHeader { actor, half, ..Default::default() };
+                let first = (actor * each) as usize + range.start;
+                sample.write_from_fn(|i| observation(first + i)).send()?;
+                halves[half as usize].push(subscriber.receive()?.context("what was sent is there")?);
+            }
+            publishers.push(publisher);
+        }
+        let map = ColumnMap::of(0, config);
+        let actions = config.episode.action_space.actions().len();
+        let ports = (subscriber, publishers);
+        Ok(Self { halves, map, seed: config.seed, actions, _ports: ports, _host: host, _swept: swept })
+    }
+
+    /// One half's batch in a step, noise included, as the collector makes it.
+    pub fn batch(&self, half: u32, step: usize) -> Batch<'_> {
+        let columns: Vec<usize> = self.map.batch(half).collect();
+        let samples = self.halves[half as usize].iter();
+        let frames =
+            samples.flat_map(|sample| sample.payload().iter().map(|observation| &observation.depth_mm)).collect();
+        let mut noise = Vec::with_capacity(columns.len() * self.actions);
+        for &column in &columns {
+            gumbel(self.seed, self.map.environment(column), 0, step as u32, self.actions, &mut noise);
+        }
+        let starts: Vec<bool> = columns.iter().map(|&column| episode_step(column, step) == 0).collect();
+        Batch {
+            frames,
+            goal_m: columns.iter().map(|&column| [0.1, 0.2, (column % 7) as f32 * 0.3]).collect(),
+            previous_action: starts.iter().map(|&start| if start { NO_ACTION } else { 16 }).collect(),
+            episode_start: starts,
+            gumbel: noise,
+            columns,
+        }
+    }
+
+    /// Whether a column's episode ends with its action in a step.
+    pub fn ends(column: usize, step: usize) -> bool {
+        episode_step(column, step) == EPISODE_STEPS - 1
+    }
+}
+
+fn episode_step(column: usize, step: usize) -> usize {
+    (step + 7 * column) % EPISODE_STEPS
+}
+
+/// Walls and edges at 0.3 to 4.3 m, other ones for each column.
+fn observation(column: usize) -> Observation {
+    let mut observation = Observation {
+        transition: Transition::default(),
+        current: Current::default(),
+        environment: 0,
+        reserved: [0; 13],
+        depth_mm: [0; FRAME_PIXELS],
+    };
+    for (pixel, depth_mm) in observation.depth_mm.iter_mut().enumerate() {
+        let (row, at) = (pixel / FRAME_SIDE / 8, pixel % FRAME_SIDE / 8);
+        *depth_mm = 300 + ((row * 389 + at * 131 + column * 1009) % 4000) as u16;
+    }
+    observation
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_batch_is_a_half_of_allowed_actors() {
+        for (batch, shape) in [
+            (10, [1, 20]),
+            (19, [19, 2]),
+            (152, [19, 16]),
+            (304, [19, 32]),
+            (608, [19, 64]),
+            (129, [3, 86]),
+            (131, [131, 2]),
+        ] {
+            assert_eq!(shape_of(batch), shape, "{batch}");
+        }
+    }
+
+    #[test]
+    fn frames_lie_in_shared_memory_in_the_order_of_columns_and_are_swept() {
+        let mut config = Config::resolve("demo", None).unwrap();
+        (config.actors.count, config.actors.environments_per_actor) = (2, 3);
+        let frames = Frames::new(&config).unwrap();
+        let left = || {
+            let names =
+                std::fs::read_dir(SHARED_MEMORY).unwrap().chain(std::fs::read_dir(std::env::temp_dir()).unwrap());
+            let ours = format!("stillroom_bench{}_", std::process::id());
+            names.flatten().filter(|name| name.file_name().to_string_lossy().starts_with(&ours)).count()
+        };
+        assert!(left() > 0);
+        for (half, columns) in [(0, vec![0, 1, 3, 4]), (1, vec![2, 5])] {
+            let batch = frames.batch(half, 0);
+            assert_eq!(batch.columns, columns);
+            for (&column, frame) in columns.iter().zip(&batch.frames) {
+                assert_eq!(frame[..], observation(column).depth_mm[..]);
+            }
+            assert_eq!(batch.gumbel.len(), columns.len() * frames.actions);
+        }
+        drop(frames);
+        assert_eq!(left(), 0);
+    }
+}

@@ -1,0 +1,87 @@
+//! One step of a half of the environments: frames in shared memory → sampled actions.
+
+use super::frames::{Frames, shape_of};
+use super::gpu::{Monitor, Use};
+use super::time::percentile;
+use crate::agent::Agent;
+use crate::network::{FramePreparation, Staging};
+use anyhow::Result;
+use proto::config::Config;
+use proto::stage::RolloutShape;
+use std::time::{Duration, Instant};
+use tch::Device;
+
+/// Steps of the rollouts that are begun for this.
+const STEPS: usize = 16;
+/// The fewest steps that are measured.
+const FEWEST: usize = 20;
+
+/// What was measured with one batch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Inference {
+    /// Frames at once.
+    pub batch: u32,
+    /// Median time of a step, seconds.
+    pub p50_s: f64,
+    /// Its 99th percentile.
+    pub p99_s: f64,
+    /// Median time from shared memory to kept frames, seconds: a part of the step. None on a GPU, which reads the frames
+    /// itself.
+    pub copy_s: Option<f64>,
+    /// What the GPU did.
+    pub gpu: Option<Use>,
+}
+
+/// Measures for `span` at least.
+pub fn measure(config: &Config, device: Device, batch: u32, span: Duration, monitor: &Monitor) -> Result<Inference> {
+    let mut config = config.clone();
+    [config.actors.count, config.actors.environments_per_actor] = shape_of(batch);
+    config.ppo.rollout_steps = STEPS as u32;
+    let frames = Frames::new(&config)?;
+    let mut agent = Agent::new(&config, device)?;
+    // Kernels are chosen and memory is taken.
+    rollout(&mut agent, &frames, &config, &mut vec![])?;
+    let mut times = vec![];
+    let (done, gpu) = monitor.during(|| -> Result<()> {
+        let began = Instant::now();
+        while times.len() < FEWEST || began.elapsed() < span {
+            rollout(&mut agent, &frames, &config, &mut times)?;
+        }
+        Ok(())
+    });
+    done?;
+    times.sort_by(f64::total_cmp);
+    let copy_s = (device == Device::Cpu).then(|| copy(&frames, &config));
+    Ok(Inference { batch, p50_s: percentile(&times, 0.5), p99_s: percentile(&times, 0.99), copy_s, gpu })
+}
+
+/// Takes all steps of both halves, and notes how long each took.
+fn rollout(agent: &mut Agent, frames: &Frames, config: &Config, times: &mut Vec<f64>) -> Result<()> {
+    agent.begin_rollout(RolloutShape::next(u64::MAX, STEPS, config.environments()));
+    for t in 0..STEPS {
+        for half in 0..2 {
+            let began = Instant::now();
+            agent.step(t, &frames.batch(half, t).input())?;
+            times.push(began.elapsed().as_secs_f64());
+        }
+    }
+    agent.abandon_rollout();
+    Ok(())
+}
+
+/// The median time of the copy alone, on a CPU.
+fn copy(frames: &Frames, config: &Config) -> f64 {
+    let preparation = FramePreparation::new(config.network.input_pool, Device::Cpu);
+    let mut staging = Staging::default();
+    let batches = [0, 1].map(|half| frames.batch(half, 0));
+    let mut times: Vec<f64> = (0..2 * FEWEST)
+        .map(|turn| {
+            let began = Instant::now();
+            let kept = preparation.keep(batches[turn % 2].input().frames, &mut staging);
+            drop(kept);
+            began.elapsed().as_secs_f64()
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    percentile(&times, 0.5)
+}

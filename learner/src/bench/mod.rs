@@ -1,0 +1,130 @@
+//! `learner bench`: how fast this machine infers, trains and runs the whole loop, through the code that training uses.
+//!
+//! ```text
+//! frames      observations in shared memory, as actors send them
+//! inference   one step of a half: from frames in shared memory to sampled actions
+//! update      an epoch, and a whole update
+//! whole_loop  a short real run, started with `orchestrator up`: where its time goes
+//! time        what all of them measure with
+//! gpu         how busy the GPU is meanwhile, and how much of its memory is taken
+//! report      all of it as one table, or as JSON
+//! ```
+
+mod frames;
+mod gpu;
+mod inference;
+mod report;
+mod time;
+mod update;
+mod whole_loop;
+
+use crate::agent::Agent;
+use crate::device;
+use anyhow::{Result, ensure};
+use gpu::Monitor;
+use proto::config::{Config, DeviceChoice, Encoder, Setting};
+use report::Report;
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::Duration;
+use tch::Cuda;
+
+/// What `learner bench` is asked.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "\
+A batch is one half of the environments: 19 actors of 16 environments make batches of 152. Its time goes from frames in
+shared memory to sampled actions, so it includes the way of the frames to the device. On a CPU the column `copy` gives
+that alone; a GPU reads the frames itself. An epoch is forward and backward pass of all frames with its optimiser step. The
+whole loop is a run of --loop-frames by `orchestrator up`, which must lie beside this program; its first rollout, in
+which processes start, is left out.
+
+Examples:
+  learner bench
+  learner bench --device cpu --set network.encoder=resnet --batches 10 --steps 16 --loop-frames 0
+  learner bench --device cuda --json > bench.json")]
+pub struct Arguments {
+    /// Where to compute: cpu, cuda or auto
+    #[arg(long, value_name = "D", default_value = "auto", value_parser = device::parse_choice)]
+    device: DeviceChoice,
+    /// Named configuration [default: demo on a CPU, two-stage on a GPU]
+    #[arg(long, value_name = "P")]
+    preset: Option<String>,
+    /// TOML file whose keys replace the preset's
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// One key of the configuration over both, for example ppo.epochs=1; repeat it for more
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<Setting>,
+    /// Batches of inference, with commas between [default: 10,19,152,304,608; on a CPU 10,19,38]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=4096))]
+    batches: Vec<u32>,
+    /// Steps of a rollout for updates, with commas between [default: 32,128; on a CPU 16,32]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=4096))]
+    steps: Vec<u32>,
+    /// Frames of a rollout for updates; there are as many environments as that makes [default: 9728; on a CPU 1216]
+    #[arg(long, value_name = "F", value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
+    rollout_frames: Option<u32>,
+    /// Least time for each figure of inference, seconds
+    #[arg(long, value_name = "S", default_value_t = 1.0)]
+    seconds: f64,
+    /// Frames of the run that shows the whole loop; 0 = none [default: five rollouts]
+    #[arg(long, value_name = "F")]
+    loop_frames: Option<u64>,
+    /// Print JSON in place of the table
+    #[arg(long)]
+    json: bool,
+}
+
+/// Measures and prints.
+pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
+    ensure!(
+        arguments.seconds > 0.0 && arguments.seconds <= 600.0,
+        "--seconds {}: must be above 0 and at most 600",
+        arguments.seconds
+    );
+    let cuda = arguments.device != DeviceChoice::Cpu && Cuda::is_available();
+    let preset = arguments.preset.as_deref().unwrap_or(if cuda { "two-stage" } else { "demo" });
+    let mut config = Config::resolve_set(preset, arguments.config.as_deref(), &arguments.set)?;
+    config.learner.device = arguments.device;
+    // Whatever the configuration is of, this process is one learner.
+    config.learner.count = 1;
+    let device = device::choose(&config.learner)?;
+    let monitor = Monitor::of(device);
+    let agent = Agent::new(&config, device)?;
+    let (place, parameters) = (agent.device(), agent.parameter_count());
+    drop(agent);
+
+    // First, while the memory of the GPU is the run's.
+    let whole_loop = match arguments.loop_frames {
+        Some(0) => None,
+        frames => Some(whole_loop::measure(&config, frames, &monitor)?),
+    };
+    let defaults: (&[u32], &[u32], u32) =
+        if device.is_cuda() { (&[10, 19, 152, 304, 608], &[32, 128], 9728) } else { (&[10, 19, 38], &[16, 32], 1216) };
+    let given = |list: &[u32], default: &[u32]| if list.is_empty() { default.to_vec() } else { list.to_vec() };
+    let mut inference = vec![];
+    for batch in given(&arguments.batches, defaults.0) {
+        inference.push(inference::measure(
+            &config,
+            device,
+            batch,
+            Duration::from_secs_f64(arguments.seconds),
+            &monitor,
+        )?);
+        tracing::info!("inference of {batch} measured");
+    }
+    let mut updates = vec![];
+    for steps in given(&arguments.steps, defaults.1) {
+        let frames = arguments.rollout_frames.unwrap_or(defaults.2);
+        updates.push(update::measure(&config, device, steps, frames, &monitor)?);
+        tracing::info!("updates of {steps} steps measured");
+    }
+    let encoder = match config.network.encoder {
+        Encoder::Resnet => "resnet",
+        Encoder::Cnn => "cnn",
+    };
+    let report = Report { preset: preset.to_owned(), place, encoder, parameters, inference, updates, whole_loop };
+    let text = if arguments.json { format!("{:#}", report.json()) } else { report.table() };
+    writeln!(output, "{text}")?;
+    Ok(())
+}

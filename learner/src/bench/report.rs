@@ -1,0 +1,182 @@
+//! What was measured, as one table or as JSON.
+
+use super::gpu::Use;
+use super::inference::Inference;
+use super::update::Updates;
+use super::whole_loop::WholeLoop;
+use serde_json::{Value, json};
+
+/// All that was measured.
+#[derive(Debug)]
+pub struct Report {
+    /// The configuration's name.
+    pub preset: String,
+    /// Device and precision.
+    pub place: String,
+    /// The encoder's name.
+    pub encoder: &'static str,
+    /// Weights.
+    pub parameters: u64,
+    /// By batch.
+    pub inference: Vec<Inference>,
+    /// By steps.
+    pub updates: Vec<Updates>,
+    /// None if it was left out.
+    pub whole_loop: Option<WholeLoop>,
+}
+
+impl Report {
+    /// For people.
+    pub fn table(&self) -> String {
+        let Self { preset, place, encoder, parameters, .. } = self;
+        let mut lines = vec![format!("{preset} on {place}; {encoder}, {:.2} M weights", *parameters as f64 / 1e6)];
+        lines.push(format!(
+            "{:<22} {:>9} {:>9} {:>9} {:>12} {:>9} {:>10}",
+            "inference of", "p50 ms", "p99 ms", "copy ms", "frames/s", "GPU busy", "GPU memory"
+        ));
+        for Inference { batch, p50_s, p99_s, copy_s, gpu } in &self.inference {
+            let [busy, memory] = cells(*gpu);
+            let milliseconds = |seconds: f64| format!("{:.2}", 1e3 * seconds);
+            let [p50, p99] = [*p50_s, *p99_s].map(milliseconds);
+            let copy = copy_s.map_or_else(|| "-".to_owned(), milliseconds);
+            let rate = f64::from(*batch) / p50_s;
+            lines.push(format!("{batch:<22} {p50:>9} {p99:>9} {copy:>9} {rate:>12.0} {busy:>9} {memory:>10}"));
+        }
+        lines.push(format!(
+            "{:<22} {:>9} {:>9} {:>9} {:>12} {:>9} {:>10}",
+            "update of T × envs", "epochs", "epoch ms", "whole ms", "frames/s *", "GPU busy", "GPU memory"
+        ));
+        for update in &self.updates {
+            let [busy, memory] = cells(update.gpu);
+            lines.push(format!(
+                "{:<22} {:>9} {:>9.1} {:>9.1} {:>12.0} {:>9} {:>10}",
+                format!("{} × {}", update.steps, update.environments),
+                update.epochs,
+                1e3 * update.epoch_s,
+                1e3 * update.update_s,
+                update.frames as f64 / update.epoch_s,
+                busy,
+                memory,
+            ));
+        }
+        lines.push("* of one epoch: forward, backward, clip, Adam".to_owned());
+        if let Some(whole) = &self.whole_loop {
+            let [busy, memory] = cells(whole.gpu);
+            let share = |part: f64| format!("{:.0}%", 100.0 * part / whole.seconds());
+            lines.push(format!(
+                "whole loop: {:.0} frames/s ({} frames); simulate (wait for actors) {}, infer (copy included) {}, update \
+                 {}, other {}; GPU busy {busy}, memory {memory}",
+                whole.frames as f64 / whole.seconds(),
+                whole.frames,
+                share(whole.timing.simulate_s),
+                share(whole.timing.infer_s),
+                share(whole.timing.update_s),
+                share(whole.timing.other_s),
+            ));
+        }
+        lines.join("\n")
+    }
+
+    /// For machines; times in seconds.
+    pub fn json(&self) -> Value {
+        let inference: Vec<Value> = self
+            .inference
+            .iter()
+            .map(|row| {
+                let Inference { batch, p50_s, p99_s, copy_s, gpu } = *row;
+                json!({ "batch": batch, "p50_s": p50_s, "p99_s": p99_s, "copy_s": copy_s, "gpu": gpu.map(gpu_json) })
+            })
+            .collect();
+        let updates: Vec<Value> = self
+            .updates
+            .iter()
+            .map(|row| {
+                json!({
+                    "steps": row.steps,
+                    "environments": row.environments,
+                    "frames": row.frames,
+                    "epochs": row.epochs,
+                    "epoch_s": row.epoch_s,
+                    "update_s": row.update_s,
+                    "epoch_frames_per_s": row.frames as f64 / row.epoch_s,
+                    "gpu": row.gpu.map(gpu_json),
+                })
+            })
+            .collect();
+        let whole_loop = self.whole_loop.map(|whole| {
+            json!({
+                "frames": whole.frames,
+                "frames_per_s": whole.frames as f64 / whole.seconds(),
+                "timing": whole.timing,
+                "gpu": whole.gpu.map(gpu_json),
+            })
+        });
+        json!({
+            "preset": self.preset,
+            "device": self.place,
+            "encoder": self.encoder,
+            "parameters": self.parameters,
+            "inference": inference,
+            "updates": updates,
+            "whole_loop": whole_loop,
+        })
+    }
+}
+
+fn cells(gpu: Option<Use>) -> [String; 2] {
+    gpu.map_or_else(
+        || ["-"; 2].map(str::to_owned),
+        |Use { busy, memory }| [format!("{:.0}%", 100.0 * busy), format!("{:.1} GB", memory as f64 / 1e9)],
+    )
+}
+
+fn gpu_json(Use { busy, memory }: Use) -> Value {
+    json!({ "busy": busy, "memory_bytes": memory })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::event::Timing;
+
+    #[test]
+    fn table_and_json_hold_the_same_figures() {
+        let gpu = Some(Use { busy: 0.85, memory: 12_300_000_000 });
+        let timing = Timing { simulate_s: 1.0, infer_s: 3.0, update_s: 5.0, other_s: 1.0 };
+        let report = Report {
+            preset: "two-stage".to_owned(),
+            place: "cuda:0".to_owned(),
+            encoder: "resnet",
+            parameters: 5_800_000,
+            inference: vec![Inference { batch: 152, p50_s: 0.00076, p99_s: 0.001, copy_s: None, gpu }],
+            updates: vec![Updates {
+                steps: 32,
+                environments: 304,
+                frames: 9728,
+                epochs: 4,
+                epoch_s: 0.064,
+                update_s: 0.25,
+                gpu: None,
+            }],
+            whole_loop: Some(WholeLoop { frames: 340_000, timing, gpu }),
+        };
+        let table = report.table();
+        for cell in [
+            "0.76",
+            "200000",
+            "152000",
+            "32 × 304",
+            "64.0",
+            "34000 frames/s",
+            "infer (copy included) 30%",
+            "85%",
+            "12.3 GB",
+        ] {
+            assert!(table.contains(cell), "{cell} in\n{table}");
+        }
+        let json = report.json();
+        assert_eq!(json["updates"][0]["epoch_frames_per_s"].as_f64(), Some(152_000.0));
+        assert_eq!(json["whole_loop"]["frames_per_s"].as_f64(), Some(34_000.0));
+        assert!(json["updates"][0]["gpu"].is_null() && json["inference"][0]["gpu"]["busy"] == 0.85);
+    }
+}

@@ -1,0 +1,99 @@
+//! Updates: an epoch, and the whole.
+
+use super::frames::{Frames, shape_of};
+use super::gpu::{Monitor, Use};
+use super::time::{percentile, synchronise};
+use crate::agent::Agent;
+use crate::rollout::Outcome;
+use anyhow::Result;
+use proto::config::Config;
+use proto::stage::RolloutShape;
+use std::time::Instant;
+use tch::Device;
+
+/// Updates that are measured, after one that is not.
+const UPDATES: u64 = 3;
+
+/// What was measured with rollouts of some steps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Updates {
+    /// Steps of a rollout.
+    pub steps: u32,
+    /// Environments.
+    pub environments: usize,
+    /// Frames of a rollout.
+    pub frames: u64,
+    /// Epochs of an update.
+    pub epochs: u32,
+    /// Time of one epoch, seconds: forward and backward pass of all frames, and the optimiser's step.
+    pub epoch_s: f64,
+    /// Time of a whole update, seconds: targets, all epochs, figures.
+    pub update_s: f64,
+    /// What the GPU did.
+    pub gpu: Option<Use>,
+}
+
+/// Measures updates of rollouts of `steps` steps and about `frames` frames.
+pub fn measure(config: &Config, device: Device, steps: u32, frames: u32, monitor: &Monitor) -> Result<Updates> {
+    let mut config = config.clone();
+    config.ppo.rollout_steps = steps;
+    [config.actors.count, config.actors.environments_per_actor] = shape_of((frames / steps / 2).max(1));
+    // Of two epochs at least: their difference to one is what another epoch takes.
+    config.ppo.epochs = config.ppo.epochs.max(2);
+    let epochs = config.ppo.epochs;
+    let observations = Frames::new(&config)?;
+    let (whole, gpu) = monitor.during(|| seconds(&config, device, &observations));
+    config.ppo.epochs = 1;
+    let (whole, one) = (whole?, seconds(&config, device, &observations)?);
+    let shape = shape(&config);
+    Ok(Updates {
+        steps,
+        environments: config.environments(),
+        frames: shape.frames,
+        epochs,
+        epoch_s: (whole - one) / f64::from(epochs - 1),
+        update_s: whole,
+        gpu,
+    })
+}
+
+fn shape(config: &Config) -> RolloutShape {
+    RolloutShape::next(u64::MAX, config.ppo.rollout_steps as usize, config.environments())
+}
+
+/// The median time of an update.
+fn seconds(config: &Config, device: Device, observations: &Frames) -> Result<f64> {
+    let mut agent = Agent::new(config, device)?;
+    let mut times = vec![];
+    for number in 0..=UPDATES {
+        fill(&mut agent, config, observations)?;
+        synchronise(device);
+        let began = Instant::now();
+        agent.update(0.0, number)?;
+        synchronise(device);
+        times.push(began.elapsed().as_secs_f64());
+    }
+    times.remove(0);
+    times.sort_by(f64::total_cmp);
+    Ok(percentile(&times, 0.5))
+}
+
+/// Collects a rollout: the network acts, rewards are made up.
+fn fill(agent: &mut Agent, config: &Config, observations: &Frames) -> Result<()> {
+    let shape = shape(config);
+    agent.begin_rollout(shape);
+    for t in 0..shape.steps {
+        for half in 0..2 {
+            agent.step(t, &observations.batch(half, t).input())?;
+        }
+        for column in 0..config.environments() {
+            let reward = ((t * 31 + column * 17) % 13) as f32 * 0.01 - 0.06;
+            let ended = Frames::ends(column, t);
+            agent.record(t, column, Outcome { reward, ended, time_limit: false, disturbed: (t + column) % 11 == 0 });
+        }
+    }
+    for half in 0..2 {
+        agent.bootstrap(&observations.batch(half, shape.steps).input())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,117 @@
+//! A short real run, and where its time goes: simulating, inferring, updating, and the rest.
+
+use super::gpu::{Monitor, Use};
+use anyhow::{Context, Result, bail, ensure};
+use proto::config::Config;
+use proto::event::Timing;
+use proto::run_folder::RunFolder;
+use serde_json::Value;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// Rollouts of the run if nothing else is asked for.
+const ROLLOUTS: u64 = 5;
+
+/// What the run took.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WholeLoop {
+    /// Frames of the rollouts that count.
+    pub frames: u64,
+    /// Where their time went.
+    pub timing: Timing,
+    /// What the GPU did during the whole run, its start included.
+    pub gpu: Option<Use>,
+}
+
+impl WholeLoop {
+    /// Time of the rollouts that count, seconds.
+    pub fn seconds(&self) -> f64 {
+        let Timing { simulate_s, infer_s, update_s, other_s } = self.timing;
+        simulate_s + infer_s + update_s + other_s
+    }
+}
+
+/// A folder that is removed with what is in it.
+struct Folder(PathBuf);
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Runs the configuration for some frames with the `orchestrator` beside this program, and reads its metrics.
+pub fn measure(config: &Config, frames: Option<u64>, monitor: &Monitor) -> Result<WholeLoop> {
+    let program = std::env::current_exe()?.with_file_name("orchestrator");
+    ensure!(
+        program.exists(),
+        "the whole loop needs {}, which is not there: --loop-frames 0 leaves it out",
+        program.display()
+    );
+    let rollout = config.environments() as u64 * u64::from(config.ppo.rollout_steps);
+    let folder = Folder(std::env::temp_dir().join(format!("stillroom-bench-run-{}", std::process::id())));
+    std::fs::create_dir(&folder.0).with_context(|| folder.0.display().to_string())?;
+    let [run, errors, file] = ["run", "errors", "config.toml"].map(|name| folder.0.join(name));
+    let mut config = config.clone();
+    config.validation.every_frames = 0;
+    std::fs::write(&file, config.to_toml()).with_context(|| file.display().to_string())?;
+    let mut command = Command::new(&program);
+    // It ends with this process.
+    command.arg("--parent").arg(std::process::id().to_string());
+    command.args(["up", "--preset", &config.preset]).arg("--config").arg(&file).arg("--run").arg(&run);
+    command.arg("--frames").arg(frames.unwrap_or(ROLLOUTS * rollout).to_string());
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(File::create(&errors)?);
+    let (status, gpu) = monitor.during(|| command.status());
+    if !status.with_context(|| program.display().to_string())?.success() {
+        let text = std::fs::read_to_string(&errors).unwrap_or_default();
+        bail!(
+            "the run that shows the whole loop failed: {}",
+            text.trim_end().lines().last().unwrap_or("no reason given")
+        );
+    }
+    let (frames, timing) = read(&RunFolder::new(&run).metrics())?;
+    Ok(WholeLoop { frames, timing, gpu })
+}
+
+/// Frames and times of all rollouts in a run's metrics but the first, in which processes start.
+fn read(path: &Path) -> Result<(u64, Timing)> {
+    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let (mut before, mut frames, mut sum) = (None, 0, Timing::default());
+    for line in text.lines() {
+        let line: Value = serde_json::from_str(line).with_context(|| format!("{}: {line}", path.display()))?;
+        let now = line["frames"].as_u64().context("a line of metrics has frames")?;
+        let timing: Timing = serde_json::from_value(line["timing"].clone()).context("a line of metrics has timing")?;
+        if let Some(before) = before.replace(now) {
+            frames += now.saturating_sub(before);
+            sum.simulate_s += timing.simulate_s;
+            sum.infer_s += timing.infer_s;
+            sum.update_s += timing.update_s;
+            sum.other_s += timing.other_s;
+        }
+    }
+    ensure!(frames > 0, "the run has only one rollout, which does not count: give it more --loop-frames");
+    Ok((frames, sum))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_rollout_does_not_count() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("metrics.jsonl");
+        let line = |frames: u64, update_s: f64| {
+            let timing = Timing { simulate_s: 1.0, infer_s: 2.0, update_s, other_s: 0.5 };
+            format!("{}\n", serde_json::json!({ "frames": frames, "timing": timing }))
+        };
+        std::fs::write(&path, line(100, 9.0)).unwrap();
+        assert!(read(&path).unwrap_err().to_string().contains("--loop-frames"));
+        std::fs::write(&path, line(100, 9.0) + &line(200, 1.0) + &line(250, 2.0)).unwrap();
+        let (frames, timing) = read(&path).unwrap();
+        assert_eq!(frames, 150);
+        let whole = WholeLoop { frames, timing, gpu: None };
+        assert_eq!((timing.update_s, whole.seconds()), (3.0, 10.0));
+    }
+}

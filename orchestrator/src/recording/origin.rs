@@ -1,0 +1,107 @@
+//! Where a recording comes from: what stands at its beginning.
+
+use super::reader::{RecordingError, read_with_trust};
+use crate::recording::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, identity};
+use mcap::records::{Metadata, Record};
+use proto::config::Config;
+use proto::run_folder::RunFolder;
+use salvage::Trust;
+use std::path::Path;
+
+/// Incarnation of the orchestrator and number of the segment.
+type Place = (u32, u32);
+
+/// The beginning of a file: its name is not used, because files are copied and renamed.
+#[derive(Debug, Default, Clone)]
+pub struct Origin {
+    /// None if the file does not hold it.
+    pub place: Option<Place>,
+    run_id: Option<String>,
+    /// Seed of the run, which the identity repeats.
+    seed: Option<u64>,
+    /// The run's configuration, TOML; none where it is lost or damaged.
+    config: Option<String>,
+}
+
+impl Origin {
+    /// Reads the beginning of a file.
+    pub fn of(path: &Path) -> Result<Self, RecordingError> {
+        /// Why reading ends before the end of the file.
+        enum Enough {
+            Seen,
+            Failed(RecordingError),
+        }
+        impl From<RecordingError> for Enough {
+            fn from(error: RecordingError) -> Self {
+                Self::Failed(error)
+            }
+        }
+        let mut origin = Self::default();
+        let outcome = read_with_trust(path, |record, trust| match record {
+            Record::Metadata(Metadata { name, metadata }) if name == IDENTITY_METADATA => {
+                let number = |key: &str| metadata.get(key)?.parse().ok();
+                origin.place = number(identity::INCARNATION).zip(number(identity::SEGMENT));
+                origin.run_id = metadata.get(identity::RUN_ID).cloned();
+                origin.seed = metadata.get(identity::SEED).and_then(|seed| seed.parse().ok());
+                Ok(())
+            }
+            Record::Attachment { header, data, .. } if header.name == CONFIG_ATTACHMENT && trust == Trust::Sound => {
+                origin.config = String::from_utf8(data.into_owned()).ok();
+                Ok(())
+            }
+            // Both come before everything else.
+            Record::Message { .. } => Err(Enough::Seen),
+            _ => Ok(()),
+        });
+        match outcome {
+            Ok(_) | Err(Enough::Seen) => Ok(origin),
+            Err(Enough::Failed(error)) => Err(error),
+        }
+    }
+
+    /// The configuration that the file was recorded under: its own; where that is damaged, that of another file of the
+    /// same start of the run, or of the run's folder.
+    pub fn configuration<'a>(
+        &self,
+        path: &Path,
+        mut others: impl Iterator<Item = &'a Self>,
+    ) -> Result<String, RecordingError> {
+        let foreign = |problem: String| RecordingError::Foreign { path: path.to_path_buf(), problem };
+        let start = |origin: &Self| origin.place.map(|place| place.0);
+        if self.run_id.is_none() {
+            return Err(foreign("it was not written by this program, or its identity is lost".to_owned()));
+        }
+        let same_start =
+            |other: &&Self| other.run_id == self.run_id && start(other) == start(self) && other.config.is_some();
+        let of_folder = || {
+            let folder = RunFolder::of_recording(path)?;
+            let config = Config::of_run(&folder).ok()?;
+            Some(config.to_toml()).filter(|_| self.seed.is_none_or(|seed| seed == config.seed))
+        };
+        let found = self.config.clone().or_else(|| others.find(same_start)?.config.clone()).or_else(of_folder);
+        let Some(text) = found else {
+            return Err(foreign("it holds no configuration, or a damaged one: give the run's folder".to_owned()));
+        };
+        let seed = toml::from_str::<Config>(&text).map(|config| config.seed).ok();
+        match (self.seed, seed) {
+            (Some(recorded), Some(seed)) if recorded != seed => Err(foreign(format!(
+                "it was recorded with seed {recorded}, but its configuration says {seed}: one of them was altered"
+            ))),
+            _ => Ok(text),
+        }
+    }
+}
+
+/// What of a configuration decides what the simulator does; the rest is as by default.
+pub fn world_of(config: &Config) -> Config {
+    Config {
+        seed: config.seed,
+        scenes: config.scenes.clone(),
+        actors: config.actors,
+        simulation: config.simulation,
+        episode: config.episode.clone(),
+        reward: config.reward,
+        evaluation: config.evaluation.clone(),
+        ..Config::default()
+    }
+}

@@ -1,0 +1,95 @@
+//! Whether the recording holds as many steps as were trained on: pure counting, rollout by rollout.
+//!
+//! A learner trains on a rollout only after the recorder has confirmed it. So at that moment every step recorded under
+//! this learner since the last such moment belongs to the rollout.
+
+/// Counts the steps of one learner incarnation.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Tally {
+    learner_incarnation: u32,
+    /// Frames of the run up to the last rollout that was confirmed, or that this learner began with.
+    frames: Option<u64>,
+    /// Steps recorded since then.
+    steps: u64,
+}
+
+/// A rollout that is not all there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "{recorded} of the {collected} steps of rollout {rollout} were recorded. It is not trained on: `orchestrator resume` \
+     collects it again"
+)]
+pub struct Gap {
+    /// The rollout.
+    pub rollout: u64,
+    /// Its frames.
+    pub collected: u64,
+    /// Its steps that are recorded.
+    pub recorded: u64,
+}
+
+impl Tally {
+    /// A learner goes on from `frames` frames.
+    pub fn begin(&mut self, learner_incarnation: u32, frames: u64) {
+        self.follow(learner_incarnation);
+        self.frames = Some(frames);
+    }
+
+    /// Steps were recorded under a learner.
+    pub fn record(&mut self, learner_incarnation: u32, steps: u64) {
+        self.follow(learner_incarnation);
+        // What an actor sent to a learner that was replaced is no part of what is trained on.
+        if learner_incarnation == self.learner_incarnation {
+            self.steps += steps;
+        }
+    }
+
+    /// A learner has collected a rollout and has `frames` frames with it. An error if its steps are not all recorded.
+    pub fn collect(&mut self, learner_incarnation: u32, rollout: u64, frames: u64) -> Result<(), Gap> {
+        self.follow(learner_incarnation);
+        let collected = frames.saturating_sub(self.frames.unwrap_or(0));
+        let recorded = std::mem::take(&mut self.steps);
+        if recorded < collected {
+            return Err(Gap { rollout, collected, recorded });
+        }
+        self.frames = Some(frames);
+        Ok(())
+    }
+
+    /// Frames of the run whose steps are all recorded; none before a learner has begun.
+    pub fn frames(&self) -> Option<u64> {
+        self.frames
+    }
+
+    fn follow(&mut self, learner_incarnation: u32) {
+        if learner_incarnation > self.learner_incarnation {
+            *self = Self { learner_incarnation, ..Self::default() };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rollout_is_as_many_steps_as_frames_under_its_own_learner() {
+        let mut tally = Tally::default();
+        assert_eq!(tally.frames(), None);
+        tally.begin(1, 100);
+        tally.record(1, 6);
+        tally.record(1, 4);
+        assert_eq!((tally.collect(1, 7, 110), tally.frames()), (Ok(()), Some(110)));
+        // The learner dies in the middle; its successor's first steps may come before its first word.
+        tally.record(1, 5);
+        tally.record(2, 3);
+        tally.record(1, 5);
+        tally.begin(2, 100);
+        assert_eq!(tally.frames(), Some(100));
+        tally.record(2, 7);
+        assert_eq!((tally.collect(2, 7, 110), tally.frames()), (Ok(()), Some(110)));
+        tally.record(2, 9);
+        assert_eq!(tally.collect(2, 8, 120), Err(Gap { rollout: 8, collected: 10, recorded: 9 }));
+        assert_eq!(tally.frames(), Some(110), "what is not all there does not count");
+    }
+}

@@ -1,0 +1,309 @@
+//! Recordings as files of which something is missing or wrong: what is said of them.
+
+use super::episodes::{Recorded, gather};
+use super::reader::RecordingError;
+use super::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, identity};
+use super::repair::{Repair, repair};
+use super::schema::stillroom::{EpisodeEnd, EpisodeStart, Step};
+use super::wanted::Wanted;
+use mcap::Attachment;
+use mcap::records::{MessageHeader, Metadata};
+use prost::Message;
+use proto::config::Config;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// One message of a recording.
+#[derive(Debug, Clone, PartialEq)]
+enum Said {
+    Start(EpisodeStart),
+    Step(Step),
+    End(EpisodeEnd),
+}
+
+/// Four episodes of three steps in one environment, the last one unfinished after two; under this learner.
+fn episodes(learner_incarnation: u32) -> Vec<Said> {
+    let mut said = Vec::new();
+    for episode in 0..4 {
+        let (kitchen, incarnation) = (1, 1);
+        said.push(Said::Start(EpisodeStart {
+            kitchen,
+            episode,
+            incarnation,
+            learner_incarnation,
+            ..Default::default()
+        }));
+        for step in 0..if episode == 3 { 2 } else { 3 } {
+            let ended = step == 2;
+            let step = Step { kitchen, episode, step, incarnation, learner_incarnation, ended, ..Default::default() };
+            said.push(Said::Step(step));
+            if ended {
+                let length = 3;
+                let end =
+                    EpisodeEnd { kitchen, episode, incarnation, learner_incarnation, length, ..Default::default() };
+                said.push(Said::End(end));
+            }
+        }
+    }
+    said
+}
+
+fn step(episode: u32, step: u32) -> impl Fn(&Said) -> bool {
+    move |said| matches!(said, Said::Step(one) if (one.episode, one.step) == (episode, step))
+}
+
+/// A folder of recordings.
+struct Shelf(tempfile::TempDir);
+
+impl Shelf {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    /// Writes a segment of the run's first incarnation; `edit` alters the configuration after the identity was made.
+    fn segment(&self, segment: u32, config: &Config, said: &[Said], edit: impl Fn(String) -> String) -> PathBuf {
+        let path = self.0.path().join(format!("{segment}.mcap"));
+        let mut writer = mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap();
+        let pairs = [
+            (identity::RUN_ID, "run".to_owned()),
+            (identity::INCARNATION, "1".to_owned()),
+            (identity::SEGMENT, segment.to_string()),
+            (identity::SCHEMA_VERSION, proto::SCHEMA_VERSION.to_string()),
+            (identity::SEED, config.seed.to_string()),
+        ];
+        let metadata = pairs.map(|(key, value)| (key.to_owned(), value)).into();
+        writer.write_metadata(&Metadata { name: IDENTITY_METADATA.to_owned(), metadata }).unwrap();
+        let config = edit(config.to_toml());
+        let data = Cow::Borrowed(config.as_bytes());
+        let (name, media_type) = (CONFIG_ATTACHMENT.to_owned(), "application/toml".to_owned());
+        writer.attach(&Attachment { log_time: 0, create_time: 0, name, media_type, data }).unwrap();
+        let channels = ["/episode/start", "/step", "/episode/end"]
+            .map(|topic| writer.add_channel(0, topic, "protobuf", &BTreeMap::new()).unwrap());
+        for (number, said) in said.iter().enumerate() {
+            let (channel_id, data) = match said {
+                Said::Start(start) => (channels[0], start.encode_to_vec()),
+                Said::Step(step) => (channels[1], step.encode_to_vec()),
+                Said::End(end) => (channels[2], end.encode_to_vec()),
+            };
+            let time = number as u64;
+            let header = MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
+            writer.write_to_known_channel(&header, &data).unwrap();
+        }
+        writer.finish().unwrap();
+        path
+    }
+
+    /// What is gathered of one segment that says this.
+    fn of(&self, said: &[Said]) -> Recorded {
+        gather(&[self.segment(0, &Config::default(), said, |config| config)], Wanted::default()).unwrap()
+    }
+}
+
+fn without(gone: impl Fn(&Said) -> bool) -> Vec<Said> {
+    episodes(1).into_iter().filter(|said| !gone(said)).collect()
+}
+
+fn same(config: String) -> String {
+    config
+}
+
+#[test]
+fn nothing_is_missing_of_a_recording_that_was_not_altered() {
+    let recorded = Shelf::new().of(&episodes(1));
+    assert_eq!((recorded.faults, recorded.damaged_files, recorded.headless), (Vec::new(), 0, 0));
+    assert_eq!(recorded.episodes.len(), 4);
+    assert!(recorded.from_the_start && recorded.complaints.is_empty());
+}
+
+#[test]
+fn steps_ends_and_episodes_that_are_missing_are_named() {
+    let shelf = Shelf::new();
+    let place = |episode: u32| format!("kitchen 1, environment 0, episode {episode}");
+    let cases: Vec<(Vec<Said>, String)> = vec![
+        (without(step(1, 2)), format!("{}: 1 of its 3 steps are missing at its end", place(1))),
+        (without(step(1, 1)), format!("{}: step 1 is missing, and what comes after it cannot be replayed", place(1))),
+        (
+            without(|said| matches!(said, Said::End(end) if end.episode == 2)),
+            format!("{}: its message on /episode/end is missing", place(2)),
+        ),
+        (
+            without(|said| step(2, 2)(said) || matches!(said, Said::End(end) if end.episode == 2)),
+            format!("{}: its steps from 2 on and its end are missing", place(2)),
+        ),
+        (
+            without(|said| match said {
+                Said::Start(one) => one.episode == 1,
+                Said::Step(one) => one.episode == 1,
+                Said::End(one) => one.episode == 1,
+            }),
+            format!("{}: not recorded, though episode 2 is", place(1)),
+        ),
+        (
+            without(|said| match said {
+                Said::Start(one) => one.episode < 2,
+                Said::Step(one) => one.episode < 2,
+                Said::End(one) => one.episode < 2,
+            }),
+            format!("{} to 1: not recorded, though episode 2 is", place(0)),
+        ),
+    ];
+    for (said, fault) in cases {
+        assert_eq!(shelf.of(&said).faults, [fault]);
+    }
+    // An episode that runs when a recording ends has no end yet; where only failures are kept, others are not there.
+    assert_eq!(shelf.of(&without(step(3, 1))).faults, Vec::<String>::new());
+    let mut config = Config::default();
+    config.recording.failures_only = true;
+    let said = without(|said| match said {
+        Said::Start(one) => one.episode < 2,
+        Said::Step(one) => one.episode < 2,
+        Said::End(one) => one.episode < 2,
+    });
+    let recorded = gather(&[shelf.segment(0, &config, &said, same)], Wanted::default()).unwrap();
+    assert_eq!(recorded.faults, Vec::<String>::new());
+}
+
+#[test]
+fn what_a_rewind_made_void_is_not_missing() {
+    // The learner goes back to the second step of episode 1 and stops there: episodes 2 and 3 are void.
+    let mut said = episodes(1);
+    said.extend(episodes(2).into_iter().filter(step(1, 1)));
+    let recorded = Shelf::new().of(&said);
+    assert_eq!(recorded.faults, Vec::<String>::new());
+    assert_eq!(recorded.episodes[1].actions.len(), 2);
+}
+
+#[test]
+fn a_segment_that_is_missing_is_named() {
+    let (shelf, config) = (Shelf::new(), Config::default());
+    let [first, rest] = [&episodes(1)[..7], &episodes(1)[7..]];
+    let files = [shelf.segment(0, &config, first, same), shelf.segment(2, &config, rest, same)];
+    let recorded = gather(&files, Wanted::default()).unwrap();
+    assert_eq!(recorded.faults, ["incarnation-001.001.mcap is missing"]);
+    let last = gather(&files[1..], Wanted::default()).unwrap();
+    assert!(!last.from_the_start);
+    let second = shelf.segment(1, &config, rest, same);
+    let [first, _] = files;
+    assert_eq!(gather(&[first, second], Wanted::default()).unwrap().faults, Vec::<String>::new());
+}
+
+#[test]
+fn each_file_s_own_configuration_belongs_to_its_episodes() {
+    let shelf = Shelf::new();
+    let seeded = |seed| Config { seed, ..Config::default() };
+    let of = |episode: u32| {
+        without(move |said| match said {
+            Said::Start(one) => one.episode != episode,
+            Said::Step(one) => one.episode != episode,
+            Said::End(one) => one.episode != episode,
+        })
+    };
+    let files = [shelf.segment(0, &seeded(1), &of(0), same), shelf.segment(1, &seeded(2), &of(1), same)];
+    let recorded = gather(&files, Wanted::default()).unwrap();
+    assert_eq!((recorded.config_of, recorded.faults), (vec![0, 1], Vec::new()));
+    assert!(recorded.configs[0].contains("seed = 1") && recorded.configs[1].contains("seed = 2"));
+
+    // One episode under two: its beginning is kept, and what has changed is named.
+    let cut: Vec<Said> =
+        of(0).into_iter().filter(|said| !matches!(said, Said::Start(_)) && !step(0, 0)(said)).collect();
+    let begun: Vec<Said> = of(0).into_iter().take(2).collect();
+    let files = [shelf.segment(0, &seeded(1), &begun, same), shelf.segment(1, &seeded(2), &cut, same)];
+    let recorded = gather(&files, Wanted::default()).unwrap();
+    assert_eq!(recorded.episodes[0].actions.len(), 1);
+    let fault =
+        "kitchen 1, environment 0, episode 0: from step 1 on under another configuration (seed = 2 instead of 1)";
+    assert_eq!(recorded.faults, [fault]);
+    // Another budget is no other world.
+    let mut longer = seeded(1);
+    longer.stages[0].frames += 1;
+    let files = [shelf.segment(0, &seeded(1), &begun, same), shelf.segment(1, &longer, &cut, same)];
+    let recorded = gather(&files, Wanted::default()).unwrap();
+    assert_eq!((recorded.episodes[0].actions.len(), recorded.faults), (3, Vec::new()));
+}
+
+#[test]
+fn a_configuration_that_is_not_the_one_recorded_under_is_refused() {
+    let shelf = Shelf::new();
+    let edited =
+        shelf.segment(0, &Config::default(), &episodes(1), |config| config.replace("seed = 1\n", "seed = 2\n"));
+    let refused = gather(&[edited], Wanted::default()).unwrap_err().to_string();
+    assert!(refused.contains("recorded with seed 1, but its configuration says 2"), "{refused}");
+}
+
+/// Alters one byte of the configuration in a file.
+fn alter_configuration(path: &Path) {
+    let mut bytes = std::fs::read(path).unwrap();
+    let place = bytes.windows(5).position(|five| five == b"seed ").unwrap();
+    bytes[place] ^= 1;
+    std::fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn a_damaged_configuration_is_taken_from_where_it_is_whole() {
+    let (shelf, config) = (Shelf::new(), Config::default());
+    let files =
+        [shelf.segment(0, &config, &episodes(1)[..7], same), shelf.segment(1, &config, &episodes(1)[7..], same)];
+    alter_configuration(&files[0]);
+    let recorded = gather(&files, Wanted::default()).unwrap();
+    assert_eq!((recorded.episodes.len(), recorded.configs.len()), (4, 1));
+    assert_eq!(recorded.damaged_files, 1);
+    let alone = gather(&files[..1], Wanted::default()).unwrap_err().to_string();
+    assert!(alone.contains("0.mcap") && alone.contains("give the run's folder"), "{alone}");
+    // In a run's folder that folder has it.
+    let recordings = shelf.0.path().join("recordings");
+    std::fs::create_dir(&recordings).unwrap();
+    std::fs::write(shelf.0.path().join("config.toml"), config.to_toml()).unwrap();
+    let moved = recordings.join("0.mcap");
+    std::fs::copy(&files[0], &moved).unwrap();
+    assert_eq!(gather(&[moved], Wanted::default()).unwrap().configs, [config.to_toml()]);
+}
+
+#[test]
+fn a_file_that_is_being_written_is_called_that_and_not_damaged() {
+    let shelf = Shelf::new();
+    let path = shelf.segment(0, &Config::default(), &episodes(1), same);
+    let writer = std::fs::File::options().write(true).open(&path).unwrap();
+    let length = writer.metadata().unwrap().len();
+    writer.set_len(length - 100).unwrap();
+    writer.try_lock().unwrap();
+    let recorded = gather(std::slice::from_ref(&path), Wanted::default()).unwrap();
+    assert_eq!(recorded.damaged_files, 0);
+    assert!(recorded.complaints[0].ends_with("is being written: read up to message 18"), "{:?}", recorded.complaints);
+    assert!(repair(&path, None).unwrap_err().to_string().contains("is still being written"));
+    drop(writer);
+    let recorded = gather(std::slice::from_ref(&path), Wanted::default()).unwrap();
+    assert!(recorded.complaints[0].contains("was cut off"), "{:?}", recorded.complaints);
+}
+
+#[test]
+fn a_repaired_file_says_what_it_lost_and_is_never_called_complete_by_a_replay() {
+    let shelf = Shelf::new();
+    let path = shelf.segment(0, &Config::default(), &episodes(1), same);
+    alter_configuration(&path);
+    let Repair::Repaired { extent, .. } = repair(&path, None).unwrap() else { panic!("it is damaged") };
+    assert!(extent.is_incomplete());
+    assert!(extent.complaints(&path).iter().any(|line| line.contains("checksum of attachment `config.toml`")));
+    let again = shelf.segment(1, &Config::default(), &[], same);
+    let recorded = gather(&[path, again], Wanted::default()).unwrap();
+    assert_eq!(recorded.damaged_files, 1);
+    assert!(recorded.complaints[0].contains("was repaired, and not all was there"), "{:?}", recorded.complaints);
+    assert_eq!(recorded.episodes.len(), 4);
+}
+
+#[test]
+fn a_repair_takes_no_name_that_is_in_use() -> Result<(), RecordingError> {
+    let shelf = Shelf::new();
+    let path = shelf.segment(0, &Config::default(), &episodes(1), same);
+    let whole = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &whole[..whole.len() - 60]).unwrap();
+    for name in ["0.mcap.partial", "0.mcap.partial-2"] {
+        std::fs::write(shelf.0.path().join(name), "precious").unwrap();
+    }
+    repair(&path, None).unwrap();
+    for name in ["0.mcap.partial", "0.mcap.partial-2"] {
+        assert_eq!(std::fs::read_to_string(shelf.0.path().join(name)).unwrap(), "precious");
+    }
+    assert_eq!(std::fs::read_dir(shelf.0.path()).unwrap().count(), 4, "nothing is left behind");
+    gather(&[path], Wanted::default()).map(drop)
+}

@@ -1,0 +1,222 @@
+//! `validation.jsonl`: one JSON object an evaluation of a checkpoint, in order of their rollouts.
+//!
+//! Each evaluation's result file lies in `RUN/validation/rollout-K/result/`, so a line that is missing or damaged is
+//! made from it.
+
+use crate::run::json_lines;
+use crate::showing::format::counted;
+use anyhow::{Context, Result};
+use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
+use proto::run_folder::{RolloutName, RunFolder};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// One line of `validation.jsonl`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Score {
+    /// First rollout that is not in the checkpoint.
+    pub rollout: u64,
+    /// Frames that its weights were trained on.
+    pub frames: u64,
+    /// SHA-256 of the weights, 64 hex digits.
+    pub weights: String,
+    /// Folder of the result, relative to the run folder.
+    pub result: String,
+    /// Episodes played.
+    pub episodes: u64,
+    /// Fixed ones, or drawn as the run draws its own.
+    #[serde(default)]
+    pub distribution: Distribution,
+    /// SR.
+    pub success: f64,
+    /// `SRwoD`.
+    pub success_without_disturbance: f64,
+    /// `SRwoD` by the largest displacement on an axis; none in lines of versions that did not give it.
+    #[serde(default)]
+    pub success_without_disturbance_per_axis: Option<f64>,
+    /// Share of episodes in which the target was picked up.
+    pub picked_up: f64,
+    /// Mean length, steps.
+    pub length: f64,
+    /// Mean total displacement at the end, metres.
+    pub disturbance_m: f64,
+    /// Mean number of disturbed objects at the end.
+    pub disturbed_objects: f64,
+    /// When, seconds since 1970.
+    pub at_unix_s: u64,
+    /// What it took, seconds.
+    pub wall_s: f64,
+}
+
+impl Score {
+    /// Of the checkpoint with this rollout.
+    pub fn of(rollout: u64, evaluation: &Evaluation) -> Self {
+        let figures = &evaluation.overall;
+        let known = |figure: Option<f64>| figure.unwrap_or(0.0);
+        Self {
+            rollout,
+            frames: evaluation.subject.frames,
+            weights: evaluation.subject.weights.clone(),
+            result: format!("{}/result", RunFolder::relative_validation(rollout)),
+            episodes: figures.episodes,
+            distribution: evaluation.conditions.distribution,
+            success: known(figures.success),
+            success_without_disturbance: known(figures.success_without_disturbance),
+            success_without_disturbance_per_axis: figures.success_without_disturbance_per_axis,
+            picked_up: known(figures.picked_up),
+            length: known(figures.length),
+            disturbance_m: known(figures.disturbance_m),
+            disturbed_objects: known(figures.disturbed_objects),
+            at_unix_s: evaluation.cost.at_unix_s,
+            wall_s: evaluation.cost.wall_s,
+        }
+    }
+
+    /// At least as good: by `SRwoD`, then SR, then the longer training.
+    fn beats(&self, other: &Self) -> bool {
+        let key = |one: &Self| (one.success_without_disturbance, one.success);
+        match key(self).partial_cmp(&key(other)) {
+            Some(std::cmp::Ordering::Equal) | None => self.frames >= other.frames,
+            Some(order) => order.is_gt(),
+        }
+    }
+}
+
+/// The best of these.
+pub fn best(scored: &[Score]) -> Option<&Score> {
+    scored.iter().reduce(|best, one| if one.beats(best) { one } else { best })
+}
+
+/// Reads a result file.
+pub fn read_result(result: &Path) -> Result<Evaluation> {
+    let path = result.join(RESULT_FILE);
+    let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+    serde_json::from_str(&text).with_context(|| path.display().to_string())
+}
+
+/// Folder of the result of an evaluation.
+pub fn result_folder(folder: &RunFolder, rollout: u64) -> PathBuf {
+    folder.validation(rollout).join("result")
+}
+
+/// The evaluations of a run, from its lines and results.
+#[derive(Debug)]
+pub struct Scores {
+    /// In order of their rollouts.
+    pub scores: Vec<Score>,
+    /// What is wrong with the files, as sentences without an end.
+    pub notes: Vec<String>,
+}
+
+impl Scores {
+    /// Reads a run's folder. `at_rest`: nobody works on the run, so every result should have its line.
+    pub fn read(folder: &RunFolder, at_rest: bool) -> Result<Self> {
+        let path = folder.validation_log();
+        let (lines, damaged) = json_lines::read_counting::<Score>(&path)?;
+        let mut notes = Vec::new();
+        if damaged > 0 {
+            notes.push(format!("validation.jsonl has {}", counted(damaged as u64, "damaged line")));
+        }
+        let is_missing = !path.exists();
+        // One that was evaluated twice, because a crash came between the result and its line, counts once.
+        let mut scores: BTreeMap<u64, Score> = lines.into_iter().map(|score| (score.rollout, score)).collect();
+        let mut added = 0;
+        for rollout in evaluated(folder)? {
+            if scores.contains_key(&rollout) {
+                continue;
+            }
+            match read_result(&result_folder(folder, rollout)) {
+                Ok(evaluation) => {
+                    scores.insert(rollout, Score::of(rollout, &evaluation));
+                    added += 1;
+                }
+                Err(error) => notes.push(format!("the result of a validation cannot be used: {error:#}")),
+            }
+        }
+        if added > 0 && at_rest {
+            let missing = if is_missing { "validation.jsonl is missing: " } else { "" };
+            let lines = counted(added, "validation");
+            notes.push(format!("{missing}{lines} without a line in it are taken from their results"));
+        }
+        Ok(Self { scores: scores.into_values().collect(), notes })
+    }
+}
+
+/// Rollouts whose evaluations have left a result, ascending.
+fn evaluated(folder: &RunFolder) -> Result<Vec<u64>> {
+    let place = folder.validations();
+    let entries = match std::fs::read_dir(&place) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(error).with_context(|| place.display().to_string()),
+    };
+    let mut rollouts = Vec::new();
+    for entry in entries {
+        let rollout = RolloutName::Folder.rollout_of(&entry.with_context(|| place.display().to_string())?.path());
+        rollouts.extend(rollout.filter(|&rollout| result_folder(folder, rollout).join(RESULT_FILE).is_file()));
+    }
+    rollouts.sort_unstable();
+    Ok(rollouts)
+}
+
+#[cfg(test)]
+pub mod tests {
+    use super::*;
+
+    /// A checkpoint of 100 frames a rollout that was evaluated so.
+    pub fn validated(rollout: u64, undisturbed: f64, success: f64) -> Score {
+        Score {
+            rollout,
+            frames: rollout * 100,
+            weights: "00".repeat(32),
+            result: String::new(),
+            episodes: 10,
+            distribution: Distribution::Fixed,
+            success,
+            success_without_disturbance: undisturbed,
+            success_without_disturbance_per_axis: None,
+            picked_up: 0.0,
+            length: 1.0,
+            disturbance_m: 0.0,
+            disturbed_objects: 0.0,
+            at_unix_s: 0,
+            wall_s: 1.0,
+        }
+    }
+
+    #[test]
+    fn the_best_is_undisturbed_then_successful_then_trained_longer() {
+        let mut scored = vec![validated(1, 0.1, 0.9), validated(2, 0.2, 0.3), validated(3, 0.2, 0.4)];
+        assert_eq!(best(&scored).unwrap().rollout, 3);
+        scored.push(validated(4, 0.2, 0.4));
+        scored.push(validated(5, 0.2, 0.3));
+        assert_eq!(best(&scored).unwrap().rollout, 4);
+        assert!(best(&[]).is_none());
+    }
+
+    #[test]
+    fn damaged_lines_and_results_are_told_of() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        let read = || {
+            let Scores { scores, notes } = Scores::read(&folder, true).unwrap();
+            (scores.iter().map(|score| score.rollout).collect::<Vec<_>>(), notes.join(". "))
+        };
+        assert_eq!(read(), (vec![], String::new()));
+        let line = |rollout| serde_json::to_string(&validated(rollout, 0.0, 0.0)).unwrap();
+        // Evaluated twice, in the wrong order, and one cut off by a kill, which is nobody's fault.
+        std::fs::write(folder.validation_log(), [line(5), line(3), line(5), "{\"roll".into()].join("\n")).unwrap();
+        assert_eq!(read(), (vec![3, 5], String::new()));
+        std::fs::write(folder.validation_log(), [line(5), "garbage".into(), line(3) + "\n"].join("\n")).unwrap();
+        assert_eq!(read(), (vec![3, 5], "validation.jsonl has 1 damaged line".into()));
+        let result = result_folder(&folder, 8);
+        std::fs::create_dir_all(&result).unwrap();
+        std::fs::write(result.join(RESULT_FILE), "{}").unwrap();
+        let (rollouts, notes) = read();
+        assert!(
+            rollouts == [3, 5] && notes.contains("cannot be used") && notes.contains("rollout-00000008"),
+            "{notes}"
+        );
+    }
+}

@@ -1,0 +1,93 @@
+//! The file system, as far as files are written that must survive: one seam, so that a test can take the power away.
+//!
+//! [`LocalDisk`] is the machine's. The simulated world has another one, which forgets what was not synchronised.
+
+use crate::bounded;
+use crate::plain_file::open_plain;
+use std::fmt::Debug;
+use std::fs::File;
+use std::io::{Result, Write};
+use std::path::{Path, PathBuf};
+
+/// What a writer of files that must survive asks of a file system.
+pub trait Disk: Debug {
+    /// An open file.
+    type File;
+    /// Makes a folder and those above it.
+    fn create_folders(&self, folder: &Path) -> Result<()>;
+    /// Makes a new, empty file; an error if the name is taken.
+    fn create_new(&self, path: &Path) -> Result<Self::File>;
+    /// Opens a plain file that is there; an error of the kind `InvalidInput` if it is a link or something else.
+    fn open(&self, path: &Path) -> Result<Self::File>;
+    /// Appends to it.
+    fn write_all(&self, file: &mut Self::File, content: &[u8]) -> Result<()>;
+    /// Returns when its content would survive a power failure.
+    fn sync(&self, file: &Self::File) -> Result<()>;
+    /// Returns when the names in a folder would survive one.
+    fn sync_folder(&self, folder: &Path) -> Result<()>;
+    /// Gives a file another name, in place of whatever had it.
+    fn rename(&self, from: &Path, to: &Path) -> Result<()>;
+    /// Removes a file.
+    fn remove(&self, path: &Path) -> Result<()>;
+    /// A whole file.
+    fn read(&self, path: &Path) -> Result<Vec<u8>>;
+    /// Size of a file, bytes.
+    fn size(&self, path: &Path) -> Result<u64>;
+    /// What is in a folder, in any order.
+    fn list(&self, folder: &Path) -> Result<Vec<PathBuf>>;
+}
+
+/// A file that is read as a whole, bytes: the tensors of the largest network with the most environments have a tenth.
+const FILE_BYTES_MOST: u64 = 64 << 30;
+
+/// The machine's file system. What it reads must be an ordinary file.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LocalDisk;
+
+impl Disk for LocalDisk {
+    type File = File;
+
+    fn create_folders(&self, folder: &Path) -> Result<()> {
+        std::fs::create_dir_all(folder)
+    }
+
+    fn create_new(&self, path: &Path) -> Result<File> {
+        File::create_new(path)
+    }
+
+    fn open(&self, path: &Path) -> Result<File> {
+        open_plain(path, File::options().read(true))
+    }
+
+    fn write_all(&self, file: &mut File, content: &[u8]) -> Result<()> {
+        file.write_all(content)
+    }
+
+    fn sync(&self, file: &File) -> Result<()> {
+        file.sync_all()
+    }
+
+    fn sync_folder(&self, folder: &Path) -> Result<()> {
+        File::open(folder)?.sync_all()
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> Result<()> {
+        std::fs::rename(from, to)
+    }
+
+    fn remove(&self, path: &Path) -> Result<()> {
+        std::fs::remove_file(path)
+    }
+
+    fn read(&self, path: &Path) -> Result<Vec<u8>> {
+        bounded::read(path, FILE_BYTES_MOST)
+    }
+
+    fn size(&self, path: &Path) -> Result<u64> {
+        Ok(std::fs::metadata(path)?.len())
+    }
+
+    fn list(&self, folder: &Path) -> Result<Vec<PathBuf>> {
+        std::fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect()
+    }
+}

@@ -1,0 +1,106 @@
+//! Fault points: named places in the protocol at which a test can kill the process.
+//!
+//! `STILLROOM_FAULT=POINT` or `STILLROOM_FAULT=POINT:N` makes the process kill itself with SIGKILL, without unwinding
+//! or flushing, when it reaches the point for the N-th time (default: the first). Crash tests set the variable for one
+//! child; without it [`reach`] is one load and one branch. Points are named `CRATE.MOMENT`, for example
+//! `actor.before_send`; `grep 'fault::reach'` lists them. Several programs pass the points `file.MOMENT`, and children
+//! inherit the variable: `POINT:N@PROGRAM` arms only the program of that name.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Environment variable that arms a fault point.
+pub const VARIABLE: &str = "STILLROOM_FAULT";
+
+#[derive(Debug)]
+struct Armed {
+    point: String,
+    countdown: AtomicU64,
+}
+
+static ARMED: OnceLock<Option<Armed>> = OnceLock::new();
+
+/// Marks a fault point: kills this process if [`VARIABLE`] names the point.
+pub fn reach(point: &str) {
+    let armed = ARMED.get_or_init(|| armed_here());
+    if let Some(armed) = armed
+        && armed.point == point
+        && armed.countdown.fetch_sub(1, Ordering::Relaxed) == 1
+    {
+        // A crash, not an exit: no destructor may run, as when the kernel kills the process.
+        let _ = rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::KILL);
+    }
+}
+
+/// What the variable arms in this program.
+fn armed_here() -> Option<Armed> {
+    let text = std::env::var(VARIABLE).ok()?;
+    let program = std::env::args_os().next().map(PathBuf::from);
+    let name = program.as_deref().and_then(Path::file_name).and_then(OsStr::to_str);
+    parse(&text, name.unwrap_or_default())
+}
+
+/// What `text` arms in the program of this name.
+fn parse(text: &str, program: &str) -> Option<Armed> {
+    let (text, wanted) = text.split_once('@').unwrap_or((text, program));
+    if wanted != program {
+        return None;
+    }
+    let (point, count) = text.rsplit_once(':').unwrap_or((text, "1"));
+    // A test tool: a mistake in it must not pass for a test.
+    let countdown: u64 = count.parse().unwrap_or_else(|_| panic!("{VARIABLE}={text}: `{count}` is not a count"));
+    let countdown = countdown.max(1);
+    Some(Armed { point: point.to_owned(), countdown: AtomicU64::new(countdown) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::process::ExitStatusExt;
+    use std::process::Command;
+
+    #[test]
+    fn a_point_is_a_name_and_a_count() {
+        let count = |text| {
+            let armed = parse(text, "actor").unwrap();
+            (armed.point.clone(), armed.countdown.load(Ordering::Relaxed))
+        };
+        assert_eq!(count("actor.before_send"), ("actor.before_send".into(), 1));
+        assert_eq!(count("actor.before_send:7"), ("actor.before_send".into(), 7));
+        assert_eq!(count("actor.before_send:0"), ("actor.before_send".into(), 1));
+        assert_eq!(count("file.before_rename:2@actor"), ("file.before_rename".into(), 2));
+        assert!(parse("file.before_rename:2@learner", "actor").is_none(), "another program's");
+    }
+
+    /// The test starts itself as a child that passes one point twice.
+    #[test]
+    fn a_point_kills_where_it_is_armed_and_does_nothing_elsewhere() {
+        const CHILD: &str = "STILLROOM_FAULT_TEST";
+        if std::env::var_os(CHILD).is_some() {
+            reach("proto.test");
+            reach("proto.test");
+            return;
+        }
+        let (_, module) = module_path!().split_once("::").unwrap();
+        let name = format!("{module}::a_point_kills_where_it_is_armed_and_does_nothing_elsewhere");
+        let end = |fault: Option<&str>| {
+            let mut child = Command::new(std::env::current_exe().unwrap());
+            child
+                .args(["--exact", &name])
+                .env(CHILD, "yes")
+                .env_remove(VARIABLE)
+                .envs(fault.map(|fault| (VARIABLE, fault)));
+            let output = child.output().unwrap();
+            let ran = String::from_utf8_lossy(&output.stdout).contains("running 1 test");
+            (ran, output.status.success(), output.status.signal())
+        };
+        let [passed, killed] = [(true, true, None), (true, false, Some(9))];
+        assert_eq!(end(None), passed);
+        assert_eq!(end(Some("proto.other")), passed);
+        assert_eq!(end(Some("proto.test:3")), passed);
+        assert_eq!(end(Some("proto.test:2")), killed);
+        assert_eq!(end(Some("proto.test")), killed);
+    }
+}

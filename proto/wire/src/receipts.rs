@@ -1,0 +1,205 @@
+//! The recorder's receipts: which observations it has taken, and how far the recording is on disk.
+//!
+//! Actors send each observation once, to learner and recorder. An actor can be killed after the one and before the
+//! other has it; its successor rebuilds only what the learner has not answered yet. So a learner answers when the
+//! recorder, too, has what it answers, and an update begins when the recording of its rollout is written: otherwise a
+//! step could be trained on and missing in the recording.
+//!
+//! Receipts are words in a file that all map: the recorder writes, learners and actors read. They cost neither a
+//! message nor an open file. The bell `recorded/RANK` rings when there is something new for a learner.
+
+use crate::address::WireAddress;
+use crate::error::WireError;
+use crate::shm::Words;
+use std::fmt::Debug;
+
+/// A receipt of one half of an actor's environments: everything up to an exchange was taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Receipt {
+    /// The learner incarnation that these exchanges belong to.
+    pub learner_incarnation: u32,
+    /// The exchange.
+    pub step: u64,
+}
+
+/// How far the recording has been handed to the operating system: a killed orchestrator takes nothing of it along.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Written {
+    /// The learner incarnation that collected the rollouts.
+    pub learner_incarnation: u32,
+    /// First rollout that is not in it.
+    pub rollout: u64,
+}
+
+/// Bits of the number in a word; the learner incarnation has the others.
+const NUMBER_BITS: u32 = 40;
+/// Word of [`Written`].
+const WRITTEN: usize = 0;
+/// Word that is not 0 once the recording has failed.
+const FAILED: usize = 1;
+/// First word of the first actor: its incarnation that the recorder has met, then a receipt for each half.
+const ACTORS: usize = 2;
+const WORDS_PER_ACTOR: usize = 3;
+
+fn words(actors: u32) -> usize {
+    ACTORS + actors as usize * WORDS_PER_ACTOR
+}
+
+fn met_word(actor: u32) -> usize {
+    ACTORS + actor as usize * WORDS_PER_ACTOR
+}
+
+fn receipt_word(actor: u32, half: u32) -> usize {
+    assert!(half < 2, "an actor has at most two halves");
+    met_word(actor) + 1 + half as usize
+}
+
+/// Both numbers change together, so they share a word. None if they do not fit: 16 million starts of a learner, a
+/// million million exchanges.
+fn pack(learner_incarnation: u32, number: u64) -> Option<u64> {
+    let fits = learner_incarnation < 1 << (u64::BITS - NUMBER_BITS) && number < 1 << NUMBER_BITS;
+    fits.then_some(u64::from(learner_incarnation) << NUMBER_BITS | number)
+}
+
+/// Learner incarnations count from 1, so 0 is a word that was not written yet.
+fn unpack(word: u64) -> Option<(u32, u64)> {
+    (word != 0).then_some(((word >> NUMBER_BITS) as u32, word & ((1 << NUMBER_BITS) - 1)))
+}
+
+fn map(address: &WireAddress, actors: u32, writable: bool) -> Result<Words, WireError> {
+    let path = address.receipts();
+    Words::open(&path, words(actors), writable)
+        .map_err(|cause| WireError::Receipts { path: path.display().to_string(), cause })
+}
+
+/// Makes the file: the orchestrator's part.
+pub(crate) fn create(address: &WireAddress, actors: u32) -> Result<(), WireError> {
+    let path = address.receipts();
+    Words::create(&path, words(actors)).map_err(|cause| WireError::Receipts { path: path.display().to_string(), cause })
+}
+
+/// What learners and actors read.
+pub struct Receipts(Words);
+
+impl Debug for Receipts {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Receipts").field("written", &self.written()).finish_non_exhaustive()
+    }
+}
+
+impl Receipts {
+    /// The receipts of an orchestrator incarnation with this many actors.
+    pub fn open(address: &WireAddress, actors: u32) -> Result<Self, WireError> {
+        map(address, actors, false).map(Self)
+    }
+
+    /// The incarnation of an actor that the recorder has heard last; 0 before the first.
+    ///
+    /// # Panics
+    /// Here and below, if there is no such actor or half.
+    pub fn met(&self, actor: u32) -> u32 {
+        self.0.load(met_word(actor)) as u32
+    }
+
+    /// The newest receipt of one half of an actor's environments.
+    pub fn of(&self, actor: u32, half: u32) -> Option<Receipt> {
+        unpack(self.0.load(receipt_word(actor, half)))
+            .map(|(learner_incarnation, step)| Receipt { learner_incarnation, step })
+    }
+
+    /// How far the recording is written.
+    pub fn written(&self) -> Option<Written> {
+        unpack(self.0.load(WRITTEN)).map(|(learner_incarnation, rollout)| Written { learner_incarnation, rollout })
+    }
+
+    /// True once nothing more can be recorded.
+    pub fn failed(&self) -> bool {
+        self.0.load(FAILED) != 0
+    }
+}
+
+/// What the recorder writes.
+pub struct ReceiptBook(Words);
+
+impl Debug for ReceiptBook {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ReceiptBook").finish_non_exhaustive()
+    }
+}
+
+impl ReceiptBook {
+    /// The book of an orchestrator incarnation with this many actors.
+    pub fn open(address: &WireAddress, actors: u32) -> Result<Self, WireError> {
+        map(address, actors, true).map(Self)
+    }
+
+    /// Something of this incarnation of an actor was received: from now on none of its samples passes the recorder by.
+    ///
+    /// # Panics
+    /// Here and below, if there is no such actor or half.
+    pub fn meet(&self, actor: u32, incarnation: u32) {
+        self.0.store(met_word(actor), u64::from(incarnation));
+    }
+
+    /// Everything up to this exchange was taken.
+    pub fn take(&self, actor: u32, half: u32, Receipt { learner_incarnation, step }: Receipt) {
+        if let Some(word) = pack(learner_incarnation, step) {
+            self.0.store(receipt_word(actor, half), word);
+        }
+    }
+
+    /// The recording is written so far.
+    pub fn write(&self, Written { learner_incarnation, rollout }: Written) {
+        if let Some(word) = pack(learner_incarnation, rollout) {
+            self.0.store(WRITTEN, word);
+        }
+    }
+
+    /// Nothing more is recorded.
+    pub fn fail(&self) {
+        self.0.store(FAILED, 1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_one_writes_all_read_and_nothing_is_written_at_first() {
+        let address = WireAddress::new(&format!("testreceipts{}", std::process::id()), 1);
+        std::fs::create_dir(address.root()).unwrap();
+        create(&address, 2).unwrap();
+        assert!(create(&address, 2).is_err(), "one incarnation has one book");
+        let (book, receipts) = (ReceiptBook::open(&address, 2).unwrap(), Receipts::open(&address, 2).unwrap());
+        let all = || (receipts.met(1), receipts.of(1, 0), receipts.of(1, 1), receipts.written(), receipts.failed());
+        assert_eq!(all(), (0, None, None, None, false));
+        let taken = Receipt { learner_incarnation: 2, step: 0 };
+        book.meet(1, 7);
+        book.take(1, 1, taken);
+        assert_eq!(all(), (7, None, Some(taken), None, false));
+        assert_eq!((receipts.met(0), receipts.of(0, 1)), (0, None));
+        let last = Receipt { learner_incarnation: (1 << 24) - 1, step: (1 << 40) - 1 };
+        book.take(1, 1, last);
+        // What does not fit is no receipt: nobody takes it for another one.
+        book.take(1, 1, Receipt { learner_incarnation: 1 << 24, step: 0 });
+        book.take(1, 1, Receipt { learner_incarnation: 1, step: 1 << 40 });
+        let written = Written { learner_incarnation: 3, rollout: 9 };
+        book.write(written);
+        book.fail();
+        assert_eq!(all(), (7, None, Some(last), Some(written), true));
+        let message = Receipts::open(&address, 3).unwrap_err().to_string();
+        assert!(message.contains("has 64 bytes of 88"), "{message}");
+        drop((book, receipts));
+        address.sweep().unwrap();
+    }
+
+    #[test]
+    #[should_panic(expected = "only the recorder writes receipts")]
+    fn a_reader_cannot_write() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("words");
+        Words::create(&path, 1).unwrap();
+        Words::open(&path, 1, false).unwrap().store(0, 1);
+    }
+}

@@ -1,0 +1,313 @@
+//! Cases one after another, until as many faults have happened as are wanted, each compared with an undisturbed run of
+//! its configuration.
+
+use crate::evaluation::{self, Evaluated};
+use crate::fault::{Case, Fault};
+use crate::place::{Place, Privileges};
+use crate::shape::{Kind, SHAPES, Shape};
+use crate::suite::{self, Done};
+use crate::tally::{Fate, Tally};
+use crate::training::{self, Complete};
+use anyhow::{Context, Result, anyhow};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
+
+/// After so many cases with differences the rest would say nothing new.
+const FAILURES_MAX: usize = 20;
+
+/// Let faults happen to small runs, and compare what they leave with undisturbed ones
+///
+/// What happens follows from the seed and the case's number. Weights, frames, summary, metrics, validations, tables,
+/// recorded steps and what is left behind are compared. The exit status is 0 if nothing differs and as many faults have
+/// happened as were wanted.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Campaign {
+    /// Seed of all that happens
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Faults that have to happen
+    #[arg(long, default_value_t = 200)]
+    faults: u64,
+    /// No case begins after so many minutes
+    #[arg(long, default_value_t = 30)]
+    minutes: u64,
+    /// Only the case of this number; its files are kept
+    #[arg(long)]
+    case: Option<u32>,
+    /// Cases at once
+    #[arg(long, default_value_t = 2)]
+    jobs: u32,
+    /// The number of the first case
+    #[arg(long, default_value_t = 0)]
+    first: u32,
+    /// Print the cases, and let nothing happen
+    #[arg(long)]
+    list: bool,
+}
+
+/// An undisturbed run of a shape.
+enum Reference {
+    Training(Box<Complete>),
+    Evaluation(Evaluated),
+    Suite(Done),
+}
+
+struct Desk {
+    next: u32,
+    tally: Tally,
+    passed: u64,
+    failed: Vec<u32>,
+    /// An undisturbed run has failed.
+    broken: bool,
+}
+
+struct Work<'a> {
+    campaign: &'a Campaign,
+    root: PathBuf,
+    privileges: Privileges,
+    begun: Instant,
+    /// By the place of the shape among [`SHAPES`]: made when it is first needed.
+    references: Vec<OnceLock<Result<Reference, String>>>,
+    desk: Mutex<Desk>,
+}
+
+impl Campaign {
+    /// Runs it; whether all is as it should be.
+    pub fn run(&self) -> Result<bool> {
+        if self.list {
+            for number in self.numbers() {
+                describe(&Case::draw(self.seed, number));
+            }
+            return Ok(true);
+        }
+        let temporary = tempfile::Builder::new().prefix("chaos-").tempdir().context("a temporary folder")?;
+        let work = Work {
+            campaign: self,
+            root: temporary.path().to_path_buf(),
+            privileges: Privileges::probe(),
+            begun: Instant::now(),
+            references: SHAPES.iter().map(|_| OnceLock::new()).collect(),
+            desk: Mutex::new(Desk {
+                next: self.first,
+                tally: Tally::default(),
+                passed: 0,
+                failed: vec![],
+                broken: false,
+            }),
+        };
+        if !work.privileges.mounts {
+            println!("full disks and a full /dev/shm are skipped: this user may not mount file systems");
+        }
+        std::thread::scope(|scope| {
+            for _ in 0..if self.case.is_some() { 1 } else { self.jobs } {
+                scope.spawn(|| work.go());
+            }
+        });
+        let all_is_well = work.report();
+        let is_kept = self.case.is_some() || !work.desk().failed.is_empty();
+        if is_kept {
+            println!("files: {}", temporary.keep().display());
+        }
+        Ok(all_is_well)
+    }
+
+    fn numbers(&self) -> impl Iterator<Item = u32> {
+        let only = self.case;
+        (only.unwrap_or(self.first)..).take(if only.is_some() { 1 } else { 100 })
+    }
+}
+
+fn describe(case: &Case) {
+    println!("case {} ({})", case.number, case.shape.name);
+    for planned in &case.faults {
+        println!("  {planned}");
+    }
+}
+
+impl Work<'_> {
+    fn desk(&self) -> std::sync::MutexGuard<'_, Desk> {
+        // What is counted stays right whoever panics.
+        self.desk.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// One case after another.
+    fn go(&self) {
+        while let Some(number) = self.take() {
+            let case = Case::draw(self.campaign.seed, number);
+            let begun = Instant::now();
+            let mut tally = Tally::default();
+            let outcome = self.case(&case, &mut tally);
+            let seconds = begun.elapsed().as_secs_f64();
+            let mut desk = self.desk();
+            desk.tally.absorb(&tally);
+            let so_far = desk.tally.total(Fate::Landed);
+            let happened = tally.total(Fate::Landed);
+            match outcome {
+                Ok(starts) => {
+                    desk.passed += 1;
+                    println!(
+                        "case {number:4}  good    {:32} {happened} faults, {starts} starts, {seconds:.1} s ({so_far} so far)",
+                        case.shape.name
+                    );
+                }
+                Err(error) => {
+                    desk.failed.push(number);
+                    println!("case {number:4}  FAILED  {:32} {happened} faults, {seconds:.1} s", case.shape.name);
+                    for planned in &case.faults {
+                        println!("           {planned}");
+                    }
+                    println!("           {error:#}");
+                    println!("           files: {}", self.folder(number).display());
+                    println!("           again: make chaos ARGS=\"--seed {} --case {number}\"", self.campaign.seed);
+                }
+            }
+        }
+    }
+
+    /// The number of the next case; none if enough has happened.
+    fn take(&self) -> Option<u32> {
+        let mut desk = self.desk();
+        if let Some(only) = self.campaign.case {
+            return (std::mem::replace(&mut desk.next, u32::MAX) != u32::MAX).then_some(only);
+        }
+        let over = desk.broken
+            || self.begun.elapsed() >= Duration::from_mins(self.campaign.minutes)
+            || desk.tally.total(Fate::Landed) >= self.campaign.faults
+            || desk.failed.len() >= FAILURES_MAX;
+        if over {
+            return None;
+        }
+        desk.next += 1;
+        Some(desk.next - 1)
+    }
+
+    fn folder(&self, number: u32) -> PathBuf {
+        self.root.join(format!("case-{number:04}"))
+    }
+
+    /// Runs a case and compares; the number of starts. Its files are removed if all is as it should be.
+    fn case(&self, case: &Case, tally: &mut Tally) -> Result<usize> {
+        let has =
+            |test: fn(&Fault) -> bool| self.privileges.mounts && case.faults.iter().any(|planned| test(&planned.fault));
+        let own_disk = has(|fault| matches!(fault, Fault::FullDisk(_)));
+        let own_memory = has(|fault| matches!(fault, Fault::FullMemory(_)));
+        let reference = self.reference(case.shape)?;
+        let folder = self.folder(case.number);
+        let place = Place::new(folder.clone(), own_disk, own_memory)?;
+        let outcome = match play(case, &place, self.privileges, tally) {
+            Ok(outcome) => compare(case.shape, &outcome, reference),
+            Err(error) => Err(error),
+        };
+        match outcome {
+            Ok(starts) if self.campaign.case.is_none() => {
+                place.remove()?;
+                Ok(starts)
+            }
+            Err(error) => {
+                if own_disk {
+                    keep(&folder)?;
+                }
+                Err(error)
+            }
+            outcome => outcome,
+        }
+    }
+
+    fn reference(&self, shape: Shape) -> Result<&Reference> {
+        let index = SHAPES.iter().position(|(_, one)| *one == shape).context("a shape of the list")?;
+        let made = self.references[index].get_or_init(|| {
+            let undisturbed = Case { number: 0, shape, faults: vec![] };
+            let make = || {
+                let place = Place::new(self.root.join(format!("reference-{index}")), false, false)?;
+                let outcome = play(&undisturbed, &place, self.privileges, &mut Tally::default())?;
+                place.remove()?;
+                Ok::<_, anyhow::Error>(outcome)
+            };
+            make().map_err(|error| format!("{error:#}"))
+        });
+        made.as_ref().map_err(|error| {
+            // Nothing can be compared.
+            self.desk().broken = true;
+            anyhow!("undisturbed: {error}")
+        })
+    }
+
+    fn report(&self) -> bool {
+        let desk = self.desk();
+        for line in desk.tally.lines() {
+            println!("{line}");
+        }
+        let happened = desk.tally.total(Fate::Landed);
+        let minutes = self.begun.elapsed().as_secs_f64() / 60.0;
+        println!(
+            "{happened} faults in {} runs in {minutes:.1} minutes, seed {}: {} as undisturbed, {} not {:?}",
+            desk.passed + desk.failed.len() as u64,
+            self.campaign.seed,
+            desk.passed,
+            desk.failed.len(),
+            desk.failed
+        );
+        let enough = self.campaign.case.is_some() || happened >= self.campaign.faults;
+        if !enough && desk.failed.len() < FAILURES_MAX {
+            println!("only {happened} of {} faults in {} minutes", self.campaign.faults, self.campaign.minutes);
+        }
+        desk.failed.is_empty() && enough
+    }
+}
+
+/// A case's own file system goes with it: what is needed to look into a failure is copied.
+fn keep(folder: &Path) -> Result<()> {
+    let copy = folder.with_extension("kept");
+    let status = std::process::Command::new("cp").arg("-r").arg(folder).arg(copy).status()?;
+    anyhow::ensure!(status.success(), "cannot keep {}", folder.display());
+    Ok(())
+}
+
+fn play(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tally) -> Result<Reference> {
+    Ok(match case.shape.kind {
+        Kind::Training => Reference::Training(Box::new(training::train(case, place, privileges, tally)?)),
+        Kind::Evaluation => Reference::Evaluation(evaluation::evaluate(case, place, privileges, tally)?),
+        Kind::Suite => Reference::Suite(suite::complete(case, place, privileges, tally)?),
+    })
+}
+
+/// Starts that a case took; an error with all that differs.
+fn compare(shape: Shape, outcome: &Reference, reference: &Reference) -> Result<usize> {
+    let (differences, starts) = match (outcome, reference) {
+        (Reference::Training(ours), Reference::Training(theirs)) => (trained(shape, ours, theirs), ours.starts),
+        (Reference::Evaluation(ours), Reference::Evaluation(theirs)) => (ours.differences(theirs), ours.starts),
+        (Reference::Suite(ours), Reference::Suite(theirs)) => (ours.differences(theirs), ours.calls),
+        _ => (vec!["a reference of another kind".to_owned()], 0),
+    };
+    anyhow::ensure!(differences.is_empty(), "{}", differences.join("\n           "));
+    Ok(starts)
+}
+
+fn trained(shape: Shape, ours: &Complete, theirs: &Complete) -> Vec<String> {
+    let mut found = vec![];
+    if !ours.unsaid.is_empty() {
+        found.push(format!("damaged, and no start said so: {:?}", ours.unsaid));
+    }
+    if !ours.left.is_empty() {
+        found.push(format!("left behind: {:?}", ours.left));
+    }
+    if !ours.replay.ends_with("differences: 0") {
+        found.push(format!("replay: {}", ours.replay));
+    }
+    if !shape.exact {
+        found.extend(ours.evidence.violations(shape.frames, ours.lost_metrics));
+        return found;
+    }
+    if ours.result != theirs.result {
+        found.push(format!("weights and frames: {:?} instead of {:?}", ours.result, theirs.result));
+    }
+    if ours.evidence.recording.steps() != shape.frames {
+        found.push(format!("recorded steps: {} of {}", ours.evidence.recording.steps(), shape.frames));
+    }
+    found.extend(ours.evidence.differences(&theirs.evidence, ours.lost_metrics));
+    if ours.replay != theirs.replay {
+        found.push(format!("replay: {} instead of {}", ours.replay, theirs.replay));
+    }
+    found
+}

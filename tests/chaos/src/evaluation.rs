@@ -1,0 +1,109 @@
+//! An evaluation, disturbed: its table and its figures are those of an undisturbed one. One whose orchestrator dies is
+//! made again, in another folder.
+
+use crate::evidence::{first_difference, result};
+use crate::fault::{Case, Fault, Phase};
+use crate::inject::carry_out;
+use crate::place::{Place, Privileges, Start};
+use crate::session::{Ended, Session, wait_for_end};
+use crate::tally::{Fate, Tally};
+use anyhow::{Result, bail, ensure};
+use proto::evaluation::{RESULT_FILE, TABLE_FILE};
+use serde_json::Value;
+use std::collections::VecDeque;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// As many starts as faults, and one more.
+const STARTS_MAX: usize = 12;
+
+/// What is compared.
+#[derive(Debug)]
+pub struct Evaluated {
+    table: String,
+    result: Value,
+    /// Starts that it took.
+    pub starts: usize,
+}
+
+impl Evaluated {
+    /// What differs from an undisturbed one.
+    pub fn differences(&self, reference: &Self) -> Vec<String> {
+        let mut found = vec![];
+        if self.table != reference.table {
+            found.push("the table of episodes".to_owned());
+        }
+        if self.result != reference.result {
+            found.push(format!("{RESULT_FILE}: {}", first_difference("", &self.result, &reference.result)));
+        }
+        found
+    }
+}
+
+/// Evaluates until there is a result.
+pub fn evaluate(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tally) -> Result<Evaluated> {
+    std::fs::write(place.path("config.toml"), case.shape.config())?;
+    let mut plan: VecDeque<_> = case.faults.iter().copied().collect();
+    for starts in 1..=STARTS_MAX {
+        let folder = place.path(&format!("evaluation-{starts}"));
+        let (mut start, mut recent, mut armed) = (Start::default(), vec![], None);
+        if let Some(planned) = plan.pop_front_if(|planned| planned.fault.phase() == Phase::Start) {
+            start.arm(planned.fault);
+            armed = Some(planned.fault);
+            recent.push(planned.fault);
+        }
+        let out = folder.display().to_string();
+        let words = "eval --preset demo --config config.toml --seed 5 --split test --objects novel --episodes 2 --out";
+        let arguments: Vec<&str> = words.split(' ').chain([out.as_str()]).collect();
+        let mut session = Session::start(place, format!("start-{starts:02}"), &arguments, &start)?;
+        let begun = Instant::now();
+        while session.runs()? {
+            if let Some(planned) = plan.front().filter(|planned| planned.fault.phase() == Phase::Running).copied()
+                && begun.elapsed() >= Duration::from_millis(planned.delay_ms)
+            {
+                plan.pop_front();
+                let fate = match planned.fault {
+                    Fault::FullDisk(_) | Fault::FullMemory(_) if !privileges.mounts => Fate::Skipped,
+                    fault => carry_out(fault, &folder, place, &mut session)?,
+                };
+                recent.push(planned.fault);
+                tally.add(planned.fault, fate);
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let ended = session.wait()?;
+        if let Some(armed) = armed {
+            tally.add(armed, if struck(armed, &ended) { Fate::Landed } else { Fate::Missed });
+        }
+        ended.ensure_no_panic()?;
+        wait_for_end(&folder)?;
+        if ended.status.success() && folder.join(RESULT_FILE).exists() {
+            plan.drain(..).for_each(|planned| tally.add(planned.fault, Fate::Missed));
+            return read(&folder, starts);
+        }
+        explain(&ended, &recent)?;
+    }
+    bail!("there is no result after {STARTS_MAX} starts")
+}
+
+fn read(folder: &Path, starts: usize) -> Result<Evaluated> {
+    let table = std::fs::read_to_string(folder.join(TABLE_FILE))?;
+    Ok(Evaluated { table, result: result(&folder.join(RESULT_FILE))?, starts })
+}
+
+fn struck(armed: Fault, ended: &Ended) -> bool {
+    match armed {
+        Fault::Point(point, _) if point.program == "orchestrator" => ended.signal() == Some(9),
+        Fault::Point(..) => ended.stderr.contains(" died"),
+        _ => true,
+    }
+}
+
+/// An error if nothing that happened explains why an evaluation ended without a result.
+fn explain(ended: &Ended, recent: &[Fault]) -> Result<()> {
+    let ends = |fault: &Fault| {
+        !matches!(fault, Fault::Pause(..)) && !matches!(fault, Fault::Point(point, _) if point.program == "actor")
+    };
+    ensure!(recent.iter().any(ends), "it ended without a result: {}", ended.last_words());
+    Ok(())
+}

@@ -1,0 +1,239 @@
+//! What a complete run leaves, as far as it must be the same whatever happened: no times, no counts of starts.
+
+use crate::recording::Recording;
+use anyhow::{Context, Result};
+use proto::run_folder::RunFolder;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// Of a run that trained.
+#[derive(Debug)]
+pub struct Evidence {
+    /// `summary.json`.
+    summary: Value,
+    /// `metrics.jsonl`: what counts of it, by rollout.
+    metrics: BTreeMap<u64, Value>,
+    /// `validation.jsonl`, by rollout.
+    validation: BTreeMap<u64, Vec<Value>>,
+    /// What `best` points to.
+    best: Option<String>,
+    /// Tables of the validations.
+    tables: BTreeMap<String, String>,
+    /// Files, but those whose number depends on the number of starts.
+    files: BTreeSet<String>,
+    /// Recordings.
+    pub recording: Recording,
+}
+
+/// The lines of a file, without some of their fields; an error for a line that is none.
+fn lines(path: &Path, without: &[&str]) -> Vec<Value> {
+    let bytes = std::fs::read(path).unwrap_or_default();
+    let values = bytes.split(|&byte| byte == b'\n').filter_map(|line| serde_json::from_slice::<Value>(line).ok());
+    values.map(|value| stripped(value, without)).collect()
+}
+
+fn stripped(mut value: Value, without: &[&str]) -> Value {
+    if let Some(object) = value.as_object_mut() {
+        object.retain(|key, _| !without.contains(&key.as_str()));
+    }
+    value
+}
+
+/// An evaluation's result file without what depends on time and place.
+pub fn result(path: &Path) -> Result<Value> {
+    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let mut value: Value = serde_json::from_str(&text)?;
+    if let Some(cost) = value["cost"].as_object_mut() {
+        cost.retain(|key, _| key == "steps");
+    }
+    if let Some(subject) = value["subject"].as_object_mut() {
+        subject.retain(|key, _| !["run", "checkpoint"].contains(&key.as_str()));
+    }
+    Ok(value)
+}
+
+impl Evidence {
+    /// Of a complete run.
+    pub fn read(folder: &RunFolder) -> Result<Self> {
+        let text = std::fs::read_to_string(folder.summary()).context("summary.json")?;
+        let summary: Value = serde_json::from_str(&text).context("summary.json")?;
+        let varying = ["id", "training_s", "frames_per_s", "wall", "incarnations", "recordings"];
+        let mut metrics = BTreeMap::new();
+        for line in lines(&folder.metrics(), &["at_unix_s", "incarnation", "timing"]) {
+            let rollout = line["rollout"].as_u64().context("a line of metrics.jsonl names its rollout")?;
+            // A line voids those of later rollouts.
+            drop(metrics.split_off(&rollout));
+            metrics.insert(rollout, line);
+        }
+        let mut validation: BTreeMap<u64, Vec<Value>> = BTreeMap::new();
+        for line in lines(&folder.validation_log(), &["at_unix_s", "wall_s"]) {
+            let rollout = line["rollout"].as_u64().context("a line of validation.jsonl names its rollout")?;
+            validation.entry(rollout).or_default().push(line);
+        }
+        let mut files = BTreeSet::new();
+        collect(folder.root(), folder.root(), &mut files)?;
+        let tables = files.iter().filter(|path| path.ends_with("episodes.csv"));
+        let tables = tables.map(|path| Ok((path.clone(), std::fs::read_to_string(folder.root().join(path))?)));
+        let best = std::fs::read_link(folder.best()).ok().map(|path| path.display().to_string());
+        Ok(Self {
+            summary: stripped(summary, &varying),
+            metrics,
+            validation,
+            best,
+            tables: tables.collect::<Result<_>>()?,
+            recording: Recording::read(folder)?,
+            files,
+        })
+    }
+
+    /// What differs from an undisturbed run's. Where lines of metrics.jsonl were taken away, those that are left are
+    /// compared, and of the summary all but the means over them.
+    pub fn differences(&self, reference: &Self, lost_metrics: bool) -> Vec<String> {
+        let mut found = vec![];
+        let of_all = |summary: &Value| stripped(summary.clone(), if lost_metrics { &["stages"] } else { &[] });
+        let [ours, theirs] = [&self.summary, &reference.summary].map(of_all);
+        if ours != theirs {
+            found.push(format!("summary.json: {}", first_difference("", &ours, &theirs)));
+        }
+        let mut metrics = reference.metrics.clone();
+        metrics.retain(|rollout, _| !lost_metrics || self.metrics.contains_key(rollout));
+        by_rollout("metrics.jsonl", &self.metrics, &metrics, &mut found);
+        by_rollout("validation.jsonl", &self.validation, &reference.validation, &mut found);
+        if self.best != reference.best {
+            found.push(format!("best: {:?} instead of {:?}", self.best, reference.best));
+        }
+        if self.tables != reference.tables {
+            found.push("tables of the validations differ".to_owned());
+        }
+        if self.files != reference.files {
+            let besides: Vec<_> = self.files.difference(&reference.files).collect();
+            let missing: Vec<_> = reference.files.difference(&self.files).collect();
+            found.push(format!("files: besides {besides:?}, missing {missing:?}"));
+        }
+        found.extend(self.recording.differences(&reference.recording));
+        found
+    }
+
+    /// What must hold of a run whose results depend on timing.
+    pub fn violations(&self, frames: u64, lost_metrics: bool) -> Vec<String> {
+        let mut found = vec![];
+        if self.summary["frames"].as_u64() != Some(frames) || self.summary["complete"] != Value::Bool(true) {
+            found.push(format!("summary.json: {} frames of {frames}", self.summary["frames"]));
+        }
+        let last = self.metrics.values().next_back().and_then(|line| line["frames"].as_u64());
+        if last != Some(frames) {
+            found.push(format!("metrics.jsonl: {last:?} frames of {frames}"));
+        }
+        let rollouts: Vec<u64> = self.metrics.keys().copied().collect();
+        if !lost_metrics && rollouts != (0..rollouts.len() as u64).collect::<Vec<_>>() {
+            found.push("metrics.jsonl: rollouts are missing".to_owned());
+        }
+        let recorded = self.recording.steps_that_count();
+        if recorded != frames {
+            found.push(format!("recorded steps: {recorded} of {frames}"));
+        }
+        let partial: Vec<_> = self.files.iter().filter(|path| path.ends_with(".partial")).collect();
+        if !partial.is_empty() {
+            found.push(format!("files: {partial:?}"));
+        }
+        found
+    }
+}
+
+fn collect(root: &Path, folder: &Path, files: &mut BTreeSet<String>) -> Result<()> {
+    for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {
+        let path = entry?.path();
+        let relative = path.strip_prefix(root)?.display().to_string();
+        // One recording for each start, and a log for each that wrote one.
+        if relative.starts_with("recordings/") || relative.starts_with("logs/") || relative.ends_with(".log") {
+            continue;
+        }
+        if path.is_dir() && !path.is_symlink() {
+            collect(root, &path, files)?;
+        } else {
+            files.insert(relative);
+        }
+    }
+    Ok(())
+}
+
+fn by_rollout<T: PartialEq>(file: &str, ours: &BTreeMap<u64, T>, theirs: &BTreeMap<u64, T>, found: &mut Vec<String>) {
+    let missing: Vec<_> = theirs.keys().filter(|rollout| !ours.contains_key(rollout)).collect();
+    let besides: Vec<_> = ours.keys().filter(|rollout| !theirs.contains_key(rollout)).collect();
+    let other: Vec<_> =
+        ours.iter().filter(|(rollout, line)| theirs.get(rollout).is_some_and(|their| their != *line)).collect();
+    let other: Vec<_> = other.into_iter().map(|(rollout, _)| rollout).collect();
+    for (how, rollouts) in [("missing", missing), ("besides", besides), ("other", other)] {
+        if !rollouts.is_empty() {
+            found.push(format!("{file}: rollouts {how}: {rollouts:?}"));
+        }
+    }
+}
+
+/// The first place at which two values differ.
+pub fn first_difference(place: &str, one: &Value, other: &Value) -> String {
+    match (one, other) {
+        (Value::Object(one), Value::Object(other)) => {
+            let keys: BTreeSet<_> = one.keys().chain(other.keys()).collect();
+            let differs = keys.into_iter().find(|key| one.get(*key) != other.get(*key));
+            let null = &Value::Null;
+            differs.map_or_else(String::new, |key| {
+                let at = format!("{place}.{key}");
+                first_difference(&at, one.get(key).unwrap_or(null), other.get(key).unwrap_or(null))
+            })
+        }
+        (Value::Array(one), Value::Array(other)) if one.len() == other.len() => {
+            let differs = one.iter().zip(other).enumerate().find(|(_, (one, other))| one != other);
+            differs.map_or_else(String::new, |(index, (one, other))| {
+                first_difference(&format!("{place}[{index}]"), one, other)
+            })
+        }
+        _ => format!("{place}: {one} instead of {other}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn run(folder: &Path, metrics: &[Value]) -> Evidence {
+        let folder = RunFolder::new(folder);
+        let summary = json!({ "frames": 10, "complete": true, "training_s": 1.0 });
+        std::fs::write(folder.summary(), summary.to_string()).unwrap();
+        let lines: Vec<String> = metrics.iter().map(|line| format!("{line}\n")).collect();
+        std::fs::write(folder.metrics(), lines.concat()).unwrap();
+        Evidence::read(&folder).unwrap()
+    }
+
+    #[test]
+    fn metrics_are_compared_without_times_and_after_rewinds() {
+        let line = |rollout: u64, at: u64| json!({ "rollout": rollout, "frames": (rollout + 1) * 5, "at_unix_s": at });
+        let [one, other, short] = [(); 3].map(|()| tempfile::tempdir().unwrap());
+        let reference = run(one.path(), &[line(0, 1), line(1, 2)]);
+        let again = run(other.path(), &[line(0, 5), line(1, 6), line(0, 7), line(1, 8)]);
+        assert!(again.differences(&reference, false).is_empty());
+        // The line for rollout 0 voids that of 1.
+        let short = run(short.path(), &[line(0, 5), line(1, 6), line(0, 7)]);
+        assert_eq!(short.differences(&reference, false), ["metrics.jsonl: rollouts missing: [1]"]);
+        assert!(short.differences(&reference, true).is_empty());
+        assert!(short.violations(10, false).iter().any(|what| what.contains("Some(5) frames of 10")));
+    }
+
+    #[test]
+    fn a_file_that_is_left_is_a_difference() {
+        let [one, other] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        let reference = run(one.path(), &[]);
+        std::fs::write(other.path().join("x.partial"), "").unwrap();
+        let left = run(other.path(), &[]);
+        assert_eq!(left.differences(&reference, false), ["files: besides [\"x.partial\"], missing []"]);
+        assert!(left.violations(10, false).iter().any(|what| what.contains("x.partial")));
+    }
+
+    #[test]
+    fn the_first_difference_names_its_place() {
+        let [one, other] = [json!({ "a": [1, { "b": 2 }] }), json!({ "a": [1, { "b": 3 }] })];
+        assert_eq!(first_difference("", &one, &other), ".a[1].b: 2 instead of 3");
+    }
+}

@@ -1,0 +1,297 @@
+//! What can happen to a run, and which of it happens in which case.
+
+use crate::draw::Draw;
+use crate::points::{CREATION, EVALUATION, Point, SUITE, TRAINING, VALIDATION};
+use crate::shape::{Kind, SHAPES, Shape};
+use std::fmt::{Display, Formatter};
+
+/// A process of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Who {
+    /// The one that was started: of a run, an evaluation or a suite.
+    Orchestrator,
+    /// The learner of this rank.
+    Learner(u32),
+    /// The actor of this number.
+    Actor(u32),
+    /// The orchestrator of a validation beside the run, or of a suite's run or evaluation.
+    Child,
+}
+
+/// How a checkpoint is damaged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Damage {
+    /// A bit of the tensors is another.
+    FlippedBit,
+    /// The tensors end early.
+    ShortTensors,
+    /// The tensors are gone.
+    NoTensors,
+    /// The manifest ends early.
+    ShortManifest,
+    /// The manifest is of zeros, as some file systems leave it after a power cut.
+    ZeroManifest,
+}
+
+/// How a file of lines is damaged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Journal {
+    /// The beginning of a line at its end.
+    Torn,
+    /// Bytes that are no text in the middle of a line.
+    Garbled,
+    /// It is gone.
+    Missing,
+}
+
+/// Something that happens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    /// SIGKILL.
+    Kill(Who),
+    /// SIGKILL to two at once.
+    KillTwo(Who, Who),
+    /// SIGKILL to all processes at once.
+    KillAll,
+    /// SIGKILL, and again to the one that takes its place, this many milliseconds after it was seen.
+    KillAgain(Who, u64),
+    /// SIGKILL to an actor; the orchestrator is held for so many milliseconds when another has taken its place.
+    KillAndHold(u32, u64),
+    /// SIGSTOP, and SIGCONT so many milliseconds later.
+    Pause(Who, u64),
+    /// SIGTERM.
+    Terminate(Who),
+    /// SIGINT to the orchestrator.
+    Interrupt,
+    /// Dies at this point, when it passes it for the n-th time.
+    Point(Point, u64),
+    /// The disk is full for so many milliseconds.
+    FullDisk(u64),
+    /// /dev/shm is full for so many milliseconds.
+    FullMemory(u64),
+    /// The newest checkpoint is damaged while nothing runs.
+    Checkpoint(Damage),
+    /// metrics.jsonl is damaged while nothing runs.
+    Metrics(Journal),
+    /// A start that may open only so many files.
+    FewDescriptors(u64),
+}
+
+/// When a fault happens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// While the command runs.
+    Running,
+    /// With the next start.
+    Start,
+    /// After the command's death, before the next start.
+    Between,
+}
+
+/// A fault with its time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Planned {
+    /// The run must have trained so many rollouts.
+    pub rollout: u64,
+    /// So long after that, or after the start if they had been trained before it.
+    pub delay_ms: u64,
+    /// What happens.
+    pub fault: Fault,
+}
+
+/// One run with what happens to it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Case {
+    /// Its number under the seed.
+    pub number: u32,
+    /// What is disturbed.
+    pub shape: Shape,
+    /// By what, in order.
+    pub faults: Vec<Planned>,
+}
+
+impl Fault {
+    /// When it happens.
+    pub fn phase(self) -> Phase {
+        match self {
+            Self::Point(..) | Self::FewDescriptors(_) => Phase::Start,
+            Self::Checkpoint(_) | Self::Metrics(_) => Phase::Between,
+            _ => Phase::Running,
+        }
+    }
+
+    /// What it is counted as.
+    pub fn class(self) -> &'static str {
+        match self {
+            Self::Kill(Who::Orchestrator) => "SIGKILL, orchestrator",
+            Self::Kill(Who::Learner(_)) => "SIGKILL, learner",
+            Self::Kill(Who::Actor(_)) => "SIGKILL, actor",
+            Self::Kill(Who::Child) => "SIGKILL, child orchestrator",
+            Self::KillTwo(..) => "SIGKILL, two at once",
+            Self::KillAll => "SIGKILL, all at once",
+            Self::KillAgain(..) => "SIGKILL during recovery",
+            Self::KillAndHold(..) => "SIGKILL, recovery held",
+            Self::Pause(..) => "SIGSTOP and SIGCONT",
+            Self::Terminate(_) => "SIGTERM",
+            Self::Interrupt => "SIGINT",
+            Self::Point(point, _) => match point.program {
+                "actor" => "fault point, actor",
+                "learner" => "fault point, learner",
+                _ => "fault point, orchestrator",
+            },
+            Self::FullDisk(_) => "full disk",
+            Self::FullMemory(_) => "full /dev/shm",
+            Self::Checkpoint(_) => "damaged checkpoint",
+            Self::Metrics(_) => "damaged metrics.jsonl",
+            Self::FewDescriptors(_) => "few descriptors",
+        }
+    }
+}
+
+fn anyone(shape: &Shape, draw: &mut Draw) -> Who {
+    let learner = Who::Learner(draw.between(0, u64::from(shape.learners) - 1) as u32);
+    let actor = Who::Actor(draw.between(0, u64::from(shape.actors) - 1) as u32);
+    let child = if shape.validates || shape.kind == Kind::Suite { 2 } else { 0 };
+    draw.weighed(&[(2, Who::Orchestrator), (2, learner), (3, actor), (child, Who::Child)])
+}
+
+fn other_than(one: Who, shape: &Shape, draw: &mut Draw) -> Who {
+    loop {
+        let other = anyone(shape, draw);
+        if other != one {
+            return other;
+        }
+    }
+}
+
+fn fault(shape: &Shape, is_first: bool, draw: &mut Draw) -> Fault {
+    let training = shape.kind == Kind::Training;
+    let who = anyone(shape, draw);
+    let two = Fault::KillTwo(who, other_than(who, shape, draw));
+    let child = match who {
+        Who::Orchestrator | Who::Child => Who::Learner(0),
+        child => child,
+    };
+    let again = Fault::KillAgain(child, draw.between(0, 400));
+    let hold = Fault::KillAndHold(draw.between(0, u64::from(shape.actors) - 1) as u32, draw.between(800, 1500));
+    let pause = Fault::Pause(who, draw.between(20, 1200));
+    let points: &[&[Point]] = match shape.kind {
+        Kind::Evaluation => &[EVALUATION],
+        Kind::Suite => &[SUITE],
+        Kind::Training if is_first => &[TRAINING, CREATION],
+        Kind::Training if shape.validates => &[TRAINING, VALIDATION, VALIDATION],
+        Kind::Training => &[TRAINING],
+    };
+    let (point, pass) = Point::draw(points, draw);
+    let damages =
+        [Damage::FlippedBit, Damage::ShortTensors, Damage::NoTensors, Damage::ShortManifest, Damage::ZeroManifest];
+    let damage = draw.of(&damages);
+    let journal = draw.of(&[Journal::Torn, Journal::Torn, Journal::Garbled, Journal::Missing]);
+    let few = draw.of(&[24, 48, 96, 4096]);
+    let full = draw.between(100, 1500);
+    // What needs a run folder that goes on, or a folder or memory of its own.
+    let if_training = |weight| if training { weight } else { 0 };
+    draw.weighed(&[
+        (6, Fault::Kill(who)),
+        (2, two),
+        (1, Fault::KillAll),
+        (3, again),
+        (2, hold),
+        (3, pause),
+        (2, Fault::Terminate(who)),
+        (1, Fault::Interrupt),
+        (10, Fault::Point(point, pass)),
+        (if_training(1), Fault::FullDisk(full)),
+        (if_training(1), Fault::FullMemory(full)),
+        (if_training(2), Fault::Checkpoint(damage)),
+        (if_training(1), Fault::Metrics(journal)),
+        (1, Fault::FewDescriptors(few)),
+    ])
+}
+
+impl Case {
+    /// The case of this number under this seed.
+    pub fn draw(seed: u64, number: u32) -> Self {
+        let mut draw = Draw::new(seed, number);
+        let shape = draw.weighed(SHAPES);
+        let count = draw.between(2, 5);
+        // The end is left alone: what comes after it does not happen.
+        let latest = shape.rollouts().saturating_sub(3);
+        let mut rollouts: Vec<u64> = (0..count).map(|_| draw.between(0, latest)).collect();
+        rollouts.sort_unstable();
+        let planned = |(index, rollout): (usize, u64)| {
+            let fault = fault(&shape, index == 0, &mut draw);
+            let longest = if shape.kind == Kind::Training { 250 } else { 2500 };
+            let delay_ms = draw.between(0, longest);
+            // A start that has not come yet cannot be waited for.
+            let rollout = if index == 0 && fault.phase() == Phase::Start { 0 } else { rollout };
+            Planned { rollout, delay_ms, fault }
+        };
+        let faults = rollouts.into_iter().enumerate().map(planned).collect();
+        Self { number, shape, faults }
+    }
+}
+
+impl Display for Who {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Orchestrator => write!(f, "orchestrator"),
+            Self::Learner(rank) => write!(f, "learner-{rank}"),
+            Self::Actor(number) => write!(f, "actor-{number:02}"),
+            Self::Child => write!(f, "child orchestrator"),
+        }
+    }
+}
+
+impl Display for Fault {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Kill(who) => write!(f, "kill {who}"),
+            Self::KillTwo(one, other) => write!(f, "kill {one} and {other}"),
+            Self::KillAll => write!(f, "kill all"),
+            Self::KillAgain(who, ms) => write!(f, "kill {who}, and again {ms} ms after it is back"),
+            Self::KillAndHold(actor, ms) => {
+                write!(f, "kill actor-{actor:02}, hold the orchestrator {ms} ms when it is back")
+            }
+            Self::Pause(who, ms) => write!(f, "stop {who} for {ms} ms"),
+            Self::Terminate(who) => write!(f, "SIGTERM to {who}"),
+            Self::Interrupt => write!(f, "SIGINT"),
+            Self::Point(point, pass) => write!(f, "{} dies at {}:{pass}", point.program, point.name),
+            Self::FullDisk(ms) => write!(f, "disk full for {ms} ms"),
+            Self::FullMemory(ms) => write!(f, "/dev/shm full for {ms} ms"),
+            Self::Checkpoint(damage) => write!(f, "newest checkpoint: {damage:?}"),
+            Self::Metrics(journal) => write!(f, "metrics.jsonl: {journal:?}"),
+            Self::FewDescriptors(limit) => write!(f, "start with at most {limit} files open"),
+        }
+    }
+}
+
+impl Display for Planned {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "at rollout {} + {} ms: {}", self.rollout, self.delay_ms, self.fault)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn a_case_follows_from_its_seed_and_number_alone() {
+        assert_eq!(Case::draw(7, 3), Case::draw(7, 3));
+        assert_ne!(Case::draw(7, 3), Case::draw(7, 4));
+        assert_ne!(Case::draw(7, 3).faults, Case::draw(8, 3).faults);
+    }
+
+    #[test]
+    fn all_shapes_and_classes_are_drawn() {
+        let cases: Vec<Case> = (0..400).map(|number| Case::draw(1, number)).collect();
+        let shapes: BTreeSet<_> = cases.iter().map(|case| case.shape.name).collect();
+        assert_eq!(shapes.len(), SHAPES.len());
+        let classes: BTreeSet<_> =
+            cases.iter().flat_map(|case| &case.faults).map(|planned| planned.fault.class()).collect();
+        assert_eq!(classes.len(), 19, "{classes:?}");
+        assert!(cases.iter().all(|case| case.faults.is_sorted_by_key(|planned| planned.rollout)));
+    }
+}

@@ -1,0 +1,177 @@
+//! Faults, carried out: those that happen to processes that run, and those that happen to files in between.
+
+use crate::fault::{Damage, Fault, Journal, Who};
+use crate::place::Place;
+use crate::processes::{find, of_folder, signal};
+use crate::session::Session;
+use crate::tally::Fate;
+use anyhow::Result;
+use proto::checkpoint::Manifest;
+use proto::digest::sha256;
+use proto::run_folder::{RolloutName, RunFolder};
+use rustix::process::Signal;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// The longest wait for a process that takes a killed one's place.
+const BACK: Duration = Duration::from_secs(15);
+
+/// What a start says when it misses lines of it.
+pub const METRICS: &str = "metrics.jsonl";
+
+/// Lets a fault happen to what runs under `folder`, of which `session` is the first command.
+pub fn carry_out(fault: Fault, folder: &Path, place: &Place, session: &mut Session<'_>) -> Result<Fate> {
+    let first = session.pid();
+    let find = |who| find(who, folder, first);
+    let hit = |who, how| find(who).is_some_and(|pid| signal(pid, how));
+    let landed = |landed| if landed { Fate::Landed } else { Fate::Missed };
+    Ok(match fault {
+        Fault::Kill(who) => landed(hit(who, Signal::KILL)),
+        Fault::Terminate(who) => landed(hit(who, Signal::TERM)),
+        Fault::Interrupt => landed(signal(first, Signal::INT)),
+        Fault::KillTwo(one, other) => {
+            let found = [one, other].map(find);
+            let killed = found.map(|pid| pid.is_some_and(|pid| signal(pid, Signal::KILL)));
+            landed(killed == [true, true])
+        }
+        Fault::KillAll => {
+            let mut everyone: Vec<u32> = of_folder(folder).into_iter().map(|one| one.pid).collect();
+            everyone.push(first);
+            // Stopped first, so that none sees another's death.
+            for &pid in &everyone {
+                signal(pid, Signal::STOP);
+            }
+            landed(everyone.iter().filter(|&&pid| signal(pid, Signal::KILL)).count() > 1)
+        }
+        Fault::KillAgain(who, ms) => match kill_and_await(who, folder, session)? {
+            None => Fate::Missed,
+            Some(pid) => {
+                session.pass(Duration::from_millis(ms))?;
+                landed(signal(pid, Signal::KILL))
+            }
+        },
+        Fault::KillAndHold(actor, ms) => match kill_and_await(Who::Actor(actor), folder, session)? {
+            None => Fate::Missed,
+            Some(_) => pause(first, ms, session)?,
+        },
+        Fault::Pause(who, ms) => match find(who) {
+            None => Fate::Missed,
+            Some(pid) => pause(pid, ms, session)?,
+        },
+        Fault::FullDisk(ms) => {
+            let filler = place.fill(None)?;
+            session.pass(Duration::from_millis(ms))?;
+            drop(filler);
+            Fate::Landed
+        }
+        Fault::FullMemory(ms) => {
+            // The command that has just been started may not have its own /dev/shm yet, or may have ended.
+            let Ok(filler) = place.fill(Some(first)) else { return Ok(Fate::Missed) };
+            session.pass(Duration::from_millis(ms))?;
+            drop(filler);
+            Fate::Landed
+        }
+        Fault::Point(..) | Fault::FewDescriptors(_) | Fault::Checkpoint(_) | Fault::Metrics(_) => Fate::Missed,
+    })
+}
+
+fn kill_and_await(who: Who, folder: &Path, session: &mut Session<'_>) -> Result<Option<u32>> {
+    let first = session.pid();
+    let Some(pid) = find(who, folder, first) else { return Ok(None) };
+    if !signal(pid, Signal::KILL) {
+        return Ok(None);
+    }
+    let begun = Instant::now();
+    while begun.elapsed() < BACK && session.runs()? {
+        match find(who, folder, first) {
+            Some(other) if other != pid => return Ok(Some(other)),
+            _ => std::thread::sleep(Duration::from_millis(1)),
+        }
+    }
+    Ok(None)
+}
+
+fn pause(pid: u32, ms: u64, session: &mut Session<'_>) -> Result<Fate> {
+    if !signal(pid, Signal::STOP) {
+        return Ok(Fate::Missed);
+    }
+    let passed = session.pass(Duration::from_millis(ms));
+    signal(pid, Signal::CONT);
+    passed.map(|()| Fate::Landed)
+}
+
+/// Damages a file of a run that nobody runs; the name that the next start has to complain of, if it happened and loses
+/// anything.
+pub fn damage(fault: Fault, folder: &RunFolder) -> Result<(Fate, Option<String>)> {
+    match fault {
+        Fault::Checkpoint(how) => damage_checkpoint(how, folder),
+        Fault::Metrics(how) => {
+            let fate = damage_lines(how, &folder.metrics())?;
+            let loses = fate == Fate::Landed && how != Journal::Torn;
+            Ok((fate, loses.then(|| METRICS.to_owned())))
+        }
+        _ => Ok((Fate::Missed, None)),
+    }
+}
+
+/// The manifests of a run's whole checkpoints, the newest last.
+fn manifests(folder: &RunFolder) -> Vec<PathBuf> {
+    let is_whole = |path: &PathBuf| {
+        let tensors = std::fs::read(path.with_extension("safetensors"));
+        let manifest = Manifest::read(path).ok().zip(tensors.ok());
+        manifest.is_some_and(|(manifest, tensors)| sha256(&tensors) == manifest.tensors_sha256)
+    };
+    let entries = std::fs::read_dir(folder.checkpoints()).into_iter().flatten().flatten();
+    let mut found: Vec<_> = entries
+        .map(|entry| entry.path())
+        .filter(|path| RolloutName::Manifest.rollout_of(path).is_some() && is_whole(path))
+        .collect();
+    found.sort();
+    found
+}
+
+fn damage_checkpoint(how: Damage, folder: &RunFolder) -> Result<(Fate, Option<String>)> {
+    let manifests = manifests(folder);
+    // With a single one there is nothing to go back to.
+    let [.., _, newest] = manifests.as_slice() else { return Ok((Fate::Missed, None)) };
+    let tensors = newest.with_extension("safetensors");
+    match how {
+        Damage::FlippedBit => {
+            let mut bytes = std::fs::read(&tensors)?;
+            let middle = bytes.len() / 2;
+            bytes[middle] ^= 16;
+            std::fs::write(&tensors, bytes)?;
+        }
+        Damage::ShortTensors => shorten(&tensors)?,
+        Damage::NoTensors => std::fs::remove_file(&tensors)?,
+        Damage::ShortManifest => shorten(newest)?,
+        Damage::ZeroManifest => std::fs::write(newest, vec![0; std::fs::metadata(newest)?.len() as usize])?,
+    }
+    let name = newest.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    Ok((Fate::Landed, name))
+}
+
+fn shorten(path: &Path) -> Result<()> {
+    let file = std::fs::OpenOptions::new().write(true).open(path)?;
+    Ok(file.set_len(file.metadata()?.len() / 2)?)
+}
+
+fn damage_lines(how: Journal, path: &Path) -> Result<Fate> {
+    let Ok(mut bytes) = std::fs::read(path) else { return Ok(Fate::Missed) };
+    if bytes.iter().filter(|&&byte| byte == b'\n').count() < 2 {
+        return Ok(Fate::Missed);
+    }
+    match how {
+        Journal::Torn => bytes.extend_from_slice(b"{\"rollout\":7,\"fra"),
+        Journal::Garbled => {
+            let middle = bytes.len() / 2;
+            bytes[middle..middle + 8].fill(0xff);
+        }
+        Journal::Missing => {
+            std::fs::remove_file(path)?;
+            return Ok(Fate::Landed);
+        }
+    }
+    std::fs::write(path, bytes)?;
+    Ok(Fate::Landed)
+}

@@ -1,0 +1,59 @@
+//! What a run must not leave behind: shared memory, temporary folders, locks that are held.
+
+use anyhow::{Context, Result};
+use proto::run_folder::RunFolder;
+use std::fs::File;
+use std::path::Path;
+
+/// What is left of a run whose processes have ended.
+pub fn of_run(folder: &RunFolder) -> Result<Vec<String>> {
+    let text = std::fs::read_to_string(folder.identity()).context("run.toml")?;
+    let identity: toml::Table = text.parse().context("run.toml")?;
+    let id = identity["id"].as_str().context("run.toml holds the run's id")?;
+    let mut left = of_id(id)?;
+    for entry in std::fs::read_dir(folder.root())?.flatten().map(|entry| entry.path()) {
+        let is_lock = entry.extension().is_some_and(|extension| extension == "lock");
+        if is_lock && File::open(&entry)?.try_lock().is_err() {
+            left.push(format!("{} is held", entry.display()));
+        }
+    }
+    Ok(left)
+}
+
+/// Names of the run with this id, or, without one, of any run of this process's user, in shared memory and among
+/// temporary folders.
+pub fn of_id(id: &str) -> Result<Vec<String>> {
+    let prefix = format!("{}{id}", wire::PREFIX_MARK);
+    let mut left = vec![];
+    for folder in [Path::new(wire::SHARED_MEMORY), &std::env::temp_dir()] {
+        for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
+            if entry.file_name().to_string_lossy().starts_with(&prefix) {
+                left.push(entry.path().display().to_string());
+            }
+        }
+    }
+    Ok(left)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn held_locks_and_names_are_left() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        let id = format!("chaos{}", std::process::id());
+        std::fs::write(folder.identity(), format!("id = \"{id}\"\n")).unwrap();
+        let lock = File::create(folder.learner_lock(0)).unwrap();
+        assert!(of_run(&folder).unwrap().is_empty());
+        lock.lock().unwrap();
+        let name = Path::new(wire::SHARED_MEMORY).join(format!("{}{id}_1.thing", wire::PREFIX_MARK));
+        File::create(&name).unwrap();
+        let left = of_run(&folder).unwrap();
+        std::fs::remove_file(&name).unwrap();
+        assert_eq!(left.len(), 2, "{left:?}");
+        lock.unlock().unwrap();
+        assert!(of_run(&folder).unwrap().is_empty());
+    }
+}

@@ -1,0 +1,57 @@
+//! Chaos: real runs of the built programs under a seeded schedule of faults, each compared with an undisturbed one;
+//! and a soak, which watches memory, descriptors and disk of a long one.
+//!
+//! ```text
+//! campaign     cases until enough has happened; the undisturbed references
+//! fault        what can happen, and which of it happens in which case (draw, points)
+//! shape        what it happens to
+//! training, evaluation, suite    one case of each kind, from its first start to its completion
+//! session, place, processes      one command; where it runs; who belongs to it
+//! inject       a fault, carried out
+//! evidence, recording, leftovers what is compared
+//! soak, slope  a long run: what grows
+//! ```
+
+mod campaign;
+mod draw;
+mod evaluation;
+mod evidence;
+mod fault;
+mod inject;
+mod leftovers;
+mod place;
+mod points;
+mod processes;
+mod recording;
+mod session;
+mod shape;
+mod slope;
+mod soak;
+mod suite;
+mod tally;
+mod training;
+
+use anyhow::Result;
+use clap::Parser;
+use std::process::ExitCode;
+
+#[derive(Debug, clap::Parser)]
+#[command(name = "chaos", about = "Real runs under a seeded schedule of faults, compared with undisturbed ones")]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    Faults(campaign::Campaign),
+    Soak(soak::Soak),
+}
+
+fn main() -> Result<ExitCode> {
+    let all_is_well = match Arguments::parse().command {
+        Command::Faults(campaign) => campaign.run()?,
+        Command::Soak(soak) => soak.run()?,
+    };
+    Ok(if all_is_well { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}

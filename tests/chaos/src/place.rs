@@ -1,0 +1,178 @@
+//! Where a case happens: its folder, on a small file system of its own where its disk is to be filled, and its
+//! commands, with a small /dev/shm of their own where that is to be filled.
+
+use crate::fault::Fault;
+use anyhow::{Context, Result, ensure};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+/// `orchestrator up` wants 256 MiB free beside its checkpoints, which take up to 90 MiB.
+const DISK_MIB: u32 = 400;
+/// The largest shape needs 22 MiB.
+const MEMORY_MIB: u32 = 48;
+
+/// What the machine lets us do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Privileges {
+    /// Mount file systems.
+    pub mounts: bool,
+}
+
+impl Privileges {
+    /// Tried out in a namespace of its own.
+    pub fn probe() -> Self {
+        let mount = format!("mount -t tmpfs -o size=1m chaos {}", wire::SHARED_MEMORY);
+        let tried = Command::new("unshare")
+            .args(["--mount", "--propagation", "private", "sh", "-c", &mount])
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status();
+        Self { mounts: tried.is_ok_and(|status| status.success()) }
+    }
+}
+
+/// The folder of a case.
+#[derive(Debug)]
+pub struct Place {
+    root: PathBuf,
+    has_own_disk: bool,
+    has_own_memory: bool,
+}
+
+/// How a command is started.
+#[derive(Debug, Clone, Default)]
+pub struct Start {
+    /// The fault point that is armed.
+    pub point: Option<String>,
+    /// Files that it may open.
+    pub descriptors: Option<u64>,
+}
+
+impl Start {
+    /// Arms what happens with a start.
+    pub fn arm(&mut self, fault: Fault) {
+        match fault {
+            Fault::Point(point, pass) => self.point = Some(format!("{}:{pass}@{}", point.name, point.program)),
+            Fault::FewDescriptors(limit) => self.descriptors = Some(limit),
+            _ => {}
+        }
+    }
+}
+
+impl Place {
+    /// A new one, empty.
+    pub fn new(root: PathBuf, own_disk: bool, own_memory: bool) -> Result<Self> {
+        std::fs::create_dir_all(&root).with_context(|| root.display().to_string())?;
+        if own_disk {
+            let size = format!("size={DISK_MIB}m");
+            let status = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "chaos"]).arg(&root).status()?;
+            ensure!(status.success(), "cannot mount a file system at {}", root.display());
+        }
+        Ok(Self { root, has_own_disk: own_disk, has_own_memory: own_memory })
+    }
+
+    /// A path in it.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.root.join(name)
+    }
+
+    /// `orchestrator ARGUMENTS`, started; what it prints goes to `NAME.out` and `NAME.err`.
+    pub fn start(&self, name: &str, arguments: &[&str], start: &Start) -> Result<Child> {
+        let program = system_tests::binary("orchestrator");
+        let mut prologue = Vec::new();
+        if let Some(limit) = start.descriptors {
+            prologue.push(format!("ulimit -n {limit}"));
+        }
+        if self.has_own_memory {
+            prologue.push(format!("mount -t tmpfs -o size={MEMORY_MIB}m chaos {}", wire::SHARED_MEMORY));
+        }
+        let mut command = match (self.has_own_memory, prologue.is_empty()) {
+            (true, _) => {
+                let mut command = Command::new("unshare");
+                command.args(["--mount", "--propagation", "private", "sh", "-c"]);
+                command
+            }
+            (false, false) => {
+                let mut command = Command::new("sh");
+                command.arg("-c");
+                command
+            }
+            (false, true) => Command::new(&program),
+        };
+        if !prologue.is_empty() {
+            // The shell becomes the program: the number of the process is the program's.
+            command.arg(format!("{} && exec \"$0\" \"$@\"", prologue.join(" && "))).arg(&program);
+        }
+        let output = |end: &str| File::create(self.path(&format!("{name}.{end}")));
+        command.args(arguments).current_dir(&self.root).stdin(Stdio::null());
+        command.stdout(output("out")?).stderr(output("err")?);
+        command.env_remove("STILLROOM_LOG").env_remove(wire::fault::VARIABLE);
+        command.envs(start.point.as_ref().map(|point| (wire::fault::VARIABLE, point)));
+        command.spawn().with_context(|| program.display().to_string())
+    }
+
+    /// What a command has printed: standard output and standard error.
+    pub fn printed(&self, name: &str) -> [String; 2] {
+        ["out", "err"].map(|end| {
+            let bytes = std::fs::read(self.path(&format!("{name}.{end}"))).unwrap_or_default();
+            String::from_utf8_lossy(&bytes).into_owned()
+        })
+    }
+
+    /// Fills the case's own disk, or, with the number of one of its processes, its own /dev/shm. What is returned frees
+    /// it again when it is dropped.
+    pub fn fill(&self, process: Option<u32>) -> Result<Filler> {
+        let folder = match process {
+            None => self.root.clone(),
+            Some(pid) => Path::new("/proc").join(pid.to_string()).join("root").join("dev/shm"),
+        };
+        let path = folder.join("filler");
+        let file = File::create(&path).with_context(|| path.display().to_string())?;
+        let status = rustix::fs::fstatvfs(&file)?;
+        let free = status.f_bavail * status.f_frsize;
+        ensure!(free < 1 << 30, "{} is not a small file system of the harness's own", folder.display());
+        let mut end = 0;
+        // From large pieces to small ones, until not even a page is left.
+        let mut piece = 32 << 20;
+        while piece >= 4096 {
+            match rustix::fs::fallocate(&file, rustix::fs::FallocateFlags::empty(), end, piece) {
+                Ok(()) => end += piece,
+                Err(_) => piece /= 2,
+            }
+        }
+        Ok(Filler { file, path })
+    }
+
+    /// Removes it with all that is in it.
+    pub fn remove(self) -> Result<()> {
+        let root = self.root.clone();
+        drop(self);
+        std::fs::remove_dir_all(&root).with_context(|| root.display().to_string())
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        if self.has_own_disk {
+            // Lazily: a process that outlives its case must not keep the mount.
+            let _ = Command::new("umount").arg("--lazy").arg(&self.root).status();
+        }
+    }
+}
+
+/// What fills a file system.
+#[derive(Debug)]
+pub struct Filler {
+    file: File,
+    path: PathBuf,
+}
+
+impl Drop for Filler {
+    fn drop(&mut self) {
+        // The path leads through a process that may have ended; the open file does not.
+        let _ = self.file.set_len(0);
+        let _ = std::fs::remove_file(&self.path);
+    }
+}

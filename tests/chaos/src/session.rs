@@ -1,0 +1,138 @@
+//! One start of a command, watched until it ends.
+
+use crate::place::{Place, Start};
+use crate::processes;
+use anyhow::{Result, bail};
+use rustix::process::Signal;
+use std::os::unix::process::ExitStatusExt;
+use std::path::Path;
+use std::process::{Child, ExitStatus};
+use std::time::{Duration, Instant};
+
+/// The longest that one start may take; no fault may end in a hang.
+const DEADLINE: Duration = Duration::from_mins(4);
+/// How long children that have lost their orchestrator may take to end.
+const ORPHANS_LEAVE: Duration = Duration::from_mins(1);
+
+/// A command that runs.
+pub struct Session<'a> {
+    /// What its output is called.
+    pub name: String,
+    place: &'a Place,
+    child: Child,
+    begun: Instant,
+    status: Option<ExitStatus>,
+    deadline: Duration,
+}
+
+/// How it ended.
+#[derive(Debug)]
+pub struct Ended {
+    /// Its status.
+    pub status: ExitStatus,
+    /// Its standard output.
+    pub stdout: String,
+    /// Its standard error.
+    pub stderr: String,
+}
+
+impl Ended {
+    /// The signal that ended it.
+    pub fn signal(&self) -> Option<i32> {
+        self.status.signal()
+    }
+
+    /// An error with the place and words of a panic, if there was one, in it or in a process whose words it shows.
+    pub fn ensure_no_panic(&self) -> Result<()> {
+        let mut lines = self.stderr.lines().skip_while(|line| !line.contains("panicked at"));
+        match lines.next() {
+            None => Ok(()),
+            Some(place) => bail!("a panic: {place} {}", lines.next().unwrap_or_default()),
+        }
+    }
+
+    /// The last lines that it printed, for a message.
+    pub fn last_words(&self) -> String {
+        let lines: Vec<&str> = self.stderr.lines().rev().filter(|line| !line.is_empty()).take(6).collect();
+        let lines: Vec<&str> = lines.into_iter().rev().collect();
+        format!("{}: {}", self.status, lines.join(" / "))
+    }
+}
+
+impl<'a> Session<'a> {
+    /// Starts `orchestrator ARGUMENTS`.
+    pub fn start(place: &'a Place, name: String, arguments: &[&str], start: &Start) -> Result<Self> {
+        let child = place.start(&name, arguments, start)?;
+        Ok(Self { name, place, child, begun: Instant::now(), status: None, deadline: DEADLINE })
+    }
+
+    /// Its process.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// It may take as long as it likes.
+    pub fn unlimited(&mut self) {
+        self.deadline = Duration::MAX;
+    }
+
+    /// Whether it still runs; an error if it has hung.
+    pub fn runs(&mut self) -> Result<bool> {
+        if self.status.is_none() {
+            self.status = self.child.try_wait()?;
+        }
+        if self.status.is_none() && self.begun.elapsed() > self.deadline {
+            let [_, stderr] = self.place.printed(&self.name);
+            let last = stderr.lines().last().unwrap_or_default();
+            bail!("`{}` hung for {} s; its last line: {last}", self.name, self.deadline.as_secs());
+        }
+        Ok(self.status.is_none())
+    }
+
+    /// Waits for its end.
+    pub fn wait(mut self) -> Result<Ended> {
+        while self.runs()? {
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let [stdout, stderr] = self.place.printed(&self.name);
+        let Some(status) = self.status else { bail!("`{}` has no exit status", self.name) };
+        Ok(Ended { status, stdout, stderr })
+    }
+
+    /// Sleeps for so long, or until it ends.
+    pub fn pass(&mut self, time: Duration) -> Result<()> {
+        let begun = Instant::now();
+        while begun.elapsed() < time && self.runs()? {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Session<'_> {
+    fn drop(&mut self) {
+        if self.status.is_none() {
+            let _ = self.child.kill();
+            let _ = self.child.wait();
+        }
+    }
+}
+
+/// Waits until no process of this folder is left; an error, with the end of them, if some stay.
+pub fn wait_for_end(folder: &Path) -> Result<()> {
+    let begun = Instant::now();
+    loop {
+        let left = processes::of_folder(folder);
+        if left.is_empty() {
+            return Ok(());
+        }
+        if begun.elapsed() > ORPHANS_LEAVE {
+            for one in &left {
+                processes::signal(one.pid, Signal::KILL);
+            }
+            let lines: Vec<_> = left.into_iter().map(|one| one.line).collect();
+            bail!("processes are left {} s after their orchestrator: {lines:?}", ORPHANS_LEAVE.as_secs());
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}

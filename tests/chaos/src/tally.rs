@@ -1,0 +1,72 @@
+//! What has happened so far.
+
+use crate::fault::Fault;
+use std::collections::BTreeMap;
+
+/// What became of a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Fate {
+    /// It happened.
+    Landed,
+    /// Its time never came, or the process was not there.
+    Missed,
+    /// This machine does not let us.
+    Skipped,
+}
+
+/// Counts of faults by class and fate.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Tally {
+    counts: BTreeMap<(&'static str, Fate), u64>,
+}
+
+impl Tally {
+    /// Counts one.
+    pub fn add(&mut self, fault: Fault, fate: Fate) {
+        *self.counts.entry((fault.class(), fate)).or_default() += 1;
+    }
+
+    /// Counts all of another one.
+    pub fn absorb(&mut self, other: &Self) {
+        for (&key, count) in &other.counts {
+            *self.counts.entry(key).or_default() += count;
+        }
+    }
+
+    /// Faults with this fate.
+    pub fn total(&self, fate: Fate) -> u64 {
+        self.counts.iter().filter(|((_, one), _)| *one == fate).map(|(_, count)| count).sum()
+    }
+
+    /// A line for each class.
+    pub fn lines(&self) -> Vec<String> {
+        let mut classes: Vec<&str> = self.counts.keys().map(|(class, _)| *class).collect();
+        classes.dedup();
+        let of = |class, fate| self.counts.get(&(class, fate)).copied().unwrap_or(0);
+        let line = |class: &&'static str| {
+            let [landed, missed, skipped] = [Fate::Landed, Fate::Missed, Fate::Skipped].map(|fate| of(*class, fate));
+            format!("{class:28} {landed:4} happened  {missed:4} missed  {skipped:4} skipped")
+        };
+        classes.iter().map(line).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_are_counted_by_class_and_fate() {
+        let mut tally = Tally::default();
+        tally.add(Fault::KillAll, Fate::Landed);
+        tally.add(Fault::KillAll, Fate::Missed);
+        let mut sum = Tally::default();
+        sum.absorb(&tally);
+        sum.absorb(&tally);
+        sum.add(Fault::Interrupt, Fate::Landed);
+        assert_eq!([Fate::Landed, Fate::Missed, Fate::Skipped].map(|fate| sum.total(fate)), [3, 2, 0]);
+        let lines = sum.lines();
+        assert_eq!(lines.len(), 2, "{lines:?}");
+        assert!(lines[1].contains("SIGKILL, all at once") && lines[1].contains("2 happened"), "{lines:?}");
+    }
+}

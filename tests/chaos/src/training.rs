@@ -1,0 +1,283 @@
+//! A run that trains: started, disturbed, resumed until it is complete.
+
+use crate::evidence::Evidence;
+use crate::fault::{Case, Fault, Phase, Planned};
+use crate::inject::{METRICS, carry_out, damage};
+use crate::leftovers;
+use crate::place::{Place, Privileges, Start};
+use crate::processes::signal;
+use crate::session::{Ended, Session, wait_for_end};
+use crate::shape::Shape;
+use crate::tally::{Fate, Tally};
+use anyhow::{Result, bail, ensure};
+use proto::run_folder::RunFolder;
+use rustix::process::Signal;
+use std::collections::VecDeque;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// A run that is not complete after so many starts gets nowhere.
+const STARTS_MAX: usize = 20;
+
+/// A complete run.
+pub struct Complete {
+    /// What it left.
+    pub evidence: Evidence,
+    /// Digest of its weights and number of frames, as printed.
+    pub result: (String, u64),
+    /// What `orchestrator replay` printed of its recordings, and how it failed, if it did.
+    pub replay: String,
+    /// Starts that it took.
+    pub starts: usize,
+    /// Lines of metrics.jsonl were taken away: those that are left are compared.
+    pub lost_metrics: bool,
+    /// Damaged files that no start complained of.
+    pub unsaid: Vec<String>,
+    /// What it left behind in memory.
+    pub left: Vec<String>,
+}
+
+struct Training<'a> {
+    shape: Shape,
+    place: &'a Place,
+    folder: RunFolder,
+    plan: VecDeque<Planned>,
+    privileges: Privileges,
+    /// Rollouts trained at some time.
+    reached: u64,
+    /// With the next start.
+    start: Start,
+    /// What has happened in this start, and what is armed in it.
+    recent: Vec<Fault>,
+    armed: Option<Fault>,
+    /// Damaged files that no start has complained of since.
+    unsaid: Vec<String>,
+    /// Lines of metrics.jsonl were taken away, which nothing can bring back.
+    lost_metrics: bool,
+}
+
+/// Runs a case to its end and reads what it left. What happened on the way is counted in `tally`.
+pub fn train(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tally) -> Result<Complete> {
+    let shape = case.shape;
+    std::fs::write(place.path("config.toml"), shape.config())?;
+    let mut training = Training {
+        shape,
+        place,
+        folder: RunFolder::new(place.path("run")),
+        plan: case.faults.iter().copied().collect(),
+        privileges,
+        reached: 0,
+        start: Start::default(),
+        recent: vec![],
+        armed: None,
+        unsaid: vec![],
+        lost_metrics: false,
+    };
+    let mut starts = 0;
+    let result = loop {
+        starts += 1;
+        ensure!(starts <= STARTS_MAX, "it is not complete after {STARTS_MAX} starts");
+        if let Some(result) = training.start(starts, tally)? {
+            break result;
+        }
+    };
+    for planned in training.plan.drain(..) {
+        tally.add(planned.fault, Fate::Missed);
+    }
+    let Training { folder, lost_metrics, unsaid, .. } = training;
+    wait_for_end(folder.root())?;
+    let left = leftovers::of_run(&folder)?;
+    let replay = replay(place, folder.root())?;
+    Ok(Complete { evidence: Evidence::read(&folder)?, result, replay, starts, lost_metrics, unsaid, left })
+}
+
+/// Simulates the recordings again; what was printed.
+fn replay(place: &Place, folder: &Path) -> Result<String> {
+    let path = folder.display().to_string();
+    let ended = Session::start(place, "replay".to_owned(), &["replay", &path], &Start::default())?.wait()?;
+    let is_good = ended.status.success() && ended.stdout.lines().any(|line| line == "differences: 0");
+    let said = if is_good { String::new() } else { ended.last_words() };
+    Ok(ended.stdout.lines().chain(said.lines()).collect::<Vec<_>>().join(", "))
+}
+
+impl Training<'_> {
+    /// One start, to its end: the result if the run is complete then.
+    fn start(&mut self, number: usize, tally: &mut Tally) -> Result<Option<(String, u64)>> {
+        self.arm_the_first();
+        let start = std::mem::take(&mut self.start);
+        let arguments = self.arguments();
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        let name = format!("start-{number:02}");
+        let mut session = Session::start(self.place, name, &arguments, &start)?;
+        self.disturb(&mut session, tally)?;
+        let ended = session.wait()?;
+        if let Some(armed) = self.armed.take() {
+            tally.add(armed, if happened(armed, &ended) { Fate::Landed } else { Fate::Missed });
+            self.recent.push(armed);
+        }
+        self.unsaid.retain(|name| !ended.stderr.contains(name));
+        ended.ensure_no_panic()?;
+        let recent = std::mem::take(&mut self.recent);
+        if let Some(result) = self.judge(&ended, &recent)? {
+            return Ok(Some(result));
+        }
+        while let Some(planned) = self.plan.front().copied()
+            && planned.fault.phase() == Phase::Between
+            && self.reached >= planned.rollout
+        {
+            self.plan.pop_front();
+            wait_for_end(self.folder.root())?;
+            let (fate, complaint) = damage(planned.fault, &self.folder)?;
+            tally.add(planned.fault, fate);
+            self.lost_metrics |= complaint.as_deref() == Some(METRICS);
+            self.unsaid.extend(complaint);
+        }
+        Ok(None)
+    }
+
+    /// What is to happen with this start, if that is next.
+    fn arm_the_first(&mut self) {
+        let Some(planned) = self.plan.front().copied() else { return };
+        if planned.fault.phase() != Phase::Start || self.reached < planned.rollout {
+            return;
+        }
+        self.plan.pop_front();
+        self.start.arm(planned.fault);
+        self.armed = Some(planned.fault);
+    }
+
+    fn arguments(&self) -> Vec<String> {
+        let folder = self.folder.root().display().to_string();
+        if self.folder.identity().exists() {
+            return vec!["resume".to_owned(), folder];
+        }
+        let Shape { actors, environments, learners, frames, .. } = self.shape;
+        let words = "up --preset demo --config config.toml --seed 5 --run";
+        let mut arguments: Vec<String> = words.split(' ').map(str::to_owned).collect();
+        arguments.push(folder);
+        for (flag, value) in [
+            ("--actors", u64::from(actors)),
+            ("--envs-per-actor", u64::from(environments)),
+            ("--learners", u64::from(learners)),
+            ("--frames", frames),
+        ] {
+            arguments.extend([flag.to_owned(), value.to_string()]);
+        }
+        arguments
+    }
+
+    /// Lets happen what is due while the command runs.
+    fn disturb(&mut self, session: &mut Session<'_>, tally: &mut Tally) -> Result<()> {
+        let mut due = None;
+        while session.runs()? {
+            self.reached = self.reached.max(reached(&self.folder));
+            if let Some(planned) = self.plan.front().copied()
+                && self.reached >= planned.rollout
+            {
+                let due_at = *due.get_or_insert_with(|| Instant::now() + Duration::from_millis(planned.delay_ms));
+                if Instant::now() >= due_at {
+                    due = None;
+                    self.happen(planned.fault, session, tally)?;
+                }
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Ok(())
+    }
+
+    fn happen(&mut self, fault: Fault, session: &mut Session<'_>, tally: &mut Tally) -> Result<()> {
+        match fault.phase() {
+            // The start that it is to happen with comes after a stop, that which is damaged in between after a death.
+            Phase::Start => {
+                if self.armed.is_none_or(|armed| !matches!(armed, Fault::Point(..))) {
+                    signal(session.pid(), Signal::INT);
+                    self.recent.push(Fault::Interrupt);
+                } else {
+                    signal(session.pid(), Signal::KILL);
+                    self.recent.push(Fault::KillAll);
+                }
+                while session.runs()? {
+                    std::thread::sleep(Duration::from_millis(10));
+                }
+            }
+            Phase::Between => {
+                signal(session.pid(), Signal::KILL);
+                self.recent.push(Fault::KillAll);
+                while session.runs()? {
+                    std::thread::sleep(Duration::from_millis(10));
+                }
+            }
+            Phase::Running => {
+                self.plan.pop_front();
+                let needs_mounts = matches!(fault, Fault::FullDisk(_) | Fault::FullMemory(_));
+                if needs_mounts && !self.privileges.mounts {
+                    tally.add(fault, Fate::Skipped);
+                    return Ok(());
+                }
+                self.recent.push(fault);
+                let fate = carry_out(fault, self.folder.root(), self.place, session)?;
+                tally.add(fault, fate);
+            }
+        }
+        Ok(())
+    }
+
+    /// The result, if the run is complete; an error if it ended in a way that nothing which happened explains.
+    fn judge(&self, ended: &Ended, recent: &[Fault]) -> Result<Option<(String, u64)>> {
+        let is = |test: fn(&Fault) -> bool| recent.iter().any(test);
+        if ended.status.success() {
+            let line = |prefix: &str| Some(ended.stdout.lines().rev().find_map(|line| line.strip_prefix(prefix))?);
+            let result = line("weights: ").zip(line("frames: ").and_then(|frames| frames.parse().ok()));
+            if let Some((weights, frames)) = result.filter(|_| self.folder.summary().exists()) {
+                return Ok(Some((weights.to_owned(), frames)));
+            }
+            let asked = is(|fault| matches!(fault, Fault::Interrupt | Fault::Terminate(_)));
+            ensure!(asked, "it stopped without being asked to: {}", ended.last_words());
+            return Ok(None);
+        }
+        if let Some(number) = ended.signal() {
+            // SIGBUS is what a full /dev/shm does.
+            let explained = match number {
+                9 => is(|fault| !matches!(fault, Fault::Pause(..) | Fault::Checkpoint(_) | Fault::Metrics(_))),
+                7 => is(|fault| matches!(fault, Fault::FullMemory(_))),
+                // Before it handles signals as requests.
+                2 | 15 => is(|fault| matches!(fault, Fault::Interrupt | Fault::Terminate(_))),
+                _ => false,
+            };
+            ensure!(explained, "it was ended by signal {number}: {}", ended.last_words());
+            return Ok(None);
+        }
+        if is(|fault| matches!(fault, Fault::FewDescriptors(_))) {
+            let said = ["open files", "ulimit"].iter().any(|word| ended.stderr.contains(word));
+            ensure!(said, "with few descriptors it does not say why it fails: {}", ended.last_words());
+            return Ok(None);
+        }
+        let excused = is(|fault| {
+            matches!(fault, Fault::FullDisk(_) | Fault::FullMemory(_) | Fault::Interrupt | Fault::Terminate(_))
+        });
+        if !excused {
+            bail!("it failed: {}", ended.last_words());
+        }
+        Ok(None)
+    }
+}
+
+/// Whether what was armed has struck.
+fn happened(armed: Fault, ended: &Ended) -> bool {
+    match armed {
+        Fault::Point(point, _) if point.program == "orchestrator" => ended.signal() == Some(9),
+        Fault::Point(point, _) => {
+            let died = |line: &str| line.contains(" died") && line.contains(&format!("{}-", point.program));
+            ended.stderr.lines().any(died) || ended.stderr.contains(&format!("{} died", point.program))
+        }
+        _ => true,
+    }
+}
+
+/// Rollouts that a run has trained so far, by its metrics.
+fn reached(folder: &RunFolder) -> u64 {
+    let bytes = std::fs::read(folder.metrics()).unwrap_or_default();
+    let text = String::from_utf8_lossy(&bytes);
+    let numbers = text.lines().filter_map(|line| line.strip_prefix("{\"rollout\":")?.split(',').next()?.parse().ok());
+    numbers.max().map_or(0, |newest: u64| newest + 1)
+}

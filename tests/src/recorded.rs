@@ -1,0 +1,97 @@
+//! The steps that a run's recordings hold, read without any code of the system.
+
+use crate::Run;
+use prost::Message;
+use std::collections::BTreeMap;
+
+/// What is needed of a `stillroom.Step`; readers of protobuf pass over fields that they do not know.
+#[derive(Clone, PartialEq, Message)]
+struct Step {
+    #[prost(uint32, tag = "1")]
+    kitchen: u32,
+    #[prost(uint32, tag = "2")]
+    environment: u32,
+    #[prost(uint32, tag = "5")]
+    episode: u32,
+    #[prost(uint32, tag = "6")]
+    step: u32,
+    #[prost(bool, tag = "20")]
+    ended: bool,
+}
+
+/// The recorded steps of a run, each counted once however often it was recorded.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RecordedSteps {
+    /// By (kitchen, environment): by (episode, step): whether it ended the episode.
+    environments: BTreeMap<(u32, u32), BTreeMap<(u32, u32), bool>>,
+    /// Messages.
+    pub messages: u64,
+}
+
+impl RecordedSteps {
+    /// Of all recordings of a run.
+    ///
+    /// # Panics
+    /// If one cannot be read.
+    pub fn of(run: &Run) -> Self {
+        let mut recorded = Self::default();
+        for path in run.recordings() {
+            let bytes = std::fs::read(&path).expect("a readable recording");
+            for message in mcap::MessageStream::new(&bytes).expect("an MCAP file") {
+                let message = message.expect("a whole message");
+                if message.channel.topic == "/step" {
+                    recorded.add(&Step::decode(&*message.data).expect("a step"));
+                }
+            }
+        }
+        recorded
+    }
+
+    fn add(&mut self, step: &Step) {
+        self.messages += 1;
+        let environment = self.environments.entry((step.kitchen, step.environment)).or_default();
+        environment.insert((step.episode, step.step), step.ended);
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> u64 {
+        self.environments.values().map(|steps| steps.len() as u64).sum()
+    }
+
+    /// Where an environment's course breaks off and goes on later: each step follows the one before it in its episode,
+    /// or begins the episode after one that ended.
+    pub fn holes(&self) -> Vec<String> {
+        let mut holes = vec![];
+        for (environment, steps) in &self.environments {
+            let mut expected = (0, 0);
+            for (&(episode, step), &ended) in steps {
+                if (episode, step) != expected {
+                    holes.push(format!("{environment:?}: {expected:?} is missing before {:?}", (episode, step)));
+                }
+                expected = if ended { (episode + 1, 0) } else { (episode, step + 1) };
+            }
+        }
+        holes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_step_is_seen_wherever_it_was() {
+        let step = |episode, step, ended| Step { kitchen: 3, environment: 1, episode, step, ended };
+        let course = [step(0, 0, false), step(0, 1, true), step(1, 0, true), step(2, 0, false), step(2, 1, false)];
+        let without = |left_out: Option<usize>| {
+            let mut recorded = RecordedSteps::default();
+            let kept = course.iter().enumerate().filter(|(index, _)| Some(*index) != left_out);
+            kept.for_each(|(_, step)| recorded.add(step));
+            (recorded.count(), recorded.holes().len())
+        };
+        assert_eq!(without(None), (5, 0));
+        // The last one is missed by its count alone.
+        assert_eq!((0..5).map(|index| without(Some(index))).collect::<Vec<_>>()[..4], [(4, 1); 4]);
+        assert_eq!(without(Some(4)), (4, 0));
+    }
+}

@@ -1,0 +1,272 @@
+//! The figures of a run (`metrics.jsonl`, `validation.jsonl`, `summary.json`, `best`) are those of the undisturbed run,
+//! whoever was killed and whichever file was damaged on the way. Only times, and what starts and recordings are called,
+//! differ.
+
+use rustix::process::Signal;
+use serde_json::Value;
+use std::path::PathBuf;
+use std::process::Child;
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+use system_tests::{DEADLINE, Run, TINY, Workshop, complete, finish, kill, kill_child, signal, start};
+
+const ACTORS: u32 = 2;
+const ENVIRONMENTS: u32 = 3;
+const FRAMES: u64 = 600;
+
+/// A workshop whose runs are validated after each 300 frames, an episode in each kitchen.
+fn validating() -> Workshop {
+    let workshop = Workshop::new();
+    let text = format!("{TINY}\n[validation]\nevery_frames = 300\nepisodes = 1\n");
+    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable temporary folder");
+    workshop
+}
+
+/// The figures of a complete run.
+#[derive(Debug, PartialEq)]
+struct Figures {
+    metrics: Vec<Value>,
+    validation: Vec<Value>,
+    summary: Value,
+    best: Option<PathBuf>,
+}
+
+impl Figures {
+    fn of(run: &Run) -> Self {
+        let summary = std::fs::read_to_string(run.folder.summary()).expect("a summary");
+        let others = ["id", "training_s", "frames_per_s", "wall", "incarnations", "recordings"];
+        Self {
+            metrics: lines(run.folder.metrics(), &["at_unix_s", "incarnation", "timing"]),
+            validation: lines(run.folder.validation_log(), &["at_unix_s", "wall_s"]),
+            summary: without(serde_json::from_str(&summary).expect("JSON"), &others),
+            best: std::fs::read_link(run.folder.best()).ok(),
+        }
+    }
+}
+
+/// Every line of a file, without these keys.
+fn lines(path: PathBuf, keys: &[&str]) -> Vec<Value> {
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    text.lines().map(|line| without(serde_json::from_str(line).expect("whole lines"), keys)).collect()
+}
+
+fn without(mut value: Value, keys: &[&str]) -> Value {
+    let object = value.as_object_mut().expect("an object");
+    for key in keys {
+        assert!(object.remove(*key).is_some(), "{key} is there");
+    }
+    value
+}
+
+/// Those of the undisturbed run in such a workshop, made once per test process: all runs of a process are alike.
+fn undisturbed(workshop: &Workshop) -> &'static Figures {
+    static FIGURES: OnceLock<Figures> = OnceLock::new();
+    FIGURES.get_or_init(|| {
+        complete(workshop.up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result();
+        let figures = Figures::of(&workshop.run("undisturbed"));
+        let rollouts: Vec<u64> = figures.metrics.iter().filter_map(|line| line["rollout"].as_u64()).collect();
+        assert_eq!(rollouts, (0..rollouts.len() as u64).collect::<Vec<_>>(), "each rollout once, in order");
+        let validated = workshop.run("undisturbed").folder.validations().exists();
+        assert_eq!((figures.validation.len(), figures.best.is_some()), (if validated { 2 } else { 0 }, validated));
+        assert_eq!(figures.summary["stages"].as_array().map(Vec::len), Some(2));
+        figures
+    })
+}
+
+/// Resumes a run until it is complete; its figures are the undisturbed ones.
+fn assert_resumes(workshop: &Workshop, name: &str, what: &str) {
+    complete(workshop.resume(name)).result();
+    let run = workshop.run(name);
+    assert_eq!(&Figures::of(&run), undisturbed(workshop), "{what}");
+    run.assert_nothing_left();
+}
+
+/// Waits until this holds.
+fn wait_until(what: &str, condition: impl Fn() -> bool) {
+    let begun = Instant::now();
+    while !condition() {
+        assert!(begun.elapsed() < DEADLINE, "{what}: not within {DEADLINE:?}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn an_orchestrator_that_hears_nothing_before_it_is_killed_loses_no_figures() {
+    let workshop = Workshop::new();
+    for (number, rollouts) in [1, 5].into_iter().enumerate() {
+        let name = format!("deaf-{number}");
+        let mut command = workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES);
+        // A recorder that is stopped would stop the actors, too.
+        command.args(["--set", "recording.enabled=false"]);
+        let child = start(command);
+        let run = workshop.run(&name);
+        run.wait_for_rollouts(rollouts);
+        // What its learner tells now lies in a pipe that nobody reads.
+        signal(child.id(), Signal::STOP);
+        let known = run.metrics().len();
+        let checkpoint = |rollout: usize| run.folder.checkpoint_manifest(rollout as u64).exists();
+        wait_until("a checkpoint that nobody hears of", || checkpoint(known + 1) || checkpoint(known + 2));
+        kill_child(child);
+        run.wait_for_end();
+        let status = complete(workshop.orchestrator(&["status", &name]));
+        let note = "not in metrics.jsonl and are taken from the checkpoint";
+        assert!(status.stdout.contains(note), "{status:#?}");
+        assert_resumes(&workshop, &name, &format!("killed after {rollouts} rollouts"));
+    }
+}
+
+#[test]
+fn a_kill_at_any_point_of_a_checkpoint_changes_no_figure() {
+    let workshop = Workshop::new();
+    let points = [
+        ("learner.before_update:3", true),
+        ("learner.after_update:6", true),
+        ("learner.before_checkpoint:5", true),
+        ("learner.after_tensors:8", true),
+        ("learner.after_figures:6", true),
+        ("learner.after_manifest:6", true),
+        ("learner.after_pin:9", true),
+        ("orchestrator.before_announce:7", false),
+        ("orchestrator.before_summary:1", false),
+    ];
+    for (number, (point, goes_on)) in points.into_iter().enumerate() {
+        let name = format!("point-{number}");
+        let mut command = workshop.up(&name, ACTORS, ENVIRONMENTS, FRAMES);
+        command.env("STILLROOM_FAULT", point);
+        let printed = complete(command);
+        let reached = if goes_on { printed.deaths().len() == 1 } else { printed.killed };
+        assert!(reached, "the point {point} is never reached: {printed:#?}");
+        if goes_on {
+            printed.result();
+            assert_eq!(&Figures::of(&workshop.run(&name)), undisturbed(&workshop), "killed at {point}");
+        } else {
+            assert_resumes(&workshop, &name, point);
+        }
+    }
+}
+
+#[test]
+fn everything_killed_at_any_moment_changes_no_figure() {
+    let workshop = validating();
+    let child = start(workshop.up("all", ACTORS, ENVIRONMENTS, FRAMES));
+    let run = workshop.run("all");
+    let mut running = Some(child);
+    for rollouts in [2, 6] {
+        let child = running.take().unwrap_or_else(|| start(workshop.resume("all")));
+        run.wait_for_rollouts(rollouts);
+        for word in ["--rank", "--actor ", "--beside"] {
+            run.processes(word).into_iter().for_each(kill);
+        }
+        kill_child(child);
+        run.wait_for_end();
+    }
+    assert_resumes(&workshop, "all", "killed twice");
+}
+
+#[test]
+fn a_killed_validation_is_made_again() {
+    let workshop = validating();
+    let child = start(workshop.up("killed", ACTORS, ENVIRONMENTS, FRAMES));
+    let run = workshop.run("killed");
+    wait_until("a validation begins", || !run.processes("--beside").is_empty());
+    run.kill_one("--beside");
+    let printed = finish(child);
+    printed.result();
+    assert!(printed.stderr.contains("failed and is made again"), "{printed:#?}");
+    assert_eq!(&Figures::of(&run), undisturbed(&workshop));
+    run.assert_nothing_left();
+}
+
+/// Stops a run in its middle.
+fn stopped_in_its_middle(workshop: &Workshop, name: &str) -> Run {
+    let child: Child = start(workshop.up(name, ACTORS, ENVIRONMENTS, FRAMES));
+    let run = workshop.run(name);
+    wait_until("a validation", || std::fs::metadata(run.folder.validation_log()).is_ok_and(|file| file.len() > 0));
+    run.wait_for_rollouts(5);
+    signal(child.id(), Signal::INT);
+    assert!(finish(child).success);
+    assert!(!run.folder.summary().exists(), "the run was stopped in its middle");
+    run
+}
+
+#[test]
+fn damaged_and_deleted_files_are_told_of_and_mended() {
+    let workshop = validating();
+    for (name, damage) in [("deleted", None), ("garbled", Some(3))] {
+        let run = stopped_in_its_middle(&workshop, name);
+        for path in [run.folder.metrics(), run.folder.validation_log()] {
+            let text = std::fs::read_to_string(&path).unwrap();
+            let lines: Vec<&str> = text.lines().collect();
+            match damage {
+                None => std::fs::remove_file(&path).unwrap(),
+                Some(every) => {
+                    let line = |(number, line)| if number % every == 0 { "{\"rollout\": 7, !" } else { line };
+                    let lines: Vec<&str> = lines.into_iter().enumerate().map(line).collect();
+                    std::fs::write(&path, lines.join("\n") + "\n").unwrap();
+                }
+            }
+        }
+        let status = complete(workshop.orchestrator(&["status", name])).stdout;
+        let notes = match damage {
+            None => ["metrics.jsonl is missing", "validation.jsonl is missing"],
+            Some(_) => ["note: metrics.jsonl has ", "note: validation.jsonl has 1 damaged line"],
+        };
+        for note in notes {
+            assert!(status.contains(note), "{note}: {status}");
+        }
+        assert_resumes(&workshop, name, name);
+    }
+}
+
+#[test]
+fn a_complete_run_whose_figures_were_deleted_is_reported_on_with_a_word() {
+    let workshop = Workshop::new();
+    complete(workshop.up("run", ACTORS, ENVIRONMENTS, FRAMES)).result();
+    let run = workshop.run("run");
+    let report = || complete(workshop.orchestrator(&["report", "run", "--out", "report"]));
+    let rollouts = || {
+        let text = std::fs::read_to_string(workshop.path("report/report.json")).unwrap();
+        text.matches("\"frames\"").count()
+    };
+    assert!(!report().stderr.contains("metrics.jsonl"));
+    let before = rollouts();
+    std::fs::remove_file(run.folder.metrics()).unwrap();
+    std::fs::remove_dir_all(workshop.path("report")).unwrap();
+    let printed = report();
+    assert!(printed.success, "{printed:#?}");
+    assert!((printed.stdout.clone() + &printed.stderr).contains("run: metrics.jsonl is missing"), "{printed:#?}");
+    assert_eq!(rollouts(), before, "nothing is left out");
+    let status = complete(workshop.orchestrator(&["status", "run"])).stdout;
+    assert!(status.contains("metrics.jsonl is missing") && status.contains("\nI "), "{status}");
+}
+
+/// The folder of a run is removed and another run begins in a new one of that name. A learner of the first wakes late.
+#[test]
+fn a_late_learner_writes_nothing_into_the_folder_of_another_run() {
+    let workshop = Workshop::new();
+    let elsewhere = complete(workshop.up_seeded("elsewhere", ACTORS, ENVIRONMENTS, 300, 6)).result();
+    let child = start(workshop.up("run", ACTORS, ENVIRONMENTS, 10 * FRAMES));
+    let run = workshop.run("run");
+    run.wait_for_rollouts(8);
+    let late = run.learner();
+    signal(late, Signal::STOP);
+    kill_child(child);
+    wait_until("its actors leave", || run.processes("--actor ").is_empty());
+    let first = run.folder.id().expect("a run has an id");
+    std::fs::remove_dir_all(run.folder.root()).expect("a folder to remove");
+    assert_eq!(complete(workshop.up_seeded("run", ACTORS, ENVIRONMENTS, 300, 6)).result(), elsewhere);
+    signal(late, Signal::CONT);
+    run.wait_for_end();
+    let own = run.folder.id().expect("a run has an id");
+    let entries = std::fs::read_dir(run.folder.checkpoints()).expect("checkpoints").flatten();
+    let manifests: Vec<PathBuf> =
+        entries.map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|end| end == "json")).collect();
+    assert!(!manifests.is_empty());
+    for path in manifests {
+        let manifest: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).expect("JSON");
+        assert_eq!(manifest["run"], own.as_str(), "{}", path.display());
+    }
+    assert_eq!(complete(workshop.resume("run")).result(), elsewhere);
+    // Nobody else can know any more what the first run left in shared memory.
+    wire::WireAddress::new(&first, 1).sweep().expect("what is ours can be removed");
+}

@@ -1,0 +1,128 @@
+//! Processes that are stopped (SIGSTOP), not dead: they are told of, killed and started again, and a stop ends.
+
+use rustix::process::Signal;
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+use system_tests::{DEADLINE, Run, TINY, Workshop, complete, finish, signal, start};
+
+const ACTORS: u32 = 2;
+const ENVIRONMENTS: u32 = 3;
+const FRAMES: u64 = 1500;
+
+/// A workshop whose learners are taken to hang after three seconds.
+fn workshop() -> Workshop {
+    let workshop = Workshop::new();
+    let text = TINY.replace("actor_deadline_s = 60.0", "actor_deadline_s = 60.0\nprogress_deadline_s = 3.0");
+    assert_ne!(text, TINY);
+    std::fs::write(workshop.path("tiny.toml"), text).expect("a writable temporary folder");
+    workshop
+}
+
+/// The undisturbed run's result, made once per test process.
+fn undisturbed() -> &'static (String, u64) {
+    static RESULT: OnceLock<(String, u64)> = OnceLock::new();
+    RESULT.get_or_init(|| complete(workshop().up("undisturbed", ACTORS, ENVIRONMENTS, FRAMES)).result())
+}
+
+/// The log of the orchestrator so far.
+fn log(run: &Run) -> String {
+    std::fs::read_to_string(run.folder.log("orchestrator")).unwrap_or_default()
+}
+
+#[test]
+fn a_learner_that_hangs_is_told_of_and_started_again() {
+    let workshop = workshop();
+    let child = start(workshop.up("learner", ACTORS, ENVIRONMENTS, FRAMES));
+    let run = workshop.run("learner");
+    run.wait_for_rollouts(5);
+    let learner = run.learner();
+    signal(learner, Signal::STOP);
+    let begun = Instant::now();
+    while !log(&run).contains("shown no progress for") {
+        assert!(begun.elapsed() < DEADLINE, "{}", log(&run));
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let status = complete(workshop.orchestrator(&["status", "learner"])).stdout;
+    assert!(status.contains(&format!("learner (pid {learner}) is stopped")), "{status}");
+    let printed = finish(child);
+    assert_eq!(&printed.result(), undisturbed());
+    for part in ["learner-0 has shown no progress for", "and is killed", "learner-0 died: signal 9"] {
+        assert!(printed.stderr.contains(part), "{part}: {printed:#?}");
+    }
+    run.assert_nothing_left();
+}
+
+#[test]
+fn an_actor_that_hangs_is_told_of_and_started_again() {
+    let workshop = workshop();
+    let child = start(workshop.up("actor", ACTORS, ENVIRONMENTS, FRAMES));
+    let run = workshop.run("actor");
+    run.wait_for_rollouts(5);
+    signal(run.processes("--actor 1 ")[0], Signal::STOP);
+    let printed = finish(child);
+    assert_eq!(&printed.result(), undisturbed());
+    for part in ["actor-01 (kitchen 3) has not answered for", "s and is killed", "actor-01 (kitchen 3) died: signal 9"]
+    {
+        assert!(printed.stderr.contains(part), "{part}: {printed:#?}");
+    }
+    assert_eq!(printed.deaths().len(), 1, "nobody else is killed for it: {printed:#?}");
+    run.assert_nothing_left();
+}
+
+#[test]
+fn a_stop_of_a_learner_that_hangs_says_what_it_waits_for_and_ends() {
+    let workshop = workshop();
+    let child = start(workshop.up("stop", ACTORS, ENVIRONMENTS, FRAMES));
+    let run = workshop.run("stop");
+    run.wait_for_rollouts(5);
+    signal(run.learner(), Signal::STOP);
+    let begun = Instant::now();
+    let stop = complete(workshop.orchestrator(&["stop", "stop"]));
+    assert!(!stop.success && begun.elapsed() < Duration::from_mins(1), "{:?} {stop:#?}", begun.elapsed());
+    for part in ["stopping: the learner saves", "the stop waits for learner-0", "learner-0 has not saved within"] {
+        assert!(stop.stderr.contains(part), "{part}: {stop:#?}");
+    }
+    assert!(!finish(child).success);
+    run.assert_nothing_left();
+    assert_eq!(&complete(workshop.resume("stop")).result(), undisturbed());
+}
+
+#[test]
+fn a_stopped_orchestrator_is_told_of_and_kills_nobody_when_it_goes_on() {
+    let workshop = workshop();
+    let child = start(workshop.up("asleep", ACTORS, ENVIRONMENTS, FRAMES));
+    let run = workshop.run("asleep");
+    run.wait_for_rollouts(5);
+    signal(child.id(), Signal::STOP);
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_secs(12) {
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let status = complete(workshop.orchestrator(&["status", "asleep"])).stdout;
+    for part in [&format!("its orchestrator (pid {}) is stopped", child.id()), "no rollout for "] {
+        assert!(status.contains(part), "{part}: {status}");
+    }
+    let stop = complete(workshop.orchestrator(&["stop", "asleep"]));
+    assert!(!stop.success && stop.stderr.contains("is itself stopped by a signal"), "{stop:#?}");
+    signal(child.id(), Signal::CONT);
+    let printed = finish(child);
+    assert!(printed.success && printed.deaths().is_empty(), "{printed:#?}");
+    assert!(printed.stderr.contains("this orchestrator stood still for "), "{printed:#?}");
+    assert_eq!(&complete(workshop.resume("asleep")).result(), undisturbed());
+    run.assert_nothing_left();
+}
+
+/// A stopped learner that has outlived its orchestrator is woken, so that it saves.
+#[test]
+fn a_resume_wakes_a_stopped_learner_of_the_last_start() {
+    let workshop = workshop();
+    let child = start(workshop.up("late", ACTORS, ENVIRONMENTS, FRAMES));
+    let run = workshop.run("late");
+    run.wait_for_rollouts(5);
+    signal(run.learner(), Signal::STOP);
+    system_tests::kill_child(child);
+    let printed = complete(workshop.resume("late"));
+    assert_eq!(&printed.result(), undisturbed());
+    assert!(printed.stderr.contains("is stopped and is woken, so that it saves and leaves"), "{printed:#?}");
+    run.assert_nothing_left();
+}

@@ -1,0 +1,102 @@
+//! Whoever is killed, whenever: the recordings hold each step that was trained on.
+
+use rustix::process::Signal;
+use std::time::Duration;
+use system_tests::{RecordedSteps, Run, Workshop, complete, finish, kill_child, signal, start};
+
+/// Asserts that each of `frames` steps is recorded, and that replay finds the same states.
+fn assert_all_recorded(workshop: &Workshop, run: &Run, frames: u64) -> RecordedSteps {
+    let recorded = RecordedSteps::of(run);
+    assert_eq!((recorded.count(), recorded.holes()), (frames, vec![]), "{run:?}");
+    let name = run.folder.root().file_name().and_then(|name| name.to_str()).expect("a run has a name");
+    let replay = complete(workshop.orchestrator(&["replay", name]));
+    assert!(replay.success, "{replay:#?}");
+    recorded
+}
+
+/// A killed actor's successor sends before the recorder knows it, while the recorder is held: what does not fit into
+/// its queue then was dropped, and the learner's actions were taken for its receipt, too.
+#[test]
+fn an_actor_killed_while_the_recorder_is_held_leaves_no_hole() {
+    const FRAMES: u64 = 2400;
+    let workshop = Workshop::new();
+    let child = start(workshop.up("held", 2, 3, FRAMES));
+    let run = workshop.run("held");
+    for kill in 0..6 {
+        run.wait_for_rollouts(1 + 5 * kill);
+        let before = run.processes("--actor ");
+        run.kill_one("--actor ");
+        while !run.processes("--actor ").iter().any(|pid| !before.contains(pid)) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        signal(child.id(), Signal::STOP);
+        std::thread::sleep(Duration::from_millis(1000 + 100 * kill as u64));
+        signal(child.id(), Signal::CONT);
+    }
+    let printed = finish(child);
+    assert_eq!(printed.result().1, FRAMES);
+    assert_eq!(printed.deaths().len(), 6, "every kill is told: {printed:#?}");
+    let recorded = assert_all_recorded(&workshop, &run, FRAMES);
+    assert_eq!(recorded.messages, FRAMES, "and none twice, as the learner never went back");
+    run.assert_nothing_left();
+}
+
+/// Kills the orchestrator after every few rollouts, and resumes; the last start comes to the end. With it die an actor
+/// or a learner now and then.
+fn killed_again_and_again(learners: &str, kills: usize) {
+    const FRAMES: u64 = 3000;
+    let workshop = Workshop::new();
+    let learners = format!("learner.count={learners}");
+    let command = |name| {
+        let mut command = workshop.up(name, 2, 3, FRAMES);
+        command.args(["--set", &learners]);
+        command
+    };
+    let undisturbed = complete(command("undisturbed")).result();
+    let run = workshop.run("killed");
+    let mut child = start(command("killed"));
+    for kill in 0..kills {
+        run.wait_for_rollouts(run.metrics().len() + 2);
+        // At another moment of a rollout each time.
+        std::thread::sleep(Duration::from_millis(13 * kill as u64));
+        match kill % 4 {
+            1 => run.kill_one("--actor "),
+            3 => run.kill_one("--rank"),
+            _ => {}
+        }
+        kill_child(child);
+        run.wait_for_end();
+        child = start(workshop.resume("killed"));
+    }
+    assert_eq!(finish(child).result(), undisturbed);
+    assert_eq!(run.recordings().len(), kills + 1, "every start recorded");
+    assert_all_recorded(&workshop, &run, FRAMES);
+    run.assert_nothing_left();
+}
+
+#[test]
+fn an_orchestrator_killed_again_and_again_takes_no_step_along() {
+    killed_again_and_again("1", 8);
+}
+
+#[test]
+fn nor_does_one_with_several_learners() {
+    killed_again_and_again("2", 4);
+}
+
+/// What the learner's successor repeats is recorded again; nothing that it does not repeat was lost.
+#[test]
+fn wherever_a_learner_dies_around_a_checkpoint_each_step_is_recorded() {
+    const FRAMES: u64 = 400;
+    let workshop = Workshop::new();
+    let points = ["learner.after_tensors:3", "learner.after_sync:4", "learner.before_update:5"];
+    for (number, point) in points.iter().enumerate() {
+        let name = format!("run-{number}");
+        let mut command = workshop.up(&name, 1, 3, FRAMES);
+        command.env("STILLROOM_FAULT", point);
+        let printed = complete(command);
+        assert_eq!(printed.result().1, FRAMES);
+        assert_eq!(printed.deaths().len(), 1, "{point} is never reached: {printed:#?}");
+        assert_all_recorded(&workshop, &workshop.run(&name), FRAMES);
+    }
+}

@@ -1,0 +1,230 @@
+//! An actor: the real protocol in a shell that follows `actor/src/process/mod.rs` and `link.rs` turn by turn.
+
+use crate::environment::FakeEnvironment;
+use crate::kernel::{MILLISECOND, Next, Program, World};
+use crate::service::{Delivery, NoPlace, TaskId};
+use crate::setup::{MAX_STEPS, Mutation};
+use crate::wire::{Observations, Seen};
+use actor::process::protocol::{Protocol, Todo, Verdict};
+use orchestrator::Exit;
+use proto::episode::EnvironmentId;
+use proto::step::{Current, Transition};
+use std::rc::Rc;
+use wire::message::{EnvironmentState, observation_kind};
+
+/// Its open ports.
+struct Ports {
+    restores: u32,
+    actions: u32,
+    observations: u32,
+}
+
+/// What it is in the middle of.
+enum Doing {
+    /// Its kitchen is being made.
+    Starting,
+    /// Between two passes of its loop.
+    Nothing,
+    /// A sample is on its way to one subscriber after the other.
+    Sending { sample: Observations, place: usize, receivers: usize },
+    /// It has arrived wherever it can; the bell is next.
+    Sent { sample: Observations, receivers: usize },
+}
+
+/// The actor as a process.
+pub struct Actor {
+    session: usize,
+    number: u32,
+    rank: u32,
+    ids: Vec<EnvironmentId>,
+    protocol: Protocol,
+    environments: Vec<FakeEnvironment>,
+    accepted: [Vec<u8>; 2],
+    ports: Option<Ports>,
+    doing: Doing,
+    begun: u64,
+}
+
+impl Actor {
+    /// An actor that has just been started.
+    pub fn new(world: &World, session: usize, number: u32, incarnation: u32) -> Self {
+        let config = &world.setup.config;
+        let each = config.actors.environments_per_actor;
+        let ids: Vec<EnvironmentId> =
+            (0..each).map(|index| EnvironmentId::among(config.kitchens(), number, index, each)).collect();
+        let start = EnvironmentState::start_of(0);
+        Self {
+            session,
+            number,
+            rank: config.shares().learner_of(number),
+            environments: ids.iter().map(|&id| FakeEnvironment::rebuild(id, MAX_STEPS, &start)).collect(),
+            ids,
+            protocol: Protocol::new(number, incarnation, each, !world.setup.has(Mutation::IgnoresReceipts)),
+            accepted: Default::default(),
+            ports: None,
+            doing: Doing::Starting,
+            begun: world.now,
+        }
+    }
+
+    fn open(&self, world: &mut World, me: TaskId) -> Result<Ports, NoPlace> {
+        let wire = &mut world.wires[self.session];
+        Ok(Ports {
+            restores: wire.restores[self.number as usize].subscribe(me)?,
+            actions: wire.actions[self.number as usize].subscribe(me)?,
+            observations: wire.observations[self.rank as usize].publish(me)?,
+        })
+    }
+
+    /// One pass of its loop, up to what takes time.
+    fn pass(&mut self, world: &mut World) -> Next {
+        let now = world.since(self.begun);
+        let number = self.number as usize;
+        let Some(Ports { restores, actions, .. }) = self.ports else { return Next::After(1) };
+        if self.protocol.is_strange() {
+            self.protocol.on_met(world.desks[self.session].met.get(&self.number).copied().unwrap_or(0));
+        }
+        let mut rebuilt = 0;
+        while let Some(restore) = world.wires[self.session].restores[number].receive(restores, &mut world.dice).0 {
+            let (header, states) = &restore.value;
+            let verdict = self.protocol.on_restore(header, states.len(), now);
+            let (header, number) = (*header, self.number);
+            world.note(|| format!("actor {number}: restore {header:?}: {verdict:?}"));
+            if verdict == Verdict::Accepted {
+                rebuilt += 1;
+                self.rebuild(states, world.setup.has(Mutation::RestoresTooEarly));
+            }
+        }
+        while let Some(batch) = world.wires[self.session].actions[number].receive(actions, &mut world.dice).0 {
+            let (header, actions) = &batch.value;
+            let verdict = self.protocol.on_actions(header, actions.len());
+            let (header, number) = (*header, self.number);
+            world.note(|| format!("actor {number}: actions {header:?}: {verdict:?}"));
+            if verdict == Verdict::Accepted {
+                self.accepted[header.half as usize].clone_from(actions);
+            }
+        }
+        if rebuilt > 0 {
+            return Next::After(world.dice.spread(MILLISECOND, 30 * MILLISECOND));
+        }
+        match self.protocol.next(now) {
+            Todo::Hello => {
+                let header = self.protocol.hello_header();
+                let nothing = (0, Transition::default(), self.environments[0].current());
+                self.send((header, Rc::new(vec![nothing])));
+                Next::After(10)
+            }
+            Todo::Act { half } => {
+                let times = if world.setup.has(Mutation::ActsTwice) && world.dice.once_in(50) { 2 } else { 1 };
+                for (index, &action) in self.protocol.halves().range(half).zip(&self.accepted[half as usize]) {
+                    (0..times).for_each(|_| self.environments[index].act(action));
+                }
+                self.protocol.acted(half, now);
+                Next::After(world.dice.spread(500, 8 * MILLISECOND))
+            }
+            Todo::Send { half } => {
+                let header = self.protocol.observation_header(half);
+                let seen = self.protocol.halves().range(half).map(|index| self.see(index)).collect();
+                self.send((header, Rc::new(seen)));
+                Next::After(world.dice.spread(200, 2 * MILLISECOND))
+            }
+            Todo::Wait(longest) => Next::Wait(longest.as_micros() as u64),
+        }
+    }
+
+    fn see(&self, index: usize) -> Seen {
+        let environment = &self.environments[index];
+        let current: Current = environment.current();
+        (index as u32, environment.transition(), current)
+    }
+
+    fn rebuild(&mut self, states: &[EnvironmentState], too_early: bool) {
+        let rebuilt = self.ids.iter().zip(states).map(|(&id, state)| {
+            let mut state = *state;
+            if too_early && state.action_count > 0 {
+                state.action_count -= 1;
+            }
+            FakeEnvironment::rebuild(id, MAX_STEPS, &state)
+        });
+        self.environments = rebuilt.collect();
+    }
+
+    fn send(&mut self, sample: Observations) {
+        self.doing = Doing::Sending { sample, place: 0, receivers: 0 };
+    }
+
+    /// Delivers to one place after the other; a kill can come in between.
+    fn deliver(&mut self, world: &mut World, me: TaskId, sample: Observations, places: [usize; 2]) -> Next {
+        let [mut place, mut receivers] = places;
+        let Some(Ports { observations: port, .. }) = self.ports else { return Next::After(1) };
+        let service = &mut world.wires[self.session].observations[self.rank as usize];
+        service.update(port);
+        while place < service.places() {
+            match service.deliver(port, me, place, &sample) {
+                Delivery::Blocked => {
+                    self.doing = Doing::Sending { sample, place, receivers };
+                    return Next::Wait(u64::from(u32::MAX));
+                }
+                Delivery::Delivered => receivers += 1,
+                Delivery::Skipped => {
+                    let number = self.number;
+                    let step = sample.0.step;
+                    if let Some(trace) = &mut world.trace {
+                        trace.push(format!(
+                            "               actor {number}: exchange {step} does not fit in place {place}"
+                        ));
+                    }
+                }
+            }
+            place += 1;
+            if world.dice.once_in(16) {
+                self.doing = Doing::Sending { sample, place, receivers };
+                return Next::After(world.dice.between(5, 50));
+            }
+        }
+        self.doing = Doing::Sent { sample, receivers };
+        Next::After(if world.dice.once_in(16) { world.dice.between(5, 50) } else { 1 })
+    }
+
+    /// Rings, and tells the protocol what became of the sample.
+    fn sent(&mut self, world: &mut World, sample: &Observations, receivers: usize) {
+        let service = &world.wires[self.session].observations[self.rank as usize];
+        let everyone = receivers > 0 && receivers >= service.readers();
+        for task in service.listeners() {
+            world.ring(task);
+        }
+        let header = sample.0;
+        let number = self.number;
+        world.note(|| format!("actor {number}: sent {header:?} to {receivers}, everyone: {everyone}"));
+        let now = world.since(self.begun);
+        if header.kind == observation_kind::HELLO {
+            self.protocol.hello_sent(now);
+        } else {
+            self.protocol.sent(header.half, everyone, now);
+        }
+    }
+}
+
+impl Program for Actor {
+    fn turn(&mut self, world: &mut World, me: TaskId) -> Next {
+        match std::mem::replace(&mut self.doing, Doing::Nothing) {
+            Doing::Starting => match self.open(world, me) {
+                Ok(ports) => {
+                    self.ports = Some(ports);
+                    Next::After(100)
+                }
+                Err(NoPlace) => Next::Exit(Exit::Code(1)),
+            },
+            Doing::Nothing => self.pass(world),
+            Doing::Sending { sample, place, receivers } => self.deliver(world, me, sample, [place, receivers]),
+            Doing::Sent { sample, receivers } => {
+                self.sent(world, &sample, receivers);
+                Next::After(5)
+            }
+        }
+    }
+
+    fn let_go(&mut self) -> Option<Exit> {
+        Some(Exit::Code(0))
+    }
+}

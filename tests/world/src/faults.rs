@@ -1,0 +1,184 @@
+//! What goes wrong, and when: a plan of a few faults, each after a number of turns of the world.
+
+use crate::dice::Dice;
+use crate::kernel::{Label, MILLISECOND, SECOND, World};
+use crate::learner::tear_newest;
+use crate::service::TaskId;
+use orchestrator::{Event, Exit, Process};
+
+/// A fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    /// SIGKILL, or another sudden end, of one of the actors.
+    KillActor(u32),
+    /// Of one of the learners.
+    KillLearner(u32),
+    /// Of the orchestrator.
+    KillOrchestrator,
+    /// An actor is stopped for this many microseconds.
+    StopActor(u32, u64),
+    /// A learner is.
+    StopLearner(u32, u64),
+    /// The orchestrator is, with its recorder.
+    StopOrchestrator(u64),
+    /// The recorder's thread alone gets no processor.
+    Lag(u64),
+    /// The user asks for an orderly stop.
+    AskToStop,
+    /// Ctrl-C.
+    Interrupt,
+    /// The disk is full until the user resumes the run, or frees it.
+    FillDisk,
+    /// There is room again.
+    FreeDisk,
+    /// The next checkpoint is interrupted at this operation: by SIGKILL, or with true by a power failure.
+    CutSave(u32, bool),
+    /// The power fails.
+    LosePower,
+    /// The newest of several checkpoints is torn.
+    TearCheckpoint,
+    /// The next process cannot be started.
+    NoProcess,
+}
+
+impl Fault {
+    /// What kind it is.
+    pub fn kind(self) -> &'static str {
+        match self {
+            Self::KillActor(_) => "kill actor",
+            Self::KillLearner(_) => "kill learner",
+            Self::KillOrchestrator => "kill orchestrator",
+            Self::StopActor(..) => "stop actor",
+            Self::StopLearner(..) => "stop learner",
+            Self::StopOrchestrator(_) => "stop orchestrator",
+            Self::Lag(_) => "lag of the recorder",
+            Self::AskToStop => "ask to stop",
+            Self::Interrupt => "interrupt",
+            Self::FillDisk => "full disk",
+            Self::FreeDisk => "free disk",
+            Self::CutSave(_, _) => "cut in a save",
+            Self::LosePower => "power failure",
+            Self::TearCheckpoint => "torn checkpoint",
+            Self::NoProcess => "no process",
+        }
+    }
+}
+
+/// Faults by the turn after which they strike.
+pub type Plan = Vec<(u64, Fault)>;
+
+/// The plan of a seed. Gaps between faults are short as often as they are long, so that they meet in every way.
+pub fn plan(dice: &mut Dice) -> Plan {
+    let mut at = u64::from(dice.below(900));
+    let count = dice.below(7);
+    let mut plan = vec![];
+    for _ in 0..count {
+        plan.push((at, any(dice)));
+        at += dice.spread(1, 1 << 9);
+    }
+    plan
+}
+
+fn any(dice: &mut Dice) -> Fault {
+    let who = dice.below(16);
+    match dice.below(33) {
+        0..=6 => Fault::KillActor(who),
+        7..=10 => Fault::KillLearner(who),
+        11..=13 => Fault::KillOrchestrator,
+        14..=15 => Fault::StopActor(who, dice.spread(MILLISECOND, 128 * SECOND)),
+        16..=17 => Fault::StopLearner(who, dice.spread(MILLISECOND, 2048 * SECOND)),
+        18..=20 => Fault::StopOrchestrator(dice.spread(MILLISECOND, 16 * SECOND)),
+        21..=22 => Fault::Lag(dice.spread(MILLISECOND, 16 * SECOND)),
+        23 => Fault::AskToStop,
+        24 => Fault::Interrupt,
+        25 => Fault::FillDisk,
+        26 => Fault::FreeDisk,
+        27..=29 => Fault::CutSave(dice.below(24), dice.once_in(2)),
+        30 => Fault::LosePower,
+        31 => Fault::TearCheckpoint,
+        _ => Fault::NoProcess,
+    }
+}
+
+/// A fault strikes.
+pub fn strike(world: &mut World, fault: Fault) {
+    world.note(|| format!("FAULT {fault:?}"));
+    *world.faults.entry(fault.kind()).or_default() += 1;
+    world.last_fault = world.now;
+    let actor = |label| matches!(label, Label::Child(Process::Actor(_)));
+    let learner = |label| matches!(label, Label::Child(Process::Learner(_)));
+    let orchestrator = |label| label == Label::Orchestrator;
+    let killed = Exit::Signal(9);
+    match fault {
+        Fault::KillActor(who) => {
+            if let Some(task) = pick(world, who, actor) {
+                world.finish(task, &killed);
+            }
+        }
+        Fault::KillLearner(who) => {
+            if let Some(task) = pick(world, who, learner) {
+                world.finish(task, &killed);
+            }
+        }
+        Fault::KillOrchestrator => {
+            if let Some(task) = pick(world, 0, orchestrator) {
+                world.finish(task, &killed);
+            }
+        }
+        Fault::StopActor(who, micros) => {
+            if let Some(task) = pick(world, who, actor) {
+                world.stop(task, micros);
+            }
+        }
+        Fault::StopLearner(who, micros) => {
+            if let Some(task) = pick(world, who, learner) {
+                world.stop(task, micros);
+            }
+        }
+        Fault::StopOrchestrator(micros) => {
+            if let Some(task) = pick(world, 0, orchestrator) {
+                world.stop(task, micros);
+            }
+        }
+        Fault::Lag(micros) => {
+            let until = world.now + micros;
+            world.desks.iter_mut().for_each(|desk| desk.lags_until = until);
+        }
+        Fault::AskToStop => {
+            if let Some(task) = pick(world, 0, orchestrator) {
+                world.tell(task, Event::Stop);
+            }
+        }
+        Fault::Interrupt => {
+            if let Some(task) = pick(world, 0, orchestrator) {
+                world.tell(task, Event::Interrupt);
+            }
+        }
+        Fault::FillDisk => world.disk.set_full(true),
+        Fault::FreeDisk => world.disk.set_full(false),
+        Fault::CutSave(operations, power) => world.cut_in_save = Some((operations, power)),
+        Fault::LosePower => world.power_fails = true,
+        Fault::TearCheckpoint => tear_newest(world),
+        Fault::NoProcess => world.no_process = true,
+    }
+}
+
+/// One of the processes of a kind, if there is any.
+fn pick(world: &World, who: u32, is: impl Fn(Label) -> bool) -> Option<TaskId> {
+    let all = world.tasks(is);
+    all.get(who as usize % all.len().max(1)).copied()
+}
+
+/// Ends everything and forgets what was not on the disk, if the power is to fail.
+pub fn lose_power_if_due(world: &mut World) {
+    if std::mem::take(&mut world.power_fails) {
+        world.note(|| "the power fails".to_owned());
+        world.end_everything();
+        let mut dice = std::mem::replace(&mut world.dice, Dice::new(0));
+        world.disk.lose_power(&mut dice);
+        world.dice = dice;
+        for user in world.tasks(|label| label == Label::User) {
+            world.ring_in(user, 10 * SECOND);
+        }
+    }
+}

@@ -1,0 +1,31 @@
+//! A received sample, as the collector holds it.
+
+use crate::service::Borrowed;
+use crate::wire::Observations;
+use learner::collector::HalfSample;
+use proto::camera::FRAME_PIXELS;
+use proto::step::{Current, Transition};
+
+static FRAME: [u16; FRAME_PIXELS] = [0; FRAME_PIXELS];
+
+/// It holds its place in the actor's channel until it is dropped.
+#[derive(Debug)]
+pub struct Sample(pub Borrowed<Observations>);
+
+impl HalfSample for Sample {
+    fn len(&self) -> usize {
+        self.0.value.1.len()
+    }
+    fn environment(&self, i: usize) -> u32 {
+        self.0.value.1[i].0
+    }
+    fn transition(&self, i: usize) -> &Transition {
+        &self.0.value.1[i].1
+    }
+    fn current(&self, i: usize) -> &Current {
+        &self.0.value.1[i].2
+    }
+    fn frame(&self, _i: usize) -> &[u16; FRAME_PIXELS] {
+        &FRAME
+    }
+}

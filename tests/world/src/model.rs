@@ -1,0 +1,135 @@
+//! What an undisturbed run is, computed in a few loops without processes, messages or time: what every rollout holds,
+//! the weights after it, and every step that must be in the recording.
+
+use crate::environment::{FakeEnvironment, mix};
+use crate::setup::{ACTIONS, DISTURBANCE_WEIGHT, MAX_STEPS, NOISE, Setup};
+use learner::collector::gumbel;
+use proto::action::HOLD;
+use proto::episode::EnvironmentId;
+use proto::stage::{RolloutShape, position_at, total_frames};
+use proto::step::{Current, Transition, current_flag, transition_flag};
+use std::collections::BTreeMap;
+use wire::message::EnvironmentState;
+
+/// The weights that a run begins with.
+pub const FIRST_WEIGHTS: u64 = 1;
+
+/// A step of the run: column, episode, step.
+pub type StepName = (u32, u32, u32);
+
+/// A rollout as it must be.
+#[derive(Debug, Clone)]
+pub struct Expected {
+    /// Frames that were trained before it.
+    pub before: u64,
+    /// By column: a digest of all that was seen, done and got in it.
+    pub digests: Vec<u64>,
+    /// Weights after it.
+    pub weights: u64,
+}
+
+/// The run as it must be.
+#[derive(Debug)]
+pub struct Model {
+    /// Every rollout.
+    pub rollouts: Vec<Expected>,
+    /// Every step, with the hash of the state that it led to.
+    pub steps: BTreeMap<StepName, u64>,
+    /// Frames in all.
+    pub frames: u64,
+}
+
+/// What the policy is given, as one number.
+pub fn look(goal_m: [f32; 3], noise: &[f32], previous_action: u8, start: bool) -> u64 {
+    let numbers = goal_m.iter().chain(noise).map(|value| u64::from(value.to_bits()));
+    mix(numbers.chain([u64::from(previous_action), u64::from(start)]))
+}
+
+/// The policy.
+pub fn choose(weights: u64, seen: u64) -> u8 {
+    (mix([weights, seen]) % ACTIONS) as u8
+}
+
+/// What an action adds to its column's digest.
+pub fn of_action(t: usize, column: usize, action: u8, seen: u64) -> u64 {
+    mix([1, t as u64, column as u64, u64::from(action), seen])
+}
+
+/// What an outcome adds.
+pub fn of_outcome(t: usize, column: usize, reward: f32, [ended, time_limit, disturbed]: [bool; 3]) -> u64 {
+    let flags = [ended, time_limit, disturbed].map(u64::from);
+    mix([2, t as u64, column as u64, u64::from(reward.to_bits())].into_iter().chain(flags))
+}
+
+/// What the last observation adds.
+pub fn of_bootstrap(column: usize, seen: u64) -> u64 {
+    mix([3, column as u64, seen])
+}
+
+/// The weights after an update with the digests of all columns added up.
+pub fn update(weights: u64, sum: u64) -> u64 {
+    mix([weights, sum])
+}
+
+fn seen_by(seed: u64, id: EnvironmentId, current: &Current) -> u64 {
+    let mut noise = vec![];
+    gumbel(seed, id, current.episode, current.step, NOISE, &mut noise);
+    let held = current.flags & current_flag::HOLDING != 0;
+    let goal_m = if held { current.object_to_goal_m.map(|axis| -axis) } else { current.wrist_to_object_m };
+    look(goal_m, &noise, current.previous_action as u8, current.flags & current_flag::EPISODE_START != 0)
+}
+
+impl Model {
+    /// The run of a setup, undisturbed.
+    pub fn of(setup: &Setup) -> Self {
+        let config = &setup.config;
+        let (actors, each) = (config.actors.count, config.actors.environments_per_actor);
+        let ids: Vec<EnvironmentId> = (0..actors)
+            .flat_map(|actor| (0..each).map(move |index| (actor, index)))
+            .map(|(actor, index)| EnvironmentId::among(config.kitchens(), actor, index, each))
+            .collect();
+        let start = EnvironmentState::start_of(0);
+        let mut environments: Vec<FakeEnvironment> =
+            ids.iter().map(|&id| FakeEnvironment::rebuild(id, MAX_STEPS, &start)).collect();
+        let mut model = Self { rollouts: vec![], steps: BTreeMap::new(), frames: total_frames(&config.stages) };
+        let (mut frames, mut weights) = (0, FIRST_WEIGHTS);
+        while let Some(position) = position_at(&config.stages, frames) {
+            let kind = config.stages[position.stage].reward;
+            let shape = RolloutShape::next(position.frames_left, config.ppo.rollout_steps as usize, ids.len());
+            let mut digests = vec![0_u64; ids.len()];
+            for t in 0..shape.steps {
+                for (column, environment) in environments.iter_mut().enumerate() {
+                    if t + 1 == shape.steps && column >= shape.environments_in_last_step {
+                        environment.act(HOLD);
+                        continue;
+                    }
+                    let seen = seen_by(config.seed, ids[column], &environment.current());
+                    let action = choose(weights, seen);
+                    environment.act(action);
+                    let Transition { episode, step, state_hash, flags, reward, .. } = environment.transition();
+                    let has = |flag| flags & flag != 0;
+                    let value = reward.compose(kind, DISTURBANCE_WEIGHT);
+                    let outcome = [has(transition_flag::ENDED), has(transition_flag::TIME_LIMIT), reward.disturbed()];
+                    let gained = of_action(t, column, action, seen).wrapping_add(of_outcome(t, column, value, outcome));
+                    digests[column] = digests[column].wrapping_add(gained);
+                    let fresh = model.steps.insert((column as u32, episode, step), state_hash);
+                    assert!(fresh.is_none(), "a run takes every step once");
+                }
+            }
+            for (column, environment) in environments.iter().enumerate() {
+                let seen = seen_by(config.seed, ids[column], &environment.current());
+                digests[column] = digests[column].wrapping_add(of_bootstrap(column, seen));
+            }
+            let sum = digests.iter().fold(0, |sum: u64, digest| sum.wrapping_add(*digest));
+            weights = update(weights, sum);
+            model.rollouts.push(Expected { before: frames, digests, weights });
+            frames += shape.frames;
+        }
+        model
+    }
+
+    /// Weights of a run that is complete.
+    pub fn last_weights(&self) -> u64 {
+        self.rollouts.last().map_or(FIRST_WEIGHTS, |rollout| rollout.weights)
+    }
+}
