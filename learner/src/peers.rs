@@ -8,7 +8,6 @@
 //! All learners make the same calls in the same order. When one dies, the calls of the others fail, or block until the
 //! orchestrator ends them. A group is never repaired: all learners restart together from the last checkpoint.
 
-use crate::ffi;
 use crate::ffi::group::ProcessGroup;
 use crate::ffi::nccl::{Communicator, Invitation, Nccl, NcclError};
 use std::path::Path;
@@ -182,7 +181,7 @@ impl Peers {
             group.gloo.receive(&mut length, rank).map_err(lost)?;
             let mut bytes = Tensor::zeros([length.int64_value(&[])], (Kind::Uint8, Device::Cpu));
             group.gloo.receive(&mut bytes, rank).map_err(lost)?;
-            parts.push(ffi::bytes_mut(&mut bytes).to_vec());
+            parts.push(Vec::try_from(&bytes).map_err(lost)?);
         }
         Ok(parts)
     }
@@ -278,6 +277,44 @@ mod tests {
             come.load(Ordering::SeqCst)
         });
         assert_eq!(seen, [3, 3, 3]);
+    }
+
+    /// TCP ports of this process that listen.
+    fn listening() -> Vec<u16> {
+        let own: Vec<String> = std::fs::read_dir("/proc/self/fd")
+            .unwrap()
+            .filter_map(|entry| Some(std::fs::read_link(entry.unwrap().path()).ok()?.to_str()?.to_owned()))
+            .collect();
+        let table = std::fs::read_to_string("/proc/self/net/tcp").unwrap();
+        let port = |line: &str| {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let ours = own.contains(&format!("socket:[{}]", words.get(9)?));
+            let (_, port) = words[1].split_once(':')?;
+            (ours && words[3] == "0A").then(|| u16::from_str_radix(port, 16).ok())?
+        };
+        table.lines().filter_map(port).collect()
+    }
+
+    /// Gloo would accept whoever comes, and end the process when it has no descriptors left.
+    #[test]
+    fn nobody_else_is_let_in_once_all_have_met() {
+        let sums = among(2, |rank, peers| {
+            let mut knocks = [0.0, 0.0];
+            if rank == 0 {
+                let ports = listening();
+                assert!(!ports.is_empty(), "Gloo listens");
+                for port in ports {
+                    let address = std::net::SocketAddr::from(([127, 0, 0, 1], port));
+                    let let_in = std::net::TcpStream::connect_timeout(&address, Duration::from_millis(300)).is_ok();
+                    knocks[usize::from(let_in)] += 1.0;
+                }
+            }
+            // The group itself goes on.
+            peers.sum(&mut knocks).unwrap();
+            knocks
+        });
+        assert!(sums[0][0] > 0.0 && sums[0][1] == 0.0, "{sums:?}");
+        assert_eq!(sums[0], sums[1]);
     }
 
     #[test]

@@ -122,13 +122,13 @@ impl Environments {
     }
 
     /// Writes the observation of environment `index`; its frame is rendered in place.
-    pub fn observe(&mut self, index: usize, slot: &mut MaybeUninit<Observation>) {
+    pub fn observe<'a>(&mut self, index: usize, slot: &'a mut MaybeUninit<Observation>) -> &'a Observation {
         let running = &mut self.running[index];
         whereabouts::enter(running.id, running.episode);
         let current = running.environment.current();
         shm::write_observation(slot, index as u32, running.transition, current, |frame| {
             running.environment.look_into(&mut self.camera, FRAME_SIDE, frame)
-        });
+        })
     }
 }
 

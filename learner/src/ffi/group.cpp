@@ -8,10 +8,40 @@
 #include <torch/csrc/distributed/c10d/FileStore.hpp>
 #include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
 
+#include <dirent.h>
+#include <linux/filter.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <cstdlib>
+
 struct Group {
     c10::intrusive_ptr<c10d::FileStore> store;
     c10::intrusive_ptr<c10d::ProcessGroupGloo> gloo;
 };
+
+// Everybody has met: whoever knocks now is none of us. Gloo listens on as long as the group lives, accepts whoever comes,
+// and ends the process when there are no descriptors left. It gives us neither a way to close its socket nor its number,
+// so the kernel is told to drop what comes in on each TCP socket of this process that listens. Connections that exist
+// are not concerned.
+static void close_doors() {
+    DIR *open_files = opendir("/proc/self/fd");
+    TORCH_CHECK(open_files, "cannot read /proc/self/fd");
+    sock_filter drop_all = BPF_STMT(BPF_RET | BPF_K, 0);
+    const sock_fprog filter{1, &drop_all};
+    while (const dirent *entry = readdir(open_files)) {
+        const int descriptor = std::atoi(entry->d_name);
+        const auto option = [&](int name) {
+            int value = 0;
+            socklen_t size = sizeof value;
+            return getsockopt(descriptor, SOL_SOCKET, name, &value, &size) == 0 ? value : -1;
+        };
+        const int domain = option(SO_DOMAIN);
+        if ((domain == AF_INET || domain == AF_INET6) && option(SO_PROTOCOL) == IPPROTO_TCP && option(SO_ACCEPTCONN) == 1) {
+            setsockopt(descriptor, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter);
+        }
+    }
+    closedir(open_files);
+}
 
 // Of every function: returns 0, or 1 with the reason in `message`; no exception leaves.
 
@@ -29,6 +59,7 @@ extern "C" int stillroom_group_open(const char *path, int rank, int size, int64_
         options->threads = 1;
         auto gloo = c10::make_intrusive<c10d::ProcessGroupGloo>(store, rank, size, options);
         gloo->setTimeout(patience);
+        close_doors();
         *group = new Group{std::move(store), std::move(gloo)};
     });
 }

@@ -25,6 +25,8 @@ use tokio::sync::{mpsc, oneshot};
 use tracing::Level;
 use wire::WireAddress;
 
+/// The variable that says which network interfaces NCCL may use; `=` asks for exactly that one.
+const NCCL_INTERFACE: &str = "NCCL_SOCKET_IFNAME";
 /// Lines of a child's standard error that are kept for the report of its death.
 const LAST_WORDS: usize = 10;
 /// A longer line is cut into several.
@@ -65,6 +67,10 @@ impl Launch {
                     // Each learner sees one device, so kernels and NCCL need no device number.
                     let visible = std::env::var(VISIBLE_DEVICES).ok();
                     command.env(VISIBLE_DEVICES, device_name(rank as usize, visible.as_deref()));
+                    // All are on this machine: NCCL's sockets need not be open to others.
+                    if std::env::var_os(NCCL_INTERFACE).is_none() {
+                        command.env(NCCL_INTERFACE, "=lo");
+                    }
                 }
                 let threads = self.threads.to_string();
                 command.envs(self.programs.learner_environment.iter().map(|(name, value)| (name, value)));
@@ -286,6 +292,29 @@ async fn next_line(reader: &mut (impl AsyncBufReadExt + Unpin)) -> Option<String
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nccl_of_several_learners_stays_on_the_machine() {
+        let interface = |learners: u32, process: Process| {
+            let programs =
+                Programs { learner: "learner".into(), actor: "actor".into(), learner_environment: Vec::new() };
+            let launch = Launch {
+                programs,
+                learners,
+                threads: 1,
+                evaluates: false,
+                folder: RunFolder::new("run"),
+                address: WireAddress::new("nccl", 1),
+                placement: None,
+            };
+            let command = launch.command(process, 1);
+            let set = command.as_std().get_envs().find(|(name, _)| *name == NCCL_INTERFACE);
+            set.and_then(|(_, value)| Some(value?.to_str()?.to_owned()))
+        };
+        assert_eq!(interface(2, Process::Learner(1)).as_deref(), Some("=lo"));
+        assert_eq!(interface(1, Process::Learner(0)), None);
+        assert_eq!(interface(2, Process::Actor(0)), None);
+    }
 
     #[tokio::test]
     async fn lines_are_cut_and_the_last_needs_no_end() {
