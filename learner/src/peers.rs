@@ -214,10 +214,20 @@ fn finished(rollout: u64, rank: u32) -> String {
 mod tests {
     use super::*;
     use crate::network::to_vec;
-    use std::sync::atomic::{AtomicU32, Ordering};
+    use std::collections::BTreeSet;
+    use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+    use std::sync::{PoisonError, RwLock};
+
+    /// A test that looks at the sockets of the process is alone in it; groups of the others may live side by side.
+    static ONE_GROUP: RwLock<()> = RwLock::new(());
 
     /// What each of `learners` learners, threads here, makes of it.
     fn among<T: Send>(learners: u32, work: impl Fn(u32, &Peers) -> T + Sync) -> Vec<T> {
+        let _beside = ONE_GROUP.read().unwrap_or_else(PoisonError::into_inner);
+        together(learners, work)
+    }
+
+    fn together<T: Send>(learners: u32, work: impl Fn(u32, &Peers) -> T + Sync) -> Vec<T> {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("joining");
         std::thread::scope(|scope| {
@@ -280,7 +290,7 @@ mod tests {
     }
 
     /// TCP ports of this process that listen.
-    fn listening() -> Vec<u16> {
+    fn listening() -> BTreeSet<u16> {
         let own: Vec<String> = std::fs::read_dir("/proc/self/fd")
             .unwrap()
             .filter_map(|entry| Some(std::fs::read_link(entry.unwrap().path()).ok()?.to_str()?.to_owned()))
@@ -295,26 +305,59 @@ mod tests {
         table.lines().filter_map(port).collect()
     }
 
+    fn is_let_in(port: u16) -> bool {
+        let address = std::net::SocketAddr::from(([127, 0, 0, 1], port));
+        std::net::TcpStream::connect_timeout(&address, Duration::from_millis(300)).is_ok()
+    }
+
     /// Gloo would accept whoever comes, and end the process when it has no descriptors left.
     #[test]
-    fn nobody_else_is_let_in_once_all_have_met() {
-        let sums = among(2, |rank, peers| {
-            let mut knocks = [0.0, 0.0];
-            if rank == 0 {
-                let ports = listening();
-                assert!(!ports.is_empty(), "Gloo listens");
-                for port in ports {
-                    let address = std::net::SocketAddr::from(([127, 0, 0, 1], port));
-                    let let_in = std::net::TcpStream::connect_timeout(&address, Duration::from_millis(300)).is_ok();
-                    knocks[usize::from(let_in)] += 1.0;
-                }
-            }
-            // The group itself goes on.
-            peers.sum(&mut knocks).unwrap();
+    fn nobody_else_is_let_in_once_all_have_met_and_other_sockets_stay_open() {
+        // Other groups of this process would listen, too.
+        let _alone = ONE_GROUP.write().unwrap_or_else(PoisonError::into_inner);
+        let foreign = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let foreign_port = foreign.local_addr().unwrap().port();
+        let seen = together(2, |rank, peers| {
+            // What is opened now is not closed by a learner that comes late.
+            let own = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+            peers.barrier().unwrap();
+            let knocks: Vec<(bool, bool)> = listening()
+                .into_iter()
+                .filter(|_| rank == 0)
+                .map(|port| (port == foreign_port || port == own.local_addr().unwrap().port(), is_let_in(port)))
+                .collect();
+            // The group itself goes on, and nobody leaves before all have looked.
+            let mut numbers = [1.0];
+            peers.sum(&mut numbers).unwrap();
+            assert_eq!(numbers, [2.0]);
             knocks
         });
-        assert!(sums[0][0] > 0.0 && sums[0][1] == 0.0, "{sums:?}");
-        assert_eq!(sums[0], sums[1]);
+        let count = |wanted: (bool, bool)| seen[0].iter().filter(|&&knock| knock == wanted).count();
+        assert_eq!(count((true, true)), 2, "sockets that are not the group's: {seen:?}");
+        // Both learners' sockets of Gloo are closed; the other learner's own one is open.
+        assert_eq!((count((false, false)), count((false, true))), (2, 1), "{seen:?}");
+    }
+
+    /// While learners meet, other threads open sockets.
+    #[test]
+    fn a_socket_that_is_opened_meanwhile_is_not_taken_for_the_groups() {
+        let _alone = ONE_GROUP.write().unwrap_or_else(PoisonError::into_inner);
+        let over = AtomicBool::new(false);
+        let (kept, _) = std::thread::scope(|scope| {
+            let opener = scope.spawn(|| {
+                let mut kept = Vec::new();
+                while !over.load(Ordering::SeqCst) && kept.len() < 200 {
+                    kept.push(std::net::TcpListener::bind("127.0.0.1:0").unwrap());
+                    std::thread::sleep(Duration::from_micros(300));
+                }
+                kept
+            });
+            let met = together(3, |_, peers| peers.barrier().unwrap());
+            over.store(true, Ordering::SeqCst);
+            (opener.join().unwrap(), met)
+        });
+        assert!(!kept.is_empty());
+        assert!(kept.iter().all(|socket| is_let_in(socket.local_addr().unwrap().port())));
     }
 
     #[test]
