@@ -2,8 +2,9 @@
 //!
 //! A pipe would have us wait for ever, `/dev/zero` would fill the memory, and so would a file of a hundred gigabytes.
 
-use std::fs::File;
+use std::fs::{Metadata, OpenOptions};
 use std::io::{Error, ErrorKind, Read, Result};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
 /// A text that a person writes, or that we write for one: configurations, suites, scene files.
@@ -11,11 +12,15 @@ pub(crate) const TEXT_BYTES_MOST: u64 = 4 << 20;
 
 /// The bytes of an ordinary file that has `most` at most. Links are followed: the user named the file.
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
-    // Before it is opened: the opening of a pipe waits for its other end.
-    let metadata = std::fs::metadata(path)?;
-    if !metadata.is_file() {
-        return Err(Error::new(ErrorKind::InvalidInput, "it is not an ordinary file"));
-    }
+    let ordinary = |metadata: Metadata| {
+        let refused = || Error::new(ErrorKind::InvalidInput, "it is not an ordinary file");
+        if metadata.is_file() { Ok(metadata) } else { Err(refused()) }
+    };
+    // Before it is opened, since to open a device can do something; and after, since it can be another one by then.
+    // Without O_NONBLOCK the opening of a pipe waits for its other end.
+    ordinary(std::fs::metadata(path)?)?;
+    let file = OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path)?;
+    let metadata = ordinary(file.metadata()?)?;
     let too_long = || {
         let text = format!("it has more than the {most} bytes that such a file may have");
         Error::new(ErrorKind::FileTooLarge, text)
@@ -25,7 +30,7 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     }
     // It may have grown since, and the size of what lies in /proc is unknown.
     let mut bytes = Vec::new();
-    File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
+    file.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most { Err(too_long()) } else { Ok(bytes) }
 }
 
@@ -53,7 +58,7 @@ mod tests {
 
         assert!(std::process::Command::new("mkfifo").arg(at("pipe")).status().unwrap().success());
         // A file with nothing in it that says that it is huge.
-        File::create(at("long")).unwrap().set_len(100 << 30).unwrap();
+        std::fs::File::create(at("long")).unwrap().set_len(100 << 30).unwrap();
         for (path, problem) in [
             (at("pipe"), "not an ordinary file"),
             ("/dev/zero".into(), "not an ordinary file"),
