@@ -5,8 +5,10 @@ use anyhow::{Context, Result, ensure};
 use proto::config::Config;
 use proto::kitchen::{KitchenId, TargetCategory};
 use simulator::scene_file::{load, read};
+use std::collections::BTreeSet;
+use std::fs::File;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Loads a scene, proves that nothing in it moves by itself, and says what it offers. With `copy`, its files are
@@ -32,14 +34,22 @@ pub fn run(path: &Path, copy: Option<&Path>, targets_only: bool, mut out: impl W
             targets.join(", ")
         )?;
     }
-    if let Some(folder) = copy {
-        let from = path.parent().unwrap_or(Path::new(""));
-        for file in read(path)?.files {
-            let to = folder.join(&file);
-            let problem = || format!("cannot copy {} to {}", from.join(&file).display(), to.display());
-            std::fs::create_dir_all(to.parent().unwrap_or(folder)).with_context(problem)?;
-            std::fs::copy(from.join(&file), &to).with_context(problem)?;
-        }
+    copy.map_or(Ok(()), |folder| keep(path, folder))
+}
+
+/// Copies a scene's files into a folder. They are on the disk when it returns: a run that a power failure ends is resumed
+/// with them.
+fn keep(path: &Path, folder: &Path) -> Result<()> {
+    let from = path.parent().unwrap_or(Path::new(""));
+    let mut folders = BTreeSet::from([folder, folder.parent().unwrap_or(folder)].map(Path::to_owned));
+    for file in read(path)?.files {
+        let to = folder.join(&file);
+        let problem = || format!("cannot copy {} to {}", from.join(&file).display(), to.display());
+        let holder = to.parent().unwrap_or(folder);
+        std::fs::create_dir_all(holder).with_context(problem)?;
+        std::fs::copy(from.join(&file), &to).and_then(|_| File::open(&to)?.sync_all()).with_context(problem)?;
+        folders.extend(holder.ancestors().take_while(|inner| inner.starts_with(folder)).map(Path::to_owned));
     }
-    Ok(())
+    let sync = |folder: &PathBuf| File::open(folder)?.sync_all();
+    folders.iter().try_for_each(|folder| sync(folder).with_context(|| format!("cannot sync {}", folder.display())))
 }

@@ -3,12 +3,14 @@
 
 use crate::evaluation::{self, Evaluated};
 use crate::fault::{Case, Fault};
-use crate::place::{Place, Privileges};
+use crate::place::{Medium, Place};
+use crate::privileges::Privileges;
 use crate::shape::{Kind, SHAPES, Shape};
 use crate::suite::{self, Done};
 use crate::tally::{Fate, Tally};
 use crate::training::{self, Complete};
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
@@ -41,10 +43,16 @@ pub struct Campaign {
     /// The number of the first case
     #[arg(long, default_value_t = 0)]
     first: u32,
+    /// Only cases in which a fault of such a class is planned, as `power failure`
+    #[arg(long, value_name = "CLASS")]
+    only: Option<String>,
     /// Print the cases, and let nothing happen
     #[arg(long)]
     list: bool,
 }
+
+/// Among so many cases every class of faults occurs.
+const FIRST_CASES: u32 = 400;
 
 /// An undisturbed run of a shape.
 enum Reference {
@@ -75,6 +83,11 @@ struct Work<'a> {
 impl Campaign {
     /// Runs it; whether all is as it should be.
     pub fn run(&self) -> Result<bool> {
+        if let Some(class) = self.only.as_ref().filter(|_| !(0..FIRST_CASES).any(|number| self.is_wanted(number))) {
+            let faults = (0..FIRST_CASES).flat_map(|number| Case::draw(self.seed, number).faults);
+            let classes: BTreeSet<_> = faults.map(|planned| planned.fault.class()).collect();
+            bail!("no class of faults is called `{class}`; there are: {}", Vec::from_iter(classes).join("; "));
+        }
         if self.list {
             for number in self.numbers() {
                 describe(&Case::draw(self.seed, number));
@@ -99,6 +112,9 @@ impl Campaign {
         if !work.privileges.mounts {
             println!("full disks and a full /dev/shm are skipped: this user may not mount file systems");
         }
+        if !work.privileges.disks {
+            println!("power failures are skipped: this user may not mount a disk (mkfs.ext4, loop devices)");
+        }
         std::thread::scope(|scope| {
             for _ in 0..if self.case.is_some() { 1 } else { self.jobs } {
                 scope.spawn(|| work.go());
@@ -114,7 +130,13 @@ impl Campaign {
 
     fn numbers(&self) -> impl Iterator<Item = u32> {
         let only = self.case;
-        (only.unwrap_or(self.first)..).take(if only.is_some() { 1 } else { 100 })
+        let wanted = move |number: &u32| only.is_some() || self.is_wanted(*number);
+        (only.unwrap_or(self.first)..).filter(wanted).take(if only.is_some() { 1 } else { 100 })
+    }
+
+    fn is_wanted(&self, number: u32) -> bool {
+        let Some(class) = &self.only else { return true };
+        Case::draw(self.seed, number).faults.iter().any(|planned| planned.fault.class().contains(class.as_str()))
     }
 }
 
@@ -158,7 +180,9 @@ impl Work<'_> {
                         println!("           {planned}");
                     }
                     println!("           {error:#}");
-                    println!("           files: {}", self.folder(number).display());
+                    let folder = self.folder(number);
+                    let files = Some(kept(&folder)).filter(|copy| copy.exists()).unwrap_or(folder);
+                    println!("           files: {}", files.display());
                     println!("           again: make chaos ARGS=\"--seed {} --case {number}\"", self.campaign.seed);
                 }
             }
@@ -178,8 +202,9 @@ impl Work<'_> {
         if over {
             return None;
         }
-        desk.next += 1;
-        Some(desk.next - 1)
+        let number = (desk.next..u32::MAX).find(|&number| self.campaign.is_wanted(number))?;
+        desk.next = number + 1;
+        Some(number)
     }
 
     fn folder(&self, number: u32) -> PathBuf {
@@ -188,13 +213,20 @@ impl Work<'_> {
 
     /// Runs a case and compares; the number of starts. Its files are removed if all is as it should be.
     fn case(&self, case: &Case, tally: &mut Tally) -> Result<usize> {
-        let has =
-            |test: fn(&Fault) -> bool| self.privileges.mounts && case.faults.iter().any(|planned| test(&planned.fault));
-        let own_disk = has(|fault| matches!(fault, Fault::FullDisk(_)));
+        let has = |test: fn(&Fault) -> bool| {
+            case.faults.iter().any(|planned| test(&planned.fault) && planned.fault.is_allowed(self.privileges))
+        };
+        let medium = if has(|fault| matches!(fault, Fault::LosePower)) {
+            Medium::Disk
+        } else if has(|fault| matches!(fault, Fault::FullDisk(_))) {
+            Medium::Memory
+        } else {
+            Medium::Shared
+        };
         let own_memory = has(|fault| matches!(fault, Fault::FullMemory(_)));
         let reference = self.reference(case.shape)?;
         let folder = self.folder(case.number);
-        let place = Place::new(folder.clone(), own_disk, own_memory)?;
+        let place = Place::new(folder.clone(), medium, own_memory)?;
         let outcome = match play(case, &place, self.privileges, tally) {
             Ok(outcome) => compare(case.shape, &outcome, reference),
             Err(error) => Err(error),
@@ -204,12 +236,10 @@ impl Work<'_> {
                 place.remove()?;
                 Ok(starts)
             }
-            Err(error) => {
-                if own_disk {
-                    keep(&folder)?;
-                }
-                Err(error)
-            }
+            Err(error) if medium != Medium::Shared => Err(match keep(&folder) {
+                Ok(()) => error,
+                Err(loss) => error.context(format!("its files go with its file system: {loss:#}")),
+            }),
             outcome => outcome,
         }
     }
@@ -219,7 +249,7 @@ impl Work<'_> {
         let made = self.references[index].get_or_init(|| {
             let undisturbed = Case { number: 0, shape, faults: vec![] };
             let make = || {
-                let place = Place::new(self.root.join(format!("reference-{index}")), false, false)?;
+                let place = Place::new(self.root.join(format!("reference-{index}")), Medium::Shared, false)?;
                 let outcome = play(&undisturbed, &place, self.privileges, &mut Tally::default())?;
                 place.remove()?;
                 Ok::<_, anyhow::Error>(outcome)
@@ -258,10 +288,13 @@ impl Work<'_> {
 
 /// A case's own file system goes with it: what is needed to look into a failure is copied.
 fn keep(folder: &Path) -> Result<()> {
-    let copy = folder.with_extension("kept");
-    let status = std::process::Command::new("cp").arg("-r").arg(folder).arg(copy).status()?;
-    anyhow::ensure!(status.success(), "cannot keep {}", folder.display());
+    let status = std::process::Command::new("cp").arg("-r").arg(folder).arg(kept(folder)).status()?;
+    anyhow::ensure!(status.success(), "cannot copy {}", folder.display());
     Ok(())
+}
+
+fn kept(folder: &Path) -> PathBuf {
+    folder.with_extension("kept")
 }
 
 fn play(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tally) -> Result<Reference> {

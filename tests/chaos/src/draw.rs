@@ -1,6 +1,7 @@
 //! The harness's dice: every throw follows from the seed and the case's number.
 
 use proto::random::{Key, Purpose, Random};
+use std::ops::RangeInclusive;
 
 /// Draws for one case.
 pub struct Draw(Random);
@@ -12,8 +13,9 @@ impl Draw {
         Self(Key { seed, purpose, kitchen: 0, environment: 0, episode: case, step: 0 }.stream())
     }
 
-    /// Uniform in `low..=high`.
-    pub fn between(&mut self, low: u64, high: u64) -> u64 {
+    /// Uniform in a range.
+    pub fn within(&mut self, range: RangeInclusive<u64>) -> u64 {
+        let (low, high) = range.into_inner();
         low + u64::from(self.0.below((high - low + 1) as u32))
     }
 

@@ -4,7 +4,8 @@
 use crate::evidence::{first_difference, result};
 use crate::fault::{Case, Fault, Phase};
 use crate::inject::disturb_by_time;
-use crate::place::{Place, Privileges, Start};
+use crate::place::{Place, Start};
+use crate::privileges::Privileges;
 use crate::session::{Ended, Session, wait_for_end};
 use crate::tally::{Fate, Tally};
 use anyhow::{Result, bail, ensure};
@@ -61,7 +62,7 @@ pub fn evaluate(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
         }
         let ended = session.wait()?;
         if let Some(armed) = armed {
-            tally.add(armed, if struck(armed, &ended) { Fate::Landed } else { Fate::Missed });
+            tally.add(armed, if ended.shows(armed) { Fate::Landed } else { Fate::Missed });
         }
         ended.ensure_no_panic()?;
         wait_for_end(&folder)?;
@@ -77,14 +78,6 @@ pub fn evaluate(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
 fn read(folder: &Path, starts: usize) -> Result<Evaluated> {
     let table = std::fs::read_to_string(folder.join(TABLE_FILE))?;
     Ok(Evaluated { table, result: result(&folder.join(RESULT_FILE))?, starts })
-}
-
-fn struck(armed: Fault, ended: &Ended) -> bool {
-    match armed {
-        Fault::Point(point, _) if point.program == "orchestrator" => ended.signal() == Some(9),
-        Fault::Point(..) => ended.stderr.contains(" died"),
-        _ => true,
-    }
 }
 
 /// An error if nothing that happened explains why an evaluation ended without a result.

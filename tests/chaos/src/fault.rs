@@ -2,6 +2,7 @@
 
 use crate::draw::Draw;
 use crate::points::{CREATION, EVALUATION, Point, SUITE, TRAINING, VALIDATION};
+use crate::privileges::Privileges;
 use crate::shape::{Kind, SHAPES, Shape};
 use std::fmt::{Display, Formatter};
 
@@ -69,6 +70,8 @@ pub enum Fault {
     FullDisk(u64),
     /// /dev/shm is full for so many milliseconds.
     FullMemory(u64),
+    /// The power fails: everything dies at once, and what was not synced is gone.
+    LosePower,
     /// The newest checkpoint is damaged while nothing runs.
     Checkpoint(Damage),
     /// metrics.jsonl is damaged while nothing runs.
@@ -120,6 +123,15 @@ impl Fault {
         }
     }
 
+    /// Whether it can be carried out here.
+    pub fn is_allowed(self, privileges: Privileges) -> bool {
+        match self {
+            Self::FullDisk(_) | Self::FullMemory(_) => privileges.mounts,
+            Self::LosePower => privileges.disks,
+            _ => true,
+        }
+    }
+
     /// What it is counted as.
     pub fn class(self) -> &'static str {
         match self {
@@ -141,6 +153,7 @@ impl Fault {
             },
             Self::FullDisk(_) => "full disk",
             Self::FullMemory(_) => "full /dev/shm",
+            Self::LosePower => "power failure",
             Self::Checkpoint(_) => "damaged checkpoint",
             Self::Metrics(_) => "damaged metrics.jsonl",
             Self::FewDescriptors(_) => "few descriptors",
@@ -149,8 +162,8 @@ impl Fault {
 }
 
 fn anyone(shape: &Shape, draw: &mut Draw) -> Who {
-    let learner = Who::Learner(draw.between(0, u64::from(shape.learners) - 1) as u32);
-    let actor = Who::Actor(draw.between(0, u64::from(shape.actors) - 1) as u32);
+    let learner = Who::Learner(draw.within(0..=u64::from(shape.learners) - 1) as u32);
+    let actor = Who::Actor(draw.within(0..=u64::from(shape.actors) - 1) as u32);
     let child = if shape.validates || shape.kind == Kind::Suite { 2 } else { 0 };
     draw.weighed(&[(2, Who::Orchestrator), (2, learner), (3, actor), (child, Who::Child)])
 }
@@ -172,9 +185,9 @@ fn fault(shape: &Shape, is_first: bool, draw: &mut Draw) -> Fault {
         Who::Orchestrator | Who::Child => Who::Learner(0),
         child => child,
     };
-    let again = Fault::KillAgain(child, draw.between(0, 400));
-    let hold = Fault::KillAndHold(draw.between(0, u64::from(shape.actors) - 1) as u32, draw.between(800, 1500));
-    let pause = Fault::Pause(who, draw.between(20, 1200));
+    let again = Fault::KillAgain(child, draw.within(0..=400));
+    let hold = Fault::KillAndHold(draw.within(0..=u64::from(shape.actors) - 1) as u32, draw.within(800..=1500));
+    let pause = Fault::Pause(who, draw.within(20..=1200));
     let points: &[&[Point]] = match shape.kind {
         Kind::Evaluation => &[EVALUATION],
         Kind::Suite => &[SUITE],
@@ -188,7 +201,7 @@ fn fault(shape: &Shape, is_first: bool, draw: &mut Draw) -> Fault {
     let damage = draw.of(&damages);
     let journal = draw.of(&[Journal::Torn, Journal::Torn, Journal::Garbled, Journal::Missing]);
     let few = draw.of(&[24, 48, 96, 4096]);
-    let full = draw.between(100, 1500);
+    let full = draw.within(100..=1500);
     // What needs a run folder that goes on, or a folder or memory of its own.
     let if_training = |weight| if training { weight } else { 0 };
     draw.weighed(&[
@@ -203,6 +216,7 @@ fn fault(shape: &Shape, is_first: bool, draw: &mut Draw) -> Fault {
         (10, Fault::Point(point, pass)),
         (if_training(1), Fault::FullDisk(full)),
         (if_training(1), Fault::FullMemory(full)),
+        (if_training(2), Fault::LosePower),
         (if_training(2), Fault::Checkpoint(damage)),
         (if_training(1), Fault::Metrics(journal)),
         (1, Fault::FewDescriptors(few)),
@@ -214,15 +228,15 @@ impl Case {
     pub fn draw(seed: u64, number: u32) -> Self {
         let mut draw = Draw::new(seed, number);
         let shape = draw.weighed(SHAPES);
-        let count = draw.between(2, 5);
+        let count = draw.within(2..=5);
         // The end is left alone: what comes after it does not happen.
         let latest = shape.rollouts().saturating_sub(3);
-        let mut rollouts: Vec<u64> = (0..count).map(|_| draw.between(0, latest)).collect();
+        let mut rollouts: Vec<u64> = (0..count).map(|_| draw.within(0..=latest)).collect();
         rollouts.sort_unstable();
         let planned = |(index, rollout): (usize, u64)| {
             let fault = fault(&shape, index == 0, &mut draw);
             let longest = if shape.kind == Kind::Training { 250 } else { 2500 };
-            let delay_ms = draw.between(0, longest);
+            let delay_ms = draw.within(0..=longest);
             // A start that has not come yet cannot be waited for.
             let rollout = if index == 0 && fault.phase() == Phase::Start { 0 } else { rollout };
             Planned { rollout, delay_ms, fault }
@@ -259,6 +273,7 @@ impl Display for Fault {
             Self::Point(point, pass) => write!(f, "{} dies at {}:{pass}", point.program, point.name),
             Self::FullDisk(ms) => write!(f, "disk full for {ms} ms"),
             Self::FullMemory(ms) => write!(f, "/dev/shm full for {ms} ms"),
+            Self::LosePower => write!(f, "power failure"),
             Self::Checkpoint(damage) => write!(f, "newest checkpoint: {damage:?}"),
             Self::Metrics(journal) => write!(f, "metrics.jsonl: {journal:?}"),
             Self::FewDescriptors(limit) => write!(f, "start with at most {limit} files open"),
@@ -291,7 +306,7 @@ mod tests {
         assert_eq!(shapes.len(), SHAPES.len());
         let classes: BTreeSet<_> =
             cases.iter().flat_map(|case| &case.faults).map(|planned| planned.fault.class()).collect();
-        assert_eq!(classes.len(), 19, "{classes:?}");
+        assert_eq!(classes.len(), 20, "{classes:?}");
         assert!(cases.iter().all(|case| case.faults.is_sorted_by_key(|planned| planned.rollout)));
     }
 }

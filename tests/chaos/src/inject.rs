@@ -1,11 +1,12 @@
 //! Faults, carried out: those that happen to processes that run, and those that happen to files in between.
 
 use crate::fault::{Damage, Fault, Journal, Phase, Planned, Who};
-use crate::place::{Place, Privileges};
+use crate::place::Place;
+use crate::privileges::Privileges;
 use crate::processes::{find, of_folder, signal};
-use crate::session::Session;
+use crate::session::{Session, wait_for_end};
 use crate::tally::Fate;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use proto::checkpoint::Manifest;
 use proto::digest::sha256;
 use proto::run_folder::{RolloutName, RunFolder};
@@ -36,9 +37,10 @@ pub fn disturb_by_time(
             && begun.elapsed() >= Duration::from_millis(planned.delay_ms)
         {
             plan.pop_front();
-            let fate = match planned.fault {
-                Fault::FullDisk(_) | Fault::FullMemory(_) if !privileges.mounts => Fate::Skipped,
-                fault => carry_out(fault, folder, place, session)?,
+            let fate = if planned.fault.is_allowed(privileges) {
+                carry_out(planned.fault, folder, place, session)?
+            } else {
+                Fate::Skipped
             };
             done.push((planned.fault, fate));
         }
@@ -62,14 +64,16 @@ pub fn carry_out(fault: Fault, folder: &Path, place: &Place, session: &mut Sessi
             let killed = found.map(|pid| pid.is_some_and(|pid| signal(pid, Signal::KILL)));
             landed(killed == [true, true])
         }
-        Fault::KillAll => {
-            let mut everyone: Vec<u32> = of_folder(folder).into_iter().map(|one| one.pid).collect();
-            everyone.push(first);
-            // Stopped first, so that none sees another's death.
-            for &pid in &everyone {
-                signal(pid, Signal::STOP);
+        Fault::KillAll => landed(kill_all(folder, first, || Ok(()))? > 1),
+        Fault::LosePower => {
+            let disk = place.disk().context("a case in which the power fails has a disk of its own")?;
+            let killed = kill_all(folder, first, || disk.fail())?;
+            while session.runs()? {
+                std::thread::sleep(Duration::from_millis(10));
             }
-            landed(everyone.iter().filter(|&&pid| signal(pid, Signal::KILL)).count() > 1)
+            wait_for_end(folder)?;
+            disk.restore()?;
+            landed(killed > 1)
         }
         Fault::KillAgain(who, ms) => match kill_and_await(who, folder, session)? {
             None => Fate::Missed,
@@ -101,6 +105,17 @@ pub fn carry_out(fault: Fault, folder: &Path, place: &Place, session: &mut Sessi
         }
         Fault::Point(..) | Fault::FewDescriptors(_) | Fault::Checkpoint(_) | Fault::Metrics(_) => Fate::Missed,
     })
+}
+
+/// Kills everybody after `before`; how many. Stopped first, so that none sees another's death.
+fn kill_all(folder: &Path, first: u32, before: impl FnOnce() -> Result<()>) -> Result<usize> {
+    let mut everyone: Vec<u32> = of_folder(folder).into_iter().map(|one| one.pid).collect();
+    everyone.push(first);
+    for &pid in &everyone {
+        signal(pid, Signal::STOP);
+    }
+    before()?;
+    Ok(everyone.iter().filter(|&&pid| signal(pid, Signal::KILL)).count())
 }
 
 fn kill_and_await(who: Who, folder: &Path, session: &mut Session<'_>) -> Result<Option<u32>> {

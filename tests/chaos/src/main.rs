@@ -13,6 +13,7 @@
 //! ```
 
 mod campaign;
+mod disk;
 mod draw;
 mod evaluation;
 mod evidence;
@@ -21,6 +22,7 @@ mod inject;
 mod leftovers;
 mod place;
 mod points;
+mod privileges;
 mod processes;
 mod recording;
 mod session;

@@ -1,6 +1,7 @@
 //! Where a case happens: its folder, on a small file system of its own where its disk is to be filled, and its
 //! commands, with a small /dev/shm of their own where that is to be filled.
 
+use crate::disk::Disk;
 use crate::fault::Fault;
 use anyhow::{Context, Result, ensure};
 use std::fs::File;
@@ -12,33 +13,30 @@ const DISK_MIB: u32 = 400;
 /// The largest shape needs 22 MiB.
 const MEMORY_MIB: u32 = 48;
 
-/// What the machine lets us do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Privileges {
-    /// Mount file systems.
-    pub mounts: bool,
-}
-
-impl Privileges {
-    /// Tried out in a namespace of its own.
-    pub fn probe() -> Self {
-        let mount = format!("mount -t tmpfs -o size=1m chaos {}", wire::SHARED_MEMORY);
-        let tried = Command::new("unshare")
-            .args(["--mount", "--propagation", "private", "sh", "-c", &mount])
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .status();
-        Self { mounts: tried.is_ok_and(|status| status.success()) }
-    }
-}
-
 /// The folder of a case.
 #[derive(Debug)]
 pub struct Place {
     root: PathBuf,
-    has_own_disk: bool,
+    storage: Storage,
     has_own_memory: bool,
+}
+
+/// What a case's folder lies on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Medium {
+    /// The file system of the harness.
+    Shared,
+    /// A small one of its own in memory, which can be filled.
+    Memory,
+    /// A small disk of its own, which can be filled, and whose power can fail.
+    Disk,
+}
+
+#[derive(Debug)]
+enum Storage {
+    Shared,
+    Memory,
+    Disk(Disk),
 }
 
 /// How a command is started.
@@ -63,14 +61,24 @@ impl Start {
 
 impl Place {
     /// A new one, empty.
-    pub fn new(root: PathBuf, own_disk: bool, own_memory: bool) -> Result<Self> {
+    pub fn new(root: PathBuf, medium: Medium, own_memory: bool) -> Result<Self> {
         std::fs::create_dir_all(&root).with_context(|| root.display().to_string())?;
-        if own_disk {
-            let size = format!("size={DISK_MIB}m");
-            let status = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "chaos"]).arg(&root).status()?;
-            ensure!(status.success(), "cannot mount a file system at {}", root.display());
-        }
-        Ok(Self { root, has_own_disk: own_disk, has_own_memory: own_memory })
+        let storage = match medium {
+            Medium::Shared => Storage::Shared,
+            Medium::Memory => {
+                let size = format!("size={DISK_MIB}m");
+                let status = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "chaos"]).arg(&root).status()?;
+                ensure!(status.success(), "cannot mount a file system at {}", root.display());
+                Storage::Memory
+            }
+            Medium::Disk => Storage::Disk(Disk::new(&root, DISK_MIB)?),
+        };
+        Ok(Self { root, storage, has_own_memory: own_memory })
+    }
+
+    /// Its disk, if it has one of its own.
+    pub fn disk(&self) -> Option<&Disk> {
+        if let Storage::Disk(disk) = &self.storage { Some(disk) } else { None }
     }
 
     /// A path in it.
@@ -155,7 +163,7 @@ impl Place {
 
 impl Drop for Place {
     fn drop(&mut self) {
-        if self.has_own_disk {
+        if matches!(self.storage, Storage::Memory) {
             // Lazily: a process that outlives its case must not keep the mount.
             let _ = Command::new("umount").arg("--lazy").arg(&self.root).status();
         }

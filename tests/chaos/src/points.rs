@@ -126,7 +126,7 @@ impl Point {
     pub fn draw(points: &[&[Self]], draw: &mut Draw) -> (Self, u64) {
         let all: Vec<Self> = points.concat();
         let point = draw.of(&all);
-        (point, draw.between(1, point.passes))
+        (point, draw.within(1..=point.passes))
     }
 }
 

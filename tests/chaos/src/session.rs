@@ -1,5 +1,6 @@
 //! One start of a command, watched until it ends.
 
+use crate::fault::Fault;
 use crate::place::{Place, Start};
 use crate::processes;
 use anyhow::{Result, bail};
@@ -42,6 +43,18 @@ impl Ended {
         self.status.signal()
     }
 
+    /// Whether it shows that what was armed has struck: it died itself, or tells of the death of a child.
+    pub fn shows(&self, armed: Fault) -> bool {
+        match armed {
+            Fault::Point(point, _) if point.program == "orchestrator" => self.signal() == Some(9),
+            Fault::Point(point, _) => {
+                let dead = |line: &str| line.contains(" died") && line.contains(&format!("{}-", point.program));
+                self.stderr.lines().any(dead) || self.stderr.contains(&format!("{} died", point.program))
+            }
+            _ => true,
+        }
+    }
+
     /// An error with the place and words of a panic, if there was one, in it or in a process whose words it shows.
     pub fn ensure_no_panic(&self) -> Result<()> {
         let mut lines = self.stderr.lines().skip_while(|line| !line.contains("panicked at"));
@@ -76,13 +89,18 @@ impl<'a> Session<'a> {
         self.deadline = Duration::MAX;
     }
 
+    /// It was told to end: from now on it has the usual time.
+    pub fn must_end(&mut self) {
+        self.deadline = self.begun.elapsed() + DEADLINE;
+    }
+
     /// Whether it still runs; an error if it has hung.
     pub fn runs(&mut self) -> Result<bool> {
         if self.status.is_none() {
             self.status = self.child.try_wait()?;
         }
         if self.status.is_none() && self.begun.elapsed() > self.deadline {
-            let [_, stderr] = self.place.printed(&self.name);
+            let stderr = self.said();
             let last = stderr.lines().last().unwrap_or_default();
             bail!("`{}` hung for {} s; its last line: {last}", self.name, self.deadline.as_secs());
         }
@@ -97,6 +115,12 @@ impl<'a> Session<'a> {
         let [stdout, stderr] = self.place.printed(&self.name);
         let Some(status) = self.status else { bail!("`{}` has no exit status", self.name) };
         Ok(Ended { status, stdout, stderr })
+    }
+
+    /// What it has printed to standard error so far.
+    pub fn said(&self) -> String {
+        let [_, stderr] = self.place.printed(&self.name);
+        stderr
     }
 
     /// Sleeps for so long, or until it ends.

@@ -6,7 +6,7 @@
 use crate::draw::Draw;
 use crate::fault::Who;
 use crate::leftovers;
-use crate::place::{Place, Start};
+use crate::place::{Medium, Place, Start};
 use crate::processes::{find, of_folder, signal};
 use crate::recording::steps_that_count;
 use crate::session::{Session, wait_for_end};
@@ -76,7 +76,7 @@ impl Soak {
     /// Runs it; whether all is as it should be.
     pub fn run(&self) -> Result<bool> {
         let temporary = tempfile::Builder::new().prefix("soak-").tempdir().context("a temporary folder")?;
-        let place = Place::new(temporary.path().join("soak"), false, false)?;
+        let place = Place::new(temporary.path().join("soak"), Medium::Shared, false)?;
         let now = Instant::now();
         let mut watch = Watch {
             soak: self,
@@ -132,6 +132,7 @@ impl Watch<'_> {
             let now = Instant::now();
             if self.is_over() {
                 signal(first, Signal::INT);
+                session.must_end();
                 break;
             }
             if now >= self.next_sample {
@@ -139,7 +140,7 @@ impl Watch<'_> {
                 self.sample(first)?;
             }
             if self.soak.every_s > 0 && now >= self.next_fault {
-                let wait = self.draw.between(self.soak.every_s / 2, self.soak.every_s * 3 / 2);
+                let wait = self.draw.within(self.soak.every_s / 2..=self.soak.every_s * 3 / 2);
                 self.next_fault = now + Duration::from_secs(wait.max(1));
                 self.disturb(first);
             }
@@ -152,8 +153,8 @@ impl Watch<'_> {
     }
 
     fn disturb(&mut self, first: u32) {
-        let learner = Who::Learner(self.draw.between(0, u64::from(self.soak.learners) - 1) as u32);
-        let actor = Who::Actor(self.draw.between(0, 1) as u32);
+        let learner = Who::Learner(self.draw.within(0..=u64::from(self.soak.learners) - 1) as u32);
+        let actor = Who::Actor(self.draw.within(0..=1) as u32);
         let choices = [
             (6, (actor, Signal::KILL)),
             (3, (learner, Signal::KILL)),
@@ -168,7 +169,7 @@ impl Watch<'_> {
         if signal(pid, how) {
             self.faults += 1;
             if how == Signal::STOP {
-                std::thread::sleep(Duration::from_millis(self.draw.between(100, 2000)));
+                std::thread::sleep(Duration::from_millis(self.draw.within(100..=2000)));
                 signal(pid, Signal::CONT);
             }
         }

@@ -3,7 +3,8 @@
 use crate::evidence::{first_difference, result};
 use crate::fault::{Case, Fault, Phase};
 use crate::inject::disturb_by_time;
-use crate::place::{Place, Privileges, Start};
+use crate::place::{Place, Start};
+use crate::privileges::Privileges;
 use crate::session::{Session, wait_for_end};
 use crate::tally::{Fate, Tally};
 use anyhow::{Context, Result, bail, ensure};
@@ -67,10 +68,9 @@ pub fn complete(case: &Case, place: &Place, privileges: Privileges, tally: &mut 
         }
         let ended = session.wait()?;
         if let Some(armed) = armed {
-            // Its children's deaths are in their own logs.
-            let struck = !matches!(armed, Fault::Point(point, _) if point.program == "orchestrator")
-                || ended.signal() == Some(9);
-            tally.add(armed, if struck { Fate::Landed } else { Fate::Missed });
+            // The deaths of its runs' processes are in the runs' own logs.
+            let is_elsewhere = matches!(armed, Fault::Point(point, _) if point.program != "orchestrator");
+            tally.add(armed, if is_elsewhere || ended.shows(armed) { Fate::Landed } else { Fate::Missed });
             disturbed = true;
         }
         ended.ensure_no_panic()?;

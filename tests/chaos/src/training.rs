@@ -4,12 +4,14 @@ use crate::evidence::Evidence;
 use crate::fault::{Case, Fault, Phase, Planned};
 use crate::inject::{carry_out, damage};
 use crate::leftovers;
-use crate::place::{Place, Privileges, Start};
+use crate::place::{Place, Start};
+use crate::privileges::Privileges;
 use crate::processes::signal;
 use crate::session::{Ended, Session, wait_for_end};
 use crate::shape::Shape;
 use crate::tally::{Fate, Tally};
 use anyhow::{Result, bail, ensure};
+use proto::exit::EXIT_INCOMPLETE;
 use proto::run_folder::RunFolder;
 use rustix::process::Signal;
 use std::collections::VecDeque;
@@ -56,6 +58,9 @@ struct Training<'a> {
 pub fn train(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tally) -> Result<Complete> {
     let shape = case.shape;
     std::fs::write(place.path("config.toml"), shape.config())?;
+    if let Some(disk) = place.disk() {
+        disk.settle()?;
+    }
     let mut training = Training {
         shape,
         place,
@@ -82,15 +87,39 @@ pub fn train(case: &Case, place: &Place, privileges: Privileges, tally: &mut Tal
     let Training { folder, unsaid, .. } = training;
     wait_for_end(folder.root())?;
     let left = leftovers::of_run(&folder)?;
+    if place.disk().is_some() {
+        recover(place, &folder)?;
+    }
     let replay = replay(place, folder.root())?;
     Ok(Complete { evidence: Evidence::read(&folder)?, result, replay, starts, unsaid, left })
+}
+
+/// Repairs the recordings, as one does after a power failure: the end of one that was open may be damaged.
+fn recover(place: &Place, folder: &RunFolder) -> Result<()> {
+    let mut recordings: Vec<_> = std::fs::read_dir(folder.recordings())?.flatten().map(|entry| entry.path()).collect();
+    recordings.sort_unstable();
+    for (number, path) in recordings.iter().enumerate() {
+        let name = path.display().to_string();
+        let ended =
+            Session::start(place, format!("recover-{number:02}"), &["recover", &name], &Start::default())?.wait()?;
+        let is_told = [0, EXIT_INCOMPLETE].map(Some).contains(&ended.status.code());
+        ensure!(is_told, "{name} is not repaired: {}", ended.last_words());
+        let old = format!("{name}.cut");
+        if Path::new(&old).exists() {
+            std::fs::remove_file(old)?;
+        }
+    }
+    Ok(())
 }
 
 /// Simulates the recordings again; what was printed.
 fn replay(place: &Place, folder: &Path) -> Result<String> {
     let path = folder.display().to_string();
     let ended = Session::start(place, "replay".to_owned(), &["replay", &path], &Start::default())?.wait()?;
-    let is_good = ended.status.success() && ended.stdout.lines().any(|line| line == "differences: 0");
+    // What a power failure took from the end of a recording is told again; the steps were made again.
+    let is_told = place.disk().is_some() && ended.status.code() == Some(EXIT_INCOMPLETE);
+    let agrees = ended.stdout.lines().any(|line| line == "differences: 0");
+    let is_good = agrees && (ended.status.success() || is_told);
     let said = if is_good { String::new() } else { ended.last_words() };
     Ok(ended.stdout.lines().chain(said.lines()).collect::<Vec<_>>().join(", "))
 }
@@ -109,11 +138,11 @@ impl Training<'_> {
         if let Some(armed) = self.armed.take() {
             // A death that the harness itself caused does not show that a point was reached.
             let own = |fault: &Fault| {
-                use Fault::{Kill, KillAgain, KillAll, KillAndHold, KillTwo};
-                matches!(fault, Kill(_) | KillTwo(..) | KillAll | KillAgain(..) | KillAndHold(..))
+                use Fault::{Kill, KillAgain, KillAll, KillAndHold, KillTwo, LosePower};
+                matches!(fault, Kill(_) | KillTwo(..) | KillAll | KillAgain(..) | KillAndHold(..) | LosePower)
             };
             let unclear = matches!(armed, Fault::Point(..)) && self.recent.iter().any(own);
-            tally.add(armed, if happened(armed, &ended) && !unclear { Fate::Landed } else { Fate::Missed });
+            tally.add(armed, if ended.shows(armed) && !unclear { Fate::Landed } else { Fate::Missed });
             self.recent.push(armed);
         }
         self.unsaid.retain(|name| !ended.stderr.contains(name));
@@ -209,12 +238,16 @@ impl Training<'_> {
             }
             Phase::Running => {
                 self.plan.pop_front();
-                let needs_mounts = matches!(fault, Fault::FullDisk(_) | Fault::FullMemory(_));
-                if needs_mounts && !self.privileges.mounts {
+                if !fault.is_allowed(self.privileges) {
                     tally.add(fault, Fate::Skipped);
                     return Ok(());
                 }
                 self.recent.push(fault);
+                if fault == Fault::LosePower {
+                    // What is printed goes with the power.
+                    let said = session.said();
+                    self.unsaid.retain(|name| !said.contains(name));
+                }
                 let fate = carry_out(fault, self.folder.root(), self.place, session)?;
                 tally.add(fault, fate);
             }
@@ -259,18 +292,6 @@ impl Training<'_> {
             bail!("it failed: {}", ended.last_words());
         }
         Ok(None)
-    }
-}
-
-/// Whether what was armed has struck.
-fn happened(armed: Fault, ended: &Ended) -> bool {
-    match armed {
-        Fault::Point(point, _) if point.program == "orchestrator" => ended.signal() == Some(9),
-        Fault::Point(point, _) => {
-            let died = |line: &str| line.contains(" died") && line.contains(&format!("{}-", point.program));
-            ended.stderr.lines().any(died) || ended.stderr.contains(&format!("{} died", point.program))
-        }
-        _ => true,
     }
 }
 

@@ -1,7 +1,7 @@
 //! What goes wrong, and when: a plan of a few faults, each after a number of turns of the world.
 
 use crate::dice::Dice;
-use crate::kernel::{Label, MILLISECOND, SECOND, World};
+use crate::kernel::{CUT_IN_SAVE, Label, MILLISECOND, NO_PROCESS, SECOND, World};
 use crate::learner::tear_newest;
 use crate::service::TaskId;
 use orchestrator::{Event, Exit, Process};
@@ -56,10 +56,10 @@ impl Fault {
             Self::Interrupt => "interrupt",
             Self::FillDisk => "full disk",
             Self::FreeDisk => "free disk",
-            Self::CutSave(_, _) => "cut in a save",
+            Self::CutSave(_, _) => CUT_IN_SAVE,
             Self::LosePower => "power failure",
             Self::TearCheckpoint => "torn checkpoint",
-            Self::NoProcess => "no process",
+            Self::NoProcess => NO_PROCESS,
         }
     }
 }
@@ -73,8 +73,14 @@ pub fn plan(dice: &mut Dice) -> Plan {
     let count = dice.below(7);
     let mut plan = vec![];
     for _ in 0..count {
-        plan.push((at, any(dice)));
+        let fault = any(dice);
+        plan.push((at, fault));
         at += dice.spread(1, 1 << 9);
+        // There is room again only where there was none.
+        if fault == Fault::FillDisk && dice.once_in(2) {
+            plan.push((at, Fault::FreeDisk));
+            at += dice.spread(1, 1 << 9);
+        }
     }
     plan
 }
@@ -91,8 +97,7 @@ fn any(dice: &mut Dice) -> Fault {
         21..=22 => Fault::Lag(dice.spread(MILLISECOND, 16 * SECOND)),
         23 => Fault::AskToStop,
         24 => Fault::Interrupt,
-        25 => Fault::FillDisk,
-        26 => Fault::FreeDisk,
+        25..=26 => Fault::FillDisk,
         27..=29 => Fault::CutSave(dice.below(24), dice.once_in(2)),
         30 => Fault::LosePower,
         31 => Fault::TearCheckpoint,
@@ -105,30 +110,8 @@ fn any(dice: &mut Dice) -> Fault {
 pub fn strike(world: &mut World, fault: Fault) {
     world.note(|| format!("FAULT {fault:?}"));
     if carry_out(world, fault) {
-        count(world, fault.kind());
+        world.count_fault(fault.kind());
     }
-}
-
-/// Counts a fault that has struck.
-fn count(world: &mut World, kind: &'static str) {
-    *world.faults.entry(kind).or_default() += 1;
-    world.last_fault = world.now;
-}
-
-/// Where the next save is to be cut, and whether by a power failure; counted, for it happens now.
-pub fn take_cut(world: &mut World) -> Option<(u32, bool)> {
-    let (operations, power) = world.cut_in_save.take()?;
-    count(world, Fault::CutSave(operations, power).kind());
-    Some((operations, power))
-}
-
-/// Whether the process that is about to start cannot be started; counted, for it happens now.
-pub fn take_no_process(world: &mut World) -> bool {
-    let none = std::mem::take(&mut world.no_process);
-    if none {
-        count(world, Fault::NoProcess.kind());
-    }
-    none
 }
 
 /// True if it struck somebody or something already.

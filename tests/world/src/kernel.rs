@@ -127,6 +127,11 @@ pub struct Desk {
     pub lags_until: u64,
 }
 
+/// The kind of fault that waits for the next save.
+pub const CUT_IN_SAVE: &str = "cut in a save";
+/// The kind of fault that waits for the next process.
+pub const NO_PROCESS: &str = "no process";
+
 /// The world.
 pub struct World {
     /// The run.
@@ -229,6 +234,30 @@ impl World {
     /// Whether somebody has been stopped so far: then others may find it silent.
     pub fn may_hang(&self) -> bool {
         self.faults.keys().any(|kind| kind.starts_with("stop") || kind.starts_with("lag"))
+    }
+
+    /// A fault of this kind strikes now.
+    pub fn count_fault(&mut self, kind: &'static str) {
+        *self.faults.entry(kind).or_default() += 1;
+        self.last_fault = self.now;
+    }
+
+    /// Where the save that begins is to be cut, and whether by a power failure; this is when it strikes.
+    pub fn take_cut(&mut self) -> Option<(u32, bool)> {
+        let cut = self.cut_in_save.take();
+        if cut.is_some() {
+            self.count_fault(CUT_IN_SAVE);
+        }
+        cut
+    }
+
+    /// Whether the process that is about to start cannot be started; this is when it strikes.
+    pub fn take_no_process(&mut self) -> bool {
+        let none = std::mem::take(&mut self.no_process);
+        if none {
+            self.count_fault(NO_PROCESS);
+        }
+        none
     }
 
     /// How many faults have struck.

@@ -1,7 +1,6 @@
 //! The orchestrator's loop: the real supervisor in a shell that follows `orchestrator/src/supervisor/shell.rs`.
 
 use crate::actor::Actor;
-use crate::faults::take_no_process;
 use crate::kernel::{Desk, Label, MILLISECOND, Next, Note, Program, SECOND, World};
 use crate::learner::Learner;
 use crate::recorder::Recorder;
@@ -158,7 +157,7 @@ impl Session {
     }
 
     fn spawn(&mut self, world: &mut World, me: TaskId, process: Process, incarnation: u32) {
-        if take_no_process(world) {
+        if world.take_no_process() {
             let exit = Exit::NotStarted("no process is left".to_owned());
             self.own_events.push_back(Event::Exited { process, incarnation, exit, last_words: vec![] });
             return;

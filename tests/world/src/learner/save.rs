@@ -2,7 +2,6 @@
 
 use super::store::store_of;
 use super::{Learner, Phase, Then};
-use crate::faults::take_cut;
 use crate::kernel::{MILLISECOND, Next, World};
 use crate::meeting::Word;
 use crate::service::TaskId;
@@ -36,7 +35,7 @@ impl Learner {
         let mut good = true;
         if self.rank == 0 {
             let snapshot = self.snapshot(words, world);
-            let cut = take_cut(world);
+            let cut = world.take_cut();
             if let Some((operations, _)) = cut {
                 world.disk.crash_in(operations);
             }
