@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up test chaos soak lint doc bench-peers bench-learner bench-wire check-determinism \
+.PHONY: help setup build install uninstall up test chaos soak lint doc deny fuzz bench-peers bench-learner bench-wire check-determinism \
 	python test-python bench-python
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
@@ -26,6 +26,9 @@ help:
 	@echo 'make test-python   build it and run its tests; make bench-python measures it beside Gymnasium'
 	@echo 'make lint    formatting and clippy, warnings are errors'
 	@echo 'make doc     the API documentation, warnings are errors'
+	@echo 'make deny    licences, duplicates, sources and advisories of the dependencies; STRICT=yes: an advisory is an error'
+	@echo 'make fuzz    let libFuzzer loose on all that reads files or payloads of others, ten minutes each;'
+	@echo '             SECONDS=60 TARGETS="scene recording" fuzzes less'
 	@echo 'make bench-peers'
 	@echo '             the simulator beside MuJoCo, Embree and PyBullet on one core; PYTHON=/path/to/python takes one that'
 	@echo '             has them, otherwise they go into .venv/ (once); ARGS="--kitchens 1,2" measures fewer kitchens'
@@ -96,6 +99,15 @@ lint: setup
 
 doc: setup
 	RUSTDOCFLAGS='-D warnings' cargo doc --no-deps --release --workspace --locked
+
+# cargo-deny is fetched if it is not there (seconds); without a network everything but advisories is checked.
+deny:
+	@STRICT='$(STRICT)' deploy/deny
+
+# Stable Rust and the C++ compiler of set-up are enough (fuzz/run says why). Compiles for minutes, once.
+SECONDS := 600
+fuzz: setup
+	@fuzz/run $(SECONDS) $(TARGETS)
 
 # Of the workspace, not of the package alone: so its dependencies have the same features, and are not compiled again.
 bench-peers:

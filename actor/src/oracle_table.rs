@@ -9,6 +9,7 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Split};
+use proto::plausible;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 use proto::step::transition_flag;
 use simulator::environment::Environment;
@@ -44,6 +45,7 @@ pub fn play(kitchen: &Arc<Kitchen>, config: &Config, number: u32, episode: Episo
         let action = policy.next(&environment);
         actions.push(action);
         let transition = environment.step(action);
+        plausible::check(Some(&transition), &environment.current()).expect("a learner takes what a simulator reports");
         if transition.flags & transition_flag::ENDED != 0 {
             return Outcome {
                 actions,

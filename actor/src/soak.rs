@@ -6,6 +6,7 @@ use proto::action::{Action, ActionSpace};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
+use proto::plausible;
 use proto::random::{Key, Purpose};
 use proto::step::transition_flag;
 use simulator::environment::Environment;
@@ -86,6 +87,7 @@ pub fn soak(kitchen: &Arc<Kitchen>, steps: u64, seed: u64, config: &Config) -> R
         }
         repeats -= 1;
         let transition = environment.step(action);
+        plausible::check(Some(&transition), &environment.current()).context("a learner would refuse a report")?;
         report.disturbing_steps += u64::from(transition.reward.disturbance_progress_m != 0.0);
         step += 1;
         if transition.flags & transition_flag::ENDED != 0 {

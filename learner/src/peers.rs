@@ -8,7 +8,6 @@
 //! All learners make the same calls in the same order. When one dies, the calls of the others fail, or block until the
 //! orchestrator ends them. A group is never repaired: all learners restart together from the last checkpoint.
 
-use crate::ffi;
 pub use crate::ffi::group::Meeting;
 use crate::ffi::group::ProcessGroup;
 use crate::ffi::nccl::{Communicator, Invitation, Nccl, NcclError};
@@ -182,7 +181,7 @@ impl Peers {
             group.gloo.receive(&mut length, rank).map_err(lost)?;
             let mut bytes = Tensor::zeros([length.int64_value(&[])], (Kind::Uint8, Device::Cpu));
             group.gloo.receive(&mut bytes, rank).map_err(lost)?;
-            parts.push(ffi::bytes_mut(&mut bytes).to_vec());
+            parts.push(Vec::try_from(&bytes).map_err(lost)?);
         }
         Ok(parts)
     }
@@ -202,7 +201,7 @@ impl Peers {
         if length > 0 {
             group.gloo.broadcast(&mut bytes).map_err(lost)?;
         }
-        Ok(ffi::bytes_mut(&mut bytes).to_vec())
+        Vec::try_from(&bytes).map_err(lost)
     }
 
     /// Checks that a number is identical on all learners.
@@ -233,12 +232,22 @@ fn finished(rollout: u64, rank: u32) -> String {
 mod tests {
     use super::*;
     use crate::network::to_vec;
+    use std::collections::BTreeSet;
     use std::net::TcpListener;
     use std::os::fd::IntoRawFd;
-    use std::sync::atomic::{AtomicU32, Ordering};
+    use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+    use std::sync::{PoisonError, RwLock};
+
+    /// A test that looks at the sockets of the process is alone in it; groups of the others may live side by side.
+    static ONE_GROUP: RwLock<()> = RwLock::new(());
 
     /// What each of `learners` learners, threads here, makes of it.
     fn among<T: Send>(learners: u32, work: impl Fn(u32, &Peers) -> T + Sync) -> Vec<T> {
+        let _beside = ONE_GROUP.read().unwrap_or_else(PoisonError::into_inner);
+        together(learners, work)
+    }
+
+    fn together<T: Send>(learners: u32, work: impl Fn(u32, &Peers) -> T + Sync) -> Vec<T> {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("joining");
         meeting_at(learners, |_| Meeting::File(file.clone()), work)
@@ -331,6 +340,77 @@ mod tests {
             come.load(Ordering::SeqCst)
         });
         assert_eq!(seen, [3, 3, 3]);
+    }
+
+    /// TCP ports of this process that listen.
+    fn listening() -> BTreeSet<u16> {
+        let own: Vec<String> = std::fs::read_dir("/proc/self/fd")
+            .unwrap()
+            .filter_map(|entry| Some(std::fs::read_link(entry.unwrap().path()).ok()?.to_str()?.to_owned()))
+            .collect();
+        let table = std::fs::read_to_string("/proc/self/net/tcp").unwrap();
+        let port = |line: &str| {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let ours = own.contains(&format!("socket:[{}]", words.get(9)?));
+            let (_, port) = words[1].split_once(':')?;
+            (ours && words[3] == "0A").then(|| u16::from_str_radix(port, 16).ok())?
+        };
+        table.lines().filter_map(port).collect()
+    }
+
+    fn is_let_in(port: u16) -> bool {
+        let address = std::net::SocketAddr::from(([127, 0, 0, 1], port));
+        std::net::TcpStream::connect_timeout(&address, Duration::from_millis(300)).is_ok()
+    }
+
+    /// Gloo would accept whoever comes, and end the process when it has no descriptors left.
+    #[test]
+    fn nobody_else_is_let_in_once_all_have_met_and_other_sockets_stay_open() {
+        // Other groups of this process would listen, too.
+        let _alone = ONE_GROUP.write().unwrap_or_else(PoisonError::into_inner);
+        let foreign = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let foreign_port = foreign.local_addr().unwrap().port();
+        let seen = together(2, |rank, peers| {
+            // What is opened now is not closed by a learner that comes late.
+            let own = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+            peers.barrier().unwrap();
+            let knocks: Vec<(bool, bool)> = listening()
+                .into_iter()
+                .filter(|_| rank == 0)
+                .map(|port| (port == foreign_port || port == own.local_addr().unwrap().port(), is_let_in(port)))
+                .collect();
+            // The group itself goes on, and nobody leaves before all have looked.
+            let mut numbers = [1.0];
+            peers.sum(&mut numbers).unwrap();
+            assert_eq!(numbers, [2.0]);
+            knocks
+        });
+        let count = |wanted: (bool, bool)| seen[0].iter().filter(|&&knock| knock == wanted).count();
+        assert_eq!(count((true, true)), 2, "sockets that are not the group's: {seen:?}");
+        // Both learners' sockets of Gloo are closed; the other learner's own one is open.
+        assert_eq!((count((false, false)), count((false, true))), (2, 1), "{seen:?}");
+    }
+
+    /// While learners meet, other threads open sockets.
+    #[test]
+    fn a_socket_that_is_opened_meanwhile_is_not_taken_for_the_groups() {
+        let _alone = ONE_GROUP.write().unwrap_or_else(PoisonError::into_inner);
+        let over = AtomicBool::new(false);
+        let (kept, _) = std::thread::scope(|scope| {
+            let opener = scope.spawn(|| {
+                let mut kept = Vec::new();
+                while !over.load(Ordering::SeqCst) && kept.len() < 200 {
+                    kept.push(std::net::TcpListener::bind("127.0.0.1:0").unwrap());
+                    std::thread::sleep(Duration::from_micros(300));
+                }
+                kept
+            });
+            let met = together(3, |_, peers| peers.barrier().unwrap());
+            over.store(true, Ordering::SeqCst);
+            (opener.join().unwrap(), met)
+        });
+        assert!(!kept.is_empty());
+        assert!(kept.iter().all(|socket| is_let_in(socket.local_addr().unwrap().port())));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The manifest of a checkpoint: whose it is, the hashes of its other files, the run's position, and the conditions it
 //! ran under. A learner writes it; learner and orchestrator read it.
 
+use crate::bounded;
 use crate::config::CarriedGoal;
 use crate::digest::sha256;
 use crate::disk::Disk;
@@ -171,7 +172,7 @@ impl Manifest {
 
     /// Reads and verifies a file that [`Manifest::seal`] made. Whether the tensors are whole is another question.
     pub fn read(path: &Path) -> Result<Self, ManifestError> {
-        Self::open(&std::fs::read(path)?)
+        Self::open(&bounded::read(path, bounded::TEXT_BYTES_MOST)?)
     }
 
     /// Reads and verifies what [`Manifest::seal`] wrote.

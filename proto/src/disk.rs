@@ -2,6 +2,7 @@
 //!
 //! [`LocalDisk`] is the machine's. The simulated world has another one, which forgets what was not synchronised.
 
+use crate::bounded;
 use crate::plain_file::open_plain;
 use std::fmt::Debug;
 use std::fs::File;
@@ -36,7 +37,10 @@ pub trait Disk: Debug {
     fn list(&self, folder: &Path) -> Result<Vec<PathBuf>>;
 }
 
-/// The machine's file system.
+/// A file that is read as a whole, bytes: the tensors of the largest network with the most environments have a tenth.
+const FILE_BYTES_MOST: u64 = 64 << 30;
+
+/// The machine's file system. What it reads must be an ordinary file.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LocalDisk;
 
@@ -76,7 +80,7 @@ impl Disk for LocalDisk {
     }
 
     fn read(&self, path: &Path) -> Result<Vec<u8>> {
-        std::fs::read(path)
+        bounded::read(path, FILE_BYTES_MOST)
     }
 
     fn size(&self, path: &Path) -> Result<u64> {

@@ -15,6 +15,7 @@
 //! its origin on the floor at the body's axis and turns with the body's yaw only.
 
 pub mod action;
+pub mod bounded;
 pub mod camera;
 pub mod checkpoint;
 pub mod config;
@@ -31,6 +32,8 @@ pub mod kitchen;
 pub mod metric;
 pub mod pin;
 pub mod plain_file;
+pub mod plausible;
+pub mod printable;
 pub mod random;
 pub mod replay;
 pub mod reward;

@@ -39,7 +39,7 @@ type Asked = (Option<String>, Option<u64>, Option<u32>);
 /// What a thread keeps between calls: a camera for each kitchen, and scratch memory.
 #[derive(Default)]
 struct Worker {
-    cameras: HashMap<u8, DepthCamera>,
+    cameras: HashMap<u32, DepthCamera>,
     scratch: Vec<u16>,
 }
 

@@ -38,7 +38,7 @@ fn value_error(error: impl std::error::Error) -> PyErr {
 
 /// Numbers of the built-in kitchens of a split: `train`, `validation` or `test`.
 #[pyfunction]
-fn kitchens(split: &str) -> PyResult<Vec<u8>> {
+fn kitchens(split: &str) -> PyResult<Vec<u32>> {
     let split = match split {
         "train" => Split::Train,
         "validation" => Split::Validation,

@@ -47,7 +47,7 @@ pub enum ChoiceError {
     #[error("kitchen {kitchen} has fixed episodes 0 to {}, not {number}", count - 1)]
     NoSuchEpisode {
         /// The kitchen.
-        kitchen: u8,
+        kitchen: u32,
         /// How many it has.
         count: usize,
         /// What was asked for.

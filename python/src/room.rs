@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 #[serde(rename_all = "snake_case")]
 pub enum Origin {
     /// The generator.
-    BuiltIn(u8),
+    BuiltIn(u32),
     /// A user's scene, and its place in the list of a run's scenes.
     Scene {
         /// Its TOML file.
@@ -66,7 +66,7 @@ impl Room {
     fn build(origin: Origin, simulation: SimulationConfig) -> PyResult<Self> {
         let kitchen = match &origin {
             Origin::BuiltIn(number) => {
-                let id = KitchenId::built_in(*number).map_err(value_error)?;
+                let id = KitchenId::generated(*number).map_err(value_error)?;
                 simulator::kitchen::Kitchen::build(id, &simulation).map_err(value_error)?
             }
             Origin::Scene { path, index } => {
@@ -103,7 +103,7 @@ impl Kitchen {
     /// Kitchen `number`, or the scene in the TOML file `scene`, as number `scene_index` of several.
     #[new]
     #[pyo3(signature = (number=None, *, scene=None, scene_index=0))]
-    fn new(py: Python<'_>, number: Option<u8>, scene: Option<PathBuf>, scene_index: usize) -> PyResult<Self> {
+    fn new(py: Python<'_>, number: Option<u32>, scene: Option<PathBuf>, scene_index: usize) -> PyResult<Self> {
         let origin = match (number, scene) {
             (Some(number), None) => Origin::BuiltIn(number),
             (None, Some(path)) => Origin::Scene { path: std::path::absolute(path)?, index: scene_index },
@@ -115,7 +115,7 @@ impl Kitchen {
 
     /// Number of a built-in kitchen, or 128 and up for scenes.
     #[getter]
-    fn number(&self) -> u8 {
+    fn number(&self) -> u32 {
         self.room.kitchen.id().number()
     }
 
@@ -152,7 +152,7 @@ impl Kitchen {
     }
 
     #[staticmethod]
-    fn _again(py: Python<'_>, number: Option<u8>, scene: Option<PathBuf>, index: usize) -> PyResult<Self> {
+    fn _again(py: Python<'_>, number: Option<u32>, scene: Option<PathBuf>, index: usize) -> PyResult<Self> {
         Self::new(py, number, scene, index)
     }
 

@@ -1,7 +1,7 @@
 //! One environment: an episode of the task in a kitchen. An action's outcome is a [`Transition`], the present
 //! observation a [`Current`].
 
-use crate::depth::{Backdrop, DepthCamera, as_unwritten};
+use crate::depth::{Backdrop, DepthCamera};
 use crate::episode::{Episode, at_goal};
 use crate::kitchen::Kitchen;
 use crate::physics::geometry::rotation_y;
@@ -321,7 +321,8 @@ impl Environment {
     /// # Panics
     /// If the frame has another size, or the camera was made for another number of bodies.
     pub fn look(&mut self, camera: &mut DepthCamera, side: usize, depth_mm: &mut [u16]) {
-        self.look_into(camera, side, as_unwritten(depth_mm));
+        let world_from_camera = self.place_bodies();
+        camera.render_over_written(&mut self.backdrop, &self.world_from_bodies, world_from_camera, side, depth_mm);
     }
 
     /// The same into memory that need not be initialised; returns it initialised.
@@ -334,11 +335,16 @@ impl Environment {
         side: usize,
         depth_mm: &'a mut [MaybeUninit<u16>],
     ) -> &'a [u16] {
+        let world_from_camera = self.place_bodies();
+        camera.render_over(&mut self.backdrop, &self.world_from_bodies, world_from_camera, side, depth_mm)
+    }
+
+    /// Notes where all bodies stand now, for the camera whose pose this returns.
+    fn place_bodies(&mut self) -> Pose3 {
         let mut world_from_bodies = std::mem::take(&mut self.world_from_bodies);
         self.world_from_bodies(&mut world_from_bodies);
-        let world_from_camera = self.world_from_camera();
         self.world_from_bodies = world_from_bodies;
-        camera.render_over(&mut self.backdrop, &self.world_from_bodies, world_from_camera, side, depth_mm)
+        self.world_from_camera()
     }
 
     /// Pose of the head camera: x right, y up, looks along +z.

@@ -210,7 +210,7 @@ impl Environments {
     }
 
     /// Writes the observation of environment `index`; its frame is rendered in place.
-    pub fn observe(&mut self, index: usize, slot: &mut MaybeUninit<Observation>) {
+    pub fn observe<'a>(&mut self, index: usize, slot: &'a mut MaybeUninit<Observation>) -> &'a Observation {
         let Self { running, camera, sceneries, .. } = self;
         let (running, mut own) = (&mut running[index], sceneries.get_mut(index));
         whereabouts::enter(running.id, running.episode);
@@ -218,12 +218,13 @@ impl Environments {
             camera.exchange(scenery);
         }
         let current = running.environment.current();
-        shm::write_observation(slot, index as u32, running.transition, current, |frame| {
+        let observation = shm::write_observation(slot, index as u32, running.transition, current, |frame| {
             running.environment.look_into(camera, FRAME_SIDE, frame)
         });
         if let Some(scenery) = own {
             camera.exchange(scenery);
         }
+        observation
     }
 }
 

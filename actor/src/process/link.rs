@@ -77,17 +77,17 @@ impl Link {
 
     /// Sends a HELLO: one zeroed observation.
     pub fn send_hello(&self, header: ObservationHeader) -> Result<()> {
-        self.send_observations(header, 1, |_, slot| shm::write_zeros(slot)).map(|_| ())
+        self.send_observations(header, 1, |_, slot| shm::write_zeros(slot)).map(drop)
     }
 
-    /// Sends `count` observations, each written in place by `write`, which is given its index and must initialise the
-    /// whole slot. Blocks while a subscriber is full. Returns whether all subscribers got them: a new subscriber that
-    /// has not yet connected to this publisher can miss a sample.
+    /// Sends `count` observations, each written in place by `write`, which is given its index and its slot, and
+    /// returns what it wrote there. Blocks while a subscriber is full. Returns whether all subscribers got them: a new
+    /// subscriber that has not yet connected to this publisher can miss a sample.
     pub fn send_observations(
         &self,
         header: ObservationHeader,
         count: usize,
-        mut write: impl FnMut(usize, &mut MaybeUninit<Observation>),
+        write: impl for<'a> FnMut(usize, &'a mut MaybeUninit<Observation>) -> &'a Observation,
     ) -> Result<bool> {
         // A subscriber that came after the last send is found here, and only here.
         self.observations.update_connections().context("cannot connect to the learner")?;
@@ -95,11 +95,9 @@ impl Link {
         let mut sample = self.observations.loan_slice_uninit(count).context("no free slot for observations")?;
         fault::reach("actor.after_loan");
         *sample.user_header_mut() = header;
-        for (i, slot) in sample.payload_mut().iter_mut().enumerate() {
-            write(i, slot);
-        }
+        let sample = shm::fill(sample, write);
         fault::reach("actor.after_write");
-        let receivers = shm::assume_written(sample).send().context("cannot send observations")?;
+        let receivers = sample.send().context("cannot send observations")?;
         fault::reach("actor.before_bell");
         self.bell.notify().context("cannot ring the observations' bell")?;
         Ok(receivers > 0 && receivers >= self.readers.count())

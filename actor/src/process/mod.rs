@@ -87,12 +87,12 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
         fault::reach("actor.before_receive");
         // Restores before actions: the learner sends a restore before the actions that build on it.
         while let Some(restore) = link.receive_restore()? {
-            let verdict = protocol.on_restore(restore.user_header(), restore.payload().len(), started.elapsed());
-            let header = restore.user_header();
-            match verdict {
+            // Copied once, then checked: what lies in shared memory can change meanwhile.
+            let (header, states) = (*restore.user_header(), restore.payload().to_vec());
+            match protocol.on_restore(&header, states.len(), started.elapsed()) {
                 Verdict::Accepted => {
                     fault::reach("actor.before_rebuild");
-                    environments.rebuild(restore.payload())?;
+                    environments.rebuild(&states)?;
                     tracing::info!(learner_incarnation = header.learner_incarnation, step = ?header.step, "restored");
                     fault::reach("actor.after_rebuild");
                 }
@@ -114,7 +114,7 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
                 let range = protocol.halves().range(half);
                 fault::reach("actor.before_send");
                 let everyone = link.send_observations(protocol.observation_header(half), range.len(), |i, slot| {
-                    environments.observe(range.start + i, slot);
+                    environments.observe(range.start + i, slot)
                 })?;
                 fault::reach("actor.after_send");
                 protocol.sent(half, everyone, started.elapsed());
@@ -127,8 +127,9 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
 /// Takes in the actions that wait; what is accepted is kept by half until it is applied.
 fn receive_actions(link: &Link, protocol: &mut Protocol, accepted: &mut [Vec<u8>; 2]) -> Result<()> {
     while let Some(actions) = link.receive_actions()? {
-        let header = actions.user_header();
-        match protocol.on_actions(header, actions.payload().len()) {
+        // Copied once, then checked, as a restore is.
+        let header = *actions.user_header();
+        match protocol.on_actions(&header, actions.payload().len()) {
             Verdict::Accepted => {
                 fault::reach("actor.after_receive");
                 let kept = &mut accepted[header.half as usize];

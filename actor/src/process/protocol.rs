@@ -18,7 +18,7 @@
 //! incarnation or one for another step changes nothing.
 
 use std::time::Duration;
-use wire::message::{ActionHeader, Halves, ObservationHeader, RestoreHeader, observation_kind};
+use wire::message::{ActionHeader, Halves, ObservationHeader, RestoreHeader, can_follow, observation_kind};
 
 /// Time between two HELLOs until a restore arrives.
 const HELLO_INTERVAL: Duration = Duration::from_millis(200);
@@ -133,6 +133,9 @@ impl Protocol {
         }
         if states != self.environments {
             return Verdict::Ignored("it holds another number of environments");
+        }
+        if !can_follow(self.learner_incarnation.unwrap_or(0), header.learner_incarnation) {
+            return Verdict::Ignored("no learner was started so often");
         }
         if let Some(current) = self.learner_incarnation {
             // The learner answers each HELLO, and a later answer may be older than what has come since: this actor has
@@ -308,6 +311,17 @@ mod tests {
         assert_eq!(protocol.next(ms(200)), Todo::Send { half: 0 });
         assert_eq!(protocol.observation_header(0).step, 4);
         assert_eq!(protocol.observation_header(1).step, 5);
+    }
+
+    #[test]
+    fn a_learner_that_was_never_started_is_not_followed() {
+        let mut protocol = Protocol::new(3, 7, 2, false);
+        assert!(ignored(protocol.on_restore(&restore(u32::MAX, 7, [0, 0]), 2, T0)));
+        assert_eq!(protocol.on_restore(&restore(3, 7, [4, 5]), 2, T0), Verdict::Accepted);
+        assert!(ignored(protocol.on_restore(&restore(u32::MAX, 7, [0, 0]), 2, T0)));
+        // The true learner is followed still, and so is its successor.
+        assert_eq!(protocol.on_actions(&actions(3, 0, 4), 1), Verdict::Accepted);
+        assert_eq!(protocol.on_restore(&restore(5, 0, [1, 1]), 2, T0), Verdict::Accepted);
     }
 
     #[test]

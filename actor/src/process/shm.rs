@@ -6,8 +6,8 @@ use std::ptr::{addr_of_mut, slice_from_raw_parts_mut};
 use wire::Ipc;
 use wire::message::{Observation, ObservationHeader};
 
-/// Fills one observation in place, every byte of it. `render` is given the depth frame, row-major, and must write every
-/// pixel: it returns the written slice as proof.
+/// Fills one observation in place, every byte of it, and returns it as proof. `render` is given the depth frame,
+/// row-major, and must write every pixel: it returns the written slice as proof.
 ///
 /// # Panics
 /// If what `render` returns is not the frame it was given.
@@ -17,7 +17,7 @@ pub fn write_observation(
     transition: Transition,
     current: Current,
     render: impl FnOnce(&mut [MaybeUninit<u16>]) -> &[u16],
-) {
+) -> &Observation {
     let observation = slot.as_mut_ptr();
     // SAFETY: `observation` points to memory of an Observation that we hold exclusively; each field is written
     // through a raw pointer, without a reference to anything that is not initialised yet.
@@ -35,12 +35,19 @@ pub fn write_observation(
     let (start, length) = (frame.as_ptr().cast::<u16>(), frame.len());
     let written = render(frame);
     assert!(written.as_ptr() == start && written.len() == length, "the frame was rendered in place, whole");
+    // SAFETY: every field was written above: the frame by `render`, whose slice of plain numbers is the frame's memory;
+    // an Observation has no bytes besides its fields (it is `Pod`).
+    unsafe { slot.assume_init_ref() }
 }
 
-/// Fills one observation with zeros.
-pub fn write_zeros(slot: &mut MaybeUninit<Observation>) {
-    // SAFETY: the slot is writable memory of one Observation.
-    unsafe { slot.as_mut_ptr().write_bytes(0, 1) };
+/// Fills one observation with zeros, and returns it as proof.
+pub fn write_zeros(slot: &mut MaybeUninit<Observation>) -> &Observation {
+    // The frame is too large for the stack of a thread: it is not made there first.
+    // SAFETY: the slot is writable memory of one Observation, for which zeros are a valid value.
+    unsafe {
+        slot.as_mut_ptr().write_bytes(0, 1);
+        slot.assume_init_ref()
+    }
 }
 
 /// A loaned sample.
@@ -48,9 +55,46 @@ type Loan = iceoryx2::sample_mut_uninit::SampleMutUninit<Ipc, [MaybeUninit<Obser
 /// A sample ready to be sent.
 type Written = iceoryx2::sample_mut::SampleMut<Ipc, [Observation], ObservationHeader>;
 
-/// Declares a loaned sample written. Each of its slots went through [`write_observation`] or [`write_zeros`].
-pub fn assume_written(sample: Loan) -> Written {
-    // SAFETY: `Link::send_observations`, the only caller, has every slot filled by one of the functions above; both
-    // leave no byte unwritten, and an Observation of any bytes is valid: it holds integers and floats only.
+/// Has every slot of a loaned sample written. `write` is given its number and the slot, and returns what it wrote there
+/// as proof.
+///
+/// # Panics
+/// If what `write` returns does not lie in the slot it was given.
+pub fn fill(
+    mut sample: Loan,
+    mut write: impl for<'a> FnMut(usize, &'a mut MaybeUninit<Observation>) -> &'a Observation,
+) -> Written {
+    for (number, slot) in sample.payload_mut().iter_mut().enumerate() {
+        let place = slot.as_ptr();
+        let written = write(number, slot);
+        assert!(std::ptr::eq(written, place), "an observation was written in its slot");
+    }
+    // SAFETY: a reference to an Observation in each slot's own memory proves that each slot holds one.
     unsafe { sample.assume_init() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_byte_of_an_observation_is_written_in_its_slot() {
+        let mut slot = Box::new(MaybeUninit::<Observation>::uninit());
+        let transition = Transition { episode: 3, ..Transition::default() };
+        let current = Current { episode: 4, ..Current::default() };
+        let frame = vec![1234; proto::camera::FRAME_PIXELS];
+        let written = write_observation(&mut slot, 7, transition, current, |room| room.write_copy_of_slice(&frame));
+        assert_eq!((written.environment, written.transition, written.current), (7, transition, current));
+        let sum: u64 = bytemuck::bytes_of(written).iter().map(|&byte| u64::from(byte)).sum();
+        assert!(sum > 0);
+        assert!(bytemuck::bytes_of(write_zeros(&mut slot)).iter().all(|&byte| byte == 0));
+    }
+
+    #[test]
+    #[should_panic(expected = "in place, whole")]
+    fn a_frame_that_was_rendered_elsewhere_is_no_proof() {
+        static ELSEWHERE: [u16; proto::camera::FRAME_PIXELS] = [0; _];
+        let mut slot = Box::new(MaybeUninit::<Observation>::uninit());
+        write_observation(&mut slot, 0, Transition::default(), Current::default(), |_| &ELSEWHERE);
+    }
 }

@@ -136,7 +136,8 @@ impl Acting {
         fill(&mut recorded.inputs, &recorded.layout, &frames, rows);
         recorded.graph.replay()?;
         Cuda::synchronize(0);
-        let words = ffi::floats_mut(&mut recorded.choices);
+        // SAFETY: the GPU has written them, as the line above has waited for; no other tensor shares this memory.
+        let words = unsafe { ffi::floats_mut(&mut recorded.choices) };
         Ok(words.chunks_exact(CHOSEN_WORDS).map(Chosen::from_words).collect())
     }
 
@@ -209,7 +210,8 @@ fn fill(inputs: &mut Tensor, layout: &Layout, frames: &[i64], rows: Rows) {
             to.copy_from_slice(&number);
         }
     }
-    let bytes = ffi::bytes_mut(inputs);
+    // SAFETY: the GPU reads them in a replay alone, and each replay was waited for; no other tensor shares this memory.
+    let bytes = unsafe { ffi::bytes_mut(inputs) };
     let integers = |to: &mut [u8], numbers: &[i64]| put(to, numbers.iter().map(|number| number.to_ne_bytes()));
     integers(&mut bytes[layout.frames.clone()], frames);
     integers(&mut bytes[layout.places.clone()], rows.places);

@@ -363,10 +363,17 @@ impl<D: Disk> Store<D> {
     }
 }
 
+/// Rollouts, frames and exchanges of a run: each leaves room for the next.
+const COUNT_MOST: u64 = 1 << 60;
+
 /// Reads the checkpoint with this manifest, wherever it lies, and verifies it. Its figures are left out.
 pub fn read(manifest_path: &Path) -> Result<(Snapshot, Manifest), Rejected> {
     let manifest = Manifest::read(manifest_path)
         .map_err(|cause| Rejected { path: manifest_path.to_path_buf(), reason: cause.to_string() })?;
+    if Path::new(&manifest.tensors).file_name() != Some(manifest.tensors.as_ref()) {
+        let reason = format!("names tensors that are not beside it: {}", manifest.tensors);
+        return Err(Rejected { path: manifest_path.to_path_buf(), reason });
+    }
     let tensors_path = manifest_path.with_file_name(&manifest.tensors);
     Ok((tensors_of(&LocalDisk, &manifest, &tensors_path)?, manifest))
 }
@@ -383,6 +390,9 @@ fn tensors_of<D: Disk>(disk: &D, manifest: &Manifest, path: &Path) -> Result<Sna
         return Err(at(format!("is corrupt: its SHA-256 is {digest}, its manifest says {}", manifest.tensors_sha256)));
     }
     let Manifest { rollout, frames, exchange, adam_steps, multiplier, carried_goal, .. } = *manifest;
+    if let Some(count) = [rollout, frames, exchange].into_iter().find(|&count| count > COUNT_MOST) {
+        return Err(at(format!("cannot be used: its manifest counts to {count}, and no run gets so far")));
+    }
     let (tensors, boundary) =
         tensors::decode(&bytes, exchange).map_err(|cause| at(format!("cannot be used: {cause}")))?;
     let agent = AgentState { tensors, adam_steps, multiplier, carried_goal };

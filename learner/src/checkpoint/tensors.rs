@@ -12,6 +12,7 @@
 
 use crate::collector::{Boundary, RunningEpisode};
 use crate::network::Unfit;
+use proto::action::Action;
 use proto::episode::MAX_EPISODE_STEPS;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::BTreeMap;
@@ -24,6 +25,8 @@ const ACTIONS: &str = "environment.actions";
 const RETURN: &str = "running.return";
 const PICKED_UP: &str = "running.picked_up";
 const DISCOUNTED_DISTURBANCE: &str = "running.discounted_disturbance_m";
+/// No run plays more episodes in one environment.
+const EPISODE_MOST: u32 = u32::MAX / 2;
 const OWN: [&str; 6] = [EPISODE, ACTION_COUNT, ACTIONS, RETURN, DISCOUNTED_DISTURBANCE, PICKED_UP];
 
 /// Why tensors do not make a state.
@@ -138,15 +141,26 @@ pub fn decode(bytes: &[u8], exchange: u64) -> Result<(BTreeMap<String, Tensor>, 
         if state.action_count as usize > MAX_EPISODE_STEPS {
             return Err(wrong(ACTION_COUNT, format!("has {} actions in one episode", state.action_count)));
         }
+        // The next episode's number must exist, too.
+        if state.episode > EPISODE_MOST {
+            return Err(wrong(EPISODE, format!("has an episode {}, and no run gets so far", state.episode)));
+        }
+        if let Some(action) = state.actions().iter().find(|&&action| Action::from_index(action).is_none()) {
+            return Err(wrong(ACTIONS, format!("has an action {action}: there is none")));
+        }
         boundary.environments.push(state);
         let figure = |bytes: &[u8]| {
             let mut value = [0; 8];
             value.copy_from_slice(&bytes[column * 8..][..8]);
             f64::from_le_bytes(value)
         };
+        let [episode_return, discounted_disturbance_m] = [returns, disturbances].map(figure);
+        if !(episode_return.is_finite() && discounted_disturbance_m.is_finite()) {
+            return Err(wrong(RETURN, "or the disturbance is not finite"));
+        }
         boundary.running.push(RunningEpisode {
-            episode_return: figure(returns),
-            discounted_disturbance_m: figure(disturbances),
+            episode_return,
+            discounted_disturbance_m,
             picked_up: picked_up[column] != 0,
         });
     }

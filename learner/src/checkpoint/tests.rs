@@ -194,6 +194,35 @@ fn another_version_is_told_apart_from_a_broken_file() {
     assert!(error.contains(&format!("has schema version 99; this program reads {ours}")), "{error}");
 }
 
+/// A checkpoint can be whole, with all its digests right, and still not be one of ours.
+#[test]
+fn numbers_that_no_run_reaches_are_refused() {
+    let refused = |change: &dyn Fn(&mut Snapshot)| {
+        let folder = tempfile::tempdir().unwrap();
+        let store = store(&folder, 2);
+        let mut saved = snapshot(1);
+        change(&mut saved);
+        store.save(&saved, false).unwrap();
+        store.load().unwrap_err().to_string()
+    };
+    let text = refused(&|saved| saved.boundary.environments[0].episode = u32::MAX);
+    assert!(text.contains("environment.episode") && text.contains("no run gets so far"), "{text}");
+    let text = refused(&|saved| saved.boundary.environments[0].push(200));
+    assert!(text.contains("has an action 200"), "{text}");
+    let text = refused(&|saved| saved.boundary.running[0].episode_return = f64::NAN);
+    assert!(text.contains("not finite"), "{text}");
+    // A manifest that leads elsewhere, as a checkpoint that somebody gives away may have one.
+    let folder = tempfile::tempdir().unwrap();
+    store(&folder, 2).save(&snapshot(1), false).unwrap();
+    let path = folder.path().join("checkpoints/rollout-00000001.json");
+    let manifest = Manifest::read(&path).unwrap();
+    std::fs::write(&path, Manifest { tensors: "../elsewhere".into(), ..manifest }.seal()).unwrap();
+    assert!(read(&path).unwrap_err().to_string().contains("not beside it: ../elsewhere"));
+
+    let text = refused(&|saved| saved.boundary.exchange = u64::MAX);
+    assert!(text.contains("counts to 18446744073709551615"), "{text}");
+}
+
 /// The folder was removed while a learner worked, and made anew for another run.
 #[test]
 fn nothing_is_written_to_the_folder_of_another_run_and_its_checkpoints_are_passed_over() {
@@ -271,6 +300,33 @@ fn one_that_is_to_be_evaluated_is_pinned_before_it_can_be_pruned() {
 
 fn files(folder: &tempfile::TempDir) -> [PathBuf; 2] {
     ["json", "safetensors"].map(|kind| folder.path().join(format!("checkpoints/rollout-00000002.{kind}")))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    /// Bytes that pass every digest, because whoever changed them made the digest anew: they are a state or an error.
+    #[test]
+    fn any_bytes_are_a_state_or_an_error(
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+        in_header: bool,
+        cut in prop::option::weighted(0.2, any::<prop::sample::Index>()),
+    ) {
+        let saved = snapshot(1);
+        let mut bytes = tensors::encode(&saved.agent.tensors, &saved.boundary).unwrap();
+        let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+        let length = if in_header { header } else { bytes.len() };
+        for (place, byte) in changes {
+            bytes[place.index(length)] = byte;
+        }
+        if let Some(cut) = cut {
+            bytes.truncate(cut.index(length));
+        }
+        if let Ok((_, boundary)) = tensors::decode(&bytes, 7) {
+            prop_assert!(boundary.environments.iter().all(|state| state.actions().len() <= 512));
+            prop_assert!(boundary.environments.iter().all(|state| state.episode < u32::MAX));
+        }
+    }
 }
 
 proptest! {

@@ -4,6 +4,7 @@ use super::column_map::ColumnMap;
 use super::statistics::{RolloutStatistics, RunningEpisode};
 use crate::rollout::Outcome;
 use proto::action::{Action, HOLD, NO_ACTION};
+use proto::plausible::{self, Implausible};
 use proto::reward::RewardKind;
 use proto::step::{Current, Transition, current_flag, transition_flag};
 use wire::message::EnvironmentState;
@@ -168,10 +169,10 @@ impl Environments {
             )));
         }
         let transition = self.in_flight[column].map(|_| transition);
-        match not_finite(transition, current) {
-            None => Ok(()),
-            Some(problem) => Err(Mismatch { non_finite: true, ..mismatch(problem) }),
-        }
+        plausible::check(transition, current).map_err(|cause| {
+            let problem = format!("at episode {}, step {}, {cause}", current.episode, current.step);
+            Mismatch { non_finite: matches!(cause, Implausible::NotFinite(_)), ..mismatch(problem) }
+        })
     }
 
     /// Records the outcome of the action in flight, if there is one. Call it once for each checked report.
@@ -225,16 +226,4 @@ fn check_transition(state: &EnvironmentState, action: u8, transition: &Transitio
         return Err(format!("an episode ends by Done or by the step limit, and only so; flags {flags:#x}"));
     }
     Ok(())
-}
-
-/// What of a report is not finite, if something is.
-fn not_finite(transition: Option<&Transition>, current: &Current) -> Option<String> {
-    if let Some(Transition { reward: parts, disturbance_m, episode, step, .. }) = transition
-        && !(parts.is_finite() && disturbance_m.is_finite())
-    {
-        return Some(format!("its reward at episode {episode}, step {step} is not finite: {parts:?}"));
-    }
-    let Current { wrist_to_object_m, object_to_goal_m, episode, step, .. } = current;
-    let finite = wrist_to_object_m.iter().chain(object_to_goal_m).all(|value| value.is_finite());
-    (!finite).then(|| format!("its goal sensor is not finite at episode {episode}, step {step}"))
 }

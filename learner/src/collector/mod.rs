@@ -43,7 +43,7 @@ use proto::episode::EnvironmentId;
 use proto::stage::RolloutShape;
 use proto::step::{Current, Transition, current_flag};
 use wire::Receipt;
-use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, observation_kind};
+use wire::message::{ActionHeader, EnvironmentState, ObservationHeader, RestoreHeader, can_follow, observation_kind};
 
 /// One actor's observations of one half, in the order of [`ColumnMap::half`].
 pub trait HalfSample {
@@ -293,6 +293,9 @@ impl<S: HalfSample> Collector<S> {
             return Err(ProtocolError::Header(*header));
         };
         let newest = &mut self.actor_incarnations[index as usize];
+        if !can_follow(*newest, actor_incarnation) {
+            return Err(ProtocolError::Header(*header));
+        }
         let outdated = actor_incarnation < *newest;
         *newest = (*newest).max(actor_incarnation);
         match kind {

@@ -448,7 +448,7 @@ fn an_actor_that_disagrees_is_named() {
         (error.to_string(), error.is_non_finite())
     };
     let (not_finite, is_non_finite) = said(broken(&|_, sample| sample.0[0].2.wrist_to_object_m[1] = f32::NAN));
-    assert!(is_non_finite && not_finite.contains("goal sensor is not finite"), "{not_finite}");
+    assert!(is_non_finite && not_finite.contains("vector from wrist to object is not finite"), "{not_finite}");
     let mut text = |message| {
         let (text, is_non_finite) = said(message);
         assert!(!is_non_finite, "{text}");
@@ -467,6 +467,12 @@ fn an_actor_that_disagrees_is_named() {
     assert!(ahead.contains("actor 1 is at exchange 1 of half 1"), "{ahead}");
     let nobody = text(broken(&|header, _| header.actor = 2));
     assert!(nobody.contains("makes no sense"), "{nobody}");
+    let never_started = text(broken(&|header, _| header.actor_incarnation = u32::MAX));
+    assert!(never_started.contains("makes no sense"), "{never_started}");
+    let target = text(broken(&|_, sample| sample.0[0].2.target = 99));
+    assert!(target.contains("target is 99"), "{target}");
+    let far = text(broken(&|_, sample| sample.0[0].2.object_to_goal_m[0] = 1e6));
+    assert!(far.contains("object to goal is 1000000"), "{far}");
 
     // What is right is taken once; a copy, an old learner's and a dead predecessor's change nothing.
     let (header, sample) = sent[1].clone();
@@ -527,6 +533,9 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     assert!(refused(&|transition| transition.step = 1).contains("step 1, action 4; sent was"));
     assert!(refused(&|transition| transition.flags |= transition_flag::ENDED).contains("only so"));
     assert!(refused(&|transition| transition.reward.wrist_object_progress_m = f32::INFINITY).contains("not finite"));
+    assert!(refused(&|transition| transition.wrist_object_m = f32::NAN).contains("not finite"));
+    assert!(refused(&|transition| transition.reward.goal_success = 1000.0).contains("reward for success"));
+    assert!(refused(&|transition| transition.disturbance_m = 3e38).contains("disturbance is"));
     assert_eq!(collector.receive(&header, sample.clone()), Ok(Received::Kept));
     let settled = collector.settle(0);
     assert_eq!((settled.len(), settled[0].t, settled[0].column), (1, 0, 0));

@@ -10,10 +10,84 @@
 #include <torch/csrc/distributed/c10d/ProcessGroupGloo.hpp>
 #include <torch/csrc/distributed/c10d/TCPStore.hpp>
 
+#include <dirent.h>
+#include <linux/filter.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <algorithm>
+#include <cstdlib>
+#include <mutex>
+#include <set>
+
+// A socket of this process. Its number alone can be another one's by tomorrow.
+struct Door {
+    int descriptor;
+    ino_t inode;
+    bool operator<(const Door &other) const {
+        return std::pair(descriptor, inode) < std::pair(other.descriptor, other.inode);
+    }
+};
+
 struct Group {
     c10::intrusive_ptr<c10d::Store> store;
     c10::intrusive_ptr<c10d::ProcessGroupGloo> gloo;
 };
+
+// The sockets of this process that listen at TCP.
+static std::set<Door> open_doors() {
+    DIR *open_files = opendir("/proc/self/fd");
+    TORCH_CHECK(open_files, "cannot read /proc/self/fd");
+    std::set<Door> doors;
+    while (const dirent *entry = readdir(open_files)) {
+        const int descriptor = std::atoi(entry->d_name);
+        const auto option = [&](int name) {
+            int value = 0;
+            socklen_t size = sizeof value;
+            return getsockopt(descriptor, SOL_SOCKET, name, &value, &size) == 0 ? value : -1;
+        };
+        struct stat status;
+        if (option(SO_PROTOCOL) == IPPROTO_TCP && option(SO_ACCEPTCONN) == 1 && fstat(descriptor, &status) == 0) {
+            doors.insert({descriptor, status.st_ino});
+        }
+    }
+    closedir(open_files);
+    return doors;
+}
+
+// A device of Gloo's on `address`, and the socket at which it listens there. Gloo does not name that socket, but opens it while it makes
+// the device: so it is the one that is new afterwards. If another thread opened one at the same moment, there are two,
+// and the next device may tell.
+static std::pair<std::shared_ptr<::gloo::transport::Device>, Door> make_device(const char *address) {
+    // Two groups of one process must not take each other's sockets for their own.
+    static std::mutex one_at_a_time;
+    const std::lock_guard<std::mutex> turn(one_at_a_time);
+    for (int attempt = 0; attempt < 100; ++attempt) {
+        const auto before = open_doors();
+        auto device = c10d::ProcessGroupGloo::createDeviceForHostname(address);
+        const auto after = open_doors();
+        std::vector<Door> opened;
+        std::set_difference(after.begin(), after.end(), before.begin(), before.end(), std::back_inserter(opened));
+        TORCH_CHECK(!opened.empty(), "Gloo's device does not listen");
+        if (opened.size() == 1) {
+            return {std::move(device), opened[0]};
+        }
+    }
+    TORCH_CHECK(false, "other threads open sockets all the time: which one is Gloo's cannot be told");
+}
+
+// Everybody has met: whoever knocks now is none of us. Gloo listens on as long as the group lives, accepts whoever
+// comes, and ends the process when there are no descriptors left. It has no way to close its socket, so the kernel is
+// told to drop what comes in there. Connections that exist are not concerned. A kernel that knows no such filters (that
+// of some sandboxes) leaves the door open.
+static void close_door(const Door &door) {
+    sock_filter drop_all = BPF_STMT(BPF_RET | BPF_K, 0);
+    const sock_fprog filter{1, &drop_all};
+    struct stat status;
+    if (fstat(door.descriptor, &status) == 0 && status.st_ino == door.inode) {
+        setsockopt(door.descriptor, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter);
+    }
+}
 
 // Joins the group that meets in `store`; Gloo listens on `address` alone.
 static Group *join(c10::intrusive_ptr<c10d::Store> store, const char *address, int rank, int size, int64_t joining_ms,
@@ -21,11 +95,13 @@ static Group *join(c10::intrusive_ptr<c10d::Store> store, const char *address, i
     const std::chrono::milliseconds joining(joining_ms), patience(patience_ms);
     store->setTimeout(joining);
     auto options = c10d::ProcessGroupGloo::Options::create(joining);
-    options->devices = {c10d::ProcessGroupGloo::createDeviceForHostname(address)};
+    auto [device, door] = make_device(address);
+    options->devices = {std::move(device)};
     // One operation at a time.
     options->threads = 1;
     auto gloo = c10::make_intrusive<c10d::ProcessGroupGloo>(store, rank, size, options);
     gloo->setTimeout(patience);
+    close_door(door);
     return new Group{std::move(store), std::move(gloo)};
 }
 

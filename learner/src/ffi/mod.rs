@@ -13,41 +13,102 @@ pub mod library;
 pub mod nccl;
 pub mod warnings;
 
-use proto::camera::FRAME_PIXELS;
+use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use std::ffi::{c_char, c_int};
 use tch::{Device, Kind, TchError, Tensor};
 
-/// The raw frames that a 16-bit tensor on the CPU consists of.
-///
-/// # Panics
-/// If it is not contiguous, not on the CPU, not 16-bit, or not made of whole frames.
-pub fn frames_mut(tensor: &mut Tensor) -> &mut [[u16; FRAME_PIXELS]] {
-    let count = tensor.numel();
-    assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Int16 && tensor.is_contiguous());
-    assert!(count.is_multiple_of(FRAME_PIXELS), "whole frames");
-    // SAFETY: the tensor's memory holds so many 16-bit numbers one after another, lives as long as the tensor that is
-    // borrowed, and every pattern of bits is a number.
-    unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), count / FRAME_PIXELS) }
+/// A 16-bit tensor of raw frames on the CPU that nobody else has: what is written into it is seen by no other tensor.
+#[derive(Debug)]
+pub struct FrameRoom(Tensor);
+
+impl FrameRoom {
+    /// Room for `rows` frames; in pinned memory, which a GPU reads by DMA, if they go to one.
+    pub fn new(rows: i64, device: Device) -> Self {
+        let side = FRAME_SIDE as i64;
+        let room = Tensor::empty([rows, side, side], (Kind::Int16, Device::Cpu));
+        Self(if device.is_cuda() { room.pin_memory(device) } else { room })
+    }
+
+    /// How many frames it holds.
+    pub fn rows(&self) -> i64 {
+        self.0.size()[0]
+    }
+
+    /// Its frames.
+    pub fn frames_mut(&mut self) -> &mut [[u16; FRAME_PIXELS]] {
+        let tensor = &self.0;
+        assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Int16 && tensor.is_contiguous());
+        let count = tensor.numel() / FRAME_PIXELS;
+        if count == 0 {
+            // A tensor of nothing has no memory, and a slice never begins at null.
+            return &mut [];
+        }
+        // SAFETY: the tensor's memory holds so many 16-bit numbers one after another, which libtorch, foreign code, has
+        // allocated: it holds some bytes, and every pattern of bits is a number. `new` made the tensor, and it never
+        // left `self`, so that no other tensor shares the memory; `self` is borrowed as long as the slice lives.
+        unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), count) }
+    }
+
+    /// A copy of the first `rows` frames on a GPU. The copy may go on after the call.
+    ///
+    /// # Panics
+    /// If the device is the CPU: nothing would be copied.
+    pub fn copy_to(&self, device: Device, rows: i64) -> Tensor {
+        assert!(device.is_cuda(), "a copy is made on another device");
+        self.0.narrow(0, 0, rows).to_device_(device, Kind::Int16, true, false)
+    }
+
+    /// The tensor itself.
+    pub fn into_tensor(self) -> Tensor {
+        self.0
+    }
+}
+
+/// A new tensor of 32-bit floating-point numbers on the CPU. `fill` writes them, row-major; those that it leaves out
+/// are whatever was in memory.
+pub fn floats(size: &[i64], fill: impl FnOnce(&mut [f32])) -> Tensor {
+    let tensor = Tensor::empty(size, (Kind::Float, Device::Cpu));
+    assert!(tensor.is_contiguous());
+    if tensor.numel() > 0 {
+        // SAFETY: the tensor's memory holds so many 32-bit numbers one after another, which libtorch, foreign code, has
+        // allocated: it holds some bytes, and every pattern of bits is a number. It is not null, since there are some.
+        // No other tensor shares the memory: this one was made above. The slice ends before the tensor is returned.
+        fill(unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), tensor.numel()) });
+    }
+    tensor
 }
 
 /// The numbers that a 32-bit floating-point tensor on the CPU consists of, row-major.
 ///
+/// # Safety
+/// As long as the slice lives, nothing else reads or writes the memory: no other tensor that shares it, and no GPU.
+///
 /// # Panics
 /// If it is not contiguous, not on the CPU, or of another kind.
-pub fn floats_mut(tensor: &mut Tensor) -> &mut [f32] {
+pub unsafe fn floats_mut(tensor: &mut Tensor) -> &mut [f32] {
     assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Float && tensor.is_contiguous());
+    if tensor.numel() == 0 {
+        return &mut [];
+    }
     // SAFETY: the tensor's memory holds so many 32-bit numbers one after another, lives as long as the tensor that is
-    // borrowed, and every pattern of bits is a number.
+    // borrowed, and every pattern of bits is a number. That nothing else touches it is the caller's promise.
     unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), tensor.numel()) }
 }
 
 /// The raw bytes that a tensor on the CPU consists of.
 ///
+/// # Safety
+/// As for [`floats_mut`].
+///
 /// # Panics
 /// If it is not contiguous, not on the CPU, or not of bytes.
-pub fn bytes_mut(tensor: &mut Tensor) -> &mut [u8] {
+pub unsafe fn bytes_mut(tensor: &mut Tensor) -> &mut [u8] {
     assert!(tensor.device() == Device::Cpu && tensor.kind() == Kind::Uint8 && tensor.is_contiguous());
-    // SAFETY: the tensor's memory holds so many bytes and lives as long as the tensor that is borrowed.
+    if tensor.numel() == 0 {
+        return &mut [];
+    }
+    // SAFETY: the tensor's memory holds so many bytes and lives as long as the tensor that is borrowed. That nothing
+    // else touches it is the caller's promise.
     unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), tensor.numel()) }
 }
 
@@ -59,4 +120,28 @@ fn guarded(call: impl FnOnce(*mut c_char, usize) -> c_int) -> Result<(), TchErro
     }
     let text: Vec<u8> = message.iter().map(|&byte| byte.cast_unsigned()).take_while(|&byte| byte != 0).collect();
     Err(TchError::Torch(String::from_utf8_lossy(&text).into_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tensor_of_nothing_has_an_empty_slice() {
+        assert!(FrameRoom::new(0, Device::Cpu).frames_mut().is_empty());
+        let mut called = false;
+        assert_eq!(floats(&[0, 3], |_| called = true).size(), [0, 3]);
+        assert!(!called, "there is nothing to write");
+    }
+
+    #[test]
+    fn what_is_written_is_in_the_tensor() {
+        let mut room = FrameRoom::new(2, Device::Cpu);
+        room.frames_mut()[1].fill(7);
+        room.frames_mut()[0].fill(3);
+        assert_eq!(room.rows(), 2);
+        assert_eq!(room.into_tensor().sum(Kind::Int64).int64_value(&[]), 10 * FRAME_PIXELS as i64);
+        let numbers = floats(&[2, 2], |numbers| numbers.copy_from_slice(&[1.0, 2.0, 3.0, 4.0]));
+        assert_eq!(numbers.double_value(&[1, 0]), 3.0);
+    }
 }

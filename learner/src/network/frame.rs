@@ -4,7 +4,7 @@
 //! the raw frame and saves pooling again in every epoch. Without pooling the raw 16-bit frame is kept. The mean of
 //! 16-bit numbers over 1, 4 or 16 pixels is exact in f32, so the CPU's and the GPU's way give the same bits.
 
-use crate::ffi;
+use crate::ffi::{self, FrameRoom};
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
 use tch::{Device, Kind, Tensor};
 
@@ -64,12 +64,11 @@ impl FramePreparation {
     pub fn keep(self, frames: &[&RawFrame], staging: &mut Staging) -> Tensor {
         if self.pool > 1 && self.device == Device::Cpu {
             let side = self.side();
-            let mut kept = Tensor::empty([frames.len() as i64, side, side], (Kind::Float, Device::Cpu));
-            let pooled = ffi::floats_mut(&mut kept).chunks_exact_mut((side * side) as usize);
-            for (frame, pooled) in frames.iter().zip(pooled) {
-                pool_frame(frame, self.pool, pooled);
-            }
-            return kept;
+            return ffi::floats(&[frames.len() as i64, side, side], |kept| {
+                for (frame, pooled) in frames.iter().zip(kept.chunks_exact_mut((side * side) as usize)) {
+                    pool_frame(frame, self.pool, pooled);
+                }
+            });
         }
         let raw = staging.upload(frames, self.device);
         if self.pool == 1 {
@@ -88,18 +87,18 @@ impl FramePreparation {
 /// Pinned memory in which frames are gathered before they are copied to a device. A GPU reads it by DMA, several times
 /// as fast as other memory.
 #[derive(Debug, Default)]
-pub struct Staging(Option<Tensor>);
+pub struct Staging(Option<FrameRoom>);
 
 impl Staging {
     /// Frames → i16 \[rows, 224, 224\] on the device. libtorch has no 16-bit unsigned arithmetic; depths end below
     /// 32.767 m, where both kinds agree.
     fn upload(&mut self, frames: &[&RawFrame], device: Device) -> Tensor {
         let mut room = self.room(frames.len(), device);
-        copy_frames(&mut ffi::frames_mut(&mut room)[..frames.len()], frames);
+        copy_frames(&mut room.frames_mut()[..frames.len()], frames);
         if !device.is_cuda() {
-            return room;
+            return room.into_tensor();
         }
-        let raw = room.narrow(0, 0, frames.len() as i64).to_device_(device, Kind::Int16, true, false);
+        let raw = room.copy_to(device, frames.len() as i64);
         self.0 = Some(room);
         raw
     }
@@ -107,7 +106,7 @@ impl Staging {
     /// Frames → the address of the first of them, one after the other, for a GPU to read.
     pub(crate) fn gather(&mut self, frames: &[&RawFrame], device: Device) -> *const RawFrame {
         let mut room = self.room(frames.len(), device);
-        let places = ffi::frames_mut(&mut room);
+        let places = room.frames_mut();
         copy_frames(&mut places[..frames.len()], frames);
         let first = places.as_ptr();
         self.0 = Some(room);
@@ -115,15 +114,10 @@ impl Staging {
     }
 
     /// Takes out the room, if there is enough, or makes it.
-    fn room(&mut self, rows: usize, device: Device) -> Tensor {
-        let (rows, side) = (rows as i64, FRAME_SIDE as i64);
-        match self.0.take() {
-            Some(room) if room.size()[0] >= rows && device.is_cuda() => room,
-            _ => {
-                let room = Tensor::empty([rows, side, side], (Kind::Int16, Device::Cpu));
-                if device.is_cuda() { room.pin_memory(device) } else { room }
-            }
-        }
+    fn room(&mut self, rows: usize, device: Device) -> FrameRoom {
+        let rows = rows as i64;
+        let kept = self.0.take().filter(|room| room.rows() >= rows && device.is_cuda());
+        kept.unwrap_or_else(|| FrameRoom::new(rows, device))
     }
 }
 

@@ -15,23 +15,48 @@ use wire::{
 
 /// A received sample: borrowed from shared memory until it is dropped. A subscriber may hold two of each actor.
 #[derive(Debug)]
-pub struct Sample(IoxSample<Ipc, [Observation], ObservationHeader>);
+pub struct Sample {
+    sample: IoxSample<Ipc, [Observation], ObservationHeader>,
+    /// All but the frames, copied before anything is checked: what lies in shared memory can change between the check
+    /// and the use. Every value of a pixel is sound, so the frames stay where they are.
+    reports: Vec<Report>,
+}
+
+/// What one observation says besides its frame.
+#[derive(Debug)]
+struct Report {
+    environment: u32,
+    transition: Transition,
+    current: Current,
+}
+
+impl Sample {
+    fn of(sample: IoxSample<Ipc, [Observation], ObservationHeader>) -> Self {
+        let report = |observation: &Observation| Report {
+            environment: observation.environment,
+            transition: observation.transition,
+            current: observation.current,
+        };
+        let reports = sample.payload().iter().map(report).collect();
+        Self { sample, reports }
+    }
+}
 
 impl HalfSample for Sample {
     fn len(&self) -> usize {
-        self.0.payload().len()
+        self.reports.len()
     }
     fn environment(&self, i: usize) -> u32 {
-        self.0.payload()[i].environment
+        self.reports[i].environment
     }
     fn transition(&self, i: usize) -> &Transition {
-        &self.0.payload()[i].transition
+        &self.reports[i].transition
     }
     fn current(&self, i: usize) -> &Current {
-        &self.0.payload()[i].current
+        &self.reports[i].current
     }
     fn frame(&self, i: usize) -> &[u16; FRAME_PIXELS] {
-        &self.0.payload()[i].depth_mm
+        &self.sample.payload()[i].depth_mm
     }
 }
 
@@ -99,7 +124,7 @@ impl Ports {
     /// The next observation sample, if one is waiting.
     pub fn receive(&self) -> Result<Option<(ObservationHeader, Sample)>> {
         match self.observations.receive() {
-            Ok(sample) => Ok(sample.map(|sample| (*sample.user_header(), Sample(sample)))),
+            Ok(sample) => Ok(sample.map(|sample| (*sample.user_header(), Sample::of(sample)))),
             // All that is left comes from actors of which two samples are held: it can only be something that was
             // sent twice, and waits until one of those is let go.
             Err(ReceiveError::ExceedsMaxBorrows) => Ok(None),

@@ -6,6 +6,7 @@
 mod algorithm;
 mod auxiliary;
 mod import;
+mod kept;
 mod learners;
 mod network;
 mod probe;

@@ -59,18 +59,28 @@ impl FakeEnvironment {
         self.state.push(action);
         let hash = self.hash();
         let done = action == Action::DoneMidLevel.index();
+        let success = done && hash.is_multiple_of(3);
+        let failed = done && !success;
+        let holding = success || hash.is_multiple_of(2);
+        let picked_up = holding && action == Action::PickUpMidLevel.index();
         let limit = !done && step + 1 == self.max_steps;
         let set = |flag, condition: bool| if condition { flag } else { 0 };
         let flags = transition_flag::VALID
             | set(transition_flag::DONE, done)
-            | set(transition_flag::SUCCESS, done && hash.is_multiple_of(3))
+            | set(transition_flag::SUCCESS, success)
+            | set(transition_flag::ACTION_FAILED, failed)
+            | set(transition_flag::HOLDING, holding)
             | set(transition_flag::TIME_LIMIT, limit)
             | set(transition_flag::ENDED, done || limit)
-            | set(transition_flag::PICKED_UP, hash.is_multiple_of(5));
+            | set(transition_flag::PICKED_UP, picked_up);
+        let one_if = |condition: bool| f32::from(u8::from(condition));
         let reward = RewardParts {
             wrist_object_progress_m: unit(mix([hash, 1])),
+            object_goal_progress_m: 0.0,
             disturbance_progress_m: unit(mix([hash, 2])) * 0.004,
-            ..RewardParts::default()
+            failed_action: one_if(failed),
+            picked_up: one_if(picked_up),
+            goal_success: one_if(success),
         };
         let action = u32::from(action);
         self.transition =

@@ -55,18 +55,35 @@ pub fn run(args: &ImportArgs) -> Result<()> {
     let mut config = args.overrides.resolve(&args.overrides.preset(args.preset.as_deref(), default)?)?;
     let tools = Tools::find()?;
     scenes::check(&config)?;
+    let was_there = folder.root().exists();
     let lock = prepare(&folder, &mut config, &[folder.checkpoints(), folder.recordings()])?;
     // run.toml comes last: a folder without it is no run, whatever happens here.
     let identity = Identity::new()?;
     let imported = take_weights(&args.from, &folder, &identity.id, &tools).and_then(|()| identity.write(&folder));
     drop(lock);
     if imported.is_err() {
-        // It was empty before, so all that is in it is ours.
         let root = folder.root();
-        std::fs::remove_dir_all(root).with_context(|| format!("cannot remove {}", root.display()))?;
+        remove(root, was_there).with_context(|| format!("cannot remove {}", root.display()))?;
     }
     imported.map_err(|error| if defaulted { anyhow!("{error:#}. {}", other_presets(&config)) } else { error })?;
     terminal::note(&format!("`orchestrator resume {}` trains on from these weights", folder.root().display()));
+    Ok(())
+}
+
+/// Removes a folder that was made, or was empty before, so that all in it is ours. One that was there is the user's own
+/// and stays.
+fn remove(root: &Path, was_there: bool) -> std::io::Result<()> {
+    if !was_there {
+        return std::fs::remove_dir_all(root);
+    }
+    for entry in std::fs::read_dir(root)? {
+        let entry = entry?;
+        if entry.file_type()?.is_dir() {
+            std::fs::remove_dir_all(entry.path())?;
+        } else {
+            std::fs::remove_file(entry.path())?;
+        }
+    }
     Ok(())
 }
 
@@ -113,6 +130,20 @@ fn take_weights(from: &Path, folder: &RunFolder, id: &str, tools: &Tools) -> Res
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_folder_of_the_users_own_stays_when_an_import_fails() {
+        let temporary = tempfile::tempdir().unwrap();
+        for was_there in [true, false] {
+            let root = temporary.path().join("run");
+            std::fs::create_dir_all(root.join("logs")).unwrap();
+            std::fs::write(root.join("config.toml"), "seed = 1").unwrap();
+            std::fs::write(root.join("logs/learner.log"), "").unwrap();
+            remove(&root, was_there).unwrap();
+            assert_eq!(root.exists(), was_there);
+            assert!(!was_there || std::fs::read_dir(&root).unwrap().next().is_none());
+        }
+    }
 
     #[test]
     fn of_each_other_network_one_preset_is_named() {

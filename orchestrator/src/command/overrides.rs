@@ -3,6 +3,7 @@
 
 use anyhow::{Context, Result};
 use clap::Args;
+use proto::bounded;
 use proto::config::{Config, Setting};
 use proto::device::Torch;
 use proto::stage::scale_to;
@@ -72,8 +73,7 @@ impl Overrides {
 
     fn preset_in_file(&self) -> Result<Option<String>> {
         let Some(path) = &self.config else { return Ok(None) };
-        let text =
-            std::fs::read_to_string(path).with_context(|| format!("cannot read configuration {}", path.display()))?;
+        let text = bounded::read_text(path).with_context(|| format!("cannot read configuration {}", path.display()))?;
         // A broken file is reported with its line when it is read in earnest.
         let table: Option<toml::Table> = toml::from_str(&text).ok();
         Ok(table.and_then(|table| Some(table.get("preset")?.as_str()?.to_owned())))

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use std::path::PathBuf;
-use wire::fault;
+use wire::{WireAddress, fault};
 
 /// Refuses a folder that holds anything. Where the making of a run was cut off there is nothing to lose: such a folder is
 /// as good as empty.
@@ -55,6 +55,8 @@ pub fn create(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> R
 /// Makes the folder, these folders in it, and everything else but the identity, which makes it a run.
 pub fn prepare(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> Result<RunLock> {
     check_free(folder)?;
+    // All ids are of one length.
+    WireAddress::new(&Identity::new()?.id, 1).check_length()?;
     for path in [folder.root().to_path_buf(), folder.logs()].iter().chain(folders) {
         std::fs::create_dir_all(path).with_context(|| format!("cannot create {}", path.display()))?;
         fault::reach("create.after_folder");

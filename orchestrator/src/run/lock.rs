@@ -30,6 +30,7 @@ pub struct RunLock {
 impl RunLock {
     /// Takes the lock; the error names the holder. Waits a moment: `status` holds it shared for microseconds.
     pub fn acquire(folder: &RunFolder) -> Result<Self> {
+        refuse_links(folder)?;
         let path = folder.orchestrator_lock();
         let file = open_plain(&path, OpenOptions::new().create(true).truncate(false).read(true).write(true))
             .with_context(|| format!("cannot open {}", path.display()))?;
@@ -59,6 +60,21 @@ impl RunLock {
         self.file.rewind()?;
         self.file.write_all(text.as_bytes()).context("orchestrator.lock")
     }
+}
+
+/// Refuses a run whose own folders are links: what is written into them would go elsewhere. The run folder itself may be
+/// one: the user names it.
+fn refuse_links(folder: &RunFolder) -> Result<()> {
+    for path in [folder.checkpoints(), folder.recordings(), folder.logs(), folder.scenes(), folder.validations()] {
+        if path.is_symlink() {
+            bail!(
+                "{} is a link, and a run writes into its own folder only: put a folder there. (To keep a run on another \
+                 disk, let --run name a folder there.)",
+                path.display()
+            );
+        }
+    }
+    Ok(())
 }
 
 /// Whether someone holds a run.
@@ -174,6 +190,23 @@ mod tests {
         assert!(message.contains("orchestrator.lock") && message.contains("a link"), "{message}");
         assert!(holder(&folder).is_err());
         assert_eq!(std::fs::read_to_string(&precious).unwrap(), "precious");
+    }
+
+    #[test]
+    fn a_run_whose_folders_are_links_is_refused() {
+        let (_temporary, folder) = folder();
+        let elsewhere = tempfile::tempdir().unwrap();
+        for path in [folder.checkpoints(), folder.recordings(), folder.logs()] {
+            std::os::unix::fs::symlink(elsewhere.path(), &path).unwrap();
+            let message = RunLock::acquire(&folder).unwrap_err().to_string();
+            assert!(message.contains(&format!("{} is a link", path.display())), "{message}");
+            std::fs::remove_file(&path).unwrap();
+        }
+        assert!(!folder.orchestrator_lock().exists());
+        // The run folder itself may be reached by one.
+        let link = elsewhere.path().join("latest");
+        std::os::unix::fs::symlink(folder.root(), &link).unwrap();
+        RunLock::acquire(&RunFolder::new(&link)).unwrap();
     }
 
     #[test]

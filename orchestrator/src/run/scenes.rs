@@ -4,6 +4,7 @@
 //! This program links no physics: `actor check --scene` reads and judges them.
 
 use crate::preflight::{Finding, programs};
+use crate::process_end::wait_for_child;
 use crate::showing::format::counted;
 use crate::showing::log_line::error_in;
 use crate::showing::terminal;
@@ -12,8 +13,11 @@ use proto::config::Config;
 use proto::kitchen::TargetCategory;
 use proto::run_folder::RunFolder;
 use std::ffi::OsStr;
+use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::thread::JoinHandle;
+use std::time::Duration;
 
 /// Has every scene of the configuration checked; the first that is not sound is the error.
 pub fn check(config: &Config) -> Result<()> {
@@ -67,33 +71,77 @@ pub fn targets(config: &Config) -> Result<Vec<Vec<TargetCategory>>> {
     config.scenes.iter().map(of).collect()
 }
 
+/// A sound scene is judged in seconds, a large one with meshes to decompose in some more.
+const PATIENCE: Duration = Duration::from_mins(3);
+
 /// Has the actor judge a scene, and do what `further` asks if it is sound; returns what it prints. What it complains of
 /// is the error.
 fn ask(program: &Path, scene: &Path, further: &[&OsStr]) -> Result<String> {
-    let output = Command::new(program)
+    ask_within(program, scene, further, PATIENCE)
+}
+
+fn ask_within(program: &Path, scene: &Path, further: &[&OsStr], patience: Duration) -> Result<String> {
+    let mut child = Command::new(program)
         .args(["check", "--scene"])
         .arg(scene)
         .args(further)
         .stdin(Stdio::null())
-        .output()
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
         .with_context(|| format!("cannot start {}", program.display()))?;
-    let said = String::from_utf8_lossy(&output.stderr);
+    let [stdout, stderr] = [heard(child.stdout.take()), heard(child.stderr.take())];
+    let Some(status) = wait_for_child(&mut child, patience)? else {
+        child.kill()?;
+        child.wait()?;
+        bail!(
+            "scene {} cannot be used: it was not judged within {} s; simplify its meshes, or take some out",
+            scene.display(),
+            patience.as_secs()
+        );
+    };
+    let said = stderr.join().unwrap_or_default();
     let said = said.trim_end();
-    if !output.status.success() {
+    if !status.success() {
         let complaint = error_in(said).filter(|error| !error.is_empty()).unwrap_or(said);
-        let complaint = if complaint.is_empty() { output.status.to_string() } else { complaint.to_owned() };
+        let complaint = if complaint.is_empty() { status.to_string() } else { complaint.to_owned() };
         bail!("scene {} cannot be used: {complaint}", scene.display());
     }
     if !said.is_empty() {
         terminal::note(said);
     }
-    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    Ok(stdout.join().unwrap_or_default())
+}
+
+/// Reads a pipe to its end, on a thread of its own. A longer answer than a mebibyte is cut, so that its writer ends.
+fn heard(pipe: Option<impl Read + Send + 'static>) -> JoinHandle<String> {
+    std::thread::spawn(move || {
+        let mut bytes = vec![];
+        if let Some(pipe) = pipe {
+            // A cut answer is judged by what is there.
+            let _ = pipe.take(1 << 20).read_to_end(&mut bytes);
+        }
+        String::from_utf8_lossy(&bytes).into_owned()
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn a_scene_that_is_judged_for_ever_is_given_up() {
+        let temporary = tempfile::tempdir().unwrap();
+        let actor = temporary.path().join("actor");
+        std::fs::write(&actor, "#!/bin/sh\nexec sleep 60\n").unwrap();
+        std::fs::set_permissions(&actor, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let began = std::time::Instant::now();
+        let asked = ask_within(&actor, Path::new("slow.toml"), &[], Duration::from_millis(300));
+        let message = asked.unwrap_err().to_string();
+        assert!(message.contains("slow.toml cannot be used: it was not judged within"), "{message}");
+        assert!(began.elapsed() < Duration::from_secs(30));
+    }
 
     #[test]
     fn every_scene_that_cannot_be_used_is_named_with_what_is_wrong_with_it() {

@@ -3,6 +3,7 @@
 //! A progress line stays below the log: every log line first clears it and then draws it again. Nothing here fails:
 //! when the reader of a pipe has gone or the terminal was closed, a run goes on without being watched.
 
+use proto::printable::printable;
 use std::fs::File;
 use std::io::{IsTerminal, Write};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -59,15 +60,15 @@ pub fn out(line: &str) {
     let mut state = state();
     let drawn = erase(&mut state);
     let mut stdout = std::io::stdout().lock();
-    let _ = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
+    let _ = writeln!(stdout, "{}", printable(line)).and_then(|()| stdout.flush());
     draw(&mut state, drawn);
 }
 
-/// Writes a line to standard error, as it is.
+/// Writes a line to standard error.
 pub fn note(line: &str) {
     let mut state = state();
     let drawn = erase(&mut state);
-    let _ = writeln!(std::io::stderr(), "{line}");
+    let _ = writeln!(std::io::stderr(), "{}", printable(line));
     draw(&mut state, drawn);
 }
 
@@ -143,7 +144,7 @@ fn draw(state: &mut State, lines: Vec<String>) {
     }
     // A wrapped line would be more than one on the screen, and erasing would miss its top.
     let columns = rustix::termios::tcgetwinsize(std::io::stderr()).map_or(80, |size| usize::from(size.ws_col)).max(20);
-    let cut: Vec<String> = lines.iter().map(|line| line.chars().take(columns - 1).collect()).collect();
+    let cut: Vec<String> = lines.iter().map(|line| printable(line).chars().take(columns - 1).collect()).collect();
     let _ = std::io::stderr().write_all(cut.join("\n").as_bytes());
     state.drawn = lines;
 }

@@ -5,6 +5,7 @@ use super::grid::{Point, points};
 use crate::evaluation::subject::network_differences;
 use crate::showing::format::counted;
 use anyhow::{Context, Result, bail, ensure};
+use proto::bounded;
 use proto::config::{Config, check_settings, overlay};
 use proto::stage::{TooFewFrames, scale_to};
 use serde::{Deserialize, Serialize};
@@ -163,7 +164,7 @@ impl Suite {
     /// Reads and judges a file. If there are `seeds`, they take the place of all in the file, in the text that is
     /// returned as well.
     pub fn read(path: &Path, seeds: &[u64]) -> Result<(Self, String)> {
-        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read suite {}", path.display()))?;
+        let text = bounded::read_text(path).with_context(|| format!("cannot read suite {}", path.display()))?;
         let named = || path.display().to_string();
         let text = if seeds.is_empty() { text } else { with_seeds(&text, seeds).with_context(named)? };
         let suite = Self::parse(&text).with_context(named)?;
@@ -218,6 +219,8 @@ impl Planned {
         );
         let seeds = self.seeds.as_ref().unwrap_or(&file.seeds);
         ensure!(!seeds.is_empty(), "no seeds: give the run `seeds`, or the suite");
+        // Before a run is made for each.
+        ensure!(seeds.len() <= RUNS_MAX, "{} seeds; a suite has at most {RUNS_MAX} runs", seeds.len());
         check_keys(&self.config)?;
         let mut keys = file.config.clone();
         overlay(&mut keys, self.config.clone());
@@ -234,6 +237,8 @@ impl Planned {
             );
             let more = self.with_keys(&name, &keys, seeds, file.frames, before);
             // Without a grid the name adds nothing.
+            let runs = before.len() + entries.len() + seeds.len();
+            ensure!(runs <= RUNS_MAX, "{runs} runs so far; a suite has at most {RUNS_MAX}");
             let more = if suffix.is_empty() { more } else { more.with_context(|| format!("grid: {name}")) };
             entries.extend(more?);
         }
@@ -561,6 +566,15 @@ mod tests {
         assert!(key.contains("lerning_rate") && key.contains("did you mean `learning_rate`?"), "{key}");
         assert!(problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nconfig.seed = 3\n").contains("`seeds`"));
         assert!(problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nname = \"../x\"\n").contains("../x"));
+        // Refused before a run is made for each seed: a million would take minutes and the machine's memory.
+        let began = std::time::Instant::now();
+        let seeds: Vec<String> = (0..1_000_000).map(|seed: u32| seed.to_string()).collect();
+        let many = problem(&format!("seeds = [{}]\n[[runs]]\npreset = \"demo\"\n", seeds.join(",")));
+        assert!(many.contains("1000000 seeds; a suite has at most"), "{many}");
+        assert!(began.elapsed().as_secs() < 30);
+        let each = "[[runs]]\npreset = \"demo\"\ngrid = { \"ppo.epochs\" = [1, 2, 3, 4] }\n";
+        let many = problem(&format!("seeds = [{}]\n{each}", seeds[..900].join(",")));
+        assert!(many.contains("runs so far; a suite has at most"), "{many}");
         assert!(problem("seeds = [1]\nsped = 2\n[[runs]]\npreset = \"demo\"\n").contains("sped"));
         let few = problem("seeds = [1]\nframes = 1\n[[runs]]\npreset = \"demo\"\n");
         assert_eq!(few, "[[runs]] number 1, preset `demo`: frames = 1 is too few for 2 stages");

@@ -35,7 +35,7 @@ pub const TOKEN: &str = "STILLROOM_TOKEN";
 pub const TOKEN_FILE: &str = "STILLROOM_TOKEN_FILE";
 /// The variable in which a learner finds what keys in the learners' store begin with.
 const MEETING_KEY: &str = "STILLROOM_MEETING_KEY";
-/// NCCL's own variable for the interface that it uses.
+/// NCCL's own variable for the interface that it uses; `=` asks for exactly that one.
 const NCCL_INTERFACE: &str = "NCCL_SOCKET_IFNAME";
 /// Lines of a child's standard error that are kept for the report of its death.
 const LAST_WORDS: usize = 10;
@@ -124,6 +124,10 @@ impl Launch {
                     let visible = std::env::var(VISIBLE_DEVICES).ok();
                     let device = rank - self.first[0];
                     command.env(VISIBLE_DEVICES, device_name(device as usize, visible.as_deref()));
+                    // All are on this machine: NCCL's sockets need not be open to others.
+                    if self.network.is_none() && std::env::var_os(NCCL_INTERFACE).is_none() {
+                        command.env(NCCL_INTERFACE, "=lo");
+                    }
                 }
                 if let Some(network) = &self.network {
                     network.tell(&mut command, rank);
@@ -357,6 +361,31 @@ async fn next_line(reader: &mut (impl AsyncBufReadExt + Unpin)) -> Option<String
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nccl_of_several_learners_stays_on_the_machine() {
+        let interface = |learners: u32, process: Process| {
+            let programs =
+                Programs { learner: "learner".into(), actor: "actor".into(), learner_environment: Vec::new() };
+            let launch = Launch {
+                programs,
+                learners,
+                threads: 1,
+                evaluates: false,
+                folder: RunFolder::new("run"),
+                address: WireAddress::new("nccl", 1),
+                placement: None,
+                first: [0, 0],
+                network: None,
+            };
+            let command = launch.command(process, 1);
+            let set = command.as_std().get_envs().find(|(name, _)| *name == NCCL_INTERFACE);
+            set.and_then(|(_, value)| Some(value?.to_str()?.to_owned()))
+        };
+        assert_eq!(interface(2, Process::Learner(1)).as_deref(), Some("=lo"));
+        assert_eq!(interface(1, Process::Learner(0)), None);
+        assert_eq!(interface(2, Process::Actor(0)), None);
+    }
 
     #[tokio::test]
     async fn lines_are_cut_and_the_last_needs_no_end() {

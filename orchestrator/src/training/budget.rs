@@ -26,6 +26,7 @@ impl Budget {
     pub fn of(folder: &RunFolder, config: &Config, total: u64) -> Result<Self> {
         let trained = trained(folder)?;
         let new = rebudget(&config.stages, trained, total)?;
+        Config { stages: new.clone(), ..config.clone() }.validate()?;
         Ok(Self { old: config.stages.clone(), new, trained })
     }
 

@@ -3,6 +3,7 @@
 use super::error::{self, ConfigError};
 use super::setting::Setting;
 use super::{CarriedGoal, Config, preset, presets};
+use crate::bounded;
 use crate::run_folder::RunFolder;
 use std::path::Path;
 
@@ -15,8 +16,8 @@ impl Config {
     /// The same, overlaid by single settings, in their order.
     pub fn resolve_set(preset: &str, file: Option<&Path>, settings: &[Setting]) -> Result<Self, ConfigError> {
         let Some(path) = file else { return Self::build(preset, None, settings) };
-        let text = std::fs::read_to_string(path)
-            .map_err(|cause| ConfigError::Unreadable { path: path.to_path_buf(), cause })?;
+        let text =
+            bounded::read_text(path).map_err(|cause| ConfigError::Unreadable { path: path.to_path_buf(), cause })?;
         Self::build(preset, Some((&text, &path.display().to_string())), settings)
     }
 
@@ -57,7 +58,7 @@ impl Config {
     /// The configuration of a run, or of an evaluation, from its folder.
     pub fn of_run(run: &RunFolder) -> Result<Self, ConfigError> {
         let path = run.config();
-        match std::fs::read_to_string(&path) {
+        match bounded::read_text(&path) {
             Ok(text) => Self::from_toml(&text, &path.display().to_string()),
             Err(cause) => Err(ConfigError::Unreadable { path, cause }),
         }

@@ -18,6 +18,10 @@ const MAX_KITCHENS: u32 = 1_000_000;
 /// Procedural kitchens of one evaluation at most.
 const MAX_EVALUATED: u32 = 1000;
 
+/// Stages of a run, and frames of a stage, at most: their sum fits into 63 bits, and a double holds each exactly.
+const STAGES_MOST: usize = 1000;
+const STAGE_FRAMES_MOST: u64 = 1_000_000_000_000_000;
+
 impl Config {
     /// Checks every setting against its range.
     pub fn validate(&self) -> Result<(), ConfigError> {
@@ -134,9 +138,15 @@ impl Config {
             auxiliary.subsample > 0.0 && auxiliary.subsample <= 1.0,
             "must be above 0 and at most 1",
         )?;
-        check("stages", self.stages.len(), !self.stages.is_empty(), "there must be at least one stage")?;
+        let stages = self.stages.len();
+        check("stages", stages, (1..=STAGES_MOST).contains(&stages), "there must be 1 to 1000 stages")?;
         for stage in &self.stages {
-            check("stages.frames", stage.frames, stage.frames > 0, "every stage needs at least one frame")?;
+            check(
+                "stages.frames",
+                stage.frames,
+                (1..=STAGE_FRAMES_MOST).contains(&stage.frames),
+                "every stage needs at least one frame, and at most 1000000000000000",
+            )?;
         }
         Ok(())
     }
@@ -237,6 +247,67 @@ mod tests {
     use super::*;
     use crate::evaluation::ObjectSet;
     use crate::kitchen::TargetCategory;
+
+    /// A line of a configuration with another value, or another key.
+    fn broken(lines: &[String], changes: &[(proptest::sample::Index, String)]) -> String {
+        let mut lines = lines.to_vec();
+        for (place, value) in changes {
+            let place = place.index(lines.len());
+            let line = &mut lines[place];
+            *line = match line.split_once('=') {
+                Some((key, _)) => format!("{key}= {value}"),
+                None => value.clone(),
+            };
+        }
+        lines.join("\n")
+    }
+
+    proptest::proptest! {
+        #![proptest_config(proptest::prelude::ProptestConfig::with_cases(2000))]
+
+        /// Whatever stands in a file: a configuration that can be used, or one error.
+        #[test]
+        fn any_text_is_a_configuration_or_an_error(
+            changes in proptest::collection::vec(
+                (
+                    proptest::prelude::any::<proptest::sample::Index>(),
+                    "-?[0-9]{1,20}|[0-9]e[0-9]{1,3}|nan|inf|-inf|\\[\\]|\\{\\}|\"[a-z]{0,4}\"|true|\\[[a-z]{1,5}\\]",
+                ),
+                1..4,
+            ),
+        ) {
+            let whole = Config::resolve("demo", None).unwrap().to_toml();
+            let lines: Vec<String> = whole.lines().map(str::to_owned).collect();
+            let text = broken(&lines, &changes);
+            for found in [Config::from_toml(&text, "a"), Config::resolve_with("demo", Some((&text, "a")))] {
+                match found {
+                    Ok(config) => {
+                        let again = Config::from_toml(&config.to_toml(), "b").unwrap();
+                        proptest::prop_assert_eq!(&again, &config);
+                        proptest::prop_assert!(crate::stage::total_frames(&config.stages) > 0);
+                        proptest::prop_assert!(crate::stage::position_at(&config.stages, u64::MAX).is_none());
+                    }
+                    Err(error) => proptest::prop_assert!(!error.to_string().is_empty()),
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_frames_of_all_stages_can_be_added_up() {
+        let with = |frames: &[u64]| {
+            let stages: Vec<String> = frames
+                .iter()
+                .map(|frames| format!("[[stages]]\nname = \"a\"\nreward = \"r\"\nframes = {frames}\n"))
+                .collect();
+            Config::from_toml(&stages.concat(), "config.toml").map(|config| crate::stage::total_frames(&config.stages))
+        };
+        assert_eq!(with(&[1_000_000_000_000_000; 1000]).unwrap(), 1_000_000_000_000_000_000);
+        // Each is a number, their sum is none.
+        let message = with(&[i64::MAX as u64; 3]).unwrap_err().to_string();
+        assert!(message.contains("stages.frames") && message.contains("at most 1000000000000000"), "{message}");
+        assert!(with(&[1; 1001]).unwrap_err().to_string().contains("1 to 1000 stages"));
+    }
 
     #[test]
     fn an_evaluation_has_episodes_and_an_actor_for_every_kitchen() {

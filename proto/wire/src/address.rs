@@ -149,6 +149,11 @@ impl WireAddress {
         Ok(())
     }
 
+    /// Whether sockets in the folder of small files can have names at all: their length is limited.
+    pub fn check_length(&self) -> Result<(), WireError> {
+        self.config().map(drop)
+    }
+
     /// Settings of a node that lives here.
     pub(super) fn config(&self) -> Result<Config, WireError> {
         let invalid = || WireError::Address(self.to_string());

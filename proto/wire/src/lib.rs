@@ -50,6 +50,7 @@ mod receipts;
 mod recorded;
 mod services;
 mod shm;
+mod sweeper;
 
 pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id};
 pub use announcer::Announcer;

@@ -142,6 +142,15 @@ impl EnvironmentState {
     }
 }
 
+/// Whether `next` can be the number of a process's start when `last` was the newest known, 0 if none was. A process
+/// that dies 20 times without progress is given up, so a number far ahead is of no process of ours. To believe it would
+/// mean to ignore all that the true one sends.
+pub fn can_follow(last: u32, next: u32) -> bool {
+    const FIRST_MOST: u32 = 1 << 16;
+    const STEP_MOST: u32 = 64;
+    next <= if last == 0 { FIRST_MOST } else { last.saturating_add(STEP_MOST) }
+}
+
 /// Values of [`StageAnnouncement::directive`].
 pub mod directive {
     /// Collect and train on the announced rollout.
@@ -202,6 +211,12 @@ impl Halves {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_start_far_ahead_is_of_no_process_of_ours() {
+        assert!(can_follow(0, 1) && can_follow(0, 300) && can_follow(7, 3) && can_follow(7, 7 + 64));
+        assert!(!can_follow(0, u32::MAX) && !can_follow(7, 7 + 65) && can_follow(u32::MAX, u32::MAX));
+    }
 
     #[test]
     fn halves_cover_all_environments_once() {

@@ -25,6 +25,7 @@ use crate::message::{
     ActionHeader, EnvironmentState, Halves, Observation, ObservationHeader, RestoreHeader, StageAnnouncement,
 };
 use crate::receipts;
+use crate::sweeper::Sweeper;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
@@ -382,6 +383,7 @@ impl ObservationReaders {
 pub struct WireHost {
     wire: Wire,
     address: WireAddress,
+    sweeper: Sweeper,
     _services: Vec<Box<dyn std::any::Any>>,
 }
 
@@ -423,11 +425,11 @@ impl WireHost {
             create!(wire.actions_ready(actor), &actions_ready_name(actor));
         }
         receipts::create(address, shape.shares.actors())?;
-        address.close_to_others().map_err(|cause| WireError::Node {
-            root: address.root().display().to_string(),
-            cause: cause.to_string(),
+        let config = address.config()?;
+        let sweeper = address.close_to_others().and_then(|()| Sweeper::of(config)).map_err(|cause| {
+            WireError::Node { root: address.root().display().to_string(), cause: cause.to_string() }
         })?;
-        Ok(Self { wire, address: address.clone(), _services: held })
+        Ok(Self { wire, address: address.clone(), sweeper, _services: held })
     }
 
     /// The host's own membership, for its ports.
@@ -440,10 +442,10 @@ impl WireHost {
         &self.address
     }
 
-    /// Frees the resources of dead, reaped processes, so that no process stays blocked on them. Returns the number of
-    /// processes cleaned up.
-    pub fn sweep_dead(&self) -> u64 {
-        self.wire.node.try_cleanup_dead_nodes().cleanups
+    /// Frees the resources of dead, reaped processes, so that no process stays blocked on them. Waits for it a second
+    /// at most.
+    pub fn sweep_dead(&self) {
+        self.sweeper.sweep();
     }
 }
 

@@ -37,6 +37,45 @@ fn an_unknown_key_is_named_with_file_line_and_neighbour() {
 }
 
 #[test]
+fn what_is_no_ordinary_file_is_not_read() {
+    let workshop = Workshop::new();
+    assert!(Command::new("mkfifo").arg(workshop.path("pipe.toml")).status().unwrap().success());
+    std::fs::File::create(workshop.path("huge.toml")).unwrap().set_len(100 << 20).unwrap();
+    for (file, problem) in [
+        ("pipe.toml", "pipe.toml: it is not an ordinary file"),
+        ("/dev/zero", "/dev/zero: it is not an ordinary file"),
+        ("huge.toml", "huge.toml: it has more than the 4194304 bytes"),
+    ] {
+        for named in [true, false] {
+            let mut args = vec!["up", "--config", file];
+            args.extend(if named { &["--preset", "demo"][..] } else { &[] });
+            refused(&complete(workshop.orchestrator(&args)), problem);
+        }
+        refused(&complete(workshop.orchestrator(&["suite", file])), problem);
+    }
+}
+
+#[test]
+fn a_terminal_is_given_no_orders_by_a_file() {
+    let workshop = Workshop::new();
+    std::fs::write(workshop.path("loud.toml"), "\"a\\u001b]0;mine\\u0007\\u001b[2J\" = 1\n").unwrap();
+    let printed = complete(workshop.orchestrator(&["up", "--preset", "demo", "--config", "loud.toml"]));
+    refused(&printed, "unknown key `a\\u{1b}]0;mine\\u{7}\\u{1b}[2J`");
+    assert!(!printed.stderr.contains(['\u{1b}', '\u{7}']), "{printed:#?}");
+}
+
+#[test]
+fn a_temporary_folder_with_too_long_a_name() {
+    let workshop = Workshop::new();
+    let long = workshop.path(&"long".repeat(20));
+    std::fs::create_dir(&long).unwrap();
+    let mut command = workshop.up("far", 1, 1, 100);
+    command.env("TMPDIR", &long);
+    refused(&complete(command), "set TMPDIR to a shorter one");
+    assert!(!workshop.path("far").exists(), "nothing is left of a run that never began");
+}
+
+#[test]
 fn more_actors_than_memory_allows() {
     let workshop = Workshop::new();
     refused(&complete(workshop.up("crowd", 512, 256, 1_000_000)), "memory");

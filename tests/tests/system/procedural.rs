@@ -71,7 +71,7 @@ fn killed_and_resumed_it_is_the_same_run_in_the_same_kitchens() {
     assert!(all.iter().all(|kitchen| (1000..1006).contains(kitchen)) && all.len() > 2, "{all:?}");
     for (environment, episodes) in &kitchens {
         // Two episodes each: the rule is a test of its own.
-        assert!(episodes.keys().eq(0..episodes.len() as u64), "{environment}: {episodes:?}");
+        assert!(episodes.keys().copied().eq(0..episodes.len() as u64), "{environment}: {episodes:?}");
         assert!(episodes.iter().all(|(episode, kitchen)| episodes[&(episode / 2 * 2)] == *kitchen), "{episodes:?}");
     }
     let kept = || std::fs::read_dir(run.folder.kitchens()).unwrap().count();

@@ -6,7 +6,7 @@ use super::outline::Outline;
 use super::placed_bodies::{Form, PlacedBodies};
 use super::polyhedron::{Placed, PolyhedronBrush};
 use super::round::{RoundBrush, sphere};
-use super::simd::{LANES, Lanes, as_unwritten};
+use super::simd::{LANES, Lanes};
 use super::view::{Lens, NEAR_M, View, meets_view};
 use crate::kitchen::{Body, BodyRole};
 use rapier3d::math::Pose3;
@@ -78,7 +78,7 @@ impl DepthCamera {
     pub fn render(&mut self, world_from_bodies: &[Pose3], world_from_camera: Pose3, side: usize, depth_mm: &mut [u16]) {
         let view = self.set_up(world_from_bodies, &world_from_camera, side);
         self.view_set_triangles = self.draw(&view, |_| true);
-        self.buffer.finish(as_unwritten(depth_mm));
+        self.buffer.finish(depth_mm);
     }
 
     /// Renders the same frame as [`Self::render`], bit for bit, into memory that need not be initialised, and returns
@@ -95,14 +95,42 @@ impl DepthCamera {
         side: usize,
         depth_mm: &'a mut [MaybeUninit<u16>],
     ) -> &'a [u16] {
+        self.draw_over(backdrop, world_from_bodies, world_from_camera, side);
+        self.buffer.finish_over(&backdrop.frame_mm, depth_mm)
+    }
+
+    /// The same into memory that is initialised.
+    ///
+    /// # Panics
+    /// If there is not one pose a body, or the frame has another size.
+    pub(crate) fn render_over_written(
+        &mut self,
+        backdrop: &mut Backdrop,
+        world_from_bodies: &[Pose3],
+        world_from_camera: Pose3,
+        side: usize,
+        depth_mm: &mut [u16],
+    ) {
+        self.draw_over(backdrop, world_from_bodies, world_from_camera, side);
+        depth_mm.copy_from_slice(&backdrop.frame_mm);
+        self.buffer.put_before(depth_mm);
+    }
+
+    /// Draws what stands before the backdrop, and before that the backdrop where it has changed.
+    fn draw_over(
+        &mut self,
+        backdrop: &mut Backdrop,
+        world_from_bodies: &[Pose3],
+        world_from_camera: Pose3,
+        side: usize,
+    ) {
         let view = self.set_up(world_from_bodies, &world_from_camera, side);
         if backdrop.prepare(&self.scenery.roles, world_from_bodies, &world_from_camera, side) == Redraw::Everything {
             backdrop.view_set_triangles = self.draw(&view, |body| backdrop.holds(body));
-            self.buffer.finish(as_unwritten(&mut backdrop.frame_mm));
+            self.buffer.finish(&mut backdrop.frame_mm);
         }
         let before = self.draw(&view, |body| !backdrop.holds(body));
         self.view_set_triangles = backdrop.view_set_triangles + before;
-        self.buffer.finish_over(&backdrop.frame_mm, depth_mm)
     }
 
     fn set_up(&mut self, world_from_bodies: &[Pose3], world_from_camera: &Pose3, side: usize) -> View {

@@ -5,7 +5,7 @@
 //! its upper to its lower end.
 
 use super::centres::{first_centre, first_centres, least, most};
-use super::simd::{LANES, Lanes, assume_written};
+use super::simd::{LANES, Lanes};
 use super::surface::{Plane, Planes, Surface};
 use std::mem::MaybeUninit;
 
@@ -141,34 +141,37 @@ impl DepthBuffer {
     }
 
     /// Turns the image into millimetres, row-major from the top left, and clears it for the next one.
-    pub fn finish<'a>(&mut self, depth_mm: &'a mut [MaybeUninit<u16>]) -> &'a mut [u16] {
+    pub fn finish(&mut self, depth_mm: &mut [u16]) {
         assert_eq!(depth_mm.len(), self.side * self.side, "the frame is a square of this side");
         let zero = Lanes::splat(0.0);
         for (row, out) in self.inverse_m.chunks_exact_mut(self.groups).zip(depth_mm.chunks_exact_mut(self.side)) {
             for (group, out) in row.iter_mut().zip(out.chunks_mut(LANES)) {
                 let millimetres = millimetres(Lanes::load(group));
                 zero.store(group);
-                if let Ok(out) = <&mut [MaybeUninit<u16>; LANES]>::try_from(&mut *out) {
-                    *out = millimetres.map(MaybeUninit::new);
+                if let Ok(out) = <&mut [u16; LANES]>::try_from(&mut *out) {
+                    *out = millimetres;
                 } else {
                     for (out, value) in out.iter_mut().zip(millimetres) {
-                        out.write(value);
+                        *out = value;
                     }
                 }
             }
         }
         self.drawn = NO_ROWS;
-        assume_written(depth_mm)
+    }
+
+    /// Puts the image before another one in millimetres, into memory that need not be initialised, and clears it for
+    /// the next one.
+    pub fn finish_over<'a>(&mut self, behind_mm: &[u16], depth_mm: &'a mut [MaybeUninit<u16>]) -> &'a mut [u16] {
+        assert_eq!(depth_mm.len(), behind_mm.len(), "the frame is a square of this side");
+        let depth_mm = depth_mm.write_copy_of_slice(behind_mm);
+        self.put_before(depth_mm);
+        depth_mm
     }
 
     /// Puts the image before another one in millimetres, and clears it for the next one.
-    pub fn finish_over<'a>(&mut self, behind_mm: &[u16], depth_mm: &'a mut [MaybeUninit<u16>]) -> &'a mut [u16] {
-        assert_eq!(behind_mm.len(), self.side * self.side, "the picture behind is a square of this side");
-        assert_eq!(depth_mm.len(), behind_mm.len(), "the frame is a square of this side");
-        for (out, &behind) in depth_mm.iter_mut().zip(behind_mm) {
-            out.write(behind);
-        }
-        let depth_mm = assume_written(depth_mm);
+    pub fn put_before(&mut self, depth_mm: &mut [u16]) {
+        assert_eq!(depth_mm.len(), self.side * self.side, "the frame is a square of this side");
         let zero = Lanes::splat(0.0);
         let rows = self.inverse_m.chunks_exact_mut(self.groups).zip(depth_mm.chunks_exact_mut(self.side));
         let [top, bottom] = self.drawn;
@@ -185,7 +188,6 @@ impl DepthBuffer {
             }
         }
         self.drawn = NO_ROWS;
-        depth_mm
     }
 }
 
@@ -236,8 +238,9 @@ mod tests {
     }
 
     fn image(buffer: &mut DepthBuffer) -> Vec<u16> {
-        let mut frame = vec![MaybeUninit::uninit(); buffer.side() * buffer.side()];
-        buffer.finish(&mut frame).to_vec()
+        let mut frame = vec![u16::MAX; buffer.side() * buffer.side()];
+        buffer.finish(&mut frame);
+        frame
     }
 
     #[test]

@@ -50,5 +50,4 @@ mod view;
 
 pub(crate) use backdrop::Backdrop;
 pub use camera::{DepthCamera, Scenery};
-pub(crate) use simd::as_unwritten;
 pub use view::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};

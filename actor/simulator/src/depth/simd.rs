@@ -1,9 +1,8 @@
-//! The unsafe code of the depth camera: eight numbers at once, and memory that is not initialised yet.
+//! The unsafe code of the depth camera: eight numbers at once.
 //!
 //! [`Lanes`] has one meaning and two builds: with AVX2, and plain. Every operation is one that IEEE 754 rounds exactly,
 //! nothing is fused and nothing approximated, so both builds give the same bits on every machine.
 
-use std::mem::MaybeUninit;
 use std::ops::{Add, Div, Mul, Sub};
 
 /// Numbers that are worked on at once.
@@ -278,19 +277,6 @@ impl Lanes {
         let a = a.min(a.pick(&[2, 3, 0, 1, 6, 7, 4, 5]));
         a.min(a.pick(&[1, 0, 3, 2, 5, 4, 7, 6])).to_array()[0]
     }
-}
-
-/// Declares a frame written. The caller has written every element: loops over rows and columns without remainder, or a
-/// copy of the whole.
-pub fn assume_written(frame: &mut [MaybeUninit<u16>]) -> &mut [u16] {
-    // SAFETY: MaybeUninit<u16> has the layout of u16, and every element was written.
-    unsafe { &mut *(std::ptr::from_mut(frame) as *mut [u16]) }
-}
-
-/// Written memory as memory that need not be.
-pub fn as_unwritten(frame: &mut [u16]) -> &mut [MaybeUninit<u16>] {
-    // SAFETY: MaybeUninit<u16> has the layout of u16. This crate's callers only write initialised values to it.
-    unsafe { &mut *(std::ptr::from_mut(frame) as *mut [MaybeUninit<u16>]) }
 }
 
 #[cfg(all(test, target_feature = "avx2"))]

@@ -4,9 +4,11 @@
 //! them.
 
 use super::mirror;
+use super::sound::{self, FILE_BYTES_MOST, NODES_MOST, VERTICES_MOST};
 use base64::Engine;
 use gltf::buffer::Source;
 use gltf::mesh::Mode;
+use proto::bounded;
 use rapier3d::math::{Pose3, Rot3, Vec3};
 use std::path::{Component, Path, PathBuf};
 
@@ -107,26 +109,35 @@ impl Document {
     /// Reads a file.
     pub fn open(path: &Path) -> Result<Self, DocumentError> {
         let file = || path.to_path_buf();
-        let bytes = std::fs::read(path).map_err(|cause| DocumentError::Unreadable { file: file(), cause })?;
-        let unsound = |error: gltf::Error| DocumentError::Unsound { file: file(), problem: error.to_string() };
-        let parsed = gltf::Gltf::from_slice(&bytes).map_err(unsound)?;
+        let bytes =
+            bounded::read(path, FILE_BYTES_MOST).map_err(|cause| DocumentError::Unreadable { file: file(), cause })?;
+        let unsound = |problem| DocumentError::Unsound { file: file(), problem };
+        let (parsed, mut blob) = sound::parse(&bytes).map_err(unsound)?;
+        drop(bytes);
         if let Some(extension) = parsed.extensions_required().next() {
             return Err(DocumentError::Extension { file: file(), extension: extension.to_owned() });
         }
-        let mut reader = Reader { path, files: Vec::new(), buffers: Vec::new(), nodes: Vec::new() };
+        let mut reader = Reader { path, files: Vec::new(), buffers: Vec::new(), nodes: Vec::new(), vertices: 0 };
         reader.files.extend(path.file_name().map(PathBuf::from));
-        let mut blob = parsed.blob.clone();
         for buffer in parsed.buffers() {
             let data = reader.buffer(&buffer, &mut blob)?;
             reader.buffers.push(data);
         }
         let scene = parsed.default_scene().or_else(|| parsed.scenes().next());
-        let scene = scene.ok_or_else(|| DocumentError::Unsound { file: file(), problem: "it has no scene".into() })?;
-        for node in scene.nodes() {
-            reader.node(&node, None, &Affine::identity())?;
-        }
+        let scene = scene.ok_or_else(|| unsound("it has no scene".into()))?;
+        reader.tree(scene.nodes(), parsed.nodes().len())?;
         Ok(Self { nodes: reader.nodes, files: reader.files })
     }
+}
+
+/// What is farther from the scene's origin, or from its node's, was not made in metres.
+const FARTHEST_M: f64 = 1000.0;
+const TOO_FAR: &str = "lies or reaches more than 1 km away: glTF counts in metres; scale the scene or move it to its \
+                       origin";
+
+/// A node's name, or its number.
+fn name_of(node: &gltf::Node<'_>) -> String {
+    node.name().map_or_else(|| format!("node-{}", node.index()), str::to_owned)
 }
 
 struct Reader<'a> {
@@ -134,6 +145,8 @@ struct Reader<'a> {
     files: Vec<PathBuf>,
     buffers: Vec<Vec<u8>>,
     nodes: Vec<Node>,
+    /// Vertices and corners of all nodes so far.
+    vertices: usize,
 }
 
 impl Reader<'_> {
@@ -169,17 +182,47 @@ impl Reader<'_> {
             return Err("it lies outside of the file's folder".to_owned());
         }
         let folder = self.path.parent().unwrap_or(Path::new(""));
-        let bytes = std::fs::read(folder.join(&relative)).map_err(|error| error.to_string())?;
+        let bytes = bounded::read(&folder.join(&relative), FILE_BYTES_MOST).map_err(|error| error.to_string())?;
         self.files.push(relative);
         Ok(bytes)
     }
 
-    fn node(&mut self, node: &gltf::Node<'_>, parent: Option<usize>, above: &Affine) -> Result<(), DocumentError> {
+    /// Reads the nodes of a scene, parents before children. `count`: nodes of the file.
+    fn tree<'a>(&mut self, roots: impl Iterator<Item = gltf::Node<'a>>, count: usize) -> Result<(), DocumentError> {
+        let unsound = |problem| DocumentError::Unsound { file: self.path.to_path_buf(), problem };
+        if count > NODES_MOST {
+            return Err(unsound(format!("it has {count} nodes, more than {NODES_MOST}: join what is one thing")));
+        }
+        // In a tree each node is met once. In a circle, or where two nodes share a child, one is met again.
+        let mut met = vec![false; count];
+        // The next one is the last in the list. Not by recursion: a file may nest as deeply as it likes.
+        let mut waiting: Vec<_> = roots.map(|node| (node, None, Affine::identity())).collect();
+        waiting.reverse();
+        while let Some((node, parent, above)) = waiting.pop() {
+            if std::mem::replace(&mut met[node.index()], true) {
+                let problem = format!("node {} has two parents, or is below itself", name_of(&node));
+                return Err(DocumentError::Unsound { file: self.path.to_path_buf(), problem });
+            }
+            let own = self.nodes.len();
+            let world = self.node(&node, parent, &above)?;
+            let first = waiting.len();
+            waiting.extend(node.children().map(|child| (child, Some(own), world)));
+            waiting[first..].reverse();
+        }
+        Ok(())
+    }
+
+    /// Reads a node without its children; returns how it stands in the scene.
+    fn node(&mut self, node: &gltf::Node<'_>, parent: Option<usize>, above: &Affine) -> Result<Affine, DocumentError> {
         let world = above.after(&Affine::of(node.transform().matrix()));
-        let name = node.name().map_or_else(|| format!("node-{}", node.index()), str::to_owned);
+        let name = name_of(node);
         let problem = |problem| DocumentError::Mesh { file: self.path.to_path_buf(), node: name.clone(), problem };
-        let (pose, rest) = world.split().ok_or_else(|| problem("has no extent: its scale is zero"))?;
+        if !world.translation.iter().all(|v| v.abs() <= FARTHEST_M) {
+            return Err(problem(TOO_FAR));
+        }
+        let (pose, rest) = world.split().ok_or_else(|| problem("has no extent: its scale is zero, or not a number"))?;
         let mut pieces = Vec::new();
+        let mut vertices = self.vertices;
         for primitive in node.mesh().iter().flat_map(gltf::Mesh::primitives) {
             let has_surface = match primitive.mode() {
                 Mode::Triangles => true,
@@ -190,28 +233,41 @@ impl Reader<'_> {
                 Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => false,
             };
             if has_surface {
+                let lengths = |buffer: usize| self.buffers.get(buffer).map(Vec::len);
+                let counts = sound::check(&primitive, &lengths).map_err(problem)?;
+                vertices += counts[0].max(counts[1]);
+                if vertices > VERTICES_MOST {
+                    return Err(problem("makes more than 4000000 vertices or corners in all: simplify the scene"));
+                }
                 pieces.push(self.piece(&primitive, &rest).map_err(problem)?);
             }
         }
-        let own = self.nodes.len();
+        self.vertices = vertices;
         self.nodes.push(Node { name, parent, pose, pieces });
-        for child in node.children() {
-            self.node(&child, Some(own), &world)?;
-        }
-        Ok(())
+        Ok(world)
     }
 
     fn piece(&self, primitive: &gltf::Primitive<'_>, rest: &Affine) -> Result<Piece, &'static str> {
         let data = primitive.reader(|buffer| self.buffers.get(buffer.index()).map(Vec::as_slice));
         let positions = data.read_positions().ok_or("has a mesh whose positions cannot be read")?;
-        let vertices: Vec<Vec3> = positions.map(|position| mirror::vector(rest.point(position))).collect();
-        if vertices.iter().any(|vertex| !vertex.is_finite()) {
-            return Err("has a mesh with a position that is not a number");
+        let mut vertices: Vec<Vec3> = Vec::new();
+        for position in positions {
+            if !position.iter().all(|v| v.is_finite()) {
+                return Err("has a mesh with a position that is not a number");
+            }
+            let vertex = rest.point(position);
+            if vertex.abs().max_element() > FARTHEST_M as f32 {
+                return Err(TOO_FAR);
+            }
+            vertices.push(mirror::vector(vertex));
         }
         let indices: Vec<u32> = match data.read_indices() {
             Some(indices) => indices.into_u32().collect(),
             None => (0..vertices.len() as u32).collect(),
         };
+        if !indices.len().is_multiple_of(3) {
+            return Err("has a mesh whose corners are not three for each triangle");
+        }
         if indices.iter().any(|&index| index as usize >= vertices.len()) {
             return Err("has a mesh with a corner that is no vertex");
         }
@@ -258,13 +314,14 @@ impl Affine {
         let less = |a: [f64; 3], b: [f64; 3], share: f64| [0, 1, 2].map(|i| a[i] - share * b[i]);
         let unit = |a: [f64; 3]| {
             let length = dot(a, a).sqrt();
-            (length > 1e-9).then(|| a.map(|v| v / length))
+            (length > 1e-9 && length.is_finite()).then(|| a.map(|v| v / length))
         };
         // Gram and Schmidt; the third axis by the right hand, so that a mirror goes into the rest.
         let x = unit(self.linear[0])?;
         let y = unit(less(self.linear[1], x, dot(self.linear[1], x)))?;
         let z = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]];
-        if dot(z, self.linear[2]).abs() < 1e-9 {
+        let height = dot(z, self.linear[2]).abs();
+        if height < 1e-9 || !height.is_finite() {
             return None;
         }
         let rest = self.linear.map(|column| [dot(x, column), dot(y, column), dot(z, column)]);

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! mirror    between glTF's right-handed axes and ours
+//! sound     a file is checked before it is read
 //! document  a glTF file's nodes as triangles in our axes
 //! convex    which convex solid a mesh is
 //! decompose a dented mesh as convex pieces
@@ -15,6 +16,9 @@
 mod convex;
 mod decompose;
 pub(crate) mod document;
+#[cfg(test)]
+mod hostile;
 pub mod mirror;
 pub(crate) mod no_solid;
 pub(crate) mod solid;
+mod sound;

@@ -1,8 +1,9 @@
 //! What stands in `scene.toml`.
 
 use super::likeness::nearest;
-use super::problem::Problem;
+use super::problem::{ENTRIES_MOST, Problem};
 use crate::gltf_file::solid::Convex;
+use proto::bounded;
 use serde::{Deserialize, Serialize};
 use std::path::{Component, Path, PathBuf};
 
@@ -78,11 +79,13 @@ const ROLES: &str = "`floor`, `fixed`, `surface`, `movable`, `ignore`";
 impl SceneFile {
     /// Reads a file.
     pub fn open(path: &Path) -> Result<Self, Problem> {
-        let text = std::fs::read_to_string(path).map_err(|cause| Problem::Unreadable { cause: cause.to_string() })?;
-        toml::from_str(&text).map_err(|error: toml::de::Error| Problem::Toml {
+        let text = bounded::read_text(path).map_err(|cause| Problem::Unreadable { cause: cause.to_string() })?;
+        let file: Self = toml::from_str(&text).map_err(|error: toml::de::Error| Problem::Toml {
             line: error.span().map_or(0, |span| text[..span.start].matches('\n').count() + 1),
             problem: in_words(error.message()),
-        })
+        })?;
+        let entries = file.nodes.len();
+        if entries > ENTRIES_MOST { Err(Problem::TooManyEntries { entries }) } else { Ok(file) }
     }
 
     /// The glTF file, relative to this one's folder and inside it: a scene's files travel together.

@@ -25,6 +25,13 @@ impl SceneError {
     }
 }
 
+/// Entries of a scene file at most.
+pub(super) const ENTRIES_MOST: usize = 2000;
+/// Bodies of a scene at most: physics and camera look at each.
+pub(super) const BODIES_MOST: usize = 2000;
+/// Problems that are printed at most.
+const SHOWN_MOST: usize = 50;
+
 impl fmt::Display for SceneError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let file = self.file.display();
@@ -32,10 +39,11 @@ impl fmt::Display for SceneError {
             return write!(f, "{file}: {problem}");
         }
         write!(f, "{file}: {} things are wrong", self.problems.len())?;
-        for problem in &self.problems {
+        for problem in self.problems.iter().take(SHOWN_MOST) {
             write!(f, "\n  {problem}")?;
         }
-        Ok(())
+        let more = self.problems.len().saturating_sub(SHOWN_MOST);
+        if more > 0 { write!(f, "\n  and {more} more") } else { Ok(()) }
     }
 }
 
@@ -57,6 +65,18 @@ pub enum Problem {
         line: usize,
         /// What is wrong.
         problem: String,
+    },
+    /// The TOML file says too much.
+    #[error("has {entries} [[node]] entries, more than {ENTRIES_MOST}: use patterns, `*` stands for any characters")]
+    TooManyEntries {
+        /// How many.
+        entries: usize,
+    },
+    /// The scene has too many bodies.
+    #[error("makes {bodies} bodies, more than {BODIES_MOST}: join what is one thing under one node, or ignore it")]
+    TooManyBodies {
+        /// How many.
+        bodies: usize,
     },
     /// The glTF file lies elsewhere.
     #[error("gltf = \"{gltf}\" lies outside of this file's folder: put it beside it, a scene's files travel together")]

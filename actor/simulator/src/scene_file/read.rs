@@ -2,7 +2,7 @@
 
 use super::file::{Role, SceneFile};
 use super::likeness::nearest;
-use super::problem::{Problem, SceneError, Size};
+use super::problem::{BODIES_MOST, Problem, SceneError, Size};
 use super::roles::{self, Body};
 use super::tops;
 use crate::gltf_file::document::{Document, Node, Piece};
@@ -77,6 +77,9 @@ pub fn read(path: &Path) -> Result<Scene, SceneError> {
     let bodies = roles::assign(&file, &document, &mut problems);
     roles::check_targets(&file, &bodies, &document, &mut problems);
     roles::check_floor_and_surfaces(&file, &bodies, &mut problems);
+    if bodies.len() > BODIES_MOST {
+        return Err(alone(Problem::TooManyBodies { bodies: bodies.len() }));
+    }
     let mut draft = Draft::default();
     for body in &bodies {
         draft.add(body, &document, &mut problems);

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod determinism;
+mod kept;
 mod robot;
 mod support;
 mod task;

@@ -4,6 +4,7 @@ use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
+use proto::plausible;
 use proto::random::{Key, Purpose};
 use proto::step::Transition;
 use simulator::environment::Environment;
@@ -28,8 +29,15 @@ pub fn random_action(kitchen: KitchenId, environment: u32, episode: u32, step: u
     Action::ALL[key.stream().below(20) as usize]
 }
 
+/// Takes an action. The learner refuses reports that cannot be, and ours are never among them.
+pub fn sound_step(environment: &mut Environment, action: Action) -> Transition {
+    let transition = environment.step(action);
+    plausible::check(Some(&transition), &environment.current()).unwrap();
+    transition
+}
+
 /// Takes this many random actions from where the environment is.
 pub fn run(environment: &mut Environment, number: u32, episode: u32, steps: u32) -> Vec<Transition> {
     let kitchen = environment.kitchen().id();
-    (0..steps).map(|step| environment.step(random_action(kitchen, number, episode, step))).collect()
+    (0..steps).map(|index| sound_step(environment, random_action(kitchen, number, episode, index))).collect()
 }

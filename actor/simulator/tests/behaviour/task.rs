@@ -1,6 +1,6 @@
 //! The simulator as a whole: kitchens at rest, and the task itself.
 
-use super::support::{environment, kitchen, random_action, run};
+use super::support::{environment, kitchen, random_action, run, sound_step};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -37,7 +37,7 @@ fn all_kitchens_are_furnished_like_ithor_and_stay_at_rest() {
             for step in 0..200 {
                 // Looking moves nothing but the camera.
                 let action = if step % 2 == 0 { Action::LookDown } else { Action::LookUp };
-                let transition = environment.step(action);
+                let transition = sound_step(&mut environment, action);
                 assert_eq!(transition.disturbance_m, 0.0, "kitchen {id} episode {episode} step {step}");
                 assert_eq!(transition.disturbed_objects, 0);
             }
@@ -155,11 +155,11 @@ fn the_target_can_be_picked_up_and_brought_to_its_goal() {
             while steps < 90
                 && let Some(action) = greedy(&environment, wanted)
             {
-                environment.step(action);
+                sound_step(&mut environment, action);
                 steps += 1;
             }
         }
-        let picked = environment.step(Action::PickUpMidLevel);
+        let picked = sound_step(&mut environment, Action::PickUpMidLevel);
         if picked.flags & transition_flag::PICKED_UP == 0 {
             assert_eq!(picked.reward.failed_action, 1.0);
             continue;
@@ -170,18 +170,18 @@ fn the_target_can_be_picked_up_and_brought_to_its_goal() {
             let current = environment.current();
             Vec3::from_array(current.wrist_position_m) - Vec3::from_array(current.target_position_m)
         };
-        environment.step(Action::MoveArmHeightP);
+        sound_step(&mut environment, Action::MoveArmHeightP);
         for wanted in [goal + Vec3::new(0.0, 0.15, 0.0), goal + Vec3::new(0.0, 0.03, 0.0)] {
             while steps < 180
                 && let Some(action) = greedy(&environment, wanted + hold(&environment))
             {
-                let transition = environment.step(action);
+                let transition = sound_step(&mut environment, action);
                 assert!(transition.flags & transition_flag::HOLDING != 0);
                 steps += 1;
             }
         }
         let away = Vec3::from_array(environment.current().target_position_m) - goal;
-        let done = environment.step(Action::DoneMidLevel);
+        let done = sound_step(&mut environment, Action::DoneMidLevel);
         assert!(done.flags & transition_flag::ENDED != 0);
         let there = away.abs().max_element() <= GOAL_TOLERANCE_M;
         assert_eq!(done.flags & transition_flag::SUCCESS != 0, there);
@@ -203,7 +203,7 @@ fn a_failed_motion_ends_where_it_began() {
         for step in 0..200 {
             let before = *environment.robot();
             let wrist = environment.current().wrist_position_m;
-            let transition = environment.step(random_action(kitchen.id(), 9, episode, step));
+            let transition = sound_step(&mut environment, random_action(kitchen.id(), 9, episode, step));
             if transition.flags & transition_flag::ACTION_FAILED != 0 {
                 failures += 1;
                 assert_eq!(before, *environment.robot());
@@ -253,7 +253,7 @@ fn the_arm_does_not_enter_what_is_fixed() {
         let actions = script.iter().flat_map(|&(action, count)| std::iter::repeat_n(action, count));
         for (step, action) in actions.enumerate() {
             let within_range = environment.robot().after(action).is_some();
-            let moved = environment.step(action);
+            let moved = sound_step(&mut environment, action);
             let depth_m = environment.simulation().depth_in_fixed_m();
             assert!(depth_m <= CONTACT_TOLERANCE_M, "{stand:?}, step {step}, {action:?}: {depth_m} m deep");
             if within_range && moved.flags & transition_flag::ACTION_FAILED != 0 {

@@ -4,5 +4,6 @@
 #![allow(clippy::unwrap_used, clippy::default_trait_access)]
 
 mod damaged;
+mod kept;
 mod maker;
 mod mutated;

@@ -8,7 +8,7 @@
 
 use std::ops::Range;
 use wire::Receipt;
-use wire::message::ObservationHeader;
+use wire::message::{ObservationHeader, can_follow};
 
 /// What a sample is to the recorder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,9 +22,12 @@ pub enum Verdict {
     Repeated,
     /// From before the learner went back.
     Stale,
-    /// It names an actor or a half that does not exist.
+    /// It names an actor, a half or a learner that does not exist, or an exchange far ahead.
     Alien,
 }
+
+/// Exchanges that one sample can be ahead of the last at most.
+const AHEAD_MOST: u64 = 1 << 20;
 
 /// What has been seen of every half of every actor.
 #[derive(Debug)]
@@ -59,6 +62,9 @@ impl Ledger {
         if header.learner_incarnation < seen.learner_incarnation {
             return Verdict::Stale;
         }
+        if !can_follow(seen.learner_incarnation, header.learner_incarnation) {
+            return Verdict::Alien;
+        }
         if header.learner_incarnation > seen.learner_incarnation {
             *seen = Seen { learner_incarnation: header.learner_incarnation, last_step: [None; 2] };
         }
@@ -69,6 +75,7 @@ impl Ledger {
                 Verdict::RestorePoint
             }
             Some(seen) if header.step <= seen => Verdict::Repeated,
+            Some(seen) if header.step - seen > AHEAD_MOST => Verdict::Alien,
             Some(seen) => {
                 self.missed += header.step - seen - 1;
                 *last = Some(header.step);
@@ -125,6 +132,16 @@ mod tests {
         let verdicts = [(0, 1, 0), (1, 1, 0), (0, 2, 0), (1, 1, 1), (1, 2, 0), (1, 2, 1)]
             .map(|(actor, incarnation, step)| ledger.judge(&header(actor, 0, incarnation, step)));
         assert_eq!(verdicts, [RestorePoint, RestorePoint, RestorePoint, News, RestorePoint, News]);
+    }
+
+    #[test]
+    fn numbers_that_cannot_be_do_not_silence_what_comes_after() {
+        use Verdict::{Alien, News, RestorePoint};
+        let mut ledger = Ledger::new(1);
+        let verdicts = [(u32::MAX, 0), (1, 0), (u32::MAX, 1), (1, 1), (1, u64::MAX), (1, 2)]
+            .map(|(incarnation, step)| ledger.judge(&header(0, 0, incarnation, step)));
+        assert_eq!(verdicts, [Alien, RestorePoint, Alien, News, Alien, News]);
+        assert_eq!(ledger.missed(), 0);
     }
 
     #[test]

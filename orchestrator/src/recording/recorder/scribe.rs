@@ -200,7 +200,8 @@ impl Scribe {
         let range = Halves::of(self.shape.environments_per_actor).range(header.half);
         for (index, observation) in range.zip(observations) {
             let environment = first as usize + index;
-            let transition = &observation.transition;
+            // Copied once: what lies in shared memory can change meanwhile.
+            let (transition, current) = (&{ observation.transition }, &{ observation.current });
             let taken = Some((header.learner_incarnation, transition.episode, transition.step));
             if transition.flags & transition_flag::VALID != 0 && self.environments[environment].taken != taken {
                 // At a restore point, too: there the transition is old, but a HOLD may follow.
@@ -213,7 +214,6 @@ impl Scribe {
                     }
                 }
             }
-            let current = &observation.current;
             let described = Some((header.learner_incarnation, current.episode, current.step));
             if self.environments[environment].described == described {
                 continue;

@@ -90,7 +90,9 @@ fn drain(subscribers: &[ObservationSubscriber], desk: &mut Desk<'_>) -> Result<u
             .map_err(|cause| WireError::Port { service: "observations".to_owned(), cause: format!("{cause:?}") })?
         {
             fault::reach("recorder.after_receive");
-            desk.sample(sample.user_header(), sample.payload());
+            // Copied once, then checked: what lies in shared memory can change meanwhile.
+            let header = *sample.user_header();
+            desk.sample(&header, sample.payload());
             taken += 1;
         }
     }

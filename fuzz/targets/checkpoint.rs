@@ -1,0 +1,6 @@
+#![no_main]
+
+#[path = "../src/checkpoint.rs"]
+mod checkpoint;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| checkpoint::take(bytes));
