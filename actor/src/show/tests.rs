@@ -5,7 +5,7 @@ use std::io::{BufReader, Read};
 
 /// The episode that these actions make of a run's first, with a state hash that is wrong after step `wrong`.
 fn recorded(config: &Config, actions: &[Action], wrong: Option<usize>) -> RecordedEpisode {
-    let id = EnvironmentId { kitchen: config.kitchens().of_actor(0), number: 0 };
+    let id = EnvironmentId { kitchen: config.kitchens().of_actor(0).unwrap(), number: 0 };
     let kitchen = Arc::new(source::of_run(id.kitchen, config, &PathBuf::new()).unwrap());
     let programme = Programme::of(config, &kitchen).unwrap();
     let mut environment = programme.environment(&kitchen, id, config).unwrap();
