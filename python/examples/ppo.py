@@ -49,7 +49,7 @@ def main() -> None:
                     network.coordinates(torch.from_numpy(observations["goal"])),
                     (torch.from_numpy(observations["previous_action"]) + 1) % (network.actions + 1),
                 )
-                log_prob, value, belief = act(network, kept, belief, start)
+                log_prob, value, belief = judge(network, network.embed(*kept), belief, start)
                 action = torch.distributions.Categorical(logits=log_prob).sample()
             observations, reward, terminated, truncated, infos = env.step(action.numpy())
             seen.append(kept), starts.append(start), actions.append(action), values.append(value)
@@ -70,7 +70,7 @@ def main() -> None:
                 network.coordinates(torch.from_numpy(observations["goal"])),
                 (torch.from_numpy(observations["previous_action"]) + 1) % (network.actions + 1),
             )
-            _, bootstrap, _ = act(network, kept, belief, start)
+            _, bootstrap, _ = judge(network, network.embed(*kept), belief, start)
         advantages, carry, after = [], torch.zeros(ENVIRONMENTS), bootstrap
         for t in reversed(range(LENGTH)):
             goes_on = (~dones[t]).float()
@@ -83,9 +83,11 @@ def main() -> None:
         weight = torch.stack(valid).float()
         # Update: through time from the rollout's first belief ---------------------------------------------------------
         for _ in range(EPOCHS):
+            # The encoder sees all steps at once, only the belief goes from step to step.
+            embedded = network.embed(*(torch.cat(part) for part in zip(*seen, strict=True)))
             belief_now, outputs = first_belief, []
-            for t in range(LENGTH):
-                log_prob, value, belief_now = act(network, seen[t], belief_now, starts[t])
+            for t, rows in enumerate(embedded.split(ENVIRONMENTS)):
+                log_prob, value, belief_now = judge(network, rows, belief_now, starts[t])
                 outputs.append((log_prob, value))
             log_prob, value = (torch.stack(part) for part in zip(*outputs, strict=True))
             chosen = log_prob.gather(2, torch.stack(actions)[:, :, None])[:, :, 0]
@@ -104,11 +106,10 @@ def main() -> None:
         print(f"{frames:7} frames  loss {loss.item():8.4f}  return of the last 20 episodes {mean:6.2f}  {speed:5.0f}/s")
 
 
-def act(
-    network: Network, kept: tuple[torch.Tensor, ...], belief: torch.Tensor, start: torch.Tensor
+def judge(
+    network: Network, embedded: torch.Tensor, belief: torch.Tensor, start: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Log-probabilities, values and beliefs; the belief is zeroed where an episode starts."""
-    embedded = network.embed(*kept)
     gru = network.belief
     belief = torch.where(start[:, None], torch.zeros_like(belief), belief)
     belief = torch.gru_cell(embedded, belief, gru.weight_ih_l0, gru.weight_hh_l0, gru.bias_ih_l0, gru.bias_hh_l0)

@@ -185,16 +185,16 @@ impl Batch {
                 return Ok(report_of(place, settings, true, None));
             }
             place.step(actions[index]);
-            let mut last = None;
-            let done = report_of(place, settings, false, None);
+            let mut report = report_of(place, settings, false, None);
             if autoreset == Autoreset::SameStep && place.ended() {
                 let mut depth_mm = vec![0; side * side];
                 worker.look(place, side, &mut Frame::Millimetres(&mut depth_mm));
-                last = Some((depth_mm, done.seen));
+                let last = Some((depth_mm, report.seen));
                 place.begin(place.next()).map_err(value_error)?;
+                report = Report { done: report.done, ..report_of(place, settings, false, last) };
             }
             worker.look(place, side, frame);
-            Ok(Report { done: done.done, ..report_of(place, settings, false, last) })
+            Ok(report)
         })?;
         self.put(py, &reports)?;
         self.told(py, &reports)

@@ -62,7 +62,7 @@ pub fn table<'py>(py: Python<'py>, rows: &[Facts]) -> PyResult<Bound<'py, PyDict
     let table = PyDict::new(py);
     table.set_item("state_hash", column(py, rows, |facts| facts.state_hash))?;
     for (name, figure) in [
-        ("episode", (|facts| facts.episode) as fn(&Facts) -> i64),
+        ("episode_number", (|facts| facts.episode) as fn(&Facts) -> i64),
         ("step", |facts| facts.step),
         ("target", |facts| facts.target),
         ("disturbed_objects", |facts| facts.disturbed_objects),

@@ -46,7 +46,7 @@ def test_seeds_and_numbers_choose_episodes(kitchens: dict) -> None:
     assert len(set(hashes)) == 3
     for number in (2, 0, 1):
         _, info = env.reset(seed=5, options={"episode": number})
-        assert (info["state_hash"], info["episode"]) == (hashes[number], number)
+        assert (info["state_hash"], info["episode_number"]) == (hashes[number], number)
     assert stillroom.ArmPointNav(kitchens[1], number=1).reset(seed=5)[1]["state_hash"] not in hashes
     fresh = {stillroom.ArmPointNav(kitchens[1]).reset()[1]["state_hash"] for _ in range(2)}
     assert len(fresh) == 2, "without a seed episodes are random"

@@ -55,7 +55,7 @@ def test_many_are_as_each_alone(kitchens: dict, threads: int) -> None:
             ended[index] = bool(result[1] or result[2])
             assert same(observation, row(observations, index))
             assert tuple(result) == (rewards[index], terminated[index], truncated[index])
-            for name in ("state_hash", "episode", "step", "success", "disturbance_m", "wrist_object_m"):
+            for name in ("state_hash", "episode_number", "step", "success", "disturbance_m", "wrist_object_m"):
                 assert infos[name][index] == info[name], name
             assert stillroom.TARGETS[infos["target"][index]] == info["target"]
             assert many.displacement_m(index) == info["displacement_m"]

@@ -44,8 +44,8 @@ class Info(TypedDict):
 
     state_hash: int
     """64 bits: equal for equal states. The same seed, episode and actions give the same hashes as in training."""
-    episode: int
-    """Number of the episode."""
+    episode_number: int
+    """Number of the episode. (`episode` is the key of Gymnasium's and Stable-Baselines3's statistics.)"""
     step: int
     """Actions taken in the episode."""
     target: str
