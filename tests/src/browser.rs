@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 /// How long the browser may take to answer, and the page to get where it is waited for.
-const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_mins(2);
 /// Names of the browser.
 const PROGRAMS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 
@@ -134,9 +134,11 @@ impl Browser {
     /// If it does not become so; says what the page shows then.
     pub fn wait_for(&mut self, expression: &str) {
         let begun = Instant::now();
-        while self.value(&format!("Boolean({expression})")) != true {
+        // While a page loads there is nothing that an expression could be about.
+        let probe = format!("(() => {{ try {{ return Boolean({expression}); }} catch {{ return false; }} }})()");
+        while self.value(&probe) != true {
             if begun.elapsed() > PATIENCE {
-                let text = self.value("document.body.innerText");
+                let text = self.value("document.body?.innerText");
                 panic!("never true: {expression}\n{}\ncomplaints: {:#?}", text.as_str().unwrap_or(""), self.complaints);
             }
             std::thread::sleep(Duration::from_millis(100));

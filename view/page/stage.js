@@ -121,13 +121,19 @@ class OrbitView {
     return this.stage.address({ view: "orbit", step: this.step, width, height: (width * 3) / 4, fine, x: round(x), y: round(y), z: round(z), radius: round(radius), yaw: round(yaw), pitch: round(pitch) });
   }
 
-  /** A draft at once, and soft light when nothing has changed for a moment. */
+  /** A draft at once, and soft light when nothing has changed for a moment after it. */
   draw() {
     clearTimeout(this.timer);
     const { signal } = this.stage;
     const failed = (error) => this.stage.fail(error);
-    this.painter.paint(this.address(false), signal).then((painted) => { if (painted) this.canvas.dataset.step = String(this.step); }, failed);
-    this.timer = setTimeout(() => this.painter.paint(this.address(true), signal).then((painted) => { if (painted) this.canvas.dataset.fine = String(this.step); }, failed), 350);
+    const refine = () => this.painter.paint(this.address(true), signal).then((painted) => { if (painted) this.canvas.dataset.fine = String(this.step); }, failed);
+    this.painter.paint(this.address(false), signal).then((painted) => {
+      // Of those that were overtaken the newest draws on.
+      if (!painted) return;
+      this.canvas.dataset.step = String(this.step);
+      clearTimeout(this.timer);
+      this.timer = setTimeout(refine, 350);
+    }, failed);
   }
 }
 

@@ -82,7 +82,7 @@ impl Epoch {
             seed: self.seed,
             purpose,
             // The key has no field for the epoch, and no kitchen applies here: the epoch uses the kitchen's field.
-            kitchen: self.epoch as u32,
+            kitchen: self.epoch,
             environment: (self.first_column + column) as u32,
             episode: self.rollout as u32,
             step: step as u32,

@@ -297,25 +297,15 @@ impl Shelf {
         // Names hold incarnation and segment with leading zeros: their order is that of time.
         found.sort();
         for (path, length) in found {
-            match self.volumes.iter_mut().find(|volume| volume.path == path) {
-                Some(volume) => {
-                    volume.caught_up &= volume.length == length;
-                    volume.length = length;
-                }
-                None => {
-                    let offset = mcap::MAGIC.len() as u64;
-                    let channels = HashMap::new();
-                    self.volumes.push(Volume {
-                        path,
-                        offset,
-                        length,
-                        channels,
-                        config: None,
-                        given_up: false,
-                        caught_up: false,
-                    });
-                }
+            if let Some(volume) = self.volumes.iter_mut().find(|volume| volume.path == path) {
+                volume.caught_up &= volume.length == length;
+                volume.length = length;
+                continue;
             }
+            let offset = mcap::MAGIC.len() as u64;
+            let channels = HashMap::new();
+            let (given_up, caught_up) = (false, false);
+            self.volumes.push(Volume { path, offset, length, channels, config: None, given_up, caught_up });
         }
     }
 

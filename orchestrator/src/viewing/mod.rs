@@ -112,6 +112,6 @@ impl Runs for Gallery {
     }
 
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
-        self.with(run, |watched| watched.newest(kitchen, environment))
+        self.with(run, |watched| Ok(watched.newest(kitchen, environment)))
     }
 }

@@ -286,20 +286,14 @@ impl Watched {
             played.iter().map(|record| table::row_of_record(record, &recorded)).collect()
         } else {
             sources = self.sources();
-            match RolloutName::Folder.rollout_of(Path::new(&query.source)) {
-                Some(rollout) => {
-                    let records = records_in(&result_folder(&self.folder, rollout))?;
-                    records.iter().map(|record| table::row_of_record(record, &HashMap::new())).collect()
-                }
-                None => {
-                    let mut ended: Vec<(u64, EpisodeRow)> = self
-                        .shelf
-                        .episodes()
-                        .filter_map(|(key, shelved)| Some((shelved.order, table::row_of_shelved(key, shelved)?)))
-                        .collect();
-                    ended.sort_unstable_by_key(|(order, _)| *order);
-                    ended.into_iter().map(|(_, row)| row).collect()
-                }
+            if let Some(rollout) = RolloutName::Folder.rollout_of(Path::new(&query.source)) {
+                let records = records_in(&result_folder(&self.folder, rollout))?;
+                records.iter().map(|record| table::row_of_record(record, &HashMap::new())).collect()
+            } else {
+                let of = |(key, shelved): (_, &Shelved)| Some((shelved.order, table::row_of_shelved(key, shelved)?));
+                let mut ended: Vec<(u64, EpisodeRow)> = self.shelf.episodes().filter_map(of).collect();
+                ended.sort_unstable_by_key(|(order, _)| *order);
+                ended.into_iter().map(|(_, row)| row).collect()
             }
         };
         let page = table::page(rows, query);
@@ -323,10 +317,10 @@ impl Watched {
     }
 
     /// The newest episode of an environment, if anything was recorded of it.
-    pub fn newest(&mut self, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>> {
+    pub fn newest(&mut self, kitchen: u32, environment: u32) -> Option<EpisodeKey> {
         self.shelf.advance(LOOK);
-        let newest = self.shelf.last_of(kitchen, environment);
-        Ok(newest.map(|(kitchen, environment, episode)| EpisodeKey { kitchen, environment, episode }))
+        let (kitchen, environment, episode) = self.shelf.last_of(kitchen, environment)?;
+        Some(EpisodeKey { kitchen, environment, episode })
     }
 
     fn read_metrics(&mut self) -> Result<()> {

@@ -137,10 +137,11 @@ fn only_keys(browser: &mut Browser) {
     browser.press("Enter");
     browser.wait_for("document.querySelector('canvas.orbit')?.dataset.step === '0'");
     tab_to(browser, "canvas.orbit");
+    browser.wait_for("document.querySelector('canvas.orbit').dataset.fine === '0'");
     let before = pixels(browser, "canvas.orbit").1;
-    browser.value("delete document.querySelector('canvas.orbit').dataset.step");
+    browser.value("delete document.querySelector('canvas.orbit').dataset.fine");
     browser.press("ArrowLeft");
-    browser.wait_for("document.querySelector('canvas.orbit').dataset.step === '0'");
+    browser.wait_for("document.querySelector('canvas.orbit').dataset.fine === '0'");
     assert_ne!(pixels(browser, "canvas.orbit").1, before, "an arrow key turns the camera");
     tab_to(browser, "input[type=range]");
     browser.press("ArrowRight");

@@ -9,7 +9,7 @@ use proto::replay::RecordedEpisode;
 use std::path::PathBuf;
 use std::time::Duration;
 
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_mins(1);
 
 /// Every episode that the shelf can take out.
 fn all(shelf: &shelf::Shelf) -> Vec<RecordedEpisode> {
