@@ -131,7 +131,8 @@ impl Server {
     fn ask(&self, method: &str, path: &str, headers: &[(&str, &str)]) -> Answer {
         let host = headers.iter().any(|(name, _)| *name == "Host");
         let own = if host { String::new() } else { format!("Host: {}\r\n", self.address) };
-        let headers: String = headers.iter().map(|(name, value)| format!("{name}: {value}\r\n")).collect();
+        let headers: Vec<String> = headers.iter().map(|(name, value)| format!("{name}: {value}\r\n")).collect();
+        let headers = headers.concat();
         let request = format!("{method} {path} HTTP/1.1\r\n{own}{headers}Connection: close\r\n\r\n");
         Answer::of(&self.send(request.as_bytes()))
     }
