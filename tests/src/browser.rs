@@ -62,11 +62,11 @@ impl Browser {
         });
         let mut browser =
             Self { child, input, messages, session: String::new(), last: 0, complaints: Vec::new(), _profile: profile };
-        let target = browser.call("Target.createTarget", json!({ "url": "about:blank" }))["targetId"].clone();
-        let attached = browser.call("Target.attachToTarget", json!({ "targetId": target, "flatten": true }));
+        let target = browser.call("Target.createTarget", &json!({ "url": "about:blank" }))["targetId"].clone();
+        let attached = browser.call("Target.attachToTarget", &json!({ "targetId": target, "flatten": true }));
         attached["sessionId"].as_str().expect("a session").clone_into(&mut browser.session);
         for domain in ["Page.enable", "Runtime.enable", "Log.enable"] {
-            browser.call(domain, json!({}));
+            browser.call(domain, &json!({}));
         }
         browser.resize(1280, 900);
         Some(browser)
@@ -76,7 +76,7 @@ impl Browser {
     ///
     /// # Panics
     /// If it fails, or is not answered.
-    pub fn call(&mut self, method: &str, parameters: Value) -> Value {
+    fn call(&mut self, method: &str, parameters: &Value) -> Value {
         self.last += 1;
         let mut call = json!({ "id": self.last, "method": method, "params": parameters });
         if !self.session.is_empty() {
@@ -114,7 +114,7 @@ impl Browser {
 
     /// Opens an address.
     pub fn open(&mut self, address: &str) {
-        self.call("Page.navigate", json!({ "url": address }));
+        self.call("Page.navigate", &json!({ "url": address }));
     }
 
     /// The value of an expression in the page.
@@ -123,7 +123,7 @@ impl Browser {
     /// If it throws.
     pub fn value(&mut self, expression: &str) -> Value {
         let parameters = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
-        let mut result = self.call("Runtime.evaluate", parameters);
+        let mut result = self.call("Runtime.evaluate", &parameters);
         assert!(result["exceptionDetails"].is_null(), "{expression}: {}", result["exceptionDetails"]);
         result["result"]["value"].take()
     }
@@ -166,9 +166,9 @@ impl Browser {
         } else if key.chars().count() == 1 {
             parameters["text"] = json!(key);
         }
-        self.call("Input.dispatchKeyEvent", parameters.clone());
+        self.call("Input.dispatchKeyEvent", &parameters);
         parameters["type"] = json!("keyUp");
-        self.call("Input.dispatchKeyEvent", parameters);
+        self.call("Input.dispatchKeyEvent", &parameters);
     }
 
     /// Drags the mouse over the middle of an element.
@@ -184,7 +184,7 @@ impl Browser {
             let buttons = u8::from(kind != "mouseReleased");
             let parameters =
                 json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1 });
-            self.call("Input.dispatchMouseEvent", parameters);
+            self.call("Input.dispatchMouseEvent", &parameters);
         };
         mouse("mousePressed", x, y);
         for step in 1..=6 {
@@ -197,13 +197,13 @@ impl Browser {
     /// Makes the window this large.
     pub fn resize(&mut self, width: u32, height: u32) {
         let parameters = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
-        self.call("Emulation.setDeviceMetricsOverride", parameters);
+        self.call("Emulation.setDeviceMetricsOverride", &parameters);
     }
 
     /// `light` or `dark`.
     pub fn scheme(&mut self, scheme: &str) {
         let feature = json!({ "name": "prefers-color-scheme", "value": scheme });
-        self.call("Emulation.setEmulatedMedia", json!({ "features": [feature] }));
+        self.call("Emulation.setEmulatedMedia", &json!({ "features": [feature] }));
     }
 
     /// A picture of what is seen, as PNG.
@@ -211,7 +211,7 @@ impl Browser {
     /// # Panics
     /// If there is none.
     pub fn screenshot(&mut self) -> Vec<u8> {
-        let taken = self.call("Page.captureScreenshot", json!({ "format": "png" }));
+        let taken = self.call("Page.captureScreenshot", &json!({ "format": "png" }));
         base64::prelude::BASE64_STANDARD.decode(taken["data"].as_str().expect("a picture")).expect("base64")
     }
 }

@@ -11,25 +11,24 @@ pub struct Asset {
     pub content: &'static [u8],
 }
 
-macro_rules! assets {
-    ($($path:literal $kind:literal $file:literal)*) => {
-        /// All files.
-        pub const ASSETS: &[Asset] =
-            &[$(Asset { path: $path, kind: $kind, content: include_bytes!(concat!("../page/", $file)) }),*];
+macro_rules! asset {
+    ($path:literal, $kind:literal, $file:literal) => {
+        Asset { path: $path, kind: $kind, content: include_bytes!(concat!("../page/", $file)) }
     };
 }
 
-assets! {
-    "/" "text/html; charset=utf-8" "index.html"
-    "/style.css" "text/css; charset=utf-8" "style.css"
-    "/main.js" "text/javascript; charset=utf-8" "main.js"
-    "/dom.js" "text/javascript; charset=utf-8" "dom.js"
-    "/format.js" "text/javascript; charset=utf-8" "format.js"
-    "/chart.js" "text/javascript; charset=utf-8" "chart.js"
-    "/list.js" "text/javascript; charset=utf-8" "list.js"
-    "/run.js" "text/javascript; charset=utf-8" "run.js"
-    "/episodes.js" "text/javascript; charset=utf-8" "episodes.js"
-    "/episode.js" "text/javascript; charset=utf-8" "episode.js"
-    "/stage.js" "text/javascript; charset=utf-8" "stage.js"
-    "/icon.svg" "image/svg+xml" "icon.svg"
-}
+/// All files.
+pub const ASSETS: &[Asset] = &[
+    asset!("/", "text/html; charset=utf-8", "index.html"),
+    asset!("/style.css", "text/css; charset=utf-8", "style.css"),
+    asset!("/main.js", "text/javascript; charset=utf-8", "main.js"),
+    asset!("/dom.js", "text/javascript; charset=utf-8", "dom.js"),
+    asset!("/format.js", "text/javascript; charset=utf-8", "format.js"),
+    asset!("/chart.js", "text/javascript; charset=utf-8", "chart.js"),
+    asset!("/list.js", "text/javascript; charset=utf-8", "list.js"),
+    asset!("/run.js", "text/javascript; charset=utf-8", "run.js"),
+    asset!("/episodes.js", "text/javascript; charset=utf-8", "episodes.js"),
+    asset!("/episode.js", "text/javascript; charset=utf-8", "episode.js"),
+    asset!("/stage.js", "text/javascript; charset=utf-8", "stage.js"),
+    asset!("/icon.svg", "image/svg+xml", "icon.svg"),
+];

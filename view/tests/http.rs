@@ -92,13 +92,14 @@ struct Server {
 
 impl Server {
     fn start(token: Option<&str>) -> Self {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = tempfile::tempdir().expect("a temporary folder");
         let actor = folder.path().join("actor");
-        std::fs::write(&actor, SIMULATOR).unwrap();
-        std::fs::set_permissions(&actor, std::fs::Permissions::from_mode(0o755)).unwrap();
-        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
-        let listener = runtime.block_on(tokio::net::TcpListener::bind("127.0.0.1:0")).unwrap();
-        let address = listener.local_addr().unwrap();
+        std::fs::write(&actor, SIMULATOR).expect("a writable folder");
+        std::fs::set_permissions(&actor, std::fs::Permissions::from_mode(0o755)).expect("a file of ours");
+        let runtime =
+            tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().expect("a runtime");
+        let listener = runtime.block_on(tokio::net::TcpListener::bind("127.0.0.1:0")).expect("a free port");
+        let address = listener.local_addr().expect("an address");
         let runs = Arc::new(One::default());
         let settings = Settings {
             actor,
@@ -112,8 +113,8 @@ impl Server {
     }
 
     fn connect(&self) -> TcpStream {
-        let stream = TcpStream::connect(self.address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        let stream = TcpStream::connect(self.address).expect("the server listens");
+        stream.set_read_timeout(Some(Duration::from_secs(20))).expect("a timeout");
         stream
     }
 
@@ -130,7 +131,8 @@ impl Server {
     fn ask(&self, method: &str, path: &str, headers: &[(&str, &str)]) -> Answer {
         let host = headers.iter().any(|(name, _)| *name == "Host");
         let own = if host { String::new() } else { format!("Host: {}\r\n", self.address) };
-        let headers: String = headers.iter().map(|(name, value)| format!("{name}: {value}\r\n")).collect();
+        let headers: Vec<String> = headers.iter().map(|(name, value)| format!("{name}: {value}\r\n")).collect();
+        let headers = headers.concat();
         let request = format!("{method} {path} HTTP/1.1\r\n{own}{headers}Connection: close\r\n\r\n");
         Answer::of(&self.send(request.as_bytes()))
     }
