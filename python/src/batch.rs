@@ -2,13 +2,14 @@
 //!
 //! Nothing depends on the number of threads: an environment's step is a function of its own state alone.
 
+use crate::error::value_error;
 use crate::facts::{self, Facts};
 use crate::frames::{Frame, Frames};
 use crate::place::{Chosen, Place, Series};
 use crate::room::Kitchen;
 use crate::settings::Settings;
 use crate::snapshot::Snapshot;
-use crate::{state, value_error};
+use crate::state::state;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1};
 use oracle::Variant;
 use proto::action::{Action, NO_ACTION};
@@ -207,7 +208,7 @@ impl Batch {
 
     /// Everything about one environment's moment.
     fn state<'py>(&self, py: Python<'py>, index: usize) -> PyResult<Bound<'py, PyAny>> {
-        Ok(state::state(py, self.place(index)?)?.into_any())
+        Ok(state(py, self.place(index)?)?.into_any())
     }
 
     /// How far each object of an environment is from where it stood at the episode's start, metres.

@@ -8,10 +8,12 @@
 //! frames     depth frames in arrays of numpy
 //! snapshot   a moment to which an environment can return
 //! state      everything about a moment, for users who may know it
+//! error      errors of Rust as those of Python
 //! batch      many environments, stepped by threads while Python's lock is free
 //! ```
 
 mod batch;
+mod error;
 mod facts;
 mod frames;
 mod place;
@@ -25,17 +27,6 @@ use proto::kitchen::{KitchenId, Split, TargetCategory};
 use pyo3::exceptions::{PyImportError, PyValueError};
 use pyo3::prelude::*;
 
-/// What Python gets of an error that the user can mend.
-fn value_error(error: impl std::error::Error) -> PyErr {
-    let mut text = error.to_string();
-    let mut source = error.source();
-    while let Some(cause) = source {
-        text = format!("{text}: {cause}");
-        source = cause.source();
-    }
-    PyValueError::new_err(text)
-}
-
 /// Numbers of the built-in kitchens of a split: `train`, `validation` or `test`.
 #[pyfunction]
 fn kitchens(split: &str) -> PyResult<Vec<u32>> {
@@ -45,7 +36,7 @@ fn kitchens(split: &str) -> PyResult<Vec<u32>> {
         "test" => Split::Test,
         _ => return Err(PyValueError::new_err(format!("`{split}` is none of train, validation, test"))),
     };
-    Ok(KitchenId::of_split(split).into_iter().map(KitchenId::number).collect())
+    Ok(KitchenId::of_split(split).into_iter().map(|kitchen| u32::from(kitchen.number())).collect())
 }
 
 #[pymodule]

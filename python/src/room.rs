@@ -1,6 +1,6 @@
 //! A kitchen that environments share: built once while somebody uses it.
 
-use crate::value_error;
+use crate::error::value_error;
 use proto::config::SimulationConfig;
 use proto::kitchen::KitchenId;
 use pyo3::exceptions::PyValueError;
@@ -82,12 +82,6 @@ impl Room {
     pub fn fixed(&self) -> Result<&[Episode], EpisodesError> {
         self.fixed.get_or_init(|| episodes::fixed(&self.kitchen)).as_deref().map_err(Clone::clone)
     }
-
-    /// The objects that can be moved, in the order of all that is said of them.
-    pub fn objects(&self) -> Vec<String> {
-        let bodies = &self.kitchen.bodies()[self.kitchen.movable_bodies()];
-        bodies.iter().map(|body| body.name.clone()).collect()
-    }
 }
 
 /// A kitchen, built or read. Environments in the same one share it.
@@ -122,7 +116,8 @@ impl Kitchen {
     /// Names of the movable objects, in the order of every array about objects.
     #[getter]
     fn objects(&self) -> Vec<String> {
-        self.room.objects()
+        let kitchen = &self.room.kitchen;
+        kitchen.bodies()[kitchen.movable_bodies()].iter().map(|body| body.name.clone()).collect()
     }
 
     /// Masses of the movable objects, kilograms.

@@ -1,6 +1,6 @@
 //! What an environment is, as Python's keyword arguments say it.
 
-use crate::value_error;
+use crate::error::value_error;
 use proto::action::{Action, ActionSpace};
 use proto::config::{CarriedGoal, Config};
 use proto::reward::RewardKind;

@@ -4,9 +4,9 @@
 //! simulates them again, which takes as long as the first time (about 0.1 ms an action) and gives the same bits; the
 //! state's hash is compared.
 
+use crate::error::value_error;
 use crate::place::{Chosen, Place};
 use crate::room::{Origin, Room};
-use crate::value_error;
 use proto::action::Action;
 use proto::config::{EpisodeConfig, SimulationConfig};
 use pyo3::exceptions::PyValueError;

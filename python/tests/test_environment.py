@@ -162,6 +162,11 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
         env.step(0)
 
 
+def test_kitchens_are_listed_by_their_splits() -> None:
+    assert stillroom.kitchens("test") == [2, 8, 14, 20, 26]
+    assert len(stillroom.kitchens("train")) == 19 and len(stillroom.kitchens("validation")) == 5
+
+
 def test_another_kitchen_is_another_room(kitchens: dict) -> None:
     frames = [stillroom.ArmPointNav(kitchen).reset(seed=1)[0] for kitchen in kitchens.values()]
     assert not same(*frames)

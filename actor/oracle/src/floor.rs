@@ -28,7 +28,7 @@ pub struct Floor<'a> {
 
 impl Floor<'_> {
     /// Distance from the body's axis to the place on the floor plane, metres.
-    pub fn distance_m(&self, at: &Configuration) -> f32 {
+    fn distance_m(&self, at: &Configuration) -> f32 {
         let (x, z) = (self.place.x - at.x_m, self.place.z - at.z_m);
         f32::sqrt(x * x + z * z)
     }

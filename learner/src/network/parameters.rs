@@ -148,7 +148,7 @@ impl Parameters {
     }
 
     /// The flat buffer: writing to it changes the weights. Only between a backward and the next forward.
-    pub fn flat(&self) -> Tensor {
+    pub(crate) fn flat(&self) -> Tensor {
         self.flat.shallow_clone()
     }
 
