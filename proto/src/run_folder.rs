@@ -126,6 +126,7 @@ impl RunFolder {
     }
 
     /// The folder of another host of the run: it holds what is made there, in the same layout.
+    #[must_use]
     pub fn host(&self, host: u32) -> Self {
         Self::new(self.hosts().join(format!("{host:03}")))
     }
