@@ -101,7 +101,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let _lock = Lock::take(&run.learner_lock(rank), lock::PATIENCE, || gone.is_set())?;
 
     let device = device::choose(&config.learner)?;
-    let meeting = meeting(network, &wire, incarnation)?;
+    let meeting = meeting(network.as_ref(), &wire, incarnation)?;
     // libtorch waits for a learner that never comes, and does not notice the lifeline. There is nothing to save yet.
     let joining = gone.end_while_held(|| {
         tracing::error!("the orchestrator is gone before all learners have joined: this learner ends");
@@ -138,8 +138,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
 }
 
 /// Where the learners of this joint start meet: nowhere that dead ones have used.
-fn meeting(network: Option<Network>, wire: &WireAddress, incarnation: u32) -> Result<Meeting> {
-    let Some(Network { store, listener, own, .. }) = network else {
+fn meeting(network: Option<&Network>, wire: &WireAddress, incarnation: u32) -> Result<Meeting> {
+    let Some(&Network { store, listener, own, .. }) = network else {
         return Ok(Meeting::File(wire.root().join(format!("learners-{incarnation}"))));
     };
     let key = std::env::var(MEETING_KEY).with_context(|| format!("the variable {MEETING_KEY} is not set"))?;

@@ -125,10 +125,7 @@ impl<W: Write> Training<'_, W> {
             let before = self.frames;
             let frames = before + collected;
             let rollout = self.rollout;
-            let rank = self.conversation.rank;
-            if self.hosts.leads(rank) {
-                self.conversation.tell(&LearnerEvent::RolloutCollected { rank, rollout, frames, here });
-            }
+            self.tell_collected(frames, here);
             if let Some(end) = self.await_writing()? {
                 return self.break_off(&mut state, end);
             }
@@ -295,6 +292,14 @@ impl<W: Write> Training<'_, W> {
             self.tell_for_all(|rank| LearnerEvent::CheckpointWritten { rank, rollout, frames, path });
         }
         Ok(())
+    }
+
+    /// Says that the rollout is collected: rank 0 for all, and the first learner of each host for its recorder.
+    fn tell_collected(&mut self, frames: u64, here: u64) {
+        let (rank, rollout) = (self.conversation.rank, self.rollout);
+        if self.hosts.leads(rank) {
+            self.conversation.tell(&LearnerEvent::RolloutCollected { rank, rollout, frames, here });
+        }
     }
 
     /// Sends an event on behalf of all learners, if this is rank 0.

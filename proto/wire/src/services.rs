@@ -129,10 +129,8 @@ impl Debug for Wire {
 impl Wire {
     /// Joins under the name of a process, e.g. `actor-03`. Creates no service.
     pub fn join(address: &WireAddress, shape: WireShape, process: &str) -> Result<Self, WireError> {
-        let failed = |cause: &dyn Debug| WireError::Node {
-            root: address.root().display().to_string(),
-            cause: format!("{cause:?}"),
-        };
+        let root = || address.root().display().to_string();
+        let failed = |cause: &dyn Debug| WireError::Node { root: root(), cause: format!("{cause:?}") };
         let node = NodeBuilder::new()
             .name(&NodeName::new(process).map_err(|error| failed(&error))?)
             .config(&address.config()?)
@@ -399,7 +397,7 @@ impl WireHost {
         Self::create_part(address, shape, 0..shape.shares.learners())
     }
 
-    /// Creates those of some learners, which have consecutive ranks, and of their actors: the others are on other hosts.
+    /// Creates those of these learners and of their actors: the others are on other hosts.
     pub fn create_part(address: &WireAddress, shape: WireShape, ranks: Range<u32>) -> Result<Self, WireError> {
         address.create_root()?;
         let wire = Wire::join(address, shape, "orchestrator")?;
@@ -449,9 +447,7 @@ impl WireHost {
     }
 }
 
-/// Name of the service of announcements.
 pub(crate) const STAGE: &str = "stage";
-/// Name of its bell.
 pub(crate) const STAGE_READY: &str = "stage-ready";
 
 fn observations_name(rank: u32) -> String {

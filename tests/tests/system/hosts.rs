@@ -134,7 +134,7 @@ fn two_hosts_train_as_one_and_their_recordings_together_are_the_run() {
 fn a_killed_learner_and_a_killed_actor_of_the_other_host_are_started_again() {
     let hosts = Hosts::new(["first", "second"]);
     let [first, second] = hosts.start();
-    let (run, other) = (hosts.run(), hosts.other());
+    let (run, other) = (hosts.run(), hosts.workshop.run("second"));
     run.wait_for_rollouts(3);
     other.kill_one("--actor 3 ");
     run.wait_for_rollouts(8);
@@ -147,7 +147,7 @@ fn a_killed_learner_and_a_killed_actor_of_the_other_host_are_started_again() {
         "{deaths:?}"
     );
     assert!(finish(second).success);
-    assert!(hosts.workshop.run("second").folder.checkpoints().read_dir().is_err(), "checkpoints are host 0's");
+    assert!(other.folder.checkpoints().read_dir().is_err(), "checkpoints are host 0's");
     hosts.assert_nothing_left();
 }
 
