@@ -27,8 +27,8 @@ pub struct HostFlags {
     /// The network to use here: an interface's name or address [default: the one that reaches the rendezvous]
     #[arg(long, value_name = "NAME|ADDRESS")]
     interface: Option<String>,
-    /// A file with the secret that all hosts of the run share [default: the variable STILLROOM_TOKEN_FILE, or
-    /// STILLROOM_TOKEN with the secret itself]
+    /// A file with the secret that all hosts of the run share [default: the one that the variable `STILLROOM_TOKEN_FILE`
+    /// names, or the secret itself in `STILLROOM_TOKEN`]
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
     /// How long hosts wait for one another at the start, seconds

@@ -252,7 +252,7 @@ impl Work<'_> {
             tokio::select! {
                 heard = self.orders.recv() => match heard {
                     Some(Ok(Order::Dismiss { status, text })) => return Ok((status, text)),
-                    Some(Ok(order)) => self.obey(order)?,
+                    Some(Ok(order)) => self.obey(&order)?,
                     lost => {
                         let why = lost.and_then(Result::err).unwrap_or_else(|| "the link has ended".to_owned());
                         let text = format!("host 0 ({}) was lost: {why}", invitation.name);
@@ -271,8 +271,8 @@ impl Work<'_> {
         }
     }
 
-    fn obey(&mut self, order: Order) -> Result<()> {
-        match order {
+    fn obey(&mut self, order: &Order) -> Result<()> {
+        match *order {
             Order::Spawn { process, incarnation } => {
                 if matches!(process, Process::Learner(_)) {
                     self.learner_incarnation = incarnation;

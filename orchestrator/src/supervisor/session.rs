@@ -131,7 +131,9 @@ impl Session<'_> {
         if let Some(together) = together
             && let [first, rest @ ..] = &together.company.finish(saved, RECORDED).await[..]
         {
-            rest.iter().for_each(|missing| tracing::error!("{missing}"));
+            for missing in rest {
+                tracing::error!("{missing}");
+            }
             recording = recording.and(Err(anyhow::anyhow!("{first}")));
         }
         Ok((outcome?, recording))
