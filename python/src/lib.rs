@@ -36,7 +36,7 @@ fn kitchens(split: &str) -> PyResult<Vec<u32>> {
         "test" => Split::Test,
         _ => return Err(PyValueError::new_err(format!("`{split}` is none of train, validation, test"))),
     };
-    Ok(KitchenId::of_split(split).into_iter().map(|kitchen| u32::from(kitchen.number())).collect())
+    Ok(KitchenId::of_split(split).into_iter().map(KitchenId::number).collect())
 }
 
 #[pymodule]

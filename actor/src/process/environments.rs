@@ -56,14 +56,13 @@ impl Course {
     /// The kitchen, and the next one that the environment goes on to ordered.
     fn kitchen(&mut self, home: EnvironmentId, episode: u32) -> Result<Arc<Kitchen>> {
         let id = self.rota.place(home, episode).kitchen;
-        let kitchen = match self.in_use.get(&id).and_then(Weak::upgrade) {
-            Some(kitchen) => kitchen,
-            None => {
-                let kitchen = Arc::new(self.larder.take(id)?);
-                self.in_use.retain(|_, kitchen| kitchen.strong_count() > 0);
-                self.in_use.insert(id, Arc::downgrade(&kitchen));
-                kitchen
-            }
+        let kitchen = if let Some(kitchen) = self.in_use.get(&id).and_then(Weak::upgrade) {
+            kitchen
+        } else {
+            let kitchen = Arc::new(self.larder.take(id)?);
+            self.in_use.retain(|_, kitchen| kitchen.strong_count() > 0);
+            self.in_use.insert(id, Arc::downgrade(&kitchen));
+            kitchen
         };
         if let Some(next) = self.rota.next_place(home, episode) {
             self.larder.order(next.kitchen);

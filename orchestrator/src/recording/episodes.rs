@@ -263,7 +263,7 @@ impl Collection {
         let setting = &self.settings[config];
         let home =
             KitchenId::new(kitchen).ok().map(|kitchen| setting.home(EnvironmentId { kitchen, number: environment }));
-        if !home.is_some_and(|home| setting.rota.place(home, episode).kitchen.number() == kitchen) {
+        if home.is_none_or(|home| setting.rota.place(home, episode).kitchen.number() != kitchen) {
             return false;
         }
         let newest = home.and_then(|home| self.newest.get(&(home.kitchen.number(), home.number)));

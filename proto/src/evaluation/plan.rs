@@ -115,7 +115,7 @@ impl Plan {
     /// The first number after `number` that an environment plays in another kitchen than that one.
     pub(crate) fn next_kitchen(&self, environment: EnvironmentId, number: u32) -> Option<u32> {
         let now = self.kitchen_of(environment, number)?;
-        (number + 1..)
+        (number + 1..u32::MAX)
             .take_while(|&later| self.dealt(environment, later).is_some())
             .find(|&later| self.kitchen_of(environment, later).is_some_and(|kitchen| kitchen != now))
     }

@@ -52,7 +52,7 @@ fn varints(data: &[u8]) -> BTreeMap<u64, u64> {
         }
     };
     let mut fields = BTreeMap::new();
-    while let Some(tag) = varint().filter(|tag| tag & 7 == 0) {
+    while let Some(tag) = varint().filter(|tag| tag.trailing_zeros() >= 3) {
         let Some(value) = varint() else { break };
         fields.insert(tag >> 3, value);
     }

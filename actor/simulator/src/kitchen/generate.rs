@@ -132,11 +132,11 @@ impl Kitchen {
     /// Generates a kitchen and lets it settle. A procedural one is then made from its [`Preserve`], as it is wherever
     /// one is at hand: there is one way into it.
     pub fn generate(lot: Lot, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
-        if lot.id().is_procedural() { Preserve::make(lot, simulation)?.open() } else { Self::search(lot, simulation) }
+        if lot.id().is_procedural() { Preserve::make(lot, simulation)?.open() } else { Self::search(lot, *simulation) }
     }
 
     /// Draws rooms until one comes to rest with nothing wrong.
-    pub(super) fn search(lot: Lot, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
+    pub(super) fn search(lot: Lot, simulation: SimulationConfig) -> Result<Self, KitchenError> {
         let id = lot.id();
         if id.scene_index().is_some() {
             return Err(KitchenError::NotBuiltIn { kitchen: id });

@@ -58,7 +58,7 @@ pub enum PreserveError {
 impl Preserve {
     /// Finds a kitchen: draws rooms and lets them settle until nothing is wrong.
     pub fn make(lot: Lot, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
-        let kitchen = Kitchen::search(lot, simulation)?;
+        let kitchen = Kitchen::search(lot, *simulation)?;
         let unfit = || KitchenError::Preserve { kitchen: lot.id(), problem: "it cannot be kept".to_owned() };
         let poses = &kitchen.settled_poses[kitchen.movable_bodies()];
         let things = kitchen.bodies[kitchen.movable_bodies()].iter().zip(poses).map(|(body, pose)| {
@@ -214,7 +214,7 @@ mod tests {
         let read = Preserve::from_bytes(&bytes, lot, &simulation).unwrap();
         assert_eq!(read, made);
         // Nothing was lost on the way: robot poses and places are those that were found.
-        let (found, opened) = (Kitchen::search(lot, &simulation).unwrap(), read.open().unwrap());
+        let (found, opened) = (Kitchen::search(lot, simulation).unwrap(), read.open().unwrap());
         assert_eq!(opened.robot_stands(), found.robot_stands());
         for category in TargetCategory::ALL {
             assert_eq!(opened.target_spots(category), found.target_spots(category));
