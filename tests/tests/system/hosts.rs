@@ -30,10 +30,10 @@ struct Hosts {
 impl Hosts {
     fn new(folders: [&'static str; 2]) -> Self {
         let workshop = Workshop::new();
-        std::fs::write(workshop.path("token"), "0123456789abcdef0123456789abcdef\n").unwrap();
-        std::fs::write(workshop.path("wrong"), "another token that is long enough\n").unwrap();
+        std::fs::write(workshop.path("token"), "0123456789abcdef0123456789abcdef\n").expect("a writable folder");
+        std::fs::write(workshop.path("wrong"), "another token that is long enough\n").expect("a writable folder");
         // Free a moment ago; nobody else asks for this very one.
-        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let port = TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a free port").port();
         Self { workshop, rendezvous: format!("127.0.0.1:{port}"), folders, namespaces: None }
     }
 
@@ -206,7 +206,7 @@ fn strangers_stay_outside_and_whoever_does_not_come_is_named() {
     lonely.args(["--set", "checkpoint.interval_s=60.0"]);
     let child = start(lonely);
     let mut stranger = hosts.command(1, "wrong");
-    let arguments: Vec<_> = stranger.get_args().map(|argument| argument.to_owned()).collect();
+    let arguments: Vec<_> = stranger.get_args().map(ToOwned::to_owned).collect();
     let at = arguments.iter().position(|argument| argument == "60").expect("the deadline");
     stranger = hosts.workshop.orchestrator(&[]);
     stranger.args(&arguments[..at]).arg("2").args(&arguments[at + 1..]);
@@ -263,15 +263,15 @@ impl Namespaces {
         }
         for (host, name) in made.0.iter().enumerate() {
             let address = format!("10.77.3.{}/24", host + 1);
-            ip(&["-n", name, "addr", "add", &address, "dev", ends[host]]).unwrap();
-            ip(&["-n", name, "link", "set", ends[host], "up"]).unwrap();
-            ip(&["-n", name, "link", "set", "lo", "up"]).unwrap();
+            ip(&["-n", name, "addr", "add", &address, "dev", ends[host]]).expect("ip works");
+            ip(&["-n", name, "link", "set", ends[host], "up"]).expect("ip works");
+            ip(&["-n", name, "link", "set", "lo", "up"]).expect("ip works");
         }
         Some(made)
     }
 
     fn set_link(&self, state: &str) {
-        ip(&["-n", &self.0[1], "link", "set", "vstill1", state]).unwrap();
+        ip(&["-n", &self.0[1], "link", "set", "vstill1", state]).expect("ip works");
     }
 }
 
