@@ -58,6 +58,8 @@ struct Planned {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AskedSplit {
+    /// Training kitchens: episodes drawn as in training, for none are fixed there.
+    Train,
     /// Validation kitchens.
     Valid,
     /// Test kitchens.
@@ -145,6 +147,7 @@ impl Asked {
     /// What `--split` is given.
     pub fn split_name(&self) -> &'static str {
         match self.split {
+            AskedSplit::Train => "train",
             AskedSplit::Valid => "valid",
             AskedSplit::Test => "test",
         }
