@@ -1,11 +1,11 @@
 //! Generates a kitchen from its number: draws a room, lets it come to rest, and draws again while anything is wrong.
 
 use super::assembly::{Demands, Flaw};
+use super::draw::{ATTEMPTS_EACH, at_attempt, draw_fitted};
 use super::layout::floor_plan::Rectangle;
 use super::layout::{FittedRoom, Plan};
 use super::lot::Lot;
 use super::overlap::overlaps;
-use super::preserve::Preserve;
 use super::room::{Room, Thing};
 use super::settled::Kitchen;
 use super::{ithor, likeness, placement};
@@ -13,13 +13,10 @@ use crate::physics::fixed_scene::FixedScene;
 use crate::physics::geometry::Solid;
 use proto::config::SimulationConfig;
 use proto::kitchen::{KitchenId, Split, TargetCategory};
-use proto::random::Random;
 
 /// A room in which something found no place, or fell, is drawn anew this many times.
 const ATTEMPTS: u32 = 32;
-/// A procedural kitchen takes another place among its set, with other quotas, after so many, ...
-const ATTEMPTS_EACH: u32 = 8;
-/// ... and so often in all: some of its places hold more than fits.
+/// A procedural kitchen takes so many places among its set in all: some of them hold more than fits.
 const EDITIONS: u32 = 64;
 /// Fewest spots of a target category: in any room, ...
 const SPOTS_LEAST_ANYWHERE: usize = 100;
@@ -70,20 +67,6 @@ pub struct DrawnRoom {
     pub kept_clear: Vec<Rectangle>,
 }
 
-/// A kitchen with the place among its set that it has at an attempt.
-fn at_attempt(lot: Lot, attempt: u32) -> Lot {
-    if lot.id().is_procedural() { lot.edition(attempt / ATTEMPTS_EACH) } else { lot }
-}
-
-/// Lays a kitchen's room out, for the `attempt`th time from 0, before anything movable stands there; and the stream
-/// that the rest is drawn from. The error is what found no place.
-pub(super) fn draw_fitted(lot: Lot, attempt: u32) -> Result<(FittedRoom, Random), String> {
-    let lot = at_attempt(lot, attempt);
-    let mut random = lot.room(attempt).stream();
-    let fitted = FittedRoom::draw(lot, &mut random).map_err(|what| format!("a place for {what}"))?;
-    Ok((fitted, random))
-}
-
 /// Draws a kitchen's room, for the `attempt`th time from 0, and furnishes it; the error is what found no place.
 pub fn draw_room(kitchen: impl Into<Lot>, attempt: u32) -> Result<DrawnRoom, String> {
     let lot = kitchen.into();
@@ -124,17 +107,6 @@ impl DrawnRoom {
 }
 
 impl Kitchen {
-    /// Generates the kitchen with this number and lets it settle; a procedural one with seed 0.
-    pub fn build(id: KitchenId, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
-        Self::generate(Lot::from(id), simulation)
-    }
-
-    /// Generates a kitchen and lets it settle. A procedural one is then made from its [`Preserve`], as it is wherever
-    /// one is at hand: there is one way into it.
-    pub fn generate(lot: Lot, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
-        if lot.id().is_procedural() { Preserve::make(lot, simulation)?.open() } else { Self::search(lot, *simulation) }
-    }
-
     /// Draws rooms until one comes to rest with nothing wrong.
     pub(super) fn search(lot: Lot, simulation: SimulationConfig) -> Result<Self, KitchenError> {
         let id = lot.id();

@@ -6,7 +6,7 @@
 //! the least over the eight ways to turn and mirror one of the rooms: 0 is the same room, 1 has nothing at the same
 //! place.
 
-use super::generate::draw_fitted;
+use super::draw::draw_fitted;
 use super::layout::FittedRoom;
 use super::lot::Lot;
 use super::settled::Kitchen;

@@ -16,6 +16,7 @@
 //! reach      how far the arm comes
 //! spots      where episodes can begin and end
 //! overlap    things that stand in others
+//! draw       the draws of a kitchen's layout, by attempt
 //! likeness   how far two rooms are apart, and that none comes too near to those of validation and test
 //! generate   a kitchen from its number: drawn again until nothing is wrong with it
 //! preserve   what took long to find about a procedural kitchen, as bytes
@@ -25,6 +26,7 @@ mod assembly;
 mod body;
 pub mod catalogue;
 mod density;
+mod draw;
 mod generate;
 pub mod ithor;
 pub mod layout;

@@ -14,7 +14,8 @@
 //! found or found long ago: so it does not matter to a single bit which of the two it was.
 
 use super::catalogue::CATEGORIES;
-use super::generate::{DrawnRoom, KitchenError, draw_fitted};
+use super::draw::draw_fitted;
+use super::generate::{DrawnRoom, KitchenError};
 use super::lot::Lot;
 use super::room::Thing;
 use super::settled::{Kitchen, Target};
@@ -43,7 +44,7 @@ pub struct Preserve {
 
 /// Why bytes are no preserved kitchen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum PreserveError {
+pub(crate) enum PreserveError {
     /// They begin with something else.
     #[error("it was made by another version, or is no kitchen")]
     Version,
@@ -145,7 +146,7 @@ impl Preserve {
     }
 
     /// The kitchen `lot`, with this time step, of bytes that [`Preserve::to_bytes`] made.
-    pub fn from_bytes(bytes: &[u8], lot: Lot, simulation: &SimulationConfig) -> Result<Self, PreserveError> {
+    pub(crate) fn from_bytes(bytes: &[u8], lot: Lot, simulation: &SimulationConfig) -> Result<Self, PreserveError> {
         if bytes.get(..MAGIC.len()) != Some(&MAGIC) {
             return Err(PreserveError::Version);
         }
@@ -157,6 +158,19 @@ impl Preserve {
         let preserve = rest.preserve().filter(|_| rest.0.is_empty()).ok_or(PreserveError::Checksum)?;
         let same = preserve.lot == lot && preserve.timestep_s.to_bits() == simulation.timestep_s.to_bits();
         if same { Ok(preserve) } else { Err(PreserveError::Other) }
+    }
+}
+
+impl Kitchen {
+    /// Generates the kitchen with this number and lets it settle; a procedural one with seed 0.
+    pub fn build(id: KitchenId, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
+        Self::generate(Lot::from(id), simulation)
+    }
+
+    /// Generates a kitchen and lets it settle. A procedural one is then made from its [`Preserve`], as it is wherever
+    /// one is at hand: there is one way into it.
+    pub fn generate(lot: Lot, simulation: &SimulationConfig) -> Result<Self, KitchenError> {
+        if lot.id().is_procedural() { Preserve::make(lot, simulation)?.open() } else { Self::search(lot, *simulation) }
     }
 }
 
