@@ -75,7 +75,7 @@ pub fn keep_ready(id: KitchenId, config: &Config, folder: &Path) -> Result<bool,
 fn kept(lot: Lot, config: &Config, folder: &Path) -> Option<Preserve> {
     let path = path_of(lot.id(), folder);
     let bytes = std::fs::read(&path).ok()?;
-    match Preserve::from_bytes(&bytes, lot, &config.simulation) {
+    match Preserve::from_bytes(&bytes, lot, config.simulation) {
         Ok(preserve) => Some(preserve),
         Err(problem) => {
             let path = path.display();

@@ -146,7 +146,7 @@ impl Preserve {
     }
 
     /// The kitchen `lot`, with this time step, of bytes that [`Preserve::to_bytes`] made.
-    pub(crate) fn from_bytes(bytes: &[u8], lot: Lot, simulation: &SimulationConfig) -> Result<Self, PreserveError> {
+    pub(crate) fn from_bytes(bytes: &[u8], lot: Lot, simulation: SimulationConfig) -> Result<Self, PreserveError> {
         if bytes.get(..MAGIC.len()) != Some(&MAGIC) {
             return Err(PreserveError::Version);
         }
@@ -225,7 +225,7 @@ mod tests {
         let made = Preserve::make(lot, &simulation).unwrap();
         let bytes = made.to_bytes();
         assert!(bytes.len() < 64_000, "{} bytes", bytes.len());
-        let read = Preserve::from_bytes(&bytes, lot, &simulation).unwrap();
+        let read = Preserve::from_bytes(&bytes, lot, simulation).unwrap();
         assert_eq!(read, made);
         // Nothing was lost on the way: robot poses and places are those that were found.
         let (found, opened) = (Kitchen::search(lot, simulation).unwrap(), read.open().unwrap());
@@ -241,17 +241,17 @@ mod tests {
 
         // Another one's, another time step's, and every damaged one is refused.
         let other = Lot::new(KitchenId::new(1004).unwrap(), 0);
-        assert_eq!(Preserve::from_bytes(&bytes, other, &simulation), Err(PreserveError::Other));
+        assert_eq!(Preserve::from_bytes(&bytes, other, simulation), Err(PreserveError::Other));
         let seeded = Lot::new(lot.id(), 1);
-        assert_eq!(Preserve::from_bytes(&bytes, seeded, &simulation), Err(PreserveError::Other));
+        assert_eq!(Preserve::from_bytes(&bytes, seeded, simulation), Err(PreserveError::Other));
         let finer = SimulationConfig { timestep_s: 1.0 / 120.0, ..simulation };
-        assert_eq!(Preserve::from_bytes(&bytes, lot, &finer), Err(PreserveError::Other));
+        assert_eq!(Preserve::from_bytes(&bytes, lot, finer), Err(PreserveError::Other));
         for at in (8..bytes.len()).step_by(97) {
             let mut damaged = bytes.clone();
             damaged[at] ^= 1;
-            assert_eq!(Preserve::from_bytes(&damaged, lot, &simulation), Err(PreserveError::Checksum), "byte {at}");
-            assert_eq!(Preserve::from_bytes(&bytes[..at], lot, &simulation), Err(PreserveError::Checksum));
+            assert_eq!(Preserve::from_bytes(&damaged, lot, simulation), Err(PreserveError::Checksum), "byte {at}");
+            assert_eq!(Preserve::from_bytes(&bytes[..at], lot, simulation), Err(PreserveError::Checksum));
         }
-        assert_eq!(Preserve::from_bytes(b"", lot, &simulation), Err(PreserveError::Version));
+        assert_eq!(Preserve::from_bytes(b"", lot, simulation), Err(PreserveError::Version));
     }
 }
