@@ -251,8 +251,8 @@ mod tests {
         ("SLURM_STEP_NODELIST", "n[01-04]"),
     ];
 
-    fn member(hosts: u32, host: u32, rendezvous: &str, by: Launcher) -> Option<Membership> {
-        Some(Membership { hosts, host, rendezvous: rendezvous.into(), by })
+    fn member(hosts: u32, host: u32, rendezvous: &str, by: Launcher) -> Membership {
+        Membership { hosts, host, rendezvous: rendezvous.into(), by }
     }
 
     #[test]
@@ -260,23 +260,23 @@ mod tests {
         let nothing = Flags::default();
         assert_eq!(found(&nothing, &[]), Ok(None));
         let all = flags(Some(4), Some(2), Some("first:7000"));
-        assert_eq!(found(&all, &[]), Ok(member(4, 2, "first:7000", Launcher::Flags)));
-        assert_eq!(found(&nothing, &TORCHRUN), Ok(member(2, 1, "10.0.0.1:29501", Launcher::Torchrun)));
+        assert_eq!(found(&all, &[]), Ok(Some(member(4, 2, "first:7000", Launcher::Flags))));
+        assert_eq!(found(&nothing, &TORCHRUN), Ok(Some(member(2, 1, "10.0.0.1:29501", Launcher::Torchrun))));
         // Without groups, as Kubernetes' trainers set them.
         let plain = [TORCHRUN[0], TORCHRUN[1], TORCHRUN[5], TORCHRUN[6]];
-        assert_eq!(found(&nothing, &plain), Ok(member(2, 1, "10.0.0.1:29501", Launcher::Torchrun)));
-        assert_eq!(found(&nothing, &SLURM), Ok(member(4, 2, "n01:23017", Launcher::Slurm)));
+        assert_eq!(found(&nothing, &plain), Ok(Some(member(2, 1, "10.0.0.1:29501", Launcher::Torchrun))));
+        assert_eq!(found(&nothing, &SLURM), Ok(Some(member(4, 2, "n01:23017", Launcher::Slurm))));
         let both: Vec<_> = SLURM.into_iter().chain(TORCHRUN).collect();
-        assert_eq!(found(&nothing, &both), Ok(member(2, 1, "10.0.0.1:29501", Launcher::Torchrun)));
+        assert_eq!(found(&nothing, &both), Ok(Some(member(2, 1, "10.0.0.1:29501", Launcher::Torchrun))));
         let port = flags(None, None, Some("n01:9000"));
-        assert_eq!(found(&port, &SLURM), Ok(member(4, 2, "n01:9000", Launcher::Slurm)));
+        assert_eq!(found(&port, &SLURM), Ok(Some(member(4, 2, "n01:9000", Launcher::Slurm))));
         assert_eq!(
             found(&flags(Some(3), Some(0), Some("a:1")), &TORCHRUN),
-            Ok(member(3, 0, "a:1", Launcher::Torchrun))
+            Ok(Some(member(3, 0, "a:1", Launcher::Torchrun)))
         );
         // One node is one host, which its launcher restarts; outside of it nobody does.
         let one = [("RANK", "0"), ("WORLD_SIZE", "1")];
-        assert_eq!(found(&nothing, &one), Ok(member(1, 0, "", Launcher::Torchrun)));
+        assert_eq!(found(&nothing, &one), Ok(Some(member(1, 0, "", Launcher::Torchrun))));
         assert_eq!(found(&flags(Some(1), None, None), &TORCHRUN), Ok(None));
         assert_eq!(found(&nothing, &[("SLURM_NNODES", "1")]), Ok(None));
     }
