@@ -95,9 +95,9 @@ impl Plan {
     }
 }
 
-/// Of procedural kitchens, more with tables than without come to rest with all their things: their rooms are larger. So
-/// fewer are drawn, and as many are found as iTHOR has.
-const TABLES_DRAWN: f32 = 0.8;
+/// Of procedural kitchens, more with tables or stools come to rest with all their things than without: their rooms are
+/// larger. So fewer are drawn, that as many are found as iTHOR has: as a share of what is to be found.
+const DRAWN: [(&str, f32); 2] = [("DiningTable", 0.8), ("Stool", 0.85)];
 
 impl RoomBrief {
     /// What this kitchen is to be.
@@ -113,7 +113,8 @@ fn all(set: &[Lot]) -> BTreeMap<KitchenId, RoomBrief> {
     let is_procedural = set.iter().any(|lot| lot.id().is_procedural());
     let numbers = |category, rank| {
         let (share, mean) = ithor::share_and_mean(category);
-        let share = if is_procedural && category == "DiningTable" { share * TABLES_DRAWN } else { share };
+        let drawn = DRAWN.into_iter().find(|&(name, _)| is_procedural && name == category);
+        let share = share * drawn.map_or(1.0, |(_, drawn)| drawn);
         quota::count_of_rank(rank, share, mean)
     };
     // Tables stand in the larger rooms.
