@@ -15,6 +15,7 @@ use proto::kitchen::{KitchenId, TargetCategory};
 use rapier3d::dynamics::RigidBodyHandle;
 use rapier3d::geometry::Aabb;
 use rapier3d::math::{Pose3, Vec3};
+use std::convert::Infallible;
 
 /// Simulated time within which a kitchen comes to rest, seconds.
 const SETTLE_LIMIT_S: f32 = 4.0;
@@ -91,28 +92,60 @@ struct Rested {
     floor: (Vec3, Vec3),
 }
 
+/// Where episodes can take place.
+struct Found {
+    stands: Vec<Stand>,
+    targets: Vec<Option<Target>>,
+    connected_share: f32,
+}
+
 impl Kitchen {
     /// Builds a room's physics world, lets it come to rest, and finds where episodes can take place in it. The error
     /// says what is wrong with the room; it is never empty.
     pub(crate) fn assemble(id: KitchenId, timestep_s: f32, room: Room, demands: &Demands) -> Result<Self, Vec<Flaw>> {
-        let rested = Rested::of(room, timestep_s)?;
-        let Rested { world, scene, bodies, static_count, poses, movables, robot, robot_parts, things, surfaces, floor } =
-            rested;
-        let matter = things.iter().map(|&Thing { mass_kg, friction, .. }| Matter { mass_kg, friction }).collect();
-        let solids: Vec<Solid> = things.into_iter().map(|thing| thing.solid).collect();
-        let settled = &poses[static_count..static_count + solids.len()];
+        Rested::of(room, timestep_s)?.open(id, |rested, solids| rested.find(solids, demands))
+    }
+
+    /// Builds the physics world of a room that has come to rest before, with the places that were found in it then:
+    /// robot poses, and those of each target. Things may creep by a hair's breadth until their contacts bear them again.
+    pub(super) fn reassemble(
+        id: KitchenId,
+        timestep_s: f32,
+        room: Room,
+        connected_share: f32,
+        found: impl FnOnce(&[Surface], (Vec3, Vec3), &[Solid], &[Body]) -> (Vec<Stand>, Vec<Option<Target>>),
+    ) -> Self {
+        let mut rested = Rested::set_down(room, timestep_s);
+        rested.world.run_until_asleep(&rested.movables, (SETTLE_LIMIT_S / timestep_s) as u32);
+        rested.world.put_to_sleep(&rested.movables);
+        rested.look();
+        let opened = rested.open(id, |rested, solids| {
+            let movables = &rested.bodies[rested.static_count..];
+            let (stands, targets) = found(&rested.surfaces, rested.floor, solids, movables);
+            Ok::<_, Infallible>(Found { stands, targets, connected_share })
+        });
+        let Ok(kitchen) = opened;
+        kitchen
+    }
+}
+
+impl Rested {
+    /// Where episodes can take place, or what is wrong with the room.
+    fn find(&self, solids: &[Solid], demands: &Demands) -> Result<Found, Vec<Flaw>> {
+        let Self { scene, bodies, static_count, poses, robot_parts, surfaces, floor, .. } = self;
+        let settled = &poses[*static_count..static_count + solids.len()];
         let aabbs: Vec<Aabb> = solids.iter().zip(settled).map(|(solid, pose)| solid.aabb(pose)).collect();
         let Stands { poses: stands, floor: free_floor, connected_share } =
-            spots::stands(floor, &scene, &aabbs, &robot_parts);
+            spots::stands(*floor, scene, &aabbs, robot_parts);
         if stands.len() < demands.stands {
             return Err(vec![Flaw::Stands { stands: stands.len() }]);
         }
-        let points = spots::reachable_points(&surfaces, &Reach::new(&free_floor, &scene, &robot_parts));
+        let points = spots::reachable_points(surfaces, &Reach::new(&free_floor, scene, robot_parts));
         let points = Some(points).filter(|points| !points.is_empty()).ok_or_else(|| vec![Flaw::Unreachable])?;
         let mut flaws = Vec::new();
         let mut targets = Vec::new();
         for category in TargetCategory::ALL {
-            let Some(movable) = bodies[static_count..].iter().position(|body| body.category == category.name()) else {
+            let Some(movable) = bodies[*static_count..].iter().position(|body| body.category == category.name()) else {
                 if demands.every_target {
                     flaws.push(Flaw::Target { category });
                 }
@@ -126,7 +159,7 @@ impl Kitchen {
                 .filter(|&(index, _)| index != movable)
                 .map(|(_, other)| other)
                 .collect();
-            let spots = spots::target_spots(&solids[movable], &points, &scene, &others);
+            let spots = spots::target_spots(&solids[movable], &points, scene, &others);
             if spots.len() < demands.spots {
                 flaws.push(Flaw::Spots { category, spots: spots.len() });
             }
@@ -135,8 +168,19 @@ impl Kitchen {
         if !flaws.is_empty() {
             return Err(flaws);
         }
+        Ok(Found { stands, targets, connected_share })
+    }
+
+    /// The kitchen that it is, with the places that `find` finds.
+    fn open<E>(mut self, id: KitchenId, find: impl FnOnce(&Self, &[Solid]) -> Result<Found, E>) -> Result<Kitchen, E> {
+        let things = std::mem::take(&mut self.things);
+        let matter = things.iter().map(|&Thing { mass_kg, friction, .. }| Matter { mass_kg, friction }).collect();
+        let solids: Vec<Solid> = things.into_iter().map(|thing| thing.solid).collect();
+        let Found { stands, targets, connected_share } = find(&self, &solids)?;
+        let Self { world, scene, bodies, static_count, poses, movables, robot, robot_parts, surfaces, floor, .. } =
+            self;
         let things = Things::of(&world, &movables, &solids);
-        Ok(Self {
+        Ok(Kitchen {
             id,
             bodies,
             static_count,
@@ -160,52 +204,6 @@ impl Kitchen {
         })
     }
 
-    /// Builds the physics world of a room that has come to rest before, with the places that were found in it then:
-    /// robot poses, and those of each target. Things
-    /// may creep by a hair's breadth until their contacts bear them again.
-    pub(super) fn reassemble(
-        id: KitchenId,
-        timestep_s: f32,
-        room: Room,
-        connected_share: f32,
-        found: impl FnOnce(&[Surface], (Vec3, Vec3), &[Solid], &[Body]) -> (Vec<Stand>, Vec<Option<Target>>),
-    ) -> Self {
-        let mut rested = Rested::set_down(room, timestep_s);
-        rested.world.run_until_asleep(&rested.movables, (SETTLE_LIMIT_S / timestep_s) as u32);
-        rested.world.put_to_sleep(&rested.movables);
-        rested.look();
-        let Rested { world, scene, bodies, static_count, poses, movables, robot, robot_parts, things, surfaces, floor } =
-            rested;
-        let matter = things.iter().map(|&Thing { mass_kg, friction, .. }| Matter { mass_kg, friction }).collect();
-        let solids: Vec<Solid> = things.into_iter().map(|thing| thing.solid).collect();
-        let (stands, targets) = found(&surfaces, floor, &solids, &bodies[static_count..]);
-        let things = Things::of(&world, &movables, &solids);
-        Self {
-            id,
-            bodies,
-            static_count,
-            settled_poses: poses,
-            world,
-            scene,
-            movables,
-            solids,
-            things,
-            robot,
-            robot_parts,
-            targets,
-            stands,
-            matter,
-            connected_share,
-            plan: None,
-            kept_clear: Vec::new(),
-            surfaces,
-            floor,
-            attempt: 0,
-        }
-    }
-}
-
-impl Rested {
     /// Sets everything down and waits until it sleeps. The error is what did not stay, or does not come to rest.
     fn of(room: Room, timestep_s: f32) -> Result<Self, Vec<Flaw>> {
         let mut rested = Self::set_down(room, timestep_s);
