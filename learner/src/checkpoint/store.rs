@@ -203,6 +203,8 @@ impl<D: Disk> Store<D> {
         wire::fault::reach("learner.after_figures");
         self.sync_recordings()?;
         wire::fault::reach("learner.after_sync");
+        // Again: a learner that was stopped for long while it wrote may find another run's folder.
+        self.check_run()?;
         self.write(&manifest_path, &manifest.seal())?;
         wire::fault::reach("learner.after_manifest");
         if evaluated && let Err(cause) = pin(&self.run, snapshot.rollout) {

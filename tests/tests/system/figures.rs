@@ -7,6 +7,7 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::process::Child;
 use std::sync::OnceLock;
+use std::time::Duration;
 use system_tests::{Run, TINY, Workshop, complete, finish, kill, kill_child, signal, start, wait_until};
 
 const ACTORS: u32 = 2;
@@ -244,7 +245,17 @@ fn a_late_learner_writes_nothing_into_the_folder_of_another_run() {
     let run = workshop.run("run");
     run.wait_for_rollouts(8);
     let late = run.learner();
-    signal(late, Signal::STOP);
+    // Not while it writes: a file that is nearly there gets its name when the learner wakes.
+    wait_until("the learner is stopped between two files", || {
+        signal(late, Signal::STOP);
+        std::thread::sleep(Duration::from_millis(20));
+        let files = std::fs::read_dir(run.folder.checkpoints()).into_iter().flatten().flatten();
+        let writes = files.into_iter().any(|file| file.path().extension().is_some_and(|end| end == "partial"));
+        if writes {
+            signal(late, Signal::CONT);
+        }
+        !writes
+    });
     kill_child(child);
     wait_until("its actors leave", || run.processes("--actor ").is_empty());
     let first = run.folder.id().expect("a run has an id");
