@@ -205,7 +205,7 @@ fn a_way_that_leads_nowhere_is_no_way_out() {
         "/style.css/",
         "//etc/passwd",
         "/index.html",
-        "/api/runs/a/newest/999/0",
+        "/api/runs/a/newest/4294967296/0",
         "/api/runs/a/newest/1/x",
         "/api/runs/a/episodes/1-2",
         "/api/runs/a/episodes/x-y-z",

@@ -465,6 +465,10 @@ fn assemble(assembly: &mut Assembly, key: Key, carries: Carries, data: &[u8]) {
 /// What a chunk holds; none if its content is not what its checksum says.
 fn contents(body: &[u8]) -> Option<Vec<Found>> {
     let Ok(Record::Chunk { header, data }) = parse_record(op::CHUNK, body) else { return None };
+    // Room is made for what a damaged header claims, before anything is checked.
+    if header.uncompressed_size > RECORD_MAX {
+        return None;
+    }
     let mut found = Vec::new();
     for record in ChunkReader::new(header, &data).ok()? {
         match record.ok()? {
