@@ -212,7 +212,7 @@ fn a_way_that_leads_nowhere_is_no_way_out() {
         "/\u{fffd}",
         "/api/runs/a/live/x",
         "/api/runs/a/episodes?limit=-1",
-        "/api/runs/a/episodes?kitchen=300",
+        "/api/runs/a/episodes?kitchen=4294967296",
         "/api/runs/a/episodes?nonsense=1",
         "/api/runs/a/curves?known=-1",
         "/api/runs/a/curves?edition=99999999999999999999999",
