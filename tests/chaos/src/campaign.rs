@@ -236,10 +236,11 @@ impl Work<'_> {
                 place.remove()?;
                 Ok(starts)
             }
-            Err(error) if medium != Medium::Shared => Err(match keep(&folder) {
-                Ok(()) => error,
-                Err(loss) => error.context(format!("its files go with its file system: {loss:#}")),
-            }),
+            outcome if medium != Medium::Shared => match (keep(&folder), outcome) {
+                (Err(loss), Err(error)) => Err(error.context(format!("its files go with its file system: {loss:#}"))),
+                (Err(loss), Ok(_)) => Err(loss),
+                (Ok(()), outcome) => outcome,
+            },
             outcome => outcome,
         }
     }

@@ -14,7 +14,7 @@ use serde_json::Value;
 use std::collections::VecDeque;
 use std::path::Path;
 
-/// As many starts as faults, and one more.
+/// One that has no result after so many starts gets nowhere.
 const STARTS_MAX: usize = 12;
 
 /// What is compared.

@@ -7,6 +7,7 @@
 //! shape        what it happens to
 //! training, evaluation, suite    one case of each kind, from its first start to its completion
 //! session, place, processes      one command; where it runs; who belongs to it
+//! disk, privileges               a disk whose power can fail; what the machine allows
 //! inject       a fault, carried out
 //! evidence, recording, leftovers what is compared
 //! soak, slope  a long run: what grows

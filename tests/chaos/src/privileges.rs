@@ -22,11 +22,12 @@ impl Privileges {
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .status();
-        let disk = || {
+        let disk = || -> anyhow::Result<()> {
             let folder = tempfile::tempdir()?;
             let mounted = folder.path().join("probe");
             std::fs::create_dir(&mounted)?;
-            Disk::new(&mounted, 4)
+            // Unmounted before its folder is removed.
+            Disk::new(&mounted, 4).map(drop)
         };
         Self { mounts: tried.is_ok_and(|status| status.success()), disks: disk().is_ok() }
     }
