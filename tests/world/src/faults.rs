@@ -1,7 +1,7 @@
 //! What goes wrong, and when: a plan of a few faults, each after a number of turns of the world.
 
 use crate::dice::Dice;
-use crate::kernel::{CUT_IN_SAVE, Label, MILLISECOND, NO_PROCESS, SECOND, World};
+use crate::kernel::{CUT_IN_SAVE, Label, MILLISECOND, NO_PROCESS, SECOND, TORN, World};
 use crate::learner::tear_newest;
 use crate::service::TaskId;
 use orchestrator::{Event, Exit, Process};
@@ -58,7 +58,7 @@ impl Fault {
             Self::FreeDisk => "free disk",
             Self::CutSave(_, _) => CUT_IN_SAVE,
             Self::LosePower => "power failure",
-            Self::TearCheckpoint => "torn checkpoint",
+            Self::TearCheckpoint => TORN,
             Self::NoProcess => NO_PROCESS,
         }
     }

@@ -131,6 +131,8 @@ pub struct Desk {
 
 /// The kind of fault that waits for the next save.
 pub const CUT_IN_SAVE: &str = "cut in a save";
+/// The kind of fault that tears a checkpoint.
+pub const TORN: &str = "torn checkpoint";
 /// The kind of fault that waits for the next process.
 pub const NO_PROCESS: &str = "no process";
 

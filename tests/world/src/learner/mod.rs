@@ -10,7 +10,7 @@ mod training;
 
 pub use store::tear_newest;
 
-use crate::kernel::{MILLISECOND, Next, Program, SECOND, World};
+use crate::kernel::{MILLISECOND, Next, Program, SECOND, TORN, World};
 use crate::meeting::{Lost, Meeting, Word};
 use crate::service::{NoPlace, TaskId};
 use crate::setup::{MAX_STEPS, Mutation, NOISE};
@@ -25,8 +25,6 @@ use std::ops::Range;
 use std::rc::Rc;
 use std::time::Duration;
 
-/// The fault that makes one checkpoint two.
-const TORN: &str = "torn checkpoint";
 /// Longest sleep without a look around.
 const LOOK: u64 = 250 * MILLISECOND;
 
