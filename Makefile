@@ -18,7 +18,7 @@ help:
 	@echo 'make up      build and start a run: 19 actors, a learner, the orchestrator; ARGS="..." adds options'
 	@echo 'make install puts the programs and their libtorch under PREFIX (~/.local); make uninstall takes them away'
 	@echo 'make test    set up, build and run all tests'
-	@echo 'make chaos   let 200 faults happen to small runs and compare what they leave with undisturbed ones (half an hour);'
+	@echo 'make chaos   let 200 faults happen to small runs and compare what they leave with undisturbed ones (up to half an hour);'
 	@echo '             ARGS="--seed S --faults N --minutes M" chooses, ARGS="--seed S --case K" does one case again'
 	@echo 'make soak    a run of two hours with faults, and how its processes and files grow; ARGS="--minutes M"'
 	@echo 'make check-determinism   the simulator, built for other processors and in debug, gives the same bits (minutes)'
@@ -87,7 +87,7 @@ python:
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && echo "installed; $$python -c 'import stillroom'"
 
 test-python:
-	@python=$$(PYTHON='$(PYTHON)' python/setup) && cd python && "$$python" -m pytest -q $(ARGS)
+	@python=$$(PYTHON='$(PYTHON)' python/setup) && cd python && "$$python" -m pytest -q -rs $(ARGS)
 
 bench-python:
 	cargo build --release --locked --workspace --bin actor
@@ -96,6 +96,9 @@ bench-python:
 lint: setup
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --locked -- -D warnings
+	@for part in fuzz bench/wire; do \
+		cargo metadata --locked --format-version 1 --manifest-path $$part/Cargo.toml >/dev/null || exit; \
+	done
 
 doc: setup
 	RUSTDOCFLAGS='-D warnings' cargo doc --no-deps --release --workspace --locked
