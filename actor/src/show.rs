@@ -6,7 +6,7 @@
 use crate::process::whereabouts;
 use crate::replay::film::Outcome;
 use anyhow::{Context, Result, ensure};
-use picture::{Moment, Orbit, Scene, Task, Words};
+use picture::{Moment, Orbit, Scene, Task};
 use proto::action::Action;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -19,7 +19,7 @@ use proto::show::{
 use proto::step::{Transition, transition_flag};
 use rapier3d::math::Vec3;
 use simulator::depth::DepthCamera;
-use simulator::environment::Environment;
+use simulator::environment::{DISTURBED_AXIS_M, Environment};
 use simulator::episode::GOAL_TOLERANCE_M;
 use simulator::episodes::Programme;
 use simulator::kitchen::Kitchen;
@@ -34,8 +34,6 @@ const KEPT: usize = 6;
 const KITCHENS: usize = 4;
 /// What moved less than this is not listed, metres.
 const LISTED_M: f32 = 0.001;
-/// What moved more than this on some axis is highlighted, metres (as `disturbed_objects` counts).
-const DISTURBED_AXIS_M: f32 = 0.01;
 /// Bounds of a free camera: radius of what it sees (metres), angle at which it looks down (radians).
 const RADIUS_M: (f32, f32) = (0.1, 20.0);
 const PITCH_RAD: (f32, f32) = (-0.2, 1.57);
@@ -64,6 +62,8 @@ pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
 /// A kitchen under a configuration.
 struct House {
     config: String,
+    /// The run's folder: a configuration names scenes relative to it.
+    folder: Option<String>,
     id: KitchenId,
     kitchen: Arc<Kitchen>,
     programme: Programme,
@@ -148,7 +148,8 @@ impl Stage {
 
     /// The environment's kitchen under this configuration.
     fn house(&mut self, setup: &ReplaySetup, config: &Config, id: EnvironmentId) -> Result<&House> {
-        let is_it = |house: &House| house.id == id.kitchen && house.config == setup.config;
+        let is_it =
+            |house: &House| house.id == id.kitchen && house.config == setup.config && house.folder == setup.folder;
         if let Some(at) = self.houses.iter().position(is_it) {
             let house = self.houses.remove(at);
             self.houses.push(house);
@@ -160,7 +161,8 @@ impl Stage {
                 self.houses.remove(0);
             }
             let kitchen = Arc::new(kitchen);
-            self.houses.push(House { config: setup.config.clone(), id: id.kitchen, kitchen, programme });
+            let (config, folder) = (setup.config.clone(), setup.folder.clone());
+            self.houses.push(House { config, folder, id: id.kitchen, kitchen, programme });
         }
         self.houses.last().context("the kitchen was just put there")
     }
@@ -304,12 +306,7 @@ impl Telling {
             moved,
         });
         self.displaced.push(displaced);
-        self.moments.push(Moment {
-            things: poses.to_vec(),
-            robot: *simulation.part_poses(),
-            world_from_camera: environment.world_from_camera(),
-            words: Words::default(),
-        });
+        self.moments.push(Moment::of(environment, transition));
     }
 }
 

@@ -123,7 +123,8 @@ impl KitchenRange {
         Self::new(KitchenId::FIRST_PROCEDURAL, KitchenId::FIRST_PROCEDURAL.checked_add(count)?)
     }
 
-    fn new(first: u32, end: u32) -> Option<Self> {
+    /// Those from `first` to before `end`; none if not all of them are procedural, or there are none.
+    pub fn new(first: u32, end: u32) -> Option<Self> {
         let whole = first >= KitchenId::FIRST_PROCEDURAL && end <= KitchenId::LAST_PROCEDURAL + 1;
         (whole && first < end).then_some(Self { first, end })
     }

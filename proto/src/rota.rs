@@ -129,7 +129,7 @@ mod tests {
             (0..5).map(|visit| rota.place(home, 3 * visit).kitchen).collect::<Vec<_>>()
         };
         let ways: BTreeSet<_> = [first(1, 0), first(1, 1), first(2, 0), first(2, 1)].into();
-        assert_eq!((ways.len(), first(1, 0)), (4, first(1, 0)));
+        assert_eq!(ways.len(), 4);
     }
 
     #[test]

@@ -98,7 +98,7 @@ pub struct ShownEpisode {
     pub goal_tolerance_m: f32,
     /// The camera from which the way is seen best.
     pub orbit: ShowOrbit,
-    /// Middle of the floor plan (x, z) and half of its width, metres.
+    /// Middle of the floor plan (x, z), metres.
     pub plan_centre_m: [f32; 2],
     /// Half of the floor plan's width, metres.
     pub plan_half_width_m: f32,

@@ -91,10 +91,8 @@ impl Scene {
 
     /// What the robot's depth camera sees.
     pub fn depth(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Canvas {
-        let mut bodies = self.kitchen.settled_poses()[self.kitchen.static_bodies()].to_vec();
-        bodies.extend_from_slice(&moment.things);
-        // The robot's body is not drawn: the camera sits inside it.
-        bodies.extend_from_slice(&moment.robot[1..]);
+        let mut bodies = Vec::new();
+        moment.world_from_bodies(&self.kitchen, &mut bodies);
         let mut depth_mm = vec![0; side * side];
         camera.render(&bodies, moment.world_from_camera, side, &mut depth_mm);
         let (mut model, first) = self.at(&moment.things, &[]);

@@ -20,7 +20,7 @@ use std::sync::Arc;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// An object that moved further than this on some axis is disturbed, metres (reference).
-const DISTURBED_AXIS_M: f32 = 0.01;
+pub const DISTURBED_AXIS_M: f32 = 0.01;
 
 /// Why an environment could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -381,7 +381,7 @@ impl Environment {
     pub fn displacements_m(&self) -> impl Iterator<Item = f32> + '_ {
         let poses = self.simulation.things().poses();
         self.origins.iter().zip(poses).enumerate().map(|(movable, (origin, pose))| {
-            if movable == self.target { 0.0 } else { displacement_m(*origin, pose.translation) }
+            if movable == self.target { 0.0 } else { displacement_m(pose.translation - *origin) }
         })
     }
 
@@ -456,7 +456,7 @@ impl Environment {
             }
             let moved = pose.translation - *origin;
             assert!(moved.is_finite(), "a body's pose is not a number");
-            let moved_m = displacement_m(*origin, pose.translation);
+            let moved_m = displacement_m(moved);
             displacement.total_m += f64::from(moved_m);
             displacement.farthest_m = displacement.farthest_m.max(moved_m);
             if moved.abs().max_element() > DISTURBED_AXIS_M {
@@ -468,9 +468,9 @@ impl Environment {
     }
 }
 
-/// How far one thing is from where it stood, metres.
-fn displacement_m(origin: Vec3, now: Vec3) -> f32 {
-    (now - origin).length().min(OBJECT_DISPLACEMENT_CAP_M)
+/// How far a thing that was moved like this is from where it stood, capped, metres.
+fn displacement_m(moved: Vec3) -> f32 {
+    moved.length().min(OBJECT_DISPLACEMENT_CAP_M)
 }
 
 /// The settled kitchen as an episode begins in it.

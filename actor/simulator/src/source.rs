@@ -107,6 +107,7 @@ fn path_of(id: KitchenId, folder: &Path) -> PathBuf {
 
 /// Several actors, or two threads of one, may make one kitchen at the same time: each writes a file of its own, and the
 /// last one renamed stays.
+///
 /// It need not survive a power cut: a file that is not whole is noticed by its checksum.
 fn write(path: &Path, content: &[u8]) -> std::io::Result<()> {
     static WRITTEN: AtomicU64 = AtomicU64::new(0);

@@ -87,7 +87,7 @@ fn whole_step_s(kitchens: &[Arc<Kitchen>], policy: PolicyKind, config: &Config, 
         let phase = number as usize * player.episode_length() / kitchens.len();
         player.travel(phase, 1);
         players.push(player);
-        // As an actor has them: one scenery a kitchen, one camera.
+        // One camera, as in an actor; one scenery a kitchen.
         let known = kitchens[..number as usize].iter().position(|other| other.id() == kitchen.id());
         scenery_of.push(known.map_or(sceneries.len(), |known| scenery_of[known]));
         if known.is_none() {

@@ -294,5 +294,10 @@ mod tests {
         let kitchen = spoilt(|fixtures, _| fixtures.retain(|fixture| !bare.contains(&fixture.category.as_str())));
         let few = |problem: &Problem| matches!(problem, Problem::ThingCount(_));
         assert!(problems(&kitchen, &config).iter().any(few), "{} things", kitchen.thing_count());
+        // A kitchen of the test split under a procedural number.
+        let [test, procedural] = [2, 1000].map(|number| KitchenId::new(number).unwrap());
+        let copy = draw_room(test, 0).unwrap().settle(procedural, config.simulation.timestep_s).unwrap();
+        let near = |problem: &Problem| matches!(problem, Problem::TooNear { kitchen, .. } if *kitchen == test);
+        assert!(problems(&Arc::new(copy), &config).iter().any(near));
     }
 }

@@ -41,7 +41,8 @@ pub fn run(path: &Path, copy: Option<&Path>, targets_only: bool, mut out: impl W
 /// with them.
 fn keep(path: &Path, folder: &Path) -> Result<()> {
     let from = path.parent().unwrap_or(Path::new(""));
-    let mut folders = BTreeSet::from([folder, folder.parent().unwrap_or(folder)].map(Path::to_owned));
+    let above = folder.parent().map(|above| if above.as_os_str().is_empty() { Path::new(".") } else { above });
+    let mut folders = BTreeSet::from([folder, above.unwrap_or(folder)].map(Path::to_owned));
     for file in read(path)?.files {
         let to = folder.join(&file);
         let problem = || format!("cannot copy {} to {}", from.join(&file).display(), to.display());

@@ -53,7 +53,7 @@ struct Running {
 }
 
 impl Course {
-    /// The kitchen, and the next one that the environment goes on to ordered.
+    /// The kitchen of this episode. Also orders the one that the environment goes to next.
     fn kitchen(&mut self, home: EnvironmentId, episode: u32) -> Result<Arc<Kitchen>> {
         let id = self.rota.place(home, episode).kitchen;
         let kitchen = if let Some(kitchen) = self.in_use.get(&id).and_then(Weak::upgrade) {

@@ -58,8 +58,8 @@ impl Larder {
         }
     }
 
-    /// The kitchen, opened; made first if that was not done ahead. It is not waited for where the thread is at it: on a
-    /// busy machine that has no processor for minutes.
+    /// The kitchen, opened; made first if that was not done ahead. If the thread is just making it, this does not wait: on
+    /// a busy machine a thread of low priority may get no processor for minutes.
     pub fn take(&self, kitchen: KitchenId) -> Result<Kitchen> {
         self.orders.lock().waiting.retain(|waiting| *waiting != kitchen);
         Ok(source::of_run_and_kept(kitchen, &self.config, &self.folder)?)

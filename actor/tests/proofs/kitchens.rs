@@ -61,7 +61,8 @@ fn nothing_is_wrong_and_all_together_are_like_ithor() {
 fn kitchens_without_end_are_like_ithor_too() {
     const KITCHENS: u32 = 200;
     let config = Config::default();
-    let range = KitchenRange::first(KITCHENS).unwrap();
+    // Not those on which the generator's constants were chosen.
+    let range = KitchenRange::new(5000, 5000 + KITCHENS).unwrap();
     let measured = in_parallel(KITCHENS as usize, |index| {
         let id = range.get(index as u32).unwrap();
         let kitchen = Arc::new(Kitchen::build(id, &config.simulation).unwrap());

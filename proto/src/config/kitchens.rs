@@ -19,8 +19,8 @@ pub enum KitchenSource {
 pub struct KitchensConfig {
     /// Which kind.
     pub source: KitchenSource,
-    /// How many procedural kitchens there are: numbers 1000, 1001, ... Which of them an environment is in is drawn
-    /// anew from (seed, environment, episode), for each visit alike from all of them.
+    /// How many procedural kitchens there are: numbers 1000, 1001, ... Each visit of an environment draws one of them
+    /// from (seed, environment, episode), all with equal probability.
     pub count: u32,
     /// Episodes that an environment plays in a kitchen before it goes on to another.
     pub episodes_each: u32,

@@ -79,6 +79,11 @@ impl Plan {
         self.kitchens.iter().map(|(_, episodes)| episodes.len()).sum()
     }
 
+    /// Episodes of each kitchen, where all have equally many: where environments move.
+    fn episodes_each(&self) -> usize {
+        self.kitchens.first().map_or(0, |(_, episodes)| episodes.len())
+    }
+
     /// True if there are no episodes.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -114,10 +119,12 @@ impl Plan {
 
     /// The first number after `number` that an environment plays in another kitchen than that one.
     pub(crate) fn next_kitchen(&self, environment: EnvironmentId, number: u32) -> Option<u32> {
-        let now = self.kitchen_of(environment, number)?;
-        (number + 1..u32::MAX)
-            .take_while(|&later| self.dealt(environment, later).is_some())
-            .find(|&later| self.kitchen_of(environment, later).is_some_and(|kitchen| kitchen != now))
+        if !self.moving {
+            return None;
+        }
+        let (part, each) = (self.part(environment.number), self.episodes_each().max(1));
+        let next = (part.start.checked_add(number as usize)? / each + 1) * each;
+        (next < part.end).then(|| (next - part.start) as u32)
     }
 
     /// Kitchen and number of the episode that a moving environment plays as its episode number `number`.
@@ -129,7 +136,7 @@ impl Plan {
 
     /// The part of all episodes that a moving environment plays.
     fn part(&self, environment: u32) -> Range<usize> {
-        let all = self.len() as u64;
+        let all = (self.kitchens.len() * self.episodes_each()) as u64;
         let environments = u64::from(self.actors) * u64::from(self.environments_per_actor);
         let bound = |environment: u64| (environment.min(environments) * all / environments.max(1)) as usize;
         bound(environment.into())..bound(u64::from(environment) + 1)
@@ -137,7 +144,7 @@ impl Plan {
 
     /// An entry of the list of all episodes, where kitchens have equally many.
     fn entry(&self, index: usize) -> Option<(KitchenId, u32)> {
-        let each = self.kitchens.first().map_or(0, |(_, episodes)| episodes.len()).max(1);
+        let each = self.episodes_each().max(1);
         let (kitchen, episodes) = self.kitchens.get(index / each)?;
         Some((*kitchen, *episodes.get(index % each)?))
     }
@@ -212,8 +219,10 @@ mod tests {
                     while let Some(episode) = plan.dealt(home, number) {
                         let kitchen = plan.kitchen_of(home, number).unwrap();
                         assert!(dealt.insert((kitchen, episode)));
-                        let next = plan.next_kitchen(home, number).and_then(|next| plan.kitchen_of(home, next));
-                        assert!(next.is_none_or(|next| next.number() == kitchen.number() + 1));
+                        let other = (number + 1..=number + plan.len() as u32)
+                            .take_while(|&later| plan.dealt(home, later).is_some())
+                            .find(|&later| plan.kitchen_of(home, later) != Some(kitchen));
+                        assert_eq!(plan.next_kitchen(home, number), other);
                         changes += u32::from(plan.kitchen_of(home, number + 1) != Some(kitchen));
                         number += 1;
                     }

@@ -10,8 +10,9 @@ const WHOLE_SET: u32 = 1;
 
 /// A kitchen that the generator is asked for.
 ///
-/// The 29 are one set. Procedural kitchens belong to sets of 29 consecutive numbers, so that each set has of
-/// everything as much as iTHOR's kitchens, and each kitchen can still be generated alone.
+/// The 29 are one set. Procedural kitchens belong to sets of 29 consecutive numbers. As first drawn, each set shares out
+/// iTHOR's quotas; a kitchen whose place holds more than fits takes another one. So each kitchen can still be generated
+/// alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Lot {
     id: KitchenId,
