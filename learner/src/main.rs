@@ -44,10 +44,10 @@ struct NetworkArgs {
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), requires_all = ["meet", "address"])]
     hosts: u32,
     /// Where the first learner's store is
-    #[arg(long, value_name = "ADDRESS:PORT")]
+    #[arg(long, value_name = "ADDRESS:PORT", requires = "address")]
     meet: Option<SocketAddr>,
     /// This host's own address
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS", requires = "meet")]
     address: Option<IpAddr>,
     /// The descriptor that the first learner has inherited, of the socket that listens at --meet
     #[arg(long, value_name = "DESCRIPTOR")]

@@ -6,6 +6,10 @@
 use crate::shares::Shares;
 use std::ops::Range;
 
+/// The variable in which a learner finds what keys in the learners' store begin with, set by the orchestrator: other users
+/// cannot read it, as they can a command line.
+pub const MEETING_KEY: &str = "STILLROOM_MEETING_KEY";
+
 /// A run's learners and actors, divided among hosts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Hosts {

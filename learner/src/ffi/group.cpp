@@ -55,16 +55,16 @@ static std::set<Door> open_doors() {
     return doors;
 }
 
-// A device of Gloo's on `address`, and the socket at which it listens there. Gloo does not name that socket, but opens it while it makes
-// the device: so it is the one that is new afterwards. If another thread opened one at the same moment, there are two,
-// and the next device may tell.
+// A device of Gloo's on `address`, and the socket at which it listens there. Gloo does not name that socket, but opens
+// it while it makes the device: so it is the one that is new afterwards. If another thread opened one at the same
+// moment, there are two, and another device is made.
 static std::pair<std::shared_ptr<::gloo::transport::Device>, Door> make_device(const char *address) {
     // Two groups of one process must not take each other's sockets for their own.
     static std::mutex one_at_a_time;
     const std::lock_guard<std::mutex> turn(one_at_a_time);
     for (int attempt = 0; attempt < 100; ++attempt) {
         const auto before = open_doors();
-        auto device = c10d::ProcessGroupGloo::createDeviceForHostname(address);
+        auto device = c10d::ProcessGroupGloo::createDeviceForHostname(address, /*lazyInit=*/false);
         const auto after = open_doors();
         std::vector<Door> opened;
         std::set_difference(after.begin(), after.end(), before.begin(), before.end(), std::back_inserter(opened));
@@ -76,7 +76,7 @@ static std::pair<std::shared_ptr<::gloo::transport::Device>, Door> make_device(c
     TORCH_CHECK(false, "other threads open sockets all the time: which one is Gloo's cannot be told");
 }
 
-// Everybody has met: whoever knocks now is none of us. Gloo listens on as long as the group lives, accepts whoever
+// This member is connected to all others (a device that is not lazy waits for each): whoever knocks now is none of us. Gloo listens on as long as the group lives, accepts whoever
 // comes, and ends the process when there are no descriptors left. It has no way to close its socket, so the kernel is
 // told to drop what comes in there. Connections that exist are not concerned. A kernel that knows no such filters (that
 // of some sandboxes) leaves the door open.

@@ -45,7 +45,9 @@ impl FrameRoom {
         }
         // SAFETY: the tensor's memory holds so many 16-bit numbers one after another, which libtorch, foreign code, has
         // allocated: it holds some bytes, and every pattern of bits is a number. `new` made the tensor, and it never
-        // left `self`, so that no other tensor shares the memory; `self` is borrowed as long as the slice lives.
+        // left `self`, so that no other tensor shares the memory; `self` is borrowed as long as the slice lives. A GPU may
+        // read it, through `copy_to` or by its address: whoever starts that waits for the result before the room is
+        // written again (`Agent::infer`, `Acting::step`).
         unsafe { std::slice::from_raw_parts_mut(tensor.data_ptr().cast(), count) }
     }
 

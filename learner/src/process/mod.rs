@@ -37,7 +37,7 @@ use link::Ports;
 use lock::Lock;
 use proto::config::Config;
 use proto::event::LearnerEvent;
-use proto::hosts::Hosts;
+use proto::hosts::{Hosts, MEETING_KEY};
 use proto::run_folder::RunFolder;
 use resume::{Resumed, resume};
 use std::net::{IpAddr, SocketAddr};
@@ -77,10 +77,6 @@ pub struct Network {
     /// This host's own address.
     pub own: IpAddr,
 }
-
-/// The variable with what keys in the learners' store begin with, set by the orchestrator: other users cannot read it, as
-/// they can a command line.
-const MEETING_KEY: &str = "STILLROOM_MEETING_KEY";
 
 /// Runs the learner to the end of its budget or to a stop.
 pub fn run(arguments: Arguments) -> Result<()> {

@@ -24,7 +24,7 @@ use std::fs::OpenOptions;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// How long actors may take to notice that their orchestrator is gone.
 const ACTORS_LEAVE: Duration = Duration::from_secs(5);
@@ -100,13 +100,7 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
 /// Goes on with a run that the same command began: a launcher has started it again. `asked`: what the command asks for.
 /// `patience`: for an orchestrator of before that is about to end.
 pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Duration) -> Result<ExitCode> {
-    let began = Instant::now();
-    let lock = loop {
-        match RunLock::acquire(&folder) {
-            Err(_) if began.elapsed() < patience => std::thread::sleep(Duration::from_millis(200)),
-            taken => break taken?,
-        }
-    };
+    let lock = RunLock::acquire_within(&folder, patience)?;
     let identity = Identity::read(&folder)?;
     let mut config = Config::of_run(&folder)?;
     let learners = same_run(&config, asked)

@@ -9,7 +9,7 @@ use crate::run::lock::RunLock;
 use crate::showing::format::counted;
 use crate::showing::terminal;
 use crate::supervisor::event::{Outcome, Saved, SessionEnd};
-use crate::supervisor::session::{EXIT_INTERRUPTED, Session, shape};
+use crate::supervisor::session::{EXIT_INTERRUPTED, Session, begin_log, shape};
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::evaluation::{
@@ -55,7 +55,7 @@ impl EvaluationRun {
             tools: &self.tools,
             launched: false,
         };
-        let result = session.begin_log().and_then(|()| {
+        let result = begin_log(&self.folder).and_then(|()| {
             tracing::info!(
                 "evaluation {} in {}: {}, {}, seed {}",
                 self.identity.id,

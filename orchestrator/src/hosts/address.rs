@@ -57,7 +57,7 @@ pub fn interface_of(own: IpAddr) -> Option<String> {
 fn of_interface(text: &str) -> Result<IpAddr> {
     if let Ok(ip) = text.parse::<IpAddr>() {
         // Whether it is this host's shows when somebody listens there.
-        return if ip.is_unspecified() {
+        return if ip.to_canonical().is_unspecified() {
             bail!("--interface {text} would listen everywhere: name one address")
         } else {
             Ok(ip)

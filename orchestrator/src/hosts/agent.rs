@@ -2,7 +2,7 @@
 //! decides one thing by itself: when host 0 is lost, its processes end, and so does it.
 
 use super::address;
-use super::handshake::ask;
+use super::handshake::{HandshakeError, ask};
 use super::link::{Mouth, receive, receive_bytes, serve};
 use super::membership::Membership;
 use super::place::{Place, prepare};
@@ -14,14 +14,12 @@ use crate::showing::terminal;
 use crate::supervisor::company::{Order, Word};
 use crate::supervisor::event::{Event, Exit, Process};
 use crate::supervisor::process::{Launch, LearnersNetwork, Processes};
-use crate::supervisor::session::{part_of, placed, recorded};
+use crate::supervisor::session::{begin_log, part_of, placed, recorded};
 use crate::supervisor::shell::{QUEUE, SWEEPS_AFTER_DEATH, Signals, TICK};
 use anyhow::{Context, Result, bail};
 use proto::event::LearnerEvent;
 use proto::exit::EXIT_HOST_LOST;
-use proto::plain_file::open_plain;
 use std::collections::BTreeSet;
-use std::fs::OpenOptions;
 use std::net::{IpAddr, SocketAddr, TcpStream};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -61,7 +59,13 @@ impl Agent {
     pub fn run(self) -> Result<ExitCode> {
         let (mut stream, own) = self.knock()?;
         let deadline = Instant::now() + 2 * self.patience.joining;
-        let reply = receive(&mut stream, REPLY, deadline).context("host 0 did not begin")?;
+        let reply = match receive(&mut stream, REPLY, deadline) {
+            Ok(reply) => reply,
+            Err(error) => {
+                terminal::note(&format!("host 0 did not begin: {error}"));
+                return Ok(ExitCode::from(EXIT_HOST_LOST as u8));
+            }
+        };
         let invitation: Invitation = match reply {
             Reply::Invited(invitation) => invitation,
             Reply::Refused(reason) => bail!("host 0 refuses this host: {reason}"),
@@ -70,7 +74,9 @@ impl Agent {
                 return Ok(ExitCode::from(status));
             }
         };
-        let read = |_: &(String, u64)| receive_bytes(&mut stream, FILE, deadline);
+        let read = |(_, size): &(String, u64)| {
+            receive_bytes(&mut stream, usize::try_from(*size).map_or(FILE, |size| size.min(FILE)), deadline)
+        };
         let files: Vec<Vec<u8>> =
             invitation.files.iter().map(read).collect::<Result<_, _>>().context("host 0's files")?;
         let patience = Patience { lost: Duration::try_from_secs_f64(invitation.lost_s)?, ..self.patience };
@@ -84,9 +90,7 @@ impl Agent {
                 return Err(error);
             }
         };
-        let path = place.folder.log("orchestrator");
-        let log = open_plain(&path, OpenOptions::new().create(true).append(true));
-        terminal::log_to_file(log.with_context(|| format!("cannot open {}", path.display()))?);
+        begin_log(&place.folder)?;
         tracing::info!(
             "host {} of {} of run {}, start {}, in {}",
             self.member.host,
@@ -105,7 +109,10 @@ impl Agent {
         };
         let address = place.address.clone();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
-        let ended = runtime.block_on(self.work(place, &invitation, network, mouth, orders, patience));
+        let ended = runtime.block_on(self.work(place, &invitation, network, &mouth, orders, patience));
+        if let Err(error) = &ended {
+            mouth.say(Word::Refused(format!("{error:#}")));
+        }
         // In any case no process and no shared memory of this start remains.
         drop(runtime);
         if let Err(error) = remains::sweep(&address, Duration::from_secs(2)) {
@@ -122,11 +129,18 @@ impl Agent {
         let deadline = Instant::now() + self.patience.joining;
         let host = self.member.host;
         tracing::info!("host {host} of {}: looking for host 0 at {rendezvous}", self.member.hosts);
+        let mut told = false;
         loop {
             let last = match self.attempt() {
                 Ok((mut stream, own)) => match ask(&mut stream, &self.token, host, Instant::now() + ATTEMPT) {
                     Ok(()) => return Ok((stream, own)),
-                    Err(error) => anyhow::Error::new(error),
+                    Err(error) => {
+                        let is_final = matches!(error, HandshakeError::Stranger | HandshakeError::Version { .. });
+                        if is_final && !std::mem::replace(&mut told, true) {
+                            tracing::warn!("host 0 at {rendezvous}: {error}; trying again");
+                        }
+                        anyhow::Error::new(error)
+                    }
                 },
                 Err(error) => error,
             };
@@ -159,7 +173,7 @@ impl Agent {
         place: Place,
         invitation: &Invitation,
         network: LearnersNetwork,
-        mouth: Mouth<Word>,
+        mouth: &Mouth<Word>,
         orders: mpsc::Receiver<Heard>,
         patience: Patience,
     ) -> Result<(u8, String)> {
@@ -193,8 +207,8 @@ impl Agent {
             network: Some(network),
         };
         let (sender, inbox) = mpsc::channel(QUEUE);
-        mouth.say(Word::Ready);
         let announcer = host.wire().announcer()?;
+        mouth.say(Word::Ready);
         let work = Work {
             host: &host,
             announcer,
@@ -215,12 +229,15 @@ impl Agent {
 
 /// Connects from an address of this host's.
 fn connect(own: IpAddr, to: SocketAddr) -> std::io::Result<TcpStream> {
+    use rustix::net::sockopt::{Timeout, set_socket_timeout};
     use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, connect, socket_with};
     if address::of_other(to, None).is_ok_and(|usual| usual == own) {
         return TcpStream::connect_timeout(&to, ATTEMPT);
     }
     let family = if own.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };
     let socket = socket_with(family, SocketType::STREAM, SocketFlags::CLOEXEC, None)?;
+    // On Linux this bounds the connecting, too.
+    set_socket_timeout(&socket, Timeout::Send, Some(ATTEMPT))?;
     bind(&socket, &SocketAddr::from((own, 0)))?;
     connect(&socket, &to)?;
     Ok(socket.into())
@@ -234,7 +251,7 @@ struct Work<'a> {
     running: BTreeSet<Process>,
     inbox: mpsc::Receiver<Event>,
     orders: mpsc::Receiver<Heard>,
-    mouth: Mouth<Word>,
+    mouth: &'a Mouth<Word>,
     signals: Signals,
     recorder: Option<Recorder>,
     /// Incarnation of the learners whose events count.

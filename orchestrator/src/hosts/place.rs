@@ -12,7 +12,7 @@ use proto::config::Config;
 use proto::hosts::Hosts;
 use proto::run_folder::{RunFolder, write_atomically};
 use std::path::{Component, Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use wire::WireAddress;
 
 /// How long processes may take to notice that their orchestrator is gone.
@@ -35,7 +35,7 @@ pub fn prepare(run: &Path, host: u32, invitation: &Invitation, files: &[Vec<u8>]
     for path in [folder.root().to_path_buf(), folder.logs(), folder.recordings()] {
         std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
     }
-    let lock = acquire(&folder, patience)?;
+    let lock = RunLock::acquire_within(&folder, patience)?;
     check_run(&folder, &invitation.run_id)?;
     let config = Config::from_toml(&invitation.config, "host 0's configuration")?;
     let hosts = Hosts::new(invitation.hosts, config.shares());
@@ -55,16 +55,6 @@ pub fn prepare(run: &Path, host: u32, invitation: &Invitation, files: &[Vec<u8>]
     demand_all(&part_of(&config, hosts, host), &folder, &tools)?;
     let address = WireAddress::new(&names, invitation.incarnation);
     Ok(Place { folder, config, address, hosts, tools, lock })
-}
-
-fn acquire(folder: &RunFolder, patience: Duration) -> Result<RunLock> {
-    let began = Instant::now();
-    loop {
-        match RunLock::acquire(folder) {
-            Err(_) if began.elapsed() < patience => std::thread::sleep(Duration::from_millis(200)),
-            taken => return taken,
-        }
-    }
 }
 
 /// Refuses a folder with another run's recordings; notes whose it is.

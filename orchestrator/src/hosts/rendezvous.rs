@@ -111,6 +111,12 @@ impl Rendezvous {
     /// Listens at the rendezvous, on this host's own address alone.
     pub fn open(member: &Membership, token: Token, interface: Option<&str>, patience: Patience) -> Result<Self> {
         let own = address::of_first(&member.rendezvous, interface)?;
+        let name = member.rendezvous.rsplit_once(':').map_or("", |(name, _)| name);
+        if own.is_loopback() && interface.is_none() && name != "localhost" && name.parse::<IpAddr>().is_err() {
+            tracing::warn!(
+                "{name} is {own} here, which no other machine reaches: name host 0's network by --interface"
+            );
+        }
         let port = member.rendezvous.rsplit_once(':').and_then(|(_, port)| port.parse::<u16>().ok());
         let place = (own, port.context("a rendezvous has a port")?);
         let listener = TcpListener::bind(place).with_context(|| {
@@ -298,7 +304,10 @@ fn is_there(stream: &TcpStream) -> bool {
     if stream.set_nonblocking(true).is_err() {
         return false;
     }
-    let there = !matches!(stream.peek(&mut [0]), Ok(0)) || stream.take_error().is_ok_and(|error| error.is_some());
+    let there = match stream.peek(&mut [0]) {
+        Ok(count) => count > 0,
+        Err(error) => matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted),
+    };
     stream.set_nonblocking(false).is_ok() && there
 }
 

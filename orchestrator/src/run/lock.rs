@@ -28,6 +28,17 @@ pub struct RunLock {
 }
 
 impl RunLock {
+    /// Takes the lock as soon as its holder lets go of it, within `patience`.
+    pub fn acquire_within(folder: &RunFolder, patience: Duration) -> Result<Self> {
+        let began = Instant::now();
+        loop {
+            match Self::acquire(folder) {
+                Err(_) if began.elapsed() < patience => std::thread::sleep(Duration::from_millis(200)),
+                taken => return taken,
+            }
+        }
+    }
+
     /// Takes the lock; the error names the holder. Waits a moment: `status` holds it shared for microseconds.
     pub fn acquire(folder: &RunFolder) -> Result<Self> {
         refuse_links(folder)?;

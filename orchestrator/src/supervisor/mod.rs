@@ -4,8 +4,8 @@
 //! is its time, [`policy`] holds its bounds, [`deadlines`] finds the one that is exceeded, and [`words`] phrases reports
 //! of starts and deaths. All are pure functions of events ([`event`]) and a clock. [`shell`] is where processes, signals,
 //! shared memory and files are: it turns signals and messages into events, executes the machine's actions, and decides
-//! nothing. [`company`] is what it knows of other hosts. [`session`] is one start of the orchestrator on a run folder, with its services, its recorder and this
-//! supervision.
+//! nothing. [`company`] is what supervision keeps of the other hosts. [`session`] is one start of the orchestrator on a
+//! run folder, with its services, its recorder and this supervision.
 
 pub mod children;
 pub mod clock;

@@ -11,6 +11,7 @@ use crate::preflight::programs::Programs;
 use crate::showing::log_line::LogLine;
 use proto::device::{VISIBLE_DEVICES, device_name};
 use proto::event::LearnerEvent;
+use proto::hosts::MEETING_KEY;
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use rustix::io::{FdFlags, fcntl_setfd};
@@ -33,8 +34,6 @@ use wire::WireAddress;
 pub const TOKEN: &str = "STILLROOM_TOKEN";
 /// See [`TOKEN`].
 pub const TOKEN_FILE: &str = "STILLROOM_TOKEN_FILE";
-/// The variable in which a learner finds what keys in the learners' store begin with.
-const MEETING_KEY: &str = "STILLROOM_MEETING_KEY";
 /// NCCL's own variable for the interface that it uses; `=` asks for exactly that one.
 const NCCL_INTERFACE: &str = "NCCL_SOCKET_IFNAME";
 /// Lines of a child's standard error that are kept for the report of its death.
@@ -93,8 +92,9 @@ impl LearnersNetwork {
         }
         // Not on the command line, which everybody can read.
         command.env(MEETING_KEY, key);
+        let interface = interface.as_deref().or(own.is_loopback().then_some("lo"));
         if let (Some(interface), None) = (interface, std::env::var_os(NCCL_INTERFACE)) {
-            command.env(NCCL_INTERFACE, interface);
+            command.env(NCCL_INTERFACE, format!("={interface}"));
         }
     }
 

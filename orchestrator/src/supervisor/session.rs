@@ -2,7 +2,7 @@
 //! process's end. A run's and an evaluation's alike. `run.toml` counts them as incarnations.
 
 use super::company::Company;
-use super::event::Outcome;
+use super::event::{Outcome, SessionEnd};
 use super::process::{Launch, LearnersNetwork};
 use super::shell::{Audience, Shell, Signals};
 use crate::preflight::cores;
@@ -56,15 +56,15 @@ pub struct Together {
     pub network: LearnersNetwork,
 }
 
-impl Session<'_> {
-    /// Has the log go to the folder, too.
-    pub fn begin_log(&self) -> Result<()> {
-        let path = self.folder.log("orchestrator");
-        let log = open_plain(&path, OpenOptions::new().create(true).append(true));
-        terminal::log_to_file(log.with_context(|| format!("cannot open {}", path.display()))?);
-        Ok(())
-    }
+/// Has the log go to the folder, too.
+pub fn begin_log(folder: &RunFolder) -> Result<()> {
+    let path = folder.log("orchestrator");
+    let log = open_plain(&path, OpenOptions::new().create(true).append(true));
+    terminal::log_to_file(log.with_context(|| format!("cannot open {}", path.display()))?);
+    Ok(())
+}
 
+impl Session<'_> {
     /// Runs everything to its end; the second result is the recording's. `together`: where the run has several hosts.
     pub fn run(
         &self,
@@ -128,8 +128,11 @@ impl Session<'_> {
         let saved = outcome.as_ref().ok().and_then(|outcome| outcome.saved.as_ref()).map(|saved| saved.frames);
         let saved = saved.filter(|_| config.evaluation.is_none());
         let mut recording = recorder.map_or(Ok(()), |recorder| recorded(recorder, saved));
+        // After a loss there is not as much time.
+        let lost = matches!(&outcome, Ok(Outcome { end: SessionEnd::HostLost(_), .. }));
+        let patience = if lost { RECORDED / 6 } else { RECORDED };
         if let Some(together) = together
-            && let [first, rest @ ..] = &together.company.finish(saved, RECORDED).await[..]
+            && let [first, rest @ ..] = &together.company.finish(saved, patience).await[..]
         {
             for missing in rest {
                 tracing::error!("{missing}");

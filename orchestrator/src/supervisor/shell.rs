@@ -344,6 +344,11 @@ impl<A: Audience> Supervision<'_, A> {
         while self.audience.is_busy() && !self.asked_to_stop {
             tokio::select! {
                 _ = self.shell.signals.next() => self.asked_to_stop = true,
+                (host, heard) = heard(&mut self.shell.company) => match self.event_of(host, heard) {
+                    Event::Stop | Event::Interrupt => self.asked_to_stop = true,
+                    Event::HostLost { reason, .. } => tracing::warn!("{reason}"),
+                    _ => {}
+                },
                 _ = self.tick.tick() => {
                     let now = self.now();
                     self.audience.tick(now, self.shell.recorder);

@@ -9,7 +9,7 @@ use crate::showing::format;
 use crate::showing::terminal;
 use crate::supervisor::company::Order;
 use crate::supervisor::event::{Outcome, SessionEnd};
-use crate::supervisor::session::{EXIT_INTERRUPTED, Session, Together, part_of, shape};
+use crate::supervisor::session::{EXIT_INTERRUPTED, Session, Together, begin_log, part_of, shape};
 use crate::training::next_steps;
 use crate::training::summary::Summary;
 use crate::training::wall::{Last, Wall};
@@ -44,7 +44,7 @@ pub struct TrainingRun {
 /// Who starts a run, and where.
 #[derive(Debug, Default)]
 pub struct Started {
-    /// A scheduler or launcher does.
+    /// A scheduler or launcher does, or its flags name this host: then SIGTERM asks for another start, too.
     pub launched: bool,
     /// The door for the other hosts, if there are some.
     pub rendezvous: Option<Rendezvous>,
@@ -102,7 +102,7 @@ impl TrainingRun {
     fn session(&mut self, incarnation: u32, address: &WireAddress) -> Result<Ran> {
         let Self { folder, config, identity, lock, tools, started } = self;
         let session = Session { folder, config, incarnation, address, tools, launched: started.launched };
-        session.begin_log()?;
+        begin_log(folder)?;
         tracing::info!(
             "run {} in {}, start {incarnation}; {}, seed {}, {} frames",
             identity.id,
