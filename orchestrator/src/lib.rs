@@ -105,3 +105,19 @@ pub fn main() -> ExitCode {
         ExitCode::FAILURE
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use proto::run_folder::RunFolder;
+    use std::path::Path;
+
+    #[test]
+    fn the_viewer_that_a_run_starts_is_a_command_of_ours() {
+        let command = command::up::viewer(Path::new("orchestrator"), &RunFolder::new("runs/a"));
+        let words = std::iter::once(command.get_program()).chain(command.get_args());
+        let line = CommandLine::try_parse_from(words).unwrap();
+        assert!(line.parent.is_some() && matches!(line.command, Command::View(_)));
+    }
+}

@@ -1,6 +1,6 @@
 // The pages of one episode, and of two side by side.
 
-import { h, json, notice, replace, say } from "./dom.js";
+import { ask, h, json, notice, replace, say } from "./dom.js";
 import { outcome } from "./format.js";
 import { Stage, Strip } from "./stage.js";
 
@@ -92,7 +92,7 @@ class Player {
           const address = new URL(orbit.address(true), location.href);
           address.searchParams.set("width", String(width));
           address.searchParams.set("height", String(height));
-          const picture = await createImageBitmap(await (await fetch(address, { signal: this.signal })).blob());
+          const picture = await createImageBitmap(await (await ask(address, { signal: this.signal })).blob());
           pen.drawImage(picture, at * width, 0);
           picture.close();
         }
@@ -100,6 +100,7 @@ class Player {
         this.film.textContent = `step ${step} of ${this.last}`;
         await new Promise((resolve) => setTimeout(resolve, Math.max(0, 1000 / Number(this.speed.value) - (performance.now() - began))));
       }
+      this.signal.throwIfAborted();
       recorder.stop();
       await ended;
       const address = URL.createObjectURL(new Blob(chunks, { type: kind }));
@@ -107,6 +108,8 @@ class Player {
       h("a", { href: address, download: `${name}.${kind.includes("mp4") ? "mp4" : "webm"}` }).click();
       setTimeout(() => URL.revokeObjectURL(address), 60_000);
     } catch (error) {
+      if (recorder.state !== "inactive") recorder.stop();
+      if (this.signal.aborted) return;
       this.stages[0].fail(error);
     }
     Object.assign(this.film, { disabled: false, textContent: "Save film" });
@@ -143,12 +146,17 @@ export async function showEpisode(root, run, key, query, signal) {
 /** The recorded episodes of a run by what makes them the same: kitchen and number, in a training run environment, too. */
 async function index(run, signal) {
   const page = await json(`/api/runs/${encodeURIComponent(run)}/episodes?recorded=true&sort=kitchen&limit=500`, { signal });
-  return new Map(page.rows.map((row) => [`${row.kitchen}:${row.episode}:${row.target}`, row]));
+  // Only a training run has sources: there an environment's number counts, too.
+  const where = (row) => (page.sources.length ? `${row.kitchen}/${row.environment}` : row.kitchen);
+  const rows = new Map(page.rows.map((row) => [`${where(row)}:${row.episode}:${row.target}`, row]));
+  return { rows, cut: page.matching > page.rows.length };
 }
 
 export async function showCompare(root, runs, query, signal) {
   replace(root, h("p", { class: "soft", role: "status" }, "Looking for episodes that both have …"));
-  const [ones, others] = await Promise.all(runs.map((run) => index(run, signal)));
+  const found = await Promise.all(runs.map((run) => index(run, signal)));
+  const [ones, others] = found.map(({ rows }) => rows);
+  const cut = found.some((one) => one.cut) ? notice("Only the first 500 recorded episodes of each are compared.") : null;
   const both = [...ones.keys()].filter((name) => others.has(name));
   if (!both.length) {
     replace(root, notice("The two have no recorded episode in common. Evaluate both on the same episodes with `orchestrator eval RUN --record all`."));
@@ -163,7 +171,7 @@ export async function showCompare(root, runs, query, signal) {
   };
   const base = (name) => `#/compare/${runs.map(encodeURIComponent).join("/")}?episode=${encodeURIComponent(name)}`;
   const picker = h("select", { onchange: () => { location.hash = base(picker.value); } }, both.map((name) => h("option", { value: name, selected: name === asked }, label(name))));
-  replace(root, h("div", { class: "row between" }, h("h1", {}, "Side by side"), h("label", {}, "episode", picker)), place);
+  replace(root, h("div", { class: "row between" }, h("h1", {}, "Side by side"), h("label", {}, "episode", picker)), cut, place);
   replace(place, h("p", { class: "soft", role: "status" }, "Both are simulated again …"));
   const keys = [ones, others].map((all) => all.get(asked).key);
   const stages = [await Stage.open(runs[0], keys[0], signal), await Stage.open(runs[1], keys[1], signal)];

@@ -104,8 +104,6 @@ pub struct Live {
     pub notes: Vec<String>,
     /// Changes whenever the figures do.
     pub rollouts: u64,
-    /// Episodes in the table of training.
-    pub episodes: u64,
 }
 
 /// A stage.

@@ -68,7 +68,9 @@ impl Guard {
                 "this server is not called that: use its address\n",
             );
         }
-        if headers.get("sec-fetch-site").is_some_and(|site| site == "cross-site") && request.uri().path() != "/" {
+        if headers.get("sec-fetch-site").is_some_and(|site| site == "cross-site" || site == "same-site")
+            && request.uri().path() != "/"
+        {
             return Verdict::Refuse(StatusCode::FORBIDDEN, "another site's page may not ask this server\n");
         }
         if !matches!(*request.method(), Method::GET | Method::HEAD) {
@@ -80,7 +82,7 @@ impl Guard {
             && let Some(shown) = request.uri().query().and_then(of_query)
             && same(&shown, token)
         {
-            return Verdict::Welcome(format!("{COOKIE_NAME}={token}; Path=/; HttpOnly; SameSite=Strict"));
+            return Verdict::Welcome(format!("{COOKIE_NAME}={token}; Path=/; HttpOnly; SameSite=Lax"));
         }
         let kept = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
         let mut kept = kept.flat_map(|value| value.split(';')).filter_map(|pair| pair.trim().split_once('='));

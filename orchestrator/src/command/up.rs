@@ -12,6 +12,7 @@ use crate::run::identity::unix_now;
 use crate::run::scenes;
 use crate::showing::format::counted;
 use crate::showing::{format, terminal};
+use crate::supervisor::process::{TOKEN, TOKEN_FILE};
 use crate::training::run::TrainingRun;
 use anyhow::{Context, Result, bail};
 use proto::checkpoint::Manifest;
@@ -127,14 +128,21 @@ fn check_hosts(config: &Config, member: Option<&Membership>) -> Result<()> {
 /// Starts a viewer that ends with this process. Without one the run goes on all the same.
 fn show(folder: &RunFolder) {
     let started = std::env::current_exe().and_then(|program| {
-        let mut command = std::process::Command::new(program);
-        command.arg("view").arg(folder.root()).args(["--open", "--parent", &std::process::id().to_string()]);
+        let mut command = viewer(&program, folder);
         // Standard output is the run's, down to its last line.
         command.stdin(std::process::Stdio::null()).stdout(std::io::stderr()).spawn()
     });
     if let Err(error) = started {
         terminal::note(&format!("cannot start a viewer ({error}): `orchestrator view {}`", folder.root().display()));
     }
+}
+
+/// The command of a viewer. It is no part of the run, and starts a browser: so it gets no token.
+pub(crate) fn viewer(program: &Path, folder: &RunFolder) -> std::process::Command {
+    let mut command = std::process::Command::new(program);
+    command.args(["--parent", &std::process::id().to_string(), "view"]).arg(folder.root()).arg("--open");
+    command.env_remove(TOKEN).env_remove(TOKEN_FILE);
+    command
 }
 
 /// Whose weights the run begins with; refused where the networks differ.

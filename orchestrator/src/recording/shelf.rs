@@ -9,8 +9,9 @@ use super::assembly::{Assembly, Generation, Taken};
 use super::origin::Origin;
 use super::reader::RecordingError;
 use crate::recording::schema::stillroom::{EpisodeEnd, EpisodeStart, Step};
-use mcap::read::{ChunkReader, parse_record};
+use mcap::read::parse_record;
 use mcap::records::{Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use prost::Message;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
@@ -90,29 +91,6 @@ impl Shelved {
     }
 }
 
-/// What of a step the table needs: the rest of the message is passed over.
-#[derive(Clone, PartialEq, prost::Message)]
-struct StepBrief {
-    #[prost(uint32, tag = "1")]
-    kitchen: u32,
-    #[prost(uint32, tag = "2")]
-    environment: u32,
-    #[prost(uint32, tag = "5")]
-    episode: u32,
-    #[prost(uint32, tag = "6")]
-    step: u32,
-    #[prost(uint32, tag = "8")]
-    incarnation: u32,
-    #[prost(uint32, tag = "9")]
-    learner_incarnation: u32,
-    #[prost(int32, tag = "13")]
-    target: i32,
-    #[prost(bool, tag = "14")]
-    action_failed: bool,
-    #[prost(uint32, optional, tag = "34")]
-    fixed_episode: Option<u32>,
-}
-
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Carries {
     Step,
@@ -150,7 +128,10 @@ pub struct Shelf {
     episodes: BTreeMap<Key, Shelved>,
     /// Of every environment the newest learner, and the last episode that it began.
     newest: HashMap<(u32, u32), (Generation, u32)>,
+    /// Episodes taken in.
     met: u64,
+    /// There were more episodes than are kept.
+    is_full: bool,
     /// Of every kitchen the episodes that ended last, the newest last.
     ended: HashMap<u32, VecDeque<Key>>,
     /// What is wrong with the files, as sentences without an end.
@@ -178,6 +159,7 @@ impl Shelf {
             episodes: BTreeMap::new(),
             newest: HashMap::new(),
             met: 0,
+            is_full: false,
             ended: HashMap::new(),
             notes: Vec::new(),
         }
@@ -224,11 +206,6 @@ impl Shelf {
         let (_, last) = self.newest.get(&(kitchen, environment))?;
         let range = (kitchen, environment, 0)..=(kitchen, environment, *last);
         self.episodes.range(range).rev().find(|(_, shelved)| shelved.is_playable()).map(|(key, _)| *key)
-    }
-
-    /// Episodes that were begun so far.
-    pub fn met(&self) -> u64 {
-        self.met
     }
 
     /// The episodes of a kitchen that ended last, at most so many.
@@ -287,15 +264,9 @@ impl Shelf {
 
     /// Takes in files that are new, and how long all are now.
     fn find_volumes(&mut self) {
-        let Ok(entries) = std::fs::read_dir(&self.folder) else { return };
-        let mut found: Vec<(PathBuf, u64)> = entries
-            .flatten()
-            .map(|entry| entry.path())
-            .filter(|path| path.extension().is_some_and(|extension| extension == "mcap"))
-            .filter_map(|path| Some((path.clone(), std::fs::metadata(&path).ok()?.len())))
-            .collect();
-        // Names hold incarnation and segment with leading zeros: their order is that of time.
-        found.sort();
+        // There is none yet, or its folder cannot be read at the moment.
+        let Ok(files) = super::files_at(&self.folder) else { return };
+        let found = files.into_iter().filter_map(|path| Some((path.clone(), std::fs::metadata(&path).ok()?.len())));
         for (path, length) in found {
             if let Some(volume) = self.volumes.iter_mut().find(|volume| volume.path == path) {
                 volume.caught_up &= volume.length == length;
@@ -365,14 +336,14 @@ impl Shelf {
     fn take(&mut self, place: (usize, u64), carries: Carries, data: &[u8]) {
         match carries {
             Carries::Step => {
-                let Ok(step) = StepBrief::decode(data) else { return };
+                let Ok(step) = Step::decode(data) else { return };
                 let generation = (step.incarnation, step.learner_incarnation);
                 let whose = (step.kitchen, step.environment, step.episode);
                 let Some(shelved) = self.shelved(whose, generation, step.step, place) else { return };
                 shelved.from_its_start |= step.step == 0;
                 shelved.target = Some(step.target);
                 shelved.fixed = step.fixed_episode;
-                shelved.steps = shelved.steps.max(step.step + 1);
+                shelved.steps = shelved.steps.max(step.step.saturating_add(1));
                 let word = step.step as usize / 64;
                 // A step's number is bounded by an episode's length; a damaged one costs no memory.
                 if word < 1024 {
@@ -395,6 +366,8 @@ impl Shelf {
                 let Some(shelved) = self.shelved(whose, generation, end.length, place) else { return };
                 shelved.end = Some(end);
                 let ended = self.ended.entry(whose.0).or_default();
+                // A learner that went back plays some again.
+                ended.retain(|key| *key != whose);
                 if ended.len() == ENDED_KEPT {
                     ended.pop_front();
                 }
@@ -420,8 +393,7 @@ impl Shelf {
         let key = (kitchen, environment, episode);
         if !self.episodes.contains_key(&key) {
             if self.episodes.len() >= EPISODES_MAX {
-                if self.episodes.len() as u64 == self.met {
-                    self.met += 1;
+                if !std::mem::replace(&mut self.is_full, true) {
                     self.notes
                         .push(format!("the table has the first {EPISODES_MAX} episodes, later ones are left out"));
                 }
@@ -462,27 +434,45 @@ fn assemble(assembly: &mut Assembly, key: Key, carries: Carries, data: &[u8]) {
     }
 }
 
-/// What a chunk holds; none if its content is not what its checksum says.
+/// What a chunk holds; none if its content is not what its checksum says. No room is made for what a damaged length
+/// claims.
 fn contents(body: &[u8]) -> Option<Vec<Found>> {
-    let Ok(Record::Chunk { header, data }) = parse_record(op::CHUNK, body) else { return None };
-    // Room is made for what a damaged header claims, before anything is checked.
+    let Ok(Record::Chunk { header, .. }) = parse_record(op::CHUNK, body) else { return None };
     if header.uncompressed_size > RECORD_MAX {
         return None;
     }
+    let options = LinearReaderOptions::default().with_skip_start_magic(true).with_skip_end_magic(true);
+    let options = options.with_prevalidate_chunk_crcs(true).with_record_length_limit(RECORD_MAX as usize);
+    let mut reader = LinearReader::new_with_options(options);
+    let mut head = vec![op::CHUNK];
+    head.extend((body.len() as u64).to_le_bytes());
+    let mut rest = [head.as_slice(), body].into_iter();
+    let mut piece = rest.next().unwrap_or_default();
     let mut found = Vec::new();
-    for record in ChunkReader::new(header, &data).ok()? {
-        match record.ok()? {
-            Record::Channel(channel) => {
-                let carries = match channel.topic.as_str() {
-                    "/step" => Carries::Step,
-                    "/episode/start" => Carries::Start,
-                    "/episode/end" => Carries::End,
-                    _ => continue,
-                };
-                found.push(Found::Channel(channel.id, carries));
+    while let Some(event) = reader.next_event() {
+        match event.ok()? {
+            LinearReadEvent::ReadRequest(wanted) => {
+                if piece.is_empty() {
+                    piece = rest.next().unwrap_or_default();
+                }
+                let (now, later) = piece.split_at(wanted.min(piece.len()));
+                reader.insert(now.len()).copy_from_slice(now);
+                reader.notify_read(now.len());
+                piece = later;
             }
-            Record::Message { header, data } => found.push(Found::Message(header.channel_id, data.into_owned())),
-            _ => {}
+            LinearReadEvent::Record { data, opcode } => match parse_record(opcode, data).ok()? {
+                Record::Channel(channel) => {
+                    let carries = match channel.topic.as_str() {
+                        "/step" => Carries::Step,
+                        "/episode/start" => Carries::Start,
+                        "/episode/end" => Carries::End,
+                        _ => continue,
+                    };
+                    found.push(Found::Channel(channel.id, carries));
+                }
+                Record::Message { header, data } => found.push(Found::Message(header.channel_id, data.into_owned())),
+                _ => {}
+            },
         }
     }
     Some(found)

@@ -113,6 +113,8 @@ pub struct Watched {
     logs: BTreeMap<String, Log>,
     shelf: Shelf,
     processes: Processes,
+    /// Whose folder it was when it was last looked at.
+    id: Option<String>,
 }
 
 impl Watched {
@@ -125,8 +127,9 @@ impl Watched {
             damaged: 0,
             edition: 1,
             logs: BTreeMap::new(),
-            shelf: Shelf::of(folder.recordings()),
+            shelf: Shelf::of(folder.root().to_path_buf()),
             processes: Processes::default(),
+            id: None,
             entry,
             folder,
         }
@@ -137,8 +140,19 @@ impl Watched {
         self.folder.root().is_dir()
     }
 
+    /// Forgets everything if another run begins in a new folder of that name.
+    fn notice_another_run(&mut self) -> Result<()> {
+        let identity = Identity::read(&self.folder)?;
+        if self.id.as_ref().is_some_and(|id| *id != identity.id) {
+            *self = Self::of(self.entry.clone());
+        }
+        self.id = Some(identity.id);
+        Ok(())
+    }
+
     /// Its line in the list.
     pub fn card(&mut self) -> Result<Card> {
+        self.notice_another_run()?;
         self.read_metrics()?;
         let (config, identity) = (Config::of_run(&self.folder)?, Identity::read(&self.folder)?);
         let held = holder(&self.folder)?;
@@ -182,6 +196,7 @@ impl Watched {
 
     /// How it stands.
     pub fn live(&mut self) -> Result<Live> {
+        self.notice_another_run()?;
         self.read_metrics()?;
         self.shelf.advance(GLANCE);
         let (config, identity) = (Config::of_run(&self.folder)?, Identity::read(&self.folder)?);
@@ -222,7 +237,6 @@ impl Watched {
             indexed: self.shelf.indexed(),
             notes,
             rollouts: self.history.len() as u64,
-            episodes: self.shelf.met(),
             card: self.card_of(&config, &identity, &held)?,
         })
     }

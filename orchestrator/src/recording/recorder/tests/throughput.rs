@@ -39,6 +39,7 @@ fn throughput_of_the_scribe() {
         let seconds = started.elapsed().as_secs_f64();
         let counts = scribe.counts();
         let bytes = scribe.segments().bytes();
+        assert!(counts.steps > 0 && (flags == 0) == (counts.depth_frames == 0), "{name}");
         println!(
             "{name}: {:.0} steps/s, {:.0} depth frames/s, {:.1} bytes a step",
             counts.steps as f64 / seconds,
