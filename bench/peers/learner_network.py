@@ -1,4 +1,8 @@
-"""The learner's network and loss in plain PyTorch: docs/method.md, as anyone would write it."""
+"""The learner's network and loss in plain PyTorch: docs/method.md, as anyone would write it.
+
+It is not `stillroom.network`: there is no package `stillroom` where the learner is measured, and here the encoder may be
+bfloat16 and all of it must fit into a CUDA graph.
+"""
 
 from __future__ import annotations
 

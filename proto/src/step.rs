@@ -3,6 +3,7 @@
 //! Both types lie in shared memory exactly as they are declared here. Therefore they are `repr(C)`, their sizes are
 //! fixed, and every byte belongs to a field: `Pod` cannot be derived for a type with hidden padding.
 
+use crate::config::CarriedGoal;
 use crate::reward::RewardParts;
 use bytemuck::{Pod, Zeroable};
 
@@ -116,3 +117,19 @@ pub struct Current {
 const _: () = assert!(size_of::<RewardParts>() == 24);
 const _: () = assert!(size_of::<Transition>() == 88);
 const _: () = assert!(size_of::<Current>() == 112);
+
+impl Current {
+    /// The goal vector that the policy is given, robot's frame, metres: from the wrist to the object, and while the object
+    /// is held between the object and the goal. Observations and recordings have that always from the object to the goal;
+    /// the reference's sensor has it the other way round.
+    pub fn goal_vector_m(&self, carried: CarriedGoal) -> [f32; 3] {
+        if self.flags & current_flag::HOLDING == 0 {
+            return self.wrist_to_object_m;
+        }
+        match carried {
+            CarriedGoal::ObjectToGoal => self.object_to_goal_m,
+            // 0 − 0 is 0, but −(0) would be −0, which has another azimuth.
+            CarriedGoal::GoalToObject => self.object_to_goal_m.map(|coordinate| 0.0 - coordinate),
+        }
+    }
+}

@@ -13,8 +13,8 @@ use crate::state::state;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1};
 use oracle::Variant;
 use proto::action::{Action, NO_ACTION};
-use proto::config::{CarriedGoal, Config};
-use proto::step::{Current, current_flag, transition_flag};
+use proto::config::Config;
+use proto::step::{Current, transition_flag};
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -37,18 +37,19 @@ enum Autoreset {
 /// The episode that Python asks for: series, seed, number.
 type Asked = (Option<String>, Option<u64>, Option<u32>);
 
-/// What a thread keeps between calls: a camera for each kitchen, and scratch memory.
+/// What a thread keeps between calls: a camera for each kitchen, and scratch memory. Cameras stand under the address of
+/// their kitchen, which is kept beside them: no other kitchen can get that address, though scenes may share a number.
 #[derive(Default)]
 struct Worker {
-    cameras: HashMap<u32, DepthCamera>,
+    cameras: HashMap<usize, (Arc<simulator::kitchen::Kitchen>, DepthCamera)>,
     scratch: Vec<u16>,
 }
 
 impl Worker {
     fn look(&mut self, place: &mut Place, side: usize, frame: &mut Frame) {
         let kitchen = &place.room.kitchen;
-        let camera = self.cameras.entry(kitchen.id().number());
-        let camera = camera.or_insert_with(|| DepthCamera::new(kitchen.bodies()));
+        let camera = self.cameras.entry(Arc::as_ptr(kitchen).addr());
+        let (_, camera) = camera.or_insert_with(|| (Arc::clone(kitchen), DepthCamera::new(kitchen.bodies())));
         frame.take(&mut place.environment, camera, side, &mut self.scratch);
     }
 }
@@ -180,7 +181,8 @@ impl Batch {
         let autoreset = self.autoreset;
         let reports = self.in_threads(py, |worker, index, place, frame, settings| {
             let side = settings.frame_side;
-            if autoreset == Autoreset::NextStep && place.ended() {
+            // In the mode `Disabled` that was refused; in `SameStep` only a restored moment can have ended.
+            if place.ended() {
                 place.begin(place.next()).map_err(value_error)?;
                 worker.look(place, side, frame);
                 return Ok(report_of(place, settings, true, None));
@@ -403,7 +405,7 @@ fn report_of(place: &Place, settings: &Settings, reset: bool, last: Option<(Vec<
     let current = place.environment.current();
     let facts = Facts::of(place.transition.as_ref(), &current);
     let seen = Seen {
-        goal_m: goal_vector_m(settings.carried_goal(), &current),
+        goal_m: current.goal_vector_m(settings.carried_goal()),
         previous_action: previous_action(settings, &current),
     };
     Report { done: facts, now: facts, seen, last, reset }
@@ -417,14 +419,4 @@ fn previous_action(settings: &Settings, current: &Current) -> i64 {
         return space.len() as i64;
     }
     space.iter().position(is).expect("an environment takes actions of its space only") as i64
-}
-
-/// The goal vector as the learner gives it to its policy.
-fn goal_vector_m(carried: CarriedGoal, current: &Current) -> [f32; 3] {
-    match carried {
-        _ if current.flags & current_flag::HOLDING == 0 => current.wrist_to_object_m,
-        CarriedGoal::ObjectToGoal => current.object_to_goal_m,
-        // Not the negation: of 0 that is -0.
-        CarriedGoal::GoalToObject => current.object_to_goal_m.map(|coordinate| 0.0 - coordinate),
-    }
 }

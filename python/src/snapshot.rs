@@ -1,8 +1,8 @@
 //! A moment to which an environment can return, in memory or as bytes.
 //!
 //! In memory it is a copy of everything, physics included. As bytes it is the episode and its actions: reading it
-//! simulates them again, which takes as long as the first time (about 0.1 ms an action) and gives the same bits; the
-//! state's hash is compared.
+//! simulates them again, which takes as long as physics took the first time and gives the same bits; the state's hash is
+//! compared.
 
 use crate::error::value_error;
 use crate::place::{Chosen, Place};
@@ -91,10 +91,11 @@ fn again(record: Record) -> PyResult<Snapshot> {
     }
     let config = proto::config::Config { episode: record.episode, simulation: record.simulation, ..Default::default() };
     config.validate().map_err(value_error)?;
+    let space = config.episode.action_space.actions();
     let room = Room::of(record.origin, config.simulation)?;
     let mut place = Place::new(room, Arc::new(config), record.environment, record.chosen).map_err(value_error)?;
     for index in record.actions {
-        let action = Action::from_index(index).filter(|_| !place.ended());
+        let action = Action::from_index(index).filter(|action| space.contains(action) && !place.ended());
         let action = action.ok_or_else(|| PyValueError::new_err("the snapshot's actions are no episode"))?;
         place.step(action);
     }

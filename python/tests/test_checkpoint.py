@@ -113,6 +113,9 @@ def test_what_holds_no_checkpoint_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text("[]")
     with pytest.raises(CheckpointError, match="no manifest"):
         stillroom.load(tmp_path / "a.json")
+    (tmp_path / "b.json").write_text('{"tensors": "../a.safetensors", "tensors_sha256": ""}')
+    with pytest.raises(CheckpointError, match="not beside it"):
+        stillroom.load(tmp_path / "b.json")
     with pytest.raises(CheckpointError, match="neither a run folder"):
         stillroom.load(tmp_path / "a.txt")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 import threading
 import time
@@ -191,3 +192,25 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
         env.step(np.zeros(3, np.int64))
     with pytest.raises(ValueError, match="environment 2: there are actions 0 to 20, not -1"):
         env.step(np.array([0, 0, -1, 0]))
+
+
+def test_both_kinds_have_the_same_task_arguments() -> None:
+    one, many = (inspect.signature(kind).parameters for kind in (stillroom.ArmPointNav, stillroom.VectorEnv))
+    own = {"num_envs", "kitchens", "scenes", "autoreset_mode", "threads", "copy"}
+    shared = {name: parameter.default for name, parameter in many.items() if name not in own}
+    of_one = {name: parameter.default for name, parameter in one.items()}
+    assert shared == {name: of_one[name] for name in of_one if name not in {"kitchen", "scene", "number"}}
+
+
+def test_an_ended_moment_begins_anew_in_the_mode_of_the_same_step(kitchens: dict) -> None:
+    kitchen = next(iter(kitchens.values()))
+    one = stillroom.ArmPointNav(kitchen, max_steps=2)
+    one.reset(seed=1)
+    while not any(one.step(0)[2:4]):
+        pass
+    env = stillroom.VectorEnv(1, kitchens=[kitchen], max_steps=2, autoreset_mode="SameStep")
+    env.reset(seed=1)
+    env.restore(0, one.snapshot())
+    _, rewards, terminated, truncated, infos = env.step(np.array([0]))
+    assert rewards[0] == 0 and not terminated[0] and not truncated[0]
+    assert infos["step"][0] == 0

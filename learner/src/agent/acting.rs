@@ -42,7 +42,7 @@ pub(super) struct Rows<'a> {
 /// What a graph reads and writes besides network and beliefs.
 #[derive(Debug)]
 struct Recorded {
-    layout: Layout,
+    layout: InputBytes,
     /// Address of the store that it writes to.
     store: usize,
     graph: Graph,
@@ -54,7 +54,7 @@ struct Recorded {
 
 /// Where each input lies among the bytes of all.
 #[derive(Debug, Clone, PartialEq, Eq)]
-struct Layout {
+struct InputBytes {
     rows: usize,
     frames: Range<usize>,
     places: Range<usize>,
@@ -66,7 +66,7 @@ struct Layout {
     noise: Range<usize>,
 }
 
-impl Layout {
+impl InputBytes {
     fn new(rows: usize, actions: usize) -> Self {
         let mut end = 0;
         let mut next = |bytes: usize| {
@@ -118,7 +118,7 @@ impl Acting {
         store: &Tensor,
         rows: Rows,
     ) -> Result<Vec<Chosen>, GraphError> {
-        let layout = Layout::new(rows.steps.len(), rows.noise.len() / rows.steps.len());
+        let layout = InputBytes::new(rows.steps.len(), rows.noise.len() / rows.steps.len());
         let store_address = store.data_ptr() as usize;
         // After a change of weights.
         network.refresh();
@@ -161,7 +161,7 @@ impl Acting {
         kernels: &Kernels,
         beliefs: &Tensor,
         store: &Tensor,
-        layout: Layout,
+        layout: InputBytes,
         frames: &[i64],
         rows: Rows,
     ) -> Result<Recorded, GraphError> {
@@ -204,13 +204,14 @@ impl Acting {
 }
 
 /// Writes the inputs of a step into their pinned memory.
-fn fill(inputs: &mut Tensor, layout: &Layout, frames: &[i64], rows: Rows) {
+fn fill(inputs: &mut Tensor, layout: &InputBytes, frames: &[i64], rows: Rows) {
     fn put<const BYTES: usize>(to: &mut [u8], numbers: impl Iterator<Item = [u8; BYTES]>) {
         for (to, number) in to.chunks_exact_mut(BYTES).zip(numbers) {
             to.copy_from_slice(&number);
         }
     }
-    // SAFETY: the GPU reads them in a replay alone, and each replay was waited for; no other tensor shares this memory.
+    // SAFETY: the GPU reads them in warm-up runs and replays alone, and each of those was waited for; no other tensor
+    // shares this memory.
     let bytes = unsafe { ffi::bytes_mut(inputs) };
     let integers = |to: &mut [u8], numbers: &[i64]| put(to, numbers.iter().map(|number| number.to_ne_bytes()));
     integers(&mut bytes[layout.frames.clone()], frames);
@@ -231,8 +232,8 @@ mod tests {
 
     #[test]
     fn inputs_lie_one_after_the_other_on_16_bytes() {
-        let layout = Layout::new(3, 21);
-        let Layout { rows: _, frames, places, columns, beliefs_to, previous_actions, goals, carried, noise } =
+        let layout = InputBytes::new(3, 21);
+        let InputBytes { rows: _, frames, places, columns, beliefs_to, previous_actions, goals, carried, noise } =
             layout.clone();
         let parts = [frames, places, columns, beliefs_to, previous_actions, goals, carried, noise];
         assert!(parts.is_sorted_by(|a, b| a.end <= b.start && b.start - a.end < 16));

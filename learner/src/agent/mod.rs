@@ -47,7 +47,7 @@ pub struct StepInput<'a> {
     pub columns: &'a [usize],
     /// Depth frames, millimetres, row-major; may point into shared memory.
     pub frames: &'a [&'a [u16; FRAME_PIXELS]],
-    /// The goal vector as [`crate::network::goal_vector_m`] makes it; robot's frame, metres.
+    /// The goal vector as [`proto::step::Current::goal_vector_m`] makes it; robot's frame, metres.
     pub goal_m: &'a [[f32; 3]],
     /// `A_large` index of the previous action, or `NO_ACTION`.
     pub previous_action: &'a [u8],

@@ -33,7 +33,6 @@ pub(crate) use noise::gumbel_of;
 pub use statistics::{RolloutStatistics, RunningEpisode};
 
 use crate::agent::StepInput;
-use crate::network::goal_vector_m;
 use crate::rollout::Outcome;
 use exchange::{Arrival, Half};
 use proto::action::HOLD;
@@ -467,7 +466,7 @@ impl<S: HalfSample> Collector<S> {
             for (i, column) in column_map.columns_of(index, half).enumerate() {
                 let current = sample.current(i);
                 batch.frames.push(sample.frame(i));
-                batch.goal_m.push(goal_vector_m(carried_goal, current));
+                batch.goal_m.push(current.goal_vector_m(carried_goal));
                 batch.previous_action.push(current.previous_action as u8);
                 batch.episode_start.push(current.flags & current_flag::EPISODE_START != 0);
                 let environment = self.ids[column];

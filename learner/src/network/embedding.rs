@@ -4,8 +4,7 @@ use super::initialize::Initial;
 use super::layers::Linear;
 use super::parameters::{Layout, ParameterId, Parameters};
 use proto::action::{Action, ActionSpace, NO_ACTION};
-use proto::config::{CarriedGoal, GoalCoordinates};
-use proto::step::{Current, current_flag};
+use proto::config::GoalCoordinates;
 use std::f64::consts::{FRAC_PI_2, PI};
 use tch::Tensor;
 
@@ -13,20 +12,6 @@ use tch::Tensor;
 pub const GOAL: i64 = 32;
 /// Width of the previous action's embedding.
 pub const PREVIOUS_ACTION: i64 = 16;
-
-/// The goal vector that the policy is given, robot's frame, metres: from the wrist to the object, and while the object
-/// is held between the object and the goal. Observations and recordings have that always from the object to the goal;
-/// the reference's sensor has it the other way round.
-pub(crate) fn goal_vector_m(carried: CarriedGoal, current: &Current) -> [f32; 3] {
-    if current.flags & current_flag::HOLDING == 0 {
-        return current.wrist_to_object_m;
-    }
-    match carried {
-        CarriedGoal::ObjectToGoal => current.object_to_goal_m,
-        // 0 − 0 is 0, but −(0) would be −0, which has another azimuth.
-        CarriedGoal::GoalToObject => current.object_to_goal_m.map(|coordinate| 0.0 - coordinate),
-    }
-}
 
 /// What the network is given for a goal vector in the robot's frame (x right, y up, z ahead), metres.
 ///
@@ -101,6 +86,8 @@ pub(crate) fn table_row(space: ActionSpace, previous_action: u8) -> Option<i64> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::config::CarriedGoal;
+    use proto::step::{Current, current_flag};
 
     #[test]
     fn polar_goals_of_known_directions() {
@@ -122,12 +109,12 @@ mod tests {
         let mut current =
             Current { wrist_to_object_m: [0.1, -0.2, 0.3], object_to_goal_m: [-1.0, -0.2, 2.0], ..Current::default() };
         let seen = |current: &Current, carried| {
-            goal_coordinates(GoalCoordinates::Polar, goal_vector_m(carried, current)).map(f64::from)
+            goal_coordinates(GoalCoordinates::Polar, current.goal_vector_m(carried)).map(f64::from)
         };
         let close = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
         let (free, held) = ([CarriedGoal::GoalToObject, CarriedGoal::ObjectToGoal], current_flag::HOLDING);
         for carried in free {
-            assert_eq!(goal_vector_m(carried, &current), [0.1, -0.2, 0.3], "the object is not held");
+            assert_eq!(current.goal_vector_m(carried), [0.1, -0.2, 0.3], "the object is not held");
         }
 
         current.flags = held;
@@ -141,7 +128,7 @@ mod tests {
         let expected = [distance, elevation, azimuth - 1.0];
         assert!(close(seen(&current, CarriedGoal::ObjectToGoal), expected), "{expected:?}");
         for carried in free {
-            let vector = goal_vector_m(carried, &current);
+            let vector = current.goal_vector_m(carried);
             assert_eq!(goal_coordinates(GoalCoordinates::Cartesian, vector), [1.0, 0.2, 2.0], "no sign is seen");
         }
 

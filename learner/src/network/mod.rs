@@ -14,7 +14,7 @@ mod parameters;
 
 pub use belief::{Belief, Packing};
 pub use embedding::goal_coordinates;
-pub(crate) use embedding::{goal_vector_m, table_row};
+pub(crate) use embedding::table_row;
 pub(crate) use encoder::{ENCODERS, VISUAL};
 pub use frame::{FramePreparation, RawFrame, Staging};
 pub use initialize::Initial;

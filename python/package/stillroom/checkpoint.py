@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load as decode
+from safetensors.numpy import save_file
 
 try:
     import tomllib
@@ -92,7 +93,11 @@ def load(path: str | PathLike[str], *, rollout: int | None = None, verify: bool 
         raise CheckpointError(f"{path} is neither a run folder nor a checkpoint (rollout-....safetensors)")
     if path.with_suffix(".json").exists():
         return _checkpoint(path.with_suffix(".json"), verify)
-    tensors = _tensors(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise CheckpointError(f"{path} cannot be read: {error}") from error
+    tensors = _tensors(path, content)
     weights = {name.removeprefix(PREFIX): tensor for name, tensor in tensors.items() if name.startswith(PREFIX)}
     return Checkpoint(path, weights or tensors, "goal_to_object")
 
@@ -115,25 +120,26 @@ def _newest(folder: Path, rollout: int | None, verify: bool) -> Checkpoint:
 def _checkpoint(path: Path, verify: bool) -> Checkpoint:
     try:
         manifest = json.loads(path.read_bytes())
-        file = path.parent / manifest["tensors"]
-        digest = manifest["tensors_sha256"]
+        name, digest = manifest["tensors"], manifest["tensors_sha256"]
+        if Path(name).name != name or name == "..":
+            raise ValueError(f"it names tensors that are not beside it: {name}")
+        config = tomllib.loads(manifest.get("config", ""))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CheckpointError(f"{path} is no manifest of a checkpoint: {error}") from error
-    if verify:
-        try:
-            found = hashlib.sha256(file.read_bytes()).hexdigest()
-        except OSError as error:
-            raise CheckpointError(f"{path} names tensors that are not there: {error}") from error
-        if found != digest:
-            raise CheckpointError(f"{file} is damaged: its SHA-256 is not the one that its manifest names")
-    tensors = _tensors(file)
+    file = path.parent / name
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise CheckpointError(f"{path} names tensors that are not there: {error}") from error
+    if verify and hashlib.sha256(content).hexdigest() != digest:
+        raise CheckpointError(f"{file} is damaged: its SHA-256 is not the one that its manifest names")
+    tensors = _tensors(file, content)
     weights = {name.removeprefix(PREFIX): tensor for name, tensor in tensors.items() if name.startswith(PREFIX)}
-    config = tomllib.loads(manifest.get("config", ""))
     return Checkpoint(file, weights, manifest.get("carried_goal", OLDER_SIGN), config, manifest)
 
 
-def _tensors(path: Path) -> dict[str, NDArray[Any]]:
+def _tensors(path: Path, content: bytes) -> dict[str, NDArray[Any]]:
     try:
-        return {name: np.asarray(tensor) for name, tensor in load_file(path).items()}
-    except (OSError, SafetensorError) as error:
+        return {name: np.asarray(tensor) for name, tensor in decode(content).items()}
+    except SafetensorError as error:
         raise CheckpointError(f"{path} is no safetensors file: {error}") from error

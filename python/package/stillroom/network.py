@@ -1,7 +1,8 @@
 """The learner's network in PyTorch: encoder, embeddings, GRU, heads (docs/method.md, Network).
 
 Names of modules and weights are those of checkpoints. Everything is float32; `learner probe` on a CPU agrees with it to
-rounding.
+rounding. `learner/tests/reference/plain_network.py` is the same network for the reference values of the Rust tests, and
+stays a copy of its own: one that both used could be wrong in both.
 """
 
 from __future__ import annotations
