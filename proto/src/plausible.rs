@@ -14,9 +14,10 @@ use crate::step::{Current, Transition, current_flag, transition_flag};
 const DISTANCE_MOST_M: f32 = 1e5;
 /// No kitchen has more movable things.
 const OBJECTS_MOST: u32 = 65_535;
-/// Bits of [`Transition::flags`] and of [`Current::flags`] that mean something.
-const TRANSITION_FLAGS: u32 = 0xff;
-const CURRENT_FLAGS: u32 = 0b111;
+/// Bits of [`Transition::flags`] that mean something, up to the highest.
+const TRANSITION_FLAGS: u32 = (transition_flag::ENDED << 1) - 1;
+/// The same of [`Current::flags`].
+const CURRENT_FLAGS: u32 = (current_flag::RECORD_DEPTH << 1) - 1;
 
 /// A report that no simulator of ours makes.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]

@@ -59,7 +59,12 @@ impl Sweeper {
                 self.busy.set(false);
                 true
             }
-            Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
+            Err(RecvTimeoutError::Disconnected) => {
+                self.busy.set(true);
+                tracing::error!("the thread that sweeps dead processes has ended: nothing is swept any more");
+                false
+            }
+            Err(RecvTimeoutError::Timeout) => {
                 self.busy.set(true);
                 tracing::warn!(
                     "the sweep of dead processes takes longer than {:.1} s; the run goes on without it. Has another \
