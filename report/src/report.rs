@@ -3,7 +3,7 @@
 use crate::chart::{Figure, share_axes};
 use crate::comparison::{Comparison, comparisons};
 use crate::curves::Curve;
-use crate::figures::{self, Sweep};
+use crate::figures::{self, ShownPair, Sweep};
 use crate::format::{count, counted};
 use crate::paper::paper;
 use crate::results::{FieldResult, Missing};
@@ -109,6 +109,8 @@ pub struct FigureSet {
     pub prediction: Vec<Figure>,
     /// `SRwoD` over threshold and objects.
     pub disturbance: Vec<Figure>,
+    /// An episode before and after stage II.
+    pub episodes: Vec<Figure>,
     /// Over λ.
     pub sweep: Vec<Figure>,
     /// Action heat maps.
@@ -118,12 +120,15 @@ pub struct FigureSet {
 impl FigureSet {
     /// All of them, in the page's order.
     pub fn all(&self) -> impl Iterator<Item = &Figure> {
-        let Self { intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions } = self;
-        [intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions].into_iter().flatten()
+        let Self { intervals, learning, optimisation, validation, prediction, disturbance, episodes, sweep, actions } =
+            self;
+        let all = [intervals, learning, optimisation, validation, prediction, disturbance, episodes, sweep, actions];
+        all.into_iter().flatten()
     }
 
     fn sections(&mut self) -> [&mut Vec<Figure>; 8] {
-        let Self { intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions } = self;
+        // Pictures have no axes.
+        let Self { intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions, .. } = self;
         [intervals, learning, optimisation, validation, prediction, disturbance, sweep, actions]
     }
 }
@@ -167,6 +172,7 @@ impl Made {
             validation: figures::validation(&entries),
             prediction: figures::prediction(&entries),
             disturbance: [figures::by_threshold(&entries), figures::by_objects(&entries)].concat(),
+            episodes: Vec::new(),
             sweep: figures::sweep_figure(&sweeps).into_iter().collect(),
             actions: figures::action_maps(&entries),
         };
@@ -183,6 +189,15 @@ impl Made {
             figures: figures.all().map(|figure| figure.name.clone()).collect(),
         };
         Ok(Self { report, figures })
+    }
+
+    /// The same with episodes in pictures. `notes`: what could not be drawn.
+    #[must_use]
+    pub fn with_episodes(mut self, pairs: Vec<ShownPair>, notes: Vec<String>) -> Self {
+        self.figures.episodes = figures::episodes(pairs);
+        self.report.notes.extend(notes);
+        self.report.figures = self.figures.all().map(|figure| figure.name.clone()).collect();
+        self
     }
 }
 

@@ -10,9 +10,10 @@ use std::path::{Path, PathBuf};
 
 /// Put runs and their evaluations on one page, beside the paper's figures
 ///
-/// Writes report.html, which needs no network, report.json with every number, and each figure as SVG and PNG. Runs that
-/// differ in the seed only are one group; means have 95% stratified-bootstrap intervals over its seeds. What is
-/// missing, such as runs that were not evaluated, is listed on the page.
+/// Writes report.html, which needs no network, report.json with every number, and each figure as SVG, PNG and CSV. Runs
+/// that differ in the seed only are one group; means have 95% stratified-bootstrap intervals over its seeds. Where a run
+/// has recorded evaluations of weights from before stage II and from after it (`eval --record all`), the page shows one
+/// episode of both in pictures. What is missing, such as runs that were not evaluated, is listed on the page.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator report runs/a runs/b runs/c                 three seeds or three methods: it sees which

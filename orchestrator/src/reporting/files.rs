@@ -1,6 +1,7 @@
-//! Writing a report down: `report.html`, `report.json`, `figures/*.svg` and `figures/*.png`.
+//! Writing a report down: `report.html`, `report.json`, and `figures/` with each figure as SVG, PNG and CSV.
 
 use crate::reporting::gather::Gathered;
+use crate::reporting::strips::strips;
 use crate::run::identity::unix_now;
 use crate::showing::format::{self, counted};
 use anyhow::{Context, Result, bail};
@@ -45,7 +46,8 @@ pub fn check_free(out: &Path) -> Result<()> {
 pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Made> {
     check_free(out)?;
     let Gathered { runs, notes } = gathered;
-    let made = Made::of(&runs, options, notes)?;
+    let (pairs, undrawn) = strips(&runs);
+    let made = Made::of(&runs, options, notes)?.with_episodes(pairs, undrawn);
     let figures = out.join(FIGURES);
     std::fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
     let mut written = BTreeSet::new();
@@ -60,6 +62,7 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Made> 
     for figure in made.figures.all() {
         put(&figures.join(format!("{}.svg", figure.name)), figure.svg().as_bytes())?;
         put(&figures.join(format!("{}.png", figure.name)), &figure.png()?)?;
+        put(&figures.join(format!("{}.csv", figure.name)), figure.csv().as_bytes())?;
     }
     let by = format!(
         "Made {} by stillroom {} from {}.",
@@ -72,7 +75,7 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Made> 
     // Figures of the report before, which this one does not have.
     for entry in std::fs::read_dir(&figures).with_context(|| figures.display().to_string())? {
         let path = entry?.path();
-        let drawn = path.extension().is_some_and(|extension| extension == "svg" || extension == "png");
+        let drawn = path.extension().is_some_and(|extension| ["svg", "png", "csv"].iter().any(|ours| extension == *ours));
         if drawn && !written.contains(&path) {
             std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
         }

@@ -247,7 +247,7 @@ fn evaluation(folder: &Path) -> Result<Evaluated> {
         );
     }
     let name = folder.file_name().map_or_else(|| folder.display().to_string(), |name| name.to_string_lossy().into());
-    Ok(Evaluated { name, result, episodes })
+    Ok(Evaluated { name, folder: folder.to_path_buf(), result, episodes })
 }
 
 fn read_outside(folder: &Path, place: &Path) -> Result<Outside> {

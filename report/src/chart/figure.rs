@@ -1,5 +1,7 @@
 //! A figure: a grid of panels under a shared legend.
 
+use super::data;
+use super::frame_strip::FrameStrip;
 use super::heat_map::HeatMap;
 use super::interval_plot::IntervalPlot;
 use super::line_plot::LinePlot;
@@ -29,6 +31,8 @@ pub enum Content {
     Intervals(IntervalPlot),
     /// A matrix as colours.
     Heat(HeatMap),
+    /// Pictures of an episode.
+    Frames(FrameStrip),
 }
 
 impl Content {
@@ -44,7 +48,7 @@ impl Content {
                 let values = plot.axis.range(plot.values());
                 vec![(&mut plot.axis, values)]
             }
-            Self::Heat(_) => Vec::new(),
+            Self::Heat(_) | Self::Frames(_) => Vec::new(),
         }
     }
 }
@@ -78,13 +82,19 @@ pub struct Panel {
 impl Panel {
     fn draw(&self, canvas: &mut Canvas, rect: Rect) {
         canvas.text(rect.left, rect.top + TITLE, TITLE, Anchor::Start, &self.title);
-        let title = if self.title.is_empty() { 0.0 } else { TITLE + 10.0 };
-        let below = Rect { top: rect.top + title, height: rect.height - title, ..rect };
+        let below = self.below(rect);
         match &self.content {
             Content::Lines(plot) => plot.draw(canvas, below),
             Content::Intervals(plot) => plot.draw(canvas, below),
             Content::Heat(map) => map.draw(canvas, below),
+            Content::Frames(strip) => strip.draw(canvas, below),
         }
+    }
+
+    /// What the title leaves.
+    fn below(&self, rect: Rect) -> Rect {
+        let title = if self.title.is_empty() { 0.0 } else { TITLE + 10.0 };
+        Rect { top: rect.top + title, height: rect.height - title, ..rect }
     }
 }
 
@@ -109,10 +119,8 @@ impl Figure {
     /// The figure as an SVG document.
     pub fn svg(&self) -> String {
         let legend = self.legend_rows();
-        let legend_height = if legend.is_empty() { 0.0 } else { legend.len() as f64 * LEGEND_ROW + 8.0 };
-        let columns = self.columns.max(1);
-        let rows = self.panels.len().div_ceil(columns).max(1);
-        let height = 2.0 * MARGIN + legend_height + rows as f64 * self.panel_height + (rows - 1) as f64 * GAP;
+        let rows = self.panels.len().div_ceil(self.columns.max(1)).max(1);
+        let height = 2.0 * MARGIN + self.legend_height() + rows as f64 * self.panel_height + (rows - 1) as f64 * GAP;
         let mut canvas = Canvas::new(WIDTH, height, &self.caption);
         for (row, entries) in legend.iter().enumerate() {
             let middle = MARGIN + (row as f64 + 0.5) * LEGEND_ROW;
@@ -122,18 +130,31 @@ impl Figure {
                 canvas.text(left + 34.0, middle + 4.0, LABEL, Anchor::Start, name);
             }
         }
-        let width = self.panel_width();
-        for (index, panel) in self.panels.iter().enumerate() {
-            let (row, column) = (index / columns, index % columns);
-            let rect = Rect {
-                left: MARGIN + column as f64 * (width + GAP),
-                top: MARGIN + legend_height + row as f64 * (self.panel_height + GAP),
-                width,
-                height: self.panel_height,
-            };
+        for (panel, rect) in self.placed() {
             panel.draw(&mut canvas, rect);
         }
         canvas.finish()
+    }
+
+    /// The figure's data as CSV.
+    pub fn csv(&self) -> String {
+        data::csv(self)
+    }
+
+    /// Each panel and its place.
+    fn placed(&self) -> impl Iterator<Item = (&Panel, Rect)> {
+        let (columns, width, height) = (self.columns.max(1), self.panel_width(), self.panel_height);
+        let first = MARGIN + self.legend_height();
+        self.panels.iter().enumerate().map(move |(index, panel)| {
+            let (row, column) = (index / columns, index % columns);
+            let left = MARGIN + column as f64 * (width + GAP);
+            (panel, Rect { left, top: first + row as f64 * (height + GAP), width, height })
+        })
+    }
+
+    fn legend_height(&self) -> f64 {
+        let rows = self.legend_rows().len();
+        if rows == 0 { 0.0 } else { rows as f64 * LEGEND_ROW + 8.0 }
     }
 
     /// Each panel as an SVG document of its own: a page places them as its width allows.
@@ -150,12 +171,7 @@ impl Figure {
 
     /// The legend for a page: the sample of each style as an SVG document, and its name.
     pub(crate) fn legend_keys(&self) -> Vec<(String, &str)> {
-        let key = |style: usize, name: &str| {
-            let mut canvas = Canvas::new(28.0, 14.0, name);
-            Style::of(style).key(&mut canvas, 0.0, 7.0);
-            canvas.finish()
-        };
-        self.legend.iter().map(|(style, name)| (key(*style, name), name.as_str())).collect()
+        self.legend.iter().map(|(style, name)| (style_key(*style, name), name.as_str())).collect()
     }
 
     fn panel_width(&self) -> f64 {
@@ -165,7 +181,17 @@ impl Figure {
 
     /// The figure as a PNG file of twice the size in pixels.
     pub fn png(&self) -> Result<Vec<u8>, PngError> {
-        png::encode(&self.svg())
+        let pictures = self.placed().flat_map(|(panel, rect)| match &panel.content {
+            Content::Frames(strip) => strip.places(panel.below(rect)).collect::<Vec<_>>(),
+            Content::Lines(_) | Content::Intervals(_) | Content::Heat(_) => Vec::new(),
+        });
+        png::encode(&self.svg(), &pictures.collect::<Vec<_>>())
+    }
+
+    /// A panel of the whole width that shows this strip, and its height.
+    pub(crate) fn strip_panel(title: String, strip: FrameStrip) -> (Panel, f64) {
+        let height = strip.height(WIDTH - 2.0 * MARGIN) + TITLE + 10.0;
+        (Panel { title, content: Content::Frames(strip) }, height)
     }
 
     /// Where each legend entry begins, row by row: (left, index).
@@ -183,6 +209,13 @@ impl Figure {
         }
         rows
     }
+}
+
+/// A sample of a style as an SVG document that is described as `name`.
+pub(crate) fn style_key(style: usize, name: &str) -> String {
+    let mut canvas = Canvas::new(28.0, 14.0, name);
+    Style::of(style).key(&mut canvas, 0.0, 7.0);
+    canvas.finish()
 }
 
 #[cfg(test)]

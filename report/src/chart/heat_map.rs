@@ -4,7 +4,7 @@
 use super::palette::heat;
 use super::place::{LABEL, Rect};
 use super::scale::{Axis, Unit};
-use super::svg::{AXIS, Anchor, Canvas, Stroke};
+use super::svg::{AXIS, Anchor, BLANK, Canvas, Stroke};
 use super::text;
 
 /// Shares by row and column.
@@ -45,7 +45,7 @@ impl HeatMap {
         // In steps: neighbours of nearly one share have one colour.
         let place = |value: f64| (scale.place(value) * f64::from(BAR_STEPS)).round() / f64::from(BAR_STEPS);
         let (cell_width, cell_height) = (plot.width / columns as f64, plot.height / self.rows.len().max(1) as f64);
-        canvas.rectangle((plot.left, plot.top), (plot.width, plot.height), "#f2f2f2");
+        canvas.rectangle((plot.left, plot.top), (plot.width, plot.height), BLANK);
         for (row, (name, values)) in self.rows.iter().zip(&self.values).enumerate() {
             let top = plot.top + row as f64 * cell_height;
             canvas.text(plot.left - 6.0, top + cell_height / 2.0 + 4.0, size, Anchor::End, name);

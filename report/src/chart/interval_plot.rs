@@ -3,7 +3,7 @@
 use super::palette::Style;
 use super::place::{LABEL, Rect};
 use super::scale::Axis;
-use super::svg::{AXIS, Anchor, Canvas, GRID, Stroke};
+use super::svg::{AXIS, Anchor, Canvas, GRID, PAPER, Stroke};
 use super::text;
 
 /// One row.
@@ -80,7 +80,7 @@ impl IntervalPlot {
                 canvas.area(&bar, style.colour(), 0.32);
             }
             if let Some(published) = row.published {
-                canvas.shape(&DIAMOND, (across(published), middle), "#ffffff", AXIS);
+                canvas.shape(&DIAMOND, (across(published), middle), PAPER, AXIS);
             }
             if let Some(point) = row.point {
                 canvas.shape(&style.marker(), (across(point), middle), style.colour(), style.colour());

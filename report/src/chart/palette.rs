@@ -5,7 +5,15 @@ use super::svg::{Canvas, Stroke};
 
 /// Okabe and Ito's, the yellow left out, which is too pale for lines.
 const COLOURS: [&str; 7] = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"];
+/// The same for a dark page, as the pages of `orchestrator view` have them.
+const DARK: [&str; 7] = ["#4aa8e0", "#f0884a", "#35c79a", "#e09cc4", "#f0b93a", "#9fd4f4", "#e6e4df"];
 const DASHES: [&str; 3] = ["", "7 3", "2 2.5"];
+
+/// Styles from here on are of measures, not of groups: no colour of a group, so that one colour is one group wherever
+/// it is seen.
+pub const MEASURES: usize = usize::MAX - DASHES.len();
+/// Colour of measures, on a light page and on a dark one.
+const MEASURE: (&str, &str) = ("#4d5561", "#b4bac2");
 
 /// Cividis at eighths of its range.
 const CIVIDIS: [[f64; 3]; 9] = [
@@ -37,12 +45,13 @@ impl Style {
 
     /// CSS colour.
     pub fn colour(self) -> &'static str {
-        COLOURS[self.index % COLOURS.len()]
+        if self.index >= MEASURES { MEASURE.0 } else { COLOURS[self.index % COLOURS.len()] }
     }
 
     /// Its line.
     pub fn stroke(self) -> Stroke<'static> {
-        Stroke { colour: self.colour(), width: 2.0, dashes: DASHES[self.index / COLOURS.len() % DASHES.len()] }
+        let dashes = self.index.checked_sub(MEASURES).unwrap_or(self.index / COLOURS.len());
+        Stroke { colour: self.colour(), width: 2.0, dashes: DASHES[dashes % DASHES.len()] }
     }
 
     /// Outline of its marker around the origin, pixels.
@@ -61,6 +70,11 @@ impl Style {
         canvas.line(&[(left, middle), (left + 28.0, middle)], self.stroke());
         canvas.shape(&self.marker(), (left + 14.0, middle), self.colour(), self.colour());
     }
+}
+
+/// Every colour of curves, and what it is on a dark page.
+pub fn in_the_dark() -> impl Iterator<Item = (&'static str, &'static str)> {
+    COLOURS.into_iter().zip(DARK).chain([MEASURE])
 }
 
 fn polygon(corners: u32, radius: f64, first_rad: f64) -> Vec<(f64, f64)> {
@@ -91,6 +105,16 @@ mod tests {
         let all: std::collections::HashSet<_> =
             (0..21).map(|index| (Style::of(index).colour(), Style::of(index).stroke().dashes)).collect();
         assert_eq!(all.len(), 21);
+    }
+
+    #[test]
+    fn no_measure_looks_like_a_group() {
+        let groups: Vec<&str> = (0..50).map(|index| Style::of(index).colour()).collect();
+        let measures = [MEASURES, MEASURES + 1].map(Style::of);
+        assert!(measures.iter().all(|measure| !groups.contains(&measure.colour())));
+        assert_ne!(measures[0].stroke().dashes, measures[1].stroke().dashes);
+        let dark: std::collections::HashSet<_> = in_the_dark().map(|(_, dark)| dark).collect();
+        assert_eq!(dark.len(), 8, "what differs on a light page differs on a dark one");
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Pixels of an SVG figure.
 
+use super::place::Rect;
 use super::text;
-use resvg::tiny_skia::{Pixmap, Transform};
+use resvg::tiny_skia::{FilterQuality, Pixmap, PixmapPaint, Transform};
 use resvg::usvg::{self, Options, Tree, fontdb::Database};
 use std::sync::{Arc, LazyLock};
 
@@ -33,13 +34,28 @@ static FONTS: LazyLock<Arc<Database>> = LazyLock::new(|| {
     Arc::new(fonts)
 });
 
-/// The document as a PNG file.
-pub fn encode(svg: &str) -> Result<Vec<u8>, PngError> {
+/// The document as a PNG file. `pictures`: those within it and their places, which the library that draws documents
+/// leaves out.
+pub fn encode(svg: &str, pictures: &[(Rect, &[u8])]) -> Result<Vec<u8>, PngError> {
     let options = Options { fontdb: Arc::clone(&FONTS), ..Options::default() };
     let tree = Tree::from_str(svg, &options)?;
     let size = tree.size();
     let [width, height] = [size.width(), size.height()].map(|length| (length * SCALE).round() as u32);
     let mut pixels = Pixmap::new(width, height).ok_or(PngError::Size { width, height })?;
     resvg::render(&tree, Transform::from_scale(SCALE, SCALE), &mut pixels.as_mut());
+    for (place, png) in pictures {
+        let picture = Pixmap::decode_png(png).map_err(|error| PngError::Png(error.to_string()))?;
+        let [across, down] = [place.width / f64::from(picture.width()), place.height / f64::from(picture.height())];
+        let place = Transform::from_row(
+            across as f32 * SCALE,
+            0.0,
+            0.0,
+            down as f32 * SCALE,
+            place.left as f32 * SCALE,
+            place.top as f32 * SCALE,
+        );
+        let paint = PixmapPaint { quality: FilterQuality::Bicubic, ..PixmapPaint::default() };
+        pixels.draw_pixmap(0, 0, picture.as_ref(), &paint, place, None);
+    }
     pixels.encode_png().map_err(|error| PngError::Png(error.to_string()))
 }

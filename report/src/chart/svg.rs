@@ -1,6 +1,8 @@
 //! The few elements of SVG that the figures are made of.
 
 use super::text;
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
 use std::fmt::Write;
 
 /// Where a text is relative to its point.
@@ -33,10 +35,18 @@ pub struct Canvas {
 
 /// Colour of text.
 const INK: &str = "#222222";
+/// What all is drawn on.
+pub const PAPER: &str = "#ffffff";
+/// Where a map says nothing.
+pub const BLANK: &str = "#f2f2f2";
 /// Colour of axes.
 pub const AXIS: &str = "#555555";
 /// Colour of grid lines.
 pub const GRID: &str = "#e4e4e4";
+
+/// Each of these colours, and what it is on a dark page.
+pub const IN_THE_DARK: [(&str, &str); 5] =
+    [(INK, "#e6e4df"), (PAPER, "#1c2025"), (BLANK, "#23282e"), (AXIS, "#a8adb4"), (GRID, "#2e343b")];
 
 impl Canvas {
     /// A white canvas that is described as `description`.
@@ -49,7 +59,7 @@ impl Canvas {
             body,
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
              viewBox=\"0 0 {width} {height}\" font-family=\"{family}\" role=\"img\">\n<desc>{description}</desc>\n\
-             <rect width=\"{width}\" height=\"{height}\" fill=\"#ffffff\"/>\n"
+             <rect width=\"{width}\" height=\"{height}\" fill=\"{PAPER}\"/>\n"
         );
         Self { body }
     }
@@ -75,7 +85,7 @@ impl Canvas {
         // A halo, so that lines beneath do not run through the letters.
         let _ = writeln!(
             self.body,
-            "<text x=\"{x}\" y=\"{y}\" font-size=\"{}\" text-anchor=\"{anchor}\" fill=\"{INK}\" stroke=\"#ffffff\" \
+            "<text x=\"{x}\" y=\"{y}\" font-size=\"{}\" text-anchor=\"{anchor}\" fill=\"{INK}\" stroke=\"{PAPER}\" \
              stroke-width=\"3\" stroke-linejoin=\"round\" paint-order=\"stroke\"{turn}>{}</text>",
             number(size),
             escape(content)
@@ -120,6 +130,19 @@ impl Canvas {
             number(top),
             number(width),
             number(height)
+        );
+    }
+
+    /// A picture, PNG.
+    pub fn picture(&mut self, (left, top): (f64, f64), (width, height): (f64, f64), png: &[u8]) {
+        let _ = writeln!(
+            self.body,
+            "<image x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" href=\"data:image/png;base64,{}\"/>",
+            number(left),
+            number(top),
+            number(width),
+            number(height),
+            BASE64_STANDARD.encode(png)
         );
     }
 

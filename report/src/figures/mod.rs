@@ -2,6 +2,7 @@
 
 mod actions;
 mod disturbance;
+mod episodes;
 mod intervals;
 mod learning;
 mod optimisation;
@@ -14,6 +15,8 @@ mod validation;
 
 pub(crate) use actions::action_maps;
 pub(crate) use disturbance::{by_objects, by_threshold};
+pub(crate) use episodes::episodes;
+pub use episodes::{ShownPair, ShownStrip};
 pub(crate) use intervals::intervals;
 pub(crate) use learning::{learning, multiplier};
 pub(crate) use optimisation::optimisation;

@@ -1,6 +1,6 @@
 //! SR and `SRwoD` over `λ_disturb`.
 
-use crate::chart::{Axis, Content, Figure, LinePlot, Markers, Panel, Series, Unit};
+use crate::chart::{Axis, Content, Figure, LinePlot, MEASURES, Markers, Panel, Series, Unit};
 use crate::results::FieldResult;
 use crate::statistics::Estimate;
 use crate::study::Field;
@@ -92,7 +92,10 @@ pub fn sweep_figure(sweeps: &[Sweep]) -> Option<Figure> {
         let plot = LinePlot {
             x: Axis::new("λ_disturb", Unit::Number),
             y: Axis::new("rate", Unit::Percent),
-            series: vec![series(0, |point| point.success), series(1, |point| point.success_without_disturbance)],
+            series: vec![
+                series(MEASURES, |point| point.success),
+                series(MEASURES + 1, |point| point.success_without_disturbance),
+            ],
             marks: Vec::new(),
         };
         Panel { title: sweep.title.clone(), content: Content::Lines(plot) }
@@ -103,7 +106,7 @@ pub fn sweep_figure(sweeps: &[Sweep]) -> Option<Figure> {
             "Runs that differ in λ_disturb only: mean over seeds and kitchens, shaded the 95% stratified-bootstrap \
                   interval."
                 .into(),
-        legend: vec![(0, "success rate".into()), (1, "success without disturbance".into())],
+        legend: vec![(MEASURES, "success rate".into()), (MEASURES + 1, "success without disturbance".into())],
         columns: 2,
         panel_height: 260.0,
         panels: panels.collect(),

@@ -7,7 +7,8 @@ use crate::paper::Published;
 use crate::report::Report;
 use maud::{Markup, html};
 
-/// The paper's tables with ours in them; a table of the paper alone is folded into a line.
+/// The paper's tables with ours in them; rows of the paper that no group is are folded away, and so is a table of nothing
+/// else.
 pub fn section(report: &Report) -> Markup {
     let alone = |comparison: &Comparison| comparison.rows.iter().all(|row| row.ours.is_empty());
     html! {
@@ -20,11 +21,21 @@ pub fn section(report: &Report) -> Markup {
                         (comparison.title) ": "
                         span.none { "No group here is a row of this table and evaluated on its episodes." }
                     }
-                    (table(comparison))
+                    (table(comparison, |_| true))
                 }
             } @else {
+                @let missing = comparison.rows.iter().filter(|row| row.ours.is_empty()).count();
                 h3 id=(id) { (comparison.title) }
-                (table(comparison))
+                (table(comparison, |row| !row.ours.is_empty()))
+                @if missing > 0 {
+                    details {
+                        summary {
+                            "The paper's other rows: " (missing) " of " (comparison.rows.len())
+                            ", of which no group here is one"
+                        }
+                        (table(comparison, |row| row.ours.is_empty()))
+                    }
+                }
             }
         }
     }
@@ -46,7 +57,7 @@ fn explained(report: &Report) -> Markup {
     }
 }
 
-fn table(comparison: &Comparison) -> Table {
+fn table(comparison: &Comparison, shown: impl Fn(&Row) -> bool) -> Table {
     let mut head: Vec<Cell> = comparison.columns.iter().map(|name| Cell::text(*name)).collect();
     head.push(Cell::number("seeds"));
     for _ in 0..2 {
@@ -55,7 +66,7 @@ fn table(comparison: &Comparison) -> Table {
     head.push(Cell::number("mean"));
     let spans = vec![(comparison.columns.len() + 1, ""), (3, "SR"), (3, "SRwoD"), (1, "SRwoD (per axis)")];
     let mut table = Table::new(head).spans(spans);
-    for row in &comparison.rows {
+    for row in comparison.rows.iter().filter(|row| shown(row)) {
         published_row(&mut table, row);
         for ours in &row.ours {
             our_row(&mut table, comparison.columns.len(), ours);

@@ -33,7 +33,46 @@ fn placed(figure: &Figure) -> Markup {
                 }
             }
             div.panels { @for panel in figure.panel_svgs() { (PreEscaped(panel)) } }
-            figcaption { (figure.caption) " " code { "figures/" (figure.name) ".svg" } }
+            figcaption {
+                (figure.caption)
+                span.downloads {
+                    @for (ending, kind, content) in [
+                        ("svg", "image/svg+xml", figure.svg()),
+                        ("csv", "text/csv;charset=utf-8", figure.csv()),
+                    ] {
+                        " "
+                        a download={ (figure.name) "." (ending) } href={ "data:" (kind) "," (encoded(&content)) } {
+                            (ending.to_uppercase())
+                        }
+                    }
+                }
+            }
         }
+    }
+}
+
+/// The content of a `data:` address. Only what would end the address or the attribute, or what a browser takes out, is
+/// written as a number: the figure is in the page twice, and need not be there three times as long.
+fn encoded(content: &str) -> String {
+    let mut address = String::with_capacity(content.len() + content.len() / 4);
+    for letter in content.chars() {
+        match letter {
+            '%' | '#' | '"' | '<' | '>' | '&' | '\'' | '\n' | '\r' | '\t' => {
+                address.push('%');
+                address.push_str(&format!("{:02X}", u32::from(letter)));
+            }
+            letter => address.push(letter),
+        }
+    }
+    address
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_would_end_an_address_is_written_as_a_number() {
+        assert_eq!(encoded("<a b=\"1%\">λ′\n#&</a>"), "%3Ca b=%221%25%22%3Eλ′%0A%23%26%3C/a%3E");
     }
 }

@@ -6,6 +6,7 @@ mod results;
 mod runs;
 mod table;
 
+use crate::chart::theme_rules;
 use crate::report::{Made, Report};
 use crate::study::Origin;
 use figure::drawn;
@@ -23,6 +24,7 @@ enum Section {
     Optimisation,
     Validation,
     Disturbance,
+    Episodes,
     Sweep,
     Prediction,
     Actions,
@@ -30,13 +32,14 @@ enum Section {
 }
 
 impl Section {
-    const ALL: [Self; 10] = [
+    const ALL: [Self; 11] = [
         Self::Results,
         Self::Paper,
         Self::Learning,
         Self::Optimisation,
         Self::Validation,
         Self::Disturbance,
+        Self::Episodes,
         Self::Sweep,
         Self::Prediction,
         Self::Actions,
@@ -52,6 +55,7 @@ impl Section {
             Self::Optimisation => ("optimisation", "Optimisation"),
             Self::Validation => ("validation", "Validation during training"),
             Self::Disturbance => ("disturbance", "Success and disturbance"),
+            Self::Episodes => ("episode", "One episode, before and after stage II"),
             Self::Sweep => ("sweep", "λ_disturb"),
             Self::Prediction => ("prediction", "Disturbance prediction"),
             Self::Actions => ("actions", "Actions by step"),
@@ -77,6 +81,12 @@ impl Section {
                 drawn(&figures.validation, of_training(report, otherwise))
             }
             Self::Disturbance => drawn(&figures.disturbance, NOT_EVALUATED),
+            Self::Episodes => drawn(
+                &figures.episodes,
+                "No run here has recorded evaluations on the same episodes of weights from before stage II and from after \
+                 it. A run keeps the checkpoint at each stage's end: orchestrator eval \
+                 RUN/checkpoints/rollout-NUMBER.json --record all, and orchestrator eval RUN --record all.",
+            ),
             Self::Sweep => drawn(
                 &figures.sweep,
                 "No two of these groups differ in λ_disturb alone and are evaluated on the same episodes. The presets \
@@ -105,11 +115,18 @@ impl Made {
                 head {
                     meta charset="utf-8";
                     meta name="viewport" content="width=device-width";
+                    meta name="color-scheme" content="light dark";
                     title { "Stillroom report" }
-                    style { (PreEscaped(STYLE)) }
+                    style {
+                        (PreEscaped(STYLE))
+                        (PreEscaped(format!("@supports (color: light-dark(#000, #fff)) {{\n{}}}\n", theme_rules())))
+                    }
                 }
                 body {
-                    h1 { "Stillroom report" }
+                    header {
+                        h1 { "Stillroom report" }
+                        (theme())
+                    }
                     p { (made) }
                     nav {
                         @for (anchor, heading) in Section::ALL.map(Section::head) {
@@ -130,6 +147,22 @@ impl Made {
             }
         };
         page.into_string()
+    }
+}
+
+/// Light or dark: as the system, unless the reader chooses. The style sheet looks at what is chosen, so that the page
+/// needs no script.
+fn theme() -> Markup {
+    html! {
+        fieldset.theme {
+            legend { "Colours" }
+            @for (value, text) in [("system", "as the system"), ("light", "light"), ("dark", "dark")] {
+                label {
+                    input type="radio" name="theme" id={ "theme-" (value) } value=(value) checked[value == "system"];
+                    " " (text)
+                }
+            }
+        }
     }
 }
 

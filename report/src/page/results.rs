@@ -45,10 +45,10 @@ pub fn section(report: &Report, figures: &FigureSet) -> Markup {
 
 fn groups(report: &Report) -> Table {
     let mut table = Table::new(["group", "seeds", "settings that are not the preset's"].map(Cell::text).to_vec());
-    for group in &report.groups {
+    for (style, group) in report.groups.iter().enumerate() {
         let seeds: Vec<String> = group.runs.iter().map(|run| run.seed.to_string()).collect();
         let differences = if group.differences.is_empty() { NOTHING.to_owned() } else { group.differences.join("; ") };
-        let cells = vec![Cell::text(&group.label), Cell::text(seeds.join(", ")), Cell::wide(differences)];
+        let cells = vec![Cell::group(&group.label, style), Cell::text(seeds.join(", ")), Cell::wide(differences)];
         table.row(RowKind::Plain, cells);
     }
     table

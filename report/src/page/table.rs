@@ -1,8 +1,9 @@
 //! A table as HTML.
 
+use crate::chart::style_key;
 use crate::format::{interval, percent};
 use crate::statistics::Estimate;
-use maud::{Markup, Render, html};
+use maud::{Markup, PreEscaped, Render, html};
 
 /// One cell.
 #[derive(Debug, Clone)]
@@ -12,14 +13,16 @@ pub struct Cell {
     below: String,
     kind: Kind,
     columns: usize,
+    /// Number of a style whose sample stands before the text.
+    style: Option<usize>,
 }
 
 /// How a cell is set.
 #[derive(Debug, Clone, Copy)]
 enum Kind {
-    /// To the left, on one line.
-    Line,
-    /// To the left, on as many lines as it takes.
+    /// To the left.
+    Text,
+    /// To the left, with room for sentences.
     Wide,
     /// To the right.
     Number,
@@ -28,10 +31,15 @@ enum Kind {
 impl Cell {
     /// Words.
     pub fn text(text: impl Into<String>) -> Self {
-        Self::new(text, Kind::Line)
+        Self::new(text, Kind::Text)
     }
 
-    /// Words that may take several lines.
+    /// A group's name, with a sample of how figures show it.
+    pub fn group(label: &str, style: usize) -> Self {
+        Self { style: Some(style), ..Self::text(label) }
+    }
+
+    /// Words that take several lines.
     pub fn wide(text: impl Into<String>) -> Self {
         Self::new(text, Kind::Wide)
     }
@@ -51,7 +59,7 @@ impl Cell {
     }
 
     fn new(text: impl Into<String>, kind: Kind) -> Self {
-        Self { text: text.into(), below: String::new(), kind, columns: 1 }
+        Self { text: text.into(), below: String::new(), kind, columns: 1, style: None }
     }
 
     /// With something smaller beneath.
@@ -67,7 +75,7 @@ impl Cell {
     /// Its class in the style sheet.
     fn class(&self) -> Option<&'static str> {
         match self.kind {
-            Kind::Line => None,
+            Kind::Text => None,
             Kind::Wide => Some("wide"),
             Kind::Number => Some("number"),
         }
@@ -81,6 +89,7 @@ impl Cell {
 impl Render for Cell {
     fn render(&self) -> Markup {
         html! {
+            @if let Some(style) = self.style { (PreEscaped(style_key(style, ""))) " " }
             (self.text)
             @if !self.below.is_empty() { br; small { (self.below) } }
         }

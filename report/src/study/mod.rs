@@ -2,11 +2,13 @@
 
 mod field;
 mod group;
+mod pair;
 mod run;
 mod settings;
 
 pub use field::{Field, Source};
 pub use group::{Group, StudyError, groups};
+pub use pair::{EvaluatedPair, pair_of};
 pub use run::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated};
 pub use settings::differences_between;
 

@@ -6,6 +6,7 @@ use proto::evaluation::{Distribution, EpisodeRecord, Evaluation};
 use proto::run_state::RunState;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::fmt;
 
 /// One run, or weights that were evaluated without one.
@@ -85,6 +86,8 @@ pub const ELAPSED_S: &str = "time/elapsed_s";
 pub struct Evaluated {
     /// Its folder, as far as it is not the run's.
     pub name: String,
+    /// Where that is; what it recorded is in there.
+    pub folder: PathBuf,
     /// Its result file.
     pub result: Evaluation,
     /// Its table.

@@ -1,0 +1,235 @@
+//! Episodes in pictures: one that weights from before a run's second stage and from after it both played, simulated
+//! again from what their evaluations recorded, and drawn by `actor show`.
+
+use crate::preflight::programs;
+use crate::recording::shelf::Shelf;
+use crate::showing::format::{self, counted};
+use anyhow::{Context, Result, bail};
+use proto::evaluation::EpisodeRecord;
+use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::run_folder::RunFolder;
+use proto::show::{ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment};
+use report::study::{Evaluated, EvaluatedPair, Run, pair_of};
+use report::{Frame, ShownPair, ShownStrip};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Pictures of an episode.
+const FRAMES: usize = 6;
+/// Their size, pixels.
+const SIZE: (u32, u32) = (320, 240);
+/// Runs that are shown at most: one tells as much as its other seeds.
+const RUNS: usize = 3;
+/// Episodes that are looked for in the recordings, those first that show most.
+const TRIED: usize = 200;
+/// How long the recordings of one evaluation are read.
+const PATIENCE: Duration = Duration::from_mins(2);
+/// A picture larger than this is none, bytes.
+const PICTURE_MAX: u64 = 64 << 20;
+
+/// The pairs of these runs, and why others could not be drawn.
+pub fn strips(runs: &[Run]) -> (Vec<ShownPair>, Vec<String>) {
+    let recorded = |one: &Evaluated| RunFolder::new(&one.folder).recordings().is_dir();
+    let pairs = runs.iter().filter_map(|run| pair_of(run, runs, recorded)).take(RUNS);
+    let (mut shown, mut notes) = (Vec::new(), Vec::new());
+    for pair in pairs {
+        match strip(&pair) {
+            Ok(found) => shown.push(found),
+            Err(error) => notes.push(format!("{}: no episode can be shown in pictures: {error:#}.", pair.run.name)),
+        }
+    }
+    (shown, notes)
+}
+
+fn strip(pair: &EvaluatedPair<'_>) -> Result<ShownPair> {
+    let mut shelves = [Recorded::of(pair.before)?, Recorded::of(pair.after)?];
+    let found = pair.episodes.iter().take(TRIED).find_map(|records| {
+        let both = [shelves[0].take_out(records[0]), shelves[1].take_out(records[1])];
+        match both {
+            [Ok(Some(before)), Ok(Some(after))] => Some(Ok((records, [before, after]))),
+            [Err(error), _] | [_, Err(error)] => Some(Err(error)),
+            _ => None,
+        }
+    });
+    let (records, recorded) = found.context("their recordings hold no episode that both played")??;
+    let mut actor = Actor::start()?;
+    let [before, after] = recorded;
+    let (before, orbit) = actor.show("before", before, None)?;
+    // Both from one place, that what is compared is seen alike.
+    let (after, _) = actor.show("after", after, Some(orbit))?;
+    let title = |when: &str, one: &Evaluated, record: &EpisodeRecord| {
+        let (frames, end) = (format::count(one.result.subject.frames), ending(record));
+        format!("{when} stage {}, {frames} frames: {end}", pair.stage)
+    };
+    Ok(ShownPair {
+        caption: format!(
+            "{}, seed {}: kitchen {}, episode {}, target {}, played by the weights from before stage {} and from after \
+             it. Of the {} that both played it is the one that shows most: an undisturbed success afterwards, if there \
+             is any, and then the largest fall of the disturbance. Violet: what is displaced, with a ghost where it \
+             stood; pink ring: the target; green box: the goal.",
+            pair.run.name,
+            pair.run.config.seed,
+            records[0].kitchen.number(),
+            records[0].episode,
+            records[0].category.name(),
+            pair.stage,
+            counted(pair.episodes.len() as u64, "episode"),
+        ),
+        strips: [
+            ShownStrip { title: title("before", pair.before, records[0]), frames: before, size: SIZE },
+            ShownStrip { title: title("after", pair.after, records[1]), frames: after, size: SIZE },
+        ],
+    })
+}
+
+fn ending(record: &EpisodeRecord) -> String {
+    let success = match (record.success, record.picked_up) {
+        (true, _) => "success",
+        (false, true) => "picked up, not brought to the goal",
+        (false, false) => "not picked up",
+    };
+    format!("{success}, {} disturbed by {:.2} m", counted(u64::from(record.disturbed_objects), "object"), record.disturbance_m)
+}
+
+/// What an evaluation recorded.
+struct Recorded {
+    shelf: Shelf,
+    folder: String,
+}
+
+impl Recorded {
+    fn of(evaluated: &Evaluated) -> Result<Self> {
+        let folder = std::path::absolute(&evaluated.folder)?;
+        let text = folder.to_str().context("the evaluation's folder has a name that is not text")?.to_owned();
+        let mut shelf = Shelf::of(folder);
+        let begun = Instant::now();
+        while !shelf.advance(PATIENCE) && begun.elapsed() < PATIENCE {}
+        Ok(Self { shelf, folder: text })
+    }
+
+    fn take_out(&mut self, record: &EpisodeRecord) -> Result<Option<(ReplaySetup, RecordedEpisode)>> {
+        let mut playable = self.shelf.episodes().filter(|(_, shelved)| shelved.is_playable());
+        let wanted = |(kitchen, fixed)| (kitchen, fixed) == (record.kitchen.number(), Some(record.episode));
+        let found = playable.find(|((kitchen, _, _), shelved)| wanted((*kitchen, shelved.fixed)));
+        let Some((key, _)) = found else { return Ok(None) };
+        let setup = |config| ReplaySetup { config, folder: Some(self.folder.clone()), images: None };
+        Ok(self.shelf.take_out(key)?.map(|(config, episode)| (setup(config), episode)))
+    }
+}
+
+/// `actor show`; it ends with its input.
+struct Actor {
+    child: Child,
+    input: Option<ChildStdin>,
+    output: BufReader<ChildStdout>,
+}
+
+impl Actor {
+    fn start() -> Result<Self> {
+        let mut command = Command::new(programs::find("actor")?);
+        command.arg("show").stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = command.spawn().context("cannot start `actor show`")?;
+        let input = child.stdin.take();
+        let output = child.stdout.take().context("`actor show` has no output")?;
+        Ok(Self { child, input, output: BufReader::new(output) })
+    }
+
+    /// An episode from its start to its end, and the camera that it was seen from.
+    fn show(
+        &mut self,
+        name: &str,
+        (setup, episode): (ReplaySetup, RecordedEpisode),
+        orbit: Option<ShowOrbit>,
+    ) -> Result<(Vec<Frame>, ShowOrbit)> {
+        let (answer, _) = self.ask(&ShowRequest::Open { name: name.to_owned(), setup, episode: Box::new(episode) })?;
+        let ShowAnswer::Opened(shown) = answer else { bail!("an episode cannot be simulated again: {}", why(&answer)) };
+        if let Some(difference) = &shown.first_difference {
+            bail!("an episode simulated again differs from its recording from step {} on", difference.step);
+        }
+        let orbit = orbit.unwrap_or(shown.orbit);
+        let frames = steps(shown.moments.len()).map(|step| {
+            let request = ShowRequest::Draw {
+                name: name.to_owned(),
+                step: step as u32,
+                view: ShowView::Orbit(orbit),
+                width: SIZE.0,
+                height: SIZE.1,
+                fine: true,
+            };
+            let (answer, png) = self.ask(&request)?;
+            match answer {
+                ShowAnswer::Picture { .. } => Ok(Frame { png, words: words(&shown, step) }),
+                answer => bail!("a picture cannot be drawn: {}", why(&answer)),
+            }
+        });
+        Ok((frames.collect::<Result<_>>()?, orbit))
+    }
+
+    fn ask(&mut self, request: &ShowRequest) -> Result<(ShowAnswer, Vec<u8>)> {
+        let mut line = serde_json::to_vec(request)?;
+        line.push(b'\n');
+        let input = self.input.as_mut().context("`actor show` was told to end")?;
+        input.write_all(&line).and_then(|()| input.flush()).context("`actor show` has ended")?;
+        let mut line = String::new();
+        self.output.read_line(&mut line).context("`actor show` has ended")?;
+        let answer: ShowAnswer = serde_json::from_str(&line).context("`actor show` gave no answer")?;
+        let mut picture = Vec::new();
+        if let ShowAnswer::Picture { bytes } = answer {
+            let read = (&mut self.output).take(bytes.min(PICTURE_MAX)).read_to_end(&mut picture)?;
+            if read as u64 != bytes {
+                bail!("`actor show` gave {read} of {bytes} bytes of a picture");
+            }
+        }
+        Ok((answer, picture))
+    }
+}
+
+impl Drop for Actor {
+    fn drop(&mut self) {
+        drop(self.input.take());
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn why(answer: &ShowAnswer) -> &str {
+    match answer {
+        ShowAnswer::Failed { problem } => problem,
+        ShowAnswer::Opened(_) | ShowAnswer::Picture { .. } | ShowAnswer::NotOpen => "another answer than was asked for",
+    }
+}
+
+/// Moments that are drawn: the first, the last, and others at even distances between them.
+fn steps(moments: usize) -> impl Iterator<Item = usize> {
+    let last = moments.saturating_sub(1);
+    let wanted = FRAMES.min(moments).max(1);
+    (0..wanted).map(move |number| (number * last + (wanted - 1) / 2) / (wanted - 1).max(1))
+}
+
+fn words(shown: &ShownEpisode, step: usize) -> Vec<String> {
+    let ShownMoment { disturbance_m, holding, .. } = &shown.moments[step];
+    let last = shown.moments.len() - 1;
+    vec![
+        format!("step {step} of {last}{}", if *holding { ", in hand" } else { "" }),
+        format!("disturbance {disturbance_m:.2} m"),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_and_the_last_moment_are_drawn_and_none_twice() {
+        let of = |moments: usize| steps(moments).collect::<Vec<_>>();
+        assert_eq!(of(1), [0]);
+        assert_eq!(of(2), [0, 1]);
+        assert_eq!(of(6), [0, 1, 2, 3, 4, 5]);
+        for moments in 2..300 {
+            let found = of(moments);
+            assert!(found.is_sorted_by(|a, b| a < b), "{moments}: {found:?}");
+            assert_eq!((found[0], found.last().copied()), (0, Some(moments - 1)));
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! Which episode shows what a stage changed.
+
+use super::run::{Evaluated, Run};
+use proto::evaluation::EpisodeRecord;
+use proto::reward::UNDISTURBED_THRESHOLD_M;
+
+/// Evaluations of weights from before a run's second stage and from after it, on the same episodes.
+#[derive(Debug, Clone)]
+pub struct EvaluatedPair<'a> {
+    /// The run that trained the later ones.
+    pub run: &'a Run,
+    /// The name of the stage between them.
+    pub stage: String,
+    /// Of weights from before it.
+    pub before: &'a Evaluated,
+    /// Of weights from after it.
+    pub after: &'a Evaluated,
+    /// The episodes that both played, those first that show most: undisturbed successes afterwards, by how much less
+    /// they disturb.
+    pub episodes: Vec<[&'a EpisodeRecord; 2]>,
+}
+
+/// The pair of a run, if there is one among the evaluations that are `usable`. Weights that the run began with count as
+/// before its first stage, whichever run evaluated them.
+pub fn pair_of<'a>(
+    run: &'a Run,
+    all: &'a [Run],
+    usable: impl Fn(&Evaluated) -> bool,
+) -> Option<EvaluatedPair<'a>> {
+    let (boundary, stage) = match (&run.config.from, run.config.stages.as_slice()) {
+        (Some(_), [first, ..]) => (0, &first.name),
+        (None, [first, second, ..]) => (first.frames, &second.name),
+        _ => return None,
+    };
+    let earlier = |evaluated: &&Evaluated| match &run.config.from {
+        Some(from) => evaluated.result.subject.weights == from.weights,
+        None => (1..=boundary).contains(&evaluated.result.subject.frames),
+    };
+    let before = all.iter().filter(|other| run.config.from.is_some() || std::ptr::eq(*other, run));
+    let before: Vec<&Evaluated> =
+        before.flat_map(|other| &other.evaluations).filter(|one| usable(one)).filter(earlier).collect();
+    let mut pairs: Vec<EvaluatedPair<'a>> = Vec::new();
+    let after = run.evaluations.iter().filter(|one| usable(one) && one.result.subject.frames > boundary);
+    for after in after {
+        for before in before.iter().filter(|before| alike(before, after)) {
+            let episodes = in_common(before, after);
+            if !episodes.is_empty() {
+                pairs.push(EvaluatedPair { run, stage: stage.clone(), before, after, episodes });
+            }
+        }
+    }
+    // The weights that are nearest to both ends of the stage; of evaluations of the same weights the newest.
+    let rank = |one: &Evaluated| (one.result.subject.frames, one.result.cost.at_unix_s);
+    pairs.into_iter().max_by_key(|pair| (rank(pair.after), rank(pair.before)))
+}
+
+/// Whether an episode's number means the same episode in both.
+fn alike(a: &Evaluated, b: &Evaluated) -> bool {
+    let [a, b] = [a, b].map(|one| &one.result.conditions);
+    let which = |conditions: &'_ proto::evaluation::Conditions| {
+        let distances = [conditions.start_distance_max_m, conditions.goal_distance_max_m].map(f32::to_bits);
+        (conditions.split, conditions.distribution, conditions.procedural.clone(), conditions.scenes.clone(), distances)
+    };
+    // Fixed episodes are the same whatever the seed, drawn ones are not.
+    let is_fixed = a.distribution == proto::evaluation::Distribution::Fixed;
+    which(a) == which(b) && (is_fixed || a.seed == b.seed)
+}
+
+fn in_common<'a>(before: &'a Evaluated, after: &'a Evaluated) -> Vec<[&'a EpisodeRecord; 2]> {
+    let same = |one: &EpisodeRecord, other: &EpisodeRecord| {
+        (one.kitchen, one.episode, one.category) == (other.kitchen, other.episode, other.category)
+    };
+    let found = after.episodes.iter().filter_map(|later| {
+        let earlier = before.episodes.iter().find(|earlier| same(earlier, later))?;
+        Some([earlier, later])
+    });
+    let mut both: Vec<[&EpisodeRecord; 2]> = found.collect();
+    let shown = |[earlier, later]: &[&EpisodeRecord; 2]| {
+        (later.succeeded_within(UNDISTURBED_THRESHOLD_M), later.success, earlier.disturbance_m - later.disturbance_m)
+    };
+    both.sort_by(|a, b| {
+        let (a_shown, b_shown) = (shown(a), shown(b));
+        (b_shown.0, b_shown.1)
+            .cmp(&(a_shown.0, a_shown.1))
+            .then(b_shown.2.total_cmp(&a_shown.2))
+            .then((a[0].kitchen, a[0].episode).cmp(&(b[0].kitchen, b[0].episode)))
+    });
+    both
+}
