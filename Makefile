@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up test chaos soak lint doc deny fuzz bench-peers bench-learner bench-wire check-determinism \
+.PHONY: help setup build install uninstall up test chaos soak lint doc deny fuzz bench-peers bench-learner bench-wire bench-view check-determinism \
 	python test-python bench-python
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
@@ -37,6 +37,9 @@ help:
 	@echo '             CUDA on a GPU machine), nothing is installed; ARGS="--batches 152 --steps 32" measures less'
 	@echo 'make bench-wire'
 	@echo '             shared memory beside raw POSIX shared memory, Unix sockets, ZeroMQ and gRPC; needs a C++ compiler'
+	@echo 'make bench-view'
+	@echo '             what a viewer with an open page costs a run, in pairs (half an hour on an idle machine);'
+	@echo '             ARGS="--pairs 4 --page browser" measures otherwise'
 
 setup:
 	@LIBTORCH='$(LIBTORCH)' deploy/setup
@@ -126,3 +129,7 @@ bench-learner:
 bench-wire:
 	cargo build --release --locked --manifest-path bench/wire/Cargo.toml --target-dir target/wire
 	@target/wire/release/bench-wire $(ARGS)
+
+# In pairs, one without and one with: nothing else may run meanwhile.
+bench-view: build
+	@python3 bench/viewer.py --orchestrator target/release/orchestrator $(ARGS)

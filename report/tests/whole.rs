@@ -1,179 +1,12 @@
 //! The whole report on made-up runs. Its files are left in the test's own temporary folder, to be looked at.
 
-use proto::config::Config;
-use proto::evaluation::{
-    Conditions, Confusion, Cost, Distribution, EPISODES_PER_KITCHEN, EpisodeEnd, EpisodeRecord, Evaluation, ObjectSet,
-    Subject, category_of,
-};
-use proto::kitchen::{KitchenId, Split};
-use proto::metric;
-use proto::random::{Key, Purpose, Random};
-use proto::run_state::{Ending, RunState};
-use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated};
-use report::{Made, Options};
-use std::collections::BTreeMap;
+mod study;
 
-fn random(seed: u64, kitchen: u32, episode: u32) -> Random {
-    Key { seed, purpose: Purpose::RandomPolicy, kitchen, environment: 0, episode, step: 0 }.stream()
-}
-
-/// An episode that succeeds with chance `skill`, and disturbs less the larger `care` is.
-fn episode(seed: u64, kitchen: KitchenId, episode: u32, skill: f64, care: f64) -> (EpisodeRecord, Vec<u8>) {
-    let mut draw = random(seed, kitchen.number(), episode);
-    let success = draw.uniform_open() < skill * (0.8 + 0.1 * f64::from(kitchen.number() % 5));
-    let disturbance_m = if draw.uniform_open() < care { 0.0 } else { 0.002 * (1.0 / draw.uniform_open()).powf(1.7) };
-    let length = if success { 40 + draw.below(100) } else { 200 };
-    let actions = (0..length)
-        .map(|step| {
-            if success && step + 1 == length {
-                return 20;
-            }
-            let drive = step < 30 + draw.below(20);
-            if drive { 16 + draw.below(3) as u8 } else { draw.below(19) as u8 }
-        })
-        .collect();
-    let disturbed_objects = if disturbance_m < 0.01 { 0 } else { 1 + (disturbance_m * 4.0) as u32 };
-    let record = EpisodeRecord {
-        kitchen,
-        episode,
-        category: category_of(episode),
-        end: if success { EpisodeEnd::Done } else { EpisodeEnd::TimeLimit },
-        success,
-        picked_up: success || draw.uniform_open() < 0.3,
-        length,
-        failed_actions: length / 9,
-        return_r: if success { 14.0 } else { -1.0 },
-        return_r_prime: if success { 14.0 } else { -1.0 } - 15.0 * disturbance_m,
-        disturbance_m: disturbance_m.min(9.0) as f32,
-        peak_disturbance_m: disturbance_m.min(9.0) as f32,
-        disturbed_objects,
-        ever_disturbed_objects: disturbed_objects + u32::from(draw.uniform_open() < 0.1),
-        farthest_m: 0.4,
-        peak_farthest_m: 0.4,
-        wrist_object_m: 0.1,
-        object_goal_m: if success { 0.04 } else { 0.9 },
-        disturb_prediction: Some(Confusion { hits: 4, misses: 3, false_alarms: 6, quiet: u64::from(length) }),
-        state_hash: 7,
-    };
-    (record, actions)
-}
-
-fn evaluated(config: &Config, split: Split, objects: ObjectSet, skill: f64, care: f64) -> Evaluated {
-    let records: Vec<_> = KitchenId::of_split(split)
-        .into_iter()
-        .flat_map(|kitchen| (0..EPISODES_PER_KITCHEN).map(move |number| (kitchen, number)))
-        .filter(|&(_, number)| objects.contains(category_of(number)))
-        .map(|(kitchen, number)| episode(config.seed, kitchen, number, skill, care))
-        .collect();
-    let subject = Subject {
-        preset: config.preset.clone(),
-        seed: config.seed,
-        run: Some("runs/x".into()),
-        checkpoint: Some("checkpoints/rollout-00000120.json".into()),
-        frames: config.stages.iter().map(|stage| stage.frames).sum(),
-        weights: format!("{:064x}", config.seed),
-        parameters: 5_800_000,
-    };
-    let conditions = Conditions {
-        split,
-        procedural: None,
-        scenes: Vec::new(),
-        objects,
-        episodes: 0,
-        distribution: Distribution::Fixed,
-        start_distance_max_m: 0.0,
-        goal_distance_max_m: 0.0,
-        deterministic: false,
-        seed: config.seed,
-        max_steps: config.episode.max_steps,
-        action_space: config.episode.action_space,
-        actors: 5,
-        environments_per_actor: 32,
-        device: "cpu, 1 thread".into(),
-    };
-    let result = Evaluation::of(subject, conditions, Cost::default(), &records);
-    let episodes = records.into_iter().map(|(record, _)| record).collect();
-    let split = if split == Split::Test { "test" } else { "valid" };
-    Evaluated { name: format!("20261121-{split}-{}", objects.name()), result, episodes }
-}
-
-fn rollouts(config: &Config, ceiling: f64) -> Vec<Rollout> {
-    let budget: u64 = config.stages.iter().map(|stage| stage.frames).sum();
-    (1..=300)
-        .map(|index| {
-            let frames = budget * index / 300;
-            let part = index as f64 / 300.0;
-            let mut draw = random(config.seed, 0, index as u32);
-            let success = ceiling * (1.0 - (-4.0 * part).exp()) * (0.9 + 0.2 * draw.uniform_open());
-            let metrics = [
-                (metric::EPISODES, 19.0),
-                (metric::RETURN, 14.0 * success - 1.0),
-                (metric::SUCCESS, success),
-                (metric::SUCCESS_UNDISTURBED, success * (0.4 + 0.2 * part)),
-                (metric::DISTURBANCE, 0.4 - 0.25 * part + 0.05 * draw.uniform_open()),
-                ("auxiliary/precision", 0.1 + 0.5 * part + 0.05 * draw.uniform_open()),
-                ("auxiliary/recall_disturb", 0.2 + 0.4 * part + 0.05 * draw.uniform_open()),
-                ("auxiliary/recall_no_disturb", 0.99 - 0.02 * part),
-                ("auxiliary/label_rate", 0.05 - 0.02 * part),
-                (metric::ENTROPY, 3.0 - 1.5 * part + 0.1 * draw.uniform_open()),
-                (metric::APPROXIMATE_KL, 0.002 + 0.004 * draw.uniform_open()),
-                (metric::VALUE_LOSS, 0.5 - 0.4 * part + 0.2 * draw.uniform_open()),
-                (metric::GRADIENT_NORM, if index == 1 { 40.0 } else { 0.5 + 0.5 * draw.uniform_open() }),
-                (FRAMES_PER_S, 2000.0 + 200.0 * draw.uniform_open()),
-                (ELAPSED_S, frames as f64 / 2100.0),
-            ];
-            let metrics = metrics.map(|(name, value)| (name.to_owned(), value));
-            Rollout { frames, metrics: BTreeMap::from(metrics) }
-        })
-        .collect()
-}
-
-fn run(preset: &str, seed: u64, (skill, care): (f64, f64)) -> Run {
-    let config = Config { seed, ..Config::resolve(preset, None).expect("a preset") };
-    let luck = 0.02 * seed as f64;
-    let validation = (1..=9).map(|index| Validated {
-        frames: index * 5_000_000,
-        distribution: Distribution::Fixed,
-        success: skill * index as f64 / 9.0 - luck,
-        success_without_disturbance: skill * care * index as f64 / 9.0 - luck,
-    });
-    Run {
-        name: format!("runs/{preset}-{seed}"),
-        origin: Origin::Run(RunState::Ended(Ending::Complete)),
-        rollouts: rollouts(&config, skill - luck),
-        evaluations: [
-            (Split::Test, ObjectSet::Novel, skill),
-            (Split::Test, ObjectSet::Seen, skill + 0.02),
-            (Split::Validation, ObjectSet::Novel, skill - 0.05),
-        ]
-        .map(|(split, objects, skill)| evaluated(&config, split, objects, skill - luck, care))
-        .into(),
-        validation: validation.filter(|point| point.success_without_disturbance > 0.0).collect(),
-        config,
-    }
-}
-
-fn study() -> Vec<Run> {
-    let mut runs = Vec::new();
-    for (preset, seeds, found) in [
-        ("disturb-two-stage", 5, (0.8, 0.55)),
-        ("none-two-stage", 3, (0.75, 0.5)),
-        ("disturb-stage1-45m", 2, (0.8, 0.3)),
-        ("disturb-scratch-45m", 1, (0.12, 0.6)),
-        ("lambda-1", 2, (0.82, 0.35)),
-        ("lambda-5", 2, (0.82, 0.45)),
-        ("lambda-25", 2, (0.7, 0.6)),
-        ("small-none", 1, (0.7, 0.25)),
-    ] {
-        runs.extend((1..=seeds).map(|seed| run(preset, seed, found)));
-    }
-    let mut untrained = run("two-stage", 1, (0.02, 0.3));
-    untrained.origin = Origin::Untrained;
-    untrained.rollouts.clear();
-    untrained.validation.clear();
-    runs.push(untrained);
-    runs
-}
+use proto::evaluation::Distribution;
+use proto::kitchen::Split;
+use report::study::{Run, pair_of};
+use report::{Frame, Made, Options, ShownPair, ShownStrip};
+use study::{run, study};
 
 fn made(runs: &[Run]) -> Made {
     Made::of(runs, &Options::default(), Vec::new()).expect("sound runs")
@@ -192,7 +25,7 @@ fn a_full_study_has_every_section_and_needs_no_network() {
     }
     std::fs::write(folder.join("report.json"), serde_json::to_string(&made.report).expect("numbers")).expect("a file");
 
-    for outside in ["src=", "href=\"http", "<script", "@import", "url("] {
+    for outside in ["src=", "href=\"http", "href=\"figures", "<script", "@import", "url("] {
         assert!(!page.contains(outside), "the page reaches out by {outside}");
     }
     assert!(!page.contains("NaN") && !page.contains("class=\"missing\">None of these"), "nothing is missing");
@@ -331,10 +164,11 @@ fn what_is_missing_is_said() {
         "No two of these groups differ",
         "None of these runs trained the auxiliary task",
         "No group here is a row of this table",
+        "--record all",
     ] {
         assert!(page.contains(said), "{said}");
     }
-    assert_eq!(page.matches("not run").count(), 19 + 19 + 12 + 8);
+    assert_eq!(page.matches("<tr class=\"absent\">").count(), 19 + 19 + 12 + 8);
     let folded: Vec<&str> = page.split("<details").skip(1).collect();
     assert_eq!(folded.len(), 4, "each table of the paper is folded");
     assert!(folded.iter().all(|fold| fold.contains("<summary>") && !fold.starts_with(" open")));
@@ -348,4 +182,82 @@ fn what_is_missing_is_said() {
     let fields: Vec<&str> = report.groups[0].results.iter().map(|result| result.field.as_str()).collect();
     assert_eq!(fields, ["test-seen", "validation-novel"]);
     assert!(report.notes.iter().any(|note| note.contains("and therefore not in its means: runs/demo-2")));
+}
+
+/// A picture of one colour, PNG.
+fn picture() -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, 4, 3);
+    encoder.set_color(png::ColorType::Rgb);
+    let mut writer = encoder.write_header().expect("a header");
+    writer.write_image_data(&[200, 30, 30].repeat(12)).expect("twelve pixels");
+    writer.finish().expect("memory");
+    bytes
+}
+
+#[test]
+fn an_episode_is_shown_before_and_after_and_its_picture_file_holds_the_frames() {
+    let strip = |title: &str| ShownStrip {
+        title: title.to_owned(),
+        frames: vec![Frame { png: picture(), words: vec!["step 0 of 9".into()] }; 6],
+        size: (4, 3),
+    };
+    let pair = ShownPair { caption: "Kitchen 26".into(), strips: [strip("before stage II"), strip("after stage II")] };
+    let made = made(&[run("demo", 1, (0.5, 0.5))]).with_episodes(vec![pair], vec!["another cannot be drawn".into()]);
+    assert!(made.report.figures.contains(&"episode-1".to_owned()));
+    let page = made.page("Made for a test.");
+    assert!(page.contains("another cannot be drawn") && page.contains("<figure id=\"episode-1\""));
+    assert_eq!(page.matches("<image ").count(), 12, "on the page; those to take away are written as numbers");
+    let figure = made.figures.all().find(|figure| figure.name == "episode-1").expect("a figure");
+    assert!(figure.csv().contains("before stage II,1,step 0 of 9"), "{}", figure.csv());
+    let mut reader =
+        png::Decoder::new(std::io::Cursor::new(figure.png().expect("a picture"))).read_info().expect("PNG");
+    let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
+    reader.next_frame(&mut pixels).expect("pixels");
+    let near = |pixel: &[u8]| pixel.iter().zip([200, 30, 30]).all(|(&ink, wanted)| ink.abs_diff(wanted) < 4);
+    let red = pixels.chunks_exact(4).filter(|pixel| near(pixel)).count();
+    assert!(red * 4 > pixels.len() / 4, "{red} pixels of {} are the frames'", pixels.len() / 4);
+}
+
+#[test]
+fn the_pair_is_of_the_same_episodes_and_of_weights_from_both_sides_of_the_stage() {
+    let with = |frames: [u64; 3]| -> Vec<Run> {
+        let mut run = run("demo", 1, (0.5, 0.5));
+        for (evaluated, frames) in run.evaluations.iter_mut().zip(frames) {
+            evaluated.result.subject.frames = frames;
+        }
+        // The second on the same episodes as the first.
+        run.evaluations[1].result.conditions = run.evaluations[0].result.conditions.clone();
+        run.evaluations[1].episodes = run.evaluations[0].episodes.clone();
+        vec![run]
+    };
+    let names = |runs: &[Run]| {
+        pair_of(&runs[0], runs, |_| true).map(|pair| [pair.before.name.clone(), pair.after.name.clone()])
+    };
+    let [first, second] = ["20261121-test-novel", "20261121-test-seen"].map(str::to_owned);
+    assert_eq!(names(&with([260_000, 440_000, 440_000])), Some([first.clone(), second.clone()]));
+    assert_eq!(names(&with([440_000, 100_000, 440_000])), Some([second, first]));
+    assert_eq!(names(&with([260_001, 440_000, 440_000])), None, "both are from after the stage's end");
+    assert_eq!(names(&with([260_000, 100_000, 440_000])), None, "the third is of other kitchens");
+    let runs = with([260_000, 440_000, 440_000]);
+    assert!(pair_of(&runs[0], &runs, |one| one.name.ends_with("seen")).is_none(), "what was not recorded is no use");
+
+    let mut runs = with([260_000, 440_000, 440_000]);
+    let [number, other] = [3, 5].map(|at| runs[0].evaluations[0].episodes[at].episode);
+    let kitchen = runs[0].evaluations[0].episodes[3].kitchen;
+    for at in [3, 5] {
+        for (of, disturbance_m) in [(0, 20.0 + at as f32), (1, 0.0)] {
+            let record = &mut runs[0].evaluations[of].episodes[at];
+            (record.disturbance_m, record.success) = (disturbance_m, true);
+        }
+    }
+    runs[0].evaluations[1].episodes[5].success = false;
+    let pair = pair_of(&runs[0], &runs, |_| true).expect("a pair");
+    let [earlier, later] = pair.episodes[0];
+    assert_eq!(
+        (earlier.kitchen, earlier.episode, later.episode),
+        (kitchen, number, number),
+        "and not {other}, a failure"
+    );
+    assert_eq!(pair.stage, "II");
 }

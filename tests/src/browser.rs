@@ -6,7 +6,7 @@
 use base64::Engine;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
@@ -110,6 +110,31 @@ impl Browser {
             _ => None,
         };
         self.complaints.extend(complaint);
+    }
+
+    /// Files that the page hands over go to this folder from now on.
+    pub fn keep_downloads_in(&mut self, folder: &Path) {
+        let parameters = json!({ "behavior": "allow", "downloadPath": folder, "eventsEnabled": false });
+        // It is the browser that is asked, not its page.
+        let session = std::mem::take(&mut self.session);
+        self.call("Browser.setDownloadBehavior", &parameters);
+        self.session = session;
+    }
+
+    /// Clicks an element as a person does, and waits for the file of this name that it leads to.
+    ///
+    /// # Panics
+    /// If it does not come.
+    pub fn download(&mut self, selector: &str, folder: &Path, name: &str) -> Vec<u8> {
+        self.value(&format!("document.querySelector({selector:?}).click()"));
+        let path = folder.join(name);
+        let begun = Instant::now();
+        // It has another name until it is whole.
+        while !path.exists() {
+            assert!(begun.elapsed() < PATIENCE, "{name} never came; complaints: {:#?}", self.complaints);
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        std::fs::read(&path).expect("a readable file")
     }
 
     /// Opens an address.

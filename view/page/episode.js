@@ -1,6 +1,7 @@
 // The pages of one episode, and of two side by side.
 
-import { ask, h, json, notice, replace, say } from "./dom.js";
+import { h, json, notice, replace, say } from "./dom.js";
+import { film, hand, kinds } from "./film.js";
 import { outcome } from "./format.js";
 import { Stage, Strip } from "./stage.js";
 
@@ -13,9 +14,11 @@ class Player {
     this.range = h("input", { type: "range", min: "0", max: String(this.last), value: "0", "aria-label": "Step", oninput: () => this.go(Number(this.range.value)) });
     this.play = h("button", { "aria-pressed": "false", onclick: () => this.toggle() }, "Play");
     this.speed = h("select", { "aria-label": "Steps a second" }, [2, 5, 10, 20].map((speed) => h("option", { value: String(speed), selected: speed === 5 }, `${speed} a second`)));
-    this.film = h("button", { onclick: () => this.save() }, "Save film");
+    this.kinds = kinds();
+    this.kind = h("select", { "aria-label": "Kind of film" }, this.kinds.map(({ name, ending }) => h("option", { value: ending }, name)));
+    this.film = h("button", { class: "film", onclick: () => this.save() }, "Save film");
     this.element = h("section", { class: "card", "aria-label": "Steps" }, this.strip.canvas,
-      h("div", { class: "player" }, this.play, this.speed, this.range, this.film,
+      h("div", { class: "player" }, this.play, this.speed, this.range, this.film, this.kind,
         h("span", { class: "small soft optional" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " step  ", h("kbd", {}, "space"), " play  ", h("kbd", {}, "D"), " next disturbance")));
     const keys = (event) => this.key(event);
     document.addEventListener("keydown", keys);
@@ -71,44 +74,14 @@ class Player {
 
   /** The whole episode from where the cameras are, as a film that the browser makes. */
   async save() {
-    const kind = ["video/mp4;codecs=avc1.42E01E", "video/webm;codecs=vp9", "video/webm"].find((each) => globalThis.MediaRecorder?.isTypeSupported(each));
-    if (!kind) { say("This browser cannot make films: orchestrator replay --images makes them."); return; }
     this.stop();
     this.film.disabled = true;
-    const [width, height] = [640, 480];
-    const canvas = h("canvas", { width: width * this.stages.length, height });
-    const pen = canvas.getContext("2d");
-    const stream = canvas.captureStream(0);
-    const recorder = new MediaRecorder(stream, { mimeType: kind, videoBitsPerSecond: 6e6 });
-    const chunks = [];
-    recorder.ondataavailable = ({ data }) => chunks.push(data);
-    const ended = new Promise((resolve) => { recorder.onstop = resolve; });
+    const kind = this.kinds[this.kind.selectedIndex];
     try {
-      recorder.start();
-      for (let step = 0; step <= this.last && !this.signal.aborted; step += 1) {
-        const began = performance.now();
-        for (const [at, { orbit, last }] of this.stages.entries()) {
-          orbit.step = Math.min(step, last);
-          const address = new URL(orbit.address(true), location.href);
-          address.searchParams.set("width", String(width));
-          address.searchParams.set("height", String(height));
-          const picture = await createImageBitmap(await (await ask(address, { signal: this.signal })).blob());
-          pen.drawImage(picture, at * width, 0);
-          picture.close();
-        }
-        stream.getVideoTracks()[0].requestFrame();
-        this.film.textContent = `step ${step} of ${this.last}`;
-        await new Promise((resolve) => setTimeout(resolve, Math.max(0, 1000 / Number(this.speed.value) - (performance.now() - began))));
-      }
-      this.signal.throwIfAborted();
-      recorder.stop();
-      await ended;
-      const address = URL.createObjectURL(new Blob(chunks, { type: kind }));
-      const name = this.stages.map((stage) => `${stage.run}-${stage.key}`).join("-and-");
-      h("a", { href: address, download: `${name}.${kind.includes("mp4") ? "mp4" : "webm"}` }).click();
-      setTimeout(() => URL.revokeObjectURL(address), 60_000);
+      const made = await film(this.stages, this.last, kind, Number(this.speed.value), this.signal, (step) => { this.film.textContent = `step ${step} of ${this.last}`; });
+      hand(made, `${this.stages.map((stage) => `${stage.run}-${stage.key}`).join("-and-")}.${kind.ending}`);
+      say("The film is saved.");
     } catch (error) {
-      if (recorder.state !== "inactive") recorder.stop();
       if (this.signal.aborted) return;
       this.stages[0].fail(error);
     }

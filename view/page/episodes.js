@@ -11,7 +11,7 @@ const COLUMNS = [
 const PAGE = 50;
 
 export async function showEpisodes(root, run, query, signal) {
-  const asked = { source: "", kitchen: "", target: "", outcome: "", disturbed: "", recorded: "", sort: "", descending: "", offset: "0" };
+  const asked = { source: "", kitchen: "", target: "", outcome: "", disturbed: "", recorded: "", range: "length", least: "", most: "", sort: "", descending: "", offset: "0" };
   for (const name of Object.keys(asked)) if (query.has(name)) asked[name] = query.get(name);
   const encoded = encodeURIComponent(run);
   const selects = {};
@@ -28,6 +28,7 @@ export async function showEpisodes(root, run, query, signal) {
     }
     selects[name].value = asked[name];
   };
+  const limit = (name, label) => h("input", { type: "number", step: "any", class: "limit", value: asked[name], "aria-label": label, oninput: (event) => change(name, event.target.value) });
   const status = h("p", { class: "soft small", role: "status" });
   const notes = h("div", {});
   const heads = COLUMNS.map(([label, name, kind]) => h("th", { scope: "col", class: kind, "aria-sort": "none", "data-column": name }, h("button", {
@@ -45,10 +46,12 @@ export async function showEpisodes(root, run, query, signal) {
     h("div", { class: "row between" }, h("h1", {}, "Episodes"), status),
     notes,
     h("div", { class: "row", role: "group", "aria-label": "Filters" },
-      select("source", "of"), select("kitchen", "kitchen"), select("target", "target"), select("outcome", "outcome"), select("disturbed", "disturbance"), select("recorded", "recording")),
+      select("source", "of"), select("kitchen", "kitchen"), select("target", "target"), select("outcome", "outcome"), select("disturbed", "disturbance"), select("recorded", "recording"),
+      h("span", { class: "row range" }, select("range", "with"), h("label", {}, "from", limit("least", "at least")), h("label", {}, "to", limit("most", "at most")))),
     h("div", { class: "card scroll" }, h("table", { class: "episodes" }, h("thead", {}, h("tr", {}, heads)), body)),
     h("div", { class: "row" }, back, on));
   options("outcome", [["", "any"], ["any-success", "any success"], ["any-failure", "any failure"], ...outcomes.map((word) => [word, outcome(word)[0]])]);
+  options("range", [["length", "steps"], ["disturbance", "disturbance, m"], ["objects", "objects disturbed"], ["failed", "failed actions"], ["return", "return"], ["distance", "left to goal, m"]]);
   options("disturbed", [["", "any"], ["true", "some object"], ["false", "none"]]);
   options("recorded", [["", "any"], ["true", "can be simulated"], ["false", "not recorded"]]);
 
@@ -73,7 +76,7 @@ export async function showEpisodes(root, run, query, signal) {
     latest += 1;
     const mine = latest;
     const words = new URLSearchParams({ limit: String(PAGE) });
-    for (const [name, value] of Object.entries(asked)) if (value !== "") words.set(name, value);
+    for (const [name, value] of Object.entries(asked)) if (value !== "" && (name !== "range" || asked.least || asked.most)) words.set(name, value);
     const kept = new URLSearchParams([...words].filter(([name, value]) => name !== "limit" && !(name === "offset" && value === "0")));
     history.replaceState(null, "", `#/run/${encoded}/episodes${kept.size ? `?${kept}` : ""}`);
     try {

@@ -290,6 +290,12 @@ pub struct EpisodeQuery {
     pub disturbed: Option<bool>,
     /// Only those that can be simulated again.
     pub recorded: Option<bool>,
+    /// Column of numbers that `least` and `most` are about; empty: of none.
+    pub range: String,
+    /// Only with at least this in that column.
+    pub least: Option<f64>,
+    /// Only with at most this in that column.
+    pub most: Option<f64>,
     /// Column to sort by; empty: the newest first.
     pub sort: String,
     /// The largest first.

@@ -97,7 +97,10 @@ impl Guard {
 
     /// Whether the request calls this server by a name that only it can have.
     fn is_own(&self, headers: &HeaderMap) -> bool {
-        let Some(host) = headers.get(HOST).and_then(|host| host.to_str().ok()) else { return false };
+        let mut hosts = headers.get_all(HOST).iter();
+        // Of two names nobody knows which one was meant.
+        let (Some(host), None) = (hosts.next(), hosts.next()) else { return false };
+        let Ok(host) = host.to_str() else { return false };
         let name = match host.strip_prefix('[') {
             Some(rest) => rest.split_once(']').map_or("", |(address, _)| address),
             None => host.rsplit_once(':').map_or(host, |(name, _)| name),

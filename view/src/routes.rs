@@ -238,6 +238,9 @@ fn one() -> f32 {
 
 impl PictureQuery {
     fn view(&self) -> Result<ShowView, Refusal> {
+        if ![self.x, self.y, self.z, self.radius, self.yaw, self.pitch].into_iter().all(f32::is_finite) {
+            return Err(Refusal(StatusCode::BAD_REQUEST, "a camera's place is of finite numbers".to_owned()));
+        }
         match self.view.as_str() {
             "orbit" => Ok(ShowView::Orbit(ShowOrbit {
                 centre_m: [self.x, self.y, self.z],

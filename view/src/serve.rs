@@ -13,11 +13,14 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
+use tokio_io_timeout::TimeoutStream;
 
 /// Connections at a time; more are closed at once.
 const CONNECTIONS: usize = 512;
 /// How long a client may take to send a request's head.
 const HEAD_DEADLINE: Duration = Duration::from_secs(10);
+/// How long a client may read nothing of what was sent to it: it would hold its place for ever.
+const WRITE_DEADLINE: Duration = Duration::from_secs(12);
 /// Longest head of a request, bytes.
 const HEAD_BYTES: usize = 32 << 10;
 
@@ -80,11 +83,13 @@ pub async fn serve(
             let _place = place;
             // Small answers must not wait for each other.
             let _ = stream.set_nodelay(true);
+            let mut stream = TimeoutStream::new(stream);
+            stream.set_write_timeout(Some(WRITE_DEADLINE));
             let connection = hyper::server::conn::http1::Builder::new()
                 .timer(TokioTimer::new())
                 .header_read_timeout(HEAD_DEADLINE)
                 .max_buf_size(HEAD_BYTES)
-                .serve_connection(TokioIo::new(stream), service);
+                .serve_connection(TokioIo::new(Box::pin(stream)), service);
             // A client that hangs up or sends nonsense ends its own connection.
             if let Err(error) = connection.await {
                 tracing::debug!("a connection ended: {error}");

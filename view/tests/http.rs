@@ -14,6 +14,9 @@ use std::time::{Duration, Instant};
 use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Problem, Runs};
 use view::{Settings, serve};
 
+/// An edition of curves that are eight megabytes long: more than waits in a connection that nobody reads.
+const LARGE: u64 = 99;
+
 /// One run called `a`; and how many readings there were, at a time and in all.
 #[derive(Default)]
 struct One {
@@ -44,8 +47,9 @@ impl Runs for One {
     fn live(&self, run: &str) -> Result<Live, Problem> {
         self.read(run, Live { rollouts: 7, ..Live::default() })
     }
-    fn curves(&self, run: &str, _: u64, known: usize) -> Result<Curves, Problem> {
-        self.read(run, Curves { from: known, ..Curves::default() })
+    fn curves(&self, run: &str, edition: u64, known: usize) -> Result<Curves, Problem> {
+        let frames = if edition == LARGE { vec![u64::MAX; 400_000] } else { Vec::new() };
+        self.read(run, Curves { from: known, frames, ..Curves::default() })
     }
     fn episodes(&self, run: &str, query: &EpisodeQuery) -> Result<EpisodePage, Problem> {
         self.read(run, EpisodePage { total: query.offset, ..EpisodePage::default() })
@@ -219,6 +223,8 @@ fn a_way_that_leads_nowhere_is_no_way_out() {
         "/api/runs/a/episodes/1-0-0/picture",
         "/api/runs/a/episodes/1-0-0/picture?view=back&step=0&width=64",
         "/api/runs/a/episodes/1-0-0/picture?view=depth&step=-1&width=64",
+        "/api/runs/a/episodes/1-0-0/picture?view=orbit&step=1&width=64&radius=NaN",
+        "/api/runs/a/episodes/1-0-0/picture?view=orbit&step=1&width=64&yaw=1e99",
     ];
     for path in strange {
         let answer = server.get(path);
@@ -317,6 +323,83 @@ fn slow_clients_cost_others_nothing_and_are_hung_up_on() {
         "{:?}",
         begun.elapsed()
     );
+}
+
+#[test]
+fn who_does_not_read_costs_others_nothing_and_is_hung_up_on() {
+    let server = Server::start(None);
+    let request = format!("GET /api/runs/a/curves?edition={LARGE} HTTP/1.1\r\nHost: {}\r\n\r\n", server.address);
+    let begun = Instant::now();
+    let mut deaf: Vec<TcpStream> = (0..40)
+        .map(|_| {
+            let mut stream = server.connect();
+            stream.write_all(request.as_bytes()).unwrap();
+            stream
+        })
+        .collect();
+    assert_eq!(server.get("/api/runs").status, 200);
+    assert!(begun.elapsed() < Duration::from_secs(10), "it took {:?}", begun.elapsed());
+    std::thread::sleep(Duration::from_secs(20));
+    for stream in &mut deaf {
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        assert!(answer.starts_with(b"HTTP/1.1 200") && answer.len() < 8_000_000, "it is cut off: {}", answer.len());
+    }
+    // One who reads gets all of it.
+    assert!(server.get(&format!("/api/runs/a/curves?edition={LARGE}")).body.len() > 8_000_000);
+}
+
+#[test]
+fn a_letter_at_a_time_is_no_way_to_hold_a_connection() {
+    let server = Server::start(None);
+    let mut stream = server.connect();
+    let begun = Instant::now();
+    let held = (0..100).find_map(|_| {
+        std::thread::sleep(Duration::from_millis(200));
+        stream.write_all(b"x").err().map(|_| begun.elapsed())
+    });
+    let held = held.expect("it is hung up on");
+    assert!(held > Duration::from_secs(8) && held < Duration::from_secs(19), "{held:?}");
+}
+
+#[test]
+fn more_connections_than_there_is_room_for_are_closed_and_make_room_again() {
+    use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+    let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
+    setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum }).expect("a limit of one's own can be raised");
+    let server = Server::start(None);
+    let idle: Vec<TcpStream> = (0..512).map(|_| server.connect()).collect();
+    let refused = server.get("/api/runs");
+    assert_eq!(refused.status, 0, "closed without an answer: {refused:?}");
+    drop(idle);
+    let begun = Instant::now();
+    while server.get("/api/runs").status != 200 {
+        assert!(begun.elapsed() < Duration::from_secs(10), "there is no room again");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+#[test]
+fn what_is_no_request_for_a_page_is_no_request() {
+    let server = Server::start(None);
+    let ask = |text: &str| Answer::of(&server.send(text.as_bytes())).status;
+    for (request, expected) in [
+        ("GET http://evil.example/api/runs HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n", 421),
+        ("GET /api/runs HTTP/1.1\r\nConnection: close\r\n\r\n", 421),
+        ("GET /api/runs HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\nConnection: close\r\n\r\n", 421),
+        ("POST /api/runs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99999999999\r\nConnection: close\r\n\r\n", 405),
+        ("GET /api/runs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\nContent-Length: 6\r\n\r\n", 400),
+        ("PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n", 400),
+        ("GET /api/runs HTTP/9.9\r\nHost: localhost\r\n\r\n", 400),
+        ("CONNECT localhost:80 HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", 405),
+        ("GET /api/runs HTTP/1.1\r\nHost: localhost\r\nX: a\u{0}b\r\n\r\n", 400),
+        ("GET /api/runs/%ff%fe HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", 400),
+        ("GET /%252e%252e%252fetc%252fpasswd HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", 404),
+        ("GET /..\\..\\etc\\passwd HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", 404),
+    ] {
+        assert_eq!(ask(request), expected, "{request}");
+    }
+    assert_eq!(server.get("/api/runs").status, 200);
 }
 
 #[test]

@@ -75,7 +75,8 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Made> 
     // Figures of the report before, which this one does not have.
     for entry in std::fs::read_dir(&figures).with_context(|| figures.display().to_string())? {
         let path = entry?.path();
-        let drawn = path.extension().is_some_and(|extension| ["svg", "png", "csv"].iter().any(|ours| extension == *ours));
+        let drawn =
+            path.extension().is_some_and(|extension| ["svg", "png", "csv"].iter().any(|ours| extension == *ours));
         if drawn && !written.contains(&path) {
             std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
         }

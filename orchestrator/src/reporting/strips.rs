@@ -13,7 +13,7 @@ use report::study::{Evaluated, EvaluatedPair, Run, pair_of};
 use report::{Frame, ShownPair, ShownStrip};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Pictures of an episode.
 const FRAMES: usize = 6;
@@ -43,7 +43,7 @@ pub fn strips(runs: &[Run]) -> (Vec<ShownPair>, Vec<String>) {
 }
 
 fn strip(pair: &EvaluatedPair<'_>) -> Result<ShownPair> {
-    let mut shelves = [Recorded::of(pair.before)?, Recorded::of(pair.after)?];
+    let shelves = [Recorded::of(pair.before)?, Recorded::of(pair.after)?];
     let found = pair.episodes.iter().take(TRIED).find_map(|records| {
         let both = [shelves[0].take_out(records[0]), shelves[1].take_out(records[1])];
         match both {
@@ -89,7 +89,11 @@ fn ending(record: &EpisodeRecord) -> String {
         (false, true) => "picked up, not brought to the goal",
         (false, false) => "not picked up",
     };
-    format!("{success}, {} disturbed by {:.2} m", counted(u64::from(record.disturbed_objects), "object"), record.disturbance_m)
+    format!(
+        "{success}, {} disturbed by {:.2} m",
+        counted(u64::from(record.disturbed_objects), "object"),
+        record.disturbance_m
+    )
 }
 
 /// What an evaluation recorded.
@@ -103,12 +107,11 @@ impl Recorded {
         let folder = std::path::absolute(&evaluated.folder)?;
         let text = folder.to_str().context("the evaluation's folder has a name that is not text")?.to_owned();
         let mut shelf = Shelf::of(folder);
-        let begun = Instant::now();
-        while !shelf.advance(PATIENCE) && begun.elapsed() < PATIENCE {}
+        shelf.advance(PATIENCE);
         Ok(Self { shelf, folder: text })
     }
 
-    fn take_out(&mut self, record: &EpisodeRecord) -> Result<Option<(ReplaySetup, RecordedEpisode)>> {
+    fn take_out(&self, record: &EpisodeRecord) -> Result<Option<(ReplaySetup, RecordedEpisode)>> {
         let mut playable = self.shelf.episodes().filter(|(_, shelved)| shelved.is_playable());
         let wanted = |(kitchen, fixed)| (kitchen, fixed) == (record.kitchen.number(), Some(record.episode));
         let found = playable.find(|((kitchen, _, _), shelved)| wanted((*kitchen, shelved.fixed)));

@@ -102,6 +102,32 @@ fn matches(row: &EpisodeRow, query: &EpisodeQuery) -> bool {
         })
         && query.disturbed.is_none_or(|disturbed| (row.disturbed_objects > 0) == disturbed)
         && query.recorded.is_none_or(|recorded| row.key.is_some() == recorded)
+        && number(&query.range).is_none_or(|number| within(number(row), query))
+}
+
+/// Whether a number is in the range that is asked for; one that is not known is in none.
+fn within(number: Option<f64>, query: &EpisodeQuery) -> bool {
+    match (number, query.least, query.most) {
+        (_, None, None) => true,
+        (Some(number), least, most) => {
+            least.is_none_or(|least| number >= least) && most.is_none_or(|most| number <= most)
+        }
+        (None, ..) => false,
+    }
+}
+
+/// The number in a column; none of a column without numbers.
+fn number(column: &str) -> Option<fn(&EpisodeRow) -> Option<f64>> {
+    Some(match column {
+        "length" => |row| Some(f64::from(row.length)),
+        "failed" => |row| row.failed_actions.map(f64::from),
+        "return" => |row| row.returns.map(|[r, _]| r),
+        // As it is read: 0.1 m is not 0.10000000149 m.
+        "disturbance" => |row| row.disturbance_m.to_string().parse().ok(),
+        "objects" => |row| Some(f64::from(row.disturbed_objects)),
+        "distance" => |row| row.object_goal_m.to_string().parse().ok(),
+        _ => return None,
+    })
 }
 
 /// How rows are compared in a column; none of no column.
@@ -181,6 +207,15 @@ mod tests {
         assert_eq!(only(|query| query.outcome = Some("any-failure".to_owned())), [1, 4]);
         assert_eq!(only(|query| query.disturbed = Some(true)), [2, 4]);
         assert_eq!(only(|query| query.recorded = Some(false)), [3]);
+        let range = |column: &str, least: Option<f64>, most: Option<f64>| {
+            episodes(&EpisodeQuery { range: column.to_owned(), least, most, ..EpisodeQuery::default() })
+        };
+        assert_eq!(range("length", Some(20.0), Some(30.0)), [3, 2]);
+        assert_eq!(range("disturbance", Some(0.1), None), [4, 2], "both ends are in the range");
+        assert_eq!(range("objects", None, Some(0.0)), [3, 1]);
+        assert_eq!(range("return", Some(-1e9), None), [0; 0], "what is not known is in no range");
+        assert_eq!(range("failed", None, None), [4, 3, 2, 1]);
+        assert_eq!(range("no such column", Some(7.0), None), [4, 3, 2, 1]);
         assert_eq!(only(|query| (query.offset, query.limit) = (1, 2)), [2, 3]);
         assert_eq!(only(|query| query.offset = usize::MAX), [0; 0]);
         let whole = page(rows(), &EpisodeQuery { kitchen: Some(1), ..EpisodeQuery::default() });

@@ -35,7 +35,8 @@ fn lines(table: &mut Writer<Vec<u8>>, head: bool, figure: &Figure, panel: &Panel
     for series in &plot.series {
         let name = figure.legend.iter().find(|(style, _)| *style == series.style).map_or("", |(_, name)| name);
         let mut row = |line: &str, (x, y): (f64, f64), band: Option<(f64, f64)>| {
-            let ends = band.map_or([String::new(), String::new()], |(low, high)| [low, high].map(|end| end.to_string()));
+            let ends =
+                band.map_or([String::new(), String::new()], |(low, high)| [low, high].map(|end| end.to_string()));
             let fixed = [&panel.title, name, line, &plot.x.label, &plot.y.label];
             let numbers = [x, y].map(|value| value.to_string());
             table.write_record(fixed.into_iter().chain(numbers.iter().chain(&ends).map(String::as_str)))
@@ -58,12 +59,7 @@ fn intervals(table: &mut Writer<Vec<u8>>, head: bool, panel: &Panel, plot: &Inte
         table.write_record(["panel", "group", "axis", "value", "low", "high", "paper"])?;
     }
     for row in &plot.rows {
-        let numbers = [
-            row.point,
-            row.interval.map(|(low, _)| low),
-            row.interval.map(|(_, high)| high),
-            row.published,
-        ];
+        let numbers = [row.point, row.interval.map(|(low, _)| low), row.interval.map(|(_, high)| high), row.published];
         let numbers = numbers.map(|value| value.map_or_else(String::new, |value| value.to_string()));
         let fixed = [&panel.title, &row.name, &plot.axis.label].map(String::as_str);
         table.write_record(fixed.into_iter().chain(numbers.iter().map(String::as_str)))?;
@@ -117,7 +113,12 @@ mod tests {
         let plot = LinePlot { x, y, series: vec![series], marks: Vec::new() };
         let table = csv(&figure(Content::Lines(plot), vec![(0, "other".into()), (3, "a, b".into())]));
         let start = "\"success, \"\"SR\"\"\",\"a, b\"";
-        let rows = ["mean,frames,share,0,0.25,,", "mean,frames,share,10,0.5,0.4,0.6", "run 1,frames,share,0,0.1,,", "run 2,frames,share,0,0.4,,"];
+        let rows = [
+            "mean,frames,share,0,0.25,,",
+            "mean,frames,share,10,0.5,0.4,0.6",
+            "run 1,frames,share,0,0.1,,",
+            "run 2,frames,share,0,0.4,,",
+        ];
         let expected: Vec<String> = rows.iter().map(|row| format!("{start},{row}")).collect();
         assert_eq!(table.lines().skip(1).collect::<Vec<_>>(), expected);
     }
@@ -135,6 +136,9 @@ mod tests {
             values: vec![vec![Some(0.5), None, Some(1.0)]],
         };
         let table = csv(&figure(Content::Heat(map), Vec::new()));
-        assert_eq!(table.lines().map(|line| line.rsplit_once(",Done,").map_or("", |(_, rest)| rest)).collect::<Vec<_>>(), ["", "0,0.5", "2,1"]);
+        assert_eq!(
+            table.lines().map(|line| line.rsplit_once(",Done,").map_or("", |(_, rest)| rest)).collect::<Vec<_>>(),
+            ["", "0,0.5", "2,1"]
+        );
     }
 }

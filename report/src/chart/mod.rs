@@ -19,8 +19,8 @@ mod text;
 mod theme;
 
 pub use figure::Figure;
-pub use frame_strip::Frame;
 pub(crate) use figure::{Content, Panel, share_axes, style_key};
+pub use frame_strip::Frame;
 pub(crate) use frame_strip::FrameStrip;
 pub(crate) use heat_map::HeatMap;
 pub(crate) use interval_plot::{IntervalPlot, IntervalRow};

@@ -25,9 +25,8 @@ pub struct ShownStrip {
 /// A figure for each pair.
 pub fn episodes(pairs: Vec<ShownPair>) -> Vec<Figure> {
     let figure = |(index, ShownPair { caption, strips }): (usize, ShownPair)| {
-        let panels = strips.map(|ShownStrip { title, frames, size }| {
-            Figure::strip_panel(title, FrameStrip { frames, aspect: size })
-        });
+        let panels = strips
+            .map(|ShownStrip { title, frames, size }| Figure::strip_panel(title, FrameStrip { frames, aspect: size }));
         Figure {
             name: format!("episode-{}", index + 1),
             caption,

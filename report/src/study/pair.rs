@@ -22,11 +22,7 @@ pub struct EvaluatedPair<'a> {
 
 /// The pair of a run, if there is one among the evaluations that are `usable`. Weights that the run began with count as
 /// before its first stage, whichever run evaluated them.
-pub fn pair_of<'a>(
-    run: &'a Run,
-    all: &'a [Run],
-    usable: impl Fn(&Evaluated) -> bool,
-) -> Option<EvaluatedPair<'a>> {
+pub fn pair_of<'a>(run: &'a Run, all: &'a [Run], usable: impl Fn(&Evaluated) -> bool) -> Option<EvaluatedPair<'a>> {
     let (boundary, stage) = match (&run.config.from, run.config.stages.as_slice()) {
         (Some(_), [first, ..]) => (0, &first.name),
         (None, [first, second, ..]) => (first.frames, &second.name),

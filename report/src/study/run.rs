@@ -6,8 +6,8 @@ use proto::evaluation::{Distribution, EpisodeRecord, Evaluation};
 use proto::run_state::RunState;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::fmt;
+use std::path::PathBuf;
 
 /// One run, or weights that were evaluated without one.
 #[derive(Debug, Clone)]

@@ -1,6 +1,7 @@
 //! Whole-system tests, as one program: their modules share what each would have to link.
 
 mod bad_input;
+mod before_and_after;
 mod budget;
 mod evaluation;
 mod figures;
@@ -10,10 +11,12 @@ mod hosts;
 mod learners;
 mod measuring;
 mod orchestrator_faults;
+mod pictures;
 mod procedural;
 mod recordings;
 mod same_weights;
 mod suite;
 mod view;
+mod view_beside;
 mod view_page;
 mod whole_run;

@@ -1,0 +1,179 @@
+//! A made-up study.
+
+use proto::config::Config;
+use proto::evaluation::{
+    Conditions, Confusion, Cost, Distribution, EPISODES_PER_KITCHEN, EpisodeEnd, EpisodeRecord, Evaluation, ObjectSet,
+    Subject, category_of,
+};
+use proto::kitchen::{KitchenId, Split};
+use proto::metric;
+use proto::random::{Key, Purpose, Random};
+use proto::run_state::{Ending, RunState};
+use report::study::{ELAPSED_S, Evaluated, FRAMES_PER_S, Origin, Rollout, Run, Validated};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+fn random(seed: u64, kitchen: u32, episode: u32) -> Random {
+    Key { seed, purpose: Purpose::RandomPolicy, kitchen, environment: 0, episode, step: 0 }.stream()
+}
+
+/// An episode that succeeds with chance `skill`, and disturbs less the larger `care` is.
+fn episode(seed: u64, kitchen: KitchenId, episode: u32, skill: f64, care: f64) -> (EpisodeRecord, Vec<u8>) {
+    let mut draw = random(seed, kitchen.number(), episode);
+    let success = draw.uniform_open() < skill * (0.8 + 0.1 * f64::from(kitchen.number() % 5));
+    let disturbance_m = if draw.uniform_open() < care { 0.0 } else { 0.002 * (1.0 / draw.uniform_open()).powf(1.7) };
+    let length = if success { 40 + draw.below(100) } else { 200 };
+    let actions = (0..length)
+        .map(|step| {
+            if success && step + 1 == length {
+                return 20;
+            }
+            let drive = step < 30 + draw.below(20);
+            if drive { 16 + draw.below(3) as u8 } else { draw.below(19) as u8 }
+        })
+        .collect();
+    let disturbed_objects = if disturbance_m < 0.01 { 0 } else { 1 + (disturbance_m * 4.0) as u32 };
+    let record = EpisodeRecord {
+        kitchen,
+        episode,
+        category: category_of(episode),
+        end: if success { EpisodeEnd::Done } else { EpisodeEnd::TimeLimit },
+        success,
+        picked_up: success || draw.uniform_open() < 0.3,
+        length,
+        failed_actions: length / 9,
+        return_r: if success { 14.0 } else { -1.0 },
+        return_r_prime: if success { 14.0 } else { -1.0 } - 15.0 * disturbance_m,
+        disturbance_m: disturbance_m.min(9.0) as f32,
+        peak_disturbance_m: disturbance_m.min(9.0) as f32,
+        disturbed_objects,
+        ever_disturbed_objects: disturbed_objects + u32::from(draw.uniform_open() < 0.1),
+        farthest_m: 0.4,
+        peak_farthest_m: 0.4,
+        wrist_object_m: 0.1,
+        object_goal_m: if success { 0.04 } else { 0.9 },
+        disturb_prediction: Some(Confusion { hits: 4, misses: 3, false_alarms: 6, quiet: u64::from(length) }),
+        state_hash: 7,
+    };
+    (record, actions)
+}
+
+fn evaluated(config: &Config, split: Split, objects: ObjectSet, skill: f64, care: f64) -> Evaluated {
+    let records: Vec<_> = KitchenId::of_split(split)
+        .into_iter()
+        .flat_map(|kitchen| (0..EPISODES_PER_KITCHEN).map(move |number| (kitchen, number)))
+        .filter(|&(_, number)| objects.contains(category_of(number)))
+        .map(|(kitchen, number)| episode(config.seed, kitchen, number, skill, care))
+        .collect();
+    let subject = Subject {
+        preset: config.preset.clone(),
+        seed: config.seed,
+        run: Some("runs/x".into()),
+        checkpoint: Some("checkpoints/rollout-00000120.json".into()),
+        frames: config.stages.iter().map(|stage| stage.frames).sum(),
+        weights: format!("{:064x}", config.seed),
+        parameters: 5_800_000,
+    };
+    let conditions = Conditions {
+        split,
+        procedural: None,
+        scenes: Vec::new(),
+        objects,
+        episodes: 0,
+        distribution: Distribution::Fixed,
+        start_distance_max_m: 0.0,
+        goal_distance_max_m: 0.0,
+        deterministic: false,
+        seed: config.seed,
+        max_steps: config.episode.max_steps,
+        action_space: config.episode.action_space,
+        actors: 5,
+        environments_per_actor: 32,
+        device: "cpu, 1 thread".into(),
+    };
+    let result = Evaluation::of(subject, conditions, Cost::default(), &records);
+    let episodes = records.into_iter().map(|(record, _)| record).collect();
+    let split = if split == Split::Test { "test" } else { "valid" };
+    let name = format!("20261121-{split}-{}", objects.name());
+    Evaluated { folder: PathBuf::from("runs/x/evaluations").join(&name), name, result, episodes }
+}
+
+fn rollouts(config: &Config, ceiling: f64) -> Vec<Rollout> {
+    let budget: u64 = config.stages.iter().map(|stage| stage.frames).sum();
+    (1..=300)
+        .map(|index| {
+            let frames = budget * index / 300;
+            let part = index as f64 / 300.0;
+            let mut draw = random(config.seed, 0, index as u32);
+            let success = ceiling * (1.0 - (-4.0 * part).exp()) * (0.9 + 0.2 * draw.uniform_open());
+            let metrics = [
+                (metric::EPISODES, 19.0),
+                (metric::RETURN, 14.0 * success - 1.0),
+                (metric::SUCCESS, success),
+                (metric::SUCCESS_UNDISTURBED, success * (0.4 + 0.2 * part)),
+                (metric::DISTURBANCE, 0.4 - 0.25 * part + 0.05 * draw.uniform_open()),
+                ("auxiliary/precision", 0.1 + 0.5 * part + 0.05 * draw.uniform_open()),
+                ("auxiliary/recall_disturb", 0.2 + 0.4 * part + 0.05 * draw.uniform_open()),
+                ("auxiliary/recall_no_disturb", 0.99 - 0.02 * part),
+                ("auxiliary/label_rate", 0.05 - 0.02 * part),
+                (metric::ENTROPY, 3.0 - 1.5 * part + 0.1 * draw.uniform_open()),
+                (metric::APPROXIMATE_KL, 0.002 + 0.004 * draw.uniform_open()),
+                (metric::VALUE_LOSS, 0.5 - 0.4 * part + 0.2 * draw.uniform_open()),
+                (metric::GRADIENT_NORM, if index == 1 { 40.0 } else { 0.5 + 0.5 * draw.uniform_open() }),
+                (FRAMES_PER_S, 2000.0 + 200.0 * draw.uniform_open()),
+                (ELAPSED_S, frames as f64 / 2100.0),
+            ];
+            let metrics = metrics.map(|(name, value)| (name.to_owned(), value));
+            Rollout { frames, metrics: BTreeMap::from(metrics) }
+        })
+        .collect()
+}
+
+/// A made-up run of a preset: its skill, and how seldom it disturbs.
+pub fn run(preset: &str, seed: u64, (skill, care): (f64, f64)) -> Run {
+    let config = Config { seed, ..Config::resolve(preset, None).expect("a preset") };
+    let luck = 0.02 * seed as f64;
+    let validation = (1..=9).map(|index| Validated {
+        frames: index * 5_000_000,
+        distribution: Distribution::Fixed,
+        success: skill * index as f64 / 9.0 - luck,
+        success_without_disturbance: skill * care * index as f64 / 9.0 - luck,
+    });
+    Run {
+        name: format!("runs/{preset}-{seed}"),
+        origin: Origin::Run(RunState::Ended(Ending::Complete)),
+        rollouts: rollouts(&config, skill - luck),
+        evaluations: [
+            (Split::Test, ObjectSet::Novel, skill),
+            (Split::Test, ObjectSet::Seen, skill + 0.02),
+            (Split::Validation, ObjectSet::Novel, skill - 0.05),
+        ]
+        .map(|(split, objects, skill)| evaluated(&config, split, objects, skill - luck, care))
+        .into(),
+        validation: validation.filter(|point| point.success_without_disturbance > 0.0).collect(),
+        config,
+    }
+}
+
+/// Several presets with several seeds, evaluated on everything.
+pub fn study() -> Vec<Run> {
+    let mut runs = Vec::new();
+    for (preset, seeds, found) in [
+        ("disturb-two-stage", 5, (0.8, 0.55)),
+        ("none-two-stage", 3, (0.75, 0.5)),
+        ("disturb-stage1-45m", 2, (0.8, 0.3)),
+        ("disturb-scratch-45m", 1, (0.12, 0.6)),
+        ("lambda-1", 2, (0.82, 0.35)),
+        ("lambda-5", 2, (0.82, 0.45)),
+        ("lambda-25", 2, (0.7, 0.6)),
+        ("small-none", 1, (0.7, 0.25)),
+    ] {
+        runs.extend((1..=seeds).map(|seed| run(preset, seed, found)));
+    }
+    let mut untrained = run("two-stage", 1, (0.02, 0.3));
+    untrained.origin = Origin::Untrained;
+    untrained.rollouts.clear();
+    untrained.validation.clear();
+    runs.push(untrained);
+    runs
+}

@@ -1,0 +1,91 @@
+// A whole episode, or two side by side, as a film: drawn step by step from where the cameras are, and put together in the
+// browser.
+
+import { ask, h } from "./dom.js";
+import { gif } from "./gif.js";
+
+const [WIDTH, HEIGHT] = [640, 480];
+
+/** Kinds of films that this browser can make: name, ending, what its recorder is told. */
+export function kinds() {
+  const recorded = [
+    ["MP4", "mp4", ["video/mp4;codecs=avc1.42E01E", "video/mp4;codecs=vp9", "video/mp4;codecs=av01.0.01M.08"]],
+    ["WebM", "webm", ["video/webm;codecs=vp9", "video/webm"]],
+  ];
+  const found = recorded.map(([name, ending, types]) => ({ name, ending, type: types.find((type) => globalThis.MediaRecorder?.isTypeSupported(type)) }));
+  // Every browser plays an MP4; WebM is for those that cannot make one.
+  const [mp4, webm] = found;
+  return [mp4.type ? mp4 : webm, { name: "GIF", ending: "gif", type: null }].filter(({ name, type }) => name === "GIF" || type);
+}
+
+/** Frames for the browser's recorder, which takes each as long as it is shown. */
+class Recorded {
+  constructor(canvas, type) {
+    this.stream = canvas.captureStream(0);
+    this.recorder = new MediaRecorder(this.stream, { mimeType: type, videoBitsPerSecond: 6e6 });
+    this.chunks = [];
+    this.recorder.ondataavailable = ({ data }) => this.chunks.push(data);
+    this.ended = new Promise((resolve) => { this.recorder.onstop = resolve; });
+    this.type = type;
+    this.recorder.start();
+  }
+
+  async take(seconds) {
+    this.stream.getVideoTracks()[0].requestFrame();
+    await new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
+  }
+
+  async finish() {
+    this.recorder.stop();
+    await this.ended;
+    return new Blob(this.chunks, { type: this.type });
+  }
+
+  drop() { if (this.recorder.state !== "inactive") this.recorder.stop(); }
+}
+
+class Kept {
+  constructor(canvas, seconds) { Object.assign(this, { canvas, seconds, frames: [] }); }
+  take() { this.frames.push(this.canvas.getContext("2d").getImageData(0, 0, this.canvas.width, this.canvas.height)); }
+  finish() { return gif(this.frames, this.seconds); }
+  drop() { this.frames = []; }
+}
+
+/** The film as a blob. `told`: called with each step that was drawn. */
+export async function film(stages, last, kind, speed, signal, told) {
+  // A GIF grows with its pixels much faster.
+  const small = kind.type ? 1 : stages.length > 1 ? 0.6 : 0.75;
+  const [width, height] = [Math.round(WIDTH * small), Math.round(HEIGHT * small)];
+  const canvas = h("canvas", { width: width * stages.length, height });
+  const pen = canvas.getContext("2d", { willReadFrequently: kind.type === null });
+  const seconds = 1 / speed;
+  const camera = kind.type ? new Recorded(canvas, kind.type) : new Kept(canvas, seconds);
+  try {
+    for (let step = 0; step <= last; step += 1) {
+      signal.throwIfAborted();
+      const began = performance.now();
+      for (const [at, { orbit, last: end }] of stages.entries()) {
+        orbit.step = Math.min(step, end);
+        const address = new URL(orbit.address(true), location.href);
+        address.searchParams.set("width", String(width));
+        address.searchParams.set("height", String(height));
+        const picture = await createImageBitmap(await (await ask(address, { signal })).blob());
+        pen.drawImage(picture, at * width, 0);
+        picture.close();
+      }
+      told(step);
+      await camera.take(Math.max(0, seconds - (performance.now() - began) / 1000));
+    }
+    return await camera.finish();
+  } catch (error) {
+    camera.drop();
+    throw error;
+  }
+}
+
+/** Hands a blob to the reader under a name. */
+export function hand(blob, name) {
+  const address = URL.createObjectURL(blob);
+  h("a", { href: address, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(address), 60_000);
+}
