@@ -126,7 +126,11 @@ impl Browser {
     /// # Panics
     /// If it does not come.
     pub fn download(&mut self, selector: &str, folder: &Path, name: &str) -> Vec<u8> {
-        self.value(&format!("document.querySelector({selector:?}).click()"));
+        // Of what no person asked for, a browser takes ten files and no more.
+        let click =
+            json!({ "expression": format!("document.querySelector({selector:?}).click()"), "userGesture": true });
+        let clicked = self.call("Runtime.evaluate", &click);
+        assert!(clicked["exceptionDetails"].is_null(), "{selector}: {}", clicked["exceptionDetails"]);
         let path = folder.join(name);
         let begun = Instant::now();
         // It has another name until it is whole.

@@ -30,16 +30,16 @@ pub fn csv(figure: &Figure) -> String {
 
 fn lines(table: &mut Writer<Vec<u8>>, head: bool, figure: &Figure, panel: &Panel, plot: &LinePlot) -> Written {
     if head {
-        table.write_record(["panel", "series", "line", "x axis", "y axis", "x", "y", "low", "high"])?;
+        // All panels of a figure have one axis across.
+        table.write_record(["panel", "series", "line", "axis", &plot.x.label, "value", "low", "high"])?;
     }
     for series in &plot.series {
         let name = figure.legend.iter().find(|(style, _)| *style == series.style).map_or("", |(_, name)| name);
         let mut row = |line: &str, (x, y): (f64, f64), band: Option<(f64, f64)>| {
-            let ends =
-                band.map_or([String::new(), String::new()], |(low, high)| [low, high].map(|end| end.to_string()));
-            let fixed = [&panel.title, name, line, &plot.x.label, &plot.y.label];
-            let numbers = [x, y].map(|value| value.to_string());
-            table.write_record(fixed.into_iter().chain(numbers.iter().chain(&ends).map(String::as_str)))
+            let [low, high] = [band.map(|(low, _)| low), band.map(|(_, high)| high)].map(written);
+            let fixed = [&panel.title, name, line, &plot.y.label];
+            let numbers = [written(Some(x)), written(Some(y)), low, high];
+            table.write_record(fixed.into_iter().chain(numbers.iter().map(String::as_str)))
         };
         for &point in &series.points {
             // A band has the places of its curve, as far as there are several seeds.
@@ -54,13 +54,19 @@ fn lines(table: &mut Writer<Vec<u8>>, head: bool, figure: &Figure, panel: &Panel
     Ok(())
 }
 
+/// A number with nine digits that count, which is more than anything here is known to; nothing for none.
+fn written(value: Option<f64>) -> String {
+    let rounded = |value: f64| format!("{value:.8e}").parse::<f64>().unwrap_or(value).to_string();
+    value.map_or_else(String::new, rounded)
+}
+
 fn intervals(table: &mut Writer<Vec<u8>>, head: bool, panel: &Panel, plot: &IntervalPlot) -> Written {
     if head {
         table.write_record(["panel", "group", "axis", "value", "low", "high", "paper"])?;
     }
     for row in &plot.rows {
-        let numbers = [row.point, row.interval.map(|(low, _)| low), row.interval.map(|(_, high)| high), row.published];
-        let numbers = numbers.map(|value| value.map_or_else(String::new, |value| value.to_string()));
+        let (low, high) = (row.interval.map(|(low, _)| low), row.interval.map(|(_, high)| high));
+        let numbers = [row.point, low, high, row.published].map(written);
         let fixed = [&panel.title, &row.name, &plot.axis.label].map(String::as_str);
         table.write_record(fixed.into_iter().chain(numbers.iter().map(String::as_str)))?;
     }
@@ -74,7 +80,7 @@ fn heat(table: &mut Writer<Vec<u8>>, head: bool, panel: &Panel, map: &HeatMap) -
     for (name, values) in map.rows.iter().zip(&map.values) {
         for (column, value) in values.iter().enumerate() {
             let Some(value) = value else { continue };
-            table.write_record([&panel.title, name, &column.to_string(), &value.to_string()])?;
+            table.write_record([&panel.title, name, &column.to_string(), &written(Some(*value))])?;
         }
     }
     Ok(())
@@ -104,8 +110,8 @@ mod tests {
     fn a_table_has_every_point_that_is_drawn_and_what_it_is_called() {
         let series = Series {
             style: 3,
-            points: vec![(0.0, 0.25), (10.0, 0.5)],
-            band: vec![(10.0, 0.4, 0.6)],
+            points: vec![(0.0, 0.25), (10.0, 1.0 / 3.0)],
+            band: vec![(10.0, 0.1 + 0.2, 0.6)],
             raw: vec![vec![(0.0, 0.1)], vec![(0.0, 0.4)]],
             ..Series::default()
         };
@@ -113,13 +119,10 @@ mod tests {
         let plot = LinePlot { x, y, series: vec![series], marks: Vec::new() };
         let table = csv(&figure(Content::Lines(plot), vec![(0, "other".into()), (3, "a, b".into())]));
         let start = "\"success, \"\"SR\"\"\",\"a, b\"";
-        let rows = [
-            "mean,frames,share,0,0.25,,",
-            "mean,frames,share,10,0.5,0.4,0.6",
-            "run 1,frames,share,0,0.1,,",
-            "run 2,frames,share,0,0.4,,",
-        ];
+        let rows =
+            ["mean,share,0,0.25,,", "mean,share,10,0.333333333,0.3,0.6", "run 1,share,0,0.1,,", "run 2,share,0,0.4,,"];
         let expected: Vec<String> = rows.iter().map(|row| format!("{start},{row}")).collect();
+        assert!(table.starts_with("panel,series,line,axis,frames,value,low,high\n"), "{table}");
         assert_eq!(table.lines().skip(1).collect::<Vec<_>>(), expected);
     }
 
