@@ -13,6 +13,8 @@ use std::time::{Duration, Instant};
 
 /// How long the browser may take to answer, and the page to get where it is waited for.
 const PATIENCE: Duration = Duration::from_mins(2);
+/// How long a page may take to make a file, such as a film whose frames are drawn on a busy machine.
+const MAKING: Duration = Duration::from_mins(6);
 /// Names of the browser.
 const PROGRAMS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 
@@ -135,8 +137,11 @@ impl Browser {
         let begun = Instant::now();
         // It has another name until it is whole.
         while !path.exists() {
-            assert!(begun.elapsed() < PATIENCE, "{name} never came; complaints: {:#?}", self.complaints);
-            std::thread::sleep(Duration::from_millis(50));
+            if begun.elapsed() > MAKING {
+                let text = self.value("document.body?.innerText");
+                panic!("{name} never came\n{}\ncomplaints: {:#?}", text.as_str().unwrap_or(""), self.complaints);
+            }
+            std::thread::sleep(Duration::from_millis(100));
         }
         std::fs::read(&path).expect("a readable file")
     }

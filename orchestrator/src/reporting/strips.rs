@@ -89,11 +89,11 @@ fn ending(record: &EpisodeRecord) -> String {
         (false, true) => "picked up, not brought to the goal",
         (false, false) => "not picked up",
     };
-    format!(
-        "{success}, {} disturbed by {:.2} m",
-        counted(u64::from(record.disturbed_objects), "object"),
-        record.disturbance_m
-    )
+    let disturbance = format!("{success}, disturbance {:.2} m", record.disturbance_m);
+    match record.disturbed_objects {
+        0 => disturbance,
+        objects => format!("{disturbance}, {}", counted(u64::from(objects), "object")),
+    }
 }
 
 /// What an evaluation recorded.

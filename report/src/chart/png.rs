@@ -34,11 +34,13 @@ static FONTS: LazyLock<Arc<Database>> = LazyLock::new(|| {
     Arc::new(fonts)
 });
 
-/// The document as a PNG file. `pictures`: those within it and their places, which the library that draws documents
-/// leaves out.
+/// The document as a PNG file. `pictures`: those within it and their places, for which the library that draws documents
+/// has no decoder.
 pub fn encode(svg: &str, pictures: &[(Rect, &[u8])]) -> Result<Vec<u8>, PngError> {
     let options = Options { fontdb: Arc::clone(&FONTS), ..Options::default() };
-    let tree = Tree::from_str(svg, &options)?;
+    // A canvas writes each picture on a line of its own.
+    let drawn: String = svg.split_inclusive('\n').filter(|line| !line.starts_with("<image ")).collect();
+    let tree = Tree::from_str(&drawn, &options)?;
     let size = tree.size();
     let [width, height] = [size.width(), size.height()].map(|length| (length * SCALE).round() as u32);
     let mut pixels = Pixmap::new(width, height).ok_or(PngError::Size { width, height })?;
