@@ -13,6 +13,7 @@ mod orchestrator_faults;
 mod procedural;
 mod recordings;
 mod same_weights;
+mod strangers;
 mod suite;
 mod view;
 mod view_page;
