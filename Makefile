@@ -1,6 +1,7 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up test chaos soak lint doc deny fuzz bench-peers bench-learner bench-wire bench-view check-determinism \
+.PHONY: help setup build install uninstall up test chaos soak lint doc deny fuzz sanitize bench-peers bench-learner \
+	bench-wire bench-view check-determinism \
 	python test-python bench-python
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
@@ -29,6 +30,8 @@ help:
 	@echo 'make deny    licences, duplicates, sources and advisories of the dependencies; STRICT=yes: an advisory is an error'
 	@echo 'make fuzz    let libFuzzer loose on all that reads files or payloads of others, ten minutes each;'
 	@echo '             SECONDS=60 TARGETS="scene recording" fuzzes less'
+	@echo 'make sanitize'
+	@echo '             the tests of unsafe code under Miri and sanitizers, with a nightly Rust; TOOLS="miri address" runs less'
 	@echo 'make bench-peers'
 	@echo '             the simulator beside MuJoCo, Embree and PyBullet on one core; PYTHON=/path/to/python takes one that'
 	@echo '             has them, otherwise they go into .venv/ (once); ARGS="--kitchens 1,2" measures fewer kitchens'
@@ -114,6 +117,10 @@ deny:
 SECONDS := 600
 fuzz: setup
 	@fuzz/run $(SECONDS) $(TARGETS)
+
+# Not part of the tests: it needs a nightly Rust and compiles three times.
+sanitize: setup
+	@fuzz/sanitize $(TOOLS)
 
 # Of the workspace, not of the package alone: so its dependencies have the same features, and are not compiled again.
 bench-peers:

@@ -4,13 +4,10 @@ use learner::checkpoint::read;
 use proto::checkpoint::{Machine, Manifest};
 use proto::config::CarriedGoal;
 use proto::digest::sha256;
-use std::path::PathBuf;
-use std::sync::LazyLock;
 
-static FOLDER: LazyLock<PathBuf> =
-    LazyLock::new(|| tempfile::tempdir().expect("a temporary folder can be made").keep());
-
-pub fn take(bytes: &[u8]) {
+/// Whether they are a state that can be trained on.
+pub fn take(bytes: &[u8]) -> bool {
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let manifest = Manifest {
         schema_version: proto::SCHEMA_VERSION,
         run: String::new(),
@@ -38,9 +35,10 @@ pub fn take(bytes: &[u8]) {
         },
         manifest_sha256: String::new(),
     };
-    std::fs::write(FOLDER.join("a.safetensors"), bytes).expect("the temporary folder has room");
-    std::fs::write(FOLDER.join("a.json"), manifest.seal()).expect("the temporary folder has room");
-    match read(&FOLDER.join("a.json")) {
+    std::fs::write(folder.path().join("a.safetensors"), bytes).expect("the temporary folder has room");
+    std::fs::write(folder.path().join("a.json"), manifest.seal()).expect("the temporary folder has room");
+    let found = read(&folder.path().join("a.json"));
+    match &found {
         Ok((snapshot, _)) => {
             let states = &snapshot.boundary.environments;
             assert!(states.iter().all(|state| state.actions().len() <= 512 && state.episode < u32::MAX));
@@ -51,4 +49,5 @@ pub fn take(bytes: &[u8]) {
     if let Err(problem) = Manifest::open(bytes) {
         assert!(!problem.to_string().is_empty());
     }
+    found.is_ok()
 }

@@ -4,18 +4,20 @@ use proto::plausible;
 use proto::reward::RewardKind;
 use proto::step::{Current, Transition};
 
-pub fn take(bytes: &[u8]) {
-    let Some((first, rest)) = bytes.split_at_checked(size_of::<Transition>()) else { return };
-    let Some(second) = rest.get(..size_of::<Current>()) else { return };
+/// Whether it is trained on.
+pub fn take(bytes: &[u8]) -> bool {
+    let Some((first, rest)) = bytes.split_at_checked(size_of::<Transition>()) else { return false };
+    let Some(second) = rest.get(..size_of::<Current>()) else { return false };
     let transition: Transition = bytemuck::pod_read_unaligned(first);
     let current: Current = bytemuck::pod_read_unaligned(second);
     if let Err(problem) = plausible::check(Some(&transition), &current) {
         assert!(!problem.to_string().is_empty());
-        return;
+        return false;
     }
     for kind in [RewardKind::Task, RewardKind::DisturbanceFree, RewardKind::Lagrangian] {
         assert!(transition.reward.compose(kind, 15.0).abs() < 2e6);
     }
     let numbers = current.wrist_to_object_m.iter().chain(&current.object_to_goal_m);
     assert!(numbers.chain(&current.goal_position_m).all(|number| number.abs() <= 1e5));
+    true
 }

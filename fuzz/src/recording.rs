@@ -7,8 +7,9 @@ use std::convert::Infallible;
 /// Small ones, so that the limits are met, too.
 const LIMITS: Limits = Limits { record_bytes: 1 << 20, chunk_bytes: 1 << 20, total_bytes: 4 << 20, total_factor: 16 };
 
-pub fn take(bytes: &[u8]) {
-    let Some((account, messages)) = messages(bytes) else { return };
+/// Whether they are a file of which every message could be read.
+pub fn take(bytes: &[u8]) -> bool {
+    let Some((account, messages)) = messages(bytes) else { return false };
     assert_eq!(account.messages, messages.len() as u64);
     assert!(account.is_lossless() || !account.lines().is_empty(), "a loss is told of");
     let mut out = std::io::Cursor::new(Vec::new());
@@ -22,6 +23,7 @@ pub fn take(bytes: &[u8]) {
     .expect("what was written is read");
     assert!(again.is_whole(), "{:?}", again.lines());
     assert_eq!(count, messages.len());
+    account.is_lossless()
 }
 
 /// What is said of the file, and the content of all its messages; none if it is no MCAP file.

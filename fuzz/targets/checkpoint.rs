@@ -3,4 +3,6 @@
 #[path = "../src/checkpoint.rs"]
 mod checkpoint;
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| checkpoint::take(bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    checkpoint::take(bytes);
+});

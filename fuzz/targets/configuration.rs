@@ -3,4 +3,6 @@
 #[path = "../src/configuration.rs"]
 mod configuration;
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| configuration::take(bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    configuration::take(bytes);
+});

@@ -3,4 +3,6 @@
 #[path = "../src/payload.rs"]
 mod payload;
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| payload::take(bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    payload::take(bytes);
+});

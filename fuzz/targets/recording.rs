@@ -3,4 +3,6 @@
 #[path = "../src/recording.rs"]
 mod recording;
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| recording::take(bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    recording::take(bytes);
+});

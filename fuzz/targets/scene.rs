@@ -3,4 +3,6 @@
 #[path = "../src/scene.rs"]
 mod scene;
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| scene::take(bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    scene::take(bytes);
+});

@@ -2,16 +2,18 @@
 //!
 //! A pipe would have us wait for ever, `/dev/zero` would fill the memory, and so would a file of a hundred gigabytes.
 
-use std::fs::{Metadata, OpenOptions};
+use std::fs::{File, Metadata, OpenOptions};
 use std::io::{Error, ErrorKind, Read, Result};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
 /// A text that a person writes, or that we write for one: configurations, suites, scene files.
 pub(crate) const TEXT_BYTES_MOST: u64 = 4 << 20;
+/// Lines and tables that grow with a run or an evaluation: tens of megabytes where there are very many.
+const FIGURES_BYTES_MOST: u64 = 1 << 30;
 
-/// The bytes of an ordinary file that has `most` at most. Links are followed: the user named the file.
-pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
+/// Opens an ordinary file for reading. Links are followed: the user named the file, and nothing is written to it.
+pub fn open(path: &Path) -> Result<File> {
     let ordinary = |metadata: Metadata| {
         let refused = || Error::new(ErrorKind::InvalidInput, "it is not an ordinary file");
         if metadata.is_file() { Ok(metadata) } else { Err(refused()) }
@@ -20,12 +22,18 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     // Without O_NONBLOCK the opening of a pipe waits for its other end.
     ordinary(std::fs::metadata(path)?)?;
     let file = OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path)?;
-    let metadata = ordinary(file.metadata()?)?;
+    ordinary(file.metadata()?)?;
+    Ok(file)
+}
+
+/// The bytes of an ordinary file that has `most` at most.
+pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
+    let file = open(path)?;
     let too_long = || {
         let text = format!("it has more than the {most} bytes that such a file may have");
         Error::new(ErrorKind::FileTooLarge, text)
     };
-    if metadata.len() > most {
+    if file.metadata()?.len() > most {
         return Err(too_long());
     }
     // It may have grown since, and the size of what lies in /proc is unknown.
@@ -36,8 +44,21 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
 
 /// The text of an ordinary file of [`TEXT_BYTES_MOST`] bytes at most.
 pub fn read_text(path: &Path) -> Result<String> {
-    String::from_utf8(read(path, TEXT_BYTES_MOST)?)
-        .map_err(|_| Error::new(ErrorKind::InvalidData, "it is not text in UTF-8"))
+    text(read(path, TEXT_BYTES_MOST)?)
+}
+
+/// The figures of a run or of an evaluation: an ordinary file of 1 GiB at most.
+pub fn read_figures(path: &Path) -> Result<Vec<u8>> {
+    read(path, FIGURES_BYTES_MOST)
+}
+
+/// The same as text.
+pub fn read_figures_text(path: &Path) -> Result<String> {
+    text(read_figures(path)?)
+}
+
+fn text(bytes: Vec<u8>) -> Result<String> {
+    String::from_utf8(bytes).map_err(|_| Error::new(ErrorKind::InvalidData, "it is not text in UTF-8"))
 }
 
 #[cfg(test)]
@@ -67,6 +88,8 @@ mod tests {
         ] {
             let found = message(read_text(&path).unwrap_err());
             assert!(found.contains(problem), "{}: {found}", path.display());
+            let found = message(read_figures_text(&path).unwrap_err());
+            assert!(found.contains(&problem.replace("4194304", "1073741824")), "{}: {found}", path.display());
         }
         std::fs::write(at("latin"), [b'a', 0xe4]).unwrap();
         assert!(message(read_text(&at("latin")).unwrap_err()).contains("UTF-8"));

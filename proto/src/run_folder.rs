@@ -22,6 +22,7 @@
 //!   summary.json           written when the budget is reached
 //! ```
 
+use crate::bounded;
 use crate::disk::{Disk, LocalDisk};
 use crate::fault;
 use serde::Deserialize;
@@ -55,7 +56,7 @@ impl RunFolder {
         struct Named {
             id: String,
         }
-        let text = std::fs::read_to_string(self.identity()).ok()?;
+        let text = bounded::read_text(&self.identity()).ok()?;
         toml::from_str(&text).ok().map(|Named { id }| id)
     }
 
@@ -149,7 +150,8 @@ impl RunFolder {
         folders.into_iter().map(Self::new).collect()
     }
 
-    fn hosts(&self) -> PathBuf {
+    /// Folder of the other hosts' folders.
+    pub fn hosts(&self) -> PathBuf {
         self.root.join("hosts")
     }
 

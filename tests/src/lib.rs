@@ -143,6 +143,16 @@ impl Workshop {
         ])
     }
 
+    /// The command in a shell that first sets its limits with `ulimit`.
+    pub fn limited(&self, limits: &str, command: &Command) -> Command {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", &format!("{limits} && exec \"$0\" \"$@\"")]);
+        shell.arg(command.get_program()).args(command.get_args()).current_dir(self.folder.path());
+        shell.env_remove("STILLROOM_LOG").env_remove("STILLROOM_FAULT");
+        shell.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        shell
+    }
+
     /// `orchestrator resume` of the run called `name`.
     pub fn resume(&self, name: &str) -> Command {
         self.orchestrator(&["resume", name])

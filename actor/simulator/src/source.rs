@@ -4,11 +4,17 @@
 use crate::kitchen::preserve::{Preserve, PreserveError};
 use crate::kitchen::{Kitchen, KitchenError, Lot};
 use crate::scene_file::{self, SceneError};
+use proto::bounded;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use proto::run_folder::RunFolder;
+use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+
+/// A kept kitchen has 9 to 14 kB.
+const KITCHEN_BYTES_MOST: u64 = 1 << 20;
 
 /// Why a run's kitchen could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -74,13 +80,15 @@ pub fn keep_ready(id: KitchenId, config: &Config, folder: &Path) -> Result<bool,
 /// What the folder keeps of a kitchen; none where that is missing or cannot be used.
 fn kept(lot: Lot, config: &Config, folder: &Path) -> Option<Preserve> {
     let path = path_of(lot.id(), folder);
-    let bytes = std::fs::read(&path).ok()?;
+    let bytes = bounded::read(&path, KITCHEN_BYTES_MOST).ok()?;
     match Preserve::from_bytes(&bytes, lot, config.simulation) {
         Ok(preserve) => Some(preserve),
         Err(problem) => {
             let path = path.display();
             match problem {
-                PreserveError::Checksum => tracing::warn!("{path} is damaged and is made anew: {problem}"),
+                PreserveError::Checksum | PreserveError::Impossible => {
+                    tracing::warn!("{path} is damaged and is made anew: {problem}")
+                }
                 PreserveError::Version | PreserveError::Other => tracing::debug!("{path} is made anew: {problem}"),
             }
             None
@@ -115,7 +123,10 @@ fn write(path: &Path, content: &[u8]) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
     let number = WRITTEN.fetch_add(1, Ordering::Relaxed);
     let temporary = path.with_extension(format!("{}-{number}.partial", std::process::id()));
-    let written = std::fs::write(&temporary, content).and_then(|()| std::fs::rename(&temporary, path));
+    // Made anew, it cannot be a link to a file elsewhere.
+    let written = File::create_new(&temporary)
+        .and_then(|mut file| file.write_all(content))
+        .and_then(|()| std::fs::rename(&temporary, path));
     if written.is_err() {
         // Nothing is left behind on a full disk.
         let _ = std::fs::remove_file(&temporary);
@@ -155,5 +166,30 @@ mod tests {
         std::fs::create_dir(&path).unwrap();
         assert!(of_run_and_kept(id, &config, folder.path()).is_ok(), "it can be made though it cannot be kept");
         assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_kitchen_is_read_from_an_ordinary_file_and_written_through_no_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut config = Config::default();
+        config.kitchens.source = KitchenSource::Procedural;
+        let lot = Lot::new(KitchenId::new(1001).unwrap(), config.kitchens.seed);
+        let path = path_of(lot.id(), folder.path());
+        std::fs::create_dir(path.parent().unwrap()).unwrap();
+        // To open it would be to wait for ever.
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+        assert_eq!(kept(lot, &config, folder.path()), None);
+        std::fs::remove_file(&path).unwrap();
+        std::fs::File::create(&path).unwrap().set_len(100 << 30).unwrap();
+        assert_eq!(kept(lot, &config, folder.path()), None);
+
+        let precious = folder.path().join("precious");
+        std::fs::write(&precious, "precious").unwrap();
+        for number in 0..200 {
+            let partial = path.with_extension(format!("{}-{number}.partial", std::process::id()));
+            std::os::unix::fs::symlink(&precious, partial).unwrap();
+        }
+        let _ = write(&path, b"a kitchen");
+        assert_eq!(std::fs::read_to_string(&precious).unwrap(), "precious");
     }
 }

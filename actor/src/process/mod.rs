@@ -24,6 +24,7 @@ use anyhow::{Context, Result, ensure};
 use environments::Environments;
 use larder::Larder;
 use link::Link;
+use proto::bounded;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
 use protocol::{Protocol, Todo, Verdict};
@@ -49,7 +50,7 @@ pub struct Settings {
 /// Runs the actor until something fails.
 pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     let path = settings.config.display().to_string();
-    let text = std::fs::read_to_string(&settings.config).with_context(|| format!("cannot read {path}"))?;
+    let text = bounded::read_text(&settings.config).with_context(|| format!("cannot read {path}"))?;
     let config = Config::from_toml(&text, &path)?;
     let kitchen = settings.kitchen.or_else(|| config.kitchens().of_actor(settings.actor));
     let _span = match kitchen {

@@ -3,6 +3,7 @@
 use super::Snapshot;
 use super::tensors::{self, TensorsError};
 use crate::agent::AgentState;
+use proto::bounded;
 use proto::checkpoint::{Machine, Manifest, ManifestError};
 use proto::config::StageConfig;
 use proto::digest::sha256;
@@ -258,7 +259,7 @@ impl<D: Disk> Store<D> {
 
     /// The figures of the rollouts before this one in `metrics.jsonl`, as far as it has them.
     pub(crate) fn figures_of_file(&self, rollout: u64) -> History {
-        let bytes = std::fs::read(self.run.metrics()).unwrap_or_default();
+        let bytes = bounded::read_figures(&self.run.metrics()).unwrap_or_default();
         let (mut figures, _) = History::decode(&bytes);
         figures.rewind_to(rollout);
         figures

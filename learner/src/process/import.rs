@@ -92,7 +92,7 @@ fn sign_of(naming: Naming, from: &Path) -> Option<Sign> {
         // Its sensor is object − goal.
         Naming::AllenAct => Some(Sign { trained: CarriedGoal::GoalToObject, whose: "AllenAct's" }),
         Naming::Checkpoint => {
-            let manifest = Manifest::open(&std::fs::read(from.with_extension("json")).ok()?).ok()?;
+            let manifest = Manifest::read(&from.with_extension("json")).ok()?;
             Some(Sign { trained: manifest.carried_goal, whose: "the checkpoint's" })
         }
         Naming::Ours => None,

@@ -55,7 +55,7 @@ impl Lock {
 
 fn holder(file: &mut File) -> String {
     let mut text = String::new();
-    let read = file.rewind().and_then(|()| file.read_to_string(&mut text));
+    let read = file.rewind().and_then(|()| file.take(64).read_to_string(&mut text));
     if read.is_ok() && !text.trim().is_empty() { format!(" (process {})", text.trim()) } else { String::new() }
 }
 

@@ -35,6 +35,7 @@ use anyhow::{Context, Result, ensure};
 use conversation::{Conversation, Speaker};
 use link::Ports;
 use lock::Lock;
+use proto::bounded;
 use proto::config::Config;
 use proto::event::LearnerEvent;
 use proto::hosts::{Hosts, MEETING_KEY};
@@ -112,7 +113,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let store = Store::new((run.clone(), id), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);
     store.check_run()?;
 
-    let file = std::fs::read_to_string(run.config()).with_context(|| run.config().display().to_string())?;
+    let file = bounded::read_text(&run.config()).with_context(|| run.config().display().to_string())?;
     let resumed = resume(&store, &mut agent, &config, &file, (rank, hosts))?;
     let Resumed { rollout, frames, boundary, figures, checkpoint } = resumed;
     // 0 = none was found, which is not the checkpoint of rollout 0.

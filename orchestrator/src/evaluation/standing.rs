@@ -3,6 +3,7 @@
 use super::journal;
 use crate::showing::format;
 use anyhow::{Context, Result};
+use proto::bounded;
 use proto::config::Config;
 use proto::evaluation::{EpisodeRecord, Evaluation, Figures, RESULT_FILE};
 use proto::run_folder::RunFolder;
@@ -48,7 +49,7 @@ impl Standing {
         let Some(plan) = config.evaluation_plan() else { return Ok(None) };
         let asked = plan.len() as u64;
         let path = folder.root().join(RESULT_FILE);
-        match std::fs::read_to_string(&path) {
+        match bounded::read_figures_text(&path) {
             Ok(text) => {
                 let evaluation: Evaluation =
                     serde_json::from_str(&text).with_context(|| format!("{} is damaged", path.display()))?;

@@ -12,6 +12,7 @@ use crate::supervisor::process::LearnersNetwork;
 use crate::supervisor::session::Together;
 use crate::supervisor::shell::QUEUE;
 use anyhow::{Context, Result, bail};
+use proto::bounded;
 use proto::config::Config;
 use proto::hosts::Hosts;
 use proto::run_folder::RunFolder;
@@ -311,6 +312,9 @@ fn is_there(stream: &TcpStream) -> bool {
     stream.set_nonblocking(false).is_ok() && there
 }
 
+/// As much as a scene's file may have.
+const SCENE_FILE_BYTES_MOST: u64 = 512 << 20;
+
 /// The files of a run folder that processes of all hosts read: its scenes.
 fn files_of(folder: &RunFolder) -> Result<Vec<(String, Vec<u8>)>> {
     fn collect(root: &Path, folder: &Path, files: &mut Vec<(String, Vec<u8>)>) -> Result<()> {
@@ -325,7 +329,7 @@ fn files_of(folder: &RunFolder) -> Result<Vec<(String, Vec<u8>)>> {
                 collect(root, &path, files)?;
             } else {
                 let name = path.strip_prefix(root)?.to_str().context("a name that is not text")?.to_owned();
-                files.push((name, std::fs::read(&path)?));
+                files.push((name, bounded::read(&path, SCENE_FILE_BYTES_MOST)?));
             }
         }
         Ok(())

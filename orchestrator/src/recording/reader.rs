@@ -1,8 +1,9 @@
 //! One MCAP file from its start to its end, or as much of it as can be read: [`salvage`] with our errors.
 
 use mcap::records::Record;
+use proto::bounded;
 use salvage::{Account, FileSource, Limits, ReadError, Trust};
-use std::fs::{File, TryLockError};
+use std::fs::TryLockError;
 use std::path::{Path, PathBuf};
 
 /// A file that cannot be read as a recording.
@@ -107,10 +108,10 @@ impl Extent {
 /// Opens a recording; also returns whether a recorder writes it at this moment.
 pub fn open(path: &Path) -> Result<(FileSource, bool), RecordingError> {
     let unreadable = |cause| RecordingError::Unreadable { path: path.to_path_buf(), cause };
-    let file = File::open(path).map_err(unreadable)?;
-    if file.metadata().map_err(unreadable)?.is_dir() {
+    if path.is_dir() {
         return Err(unreadable(std::io::ErrorKind::IsADirectory.into()));
     }
+    let file = bounded::open(path).map_err(unreadable)?;
     let live = matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
     Ok((FileSource::new(file).map_err(unreadable)?, live))
 }

@@ -13,6 +13,7 @@ use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use prost::Message;
+use proto::bounded;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
@@ -229,7 +230,7 @@ impl Shelf {
             let volume = &self.volumes[number];
             let unreadable = |cause| RecordingError::Unreadable { path: volume.path.clone(), cause };
             config = config.or_else(|| volume.config.clone());
-            let file = File::open(&volume.path).map_err(unreadable)?;
+            let file = bounded::open(&volume.path).map_err(unreadable)?;
             let mut offset = first;
             while offset <= last {
                 offset = match next(&file, offset, volume.length).map_err(unreadable)? {
@@ -294,7 +295,7 @@ impl Shelf {
                 }
             }
         }
-        let record = File::open(&volume.path).and_then(|file| next(&file, volume.offset, volume.length));
+        let record = bounded::open(&volume.path).and_then(|file| next(&file, volume.offset, volume.length));
         let (offset, read) = match record {
             Ok(Next::Chunk(body, end)) => (end, contents(&body)),
             Ok(Next::Other(end)) => (end, Some(Vec::new())),
@@ -489,7 +490,7 @@ fn config_of(path: &Path) -> Result<String, RecordingError> {
 
 /// Whether a recorder writes it at this moment.
 fn is_growing(path: &Path) -> bool {
-    File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+    bounded::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
 /// The record at this offset of a file of this length.

@@ -9,6 +9,7 @@ use crate::training::scores::{Score, Scores};
 use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
+use proto::bounded;
 use proto::config::Config;
 use proto::evaluation::{Evaluation, RESULT_FILE, TABLE_FILE, read_table};
 use proto::run_folder::RunFolder;
@@ -222,7 +223,7 @@ fn evaluations_of(folder: &RunFolder, notes: &mut Vec<String>) -> Result<Vec<Eva
 fn evaluation(folder: &Path) -> Result<Evaluated> {
     let read = |name: &str| {
         let path = folder.join(name);
-        std::fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))
+        bounded::read_figures_text(&path).with_context(|| format!("cannot read {}", path.display()))
     };
     let text = read(RESULT_FILE)?;
     let damaged = || format!("{} is damaged", folder.join(RESULT_FILE).display());

@@ -3,6 +3,7 @@
 use super::unfinished::is_cut_off;
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
+use proto::bounded;
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::run_state::Ending;
@@ -86,7 +87,7 @@ impl Identity {
     pub fn read(folder: &RunFolder) -> Result<Self> {
         let path = folder.identity();
         let root = folder.root().display();
-        let text = match std::fs::read_to_string(&path) {
+        let text = match bounded::read_text(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 if is_cut_off(folder).unwrap_or(false) {

@@ -2,6 +2,7 @@
 //! begins after it, and readers skip incomplete objects.
 
 use anyhow::{Context, Result};
+use proto::bounded;
 use proto::plain_file::open_plain;
 use proto::run_folder::write_atomically;
 use serde::Serialize;
@@ -13,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 /// Has a file hold these bytes and no others; whether it held something else.
 pub fn set_content(path: &Path, wanted: &[u8]) -> Result<bool> {
-    let differs = std::fs::read(path).map_or(!wanted.is_empty(), |found| found != wanted);
+    let differs = bounded::read_figures(path).map_or(!wanted.is_empty(), |found| found != wanted);
     if differs {
         write_atomically(path, wanted).with_context(|| format!("cannot write {}", path.display()))?;
     }
@@ -27,7 +28,7 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>> {
 
 /// The same, and how many other lines are damaged. The last line may be cut off.
 pub fn read_counting<T: DeserializeOwned>(path: &Path) -> Result<(Vec<T>, usize)> {
-    let file = match File::open(path) {
+    let file = match bounded::open(path) {
         Ok(file) => file,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok((Vec::new(), 0)),
         Err(error) => return Err(error).with_context(|| path.display().to_string()),

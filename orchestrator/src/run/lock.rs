@@ -10,6 +10,9 @@ use std::io::{Read, Seek, Write};
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
+/// A signature has a hundred; a file that was put there can have any number.
+const HOLDER_BYTES_MOST: u64 = 4096;
+
 /// Who holds a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Holder {
@@ -76,7 +79,9 @@ impl RunLock {
 /// Refuses a run whose own folders are links: what is written into them would go elsewhere. The run folder itself may be
 /// one: the user names it.
 fn refuse_links(folder: &RunFolder) -> Result<()> {
-    for path in [folder.checkpoints(), folder.recordings(), folder.logs(), folder.scenes(), folder.validations()] {
+    let own = [folder.checkpoints(), folder.recordings(), folder.logs(), folder.scenes(), folder.validations()];
+    let hosts = folder.host_folders().into_iter().map(|host| host.root().to_path_buf());
+    for path in own.into_iter().chain([folder.kitchens(), folder.hosts()]).chain(hosts) {
         if path.is_symlink() {
             bail!(
                 "{} is a link, and a run writes into its own folder only: put a folder there. (To keep a run on another \
@@ -114,9 +119,9 @@ pub fn holder(folder: &RunFolder) -> Result<Held> {
     }
 }
 
-fn holder_in(mut file: &File) -> Option<Holder> {
+fn holder_in(file: &File) -> Option<Holder> {
     let mut text = String::new();
-    file.read_to_string(&mut text).ok()?;
+    file.take(HOLDER_BYTES_MOST).read_to_string(&mut text).ok()?;
     toml::from_str(&text).ok()
 }
 
@@ -207,12 +212,18 @@ mod tests {
     fn a_run_whose_folders_are_links_is_refused() {
         let (_temporary, folder) = folder();
         let elsewhere = tempfile::tempdir().unwrap();
-        for path in [folder.checkpoints(), folder.recordings(), folder.logs()] {
+        let own = [folder.checkpoints(), folder.recordings(), folder.logs(), folder.scenes(), folder.validations()];
+        std::fs::create_dir(folder.hosts()).unwrap();
+        for path in own.into_iter().chain([folder.kitchens(), folder.host(1).root().to_path_buf()]) {
             std::os::unix::fs::symlink(elsewhere.path(), &path).unwrap();
             let message = RunLock::acquire(&folder).unwrap_err().to_string();
             assert!(message.contains(&format!("{} is a link", path.display())), "{message}");
             std::fs::remove_file(&path).unwrap();
         }
+        std::fs::remove_dir(folder.hosts()).unwrap();
+        std::os::unix::fs::symlink(elsewhere.path(), folder.hosts()).unwrap();
+        assert!(RunLock::acquire(&folder).unwrap_err().to_string().contains("hosts is a link"));
+        std::fs::remove_file(folder.hosts()).unwrap();
         assert!(!folder.orchestrator_lock().exists());
         // The run folder itself may be reached by one.
         let link = elsewhere.path().join("latest");

@@ -10,6 +10,7 @@ use crate::training::means::recent;
 use crate::training::metrics::read_history;
 use crate::training::progress::frames_line;
 use anyhow::{Context, Result};
+use proto::bounded;
 use proto::device::VISIBLE_DEVICES;
 use proto::plain_file::open_plain;
 use std::collections::BTreeMap;
@@ -335,7 +336,7 @@ impl Scheduler<'_> {
 /// The last error in a log, else how the process ended.
 fn last_words(log: &Path, exit: ExitStatus) -> String {
     let mut end = Vec::new();
-    let read = std::fs::File::open(log).and_then(|mut file| {
+    let read = bounded::open(log).and_then(|mut file| {
         let length = file.metadata()?.len();
         file.seek(SeekFrom::Start(length.saturating_sub(LAST_WORDS_BYTES)))?;
         file.read_to_end(&mut end)
@@ -353,7 +354,7 @@ fn last_words(log: &Path, exit: ExitStatus) -> String {
 /// Lines about every run, for the end of a call.
 pub fn lines(suite: &Suite, folder: &SuiteFolder) -> Result<Vec<String>> {
     let names = || suite.entries.iter().map(|entry| entry.name.as_str());
-    let text = std::fs::read_to_string(folder.state()).context("suite.json")?;
+    let text = bounded::read_text(&folder.state()).context("suite.json")?;
     let state: State = serde_json::from_str(&text).context("suite.json")?;
     let width = names().map(str::len).max().unwrap_or(0);
     Ok(names()

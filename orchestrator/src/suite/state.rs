@@ -3,6 +3,7 @@
 
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
+use proto::bounded;
 use proto::run_folder::write_atomically;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -69,7 +70,7 @@ pub struct State {
 impl State {
     /// The file's entries for these runs; runs without an entry wait. Without a file all wait.
     pub fn read<'a>(path: &Path, names: impl Iterator<Item = &'a str>) -> Result<Self> {
-        let mut known: BTreeMap<String, RunStatus> = match std::fs::read_to_string(path) {
+        let mut known: BTreeMap<String, RunStatus> = match bounded::read_text(path) {
             Ok(text) => {
                 let state: Self =
                     serde_json::from_str(&text).with_context(|| format!("{} is damaged", path.display()))?;

@@ -8,6 +8,7 @@
 use crate::run::json_lines::{Writer, set_content};
 use crate::showing::format::counted;
 use anyhow::{Context, Result};
+use proto::bounded;
 use proto::checkpoint::Manifest;
 use proto::disk::LocalDisk;
 use proto::run_folder::{RolloutName, RunFolder};
@@ -17,7 +18,7 @@ use std::ops::RangeInclusive;
 
 /// What the file says; none where there is no file.
 fn read_file(folder: &RunFolder) -> Result<Option<(History, usize)>> {
-    match std::fs::read(folder.metrics()) {
+    match bounded::read_figures(&folder.metrics()) {
         Ok(bytes) => Ok(Some(History::decode(&bytes))),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
         Err(error) => Err(error).with_context(|| folder.metrics().display().to_string()),

@@ -6,6 +6,7 @@
 use crate::run::json_lines;
 use crate::showing::format::counted;
 use anyhow::{Context, Result};
+use proto::bounded;
 use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
 use proto::run_folder::{RolloutName, RunFolder};
 use serde::{Deserialize, Serialize};
@@ -91,7 +92,7 @@ pub fn best(scored: &[Score]) -> Option<&Score> {
 /// Reads a result file.
 pub fn read_result(result: &Path) -> Result<Evaluation> {
     let path = result.join(RESULT_FILE);
-    let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+    let text = bounded::read_figures_text(&path).with_context(|| path.display().to_string())?;
     serde_json::from_str(&text).with_context(|| path.display().to_string())
 }
 

@@ -9,6 +9,7 @@ use crate::training::means::{EpisodeMeans, StageMeans, by_stage};
 use crate::training::wall::Wall;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
+use proto::bounded;
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::trained::History;
@@ -100,7 +101,7 @@ impl Summary {
     /// Reads `summary.json`; none when the run is not complete yet.
     pub fn read(folder: &RunFolder) -> Result<Option<Self>> {
         let path = folder.summary();
-        match std::fs::read_to_string(&path) {
+        match bounded::read_text(&path) {
             Ok(text) => serde_json::from_str(&text).map(Some).with_context(|| format!("{} is damaged", path.display())),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(error).with_context(|| path.display().to_string()),

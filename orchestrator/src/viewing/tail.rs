@@ -1,6 +1,6 @@
 //! A file of lines that grows: what is new in it since it was read last.
 
-use std::fs::File;
+use proto::bounded;
 use std::os::unix::fs::{FileExt, MetadataExt};
 use std::path::PathBuf;
 
@@ -40,7 +40,7 @@ impl Tail {
     /// The lines that are new. A file that is not there has none.
     pub fn read(&mut self) -> std::io::Result<New> {
         let mut new = New::default();
-        let file = match File::open(&self.path) {
+        let file = match bounded::open(&self.path) {
             Ok(file) => file,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 new.anew = self.offset > 0;
@@ -85,6 +85,7 @@ impl Tail {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs::File;
     use std::io::Write;
 
     #[test]

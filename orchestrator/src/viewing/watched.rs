@@ -18,6 +18,7 @@ use crate::training::scores::{Scores, result_folder};
 use crate::training::summary::Summary;
 use crate::training::wall::{Last, Wall};
 use anyhow::{Context, Result};
+use proto::bounded;
 use proto::config::Config;
 use proto::evaluation::{EpisodeRecord, TABLE_FILE, read_table};
 use proto::replay::{RecordedEpisode, ReplaySetup};
@@ -395,7 +396,7 @@ impl Watched {
 /// The table of an evaluation's folder; empty where there is none.
 fn records_in(folder: &Path) -> Result<Vec<EpisodeRecord>> {
     let path = folder.join(TABLE_FILE);
-    match std::fs::read_to_string(&path) {
+    match bounded::read_figures_text(&path) {
         Ok(text) => Ok(read_table(&text).with_context(|| path.display().to_string())?),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
         Err(error) => Err(error).with_context(|| path.display().to_string()),

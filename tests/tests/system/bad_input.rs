@@ -68,6 +68,48 @@ fn what_is_no_ordinary_file_is_not_read() {
     }
 }
 
+/// A run folder of somebody else's can hold anything in the place of its files.
+#[test]
+fn pipes_and_devices_in_a_run_folder_are_not_read() {
+    let workshop = Workshop::new();
+    complete(workshop.up("runs/good", 1, 2, 300)).result();
+    let bad = workshop.run("runs/bad").folder;
+    let commands: [&[&str]; 5] = [
+        &["status", "runs/bad"],
+        &["list"],
+        &["report", "runs/bad", "--out", "page.html"],
+        &["replay", "runs/bad"],
+        &["resume", "runs/bad"],
+    ];
+    for (victim, untouched) in [
+        (bad.identity(), &[][..]),
+        (bad.config(), &[]),
+        (bad.summary(), &[]),
+        (bad.metrics(), &["replay", "resume"]),
+        (bad.recording(1, 0), &["status", "list", "report", "resume"]),
+    ] {
+        for pipe in [true, false] {
+            let copied =
+                Command::new("cp").args(["-r", "runs/good", "runs/bad"]).current_dir(workshop.path("")).status();
+            assert!(copied.unwrap().success());
+            std::fs::remove_file(&victim).unwrap();
+            if pipe {
+                assert!(Command::new("mkfifo").arg(&victim).status().unwrap().success());
+            } else {
+                std::os::unix::fs::symlink("/dev/zero", &victim).unwrap();
+            }
+            for command in commands {
+                // None waits for ever, and none takes it for what it should be.
+                let printed = complete(workshop.orchestrator(command));
+                let told = printed.stderr + &printed.stdout;
+                let told = told.contains("not an ordinary file") || told.contains("a link or no plain file");
+                assert!(told || untouched.contains(&command[0]), "{} {command:?}", victim.display());
+            }
+            std::fs::remove_dir_all(bad.root()).unwrap();
+        }
+    }
+}
+
 #[test]
 fn a_terminal_is_given_no_orders_by_a_file() {
     let workshop = Workshop::new();
@@ -113,29 +155,20 @@ fn a_dev_shm_that_is_too_small() {
     refused(&printed, "/dev/shm");
 }
 
-/// The command in a shell that first sets its limits of open files with `ulimit`.
-fn limited(workshop: &Workshop, limits: &str, up: &Command) -> Command {
-    let mut command = Command::new("sh");
-    command.args(["-c", &format!("{limits} && exec \"$0\" \"$@\"")]);
-    command.arg(up.get_program()).args(up.get_args()).current_dir(workshop.path("")).env_remove("STILLROOM_FAULT");
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    command
-}
-
 #[test]
 fn too_few_open_files_are_refused_if_the_limit_cannot_be_raised() {
     let workshop = Workshop::new();
-    let printed = complete(limited(&workshop, "ulimit -n 100", &workshop.up("few", 2, 2, 400)));
+    let printed = complete(workshop.limited("ulimit -n 100", &workshop.up("few", 2, 2, 400)));
     refused(&printed, "more actors than open files allow: with 2 actors and 1 learner a process needs up to");
     refused(&printed, "may have 100 (the hard limit");
     assert!(!workshop.path("few").exists(), "nothing is left of a run that never began");
     let doctor = workshop.orchestrator(&["doctor", "--preset", "demo"]);
-    let printed = complete(limited(&workshop, "ulimit -n 100", &doctor));
+    let printed = complete(workshop.limited("ulimit -n 100", &doctor));
     let row = printed.stdout.lines().find(|line| line.starts_with("open files")).expect("a finding of its own");
     assert!(row.contains("PROBLEM") && !printed.success, "{printed:#?}");
 
     // The orchestrator has 83 open files in such a run, the learner 92.
-    complete(limited(&workshop, "ulimit -Sn 64", &workshop.up("raised", 2, 2, 400))).result();
+    complete(workshop.limited("ulimit -Sn 64", &workshop.up("raised", 2, 2, 400))).result();
 }
 
 #[test]

@@ -15,6 +15,7 @@ mod pictures;
 mod procedural;
 mod recordings;
 mod same_weights;
+mod strangers;
 mod suite;
 mod view;
 mod view_beside;

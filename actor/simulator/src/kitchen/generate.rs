@@ -17,7 +17,7 @@ use proto::kitchen::{KitchenId, Split, TargetCategory};
 /// A room in which something found no place, or fell, is drawn anew this many times.
 const ATTEMPTS: u32 = 32;
 /// A procedural kitchen takes so many places among its set in all: some of them hold more than fits.
-const EDITIONS: u32 = 64;
+pub(super) const EDITIONS: u32 = 64;
 /// Fewest spots of a target category: in any room, ...
 const SPOTS_LEAST_ANYWHERE: usize = 100;
 /// ... and in a training kitchen; half as many in others.

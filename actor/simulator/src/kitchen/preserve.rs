@@ -14,8 +14,8 @@
 //! found or found long ago: so it does not matter to a single bit which of the two it was.
 
 use super::catalogue::CATEGORIES;
-use super::draw::draw_fitted;
-use super::generate::{DrawnRoom, KitchenError};
+use super::draw::{ATTEMPTS_EACH, draw_fitted};
+use super::generate::{DrawnRoom, EDITIONS, KitchenError};
 use super::lot::Lot;
 use super::room::Thing;
 use super::settled::{Kitchen, Target};
@@ -28,6 +28,10 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// What a file begins with. The last byte is the version: raise it with every change of the generator.
 const MAGIC: [u8; 8] = *b"STILLRK\x01";
+/// No kitchen is as large.
+const FARTHEST_M: f32 = 100.0;
+/// No kitchen has as many movable things.
+const THINGS_MOST: usize = 1000;
 
 /// A procedural kitchen, found.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,6 +55,9 @@ pub(crate) enum PreserveError {
     /// They are not whole.
     #[error("its checksum does not agree with it")]
     Checksum,
+    /// They are whole, and nobody found such a kitchen.
+    #[error("it holds numbers that no kitchen has")]
+    Impossible,
     /// They are of another kitchen.
     #[error("it is another kitchen's")]
     Other,
@@ -157,7 +164,25 @@ impl Preserve {
         let mut rest = Bytes(&content[MAGIC.len()..]);
         let preserve = rest.preserve().filter(|_| rest.0.is_empty()).ok_or(PreserveError::Checksum)?;
         let same = preserve.lot == lot && preserve.timestep_s.to_bits() == simulation.timestep_s.to_bits();
-        if same { Ok(preserve) } else { Err(PreserveError::Other) }
+        if !same {
+            return Err(PreserveError::Other);
+        }
+        if preserve.is_possible() { Ok(preserve) } else { Err(PreserveError::Impossible) }
+    }
+
+    /// Whether a search can have found it. Whoever can write the bytes can write their checksum, too, and physics that
+    /// begins with a number that is none ends in a panic.
+    fn is_possible(&self) -> bool {
+        let rests = |pose: &Pose3| {
+            let turn = pose.rotation.to_array().into_iter().map(|part| part * part).sum::<f32>();
+            pose.translation.is_finite()
+                && pose.translation.abs().max_element() <= FARTHEST_M
+                && (turn - 1.0).abs() < 1e-3
+        };
+        self.attempt < ATTEMPTS_EACH * EDITIONS
+            && (0.0..=1.0).contains(&self.connected_share)
+            && self.things.len() <= THINGS_MOST
+            && self.things.iter().all(|(_, pose)| rests(pose))
     }
 }
 
@@ -256,5 +281,37 @@ mod tests {
             assert_eq!(Preserve::from_bytes(&bytes[..at], lot, simulation), Err(PreserveError::Checksum));
         }
         assert_eq!(Preserve::from_bytes(b"", lot, simulation), Err(PreserveError::Version));
+    }
+
+    /// Somebody else's run folder brings its kitchens along, with checksums that agree.
+    #[test]
+    fn numbers_that_no_kitchen_has_are_refused() {
+        let simulation = SimulationConfig::default();
+        let lot = Lot::new(KitchenId::new(1003).unwrap(), 0);
+        let pose = Pose3::from_parts(Vec3::new(1.0, 0.5, 2.0), Rot3::IDENTITY);
+        let sound = Preserve {
+            lot,
+            timestep_s: simulation.timestep_s,
+            attempt: 3,
+            connected_share: 0.9,
+            things: vec![(0, pose)],
+            stands: vec![],
+            spots: vec![vec![]; TargetCategory::ALL.len()],
+        };
+        let read = |preserve: &Preserve| Preserve::from_bytes(&preserve.to_bytes(), lot, simulation);
+        assert_eq!(read(&sound).as_ref(), Ok(&sound));
+        let with_pose = |pose| Preserve { things: vec![(0, pose)], ..sound.clone() };
+        for (what, wrong) in [
+            ("attempt", Preserve { attempt: u32::MAX, ..sound.clone() }),
+            ("share", Preserve { connected_share: 1.5, ..sound.clone() }),
+            ("no share", Preserve { connected_share: f32::NAN, ..sound.clone() }),
+            ("too many", Preserve { things: vec![(0, pose); THINGS_MOST + 1], ..sound.clone() }),
+            ("nowhere", with_pose(Pose3::from_parts(Vec3::new(0.0, f32::NAN, 0.0), Rot3::IDENTITY))),
+            ("far", with_pose(Pose3::from_parts(Vec3::new(1e30, 0.0, 0.0), Rot3::IDENTITY))),
+            ("no turn", with_pose(Pose3::from_parts(Vec3::ZERO, Rot3::from_xyzw(0.0, 0.0, 0.0, 0.0)))),
+            ("endless turn", with_pose(Pose3::from_parts(Vec3::ZERO, Rot3::from_xyzw(0.0, f32::INFINITY, 0.0, 1.0)))),
+        ] {
+            assert_eq!(read(&wrong), Err(PreserveError::Impossible), "{what}");
+        }
     }
 }
