@@ -76,7 +76,8 @@ impl RunLock {
 /// Refuses a run whose own folders are links: what is written into them would go elsewhere. The run folder itself may be
 /// one: the user names it.
 fn refuse_links(folder: &RunFolder) -> Result<()> {
-    for path in [folder.checkpoints(), folder.recordings(), folder.logs(), folder.scenes(), folder.validations()] {
+    let written = [folder.checkpoints(), folder.recordings(), folder.logs(), folder.scenes(), folder.validations()];
+    for path in written.into_iter().chain([folder.tensorboard()]) {
         if path.is_symlink() {
             bail!(
                 "{} is a link, and a run writes into its own folder only: put a folder there. (To keep a run on another \
@@ -207,7 +208,7 @@ mod tests {
     fn a_run_whose_folders_are_links_is_refused() {
         let (_temporary, folder) = folder();
         let elsewhere = tempfile::tempdir().unwrap();
-        for path in [folder.checkpoints(), folder.recordings(), folder.logs()] {
+        for path in [folder.checkpoints(), folder.recordings(), folder.logs(), folder.tensorboard()] {
             std::os::unix::fs::symlink(elsewhere.path(), &path).unwrap();
             let message = RunLock::acquire(&folder).unwrap_err().to_string();
             assert!(message.contains(&format!("{} is a link", path.display())), "{message}");
