@@ -9,6 +9,7 @@ mod hangs;
 mod hosts;
 mod learners;
 mod measuring;
+mod opens;
 mod orchestrator_faults;
 mod procedural;
 mod recordings;
