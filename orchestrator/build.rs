@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("cargo::rerun-if-changed=schemas");
     let mut files = Vec::new();
-    for package in ["foxglove", "stillroom"] {
+    for package in ["foxglove", "stillroom", "tensorboard"] {
         for entry in std::fs::read_dir(Path::new("schemas").join(package))? {
             files.push(entry?.path());
         }

@@ -8,13 +8,15 @@ use crate::replay::film::Outcome;
 use anyhow::{Context, Result, ensure};
 use picture::{Moment, Orbit, Scene, Task};
 use proto::action::Action;
+use proto::camera::FRAME_SIDE;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::replay::{Aspect, Difference, RecordedEpisode, ReplaySetup};
 use proto::reward::RewardKind;
 use proto::show::{
-    SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownReward, ShownThing,
+    SHOWN_SIDE_MAX, ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode, ShownMoment, ShownReward, ShownSolids,
+    ShownThing,
 };
 use proto::step::{Transition, transition_flag};
 use rapier3d::math::Vec3;
@@ -99,16 +101,23 @@ impl Stage {
                     sides.contains(&width) && sides.contains(&height),
                     "pictures are {SIDE_MIN} to {SHOWN_SIDE_MAX} pixels wide and high, not {width} by {height}"
                 );
-                let Some(at) = self.kept.iter().position(|kept| kept.name == name) else {
-                    return Ok((ShowAnswer::NotOpen, Vec::new()));
-                };
-                let mut kept = self.kept.remove(at);
-                let drawn = kept.draw(step as usize, &view, (width as usize, height as usize), fine);
-                self.kept.push(kept);
-                let picture = drawn?;
+                let Some(kept) = self.kept(&name) else { return Ok((ShowAnswer::NotOpen, Vec::new())) };
+                let picture = kept.draw(step as usize, &view, (width as usize, height as usize), fine)?;
                 Ok((ShowAnswer::Picture { bytes: picture.len() as u64 }, picture))
             }
+            ShowRequest::Solids { name, step, fixed } => {
+                let Some(kept) = self.kept(&name) else { return Ok((ShowAnswer::NotOpen, Vec::new())) };
+                Ok((ShowAnswer::Solids(Box::new(kept.solids(step as usize, fixed)?)), Vec::new()))
+            }
         }
+    }
+
+    /// The kept episode of this name, which is the last used from now on.
+    fn kept(&mut self, name: &str) -> Option<&mut Kept> {
+        let at = self.kept.iter().position(|kept| kept.name == name)?;
+        let kept = self.kept.remove(at);
+        self.kept.push(kept);
+        self.kept.last_mut()
     }
 
     fn open(&mut self, name: String, setup: &ReplaySetup, recorded: &RecordedEpisode) -> Result<ShownEpisode> {
@@ -170,9 +179,7 @@ impl Stage {
 
 impl Kept {
     fn draw(&mut self, step: usize, view: &ShowView, size: (usize, usize), fine: bool) -> Result<Vec<u8>> {
-        let last = self.moments.len() - 1;
-        ensure!(step <= last, "the episode has {last} steps, not {step}");
-        let moment = &self.moments[step];
+        let moment = moment_of(&self.moments, step)?;
         let picture = match view {
             ShowView::Orbit(orbit) => {
                 let orbit = checked(orbit)?;
@@ -183,6 +190,21 @@ impl Kept {
         };
         Ok(picture.png()?)
     }
+
+    fn solids(&mut self, step: usize, fixed: bool) -> Result<ShownSolids> {
+        let moment = moment_of(&self.moments, step)?;
+        let ahead = moment.world_from_camera.rotation * Vec3::Z;
+        Ok(ShownSolids {
+            solids: self.scene.solids(moment, &self.displaced[step], fixed),
+            camera_pitch_rad: (-ahead.y).clamp(-1.0, 1.0).asin(),
+            depth_mm: self.scene.frame_mm(moment, &mut self.camera, FRAME_SIDE),
+        })
+    }
+}
+
+fn moment_of(moments: &[Moment], step: usize) -> Result<&Moment> {
+    let last = moments.len() - 1;
+    moments.get(step).with_context(|| format!("the episode has {last} steps, not {step}"))
 }
 
 /// The camera within its bounds; an error if it is nowhere.

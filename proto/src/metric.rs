@@ -40,3 +40,26 @@ pub const LEARNING_RATE: &str = "optimizer/learning_rate";
 pub const MULTIPLIER: &str = "lagrangian/multiplier";
 /// Auxiliary loss (before its weight); `auxiliary/…` holds the task's other figures.
 pub const AUXILIARY_LOSS: &str = "loss/auxiliary";
+
+/// All of them.
+pub const ALL: [&str; 19] = [
+    EPISODES,
+    RETURN,
+    LENGTH,
+    SUCCESS,
+    SUCCESS_UNDISTURBED,
+    PICKED_UP,
+    DISTURBANCE,
+    DISCOUNTED_DISTURBANCE,
+    PREEMPTED,
+    REWARD,
+    POLICY_LOSS,
+    VALUE_LOSS,
+    ENTROPY,
+    CLIP_FRACTION,
+    APPROXIMATE_KL,
+    GRADIENT_NORM,
+    LEARNING_RATE,
+    MULTIPLIER,
+    AUXILIARY_LOSS,
+];

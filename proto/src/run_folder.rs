@@ -14,6 +14,7 @@
 //!   hosts/001/             of a run on several hosts: recordings and logs of host 1, and copies of what its processes read
 //!   logs/                  orchestrator.log, learner-0.log, ..., actor-00.log, ...
 //!   metrics.jsonl          one line a trained rollout; what is missing is taken from the checkpoint
+//!   tensorboard/           event files of the same figures: a folder for each stage, and validation/
 //!   validation.jsonl       one line an evaluation made while it trained
 //!   validation/rollout-00000012/   its result; the checkpoint, too, until it is known not to be the best
 //!   best -> validation/rollout-00000012   the best checkpoint so far
@@ -168,6 +169,11 @@ impl RunFolder {
     /// One line a trained rollout.
     pub fn metrics(&self) -> PathBuf {
         self.root.join("metrics.jsonl")
+    }
+
+    /// Folder of TensorBoard event files.
+    pub fn tensorboard(&self) -> PathBuf {
+        self.root.join("tensorboard")
     }
 
     /// One line an evaluation made while it trained.

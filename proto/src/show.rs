@@ -38,6 +38,15 @@ pub enum ShowRequest {
         /// With soft light from all over; without it a picture takes a fraction of the time.
         fine: bool,
     },
+    /// One moment of a kept episode for programs that draw it themselves.
+    Solids {
+        /// Its name.
+        name: String,
+        /// Actions taken until then.
+        step: u32,
+        /// With what never moves.
+        fixed: bool,
+    },
 }
 
 /// What to look at, and from where.
@@ -76,6 +85,8 @@ pub enum ShowAnswer {
         /// Its size.
         bytes: u64,
     },
+    /// What is where.
+    Solids(Box<ShownSolids>),
     /// No episode of this name is kept: open it again.
     NotOpen,
     /// It cannot be done.
@@ -143,6 +154,30 @@ pub struct ShownMoment {
     pub target_m: [f32; 3],
     /// What is not where it stood: number in [`ShownEpisode::things`], how far (metres), and where it is now (x, z).
     pub moved: Vec<(u32, f32, [f32; 2])>,
+}
+
+/// What is where at one moment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ShownSolids {
+    /// Bodies, with the robot's parts.
+    pub solids: Vec<ShownSolid>,
+    /// How far the head camera looks down, radians.
+    pub camera_pitch_rad: f32,
+    /// What it sees: a square of the observation's size, millimetres.
+    pub depth_mm: Vec<u16>,
+}
+
+/// A body as triangles.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ShownSolid {
+    /// The same at every moment of an episode, e.g. `thing/12 Mug`.
+    pub name: String,
+    /// sRGB.
+    pub colour: [u8; 3],
+    /// It is not there any more: it stood there.
+    pub ghost: bool,
+    /// Three corners for each triangle, in the simulator's world, metres.
+    pub corners_m: Vec<[f32; 3]>,
 }
 
 /// Parts of one step's reward.

@@ -3,11 +3,14 @@
 //! The binaries are those that `cargo build` of the same profile put beside the test executable; `make test` builds
 //! them first.
 
+pub mod board;
 mod browser;
+mod foxglove;
 mod recorded;
 mod viewer;
 
 pub use browser::Browser;
+pub use foxglove::{Channel, Foxglove};
 pub use recorded::RecordedSteps;
 pub use viewer::{Answer, Viewer};
 

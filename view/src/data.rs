@@ -1,5 +1,6 @@
 //! What the pages show, as plain data, and what a source of runs has to answer.
 
+use crate::feed::Feed;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -30,6 +31,8 @@ pub trait Runs: Send + Sync + 'static {
     fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem>;
     /// The newest episode of an environment, which may still go on; none if nothing was recorded of it yet.
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem>;
+    /// What is new of it from now on, message by message.
+    fn feed(&self, run: &str) -> Result<Box<dyn Feed>, Problem>;
 }
 
 /// A run or an evaluation in the list.
@@ -104,6 +107,8 @@ pub struct Live {
     pub notes: Vec<String>,
     /// Changes whenever the figures do.
     pub rollouts: u64,
+    /// Figures of the newest rollout by name.
+    pub newest: BTreeMap<String, f32>,
 }
 
 /// A stage.

@@ -2,11 +2,13 @@
 //!
 //! Other pages in the same browser can send requests to this machine, too. So an answer needs a `Host` that no foreign
 //! name can lead to (an address, `localhost`, or this machine's name), a browser that does not say the request comes from
-//! another site, and, where the server can be reached from elsewhere, the token of its address.
+//! another site, and, where the server can be reached from elsewhere, the token of its address: in the cookie that the
+//! page was given, or as `Authorization: Bearer`.
 
 use axum::extract::{Request, State};
 use axum::http::header::{
-    CACHE_CONTROL, CONTENT_SECURITY_POLICY, COOKIE, HOST, LOCATION, REFERRER_POLICY, SET_COOKIE, X_CONTENT_TYPE_OPTIONS,
+    AUTHORIZATION, CACHE_CONTROL, CONTENT_SECURITY_POLICY, COOKIE, HOST, LOCATION, ORIGIN, REFERRER_POLICY, SET_COOKIE,
+    X_CONTENT_TYPE_OPTIONS,
 };
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
 use axum::middleware::Next;
@@ -19,6 +21,11 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
                       connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 /// Name of the cookie that the token is kept in.
 const COOKIE_NAME: &str = "stillroom";
+
+/// Where WebSockets are opened.
+const SOCKETS: &str = "/foxglove";
+/// Where Foxglove's own page is.
+const FOXGLOVE: [&str; 2] = ["app.foxglove.dev", "studio.foxglove.dev"];
 
 /// Whom to answer.
 #[derive(Debug, Clone)]
@@ -68,9 +75,14 @@ impl Guard {
                 "this server is not called that: use its address\n",
             );
         }
-        if headers.get("sec-fetch-site").is_some_and(|site| site == "cross-site" || site == "same-site")
-            && request.uri().path() != "/"
-        {
+        let path = request.uri().path();
+        let is_socket = path == SOCKETS || path.strip_prefix(SOCKETS).is_some_and(|rest| rest.starts_with('/'));
+        let is_foreign = if is_socket {
+            headers.get(ORIGIN).is_some_and(|origin| !may_open_sockets(origin, headers.get(HOST)))
+        } else {
+            headers.get("sec-fetch-site").is_some_and(|site| site == "cross-site" || site == "same-site") && path != "/"
+        };
+        if is_foreign {
             return Verdict::Refuse(StatusCode::FORBIDDEN, "another site's page may not ask this server\n");
         }
         if !matches!(*request.method(), Method::GET | Method::HEAD) {
@@ -84,9 +96,19 @@ impl Guard {
         {
             return Verdict::Welcome(format!("{COOKIE_NAME}={token}; Path=/; HttpOnly; SameSite=Lax"));
         }
+        // Programs that open WebSockets keep no cookies, and cannot set a header.
+        if is_socket && request.uri().query().and_then(of_query).is_some_and(|shown| same(&shown, token)) {
+            return Verdict::Pass;
+        }
         let kept = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
         let mut kept = kept.flat_map(|value| value.split(';')).filter_map(|pair| pair.trim().split_once('='));
         if kept.any(|(name, value)| name == COOKIE_NAME && same(value, token)) {
+            return Verdict::Pass;
+        }
+        // Programs such as Prometheus keep no cookies, and have a header for it.
+        let shown = headers.get(AUTHORIZATION).and_then(|value| value.to_str().ok());
+        let shown = shown.and_then(|shown| shown.split_once(' '));
+        if shown.is_some_and(|(kind, shown)| kind.eq_ignore_ascii_case("bearer") && same(shown.trim(), token)) {
             return Verdict::Pass;
         }
         Verdict::Refuse(
@@ -108,6 +130,16 @@ impl Guard {
         name.parse::<IpAddr>().is_ok()
             || name.eq_ignore_ascii_case("localhost")
             || (!self.host_name.is_empty() && name.eq_ignore_ascii_case(&self.host_name))
+    }
+}
+
+/// Whether a page from there may open WebSockets: our own, Foxglove's, and what is no page of the web, such as
+/// Foxglove's program. Browsers let any page open them, and let no page name another origin than its own.
+fn may_open_sockets(origin: &HeaderValue, host: Option<&HeaderValue>) -> bool {
+    let Some((scheme, place)) = origin.to_str().ok().and_then(|origin| origin.split_once("://")) else { return false };
+    match scheme {
+        "http" | "https" => host.is_some_and(|host| host == place) || (scheme == "https" && FOXGLOVE.contains(&place)),
+        _ => true,
     }
 }
 
@@ -133,6 +165,25 @@ mod tests {
             assert!(!own(host), "{host}");
         }
         assert!(!guard.is_own(&HeaderMap::new()));
+    }
+
+    #[test]
+    fn no_foreign_page_opens_a_socket() {
+        let host = HeaderValue::from_static("127.0.0.1:8765");
+        let may = |origin: &'static str| may_open_sockets(&HeaderValue::from_static(origin), Some(&host));
+        for own in ["http://127.0.0.1:8765", "https://app.foxglove.dev", "file://", "app://foxglove"] {
+            assert!(may(own), "{own}");
+        }
+        for foreign in [
+            "null",
+            "",
+            "https://evil.example",
+            "http://127.0.0.1:1",
+            "http://app.foxglove.dev",
+            "https://app.foxglove.dev.evil.example",
+        ] {
+            assert!(!may(foreign), "{foreign}");
+        }
     }
 
     #[test]

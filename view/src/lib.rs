@@ -6,10 +6,14 @@
 //!
 //! ```text
 //! data       what the pages show, as plain data; what a source of runs has to answer
+//! feed       what is new of a run, message by message
+//! foxglove   that, to Foxglove over a WebSocket
 //! serve      listens; bounds on connections, headers and time
 //! guard      who is answered: loopback and addresses, tokens, no foreign pages
 //! routes     addresses to answers
+//! readings   readings of runs, few at a time
 //! answer     answers as JSON, and refusals
+//! metrics    all runs in Prometheus' text format
 //! hub        one reader of a run, however many watch it
 //! theatre    `actor show` as a child: asked one thing at a time
 //! assets     the page itself, which is in the program
@@ -18,8 +22,12 @@
 mod answer;
 mod assets;
 pub mod data;
+pub mod feed;
+mod foxglove;
 mod guard;
 mod hub;
+mod metrics;
+mod readings;
 mod routes;
 mod serve;
 mod theatre;

@@ -3,11 +3,14 @@
 use crate::answer::{Refusal, json, text};
 use crate::assets::ASSETS;
 use crate::data::{EpisodeKey, EpisodeQuery, Problem, Runs};
+use crate::foxglove;
 use crate::guard::{self, Guard};
 use crate::hub::Hub;
+use crate::metrics;
+use crate::readings::Readings;
 use crate::theatre::Theatre;
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, Query, Request, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::http::{StatusCode, Uri};
 use axum::response::sse::{Event, KeepAlive, Sse};
@@ -21,19 +24,14 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use tokio::sync::Semaphore;
 
-/// Readings of runs at a time.
-const READERS: usize = 3;
-/// Whoever must wait behind more readings than this is refused.
-const WAITING: usize = 256;
-
 /// What all answers are made from.
 #[derive(Clone)]
 struct Server {
-    runs: Arc<dyn Runs>,
+    readings: Readings,
     hub: Hub,
     theatre: Theatre,
-    readers: Arc<Semaphore>,
-    queue: Arc<Semaphore>,
+    /// Room for programs that watch over a WebSocket.
+    watchers: Arc<Semaphore>,
     /// What the command line asked to be opened.
     opening: Arc<Opening>,
 }
@@ -53,13 +51,15 @@ pub struct Opening {
 pub fn router(runs: Arc<dyn Runs>, theatre: Theatre, guard: Guard, opening: Opening) -> Router {
     let server = Server {
         hub: Hub::new(Arc::clone(&runs)),
-        runs,
+        readings: Readings::of(runs),
         theatre,
-        readers: Arc::new(Semaphore::new(READERS)),
-        queue: Arc::new(Semaphore::new(WAITING)),
+        watchers: Arc::new(Semaphore::new(foxglove::CLIENTS)),
         opening: Arc::new(opening),
     };
     let mut router = Router::new()
+        .route("/metrics", get(exported))
+        .route("/foxglove", get(watch_any))
+        .route("/foxglove/{run}", get(watch))
         .route("/api/opening", get(opening_page))
         .route("/api/runs", get(list))
         .route("/api/runs/{run}", get(live))
@@ -78,25 +78,18 @@ pub fn router(runs: Arc<dyn Runs>, theatre: Theatre, guard: Guard, opening: Open
 }
 
 impl Server {
-    /// Asks the runs on a thread where waiting for a disk is no harm; few at a time, and not endlessly many wait.
     async fn read<T, F>(&self, ask: F) -> Result<T, Refusal>
     where
         T: Send + 'static,
         F: FnOnce(&dyn Runs) -> Result<T, Problem> + Send + 'static,
     {
-        let busy = || Refusal(StatusCode::SERVICE_UNAVAILABLE, "too many requests wait: try again".to_owned());
-        let _queued = Arc::clone(&self.queue).try_acquire_owned().map_err(|_| busy())?;
-        let reader = Arc::clone(&self.readers).acquire_owned().await.map_err(|_| busy())?;
-        let runs = Arc::clone(&self.runs);
-        let read = tokio::task::spawn_blocking(move || {
-            // Held by the reading itself: one who hangs up does not make room for another.
-            let _reader = reader;
-            ask(&*runs)
-        });
-        let failed = || {
-            Refusal(StatusCode::INTERNAL_SERVER_ERROR, "reading the run failed: see the viewer's terminal".to_owned())
-        };
-        Ok(read.await.map_err(|_| failed())??)
+        self.readings.read(ask).await
+    }
+
+    /// What a program that watches is told from.
+    fn watched(&self) -> foxglove::Sources {
+        let (readings, theatre, room) = (self.readings.clone(), self.theatre.clone(), Arc::clone(&self.watchers));
+        foxglove::Sources { readings, theatre, room }
     }
 
     async fn answer<T, F>(&self, ask: F) -> Result<Response, Refusal>
@@ -120,8 +113,50 @@ impl Server {
     }
 }
 
+#[derive(Debug, Default, Deserialize)]
+struct WatchQuery {
+    /// Kitchen and environment, e.g. `6-0`; the token may stand beside it.
+    watch: Option<String>,
+}
+
+impl WatchQuery {
+    fn place(&self) -> Result<Option<foxglove::Place>, Refusal> {
+        let wrong = || Refusal(StatusCode::BAD_REQUEST, "watch is KITCHEN-ENVIRONMENT, e.g. 6-0".to_owned());
+        let place = |text: &String| {
+            let (kitchen, environment) = text.split_once('-').ok_or_else(wrong)?;
+            Ok((kitchen.parse().map_err(|_| wrong())?, environment.parse().map_err(|_| wrong())?))
+        };
+        self.watch.as_ref().map(place).transpose()
+    }
+}
+
+async fn watch(
+    State(server): State<Server>,
+    Path(run): Path<String>,
+    query: Result<Query<WatchQuery>, QueryRejection>,
+    request: Request,
+) -> Result<Response, Refusal> {
+    let place = understood(query)?.place()?;
+    foxglove::connect(server.watched(), Some(run), place, request).await
+}
+
+async fn watch_any(
+    State(server): State<Server>,
+    query: Result<Query<WatchQuery>, QueryRejection>,
+    request: Request,
+) -> Result<Response, Refusal> {
+    let place = understood(query)?.place()?;
+    foxglove::connect(server.watched(), None, place, request).await
+}
+
 async fn opening_page(State(server): State<Server>) -> Response {
     json(text(&*server.opening))
+}
+
+/// All runs, for Prometheus.
+async fn exported(State(server): State<Server>) -> Result<Response, Refusal> {
+    let text = server.read(metrics::read).await?;
+    Ok(([(CONTENT_TYPE, metrics::CONTENT_KIND)], text).into_response())
 }
 
 async fn list(State(server): State<Server>) -> Result<Response, Refusal> {

@@ -5,6 +5,7 @@ use proptest::prelude::*;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::show::{ShownEpisode, ShownSolids};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::os::unix::fs::PermissionsExt;
@@ -12,6 +13,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Problem, Runs};
+use view::feed::{Feed, Recorded, Topic};
 use view::{Settings, serve};
 
 /// An edition of curves that are eight megabytes long: more than waits in a connection that nobody reads.
@@ -37,6 +39,24 @@ impl One {
             "broken" => Err(Problem::Unreadable("run.toml is damaged".to_owned())),
             _ => Err(Problem::NotThere(format!("there is no run called {run}"))),
         }
+    }
+}
+
+/// A run of which nothing is recorded.
+struct Silent;
+
+impl Feed for Silent {
+    fn read(&mut self) -> Vec<Recorded> {
+        Vec::new()
+    }
+    fn topics(&self) -> Vec<Arc<Topic>> {
+        vec![Arc::new(Topic { name: "/step".to_owned(), ..Topic::default() })]
+    }
+    fn moment_topics(&self) -> Vec<Arc<Topic>> {
+        Vec::new()
+    }
+    fn moment(&self, _: &ShownEpisode, _: &ShownSolids, _: bool) -> Vec<Recorded> {
+        Vec::new()
     }
 }
 
@@ -70,6 +90,10 @@ impl Runs for One {
     }
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
         self.read(run, Some(EpisodeKey { kitchen, environment, episode: 1 }))
+    }
+    fn feed(&self, run: &str) -> Result<Box<dyn Feed>, Problem> {
+        self.read(run, ())?;
+        Ok(Box::new(Silent))
     }
 }
 
@@ -130,6 +154,22 @@ impl Server {
         let mut answer = Vec::new();
         let _ = stream.read_to_end(&mut answer);
         answer
+    }
+
+    /// Asks for a WebSocket; the status, and the connection.
+    fn socket(&self, path: &str) -> (u16, TcpStream) {
+        let mut stream = self.connect();
+        let headers: Vec<String> = SOCKET.iter().map(|(name, value)| format!("{name}: {value}\r\n")).collect();
+        let request =
+            format!("GET {path} HTTP/1.1\r\nHost: {}\r\nConnection: Upgrade\r\n{}\r\n", self.address, headers.concat());
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut status = [0; 12];
+        stream.read_exact(&mut status).unwrap();
+        (String::from_utf8_lossy(&status[9..]).parse().unwrap_or(0), stream)
+    }
+
+    fn opens(&self, path: &str) -> bool {
+        self.socket(path).0 == 101
     }
 
     fn ask(&self, method: &str, path: &str, headers: &[(&str, &str)]) -> Answer {
@@ -300,6 +340,37 @@ fn where_a_token_is_needed_nothing_is_shown_without_it() {
     assert!(welcome.head.contains("location: /\r") && welcome.head.contains("set-cookie: stillroom=0123abcd;"));
     assert!(welcome.head.contains("httponly; samesite=lax"));
     assert_eq!(server.ask("GET", "/api/runs", &[("Cookie", "a=b; stillroom=0123abcd")]).status, 200);
+    let with = |header: &str| server.ask("GET", "/metrics", &[("Authorization", header)]).status;
+    assert_eq!(["Bearer 0123abcd", "bearer 0123abcd"].map(with), [200; 2]);
+    assert_eq!(["Bearer 0123abce", "Bearer", "Basic 0123abcd", "0123abcd", "Bearer 0123abcd x"].map(with), [401; 5]);
+    let socket = |query: &str| server.ask("GET", &format!("/foxglove/a{query}"), SOCKET).status;
+    assert_eq!([socket("?token=0123abce"), socket("")], [401; 2]);
+    assert_eq!(server.ask("GET", "/foxglovex?token=0123abcd", SOCKET).status, 401);
+    assert!(server.opens("/foxglove/a?token=0123abcd"));
+}
+
+/// What a WebSocket of Foxglove's asks for.
+const SOCKET: &[(&str, &str)] = &[
+    ("Upgrade", "websocket"),
+    ("Sec-WebSocket-Version", "13"),
+    ("Sec-WebSocket-Key", "dGhlIHNhbXBsZSBub25jZQ=="),
+    ("Sec-WebSocket-Protocol", "foxglove.sdk.v1"),
+];
+
+#[test]
+fn only_as_many_programs_watch_as_there_is_room_for() {
+    let server = Server::start(None);
+    assert_eq!(server.ask("GET", "/foxglove/b", SOCKET).status, 404);
+    let mut held: Vec<TcpStream> = (0..8).map(|_| server.socket("/foxglove/a").1).collect();
+    assert_eq!(server.ask("GET", "/foxglove/a", SOCKET).status, 503);
+    // What is no frame ends the connection, and makes room again.
+    held[0].write_all(&[0xff; 300]).unwrap();
+    let begun = Instant::now();
+    while !server.opens("/foxglove/a") {
+        assert!(begun.elapsed() < Duration::from_secs(20));
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert_eq!(server.get("/api/runs").status, 200);
 }
 
 #[test]

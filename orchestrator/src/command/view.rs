@@ -22,7 +22,9 @@ use view::{Settings, serve};
   orchestrator view runs/a runs/b            these two, their curves over each other
   orchestrator view --compare E1 E2          the same episodes of two evaluations side by side
   ssh -L 8765:127.0.0.1:8765 HOST            then the page of a run on another machine is at http://127.0.0.1:8765
-  orchestrator view --address 0.0.0.0        for other machines, too: the address then holds a token")]
+  orchestrator view --address 0.0.0.0        for other machines, too: the address then holds a token
+  ws://127.0.0.1:8765/foxglove/RUN           a run live in Foxglove, with the layout deploy/foxglove/stillroom.json
+  curl http://127.0.0.1:8765/metrics         how all runs stand, for Prometheus")]
 pub struct ViewArgs {
     /// Run folders, those of evaluations, or folders that hold runs [default: runs]
     #[arg(value_name = "RUN")]
@@ -39,12 +41,17 @@ pub struct ViewArgs {
     /// Open the page in a browser
     #[arg(long)]
     open: bool,
+    /// Keep the token in this file: the same one at each start, and what Prometheus is given; made if it is not there
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
 }
 
 /// Port that is tried first.
 const PORT: u16 = 8765;
 /// Ports after it that are tried.
 const PORTS: u16 = 20;
+/// A shorter token could be guessed.
+const TOKEN_LETTERS_MIN: usize = 16;
 /// The server gives way to whatever trains on the machine.
 const NICENESS: i32 = 10;
 
@@ -66,7 +73,11 @@ pub fn run(args: &ViewArgs) -> Result<()> {
     ensure!(args.compare.is_empty() || open.len() == 2, "--compare takes the folders of two different runs");
     let listener = listen(args)?;
     let address = listener.local_addr().context("the listener has no address")?;
-    let token = if args.address.is_loopback() { None } else { Some(token()?) };
+    let token = match &args.token_file {
+        Some(file) => Some(token_in(file)?),
+        None if args.address.is_loopback() => None,
+        None => Some(token()?),
+    };
     let settings = Settings {
         actor: programs::find("actor")?,
         token: token.clone(),
@@ -130,6 +141,32 @@ fn token() -> Result<String> {
     Ok(format!("{:032x}", u128::from_be_bytes(bytes)))
 }
 
+/// The token in a file, which is made if it is not there.
+fn token_in(path: &Path) -> Result<String> {
+    use std::io::Write;
+    use std::os::unix::fs::OpenOptionsExt;
+    let text = match proto::bounded::read_text(path) {
+        Ok(text) => text,
+        Err(_) if !path.exists() => {
+            let text = token()?;
+            let mut options = std::fs::OpenOptions::new();
+            let file = options.write(true).create_new(true).mode(0o600).open(path);
+            let written = file.and_then(|mut file| file.write_all(text.as_bytes()));
+            written.with_context(|| format!("cannot write {}", path.display()))?;
+            text
+        }
+        Err(error) => return Err(error).with_context(|| path.display().to_string()),
+    };
+    let text = text.trim();
+    let is_plain = text.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte));
+    ensure!(
+        is_plain && text.len() >= TOKEN_LETTERS_MIN,
+        "{} holds no token: at least {TOKEN_LETTERS_MIN} letters, digits, - and _ (remove it, and one is made)",
+        path.display()
+    );
+    Ok(text.to_owned())
+}
+
 /// The address that a browser opens.
 fn link(address: SocketAddr, token: Option<&str>) -> String {
     let host =
@@ -159,5 +196,19 @@ mod tests {
         assert_eq!(link(all, Some("ab")), format!("http://{}:80/?token=ab", host_name()));
         let (one, other) = (token().unwrap(), token().unwrap());
         assert!(one.len() == 32 && one != other);
+    }
+
+    #[test]
+    fn a_token_in_a_file_is_made_once_and_a_weak_one_refused() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("token");
+        let made = token_in(&path).unwrap();
+        assert_eq!((made.len(), token_in(&path).unwrap()), (32, made));
+        assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+        for weak in ["", "short", "0123456789abcde\n", "0123456789 abcdef", "0123456789abcdef;"] {
+            std::fs::write(&path, weak).unwrap();
+            assert!(token_in(&path).unwrap_err().to_string().contains("holds no token"), "{weak}");
+        }
     }
 }

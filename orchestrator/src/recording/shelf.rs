@@ -140,7 +140,7 @@ pub struct Shelf {
 }
 
 /// What comes next in a file.
-enum Next {
+pub(super) enum Next {
     /// A chunk, and where the record after it begins.
     Chunk(Vec<u8>, u64),
     /// Something else, which ends here.
@@ -435,9 +435,25 @@ fn assemble(assembly: &mut Assembly, key: Key, carries: Carries, data: &[u8]) {
     }
 }
 
-/// What a chunk holds; none if its content is not what its checksum says. No room is made for what a damaged length
-/// claims.
+/// What a chunk holds; none if its content is not what its checksum says.
 fn contents(body: &[u8]) -> Option<Vec<Found>> {
+    let mut found = Vec::new();
+    each_record(body, |record| match record {
+        Record::Channel(channel) => match channel.topic.as_str() {
+            "/step" => found.push(Found::Channel(channel.id, Carries::Step)),
+            "/episode/start" => found.push(Found::Channel(channel.id, Carries::Start)),
+            "/episode/end" => found.push(Found::Channel(channel.id, Carries::End)),
+            _ => {}
+        },
+        Record::Message { header, data } => found.push(Found::Message(header.channel_id, data.into_owned())),
+        _ => {}
+    })?;
+    Some(found)
+}
+
+/// Takes every record of a chunk; none if its content is not what its checksum says. No room is made for what a damaged
+/// length claims.
+pub(super) fn each_record(body: &[u8], mut take: impl FnMut(Record)) -> Option<()> {
     let Ok(Record::Chunk { header, .. }) = parse_record(op::CHUNK, body) else { return None };
     if header.uncompressed_size > RECORD_MAX {
         return None;
@@ -449,7 +465,6 @@ fn contents(body: &[u8]) -> Option<Vec<Found>> {
     head.extend((body.len() as u64).to_le_bytes());
     let mut rest = [head.as_slice(), body].into_iter();
     let mut piece = rest.next().unwrap_or_default();
-    let mut found = Vec::new();
     while let Some(event) = reader.next_event() {
         match event.ok()? {
             LinearReadEvent::ReadRequest(wanted) => {
@@ -461,22 +476,10 @@ fn contents(body: &[u8]) -> Option<Vec<Found>> {
                 reader.notify_read(now.len());
                 piece = later;
             }
-            LinearReadEvent::Record { data, opcode } => match parse_record(opcode, data).ok()? {
-                Record::Channel(channel) => {
-                    let carries = match channel.topic.as_str() {
-                        "/step" => Carries::Step,
-                        "/episode/start" => Carries::Start,
-                        "/episode/end" => Carries::End,
-                        _ => continue,
-                    };
-                    found.push(Found::Channel(channel.id, carries));
-                }
-                Record::Message { header, data } => found.push(Found::Message(header.channel_id, data.into_owned())),
-                _ => {}
-            },
+            LinearReadEvent::Record { data, opcode } => take(parse_record(opcode, data).ok()?),
         }
     }
-    Some(found)
+    Some(())
 }
 
 /// The configuration of a file.
@@ -489,12 +492,12 @@ fn config_of(path: &Path) -> Result<String, RecordingError> {
 }
 
 /// Whether a recorder writes it at this moment.
-fn is_growing(path: &Path) -> bool {
+pub(super) fn is_growing(path: &Path) -> bool {
     bounded::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
 /// The record at this offset of a file of this length.
-fn next(file: &File, offset: u64, length: u64) -> std::io::Result<Next> {
+pub(super) fn next(file: &File, offset: u64, length: u64) -> std::io::Result<Next> {
     if offset + RECORD_HEAD > length {
         return Ok(Next::End);
     }

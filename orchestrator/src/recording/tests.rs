@@ -1,5 +1,6 @@
 //! Recordings as files of which something is missing or wrong: what is said of them.
 
+mod followed;
 mod shelved;
 
 use super::episodes::{Recorded, gather};

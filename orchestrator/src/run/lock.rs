@@ -80,8 +80,9 @@ impl RunLock {
 /// one: the user names it.
 fn refuse_links(folder: &RunFolder) -> Result<()> {
     let own = [folder.checkpoints(), folder.recordings(), folder.logs(), folder.scenes(), folder.validations()];
+    let others = [folder.kitchens(), folder.tensorboard(), folder.hosts()];
     let hosts = folder.host_folders().into_iter().map(|host| host.root().to_path_buf());
-    for path in own.into_iter().chain([folder.kitchens(), folder.hosts()]).chain(hosts) {
+    for path in own.into_iter().chain(others).chain(hosts) {
         if path.is_symlink() {
             bail!(
                 "{} is a link, and a run writes into its own folder only: put a folder there. (To keep a run on another \
@@ -214,7 +215,8 @@ mod tests {
         let elsewhere = tempfile::tempdir().unwrap();
         let own = [folder.checkpoints(), folder.recordings(), folder.logs(), folder.scenes(), folder.validations()];
         std::fs::create_dir(folder.hosts()).unwrap();
-        for path in own.into_iter().chain([folder.kitchens(), folder.host(1).root().to_path_buf()]) {
+        let others = [folder.kitchens(), folder.tensorboard(), folder.host(1).root().to_path_buf()];
+        for path in own.into_iter().chain(others) {
             std::os::unix::fs::symlink(elsewhere.path(), &path).unwrap();
             let message = RunLock::acquire(&folder).unwrap_err().to_string();
             assert!(message.contains(&format!("{} is a link", path.display())), "{message}");

@@ -5,6 +5,7 @@ use crate::run::identity::unix_now;
 use crate::supervisor::shell::Audience;
 use crate::training::metrics::Journal;
 use crate::training::progress::Progress;
+use crate::training::tensorboard::Board;
 use crate::training::validation::Validation;
 use anyhow::Result;
 use proto::config::Config;
@@ -19,6 +20,7 @@ use wire::fault;
 pub struct TrainingAudience {
     /// `metrics.jsonl`.
     pub journal: Journal,
+    board: Option<Board>,
     incarnation: u32,
     progress: Progress,
     validation: Option<Validation>,
@@ -27,8 +29,10 @@ pub struct TrainingAudience {
 impl TrainingAudience {
     /// Goes on with what the folder holds.
     pub fn open(folder: &RunFolder, config: &Config, incarnation: u32) -> Result<Self> {
+        let board = || Board::of(folder, &config.stages, incarnation);
         Ok(Self {
             journal: Journal::open(folder)?,
+            board: config.recording.tensorboard.then(board),
             incarnation,
             progress: Progress::new(config.stages.clone()),
             validation: Validation::open(folder, config)?,
@@ -42,6 +46,9 @@ impl Audience for TrainingAudience {
         match event {
             LearnerEvent::Ready { rollout, frames, checkpoint, .. } => {
                 self.journal.begin(*rollout, checkpoint.as_deref())?;
+                if let Some(board) = &mut self.board {
+                    board.begin(&self.journal.history);
+                }
                 // The orchestrator may not know this checkpoint: it was written after the last orchestrator had ended.
                 if let Some(validation) = &mut self.validation {
                     validation.checkpoint(*rollout, *frames);
@@ -59,6 +66,9 @@ impl Audience for TrainingAudience {
                     metrics: metrics.clone(),
                 })?;
                 fault::reach("metrics.after_line");
+                if let Some(board) = &mut self.board {
+                    board.rollout(&self.journal.history);
+                }
             }
             LearnerEvent::CheckpointWritten { path, rollout, frames, .. } => {
                 tracing::debug!("checkpoint {path} at {frames} frames");
@@ -78,6 +88,9 @@ impl Audience for TrainingAudience {
     fn tick(&mut self, now: Duration, recorder: Option<&Recorder>) {
         if let Some(validation) = &mut self.validation {
             validation.look(recorder);
+            if let Some(board) = &mut self.board {
+                board.validations(validation.scores());
+            }
         }
         self.progress.show(now, &self.journal.history, self.is_busy());
     }

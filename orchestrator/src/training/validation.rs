@@ -108,6 +108,11 @@ impl Validation {
         Ok(Some(validation))
     }
 
+    /// The results so far, in the order in which they came.
+    pub fn scores(&self) -> &[Score] {
+        &self.scores
+    }
+
     /// Has the file say what is known.
     fn mend_log(&self) -> Result<()> {
         let mut wanted = Vec::new();

@@ -2,8 +2,9 @@
 //!
 //! [`roster`] finds runs and gives them names for addresses; of each run that is looked at, [`watched`] keeps what was
 //! read, and reads only what is new ([`tail`], and the recordings' shelf). [`processes`] looks at the processes of a run
-//! on this machine and at GPUs, [`table`] filters and sorts episodes.
+//! on this machine and at GPUs, [`table`] filters and sorts episodes. [`live`] hands a run on message by message.
 
+mod live;
 mod processes;
 mod roster;
 mod table;
@@ -17,6 +18,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Problem, Runs};
+use view::feed::Feed;
 use watched::Watched;
 
 /// The list is made anew at most this often.
@@ -113,5 +115,11 @@ impl Runs for Gallery {
 
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
         self.with(run, |watched| Ok(watched.newest(kitchen, environment)))
+    }
+
+    fn feed(&self, run: &str) -> Result<Box<dyn Feed>, Problem> {
+        let found = self.entries().into_iter().find(|entry| entry.id == run);
+        let entry = found.ok_or_else(|| Problem::NotThere(format!("there is no run called {run}")))?;
+        Ok(Box::new(live::Recordings::of(entry.folder)))
     }
 }

@@ -238,8 +238,14 @@ impl Watched {
             indexed: self.shelf.indexed(),
             notes,
             rollouts: self.history.len() as u64,
+            newest: self.newest_figures(),
             card: self.card_of(&config, &identity, &held)?,
         })
+    }
+
+    fn newest_figures(&self) -> BTreeMap<String, f32> {
+        let figures = self.history.iter().next_back().map(|trained| trained.metrics.iter());
+        figures.into_iter().flatten().map(|(name, value)| (name.clone(), *value as f32)).collect()
     }
 
     /// Its learning curves after the first `known` rollouts.

@@ -277,6 +277,9 @@ pub struct RecordingConfig {
     pub failures_only: bool,
     /// A new segment is begun after this many bytes.
     pub segment_bytes: u64,
+    /// Whether the figures of rollouts and validations are written as TensorBoard event files, too; also where
+    /// `enabled` is not set.
+    pub tensorboard: bool,
 }
 
 /// Evaluations on the validation kitchens while the run trains.
@@ -421,7 +424,7 @@ impl Default for CheckpointConfig {
 
 impl Default for RecordingConfig {
     fn default() -> Self {
-        Self { enabled: true, depth_share: 0.001, failures_only: false, segment_bytes: 256 << 20 }
+        Self { enabled: true, depth_share: 0.001, failures_only: false, segment_bytes: 256 << 20, tensorboard: true }
     }
 }
 

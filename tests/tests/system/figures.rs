@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::process::Child;
 use std::sync::OnceLock;
 use std::time::Duration;
-use system_tests::{Run, TINY, Workshop, complete, finish, kill, kill_child, signal, start, wait_until};
+use system_tests::{Run, TINY, Workshop, board, complete, finish, kill, kill_child, signal, start, wait_until};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 3;
@@ -38,6 +38,7 @@ impl Figures {
         // Absent without a recording.
         let recorded = summary.as_object_mut().expect("an object").remove("recording_complete");
         assert_ne!(recorded, Some(Value::Bool(false)));
+        shown_by_tensorboard(run);
         let others = ["id", "training_s", "frames_per_s", "wall", "incarnations", "recordings"];
         Self {
             metrics: lines(run.folder.metrics(), &["at_unix_s", "incarnation", "timing"]),
@@ -46,6 +47,30 @@ impl Figures {
             best: std::fs::read_link(run.folder.best()).ok(),
         }
     }
+}
+
+/// What TensorBoard shows is what the lines of the run say, each step once.
+fn shown_by_tensorboard(run: &Run) {
+    let shown = |of_stages: bool, tag: &str| {
+        let curves = board::curves(&run.folder, of_stages);
+        curves.into_iter().map(|(step, figures)| (step, figures.get(tag).copied())).collect::<Vec<_>>()
+    };
+    let said = |path: PathBuf, figure: fn(&Value) -> &Value| {
+        let lines = lines(path, &[]);
+        let mut said: Vec<(u64, Option<f32>)> = lines
+            .iter()
+            .map(|line| (line["frames"].as_u64().expect("frames"), figure(line).as_f64().map(|figure| figure as f32)))
+            .collect();
+        said.sort_by_key(|(step, _)| *step);
+        said
+    };
+    assert_eq!(
+        shown(true, "charts/episodic_return"),
+        said(run.folder.metrics(), |line| &line["metrics"]["episode/return"])
+    );
+    assert_eq!(shown(true, "losses/value_loss"), said(run.folder.metrics(), |line| &line["metrics"]["loss/value"]));
+    assert_eq!(shown(true, "time/update_s"), said(run.folder.metrics(), |line| &line["timing"]["update_s"]));
+    assert_eq!(shown(false, "charts/success_rate"), said(run.folder.validation_log(), |line| &line["success"]));
 }
 
 /// Every line of a file, without these keys.

@@ -10,6 +10,7 @@ mod hangs;
 mod hosts;
 mod learners;
 mod measuring;
+mod opens;
 mod orchestrator_faults;
 mod pictures;
 mod procedural;

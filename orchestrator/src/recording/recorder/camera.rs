@@ -91,7 +91,7 @@ pub fn transforms(timestamp: Timestamp, names: &FrameNames, current: &Current) -
 }
 
 /// A point of the simulator's world in right-handed axes.
-fn ros_from_world([x, y, z]: [f32; 3]) -> Vector3 {
+pub fn ros_from_world([x, y, z]: [f32; 3]) -> Vector3 {
     Vector3 { x: f64::from(z), y: -f64::from(x), z: f64::from(y) }
 }
 

@@ -6,7 +6,7 @@
 //! so whatever happens to the disk, the thread goes on taking samples: after a failed write it only stops writing, and
 //! [`Recorder::failure`] says why. A segment is a complete file at every moment ([`live`], [`index`]).
 
-mod camera;
+pub mod camera;
 mod handle;
 mod index;
 mod ledger;

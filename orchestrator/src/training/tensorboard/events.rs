@@ -1,0 +1,262 @@
+//! TensorBoard's event files: records of protobuf, each with its length and two checksums.
+//!
+//! ```text
+//! u64  length of the event          little-endian
+//! u32  masked CRC-32C of the length
+//! ...  the event
+//! u32  masked CRC-32C of the event
+//! ```
+//!
+//! A file is only ever appended to, a record in one call. What a kill cuts off is the last record, and every reader
+//! stops before a record that is not whole.
+
+use anyhow::{Context, Result};
+use crc::{CRC_32_ISCSI, Crc, Table};
+use prost::Message;
+use proto::plain_file::open_plain;
+use schema::event::What;
+use schema::session_log::SessionStatus;
+use schema::summary::Value;
+use schema::summary::value::Value as Number;
+use schema::{Event, SessionLog, Summary};
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+mod schema {
+    #![allow(missing_docs, clippy::pedantic, reason = "generated")]
+    include!(concat!(env!("OUT_DIR"), "/tensorboard.rs"));
+}
+
+/// What the names of event files begin with: TensorBoard takes every file whose name holds `tfevents`.
+const PREFIX: &str = "events.out.tfevents.";
+/// Of files in which a start makes void what comes after its step.
+const FILE_VERSION: &str = "brain.Event:2";
+/// Bytes before an event, and after it.
+const HEAD: usize = 12;
+const TAIL: usize = 4;
+/// Added to a checksum after it was turned: a checksum of checksums would be weak.
+const MASK: u32 = 0xa282_ead8;
+
+static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISCSI);
+
+/// Figures of one step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Point {
+    /// Frames trained on.
+    pub step: u64,
+    /// When, seconds since 1970.
+    pub at_unix_s: u64,
+    /// Figures by tag.
+    pub values: BTreeMap<String, f32>,
+}
+
+impl Point {
+    /// Whether both say the same, whenever it was.
+    pub fn is_as(&self, other: &Self) -> bool {
+        let bits = |point: &Self| point.values.values().map(|value| value.to_bits()).collect::<Vec<_>>();
+        self.step == other.step && self.values.keys().eq(other.values.keys()) && bits(self) == bits(other)
+    }
+
+    fn event(&self) -> Event {
+        let value =
+            |(tag, &value): (&String, &f32)| Value { tag: tag.clone(), value: Some(Number::SimpleValue(value)) };
+        event(self.at_unix_s, self.step, What::Summary(Summary { value: self.values.iter().map(value).collect() }))
+    }
+
+    fn of(event: &Event) -> Option<Self> {
+        let Some(What::Summary(summary)) = &event.what else { return None };
+        let value =
+            |value: &Value| value.value.as_ref().map(|Number::SimpleValue(number)| (value.tag.clone(), *number));
+        let values = summary.value.iter().filter_map(value).collect();
+        Some(Self { step: u64::try_from(event.step).ok()?, at_unix_s: event.wall_time as u64, values })
+    }
+}
+
+fn event(at_unix_s: u64, step: u64, what: What) -> Event {
+    Event { wall_time: at_unix_s as f64, step: step as i64, what: Some(what) }
+}
+
+fn masked(bytes: &[u8]) -> u32 {
+    CRC.checksum(bytes).rotate_right(15).wrapping_add(MASK)
+}
+
+/// Adds an event as a record.
+fn add_record(bytes: &mut Vec<u8>, event: &Event) {
+    let content = event.encode_to_vec();
+    let length = (content.len() as u64).to_le_bytes();
+    bytes.extend(length);
+    bytes.extend(masked(&length).to_le_bytes());
+    bytes.extend(&content);
+    bytes.extend(masked(&content).to_le_bytes());
+}
+
+/// The events at the beginning of these bytes, up to the first record that is not whole.
+fn events(mut bytes: &[u8]) -> Vec<Event> {
+    let mut events = Vec::new();
+    let word = |bytes: &[u8]| bytes.try_into().map_or(0, u32::from_le_bytes);
+    while let Some((head, rest)) = bytes.split_at_checked(HEAD) {
+        let (length, checksum) = head.split_at(8);
+        if masked(length) != word(checksum) {
+            break;
+        }
+        let length = length.try_into().map_or(u64::MAX, u64::from_le_bytes) as usize;
+        let Some((content, rest)) = rest.split_at_checked(length) else { break };
+        let Some((checksum, rest)) = rest.split_at_checked(TAIL) else { break };
+        let Ok(event) = Event::decode(content) else { break };
+        if masked(content) != word(checksum) {
+            break;
+        }
+        events.push(event);
+        bytes = rest;
+    }
+    events
+}
+
+/// Event files of a folder in the order in which they are read, with the numbers of their names.
+fn files(folder: &Path) -> Vec<(u64, PathBuf)> {
+    let paths = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let number = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix(PREFIX)?.split('.').next()?.parse().ok();
+    let mut files: Vec<(u64, PathBuf)> = paths.filter_map(|path| Some((number(&path)?, path))).collect();
+    files.sort();
+    files
+}
+
+/// What TensorBoard shows of a folder, in order of steps: a start makes void what was there of its step and later ones.
+pub fn points_in(folder: &Path) -> Vec<Point> {
+    let mut points = BTreeMap::new();
+    for (_, path) in files(folder) {
+        for event in events(&std::fs::read(path).unwrap_or_default()) {
+            if let Some(What::SessionLog(_)) = event.what {
+                drop(points.split_off(&(event.step.max(0) as u64)));
+            } else if let Some(point) = Point::of(&event) {
+                points.insert(point.step, point);
+            }
+        }
+    }
+    points.into_values().collect()
+}
+
+/// A file that is written.
+#[derive(Debug)]
+pub struct EventFile {
+    file: File,
+    path: PathBuf,
+}
+
+impl EventFile {
+    /// Begins a new file, which is read after all that are in the folder; `void_from`: what was written of this step
+    /// and later ones does not count.
+    pub fn create(folder: &Path, name: &str, at_unix_s: u64, void_from: Option<u64>) -> Result<Self> {
+        let parent = folder.parent().unwrap_or(folder);
+        for made in [parent, folder] {
+            match std::fs::create_dir(made) {
+                Err(error) if error.kind() == ErrorKind::AlreadyExists && made.is_dir() && !made.is_symlink() => {}
+                made_now => made_now.with_context(|| format!("cannot create {}", made.display()))?,
+            }
+        }
+        // The clock can have been set back meanwhile.
+        let newest = files(folder).last().map_or(0, |(number, _)| number + 1);
+        let number = at_unix_s.max(newest);
+        let path = folder.join(format!("{PREFIX}{number:010}.{name}"));
+        let mut options = OpenOptions::new();
+        let file = open_plain(&path, options.append(true).create_new(true))
+            .with_context(|| format!("cannot create {}", path.display()))?;
+        let mut bytes = Vec::new();
+        add_record(&mut bytes, &event(at_unix_s, 0, What::FileVersion(FILE_VERSION.to_owned())));
+        if let Some(step) = void_from {
+            let start = SessionLog { status: SessionStatus::Start.into() };
+            add_record(&mut bytes, &event(at_unix_s, step, What::SessionLog(start)));
+        }
+        let mut begun = Self { file, path };
+        begun.write(&bytes)?;
+        Ok(begun)
+    }
+
+    /// Adds these points.
+    pub fn append(&mut self, points: &[Point]) -> Result<()> {
+        let mut bytes = Vec::new();
+        points.iter().for_each(|point| add_record(&mut bytes, &point.event()));
+        self.write(&bytes)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        self.file.write_all(bytes).with_context(|| format!("cannot write {}", self.path.display()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(step: u64, value: f32) -> Point {
+        Point { step, at_unix_s: 1_763_800_000 + step, values: BTreeMap::from([("charts/a".to_owned(), value)]) }
+    }
+
+    fn file(folder: &Path, void_from: Option<u64>) -> EventFile {
+        EventFile::create(folder, "lab7.001", 1_763_800_000, void_from).unwrap()
+    }
+
+    #[test]
+    fn a_file_is_that_of_tensorboards_own_writer_byte_for_byte() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path().join("stage-1-I");
+        let mut written = EventFile::create(&folder, "lab7.002", 1_763_800_000, Some(2433)).unwrap();
+        let values = [("charts/episodic_return", -0.062_5), ("charts/SPS", 1253.0), ("losses/policy_loss", 1e-8)];
+        let values = values.map(|(tag, value)| (tag.to_owned(), value));
+        let first = Point { step: 4864, at_unix_s: 1_763_800_060, values: BTreeMap::from(values) };
+        written.append(&[first, point(7296, f32::NAN), point(45_000_000, 0.0)]).unwrap();
+        let path = files(&folder).pop().unwrap().1;
+        let reference = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/reference/tensorboard");
+        assert_eq!(path.file_name(), Some(std::ffi::OsStr::new("events.out.tfevents.1763800000.lab7.002")));
+        assert_eq!(std::fs::read(path).unwrap(), std::fs::read(reference.join("written.tfevents")).unwrap());
+    }
+
+    #[test]
+    fn what_a_kill_cuts_off_costs_the_last_record_alone() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path().join("stage");
+        file(&folder, None).append(&[point(1, 0.5), point(2, 1.5)]).unwrap();
+        let path = files(&folder).pop().unwrap().1;
+        let whole = std::fs::read(&path).unwrap();
+        assert_eq!(points_in(&folder), [point(1, 0.5), point(2, 1.5)]);
+        let last = whole.len() - {
+            let mut record = Vec::new();
+            add_record(&mut record, &point(2, 1.5).event());
+            record.len()
+        };
+        for length in last..whole.len() {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            assert_eq!(points_in(&folder), [point(1, 0.5)], "{length} bytes of {}", whole.len());
+        }
+        for damaged in last..whole.len() {
+            let mut bytes = whole.clone();
+            bytes[damaged] ^= 4;
+            std::fs::write(&path, bytes).unwrap();
+            assert_eq!(points_in(&folder), [point(1, 0.5)], "byte {damaged} is damaged");
+        }
+    }
+
+    #[test]
+    fn a_start_voids_its_step_and_later_ones_and_a_new_file_is_read_last() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path().join("stage");
+        file(&folder, None).append(&[point(10, 1.0), point(20, 2.0), point(30, 3.0)]).unwrap();
+        // In the same second.
+        file(&folder, Some(20)).append(&[point(25, 4.0)]).unwrap();
+        assert_eq!(points_in(&folder), [point(10, 1.0), point(25, 4.0)]);
+        let numbers: Vec<u64> = files(&folder).into_iter().map(|(number, _)| number).collect();
+        assert_eq!(numbers, [1_763_800_000, 1_763_800_001]);
+    }
+
+    #[test]
+    fn nothing_is_written_through_a_link() {
+        let [temporary, elsewhere] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        let folder = temporary.path().join("stage");
+        std::os::unix::fs::symlink(elsewhere.path(), &folder).unwrap();
+        let error = EventFile::create(&folder, "lab7.001", 1, None).unwrap_err();
+        assert!(format!("{error:#}").contains("cannot create"), "{error:#}");
+        assert_eq!(std::fs::read_dir(elsewhere.path()).unwrap().count(), 0);
+    }
+}

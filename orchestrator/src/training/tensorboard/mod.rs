@@ -1,0 +1,196 @@
+//! The figures of a run as TensorBoard event files ([`events`]): a folder for each stage, because each has a reward of
+//! its own, and one for the validations. Steps are frames.
+//!
+//! Whenever a learner begins, the files are compared with what `metrics.jsonl` says by then: a new file voids what was
+//! written and does not count any more, and has what was never written. So the state is in the files alone, and
+//! whoever is killed, each step is shown once. A board that cannot be written costs a warning, never the run.
+
+mod events;
+
+use crate::run::identity::{host_name, unix_now};
+use crate::training::scores::Score;
+use anyhow::Result;
+use events::{EventFile, Point, points_in};
+use proto::config::StageConfig;
+use proto::metric;
+use proto::run_folder::RunFolder;
+use proto::trained::{History, Trained};
+use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
+
+/// Tags that others use, too (CleanRL's); every other figure keeps its name.
+const TAGS: [(&str, &str); 16] = [
+    (metric::EPISODES, "charts/episodes"),
+    (metric::RETURN, "charts/episodic_return"),
+    (metric::LENGTH, "charts/episodic_length"),
+    (metric::SUCCESS, "charts/success_rate"),
+    (metric::SUCCESS_UNDISTURBED, "charts/success_without_disturbance_rate"),
+    (metric::PICKED_UP, "charts/picked_up_rate"),
+    (metric::DISTURBANCE, "charts/disturbance_m"),
+    (metric::REWARD, "charts/reward"),
+    (metric::LEARNING_RATE, "charts/learning_rate"),
+    (metric::POLICY_LOSS, "losses/policy_loss"),
+    (metric::VALUE_LOSS, "losses/value_loss"),
+    (metric::AUXILIARY_LOSS, "losses/auxiliary_loss"),
+    (metric::ENTROPY, "losses/entropy"),
+    (metric::CLIP_FRACTION, "losses/clipfrac"),
+    (metric::APPROXIMATE_KL, "losses/approx_kl"),
+    (metric::GRADIENT_NORM, "losses/gradient_norm"),
+];
+
+/// Name of the validations' folder.
+const VALIDATION: &str = "validation";
+
+/// Writes the event files of a run.
+#[derive(Debug)]
+pub struct Board {
+    root: PathBuf,
+    /// Folders of the stages, in order.
+    stages: Vec<String>,
+    /// What comes behind the time in the names of files.
+    name: String,
+    /// Files of this start, by folder.
+    files: HashMap<String, EventFile>,
+    /// Validations that were written; none before the first look.
+    validated: Option<usize>,
+    /// Something could not be written: nothing more is, until a learner begins.
+    given_up: bool,
+}
+
+impl Board {
+    /// Of a run with these stages; nothing is written yet.
+    pub fn of(folder: &RunFolder, stages: &[StageConfig], incarnation: u32) -> Self {
+        let plain = |name: &str| name.replace(|letter: char| !letter.is_ascii_alphanumeric(), "-");
+        let stage = |(number, stage): (usize, &StageConfig)| format!("stage-{}-{}", number + 1, plain(&stage.name));
+        Self {
+            root: folder.tensorboard(),
+            stages: stages.iter().enumerate().map(stage).collect(),
+            name: format!("{}.{incarnation:03}", host_name()),
+            files: HashMap::new(),
+            validated: None,
+            given_up: false,
+        }
+    }
+
+    /// A learner begins: from now on the files say what this history says.
+    pub fn begin(&mut self, history: &History) {
+        self.given_up = false;
+        self.attempt(|board| board.agree(history));
+    }
+
+    /// The newest rollout of the history was trained.
+    pub fn rollout(&mut self, history: &History) {
+        self.attempt(|board| {
+            let mut newest = history.iter().rev();
+            let Some(trained) = newest.next() else { return Ok(()) };
+            let point = point_of(newest.next(), trained);
+            board.add(&board.stage(trained), &point)
+        });
+    }
+
+    /// These validations are known.
+    pub fn validations(&mut self, scores: &[Score]) {
+        if self.validated == Some(scores.len()) {
+            return;
+        }
+        self.attempt(|board| {
+            let mut wanted: Vec<Point> = scores.iter().map(point_of_score).collect();
+            wanted.sort_by_key(|point| point.step);
+            board.have_say(VALIDATION, &wanted)?;
+            board.validated = Some(scores.len());
+            Ok(())
+        });
+    }
+
+    fn attempt(&mut self, write: impl FnOnce(&mut Self) -> Result<()>) {
+        if self.given_up {
+            return;
+        }
+        if let Err(error) = write(self) {
+            self.given_up = true;
+            tracing::warn!("TensorBoard's files are not written until a learner begins again: {error:#}");
+        }
+    }
+
+    fn stage(&self, trained: &Trained) -> String {
+        let number = trained.stage as usize;
+        self.stages.get(number).cloned().unwrap_or_else(|| format!("stage-{}", number + 1))
+    }
+
+    fn agree(&mut self, history: &History) -> Result<()> {
+        // A stage without rollouts has nothing to say: what it said before a learner went back is void.
+        let mut wanted: BTreeMap<String, Vec<Point>> =
+            self.stages.iter().map(|stage| (stage.clone(), vec![])).collect();
+        let mut before = None;
+        for trained in history.iter() {
+            wanted.entry(self.stage(trained)).or_default().push(point_of(before, trained));
+            before = Some(trained);
+        }
+        wanted.iter().try_for_each(|(folder, points)| self.have_say(folder, points))
+    }
+
+    /// Has the files of a folder say these points and no others.
+    fn have_say(&mut self, folder: &str, wanted: &[Point]) -> Result<()> {
+        let written = points_in(&self.root.join(folder));
+        let same = wanted.iter().zip(&written).take_while(|(wanted, written)| wanted.is_as(written)).count();
+        if same == written.len() {
+            return wanted[same..].iter().try_for_each(|point| self.add(folder, point));
+        }
+        let step = |points: &[Point]| points.get(same).map_or(u64::MAX, |point| point.step);
+        self.files.remove(folder);
+        let void_from = Some(step(wanted).min(step(&written)));
+        let mut file = EventFile::create(&self.root.join(folder), &self.name, unix_now(), void_from)?;
+        file.append(&wanted[same..])?;
+        self.files.insert(folder.to_owned(), file);
+        Ok(())
+    }
+
+    fn add(&mut self, folder: &str, point: &Point) -> Result<()> {
+        if !self.files.contains_key(folder) {
+            let file = EventFile::create(&self.root.join(folder), &self.name, unix_now(), None)?;
+            self.files.insert(folder.to_owned(), file);
+        }
+        self.files.get_mut(folder).map_or(Ok(()), |file| file.append(std::slice::from_ref(point)))
+    }
+}
+
+/// A rollout's figures; `before`: the one that is known before it.
+fn point_of(before: Option<&Trained>, trained: &Trained) -> Point {
+    let tag = |name: &str| TAGS.iter().find(|(metric, _)| *metric == name).map_or(name, |(_, tag)| tag).to_owned();
+    let mut values: BTreeMap<String, f32> =
+        trained.metrics.iter().map(|(name, &value)| (tag(name), value as f32)).collect();
+    let timing = &trained.timing;
+    let frames_before = match before {
+        Some(before) => (before.rollout + 1 == trained.rollout).then_some(before.frames),
+        None => (trained.rollout == 0).then_some(0),
+    };
+    let frames = frames_before.and_then(|before| trained.frames.checked_sub(before));
+    if let Some(frames) = frames.filter(|_| timing.total_s() > 0.0) {
+        values.insert("charts/SPS".to_owned(), (frames as f64 / timing.total_s()) as f32);
+    }
+    for (tag, seconds) in [
+        ("time/simulate_s", timing.simulate_s),
+        ("time/infer_s", timing.infer_s),
+        ("time/update_s", timing.update_s),
+        ("time/other_s", timing.other_s),
+    ] {
+        values.insert(tag.to_owned(), seconds as f32);
+    }
+    Point { step: trained.frames, at_unix_s: trained.at_unix_s, values }
+}
+
+fn point_of_score(score: &Score) -> Point {
+    let values = [
+        ("charts/success_rate", score.success),
+        ("charts/success_without_disturbance_rate", score.success_without_disturbance),
+        ("charts/picked_up_rate", score.picked_up),
+        ("charts/episodic_length", score.length),
+        ("charts/disturbance_m", score.disturbance_m),
+        ("charts/disturbed_objects", score.disturbed_objects),
+    ];
+    let values = values.map(|(tag, value)| (tag.to_owned(), value as f32));
+    Point { step: score.frames, at_unix_s: score.at_unix_s, values: BTreeMap::from(values) }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,220 @@
+//! `/metrics`: how all runs stand, in Prometheus' text format. Pure.
+//!
+//! Names carry their unit, and every one of them a help and a type. Values that are not known are left out.
+
+use crate::data::{Card, Live, Problem, Runs, Worker};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// What an answer is, for Prometheus.
+pub const CONTENT_KIND: &str = "text/plain; version=0.0.4; charset=utf-8";
+
+/// A run through more kitchens is not told of by kitchen: each would be three series for ever.
+const KITCHENS_MAX: usize = 128;
+
+/// What all samples of a name have in common.
+struct Family {
+    name: &'static str,
+    help: &'static str,
+    kind: &'static str,
+    samples: Vec<(Vec<(&'static str, String)>, f64)>,
+}
+
+impl Family {
+    fn gauge(name: &'static str, help: &'static str) -> Self {
+        Self { name, help, kind: "gauge", samples: Vec::new() }
+    }
+
+    fn add(&mut self, labels: Vec<(&'static str, String)>, value: impl Into<Option<f64>>) {
+        self.samples.extend(value.into().map(|value| (labels, value)));
+    }
+
+    fn write(&self, text: &mut String) -> std::fmt::Result {
+        if self.samples.is_empty() {
+            return Ok(());
+        }
+        let Self { name, help, kind, samples } = self;
+        writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}")?;
+        for (labels, value) in samples {
+            let pair = |(label, value): &(&str, String)| format!("{label}=\"{}\"", escaped(value));
+            let labels: Vec<String> = labels.iter().map(pair).collect();
+            let labels = if labels.is_empty() { String::new() } else { format!("{{{}}}", labels.join(",")) };
+            let value = match value {
+                value if value.is_nan() => "NaN".to_owned(),
+                value if value.is_infinite() => if *value > 0.0 { "+Inf" } else { "-Inf" }.to_owned(),
+                value => value.to_string(),
+            };
+            writeln!(text, "{name}{labels} {value}")?;
+        }
+        Ok(())
+    }
+}
+
+fn escaped(value: &str) -> String {
+    value.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n")
+}
+
+/// Reads all runs, those that go on in full.
+pub fn read(runs: &dyn Runs) -> Result<String, Problem> {
+    let mut lives = BTreeMap::new();
+    let cards = runs.list();
+    for card in cards.iter().filter(|card| card.state == "running") {
+        // One that cannot be read any more is in the list with its problem.
+        if let Ok(live) = runs.live(&card.id) {
+            lives.insert(card.id.as_str(), live);
+        }
+    }
+    Ok(exposition(&cards, &lives))
+}
+
+/// These runs; `lives`: how those that go on stand.
+fn exposition(cards: &[Card], lives: &BTreeMap<&str, Live>) -> String {
+    let mut families = of_cards(cards);
+    families.extend(of_progress(lives));
+    families.extend(of_learning(lives));
+    families.extend(of_machine(lives));
+    let mut text = String::new();
+    for family in &families {
+        // Writing into a string does not fail.
+        let _ = family.write(&mut text);
+    }
+    text
+}
+
+fn of_run(run: &str) -> Vec<(&'static str, String)> {
+    vec![("run", run.to_owned())]
+}
+
+fn with(run: &str, label: &'static str, value: impl ToString) -> Vec<(&'static str, String)> {
+    vec![("run", run.to_owned()), (label, value.to_string())]
+}
+
+fn of_cards(cards: &[Card]) -> Vec<Family> {
+    let mut info = Family::gauge("stillroom_run_info", "What a run or an evaluation is; always 1.");
+    let mut running = Family::gauge("stillroom_run_running", "1 while an orchestrator works on it.");
+    let mut created = Family::gauge("stillroom_run_created_timestamp_seconds", "When it was made.");
+    let mut frames = Family::gauge("stillroom_run_frames", "Frames trained on; falls when a learner goes back.");
+    let mut budget = Family::gauge("stillroom_run_budget_frames", "Frames that it is to be trained on.");
+    let mut played = Family::gauge("stillroom_evaluation_episodes", "Episodes that an evaluation has played.");
+    let mut asked = Family::gauge("stillroom_evaluation_budget_episodes", "Episodes that it is to play.");
+    let mut success = Family::gauge("stillroom_run_success_ratio", "Share of successful episodes lately, 0 to 1.");
+    let mut undisturbed = Family::gauge(
+        "stillroom_run_success_without_disturbance_ratio",
+        "Share of episodes that succeeded without disturbance lately, 0 to 1.",
+    );
+    let mut disturbance =
+        Family::gauge("stillroom_run_disturbance_meters", "Mean displacement at the end of episodes lately.");
+    let mut left = Family::gauge("stillroom_run_left_seconds", "Time left at the rate of the moment.");
+    for card in cards {
+        let run = || of_run(&card.id);
+        let kind = if card.evaluation { "evaluation" } else { "training" };
+        let what = [("preset", card.preset.clone()), ("seed", card.seed.to_string()), ("state", card.state.clone())];
+        info.add(run().into_iter().chain(what).chain([("kind", kind.to_owned())]).collect(), 1.0);
+        running.add(run(), f64::from(u8::from(card.state == "running")));
+        created.add(run(), card.created_unix_s as f64);
+        let (done, of) = if card.evaluation { (&mut played, &mut asked) } else { (&mut frames, &mut budget) };
+        done.add(run(), card.done as f64);
+        of.add(run(), card.budget as f64);
+        success.add(run(), card.success);
+        undisturbed.add(run(), card.success_without_disturbance);
+        disturbance.add(run(), card.disturbance_m);
+        left.add(run(), card.left_s);
+    }
+    vec![info, running, created, frames, budget, played, asked, success, undisturbed, disturbance, left]
+}
+
+fn of_progress(lives: &BTreeMap<&str, Live>) -> Vec<Family> {
+    let mut rate = Family::gauge("stillroom_run_frames_per_second", "Frames a second lately, updates included.");
+    let mut shares = Family::gauge("stillroom_run_time_ratio", "Share of a learner's time by what it does, 0 to 1.");
+    let mut wall = Family::gauge("stillroom_run_wall_seconds", "Wall time of all its starts together.");
+    let mut stage = Family::gauge("stillroom_run_stage", "Stage of the newest rollout, from 1, with its name.");
+    let mut rollouts = Family::gauge("stillroom_run_rollouts", "Rollouts trained on; falls when a learner goes back.");
+    let mut starts = Family::gauge("stillroom_run_starts", "Starts of its orchestrator.");
+    for (run, live) in lives {
+        rate.add(of_run(run), live.frames_per_s);
+        for (part, share) in ["simulate", "infer", "update"].into_iter().zip(live.shares) {
+            shares.add(with(run, "part", part), share);
+        }
+        wall.add(of_run(run), live.wall_s);
+        if let Some((number, of)) = live.stage.and_then(|number| Some((number, live.stages.get(number)?))) {
+            stage.add(with(run, "name", &of.name), number as f64 + 1.0);
+        }
+        rollouts.add(of_run(run), live.rollouts as f64);
+        starts.add(of_run(run), live.starts.len() as f64);
+    }
+    vec![rate, shares, wall, stage, rollouts, starts]
+}
+
+fn of_learning(lives: &BTreeMap<&str, Live>) -> Vec<Family> {
+    let mut figures = Family::gauge("stillroom_rollout_figure", "A figure of the newest rollout, by its name.");
+    let [mut success, mut undisturbed, mut disturbance] = [
+        ("stillroom_kitchen_success_ratio", "Share of successful episodes among a kitchen's newest, 0 to 1."),
+        (
+            "stillroom_kitchen_success_without_disturbance_ratio",
+            "Share of episodes among a kitchen's newest that succeeded without disturbance, 0 to 1.",
+        ),
+        ("stillroom_kitchen_disturbance_meters", "Mean displacement at the end of a kitchen's newest episodes."),
+    ]
+    .map(|(name, help)| Family::gauge(name, help));
+    let [mut validated, mut validated_undisturbed, mut validated_at] = [
+        ("stillroom_validation_success_ratio", "Share of successful episodes in the newest validation, 0 to 1."),
+        (
+            "stillroom_validation_success_without_disturbance_ratio",
+            "Share of episodes in the newest validation that succeeded without disturbance, 0 to 1.",
+        ),
+        ("stillroom_validation_frames", "Frames that the newest validation's weights were trained on."),
+    ]
+    .map(|(name, help)| Family::gauge(name, help));
+    for (run, live) in lives {
+        for (name, value) in &live.newest {
+            figures.add(with(run, "figure", name), f64::from(*value));
+        }
+        let kitchens = if live.kitchens.len() > KITCHENS_MAX { &[] } else { &live.kitchens[..] };
+        for kitchen in kitchens.iter().filter(|kitchen| kitchen.episodes > 0) {
+            let labels = || with(run, "kitchen", kitchen.kitchen);
+            success.add(labels(), kitchen.success);
+            undisturbed.add(labels(), kitchen.success_without_disturbance);
+            disturbance.add(labels(), kitchen.disturbance_m);
+        }
+        if let Some(newest) = live.validation.iter().max_by_key(|validated| validated.frames) {
+            validated.add(of_run(run), newest.success);
+            validated_undisturbed.add(of_run(run), newest.success_without_disturbance);
+            validated_at.add(of_run(run), newest.frames as f64);
+        }
+    }
+    vec![figures, success, undisturbed, disturbance, validated, validated_undisturbed, validated_at]
+}
+
+fn of_machine(lives: &BTreeMap<&str, Live>) -> Vec<Family> {
+    let mut up = Family::gauge("stillroom_process_up", "1 while a process of a run lives on this machine.");
+    let mut cpu = Family::gauge("stillroom_process_cpu_cores", "Processor cores that a process uses.");
+    let mut memory = Family::gauge("stillroom_process_memory_bytes", "Memory that only this process has.");
+    let mut starts = Family::gauge("stillroom_process_starts", "How often a process was started, all starts included.");
+    let mut cores = Family::gauge("stillroom_machine_cores", "Processor cores of this machine.");
+    let mut busy = Family::gauge("stillroom_gpu_busy_ratio", "Share of the time in which a kernel ran, 0 to 1.");
+    let mut used = Family::gauge("stillroom_gpu_memory_used_bytes", "Memory of a GPU that is in use.");
+    let mut total = Family::gauge("stillroom_gpu_memory_bytes", "Memory of a GPU.");
+    for (run, live) in lives {
+        for worker in &live.workers {
+            let labels = |worker: &Worker| with(run, "process", &worker.name);
+            up.add(labels(worker), f64::from(u8::from(worker.pid.is_some())));
+            cpu.add(labels(worker), worker.cores);
+            memory.add(labels(worker), worker.memory_bytes.map(|bytes| bytes as f64));
+            starts.add(labels(worker), f64::from(worker.starts));
+        }
+    }
+    // All runs of this machine see the same of it.
+    if let Some(live) = lives.values().find(|live| live.cores.is_some()) {
+        cores.add(Vec::new(), live.cores.map(|cores| cores as f64));
+        for gpu in &live.gpus {
+            let labels = || vec![("gpu", gpu.index.to_string()), ("name", gpu.name.clone())];
+            busy.add(labels(), gpu.busy);
+            used.add(labels(), gpu.used_mib as f64 * f64::from(1 << 20));
+            total.add(labels(), gpu.total_mib as f64 * f64::from(1 << 20));
+        }
+    }
+    vec![up, cpu, memory, starts, cores, busy, used, total]
+}
+
+#[cfg(test)]
+mod tests;
