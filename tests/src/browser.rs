@@ -158,7 +158,8 @@ impl Browser {
     pub fn value(&mut self, expression: &str) -> Value {
         let parameters = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
         let mut result = self.call("Runtime.evaluate", &parameters);
-        assert!(result["exceptionDetails"].is_null(), "{expression}: {}", result["exceptionDetails"]);
+        let said: String = expression.chars().take(200).collect();
+        assert!(result["exceptionDetails"].is_null(), "{said}: {}", result["exceptionDetails"]);
         result["result"]["value"].take()
     }
 

@@ -31,7 +31,7 @@ fn the_pictures_of_the_documents_are_made_where_they_are_asked_for() {
     browser.wait_for("document.querySelector('table.episodes tr.link a')");
     browser.value("document.querySelector('table.episodes tr.link a').click()");
     browser.wait_for("document.querySelector('canvas.orbit')?.dataset.fine === '0'");
-    browser.resize(1080, 720);
+    browser.resize(940, 700);
     browser.press("End");
     browser.wait_for(
         "document.querySelector('canvas.orbit').dataset.fine === document.querySelector('input[type=range]').max",
