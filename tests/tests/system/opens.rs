@@ -6,6 +6,7 @@ use system_tests::{Foxglove, RecordedSteps, Viewer, Workshop, complete, finish, 
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 2;
+const FRAMES: u64 = 1200;
 
 /// What a channel's messages are, by the schema that it is offered with.
 fn descriptor(foxglove: &mut Foxglove, topic: &str) -> MessageDescriptor {
@@ -33,11 +34,12 @@ fn list_length(message: &DynamicMessage, field: &str) -> usize {
 #[test]
 fn a_run_is_live_in_foxglove_with_the_topics_of_its_recordings() {
     let workshop = Workshop::new();
-    let alone = complete(workshop.up("alone", ACTORS, ENVIRONMENTS, 600)).result();
-    let child = start(workshop.up("runs/live", ACTORS, ENVIRONMENTS, 600));
+    let alone = complete(workshop.up("alone", ACTORS, ENVIRONMENTS, FRAMES)).result();
+    std::fs::create_dir(workshop.path("runs")).expect("a folder");
+    let viewer = Viewer::start(&workshop, &[]);
+    let child = start(workshop.up("runs/live", ACTORS, ENVIRONMENTS, FRAMES));
     let run = workshop.run("runs/live");
-    run.wait_for_rollouts(1);
-    let viewer = Viewer::start(&workshop, &["runs"]);
+    wait_until("it is in the list", || viewer.json("/api/runs").as_array().is_some_and(|runs| !runs.is_empty()));
     let mut foxglove = Foxglove::connect(&viewer.address, "/foxglove/live", "").expect("a WebSocket");
     let topics =
         ["/step", "/learner/metrics", "/watch/scene", "/watch/tf", "/watch/depth/image", "/watch/depth/points"];
@@ -71,7 +73,7 @@ fn a_run_is_live_in_foxglove_with_the_topics_of_its_recordings() {
             .is_some_and(|data| data.as_bytes().is_some_and(|data| data.len() > 12_000))
     );
     assert_eq!(finish(child).result(), alone, "whoever looks, the weights are the same");
-    assert!(RecordedSteps::of(&run).messages >= 600);
+    assert!(RecordedSteps::of(&run).messages >= FRAMES);
     drop(foxglove);
 
     // One that ended is shown, too; `/foxglove` means the newest. Pages of others are not answered.
