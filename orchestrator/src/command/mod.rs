@@ -4,6 +4,7 @@ pub mod clean;
 pub mod config;
 pub mod doctor;
 pub mod eval;
+pub mod export;
 mod host_flags;
 pub mod import;
 pub mod kitchens;
