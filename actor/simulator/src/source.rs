@@ -87,7 +87,7 @@ fn kept(lot: Lot, config: &Config, folder: &Path) -> Option<Preserve> {
             let path = path.display();
             match problem {
                 PreserveError::Checksum | PreserveError::Impossible => {
-                    tracing::warn!("{path} is damaged and is made anew: {problem}")
+                    tracing::warn!("{path} is damaged and is made anew: {problem}");
                 }
                 PreserveError::Version | PreserveError::Other => tracing::debug!("{path} is made anew: {problem}"),
             }

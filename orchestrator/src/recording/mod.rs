@@ -19,6 +19,7 @@ mod tests;
 pub mod wanted;
 
 use crate::showing::format;
+use proto::bounded;
 use proto::run_folder::RunFolder;
 use reader::RecordingError;
 use serde::Serialize;
@@ -79,7 +80,7 @@ impl Recordings {
         let newest = files.iter().rfind(|file| file.starts_with(folder.recordings())).or(files.last())?.clone();
         let bytes = files.iter().filter_map(|file| Some(std::fs::metadata(file).ok()?.len())).sum();
         let locked = |file: File| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
-        let being_written = File::open(&newest).is_ok_and(locked);
+        let being_written = bounded::open(&newest).is_ok_and(locked);
         Some(Self { files: files.len(), bytes, newest, being_written })
     }
 
