@@ -5,10 +5,12 @@
 
 mod browser;
 mod recorded;
+mod terminal;
 mod viewer;
 
 pub use browser::Browser;
 pub use recorded::RecordedSteps;
+pub use terminal::Terminal;
 pub use viewer::{Answer, Viewer};
 
 use proto::run_folder::RunFolder;

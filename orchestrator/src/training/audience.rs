@@ -3,11 +3,12 @@
 use crate::recording::recorder::Recorder;
 use crate::run::identity::unix_now;
 use crate::supervisor::shell::Audience;
+use crate::training::events;
 use crate::training::metrics::Journal;
 use crate::training::progress::Progress;
 use crate::training::validation::Validation;
 use anyhow::Result;
-use proto::config::Config;
+use proto::config::{Config, StageConfig};
 use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
 use proto::trained::Trained;
@@ -20,6 +21,7 @@ pub struct TrainingAudience {
     /// `metrics.jsonl`.
     pub journal: Journal,
     incarnation: u32,
+    stages: Vec<StageConfig>,
     progress: Progress,
     validation: Option<Validation>,
 }
@@ -30,6 +32,7 @@ impl TrainingAudience {
         Ok(Self {
             journal: Journal::open(folder)?,
             incarnation,
+            stages: config.stages.clone(),
             progress: Progress::new(config.stages.clone()),
             validation: Validation::open(folder, config)?,
         })
@@ -68,6 +71,7 @@ impl Audience for TrainingAudience {
             }
             _ => {}
         }
+        events::learner(event, &self.stages, &self.journal.history);
         Ok(())
     }
 

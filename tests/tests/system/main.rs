@@ -14,6 +14,8 @@ mod procedural;
 mod recordings;
 mod same_weights;
 mod suite;
+mod tables;
+mod terminal;
 mod view;
 mod view_page;
 mod whole_run;
