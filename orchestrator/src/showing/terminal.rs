@@ -15,7 +15,7 @@ use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::FormatTime;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
-use tracing_subscriber::{EnvFilter, Layer, Registry};
+use tracing_subscriber::{Layer, Registry};
 
 struct State {
     /// Lines of progress on the screen now.
@@ -37,8 +37,8 @@ fn state() -> MutexGuard<'static, State> {
 ///
 /// `also` receives them, too. `STILLROOM_LOG` filters all.
 pub fn init(verbose: bool, also: Box<dyn Layer<Registry> + Send + Sync>) {
-    let default = if verbose { "debug,iceoryx2=error" } else { "info,iceoryx2=error" };
-    let filter = EnvFilter::try_from_env(wire::logging::FILTER_VARIABLE).unwrap_or_else(|_| EnvFilter::new(default));
+    let default = if verbose { tracing::Level::DEBUG } else { tracing::Level::INFO };
+    let (filter, problem) = wire::logging::filter(default);
     let terminal = tracing_subscriber::fmt::layer()
         .with_target(false)
         .with_timer(SinceStart(Instant::now()))
@@ -52,6 +52,9 @@ pub fn init(verbose: bool, also: Box<dyn Layer<Registry> + Send + Sync>) {
         .with_filter(tracing_subscriber::filter::LevelFilter::DEBUG);
     // A second call (tests) changes nothing.
     let _ = tracing_subscriber::registry().with(also).with(filter).with(terminal).with(file).try_init();
+    if let Some(problem) = problem {
+        tracing::warn!("{problem}");
+    }
 }
 
 /// From now on the log is also appended to `file`.

@@ -59,12 +59,15 @@ pub fn carry_out(fault: Fault, folder: &Path, place: &Place, session: &mut Sessi
         Fault::Kill(who) => landed(hit(who, Signal::KILL)),
         Fault::Terminate(who) => landed(hit(who, Signal::TERM)),
         Fault::Interrupt => landed(signal(first, Signal::INT)),
-        Fault::KillTwo(one, other) => {
-            let found = [one, other].map(find);
-            let killed = found.map(|pid| pid.is_some_and(|pid| signal(pid, Signal::KILL)));
-            landed(killed == [true, true])
-        }
-        Fault::KillAll => landed(kill_all(folder, first, || Ok(()))? > 1),
+        // Both or none: what has been struck alone would count as undisturbed.
+        Fault::KillTwo(one, other) => match [one, other].map(find) {
+            [Some(one), Some(other)] => {
+                let killed = [one, other].map(|pid| signal(pid, Signal::KILL));
+                landed(killed.contains(&true))
+            }
+            _ => Fate::Missed,
+        },
+        Fault::KillAll => landed(kill_all(folder, first, || Ok(()))? > 0),
         Fault::LosePower => {
             let disk = place.disk().context("a case in which the power fails has a disk of its own")?;
             let killed = kill_all(folder, first, || disk.fail())?;
@@ -73,7 +76,7 @@ pub fn carry_out(fault: Fault, folder: &Path, place: &Place, session: &mut Sessi
             }
             wait_for_end(folder)?;
             disk.restore()?;
-            landed(killed > 1)
+            landed(killed > 0)
         }
         Fault::KillAgain(who, ms) => match kill_and_await(who, folder, session)? {
             None => Fate::Missed,

@@ -29,6 +29,19 @@ fn mistakes_on_the_command_line() {
 }
 
 #[test]
+fn a_filter_of_the_log_is_heard_and_a_wrong_one_named() {
+    let workshop = Workshop::new();
+    let told = |filter: &str| {
+        let printed = complete(workshop.orchestrator(&["presets"]).env("STILLROOM_LOG", filter));
+        assert!(printed.success, "{printed:#?}");
+        printed.stderr
+    };
+    let wrong = told("orchestrator=loud");
+    assert!(wrong.contains("STILLROOM_LOG is not a filter and is ignored"), "{wrong}");
+    assert_eq!(told("warn,wire=debug"), "");
+}
+
+#[test]
 fn an_unknown_key_is_named_with_file_line_and_neighbour() {
     let workshop = Workshop::new();
     std::fs::write(workshop.path("wrong.toml"), "[ppo]\n\nlerning_rate = 1\n").unwrap();
