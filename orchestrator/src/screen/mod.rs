@@ -12,6 +12,3 @@ pub mod session;
 
 #[cfg(test)]
 mod tests;
-
-#[cfg(test)]
-mod tests;

@@ -57,8 +57,8 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
     let frames = model.curves.frames.last().copied().unwrap_or(0);
     let label = |value: f64| match number {
         1 => format!("{:.0}%", 100.0 * value),
-        2 => format!("{value:.2}"),
-        _ => format!("{value:.1}"),
+        0 if greatest - least > 5.0 => format!("{value:.1}"),
+        _ => format!("{value:.2}"),
     };
     let x = Axis::default().bounds([0.0, frames.max(1) as f64]).labels(["0".to_owned(), short(frames)]);
     let y = Axis::default().bounds([least, greatest]).labels([label(least), label(greatest)]);
@@ -90,9 +90,9 @@ pub fn processes(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     // Whatever is scrolled away, the last line stays at the bottom.
     let first = model.scrolled.min(live.workers.len().saturating_sub(height));
     let rows = live.workers.iter().skip(first).map(process_row);
-    let widths = [14, 8, 6, 6, 5].map(Constraint::Length);
+    let widths = [12, 7, 6, 6, 5].map(Constraint::Length);
     let head = Row::new(["process", "pid", "incarn", "starts", "cores"]).bold();
-    let table = Table::new(rows, widths).header(head).column_spacing(0).block(Block::bordered().title(title));
+    let table = Table::new(rows, widths).header(head).block(Block::bordered().title(title));
     frame.render_widget(table, area);
 }
 

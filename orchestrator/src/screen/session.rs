@@ -169,14 +169,15 @@ mod tests {
         let name = ptsname(&terminal, Vec::new()).unwrap().into_string().unwrap();
         let line = File::options().read(true).write(true).open(name).unwrap();
         let before = format!("{:?}", tcgetattr(&line).unwrap());
-        let mut child = Command::new(std::env::current_exe().unwrap());
-        child.args(["--exact", "screen::session::tests::a_panic_gives_the_terminal_back_before_its_message"]);
-        child.args(["--nocapture", "--test-threads=1"]).env(CHILD, "yes").env_remove("RUST_BACKTRACE");
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["--exact", "screen::session::tests::a_panic_gives_the_terminal_back_before_its_message"]);
+        command.args(["--nocapture", "--test-threads=1"]).env(CHILD, "yes").env_remove("RUST_BACKTRACE");
         let copy = || line.try_clone().unwrap();
-        let mut child = child.stdin(copy()).stdout(copy()).stderr(copy()).spawn().unwrap();
+        let mut child = command.stdin(copy()).stdout(copy()).stderr(copy()).spawn().unwrap();
         assert!(!child.wait().unwrap().success());
         assert_eq!(format!("{:?}", tcgetattr(&line).unwrap()), before, "modes of the terminal");
-        drop(line);
+        // Whoever holds a descriptor of its other side keeps a terminal from ending.
+        drop((line, command));
         let mut bytes = Vec::new();
         // Without anybody on its other side a terminal ends with an error.
         let _ = File::from(terminal).read_to_end(&mut bytes);

@@ -113,7 +113,7 @@ pub fn interactive() -> bool {
 }
 
 /// How many characters a line of progress can have.
-pub fn columns() -> usize {
+fn columns() -> usize {
     let size = rustix::termios::tcgetwinsize(std::io::stderr());
     size.map_or(80, |size| usize::from(size.ws_col)).max(20) - 1
 }

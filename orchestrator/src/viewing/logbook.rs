@@ -31,7 +31,7 @@ fn logs_in(folder: &std::path::Path) -> Vec<(String, PathBuf)> {
 /// A line of a log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Entry {
-    /// When: what the line begins with, or the line with a time before it. Sorts by time.
+    /// When: what the line begins with, or the last line before it that has a time. Sorts by time.
     pub at: String,
     /// Whose.
     pub process: String,
@@ -69,7 +69,8 @@ impl Logbook {
         self.wanted.iter().filter(|wanted| !has(wanted)).map(String::as_str).collect()
     }
 
-    /// The lines that are new, by time. A line without one, such as those of a panic, stays behind the line before it.
+    /// The lines that are new, by time. A line without one, such as those of a panic, stays behind the line before it, or
+    /// comes first.
     pub fn read(&mut self) -> std::io::Result<Vec<Entry>> {
         let mut entries = Vec::new();
         for (name, path) in logs_of(&self.folder) {
@@ -78,18 +79,12 @@ impl Logbook {
             }
             let book =
                 self.books.entry(name.clone()).or_insert_with(|| Book { tail: Tail::of(path), at: String::new() });
-            let first = entries.len();
             for line in book.tail.read()?.lines {
                 let line = String::from_utf8_lossy(&line).into_owned();
                 if let Some(at) = time_of(&line) {
                     at.clone_into(&mut book.at);
                 }
                 entries.push(Entry { at: book.at.clone(), process: name.clone(), line });
-            }
-            // What comes before the first time, such as the note of a start, belongs to it.
-            if let Some(known) = entries[first..].iter().position(|entry: &Entry| !entry.at.is_empty()) {
-                let at = entries[first + known].at.clone();
-                entries[first..first + known].iter_mut().for_each(|entry| entry.at.clone_from(&at));
             }
         }
         entries.sort_by(|a, b| a.at.cmp(&b.at));
@@ -152,9 +147,9 @@ mod tests {
         assert_eq!(
             lines(&mut book),
             [
+                "learner-0 one",
                 "orchestrator begin",
                 "agent-1 joined",
-                "learner-0 one",
                 "learner-0 two",
                 "learner-0 panic",
                 "actor-07 late",

@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
+use std::path::Path;
 use std::process::Command;
 use system_tests::{Workshop, complete, finish, start};
 
@@ -125,4 +126,50 @@ fn shells_and_man_get_all_commands() {
     let commands = listed.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
     // `help` is no command of ours; the program has a page, too.
     assert_eq!(count, commands.filter(|line| line.starts_with("  ") && !line.starts_with("   ")).count());
+}
+
+/// Of a checkout with our program, and others that do nothing.
+#[test]
+fn an_installation_brings_pages_and_completions_and_takes_them_away() {
+    let workshop = Workshop::new();
+    let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    for folder in ["deploy", "target/release", ".torch/libtorch/lib"] {
+        std::fs::create_dir_all(workshop.path(folder)).expect("a folder");
+    }
+    std::fs::copy(sources.join("deploy/install"), workshop.path("deploy/install")).expect("the script");
+    std::fs::copy(system_tests::binary("orchestrator"), workshop.path("target/release/orchestrator"))
+        .expect("a program");
+    for program in ["actor", "learner"] {
+        std::fs::copy("/bin/true", workshop.path("target/release").join(program)).expect("a program");
+    }
+    std::fs::write(workshop.path(".torch/libtorch/build-version"), "0").expect("a file");
+    let foreign = workshop.path("prefix/share/man/man1/other.1");
+    std::fs::create_dir_all(foreign.parent().expect("a folder")).expect("a folder");
+    std::fs::write(&foreign, "not ours").expect("a file");
+    let install = |more: &[&str]| {
+        let script = workshop.path("deploy/install");
+        let output = Command::new("sh").arg(script).args(more).arg(workshop.path("prefix")).output().expect("a shell");
+        (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    assert_eq!(install(&[]), (true, String::new()));
+    let files = [
+        ("man/man1/orchestrator-resume.1", ".TH orchestrator-resume 1 "),
+        ("bash-completion/completions/orchestrator", "complete -F _orchestrator"),
+        ("zsh/site-functions/_orchestrator", "#compdef orchestrator"),
+        ("fish/vendor_completions.d/orchestrator.fish", "complete -c orchestrator"),
+    ];
+    for (place, expected) in files {
+        let path = workshop.path("prefix/share").join(place);
+        let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        assert!(text.contains(expected), "{place}: {text}");
+    }
+    assert_eq!(install(&["-u"]), (true, String::new()));
+    let left = Command::new("find").arg(workshop.path("prefix")).args(["-not", "-type", "d"]).output().expect("find");
+    assert_eq!(String::from_utf8_lossy(&left.stdout).trim(), foreign.display().to_string());
+    // What is somebody else's stays.
+    let page = workshop.path("prefix/share/man/man1/orchestrator.1");
+    std::fs::write(&page, "not ours either").expect("a file");
+    let (success, error) = install(&[]);
+    assert!(!success && error.contains("exists and is not Stillroom's"), "{error}");
+    assert_eq!(std::fs::read_to_string(&page).expect("a file"), "not ours either");
 }
