@@ -6,6 +6,7 @@ pub mod completions;
 pub mod config;
 pub mod doctor;
 pub mod eval;
+pub mod export;
 mod host_flags;
 pub mod import;
 pub mod kitchens;

@@ -1,0 +1,99 @@
+//! The page that goes with a policy: what it takes and gives, in which units, and ten lines that let it act.
+
+use crate::policy::Policy;
+use proto::action::{Action, ActionSpace};
+use proto::config::{CarriedGoal, GoalCoordinates};
+use std::fmt::Write;
+
+/// What somebody who has only `model` (its file's name), an ONNX model of this policy, needs to know; Markdown.
+pub fn guide(policy: &Policy, model: &str) -> String {
+    let network = &policy.config.network;
+    let space = policy.config.episode.action_space.actions();
+    let (hidden, actions) = (network.hidden, space.len());
+    let manifest = &policy.manifest;
+    let held = match policy.carried_goal() {
+        CarriedGoal::GoalToObject => "object - goal",
+        CarriedGoal::ObjectToGoal => "goal - object",
+    };
+    let mut text = format!(
+        "# {model}
+
+A policy of Stillroom after {frames} frames of training: one step of any number of environments. Weights
+`{digest}`.
+
+| input | type | shape | |
+|---|---|---|---|
+| depth | uint16 | rows, 224, 224 | millimetres, row by row from the top, of a camera with 100 degrees of view |
+| goal | float32 | rows, 3 | metres in the robot's frame (x right, y up, z ahead): object - wrist; while the object is held {held} |
+",
+        frames = manifest.frames,
+        digest = manifest.weights,
+    );
+    if network.goal == GoalCoordinates::Cartesian {
+        text = text.replace("; while the object", "; the network takes absolute values; while the object");
+    }
+    let mut line = |text_of: std::fmt::Arguments| {
+        // Writing into a String cannot fail.
+        let _ = writeln!(text, "{text_of}");
+    };
+    if network.previous_action {
+        line(format_args!("| previous_action | int64 | rows | number of the last action; {actions} at first |"));
+    }
+    line(format_args!("| belief | float32 | rows, {hidden} | zeros at first, then next_belief of the step before |"));
+    line(format_args!(
+        "
+| output | type | shape | |
+|---|---|---|---|
+| log_probs | float32 | rows, {actions} | log-probabilities of the actions; training and evaluation sample |
+| value | float32 | rows | the critic's estimate of the discounted return |
+| next_belief | float32 | rows, {hidden} | |
+
+Actions by number: {names}. The file's metadata hold these names and the units, too.
+
+With `pip install onnxruntime` and the package `stillroom`:
+",
+        names = space.iter().map(|action| action.name()).collect::<Vec<_>>().join(", "),
+    ));
+    text.push_str(&program(policy, model, space));
+    text
+}
+
+fn program(policy: &Policy, model: &str, space: &[Action]) -> String {
+    let episode = &policy.config.episode;
+    let names = if policy.config.network.previous_action {
+        r#"("depth", "goal", "previous_action")"#
+    } else {
+        r#"("depth", "goal")"#
+    };
+    format!(
+        r#"```python
+import numpy, onnxruntime, stillroom
+
+policy, random = onnxruntime.InferenceSession("{model}"), numpy.random.default_rng(1)
+env = stillroom.ArmPointNav(
+    7, action_space="{action_space}", carried_goal="{carried_goal}", max_steps={max_steps},
+    start_distance_max_m={start}, goal_distance_max_m={goal},
+)
+observation, info = env.reset(seed=1)
+belief, ended = numpy.zeros((1, {hidden}), numpy.float32), False
+while not ended:
+    rows = {{name: numpy.expand_dims(observation[name], 0) for name in {names}}}
+    log_probs, value, belief = policy.run(None, rows | {{"belief": belief}})
+    action = random.choice({actions}, p=numpy.exp(log_probs[0]) / numpy.exp(log_probs[0]).sum())
+    observation, reward, terminated, truncated, info = env.step(action)
+    ended = terminated or truncated
+print("success" if info["success"] else "failure", "after", info["step"], "steps")
+```
+"#,
+        action_space = match episode.action_space {
+            ActionSpace::Large => "large",
+            ActionSpace::Small => "small",
+        },
+        carried_goal = policy.carried_goal(),
+        max_steps = episode.max_steps,
+        start = episode.start_distance_max_m,
+        goal = episode.goal_distance_max_m,
+        hidden = policy.config.network.hidden,
+        actions = space.len(),
+    )
+}

@@ -1,0 +1,142 @@
+//! A graph as it grows: every operator's result gets a name, by which later ones take it.
+
+use super::message::{
+    Attribute, AttributeType, Dimension, Element, Graph, Node, Shape, Tensor, TensorType, Type, Value,
+};
+
+/// Name of the dimension that a caller chooses.
+const ROWS: &str = "rows";
+
+/// A result's name.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Name(String);
+
+/// An operator's parameter.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Parameter<'a> {
+    Float(&'a str, f32),
+    Int(&'a str, i64),
+    Ints(&'a str, &'a [i64]),
+}
+
+impl Parameter<'_> {
+    fn attribute(self) -> Attribute {
+        let (name, kind) = match self {
+            Self::Float(name, _) => (name, AttributeType::Float),
+            Self::Int(name, _) => (name, AttributeType::Int),
+            Self::Ints(name, _) => (name, AttributeType::Ints),
+        };
+        let mut attribute = Attribute { name: name.to_owned(), kind: kind.into(), ..Attribute::default() };
+        match self {
+            Self::Float(_, value) => attribute.f = Some(value),
+            Self::Int(_, value) => attribute.i = Some(value),
+            Self::Ints(_, values) => attribute.ints = values.to_vec(),
+        }
+        attribute
+    }
+}
+
+/// The graph so far.
+#[derive(Debug)]
+pub(super) struct Builder {
+    graph: Graph,
+    /// What new results are part of; only for those who look at the graph.
+    part: String,
+}
+
+impl Builder {
+    pub fn new(name: &str) -> Self {
+        Self { graph: Graph { name: name.to_owned(), ..Graph::default() }, part: String::new() }
+    }
+
+    /// The following operators belong to this part of the network.
+    pub fn part(&mut self, path: &str) {
+        path.clone_into(&mut self.part);
+    }
+
+    /// An input \[rows, sizes...\].
+    pub fn input(&mut self, name: &str, element: Element, sizes: &[i64], doc: &str) -> Name {
+        self.graph.input.push(value(name, element, sizes, doc));
+        Name(name.to_owned())
+    }
+
+    /// A result becomes the model's output \[rows, sizes...\], float32, under this name.
+    pub fn output(&mut self, result: &Name, name: &str, sizes: &[i64], doc: &str) {
+        self.graph.node.push(Node {
+            input: vec![result.0.clone()],
+            output: vec![name.to_owned()],
+            name: format!("output.{name}"),
+            op_type: "Identity".into(),
+            attribute: vec![],
+        });
+        self.graph.output.push(value(name, Element::Float, sizes, doc));
+    }
+
+    /// Numbers that do not change.
+    pub fn floats(&mut self, name: &str, shape: &[i64], values: &[f32]) -> Name {
+        let bytes = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        self.initializer(name, Element::Float, shape, bytes)
+    }
+
+    /// One number, which goes with any shape.
+    pub fn float(&mut self, value: f32) -> Name {
+        self.floats(&format!("float.{value}"), &[], &[value])
+    }
+
+    /// Whole numbers that do not change.
+    pub fn integers(&mut self, values: &[i64]) -> Name {
+        let name = values.iter().map(ToString::to_string).collect::<Vec<_>>().join(",");
+        let bytes = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        self.initializer(&format!("integers.{name}"), Element::Int64, &[values.len() as i64], bytes)
+    }
+
+    fn initializer(&mut self, name: &str, element: Element, shape: &[i64], raw_data: Vec<u8>) -> Name {
+        // A name that is there already is the same number again.
+        if !self.graph.initializer.iter().any(|there| there.name == name) {
+            let tensor = Tensor { dims: shape.to_vec(), data_type: element.into(), name: name.to_owned(), raw_data };
+            self.graph.initializer.push(tensor);
+        }
+        Name(name.to_owned())
+    }
+
+    /// An operator's only result.
+    pub fn apply(&mut self, operator: &str, inputs: &[&Name], parameters: &[Parameter]) -> Name {
+        let output = format!("{}.{}.{operator}", self.part, self.graph.node.len());
+        self.push(operator, inputs, parameters, vec![output.clone()]);
+        Name(output)
+    }
+
+    /// The second of an operator's results; the first is not used.
+    pub fn apply_second(&mut self, operator: &str, inputs: &[&Name], parameters: &[Parameter]) -> Name {
+        let output = format!("{}.{}.{operator}", self.part, self.graph.node.len());
+        self.push(operator, inputs, parameters, vec![String::new(), output.clone()]);
+        Name(output)
+    }
+
+    fn push(&mut self, operator: &str, inputs: &[&Name], parameters: &[Parameter], output: Vec<String>) {
+        self.graph.node.push(Node {
+            input: inputs.iter().map(|input| input.0.clone()).collect(),
+            name: output.last().cloned().unwrap_or_default(),
+            output,
+            op_type: operator.to_owned(),
+            attribute: parameters.iter().map(|parameter| parameter.attribute()).collect(),
+        });
+    }
+
+    /// What stands for an input that an operator does without.
+    pub fn none() -> Name {
+        Name(String::new())
+    }
+
+    pub fn finish(self) -> Graph {
+        self.graph
+    }
+}
+
+fn value(name: &str, element: Element, sizes: &[i64], doc: &str) -> Value {
+    let rows = Dimension { dim_value: None, dim_param: Some(ROWS.to_owned()) };
+    let sizes = sizes.iter().map(|&size| Dimension { dim_value: Some(size), dim_param: None });
+    let shape = Shape { dim: std::iter::once(rows).chain(sizes).collect() };
+    let tensor = TensorType { elem_type: element.into(), shape: Some(shape) };
+    Value { name: name.to_owned(), kind: Some(Type { tensor_type: Some(tensor) }), doc_string: doc.to_owned() }
+}

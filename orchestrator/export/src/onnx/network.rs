@@ -1,0 +1,335 @@
+//! The network as a graph (`docs/method.md`, Network). Names of weights are those of checkpoints.
+
+use super::build::Parameter::{Float, Int, Ints};
+use super::build::{Builder, Name};
+use super::message::{Element, Graph};
+use crate::policy::{Policy, PolicyError};
+use proto::camera::FRAME_SIDE;
+use proto::config::{Encoder, GoalCoordinates};
+use std::f32::consts::{FRAC_PI_2, PI};
+
+type Result<T> = std::result::Result<T, PolicyError>;
+
+/// Millimetres to the network's input: (metres - 0.5) / 0.25.
+const SCALE: f32 = 1.0 / 250.0;
+const OFFSET: f32 = -2.0;
+
+const GROUPS: usize = 16;
+const EPSILON: f32 = 1e-5;
+const VISUAL: usize = 512;
+const GOAL: [usize; 2] = [100, 32];
+const PREVIOUS_ACTION: usize = 16;
+/// (outputs, size, stride) of the small encoder's convolutions.
+const CNN: [(usize, usize, usize); 3] = [(32, 8, 4), (64, 4, 2), (32, 3, 1)];
+
+/// A network that grows, and the weights that go into it.
+struct Maker<'a> {
+    policy: &'a Policy,
+    builder: Builder,
+}
+
+/// Images \[rows, channels, side, side\].
+struct Images {
+    name: Name,
+    channels: usize,
+    side: usize,
+}
+
+/// A convolution.
+#[derive(Clone, Copy)]
+struct Convolution {
+    outputs: usize,
+    size: usize,
+    stride: usize,
+    padding: usize,
+}
+
+/// The graph of a policy.
+pub(super) fn graph(policy: &Policy) -> Result<Graph> {
+    let network = &policy.config.network;
+    let (hidden, actions) = (network.hidden as usize, policy.config.episode.action_space.actions().len());
+    let mut maker = Maker { policy, builder: Builder::new("policy") };
+    let side = FRAME_SIDE as i64;
+    let depth = maker.builder.input("depth", Element::Uint16, &[side, side], "Depth, millimetres.");
+    let goal = maker.builder.input(
+        "goal",
+        Element::Float,
+        &[3],
+        "Where to go, in the robot's frame (x right, y up, z ahead), metres: from the wrist to the object, and while \
+         the object is held between object and goal (see carried_goal).",
+    );
+    let previous = network.previous_action.then(|| {
+        let doc = "The last action's number; the number of actions where an episode begins.";
+        maker.builder.input("previous_action", Element::Int64, &[], doc)
+    });
+    let doc = "The GRU's state: zeros where an episode begins, then next_belief of the step before.";
+    let belief = maker.builder.input("belief", Element::Float, &[hidden as i64], doc);
+
+    let frames = maker.frames(&depth, network.input_pool as usize);
+    let mut parts = vec![maker.encoder(network.encoder, frames)?, maker.goal(network.goal, &goal)?];
+    let mut width = VISUAL + GOAL[1];
+    if let Some(previous) = previous {
+        parts.push(maker.previous_action(&previous, actions)?);
+        width += PREVIOUS_ACTION;
+    }
+    maker.builder.part("embedding");
+    let embedding = maker.builder.apply("Concat", &parts.iter().collect::<Vec<_>>(), &[Int("axis", 1)]);
+    let next = maker.belief(&embedding, &belief, [width, hidden])?;
+    let logits = maker.linear("actor", &next, [hidden, actions])?;
+    let log_probs = maker.builder.apply("LogSoftmax", &[&logits], &[Int("axis", -1)]);
+    let value = maker.linear("critic", &next, [hidden, 1])?;
+    let last = maker.builder.integers(&[1]);
+    let value = maker.builder.apply("Squeeze", &[&value, &last], &[]);
+    maker.builder.output(&log_probs, "log_probs", &[actions as i64], "Log-probabilities of the actions.");
+    maker.builder.output(&value, "value", &[], "The critic's estimate of the discounted return.");
+    maker.builder.output(&next, "next_belief", &[hidden as i64], "The belief for the next step.");
+    Ok(maker.builder.finish())
+}
+
+impl Maker<'_> {
+    /// Raw depth \[rows, 224, 224\] to the encoder's input: averaged over `pool` pixels each way, normalised.
+    fn frames(&mut self, depth: &Name, pool: usize) -> Images {
+        let builder = &mut self.builder;
+        builder.part("frames");
+        let depth = builder.apply("Cast", &[depth], &[Int("to", Element::Float as i64)]);
+        let channel = builder.integers(&[1]);
+        let mut frames = builder.apply("Unsqueeze", &[&depth, &channel], &[]);
+        if pool > 1 {
+            let size = [pool as i64; 2];
+            frames = builder.apply("AveragePool", &[&frames], &[Ints("kernel_shape", &size), Ints("strides", &size)]);
+        }
+        let (scale, offset) = (builder.float(SCALE), builder.float(OFFSET));
+        let scaled = builder.apply("Mul", &[&frames, &scale], &[]);
+        let name = builder.apply("Add", &[&scaled, &offset], &[]);
+        Images { name, channels: 1, side: FRAME_SIDE / pool }
+    }
+
+    /// \[rows, 1, side, side\] → \[rows, 512\].
+    fn encoder(&mut self, encoder: Encoder, frames: Images) -> Result<Name> {
+        let (linear, features) = match encoder {
+            Encoder::Resnet => ("visual_encoder.fc.1", self.resnet(&frames)?),
+            Encoder::Cnn => ("visual_encoder.cnn.6", self.cnn(frames)?),
+        };
+        let flat = self.builder.apply("Flatten", &[&features.name], &[Int("axis", 1)]);
+        let inputs = features.channels * features.side * features.side;
+        let visual = self.linear(linear, &flat, [inputs, VISUAL])?;
+        Ok(self.builder.apply("Relu", &[&visual], &[]))
+    }
+
+    fn cnn(&mut self, frames: Images) -> Result<Images> {
+        let mut x = frames;
+        for (index, (outputs, size, stride)) in CNN.into_iter().enumerate() {
+            // Every second entry of PyTorch's Sequential is a rectifier; none follows the third convolution.
+            let path = format!("visual_encoder.cnn.{}", 2 * index);
+            x = self.convolution(&path, &x, Convolution { outputs, size, stride, padding: 0 }, true)?;
+            if index < 2 {
+                x.name = self.builder.apply("Relu", &[&x.name], &[]);
+            }
+        }
+        Ok(x)
+    }
+
+    fn resnet(&mut self, frames: &Images) -> Result<Images> {
+        let path = "visual_encoder.backbone";
+        let stem = Convolution { outputs: 32, size: 7, stride: 2, padding: 3 };
+        let mut x = self.normalised(&format!("{path}.conv1"), 0, frames, stem, GROUPS)?;
+        x.name = self.builder.apply("Relu", &[&x.name], &[]);
+        let parameters = [Ints("kernel_shape", &[3, 3]), Ints("strides", &[2, 2]), Ints("pads", &[1; 4])];
+        x.name = self.builder.apply("MaxPool", &[&x.name], &parameters);
+        x.side = x.side.div_ceil(2);
+        for stage in 0..4 {
+            for index in 0..2 {
+                let stride = if stage > 0 && index == 0 { 2 } else { 1 };
+                x = self.block(&format!("{path}.layer{}.{index}", stage + 1), &x, 32 << stage, stride)?;
+            }
+        }
+        let compression = Convolution { outputs: 128, size: 3, stride: 1, padding: 1 };
+        let mut x = self.normalised("visual_encoder.compression", 0, &x, compression, 1)?;
+        x.name = self.builder.apply("Relu", &[&x.name], &[]);
+        Ok(x)
+    }
+
+    /// Two 3 × 3 convolutions and a way around them.
+    fn block(&mut self, path: &str, x: &Images, outputs: usize, stride: usize) -> Result<Images> {
+        let convolution = |size, stride| Convolution { outputs, size, stride, padding: size / 2 };
+        let mut through = self.normalised(&format!("{path}.convs"), 0, x, convolution(3, stride), GROUPS)?;
+        through.name = self.builder.apply("Relu", &[&through.name], &[]);
+        let mut through = self.normalised(&format!("{path}.convs"), 3, &through, convolution(3, 1), GROUPS)?;
+        let around = if stride != 1 || x.channels != outputs {
+            self.normalised(&format!("{path}.downsample"), 0, x, convolution(1, stride), GROUPS)?.name
+        } else {
+            x.name.clone()
+        };
+        let sum = self.builder.apply("Add", &[&through.name, &around], &[]);
+        through.name = self.builder.apply("Relu", &[&sum], &[]);
+        Ok(through)
+    }
+
+    /// A convolution without bias, entry `index` of a Sequential, and the group normalisation that follows it.
+    fn normalised(
+        &mut self,
+        path: &str,
+        index: usize,
+        x: &Images,
+        convolution: Convolution,
+        groups: usize,
+    ) -> Result<Images> {
+        let x = self.convolution(&format!("{path}.{index}"), x, convolution, false)?;
+        self.group_norm(&format!("{path}.{}", index + 1), &x, groups)
+    }
+
+    fn convolution(&mut self, path: &str, x: &Images, of: Convolution, bias: bool) -> Result<Images> {
+        self.builder.part(path);
+        let shape = [of.outputs, x.channels, of.size, of.size];
+        let weight = self.weight(&format!("{path}.weight"), &shape)?;
+        let bias = bias.then(|| self.weight(&format!("{path}.bias"), &[of.outputs])).transpose()?;
+        let inputs: Vec<&Name> = [&x.name, &weight].into_iter().chain(&bias).collect();
+        let parameters = [
+            Ints("kernel_shape", &[of.size as i64; 2]),
+            Ints("strides", &[of.stride as i64; 2]),
+            Ints("pads", &[of.padding as i64; 4]),
+        ];
+        let name = self.builder.apply("Conv", &inputs, &parameters);
+        Ok(Images { name, channels: of.outputs, side: (x.side + 2 * of.padding - of.size) / of.stride + 1 })
+    }
+
+    /// Group normalisation out of instance normalisation, which more runtimes have: each group is one instance.
+    fn group_norm(&mut self, path: &str, x: &Images, groups: usize) -> Result<Images> {
+        self.builder.part(path);
+        let (channels, side) = (x.channels as i64, x.side as i64);
+        // 0 keeps the number of rows.
+        let grouped = self.builder.integers(&[0, groups as i64, -1]);
+        let back = self.builder.integers(&[0, channels, side, side]);
+        let ones = self.builder.floats(&format!("ones.{groups}"), &[groups as i64], &vec![1.0; groups]);
+        let zeros = self.builder.floats(&format!("zeros.{groups}"), &[groups as i64], &vec![0.0; groups]);
+        let groups = self.builder.apply("Reshape", &[&x.name, &grouped], &[]);
+        let parameters = [Float("epsilon", EPSILON)];
+        let normal = self.builder.apply("InstanceNormalization", &[&groups, &ones, &zeros], &parameters);
+        let normal = self.builder.apply("Reshape", &[&normal, &back], &[]);
+        let of_channel = [channels, 1, 1];
+        let mut name = normal;
+        for (kind, operator) in [("weight", "Mul"), ("bias", "Add")] {
+            let weight = format!("{path}.{kind}");
+            let values = self.policy.weight(&weight, &[x.channels])?;
+            let weight = self.builder.floats(&weight, &of_channel, values);
+            name = self.builder.apply(operator, &[&name, &weight], &[]);
+        }
+        Ok(Images { name, ..*x })
+    }
+
+    /// Goal \[rows, 3\], metres → \[rows, 32\].
+    fn goal(&mut self, coordinates: GoalCoordinates, goal: &Name) -> Result<Name> {
+        self.builder.part("goal");
+        let given = match coordinates {
+            GoalCoordinates::Cartesian => self.builder.apply("Abs", &[goal], &[]),
+            GoalCoordinates::Polar => self.polar(goal),
+        };
+        let first = self.linear("goal_embedder.0", &given, [3, GOAL[0]])?;
+        let rectified = self.builder.apply("LeakyRelu", &[&first], &[Float("alpha", 0.01)]);
+        self.linear("goal_embedder.2", &rectified, GOAL)
+    }
+
+    /// (ρ, elevation / (π/2), azimuth / π) with elevation = atan2(z, hypot(x, y)) and azimuth = atan2(y, x).
+    fn polar(&mut self, goal: &Name) -> Name {
+        let builder = &mut self.builder;
+        let mut axis = |index: i64| {
+            let (from, to, axis) = (builder.integers(&[index]), builder.integers(&[index + 1]), builder.integers(&[1]));
+            builder.apply("Slice", &[goal, &from, &to, &axis], &[])
+        };
+        let [x, y, z] = [axis(0), axis(1), axis(2)];
+        let mut norm = |of: &[&Name]| {
+            let squares: Vec<Name> = of.iter().map(|axis| builder.apply("Mul", &[axis, axis], &[])).collect();
+            let sum = builder.apply("Sum", &squares.iter().collect::<Vec<_>>(), &[]);
+            builder.apply("Sqrt", &[&sum], &[])
+        };
+        let (distance, level) = (norm(&[&x, &y, &z]), norm(&[&x, &y]));
+        let (elevation, azimuth) = (self.atan2(&z, &level), self.atan2(&y, &x));
+        let builder = &mut self.builder;
+        let (quarter, half) = (builder.float(FRAC_PI_2), builder.float(PI));
+        let elevation = builder.apply("Div", &[&elevation, &quarter], &[]);
+        let azimuth = builder.apply("Div", &[&azimuth, &half], &[]);
+        builder.apply("Concat", &[&distance, &elevation, &azimuth], &[Int("axis", 1)])
+    }
+
+    /// ONNX has no atan2: the arc tangent of the smaller part by the larger one, in the right eighth of the circle.
+    fn atan2(&mut self, y: &Name, x: &Name) -> Name {
+        let builder = &mut self.builder;
+        let (across, along) = (builder.apply("Abs", &[y], &[]), builder.apply("Abs", &[x], &[]));
+        let small = builder.apply("Min", &[&across, &along], &[]);
+        let large = builder.apply("Max", &[&across, &along], &[]);
+        // Nothing by nothing is nothing.
+        let least = builder.float(f32::MIN_POSITIVE);
+        let large = builder.apply("Max", &[&large, &least], &[]);
+        let ratio = builder.apply("Div", &[&small, &large], &[]);
+        let angle = builder.apply("Atan", &[&ratio], &[]);
+        let (quarter, half, zero) = (builder.float(FRAC_PI_2), builder.float(PI), builder.float(0.0));
+        let steep = builder.apply("Greater", &[&across, &along], &[]);
+        let other = builder.apply("Sub", &[&quarter, &angle], &[]);
+        let angle = builder.apply("Where", &[&steep, &other, &angle], &[]);
+        let behind = builder.apply("Less", &[x, &zero], &[]);
+        let other = builder.apply("Sub", &[&half, &angle], &[]);
+        let angle = builder.apply("Where", &[&behind, &other, &angle], &[]);
+        let below = builder.apply("Less", &[y, &zero], &[]);
+        let other = builder.apply("Neg", &[&angle], &[]);
+        builder.apply("Where", &[&below, &other, &angle], &[])
+    }
+
+    /// The last action's number → \[rows, 16\].
+    fn previous_action(&mut self, previous: &Name, actions: usize) -> Result<Name> {
+        let path = "previous_action_embedder.weight";
+        self.builder.part(path);
+        let table = self.policy.weight(path, &[actions + 1, PREVIOUS_ACTION])?;
+        // In the table "none yet" is the first row, in observations the last number.
+        let (none, rows) = table.split_at(PREVIOUS_ACTION);
+        let table = [rows, none].concat();
+        let table = self.builder.floats(path, &[actions as i64 + 1, PREVIOUS_ACTION as i64], &table);
+        Ok(self.builder.apply("Gather", &[&table, previous], &[Int("axis", 0)]))
+    }
+
+    /// One step of the GRU: embedding \[rows, inputs\] and belief \[rows, hidden\] → belief.
+    fn belief(&mut self, embedding: &Name, belief: &Name, [inputs, hidden]: [usize; 2]) -> Result<Name> {
+        self.builder.part("belief");
+        let mut matrix = |name: &str, columns: usize| -> Result<Name> {
+            let path = format!("belief.{name}");
+            let values = reset_after_update(self.policy.weight(&path, &[3 * hidden, columns])?);
+            Ok(self.builder.floats(&path, &[1, 3 * hidden as i64, columns as i64], &values))
+        };
+        let (input, recurrent) = (matrix("weight_ih_l0", inputs)?, matrix("weight_hh_l0", hidden)?);
+        let bias: Vec<f32> = ["bias_ih_l0", "bias_hh_l0"]
+            .map(|name| Ok(reset_after_update(self.policy.weight(&format!("belief.{name}"), &[3 * hidden])?)))
+            .into_iter()
+            .collect::<Result<Vec<_>>>()?
+            .concat();
+        let builder = &mut self.builder;
+        let bias = builder.floats("belief.bias", &[1, 6 * hidden as i64], &bias);
+        let first = builder.integers(&[0]);
+        let (sequence, state) =
+            (builder.apply("Unsqueeze", &[embedding, &first], &[]), builder.apply("Unsqueeze", &[belief, &first], &[]));
+        let next = builder.apply_second(
+            "GRU",
+            &[&sequence, &input, &recurrent, &bias, &Builder::none(), &state],
+            // As in PyTorch the reset gate works on the product, bias included.
+            &[Int("hidden_size", hidden as i64), Int("linear_before_reset", 1)],
+        );
+        Ok(builder.apply("Squeeze", &[&next, &first], &[]))
+    }
+
+    fn linear(&mut self, path: &str, x: &Name, [inputs, outputs]: [usize; 2]) -> Result<Name> {
+        self.builder.part(path);
+        let weight = self.weight(&format!("{path}.weight"), &[outputs, inputs])?;
+        let bias = self.weight(&format!("{path}.bias"), &[outputs])?;
+        Ok(self.builder.apply("Gemm", &[x, &weight, &bias], &[Int("transB", 1)]))
+    }
+
+    fn weight(&mut self, name: &str, shape: &[usize]) -> Result<Name> {
+        let values = self.policy.weight(name, shape)?;
+        let shape: Vec<i64> = shape.iter().map(|&size| size as i64).collect();
+        Ok(self.builder.floats(name, &shape, values))
+    }
+}
+
+/// Three gates as PyTorch orders them (reset, update, new) in ONNX's order (update, reset, new).
+fn reset_after_update(gates: &[f32]) -> Vec<f32> {
+    let each = gates.len() / 3;
+    [&gates[each..2 * each], &gates[..each], &gates[2 * each..]].concat()
+}

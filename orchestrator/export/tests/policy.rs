@@ -1,0 +1,192 @@
+//! Checkpoints on disk: what is taken out of them, and what is refused. That a model computes what the learner does is
+//! tested with onnxruntime, in `python/tests/test_export.py`.
+
+use export::{Policy, PolicyError, guide, onnx};
+use proto::checkpoint::{Machine, Manifest};
+use proto::config::{CarriedGoal, Config, Encoder, GoalCoordinates};
+use proto::digest::sha256;
+use proto::run_folder::RolloutName;
+use safetensors::Dtype;
+use safetensors::tensor::TensorView;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+const HIDDEN: usize = 8;
+
+/// Bytes of a tensor of a checkpoint, by name.
+type Tensors = BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)>;
+
+fn config() -> Config {
+    let mut config = Config::resolve("demo", None).unwrap();
+    config.network.encoder = Encoder::Cnn;
+    config.network.input_pool = 4;
+    config.network.goal = GoalCoordinates::Polar;
+    config.network.hidden = HIDDEN as u32;
+    config.network.previous_action = true;
+    config
+}
+
+fn tensors(config: &Config) -> Tensors {
+    let actions = config.episode.action_space.actions().len();
+    let mut tensors = Tensors::new();
+    let mut add = |name: &str, shape: &[usize]| {
+        let count: usize = shape.iter().product();
+        let seed = tensors.len() as f32;
+        let bytes = (0..count).flat_map(|index| (seed + index as f32 / 1000.0).to_le_bytes()).collect();
+        tensors.insert(name.to_owned(), (Dtype::F32, shape.to_vec(), bytes));
+    };
+    for (index, shape) in [(0, [32, 1, 8, 8]), (2, [64, 32, 4, 4]), (4, [32, 64, 3, 3])] {
+        add(&format!("model.visual_encoder.cnn.{index}.weight"), &shape);
+        add(&format!("model.visual_encoder.cnn.{index}.bias"), &shape[..1]);
+    }
+    // 56 pixels become 13, 5 and 3.
+    add("model.visual_encoder.cnn.6.weight", &[512, 32 * 9]);
+    add("model.visual_encoder.cnn.6.bias", &[512]);
+    for (name, shape) in [("goal_embedder.0", [100, 3]), ("goal_embedder.2", [32, 100])] {
+        add(&format!("model.{name}.weight"), &shape);
+        add(&format!("model.{name}.bias"), &shape[..1]);
+    }
+    add("model.previous_action_embedder.weight", &[actions + 1, 16]);
+    add("model.belief.weight_ih_l0", &[3 * HIDDEN, 560]);
+    add("model.belief.weight_hh_l0", &[3 * HIDDEN, HIDDEN]);
+    for name in ["bias_ih_l0", "bias_hh_l0"] {
+        add(&format!("model.belief.{name}"), &[3 * HIDDEN]);
+    }
+    for (name, outputs) in [("actor", actions), ("critic", 1)] {
+        add(&format!("model.{name}.weight"), &[outputs, HIDDEN]);
+        add(&format!("model.{name}.bias"), &[outputs]);
+    }
+    // What a checkpoint has besides, and a policy has not.
+    add("model.disturbance_head.weight", &[1, HIDDEN]);
+    add("adam.first", &[7]);
+    tensors
+}
+
+/// Writes a checkpoint and gives its manifest's path.
+fn write(folder: &Path, tensors: &Tensors) -> PathBuf {
+    let views = tensors
+        .iter()
+        .map(|(name, (dtype, shape, bytes))| (name, TensorView::new(*dtype, shape.clone(), bytes).unwrap()));
+    let bytes = safetensors::serialize(views, None).unwrap();
+    let manifest = Manifest {
+        schema_version: proto::SCHEMA_VERSION,
+        run: "0123".into(),
+        rollout: 12,
+        frames: 4000,
+        exchange: 0,
+        stage: 0,
+        stage_end: false,
+        adam_steps: 0,
+        multiplier: 0.0,
+        carried_goal: CarriedGoal::ObjectToGoal,
+        tensors: RolloutName::Tensors.of(12),
+        tensors_bytes: bytes.len() as u64,
+        tensors_sha256: sha256(&bytes),
+        figures_sha256: String::new(),
+        config_sha256: String::new(),
+        config: String::new(),
+        weights: "abcd".into(),
+        machine: Machine {
+            torch: "2.11.0".into(),
+            device: "cpu".into(),
+            threads: 2,
+            arithmetic: "reproducible".into(),
+            learners: 1,
+        },
+        manifest_sha256: String::new(),
+    };
+    std::fs::write(folder.join(RolloutName::Tensors.of(12)), bytes).unwrap();
+    let path = folder.join(RolloutName::Manifest.of(12));
+    std::fs::write(&path, manifest.seal()).unwrap();
+    path
+}
+
+fn read(tensors: &Tensors) -> Result<Policy, PolicyError> {
+    let folder = tempfile::tempdir().unwrap();
+    Policy::read(&write(folder.path(), tensors), config())
+}
+
+#[test]
+fn weights_alone_are_those_that_act() {
+    let folder = tempfile::tempdir().unwrap();
+    let all = tensors(&config());
+    let policy = read(&all).unwrap();
+    let file = folder.path().join("weights.safetensors");
+    policy.save(&file).unwrap();
+    let bytes = std::fs::read(&file).unwrap();
+    let saved = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    let names: BTreeSet<&str> = saved.names().into_iter().collect();
+    let expected: BTreeSet<&str> = all
+        .keys()
+        .filter_map(|name| name.strip_prefix("model."))
+        .filter(|name| !name.starts_with("disturbance"))
+        .collect();
+    assert_eq!(names, expected);
+    for name in names {
+        let (_, shape, bytes) = &all[&format!("model.{name}")];
+        let view = saved.tensor(name).unwrap();
+        assert_eq!((view.shape(), view.data()), (shape.as_slice(), bytes.as_slice()), "{name}");
+    }
+    let count: usize = all.iter().filter(|(name, _)| expected.contains(&name[6..])).map(|(_, t)| t.2.len() / 4).sum();
+    assert_eq!(policy.count(), count);
+    // The same weights give the same file.
+    policy.save(&folder.path().join("again.safetensors")).unwrap();
+    assert_eq!(std::fs::read(folder.path().join("again.safetensors")).unwrap(), bytes);
+}
+
+#[test]
+fn what_is_damaged_or_does_not_fit_is_named() {
+    let whole = tensors(&config());
+    let problem = |change: &dyn Fn(&mut Tensors)| {
+        let mut tensors = whole.clone();
+        change(&mut tensors);
+        match read(&tensors).and_then(|policy| onnx(&policy)) {
+            Ok(_) => String::new(),
+            Err(error) => error.to_string(),
+        }
+    };
+    assert_eq!(problem(&|_| {}), "");
+    let missing = problem(&|tensors| drop(tensors.remove("model.critic.bias")));
+    assert!(missing.ends_with("critic.bias is missing"), "{missing}");
+    let shape = problem(&|tensors| tensors.get_mut("model.goal_embedder.0.weight").unwrap().1 = vec![3, 100]);
+    assert!(shape.ends_with("goal_embedder.0.weight has shape [3, 100], not [100, 3]"), "{shape}");
+    let kind = problem(&|tensors| tensors.get_mut("model.actor.bias").unwrap().0 = Dtype::I32);
+    assert!(kind.ends_with("actor.bias is not float32"), "{kind}");
+    let nan = problem(&|tensors| {
+        tensors.get_mut("model.actor.bias").unwrap().2[..4].copy_from_slice(&f32::NAN.to_le_bytes());
+    });
+    assert!(nan.ends_with("actor.bias holds a number that is not finite"), "{nan}");
+
+    let folder = tempfile::tempdir().unwrap();
+    let manifest = write(folder.path(), &whole);
+    let file = folder.path().join(RolloutName::Tensors.of(12));
+    let mut bytes = std::fs::read(&file).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    std::fs::write(&file, bytes).unwrap();
+    let damaged = Policy::read(&manifest, config()).unwrap_err().to_string();
+    assert!(damaged.contains("rollout-00000012.safetensors is damaged"), "{damaged}");
+    std::fs::remove_file(&file).unwrap();
+    let gone = Policy::read(&manifest, config()).unwrap_err().to_string();
+    assert!(gone.contains("rollout-00000012.safetensors cannot be read"), "{gone}");
+    std::fs::write(&manifest, "{}").unwrap();
+    let torn = Policy::read(&manifest, config()).unwrap_err().to_string();
+    assert!(torn.contains("rollout-00000012.json is not a manifest"), "{torn}");
+}
+
+#[test]
+fn the_page_says_what_the_policy_wants() {
+    let page = guide(&read(&tensors(&config())).unwrap(), "fetch.onnx");
+    let actions = config().episode.action_space.actions();
+    for expected in [
+        "# fetch.onnx",
+        "after 4000 frames",
+        "while the object is held goal - object",
+        &format!("| belief | float32 | rows, {HIDDEN} |"),
+        &format!("| log_probs | float32 | rows, {} |", actions.len()),
+        actions[0].name(),
+        "carried_goal=\"object_to_goal\"",
+        "InferenceSession(\"fetch.onnx\")",
+    ] {
+        assert!(page.contains(expected), "`{expected}` is missing in\n{page}");
+    }
+}

@@ -1,0 +1,172 @@
+"""`orchestrator export`: onnxruntime computes what the learner does, and the page beside a model is true."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file, save_file
+
+from conftest import REPOSITORY, probed, record, weights_of
+
+onnxruntime = pytest.importorskip("onnxruntime")
+
+
+@pytest.fixture(scope="module")
+def programs() -> dict[str, Path]:
+    """The built programs."""
+    found = {}
+    for name in ("orchestrator", "learner"):
+        found[name] = Path(os.environ.get(f"STILLROOM_{name.upper()}", REPOSITORY / "target/release" / name))
+        if not found[name].exists():
+            pytest.skip(f"{found[name]} is not there: make build")
+    return found
+
+
+def orchestrator(programs: dict[str, Path], folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Runs the orchestrator in a folder."""
+    command = [programs["orchestrator"], *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=240)
+
+
+def run_with_weights(
+    programs: dict[str, Path], folder: Path, weights: dict[str, np.ndarray], settings: list[str]
+) -> None:
+    """A run `run` whose checkpoint holds these weights."""
+    save_file(weights, folder / "start.safetensors")
+    options = [word for setting in settings for word in ("--set", setting)]
+    words = ("import", "start.safetensors", "--preset", "demo", "--run", "run")
+    done = orchestrator(programs, folder, *words, *options)
+    assert done.returncode == 0, done.stderr
+
+
+CASES = [
+    # encoder, input_pool, hidden, action space, goal, previous action, steps, columns
+    ("cnn", 4, 64, "large", "polar", True, 250, 4),
+    ("resnet", 2, 128, "small", "polar", True, 16, 64),
+    ("cnn", 2, 32, "small", "cartesian", False, 16, 64),
+]
+
+
+@pytest.mark.parametrize(("encoder", "pool", "hidden", "space", "goal", "previous", "steps", "columns"), CASES)
+def test_a_model_computes_what_the_learner_does(
+    programs: dict[str, Path],
+    kitchens: dict,
+    tmp_path: Path,
+    encoder: str,
+    pool: int,
+    hidden: int,
+    space: str,
+    goal: str,
+    previous: bool,
+    steps: int,
+    columns: int,
+) -> None:
+    actions = {"large": 21, "small": 13}[space]
+    settings = [
+        f"network.encoder={encoder}",
+        f"network.input_pool={pool}",
+        f"network.hidden={hidden}",
+        f"network.goal={goal}",
+        f"network.previous_action={str(previous).lower()}",
+        f"episode.action_space={space}",
+    ]
+    run_with_weights(programs, tmp_path, weights_of(encoder, pool, hidden, actions, previous), settings)
+    for form in ("onnx", "safetensors"):
+        done = orchestrator(programs, tmp_path, "export", "run", "--format", form, "--out", f"policy.{form}")
+        assert done.returncode == 0, done.stderr
+    alone = load_file(tmp_path / "policy.safetensors")
+    start = load_file(tmp_path / "start.safetensors")
+    assert alone.keys() == start.keys()
+    assert all(np.array_equal(alone[name], start[name]) for name in start)
+
+    batch = record(steps, columns, space, kitchens[1])
+    expected = probed(programs["learner"], tmp_path, "policy.safetensors", batch, goal)
+    policy = onnxruntime.InferenceSession(tmp_path / "policy.onnx", providers=["CPUExecutionProvider"])
+    names = {value.name for value in policy.get_inputs()}
+    assert names == {"depth", "goal", "belief"} | ({"previous_action"} if previous else set())
+    facts = policy.get_modelmeta().custom_metadata_map
+    assert len(json.loads(facts["actions"])) == actions
+    assert (facts["depth_unit"], facts["goal_unit"]) == ("millimetre", "metre")
+
+    def play(chosen: slice) -> tuple[np.ndarray, np.ndarray]:
+        """Log-probabilities and values of some columns, one after the other in time."""
+        belief = np.zeros((len(range(columns)[chosen]), hidden), np.float32)
+        log_probs, values = [], []
+        for step in range(steps):
+            belief[batch["episode_start"][step][chosen]] = 0
+            rows = {
+                "depth": batch["frames"][step][chosen].astype(np.uint16),
+                "goal": batch["goal_m"][step][chosen],
+                "previous_action": (batch["previous_action"][step][chosen] + actions) % (actions + 1),
+                "belief": belief,
+            }
+            log_prob, value, belief = policy.run(None, {name: rows[name] for name in names})
+            log_probs.append(log_prob)
+            values.append(value)
+        return np.stack(log_probs), np.stack(values)
+
+    log_probs, values = play(slice(None))
+    assert np.abs(log_probs - expected["log_probs"]).max() < 1e-5
+    assert np.abs(values - expected["values"]).max() < 1e-4
+    assert np.array_equal(log_probs.argmax(2), expected["log_probs"].argmax(2))
+    assert len(set(log_probs.argmax(2).ravel())) > 1, "the policy does not always choose the same"
+    alone_log_probs, _ = play(slice(1, 2))
+    assert alone_log_probs.shape[1] == 1
+    assert np.abs(alone_log_probs[:, 0] - expected["log_probs"][:, 1]).max() < 1e-5
+
+
+def test_goals_in_every_direction_are_those_of_the_network(programs: dict[str, Path], tmp_path: Path) -> None:
+    """ONNX has no atan2: the graph makes one."""
+    run_with_weights(programs, tmp_path, weights_of("cnn", 4, 16, 21), ["network.hidden=16"])
+    assert orchestrator(programs, tmp_path, "export", "run", "--out", "policy.onnx").returncode == 0
+    axis = [-2.0, -1.0, -1e-3, 0.0, 1e-3, 1.0, 2.0]
+    goals = np.array([(x, y, z) for x in axis for y in axis for z in axis], np.float32)
+    count = len(goals)
+    batch = {
+        "frames": np.full((1, count, 224, 224), 900, np.int32),
+        "goal_m": goals[None],
+        "previous_action": np.zeros((1, count), np.int64),
+        "episode_start": np.ones((1, count), np.bool_),
+    }
+    expected = probed(programs["learner"], tmp_path, "start.safetensors", batch)["log_probs"][0]
+    policy = onnxruntime.InferenceSession(tmp_path / "policy.onnx")
+    rows = {
+        "depth": batch["frames"][0].astype(np.uint16),
+        "goal": goals,
+        "previous_action": np.full(count, 21),
+        "belief": np.zeros((count, 16), np.float32),
+    }
+    log_probs, _, _ = policy.run(None, rows)
+    assert np.abs(log_probs - expected).max() < 1e-5
+    assert np.ptp(log_probs[:, 0]) > 1e-2, "the policy looks at its goal"
+
+
+def test_the_page_beside_a_model_is_a_program_that_runs(programs: dict[str, Path], tmp_path: Path) -> None:
+    run_with_weights(programs, tmp_path, weights_of("cnn", 4, 16, 21), ["network.hidden=16", "episode.max_steps=20"])
+    first = orchestrator(programs, tmp_path, "export", "run", "--out", "fetch.onnx")
+    assert first.returncode == 0 and "fetch.md says what it takes and gives" in first.stdout, first.stderr
+    page = (tmp_path / "fetch.md").read_text()
+    (program,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"(success|failure) after \d+ steps\n", done.stdout), done.stdout
+
+    # What is there stays as it is.
+    before = (tmp_path / "fetch.onnx").read_bytes()
+    again = orchestrator(programs, tmp_path, "export", "run", "--out", "fetch.onnx")
+    assert again.returncode == 1 and "fetch.onnx exists" in again.stderr
+    assert (tmp_path / "fetch.onnx").read_bytes() == before
+    (tmp_path / "other.md").write_text("mine")
+    other = orchestrator(programs, tmp_path, "export", "run", "--out", "other.onnx")
+    assert other.returncode == 1 and "other.md exists" in other.stderr and not (tmp_path / "other.onnx").exists()
+    nothing = orchestrator(programs, tmp_path, "export", "nowhere", "--out", "x.onnx")
+    assert nothing.returncode == 1 and "nowhere does not exist" in nothing.stderr
