@@ -82,7 +82,7 @@ impl Terminal {
     }
 
     /// The same without colours and movements of the cursor, from this place of it on.
-    pub fn text_from(&self, place: usize) -> String {
+    fn text_from(&self, place: usize) -> String {
         let written = self.written();
         let mut text = String::new();
         let mut rest = written.get(place..).unwrap_or_default();

@@ -1,6 +1,6 @@
 //! What runs and evaluations came to, as figures with names.
 
-use super::Row;
+use super::row::Row;
 use crate::evaluation::words::place;
 use crate::run::identity::{Identity, unix_now};
 use crate::run::lock::{Held, holder};

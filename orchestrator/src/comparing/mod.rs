@@ -1,6 +1,7 @@
 //! Runs beside each other: in what their configurations differ ([`settings`]), and what they came to ([`figures`]).
 
 mod figures;
+mod row;
 mod settings;
 
 use crate::run::identity::Identity;
@@ -8,24 +9,12 @@ use crate::showing::table::{aligned, cell};
 use anyhow::{Result, ensure};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
+use row::Row;
 use serde::Serialize;
-use serde_json::Value;
 use std::path::PathBuf;
 
 /// Characters of a value in a table.
 const CELL_MAX: usize = 34;
-
-/// One thing of all runs.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Row {
-    /// What it is.
-    pub name: String,
-    /// Of each run; null of those that have no such thing.
-    pub values: Vec<Value>,
-    /// The same as people read it.
-    #[serde(skip)]
-    pub shown: Vec<String>,
-}
 
 /// Runs beside each other.
 #[derive(Debug, PartialEq, Serialize)]

@@ -1,6 +1,6 @@
 //! In what configurations differ.
 
-use super::Row;
+use super::row::Row;
 use proto::config::{Config, Lists, differences as between};
 use std::collections::BTreeSet;
 use toml::Value;
