@@ -35,8 +35,9 @@ fn run(rollouts: u64) -> (tempfile::TempDir, Gallery, String) {
         let there = if actor < 15 { folder.clone() } else { folder.host(1) };
         std::fs::create_dir_all(there.logs()).unwrap();
         let starts = if actor == 1 { 3 } else { 1 };
-        let lines: String = (1..=starts).map(|start| format!("--- actor-{actor:02}, start {start} of x\n")).collect();
-        std::fs::write(there.log(&format!("actor-{actor:02}")), lines).unwrap();
+        let lines: Vec<String> =
+            (1..=starts).map(|start| format!("--- actor-{actor:02}, start {start} of x\n")).collect();
+        std::fs::write(there.log(&format!("actor-{actor:02}")), lines.concat()).unwrap();
     }
     let root = folder.root().to_path_buf();
     let gallery = Gallery::of(vec![root.clone()]);

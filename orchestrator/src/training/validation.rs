@@ -368,7 +368,6 @@ fn clear(result: &Path) -> Result<()> {
 pub mod tests {
     use super::*;
     use crate::evaluation::subject::tests::manifest;
-    use crate::training::events;
     use crate::training::scores::tests::validated;
     use std::io::Write;
     use std::os::unix::process::ExitStatusExt;

@@ -86,8 +86,8 @@ fn a_suite_is_told_as_json() {
     let told = json(&workshop, &["suite", "s.toml", "--check", "--json"]);
     let expected = serde_json::json!({
         "runs": [
-            { "name": "demo-1", "folder": "runs/s/demo-1" },
-            { "name": "demo-2", "folder": "runs/s/demo-2" },
+            { "name": "demo-1", "folder": "runs/s/runs/demo-1" },
+            { "name": "demo-2", "folder": "runs/s/runs/demo-2" },
         ],
         "evaluations": [],
     });
@@ -142,7 +142,9 @@ fn an_installation_brings_pages_and_completions_and_takes_them_away() {
     for program in ["actor", "learner"] {
         std::fs::copy("/bin/true", workshop.path("target/release").join(program)).expect("a program");
     }
-    std::fs::write(workshop.path(".torch/libtorch/build-version"), "0").expect("a file");
+    for file in ["build-version", "lib/libtorch.so"] {
+        std::fs::write(workshop.path(".torch/libtorch").join(file), "0").expect("a file");
+    }
     let foreign = workshop.path("prefix/share/man/man1/other.1");
     std::fs::create_dir_all(foreign.parent().expect("a folder")).expect("a folder");
     std::fs::write(&foreign, "not ours").expect("a file");

@@ -75,8 +75,9 @@ fn on_a_terminal_one_line_renews_itself_and_warnings_scroll_above_it() {
     let last = lines.iter().rposition(|line| line.starts_with("frames: 1500"));
     assert!(last.is_some_and(|last| lines[last - 1].starts_with("weights: ")), "{lines:#?}");
     // Never more than one line, and never wider than the terminal.
+    // After a line of the log it is drawn again.
     let drawn = written.split("\r\x1b[J").skip(1).filter(|drawn| drawn.contains(" / 1 500  "));
-    let progress: Vec<&str> = drawn.map(|drawn| drawn.lines().next().unwrap_or_default()).collect();
+    let progress: Vec<&str> = drawn.map(|drawn| drawn.lines().next_back().unwrap_or_default()).collect();
     assert!(progress.len() > 5 && progress.iter().all(|line| line.chars().count() < 80), "{progress:#?}");
     assert!(!written.contains("A\x1b[J"), "nothing above the line is erased");
 }
