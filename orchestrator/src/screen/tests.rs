@@ -10,7 +10,7 @@ use proto::run_folder::RunFolder;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
-use view::data::Runs;
+use view::data::{Curves, Problem, Runs};
 
 const WARNING: &str = "2026-11-21T02:04:24.000000Z  WARN orchestrator::x: actor-01 died: signal 9\u{1b}[2J";
 
@@ -146,4 +146,24 @@ fn what_is_new_is_added_and_what_is_gone_is_said() {
     let shown = screen(&model, 80, 24);
     assert!(shown[0].contains("my-run"), "what was known stays");
     assert!(shown[23].contains("there is no run called my-run"), "{}", shown[23]);
+}
+
+#[test]
+fn a_figure_that_comes_or_ends_has_no_value_where_it_is_missing() {
+    let new = |from, frames: [u64; 2], name: &str| Curves {
+        edition: 1,
+        from,
+        frames: frames.to_vec(),
+        stage: vec![0; 2],
+        series: std::iter::once((name.to_owned(), vec![Some(1.0); 2])).collect(),
+        ..Curves::default()
+    };
+    let mut model = Model::default();
+    let nothing = || Err(Problem::Unreadable("not asked".to_owned()));
+    model.take(Look { live: nothing(), curves: Ok(new(0, [10, 20], "early")) });
+    model.take(Look { live: nothing(), curves: Ok(new(2, [30, 40], "late")) });
+    assert_eq!(model.curves.frames, [10, 20, 30, 40]);
+    assert_eq!(model.curves.series["early"], [Some(1.0), Some(1.0), None, None]);
+    assert_eq!(model.curves.series["late"], [None, None, Some(1.0), Some(1.0)]);
+    assert_eq!(model.problem.as_deref(), Some("not asked"));
 }
