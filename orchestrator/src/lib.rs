@@ -5,6 +5,7 @@
 //! tests: the supervisor's machine ([`Supervisor`]) and the recorder's ledger ([`Ledger`]).
 
 mod command;
+mod comparing;
 mod evaluation;
 mod hosts;
 mod preflight;
@@ -12,6 +13,7 @@ mod process_end;
 mod recording;
 mod reporting;
 mod run;
+mod screen;
 mod showing;
 mod suite;
 mod supervisor;
@@ -25,7 +27,7 @@ pub use supervisor::event::{Action, Event, Exit, Outcome, Process, Saved, Sessio
 pub use supervisor::machine::Supervisor;
 pub use supervisor::policy::Policy;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use rustix::process::Signal;
 use std::process::ExitCode;
 
@@ -57,7 +59,10 @@ enum Command {
     Stop(command::stop::StopArgs),
     Status(command::status::StatusArgs),
     List(command::list::ListArgs),
+    Top(command::top::TopArgs),
     View(command::view::ViewArgs),
+    Logs(command::logs::LogsArgs),
+    Compare(command::compare::CompareArgs),
     Eval(command::eval::EvalArgs),
     Report(command::report::ReportArgs),
     Suite(command::suite::SuiteArgs),
@@ -71,12 +76,14 @@ enum Command {
     Recover(command::recover::RecoverArgs),
     Clean(command::clean::CleanArgs),
     Doctor(command::doctor::DoctorArgs),
+    Completions(command::completions::CompletionsArgs),
+    Man(command::man::ManArgs),
 }
 
 /// The program: reads the command line, does what it asks for; its exit status.
 pub fn main() -> ExitCode {
     let line = CommandLine::parse();
-    showing::terminal::init(line.verbose);
+    showing::terminal::init(line.verbose, Box::new(showing::events::LogLines));
     // Before any child is started: it inherits the limit.
     wire::descriptors::raise_limit();
     let done = |()| ExitCode::SUCCESS;
@@ -87,7 +94,10 @@ pub fn main() -> ExitCode {
         Command::Stop(args) => command::stop::run(args).map(done),
         Command::Status(args) => command::status::run(args).map(done),
         Command::List(args) => command::list::run(args).map(done),
+        Command::Top(args) => command::top::run(args).map(done),
         Command::View(args) => command::view::run(args).map(done),
+        Command::Logs(args) => command::logs::run(args).map(done),
+        Command::Compare(args) => command::compare::run(args).map(done),
         Command::Eval(args) => command::eval::run(args),
         Command::Report(args) => command::report::run(args).map(done),
         Command::Suite(args) => command::suite::run(args),
@@ -101,6 +111,8 @@ pub fn main() -> ExitCode {
         Command::Recover(args) => command::recover::run(args),
         Command::Clean(args) => command::clean::run(args).map(done),
         Command::Doctor(args) => command::doctor::run(args),
+        Command::Completions(args) => command::completions::run(args, CommandLine::command()).map(done),
+        Command::Man(args) => command::man::run(args, CommandLine::command()).map(done),
     });
     result.unwrap_or_else(|error| {
         showing::terminal::note(&format!("error: {error:#}"));

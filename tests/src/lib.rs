@@ -7,11 +7,13 @@ pub mod board;
 mod browser;
 mod foxglove;
 mod recorded;
+mod terminal;
 mod viewer;
 
 pub use browser::Browser;
 pub use foxglove::{Channel, Foxglove};
 pub use recorded::RecordedSteps;
+pub use terminal::Terminal;
 pub use viewer::{Answer, Viewer};
 
 use proto::run_folder::RunFolder;

@@ -1,5 +1,6 @@
 //! `orchestrator list`: runs with their state, a line each.
 
+use crate::showing::table::aligned;
 use crate::showing::{format, terminal};
 use crate::viewing::Gallery;
 use anyhow::{Result, ensure};
@@ -34,26 +35,11 @@ pub fn run(args: &ListArgs) -> Result<()> {
     if cards.is_empty() {
         terminal::note("no run yet: `orchestrator up` starts one");
     }
-    for line in table(&cards) {
+    let rows: Vec<Vec<String>> = cards.iter().map(cells).collect();
+    for line in aligned(&rows) {
         terminal::out(&line);
     }
     Ok(())
-}
-
-/// A line a run; the columns are as wide as their widest cell.
-fn table(cards: &[Card]) -> Vec<String> {
-    let rows: Vec<Vec<String>> = cards.iter().map(cells).collect();
-    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width = |column: usize| {
-        let of = |row: &Vec<String>| row.get(column).map_or(0, |cell| cell.chars().count());
-        rows.iter().map(of).max().unwrap_or(0)
-    };
-    let widths: Vec<usize> = (0..columns).map(width).collect();
-    let line = |row: &Vec<String>| {
-        let cells = row.iter().zip(&widths).map(|(cell, &width)| format!("{cell:width$}"));
-        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
-    };
-    rows.iter().map(line).collect()
 }
 
 fn cells(card: &Card) -> Vec<String> {
@@ -86,7 +72,7 @@ mod tests {
             ..Card::default()
         };
         let broken = Card { problem: Some("no run.toml".to_owned()), ..card("runs/c", 0) };
-        let lines = table(&[card("runs/a", 440_000), card("runs/longer", 7), broken]);
+        let lines = aligned(&[card("runs/a", 440_000), card("runs/longer", 7), broken].map(|card| cells(&card)));
         let place = |line: &str| line.find("SR ").map(|at| line[..at].chars().count());
         assert_eq!(place(&lines[0]), place(&lines[1]));
         assert!(lines[0].starts_with("runs/a       complete    demo, seed 0"), "{}", lines[0]);

@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 #[command(after_help = "Examples:
   orchestrator report runs/a runs/b runs/c                 three seeds or three methods: it sees which
   orchestrator report runs evaluations --out report        everything below two folders
+  orchestrator report runs --json | jq '.groups[] | {label, results}'
   orchestrator report runs/a --threshold 0.01 --threshold 0.05 --threshold 0.1")]
 pub struct ReportArgs {
     /// Run folders, evaluation folders, or folders that hold such
@@ -30,6 +31,9 @@ pub struct ReportArgs {
     /// from 0.001 to 10]
     #[arg(long = "threshold", value_name = "M")]
     thresholds_m: Vec<f32>,
+    /// Print the numbers, those of report.json, as one JSON object
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command.
@@ -44,6 +48,10 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     let made = write(gathered, &options(&args.thresholds_m)?, &out)?;
     for line in made.report.episodes.iter().chain(&made.report.notes) {
         terminal::note(line);
+    }
+    if args.json {
+        terminal::out(&serde_json::to_string(&made.report)?);
+        return Ok(());
     }
     let groups = made.report.groups.len();
     let evaluated = made.report.groups.iter().filter(|group| !group.results.is_empty()).count();

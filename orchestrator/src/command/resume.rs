@@ -7,12 +7,14 @@ use crate::run::lock::{RunLock, wait_for_learners};
 use crate::run::process_state::stopped;
 use crate::run::remains;
 use crate::run::signal::wake_learner;
+use crate::showing::events;
 use crate::showing::format;
 use crate::showing::terminal;
 use crate::suite;
 use crate::supervisor::event::SessionEnd;
 use crate::supervisor::policy::Policy;
 use crate::training::budget::Budget;
+use crate::training::events::ended;
 use crate::training::next_steps;
 use crate::training::run::{Started, TrainingRun};
 use crate::training::summary::Summary;
@@ -52,10 +54,16 @@ pub struct ResumeArgs {
     /// configuration
     #[arg(long, value_name = "F", value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
+    /// Print events for scripts, a JSON object a line, and nothing else on standard output (docs/terminal.md)
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
+    if args.json {
+        events::begin();
+    }
     let folder = RunFolder::new(&args.run);
     suite::refuse(folder.root())?;
     // Refuses what is no run before a lock file is made in it.
@@ -146,8 +154,11 @@ fn same_run(run: &Config, mut asked: Config) -> Result<u32> {
 /// Shows a complete run as it was shown when it ended.
 fn show(summary: &Summary, folder: &RunFolder) -> ExitCode {
     terminal::note("this run is complete");
-    for line in summary.lines(folder, &SessionEnd::Complete) {
-        terminal::out(&line);
+    ended(folder, &summary.id, &SessionEnd::Complete, Some(summary));
+    if !events::are_told() {
+        for line in summary.lines(folder, &SessionEnd::Complete) {
+            terminal::out(&line);
+        }
     }
     let recorded = !summary.recordings.is_empty();
     for line in next_steps::lines(&next_steps::program(), folder, &SessionEnd::Complete, &summary.preset, recorded) {

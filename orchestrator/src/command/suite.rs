@@ -4,13 +4,15 @@ use crate::preflight::{device, libtorch, programs};
 use crate::reporting::files;
 use crate::reporting::gather::gather;
 use crate::showing::format::counted;
+use crate::showing::table::aligned;
 use crate::showing::terminal;
-use crate::suite::{Suite, SuiteFolder, SuiteOutcome, lines, run as work};
+use crate::suite::{Asked, Standing, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, run as work, standings};
 use crate::supervisor::session::EXIT_INTERRUPTED;
 use crate::training::next_steps::{program, quoted};
 use anyhow::{Context, Result, ensure};
 use proto::device::VISIBLE_DEVICES;
 use report::Options;
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -83,6 +85,10 @@ pub struct SuiteArgs {
     /// Only judge the file and print its runs
     #[arg(long)]
     check: bool,
+    /// Print one JSON object: `runs`, each with `name`, `folder`, `status` and `tries`, the names of the `evaluations`,
+    /// and the `page` of the report, if there is one; with --check without status and page
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command.
@@ -97,12 +103,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     let folder = SuiteFolder::new(&root);
     folder.check(&suite)?;
     if args.check {
-        for entry in &suite.entries {
-            terminal::out(&entry.name);
-        }
-        let (runs, evaluations) = (suite.entries.len() as u64, suite.evaluations.len() as u64);
-        let each = if runs == 1 { "" } else { " each" };
-        terminal::out(&format!("{}, {}{each}", counted(runs, "run"), counted(evaluations, "evaluation")));
+        announce(&suite, &folder, args.json);
         return Ok(ExitCode::SUCCESS);
     }
     if !args.gpus.is_empty() {
@@ -110,10 +111,22 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     }
     let _lock = folder.open(&suite, &text)?;
     let outcome = work(&suite, &folder, &args.gpus)?;
-    for line in lines(&suite, &folder)? {
-        terminal::out(&line);
+    let runs = standings(&suite, &folder)?;
+    if !args.json {
+        let row = |run: &Standing| vec![run.name.clone(), run.status.status.text()];
+        for line in aligned(&runs.iter().map(row).collect::<Vec<_>>()) {
+            terminal::out(&line);
+        }
     }
+    let tell = |page: Option<PathBuf>| match (page, args.json) {
+        (page, true) => {
+            terminal::out(&json!({ "runs": runs, "evaluations": names(&suite), "page": page }).to_string());
+        }
+        (Some(page), false) => terminal::out(&format!("page: {}", page.display())),
+        (None, false) => {}
+    };
     if let SuiteOutcome::Stopped | SuiteOutcome::Interrupted = outcome {
+        tell(None);
         terminal::note(&format!("go on with: {}", again(args)));
         let stopped = outcome == SuiteOutcome::Stopped;
         return Ok(if stopped { ExitCode::SUCCESS } else { ExitCode::from(EXIT_INTERRUPTED) });
@@ -122,12 +135,13 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     let begun: Vec<PathBuf> = begun.map(|run| run.root().to_path_buf()).collect();
     if begun.is_empty() {
         terminal::note("no run could be begun: there is nothing to report on");
+        tell(None);
     } else {
         let made = files::write(gather(&begun)?, &Options::default(), &folder.report())?;
         for note in &made.report.notes {
             terminal::note(note);
         }
-        terminal::out(&format!("page: {}", folder.page().display()));
+        tell(Some(folder.page()));
     }
     if outcome == SuiteOutcome::Done {
         return Ok(ExitCode::SUCCESS);
@@ -137,6 +151,27 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         folder.state().display()
     ));
     Ok(ExitCode::FAILURE)
+}
+
+/// Names of the evaluations of each run.
+fn names(suite: &Suite) -> Vec<String> {
+    suite.evaluations.iter().map(Asked::folder).collect()
+}
+
+/// What it would do.
+fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) {
+    if as_json {
+        let run = |entry: &SuiteEntry| json!({ "name": entry.name, "folder": folder.run(entry).root() });
+        let runs: Vec<_> = suite.entries.iter().map(run).collect();
+        terminal::out(&json!({ "runs": runs, "evaluations": names(suite) }).to_string());
+        return;
+    }
+    for entry in &suite.entries {
+        terminal::out(&entry.name);
+    }
+    let (runs, evaluations) = (suite.entries.len() as u64, suite.evaluations.len() as u64);
+    let each = if runs == 1 { "" } else { " each" };
+    terminal::out(&format!("{}, {}{each}", counted(runs, "run"), counted(evaluations, "evaluation")));
 }
 
 /// The same call.
@@ -152,6 +187,9 @@ fn again(args: &SuiteArgs) -> String {
     if !args.seed.is_empty() {
         let seeds: Vec<String> = args.seed.iter().map(u64::to_string).collect();
         call.extend(["--seed".to_owned(), seeds.join(",")]);
+    }
+    if args.json {
+        call.push("--json".to_owned());
     }
     call.join(" ")
 }
@@ -204,10 +242,12 @@ mod tests {
             gpus: vec!["0".to_owned(), "1".to_owned()],
             seed: vec![3, 4],
             check: false,
+            json: true,
         };
         let call = again(&args);
-        assert!(call.ends_with(" suite 'my suites/a.toml' --out runs/all --gpus 0,1 --seed 3,4"), "{call}");
-        let bare = SuiteArgs { file: "a.toml".into(), out: None, gpus: vec![], seed: vec![], check: false };
+        assert!(call.ends_with(" suite 'my suites/a.toml' --out runs/all --gpus 0,1 --seed 3,4 --json"), "{call}");
+        let bare =
+            SuiteArgs { file: "a.toml".into(), out: None, gpus: vec![], seed: vec![], check: false, json: false };
         assert!(again(&bare).ends_with(" suite a.toml"), "{}", again(&bare));
     }
 

@@ -13,6 +13,7 @@ use crate::tuning::trial::{self, Interrupts, Outcome, Patience, Workshop};
 use anyhow::{Context, Result, bail};
 use proto::config::{Config, MachineConfig, Pin, presets};
 use proto::run_folder::RunFolder;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -47,6 +48,10 @@ pub struct TuneArgs {
     /// Write the configuration to this file, too
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Print one JSON object instead of a configuration: `preset`, `best`, the `trials` in their order with shape, speed
+    /// and shares of the time, or `error`, and the `configuration` as TOML
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command.
@@ -80,7 +85,11 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
     if let Some(path) = &args.out {
         std::fs::write(path, &text).with_context(|| format!("cannot write {}", path.display()))?;
     }
-    terminal::out(text.trim_end());
+    if args.json {
+        terminal::out(&as_json(&config, &search, best, &text).to_string());
+    } else {
+        terminal::out(text.trim_end());
+    }
     let file = args.out.as_ref().map_or_else(|| "FILE".to_owned(), |path| quoted(&path.display().to_string()));
     let own = [("--config", args.overrides.config.is_some()), ("--set", !args.overrides.set.is_empty())];
     let own: Vec<&str> = own.into_iter().filter(|(_, given)| *given).map(|(flag, _)| flag).collect();
@@ -189,6 +198,39 @@ fn line(config: &Config, tried: &Tried) -> String {
     }
 }
 
+/// The same for scripts.
+fn as_json(config: &Config, search: &Search, best: Choice, configuration: &str) -> Value {
+    let shape = |Choice { environments, steps, pinned }: Choice| {
+        json!({
+            "actors": config.actors.count,
+            "environments_per_actor": environments,
+            "rollout_steps": steps,
+            "pinned": pinned,
+            "learners": config.learner.count,
+        })
+    };
+    let trial = |tried: &Tried| match &tried.result {
+        Err(reason) => json!({ "shape": shape(tried.choice), "error": reason }),
+        Ok(Speed { frames_per_s, timing }) => {
+            let share = |part: f64| part / timing.total_s();
+            json!({
+                "shape": shape(tried.choice),
+                "frames_per_s": frames_per_s,
+                "simulate": share(timing.simulate_s),
+                "infer": share(timing.infer_s),
+                "update": share(timing.update_s),
+                "other": share(timing.other_s),
+            })
+        }
+    };
+    json!({
+        "preset": config.preset,
+        "best": shape(best),
+        "trials": search.tried.iter().map(trial).collect::<Vec<_>>(),
+        "configuration": configuration,
+    })
+}
+
 /// The file: what was chosen, and what it brings.
 fn configuration(config: &Config, search: &Search, best: Choice) -> String {
     let rate = |choice| search.speed(choice).map_or_else(|| "not measured".to_owned(), format::rate);
@@ -241,5 +283,11 @@ mod tests {
         assert_eq!(read, expected);
         assert!(line(&config, &search.tried[0]).ends_with("10.0      25%    50%     25%     0%"));
         assert_eq!(machine(&config, start).pin, Pin::Automatic(false));
+        search.tried.push(Tried { choice: best, result: Err("no memory".to_owned()) });
+        let told = as_json(&config, &search, best, &text);
+        assert_eq!(told["best"]["environments_per_actor"], 32);
+        let [first, _, last] = [0, 1, 2].map(|number| &told["trials"][number]);
+        assert_eq!((&first["frames_per_s"], &first["infer"]), (&json!(10.0), &json!(0.5)));
+        assert_eq!((&last["error"], &last["frames_per_s"]), (&json!("no memory"), &Value::Null));
     }
 }

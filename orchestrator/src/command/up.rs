@@ -11,7 +11,7 @@ use crate::run::create::{check_free, create};
 use crate::run::identity::unix_now;
 use crate::run::scenes;
 use crate::showing::format::counted;
-use crate::showing::{format, terminal};
+use crate::showing::{events, format, terminal};
 use crate::supervisor::process::{TOKEN, TOKEN_FILE};
 use crate::training::run::TrainingRun;
 use anyhow::{Context, Result, bail};
@@ -26,7 +26,7 @@ use std::process::ExitCode;
 ///
 /// Ctrl-C saves and stops everything (`orchestrator resume RUN` goes on from there, exit status 0); a second Ctrl-C
 /// ends it at once (exit status 130). The last two lines on standard output are `weights: ` and the SHA-256 of the
-/// weights, `frames: ` and the number of frames trained on.
+/// weights, `frames: ` and the number of frames trained on; with --json the last line is the event `ended`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator up                                  the demonstration on a CPU, the two-stage curriculum on a GPU
@@ -34,6 +34,7 @@ use std::process::ExitCode;
   orchestrator up --preset demo --actors 4 --envs-per-actor 2 --frames 20000 --run runs/small
   orchestrator up --preset two-stage --actors 38 --learners 2               a learner on each of two GPUs
   orchestrator up --preset demo --view             the same with a page to watch it on
+  orchestrator up --json | jq .event               events for scripts, a line each
   orchestrator up --config mine.toml               some settings of your own over the default preset
   orchestrator up --preset demo --set ppo.learning_rate=1e-3 --set network.encoder=resnet      single settings
   orchestrator up --preset disturb-stage2-25m --from runs/stage-1           stage II as a run of its own
@@ -56,12 +57,18 @@ pub struct UpArgs {
     /// Show the run on a page while it goes on (`orchestrator view`), and open that in a browser
     #[arg(long)]
     view: bool,
+    /// Print events for scripts, a JSON object a line, and nothing else on standard output (docs/terminal.md)
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     hosts: HostFlags,
 }
 
 /// Runs the command.
 pub fn run(args: &UpArgs) -> Result<ExitCode> {
+    if args.json {
+        events::begin();
+    }
     // What the user wrote is judged before anything is started.
     let member = args.hosts.membership()?;
     if let Some(member) = member.as_ref().filter(|member| member.host > 0) {

@@ -136,7 +136,7 @@ impl Audience for EvaluationAudience {
 
     fn tick(&mut self, now: Duration, _recorder: Option<&Recorder>) {
         if self.live.is_due(now) {
-            self.live.show(vec![self.line(now)]);
+            self.live.show(self.line(now));
         }
     }
 

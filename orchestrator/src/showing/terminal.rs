@@ -4,25 +4,29 @@
 //! when the reader of a pipe has gone or the terminal was closed, a run goes on without being watched.
 
 use proto::printable::printable;
+use serde::Serialize;
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{IsTerminal, Write};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tracing_subscriber::Layer;
 use tracing_subscriber::fmt::MakeWriter;
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::FormatTime;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{Layer, Registry};
 
 struct State {
     /// Lines of progress on the screen now.
     drawn: Vec<String>,
     /// Where the log goes besides the terminal, once the run folder is known.
     file: Option<File>,
+    /// Something else draws on the terminal.
+    muted: bool,
 }
 
-static STATE: Mutex<State> = Mutex::new(State { drawn: Vec::new(), file: None });
+static STATE: Mutex<State> = Mutex::new(State { drawn: Vec::new(), file: None, muted: false });
 
 fn state() -> MutexGuard<'static, State> {
     // A panic while printing leaves nothing that could be inconsistent.
@@ -31,8 +35,8 @@ fn state() -> MutexGuard<'static, State> {
 
 /// Sends `tracing` events to standard error and, once [`log_to_file`] was called, to the run's log.
 ///
-/// `STILLROOM_LOG` filters both.
-pub fn init(verbose: bool) {
+/// `also` receives them, too. `STILLROOM_LOG` filters all.
+pub fn init(verbose: bool, also: Box<dyn Layer<Registry> + Send + Sync>) {
     let default = if verbose { tracing::Level::DEBUG } else { tracing::Level::INFO };
     let (filter, problem) = wire::logging::filter(default);
     let terminal = tracing_subscriber::fmt::layer()
@@ -47,7 +51,7 @@ pub fn init(verbose: bool) {
         .with_writer(LogFile)
         .with_filter(tracing_subscriber::filter::LevelFilter::DEBUG);
     // A second call (tests) changes nothing.
-    let _ = tracing_subscriber::registry().with(filter).with(terminal).with(file).try_init();
+    let _ = tracing_subscriber::registry().with(also).with(filter).with(terminal).with(file).try_init();
     if let Some(problem) = problem {
         tracing::warn!("{problem}");
     }
@@ -58,13 +62,41 @@ pub fn log_to_file(file: File) {
     state().file = Some(file);
 }
 
+/// From now on, or no more, log lines stay away from the terminal: something else draws on it.
+pub fn mute(muted: bool) {
+    state().muted = muted;
+}
+
 /// Writes a line to standard output.
 pub fn out(line: &str) {
+    let _ = offer(line);
+}
+
+/// The same for what is of no use without a reader: fails when there is none any more.
+pub fn offer(line: &str) -> std::io::Result<()> {
     let mut state = state();
     let drawn = erase(&mut state);
     let mut stdout = std::io::stdout().lock();
-    let _ = writeln!(stdout, "{}", printable(line)).and_then(|()| stdout.flush());
+    let written = writeln!(stdout, "{}", printable(line)).and_then(|()| stdout.flush());
     draw(&mut state, drawn);
+    written
+}
+
+/// Writes a value as one line of JSON to standard output; fails as [`offer`] does.
+pub fn offer_json(value: &impl Serialize) -> std::io::Result<()> {
+    offer(&ascii_controls(&serde_json::to_string(value)?))
+}
+
+/// JSON in which what a terminal would obey is escaped as JSON escapes, not as [`printable`] does.
+fn ascii_controls(json: &str) -> String {
+    let mut text = String::with_capacity(json.len());
+    for character in json.chars() {
+        match printable(character.encode_utf8(&mut [0; 4])) {
+            Cow::Borrowed(_) => text.push(character),
+            Cow::Owned(_) => text.extend(format!("\\u{:04x}", u32::from(character)).chars()),
+        }
+    }
+    text
 }
 
 /// Writes a line to standard error.
@@ -78,6 +110,12 @@ pub fn note(line: &str) {
 /// True when progress can be refreshed in place.
 pub fn interactive() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
+}
+
+/// How many characters a line of progress can have.
+fn columns() -> usize {
+    let size = rustix::termios::tcgetwinsize(std::io::stderr());
+    size.map_or(80, |size| usize::from(size.ws_col)).max(20) - 1
 }
 
 /// Replaces the progress lines at the bottom of the screen; none removes them. Only for an [`interactive`] terminal.
@@ -113,12 +151,17 @@ impl Live {
         due
     }
 
-    /// Shows these lines in place of the last ones.
-    pub fn show(&self, lines: Vec<String>) {
+    /// How many characters a line can have that is refreshed in place; none elsewhere, where it can be long.
+    pub fn columns(&self) -> Option<usize> {
+        self.interactive.then(columns)
+    }
+
+    /// Shows this line, in place of the last one where it is refreshed.
+    pub fn show(&self, line: String) {
         if self.interactive {
-            progress(lines);
+            progress(vec![line]);
         } else {
-            note(&lines.join("  |  "));
+            note(&line);
         }
     }
 
@@ -146,8 +189,8 @@ fn draw(state: &mut State, lines: Vec<String>) {
         return;
     }
     // A wrapped line would be more than one on the screen, and erasing would miss its top.
-    let columns = rustix::termios::tcgetwinsize(std::io::stderr()).map_or(80, |size| usize::from(size.ws_col)).max(20);
-    let cut: Vec<String> = lines.iter().map(|line| printable(line).chars().take(columns - 1).collect()).collect();
+    let columns = columns();
+    let cut: Vec<String> = lines.iter().map(|line| printable(line).chars().take(columns).collect()).collect();
     let _ = std::io::stderr().write_all(cut.join("\n").as_bytes());
     state.drawn = lines;
 }
@@ -168,6 +211,9 @@ struct Screen;
 impl Write for Screen {
     fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
         let mut state = state();
+        if state.muted {
+            return Ok(line.len());
+        }
         let drawn = erase(&mut state);
         let _ = std::io::stderr().write_all(line);
         draw(&mut state, drawn);
@@ -211,6 +257,15 @@ impl<'a> MakeWriter<'a> for LogFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn json_is_json_whatever_a_name_holds() {
+        let name = "r\u{2032} \u{9b}2J \u{202e} \u{1b}[2J \n \\";
+        let text = ascii_controls(&serde_json::to_string(name).unwrap());
+        assert!(matches!(printable(&text), Cow::Borrowed(_)), "{text}");
+        assert!(text.contains('\u{2032}'), "{text}");
+        assert_eq!(serde_json::from_str::<String>(&text).unwrap(), name);
+    }
 
     #[test]
     fn where_nothing_can_be_refreshed_a_line_comes_now_and_then() {

@@ -8,6 +8,6 @@ mod grid;
 mod scheduler;
 mod state;
 
-pub use file::Suite;
+pub use file::{Asked, Suite, SuiteEntry};
 pub use folder::{SuiteFolder, refuse};
-pub use scheduler::{SuiteOutcome, lines, run};
+pub use scheduler::{Standing, SuiteOutcome, run, standings};

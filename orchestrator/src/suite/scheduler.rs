@@ -13,10 +13,11 @@ use anyhow::{Context, Result};
 use proto::bounded;
 use proto::device::VISIBLE_DEVICES;
 use proto::plain_file::open_plain;
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use tokio::process::{Child, Command};
@@ -351,16 +352,26 @@ fn last_words(log: &Path, exit: ExitStatus) -> String {
     }
 }
 
-/// Lines about every run, for the end of a call.
-pub fn lines(suite: &Suite, folder: &SuiteFolder) -> Result<Vec<String>> {
-    let names = || suite.entries.iter().map(|entry| entry.name.as_str());
+/// How a run stands.
+#[derive(Debug, Serialize)]
+pub struct Standing {
+    /// Its name.
+    pub name: String,
+    /// Its folder.
+    pub folder: PathBuf,
+    /// State and tries.
+    #[serde(flatten)]
+    pub status: RunStatus,
+}
+
+/// How every run stands, for the end of a call.
+pub fn standings(suite: &Suite, folder: &SuiteFolder) -> Result<Vec<Standing>> {
     let text = bounded::read_text(&folder.state()).context("suite.json")?;
-    let state: State = serde_json::from_str(&text).context("suite.json")?;
-    let width = names().map(str::len).max().unwrap_or(0);
-    Ok(names()
-        .map(|name| {
-            let status = state.runs.get(name).map_or_else(|| "waiting".to_owned(), |run| run.status.text());
-            format!("{name:width$}  {status}")
-        })
-        .collect())
+    let mut state: State = serde_json::from_str(&text).context("suite.json")?;
+    let standing = |entry: &SuiteEntry| Standing {
+        name: entry.name.clone(),
+        folder: folder.run(entry).root().to_path_buf(),
+        status: state.runs.remove(&entry.name).unwrap_or_default(),
+    };
+    Ok(suite.entries.iter().map(standing).collect())
 }

@@ -12,10 +12,12 @@ use super::policy::Policy;
 use super::process::{Launch, Processes};
 use super::stage::StageSwitch;
 use crate::recording::recorder::Recorder;
+use crate::showing::events::tell;
 use crate::showing::format::reward_symbol;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::event::LearnerEvent;
+use serde_json::json;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 use tokio::signal::unix::{Signal, SignalKind, signal};
@@ -192,6 +194,7 @@ impl<A: Audience> Supervision<'_, A> {
                 if matches!(process, Process::Learner(_)) {
                     self.learner_incarnation = incarnation;
                 }
+                tell("process_started", || json!({ "process": process.to_string(), "incarnation": incarnation }));
                 if let Some(host) = self.elsewhere(process) {
                     self.order(host, Order::Spawn { process, incarnation });
                 } else if let Err(cause) = self.processes.spawn(process, incarnation) {
@@ -296,7 +299,11 @@ impl<A: Audience> Supervision<'_, A> {
     fn take_note(&mut self, now: Duration, event: &Event) {
         let recorder = self.shell.recorder;
         match event {
-            Event::Exited { process, .. } => {
+            Event::Exited { process, incarnation, exit, .. } => {
+                tell(
+                    "process_ended",
+                    || json!({ "process": process.to_string(), "incarnation": incarnation, "how": exit.to_string() }),
+                );
                 // When another learner dies, this one does not outlive it.
                 if *process == Process::Learner(0) {
                     self.audience.learner_died(now);

@@ -3,12 +3,13 @@
 use crate::recording::recorder::Recorder;
 use crate::run::identity::unix_now;
 use crate::supervisor::shell::Audience;
+use crate::training::events;
 use crate::training::metrics::Journal;
 use crate::training::progress::Progress;
 use crate::training::tensorboard::Board;
 use crate::training::validation::Validation;
 use anyhow::Result;
-use proto::config::Config;
+use proto::config::{Config, StageConfig};
 use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
 use proto::trained::Trained;
@@ -22,6 +23,7 @@ pub struct TrainingAudience {
     pub journal: Journal,
     board: Option<Board>,
     incarnation: u32,
+    stages: Vec<StageConfig>,
     progress: Progress,
     validation: Option<Validation>,
 }
@@ -34,6 +36,7 @@ impl TrainingAudience {
             journal: Journal::open(folder)?,
             board: config.recording.tensorboard.then(board),
             incarnation,
+            stages: config.stages.clone(),
             progress: Progress::new(config.stages.clone()),
             validation: Validation::open(folder, config)?,
         })
@@ -78,6 +81,7 @@ impl Audience for TrainingAudience {
             }
             _ => {}
         }
+        events::learner(event, &self.stages, &self.journal.history);
         Ok(())
     }
 

@@ -1,4 +1,4 @@
-//! Live progress: two lines refreshed in place on a terminal, one line every few seconds elsewhere.
+//! Live progress: one line that renews itself on a terminal, below the log; a longer one every few seconds elsewhere.
 //!
 //! No crate for progress bars: theirs count to a total, these lines show stages, shares of time and success.
 
@@ -67,10 +67,20 @@ impl Progress {
     pub fn show(&mut self, now: Duration, history: &History, validating: bool) {
         if self.live.is_due(now) {
             let recent = recent(&self.stages, history);
-            let (figures, doing) = (figures_line(&recent), self.doing(now, validating));
-            let second = if figures.is_empty() { doing } else { format!("{figures}  |  {doing}") };
-            self.live.show(vec![frames_line(&self.stages, &recent), second]);
+            let doing = self.doing(now, validating);
+            let line = if let Some(columns) = self.live.columns() {
+                short_line(&self.stages, &recent, &doing, self.is_usual(), columns)
+            } else {
+                let parts = [frames_line(&self.stages, &recent), figures_line(&recent), doing];
+                parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(BETWEEN)
+            };
+            self.live.show(line);
         }
+    }
+
+    /// Nothing that whoever watches should know first.
+    fn is_usual(&self) -> bool {
+        matches!(self.doing, Doing::Collecting(_) | Doing::Updating(_))
     }
 
     /// Takes the progress off the screen.
@@ -93,6 +103,48 @@ impl Progress {
     }
 }
 
+/// Between two parts of a line.
+const BETWEEN: &str = "  |  ";
+
+/// What fits into a line of a terminal, the most important first.
+fn short_line(stages: &[StageConfig], recent: &Recent, doing: &str, is_usual: bool, columns: usize) -> String {
+    let percent = 100.0 * recent.frames as f64 / recent.budget.max(1) as f64;
+    let stage = recent.stage.and_then(|stage| stages.get(stage));
+    let stage = stage.map_or_else(String::new, |stage| format!("{}  ", stage.name));
+    let (frames, budget) = (format::count(recent.frames), format::count(recent.budget));
+    let figure = |name: &str, share: Option<f64>| share.map(|share| format!("{name} {}", format::percent(Some(share))));
+    let EpisodeMeans { mean_return, success, success_without_disturbance, disturbance_m, .. } = recent.episodes;
+    let Recent { simulate, infer, update, .. } = recent;
+    let shares = [simulate, infer, update].map(|share| format!("{:.0}", 100.0 * share)).join("/");
+    let parts = [
+        Some(format!("{stage}{frames} / {budget}  {percent:.1}%")),
+        Some(doing.to_owned()).filter(|_| !is_usual),
+        time_left(recent),
+        recent.frames_per_s.map(|rate| format!("{} frames/s", format::rate(rate))),
+        figure("SR", success),
+        figure("SRwoD", success_without_disturbance),
+        disturbance_m.map(|disturbance_m| format!("disturbance {disturbance_m:.3} m")),
+        mean_return.map(|mean_return| format!("return {mean_return:.2}")),
+        Some(doing.to_owned()).filter(|_| is_usual),
+        recent.frames_per_s.map(|_| format!("simulate/infer/update {shares}%")),
+    ];
+    let mut line = String::new();
+    for part in parts.into_iter().flatten() {
+        let before = if line.is_empty() { "" } else { " | " };
+        if [line.as_str(), before, &part].iter().map(|text| text.chars().count()).sum::<usize>() > columns {
+            break;
+        }
+        line.push_str(before);
+        line.push_str(&part);
+    }
+    line
+}
+
+fn time_left(recent: &Recent) -> Option<String> {
+    let left_s = recent.left_s.filter(|_| recent.frames < recent.budget)?;
+    Some(format!("{} left", format::duration(Duration::try_from_secs_f64(left_s).ok()?)))
+}
+
 /// Stage, frames, rate and where the time goes, time left.
 pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     let percent = 100.0 * recent.frames as f64 / recent.budget.max(1) as f64;
@@ -110,11 +162,8 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
             100.0 * recent.update
         ));
     }
-    let left_s = recent.left_s.filter(|_| recent.frames < recent.budget);
-    if let Some(left) = left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok()) {
-        parts.push(format!("{} left", format::duration(left)));
-    }
-    parts.join("  |  ")
+    parts.extend(time_left(recent));
+    parts.join(BETWEEN)
 }
 
 /// Return, success, disturbance; empty before the first episode has ended.
@@ -145,6 +194,20 @@ mod tests {
             "stage II (r′)  1 100 / 1 500 frames  73.3%  |  25.0 frames/s: simulate 40% infer 20% update 30%  |  16 s left"
         );
         assert_eq!(figures_line(&recent), "return 20.75  success 50.0%  SRwoD –  disturbance 0.250 m");
+    }
+
+    #[test]
+    fn one_line_of_a_terminal_has_what_fits_and_what_is_wrong_first() {
+        let recent = recent(&stages(), &history(22));
+        let line = |doing, is_usual, columns| short_line(&stages(), &recent, doing, is_usual, columns);
+        let all = "II  1 100 / 1 500  73.3% | 16 s left | 25.0 frames/s | SR 50.0% | disturbance 0.250 m | \
+                   return 20.75 | updating | simulate/infer/update 40/20/30%";
+        assert_eq!(line("updating", true, 200), all);
+        let of_80 = "II  1 100 / 1 500  73.3% | 16 s left | 25.0 frames/s | SR 50.0%";
+        assert_eq!(line("updating", true, 79), of_80);
+        let waiting = "II  1 100 / 1 500  73.3% | waiting for actor-00, 9 s | 16 s left";
+        assert_eq!(line("waiting for actor-00, 9 s", false, 79), waiting);
+        assert_eq!(line("updating", true, 20), "", "too narrow for anything");
     }
 
     #[test]

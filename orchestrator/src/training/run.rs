@@ -5,14 +5,15 @@ use crate::hosts::rendezvous::{Incomplete, Rendezvous};
 use crate::preflight::tools::Tools;
 use crate::run::identity::{Ended, Identity, unix_now};
 use crate::run::lock::RunLock;
+use crate::showing::events::are_told;
 use crate::showing::format;
 use crate::showing::terminal;
 use crate::supervisor::company::Order;
 use crate::supervisor::event::{Outcome, SessionEnd};
 use crate::supervisor::session::{EXIT_INTERRUPTED, Session, Together, begin_log, part_of, shape};
-use crate::training::next_steps;
 use crate::training::summary::Summary;
 use crate::training::wall::{Last, Wall};
+use crate::training::{events, next_steps};
 use anyhow::Result;
 use proto::config::Config;
 use proto::exit::{EXIT_HOST_LOST, EXIT_REQUEUE};
@@ -89,6 +90,7 @@ impl TrainingRun {
             }
             Err(error) => {
                 self.note_end(Ending::Failed, None, Some(format!("{error:#}")));
+                events::failed(&self.folder, &self.identity.id, &format!("{error:#}"));
                 if error.is::<Incomplete>() {
                     tracing::error!("{error:#}");
                     return Ok(ExitCode::from(EXIT_HOST_LOST as u8));
@@ -111,6 +113,7 @@ impl TrainingRun {
             config.seed,
             format::count(total_frames(&config.stages))
         );
+        events::started(folder, config, identity, incarnation);
         fault::reach("orchestrator.after_lock");
         let mut audience = TrainingAudience::open(folder, config, incarnation)?;
         let gather = |door: Rendezvous| door.gather(folder, &identity.id, incarnation, config);
@@ -134,7 +137,10 @@ impl TrainingRun {
         }
         fault::reach("orchestrator.after_summary");
         self.note_end(how, outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.clone())), reason);
-        if let Some(summary) = &summary {
+        events::ended(&self.folder, &self.identity.id, &outcome.end, summary.as_ref());
+        if are_told() {
+            // Nothing else comes on standard output.
+        } else if let Some(summary) = &summary {
             for line in summary.lines(&self.folder, &outcome.end) {
                 terminal::out(&line);
             }

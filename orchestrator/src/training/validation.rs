@@ -17,6 +17,7 @@ use crate::run::identity::Identity;
 use crate::run::json_lines::{Writer, set_content};
 use crate::run::lifeline::this_program;
 use crate::run::remains;
+use crate::training::events;
 use crate::training::scores::{Score, Scores, best, read_result, result_folder};
 use anyhow::{Context, Result};
 use proto::config::Config;
@@ -262,6 +263,7 @@ impl Validation {
         fault::reach("validation.before_line");
         let mut log = Writer::open(&self.folder.validation_log())?;
         log.append(&one)?;
+        events::validated(&one);
         fault::reach("validation.after_line");
         log.sync()?;
         self.scores.push(one.clone());

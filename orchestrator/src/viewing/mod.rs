@@ -1,10 +1,12 @@
 //! What `orchestrator view` shows of runs: [`view::data::Runs`] from their folders alone.
 //!
 //! [`roster`] finds runs and gives them names for addresses; of each run that is looked at, [`watched`] keeps what was
-//! read, and reads only what is new ([`tail`], and the recordings' shelf). [`processes`] looks at the processes of a run
-//! on this machine and at GPUs, [`table`] filters and sorts episodes. [`live`] hands a run on message by message.
+//! read, and reads only what is new ([`tail`], and the recordings' shelf); [`logbook`] finds the logs of a run.
+//! [`processes`] looks at the processes of a run on this machine and at GPUs, [`table`] filters and sorts episodes.
+//! [`live`] hands a run on message by message.
 
 mod live;
+pub mod logbook;
 mod processes;
 mod roster;
 mod table;

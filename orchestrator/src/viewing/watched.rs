@@ -1,5 +1,6 @@
 //! One run or evaluation that is looked at: what was read of it, so that only what is new is read again.
 
+use super::logbook::logs_of;
 use super::processes::{Process, Processes};
 use super::roster::Entry;
 use super::table;
@@ -375,13 +376,8 @@ impl Watched {
     }
 
     fn read_logs(&mut self) {
-        for entry in std::fs::read_dir(self.folder.logs()).into_iter().flatten().flatten() {
-            let path = entry.path();
-            if path.extension().is_some_and(|extension| extension == "log")
-                && let Some(name) = path.file_stem().and_then(|name| name.to_str())
-            {
-                self.logs.entry(name.to_owned()).or_insert_with(|| Log::of(path.clone())).read();
-            }
+        for (name, path) in logs_of(&self.folder) {
+            self.logs.entry(name).or_insert_with(|| Log::of(path)).read();
         }
     }
 

@@ -18,6 +18,8 @@ mod recordings;
 mod same_weights;
 mod strangers;
 mod suite;
+mod tables;
+mod terminal;
 mod view;
 mod view_beside;
 mod view_page;

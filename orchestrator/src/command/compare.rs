@@ -1,0 +1,39 @@
+//! `orchestrator compare`: runs beside each other.
+
+use crate::comparing::Comparison;
+use crate::showing::terminal;
+use anyhow::{Result, ensure};
+use std::path::PathBuf;
+
+/// Show in what runs or evaluations differ, and what they came to, a column each
+///
+/// Settings that are the same in all are left out. Figures of a stage are of its last tenth, those of a stage that has
+/// not got there of all of it. Of evaluations under the same conditions the newest counts. It says nothing about
+/// whether a difference is one: `orchestrator report` has intervals over seeds.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  orchestrator compare runs/a runs/b
+  orchestrator compare runs/a/evaluations/* | less -S
+  orchestrator compare runs/* --json | jq '.configuration[] | {(.name): .values}'")]
+pub struct CompareArgs {
+    /// Folders of runs or evaluations, at least two
+    #[arg(value_name = "RUN", required = true)]
+    runs: Vec<PathBuf>,
+    /// Print one JSON object: `runs`, and `configuration` and `figures` as arrays of objects with `name` and `values`
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &CompareArgs) -> Result<()> {
+    ensure!(args.runs.len() > 1, "there is nothing to compare {} with: give two runs or more", args.runs[0].display());
+    let comparison = Comparison::read(&args.runs)?;
+    if args.json {
+        terminal::out(&serde_json::to_string(&comparison)?);
+        return Ok(());
+    }
+    for line in comparison.lines() {
+        terminal::out(&line);
+    }
+    Ok(())
+}

@@ -1,0 +1,29 @@
+//! `orchestrator completions`: what a shell needs to complete our command line.
+
+use crate::showing::terminal;
+use anyhow::{Context, Result};
+use clap_complete::Shell;
+
+/// Print the completions of this command line for a shell
+///
+/// `make install` puts those of bash, zsh and fish where these shells look for them.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  source <(orchestrator completions bash)          for this shell
+  orchestrator completions bash > ~/.local/share/bash-completion/completions/orchestrator
+  orchestrator completions zsh > ~/.zfunc/_orchestrator        a folder of fpath, before compinit
+  orchestrator completions fish > ~/.config/fish/completions/orchestrator.fish")]
+pub struct CompletionsArgs {
+    /// Whose
+    #[arg(value_enum, value_name = "SHELL")]
+    shell: Shell,
+}
+
+/// Runs the command for this command line.
+pub fn run(args: &CompletionsArgs, mut line: clap::Command) -> Result<()> {
+    let name = line.get_name().to_owned();
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut line, name, &mut script);
+    let script = String::from_utf8(script).context("the completions are no text")?;
+    terminal::offer(script.trim_end()).context("standard output")
+}

@@ -1,0 +1,67 @@
+//! `orchestrator top`: a run on a terminal, live.
+
+use crate::screen::session::show;
+use crate::suite;
+use crate::viewing::Gallery;
+use anyhow::{Context, Result, bail, ensure};
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use view::data::Runs;
+
+/// Show a run in this terminal, live: curves, progress, processes, warnings
+///
+/// It only reads the run folder, so it can be started and left at any time, from any terminal, as often as you like; the
+/// run neither waits for it nor ends with it. q, Esc or Ctrl-C leave, Tab changes the chart where there is room for one,
+/// w shows warnings only, the arrow keys scroll the processes.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  orchestrator top runs/20261121-020423-demo-1
+  orchestrator top                                 the newest run below runs/
+  ssh -t HOST orchestrator top /data/runs/a        one on another machine")]
+pub struct TopArgs {
+    /// Run folder, or that of an evaluation [default: the newest below runs/]
+    #[arg(value_name = "RUN")]
+    run: Option<PathBuf>,
+}
+
+/// Whatever trains on the machine comes first.
+const NICENESS: i32 = 10;
+
+/// Runs the command.
+pub fn run(args: &TopArgs) -> Result<()> {
+    let (gallery, run) = match &args.run {
+        Some(folder) => {
+            suite::refuse(folder)?;
+            // Refuses what is no run, with the reason.
+            crate::run::identity::Identity::read(&proto::run_folder::RunFolder::new(folder))?;
+            let gallery = Gallery::of(vec![folder.clone()]);
+            let name = gallery.names_of(std::slice::from_ref(folder)).pop();
+            let name = name.with_context(|| format!("{} is not the folder of a run", folder.display()))?;
+            (gallery, name)
+        }
+        None => newest(Path::new("runs"))?,
+    };
+    ensure!(
+        std::io::stdout().is_terminal(),
+        "top draws on a terminal, and standard output is none: `orchestrator status RUN` prints how a run stands, with \
+         --json for scripts"
+    );
+    if std::env::var_os("TERM").is_none_or(|term| term.is_empty() || term == "dumb") {
+        bail!(
+            "top moves a cursor, which this terminal cannot (TERM is dumb or not set): use `orchestrator status RUN`"
+        );
+    }
+    // Where it is refused it is as important as others.
+    let _ = rustix::process::setpriority_process(None, NICENESS);
+    show(gallery, run)
+}
+
+/// The newest run below a folder, evaluations left out.
+fn newest(folder: &Path) -> Result<(Gallery, String)> {
+    ensure!(folder.is_dir(), "there is no folder {}/ here: give the folder of a run", folder.display());
+    let gallery = Gallery::of(vec![folder.to_path_buf()]);
+    let newest = gallery.list().into_iter().find(|card| !card.evaluation && card.problem.is_none());
+    let newest =
+        newest.with_context(|| format!("there is no run below {}/: give the folder of one", folder.display()))?;
+    Ok((gallery, newest.id))
+}

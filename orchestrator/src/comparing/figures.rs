@@ -1,0 +1,193 @@
+//! What runs and evaluations came to, as figures with names.
+
+use super::row::Row;
+use crate::evaluation::words::place;
+use crate::run::identity::{Identity, unix_now};
+use crate::run::lock::{Held, holder};
+use crate::run::state::state_of;
+use crate::showing::format;
+use crate::training::means::{EpisodeMeans, StageMeans, by_stage};
+use crate::training::metrics::Figures;
+use crate::training::scores::{Scores, best, read_result};
+use crate::training::summary::Summary;
+use crate::training::wall::{Last, Wall};
+use anyhow::Result;
+use proto::config::Config;
+use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
+use proto::run_folder::RunFolder;
+use proto::stage::total_frames;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// A figure: its name, its value, and how people read it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    name: String,
+    value: Value,
+    shown: String,
+}
+
+/// Digits of a digest that tell two apart.
+const DIGITS: usize = 12;
+
+/// Adds figures of one kind after the other.
+#[derive(Debug, Default)]
+struct List(Vec<Figure>);
+
+impl List {
+    fn put(&mut self, name: impl Into<String>, value: impl Into<Value>, shown: String) {
+        self.0.push(Figure { name: name.into(), value: value.into(), shown });
+    }
+
+    fn count(&mut self, name: impl Into<String>, value: u64) {
+        self.put(name, value, format::count(value));
+    }
+
+    fn share(&mut self, name: impl Into<String>, value: Option<f64>) {
+        self.put(name, json!(value), format::percent(value));
+    }
+
+    fn number(&mut self, name: impl Into<String>, value: Option<f64>, decimals: usize) {
+        self.put(name, json!(value), format::number(value, decimals));
+    }
+}
+
+/// Those of a run, its validations and evaluations, or of an evaluation.
+pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Vec<Figure>> {
+    let mut list = List::default();
+    let held = holder(folder)?;
+    let is_evaluation = config.evaluation.is_some();
+    let summary = if is_evaluation { None } else { Summary::read(folder)? };
+    let is_complete = summary.is_some() || is_evaluation && folder.root().join(RESULT_FILE).is_file();
+    let state = state_of(identity, &held, is_complete).to_string();
+    list.put("state", state.clone(), state);
+    if !is_evaluation {
+        training(&mut list, folder, config, identity, &held)?;
+        if let Some(summary) = summary {
+            list.put("weights", summary.weights.clone(), summary.weights.chars().take(DIGITS).collect());
+        }
+    }
+    evaluations(&mut list, folder);
+    Ok(list.0)
+}
+
+fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Identity, held: &Held) -> Result<()> {
+    let at_rest = *held == Held::Free;
+    let Figures { history, .. } = Figures::read(folder, at_rest)?;
+    list.count("frames", history.frames());
+    list.count("of frames", total_frames(&config.stages));
+    let training_s: f64 = history.iter().map(|trained| trained.timing.total_s()).sum();
+    let rate = (training_s > 0.0).then(|| history.frames() as f64 / training_s);
+    list.put("frames/s", json!(rate), rate.map_or_else(String::new, format::rate));
+    let last = if at_rest { Last::AsNoted } else { Last::Until(unix_now()) };
+    let wall_s = Wall::read(folder, identity, last)?.all_starts_s;
+    let wall = Duration::try_from_secs_f64(wall_s).unwrap_or_default();
+    list.put("wall time", wall_s, format::duration(wall));
+    for stage in by_stage(&config.stages, &history) {
+        of_stage(list, &stage);
+    }
+    let scores = Scores::read(folder, at_rest)?.scores;
+    if let Some(best) = best(&scores) {
+        list.share("best validation: success", Some(best.success));
+        list.share("best validation: SRwoD", Some(best.success_without_disturbance));
+        list.number("best validation: disturbance (m)", Some(best.disturbance_m), 3);
+        list.count("best validation: at frame", best.frames);
+    }
+    Ok(())
+}
+
+/// Of the last tenth, or of the whole stage before that is reached.
+fn of_stage(list: &mut List, stage: &StageMeans) {
+    let late = if stage.last_tenth == EpisodeMeans::default() { stage.whole } else { stage.last_tenth };
+    let name = |what: &str| format!("stage {}: {what}", stage.name);
+    list.count(name("episodes"), stage.whole.episodes);
+    list.number(name("return"), late.mean_return, 2);
+    list.share(name("success"), late.success);
+    list.share(name("SRwoD"), late.success_without_disturbance);
+    list.number(name("disturbance (m)"), late.disturbance_m, 3);
+    if let Some(multiplier) = stage.multiplier {
+        list.number(name("multiplier"), Some(multiplier), 4);
+    }
+}
+
+/// The newest of each kind, of those in the folder and below it.
+fn evaluations(list: &mut List, folder: &RunFolder) {
+    let below = std::fs::read_dir(folder.root().join("evaluations")).into_iter().flatten().flatten();
+    let places = std::iter::once(folder.root().to_path_buf()).chain(below.map(|entry| entry.path()));
+    let mut newest: BTreeMap<String, Evaluation> = BTreeMap::new();
+    // One that was cut off, or is damaged, has no figures to compare.
+    for evaluation in places.filter_map(|place| read_result(&place).ok()) {
+        let kind = kind_of(&evaluation);
+        if newest.get(&kind).is_none_or(|known| known.cost.at_unix_s <= evaluation.cost.at_unix_s) {
+            newest.insert(kind, evaluation);
+        }
+    }
+    for (kind, Evaluation { overall, subject, .. }) in newest {
+        let name = |what: &str| format!("{kind}: {what}");
+        list.count(name("episodes"), overall.episodes);
+        list.count(name("trained frames"), subject.frames);
+        list.share(name("success"), overall.success);
+        list.share(name("SRwoD"), overall.success_without_disturbance);
+        list.share(name("SRwoD per axis"), overall.success_without_disturbance_per_axis);
+        list.number(name("disturbance (m)"), overall.disturbance_m, 3);
+    }
+}
+
+/// What has to be the same for two evaluations to be compared.
+fn kind_of(evaluation: &Evaluation) -> String {
+    let conditions = &evaluation.conditions;
+    let place = place(conditions.split, conditions.procedural, conditions.scenes.len());
+    let mut kind = format!("{}, {} targets", place.trim_start_matches("the "), conditions.objects.name());
+    if conditions.distribution == Distribution::Run {
+        kind.push_str(", drawn");
+    }
+    if conditions.deterministic {
+        kind.push_str(", deterministic");
+    }
+    kind
+}
+
+/// A row a name; names come in the order in which the runs have them.
+pub fn rows(runs: &[Vec<Figure>]) -> Vec<Row> {
+    let mut names: Vec<&str> = Vec::new();
+    for run in runs {
+        let mut place = 0;
+        for figure in run {
+            place = names.iter().position(|name| *name == figure.name).unwrap_or_else(|| {
+                names.insert(place, &figure.name);
+                place
+            }) + 1;
+        }
+    }
+    let row = |name: &str| {
+        let of = |run: &'_ Vec<Figure>| run.iter().find(|figure| figure.name == name).cloned();
+        let (values, shown) = runs
+            .iter()
+            .map(|run| of(run).map_or((Value::Null, String::new()), |figure| (figure.value, figure.shown)))
+            .unzip();
+        Row { name: name.to_owned(), values, shown }
+    };
+    names.into_iter().map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_that_only_some_have_stand_where_those_have_them() {
+        let run = |names: &[&str]| {
+            let mut list = List::default();
+            for (number, name) in names.iter().enumerate() {
+                list.count(*name, number as u64);
+            }
+            list.0
+        };
+        let rows = rows(&[run(&["state", "I", "weights"]), run(&["state", "I", "II", "weights", "test"])]);
+        let names: Vec<&str> = rows.iter().map(|row| row.name.as_str()).collect();
+        assert_eq!(names, ["state", "I", "II", "weights", "test"]);
+        assert_eq!(rows[2].values, [Value::Null, json!(2)]);
+        assert_eq!(rows[3].shown, ["2", "3"]);
+    }
+}

@@ -1,0 +1,110 @@
+//! What is on the screen: what was read last, and what the keys have chosen. Pure.
+
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use view::data::{Curves, Live, Problem};
+
+/// What was read of a run at a time.
+#[derive(Debug, Clone)]
+pub struct Look {
+    /// How it stands.
+    pub live: Result<Live, Problem>,
+    /// Its curves after those that were known.
+    pub curves: Result<Curves, Problem>,
+}
+
+/// Lines of which log are shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Lines {
+    /// The last ones.
+    #[default]
+    Last,
+    /// Warnings and errors.
+    Warnings,
+}
+
+/// What is on the screen.
+#[derive(Debug, Default)]
+pub struct Model {
+    /// How the run stands; none before it was read.
+    pub live: Option<Live>,
+    /// All that is known of its curves.
+    pub curves: Curves,
+    /// Why the newest reading failed.
+    pub problem: Option<String>,
+    /// Processes that are scrolled away.
+    pub scrolled: usize,
+    /// Which lines are shown.
+    pub lines: Lines,
+    /// The first of the charts that are shown.
+    pub chart: usize,
+}
+
+/// Charts that there are.
+pub const CHARTS: usize = 3;
+
+impl Model {
+    /// Takes in what was read.
+    pub fn take(&mut self, look: Look) {
+        let Look { live, curves } = look;
+        self.problem = None;
+        match live {
+            Ok(live) => self.live = Some(live),
+            Err(problem) => self.problem = Some(problem.to_string()),
+        }
+        match curves {
+            Ok(curves) => self.add(curves),
+            Err(problem) => self.problem = Some(problem.to_string()),
+        }
+    }
+
+    /// Rollouts that are new, or all of them if those that are known are void.
+    fn add(&mut self, new: Curves) {
+        let known = self.curves.frames.len();
+        if new.edition != self.curves.edition || new.from != known {
+            self.curves = new;
+            return;
+        }
+        let Curves { frames, stage, at, series, stages, paper, .. } = new;
+        let added = frames.len();
+        let all = &mut self.curves;
+        all.frames.extend(frames);
+        all.stage.extend(stage);
+        all.at.extend(at);
+        for (name, values) in series {
+            // A figure that comes for the first time had no value before.
+            let column = all.series.entry(name).or_default();
+            column.resize(known, None);
+            column.extend(values);
+        }
+        for column in all.series.values_mut() {
+            column.resize(known + added, None);
+        }
+        (all.stages, all.paper) = (stages, paper);
+    }
+
+    /// A key; false if it leaves.
+    pub fn key(&mut self, key: KeyEvent) -> bool {
+        if key.kind == KeyEventKind::Release {
+            return true;
+        }
+        let control = key.modifiers.contains(KeyModifiers::CONTROL);
+        let processes = self.live.as_ref().map_or(0, |live| live.workers.len());
+        let last = processes.saturating_sub(1);
+        match key.code {
+            KeyCode::Char('q') | KeyCode::Esc => return false,
+            KeyCode::Char('c' | 'd') if control => return false,
+            KeyCode::Char('w') => {
+                self.lines = if self.lines == Lines::Last { Lines::Warnings } else { Lines::Last };
+            }
+            KeyCode::Char('c') | KeyCode::Tab => self.chart = (self.chart + 1) % CHARTS,
+            KeyCode::Up | KeyCode::Char('k') => self.scrolled = self.scrolled.saturating_sub(1),
+            KeyCode::Down | KeyCode::Char('j') => self.scrolled = (self.scrolled + 1).min(last),
+            KeyCode::PageUp => self.scrolled = self.scrolled.saturating_sub(10),
+            KeyCode::PageDown => self.scrolled = (self.scrolled + 10).min(last),
+            KeyCode::Home => self.scrolled = 0,
+            KeyCode::End => self.scrolled = last,
+            _ => {}
+        }
+        true
+    }
+}

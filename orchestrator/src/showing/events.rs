@@ -1,0 +1,80 @@
+//! What scripts read while a run goes on (`--json`): one JSON object a line on standard output.
+//!
+//! Every event has `event`, its name, and `at_unix_s`. docs/terminal.md lists them. Without `--json` nothing is told.
+
+use super::terminal;
+use serde::Serialize;
+use serde_json::json;
+use std::fmt::Debug;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::SystemTime;
+use tracing::field::{Field, Visit};
+use tracing::{Event, Level, Subscriber};
+use tracing_subscriber::Layer;
+use tracing_subscriber::layer::Context;
+
+static TOLD: AtomicBool = AtomicBool::new(false);
+
+/// From now on events are told, lines of the log too.
+pub fn begin() {
+    TOLD.store(true, Ordering::Relaxed);
+}
+
+/// Whether events are told: then they are all that comes on standard output.
+pub fn are_told() -> bool {
+    TOLD.load(Ordering::Relaxed)
+}
+
+#[derive(Serialize)]
+struct Told<'a, T> {
+    event: &'a str,
+    at_unix_s: f64,
+    #[serde(flatten)]
+    fields: T,
+}
+
+/// Tells an event. `fields` makes its fields, an object; it is not called if nothing is told.
+pub fn tell<T: Serialize>(event: &str, fields: impl FnOnce() -> T) {
+    if are_told() {
+        let at_unix_s = SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default().as_millis() as f64 / 1000.0;
+        // Figures, texts and lists always serialise; a reader that has gone is no reason to end a run.
+        let _ = terminal::offer_json(&Told { event, at_unix_s, fields: fields() });
+    }
+}
+
+/// Tells lines of the log.
+#[derive(Debug, Clone, Copy)]
+pub struct LogLines;
+
+impl<S: Subscriber> Layer<S> for LogLines {
+    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
+        let level = *event.metadata().level();
+        if level <= Level::INFO && are_told() {
+            let mut message = Message(String::new());
+            event.record(&mut message);
+            tell("log", || json!({ "level": level.as_str(), "text": message.0 }));
+        }
+    }
+}
+
+struct Message(String);
+
+impl Visit for Message {
+    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
+        if field.name() == "message" {
+            self.0 = format!("{value:?}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_event_has_a_name_a_time_and_its_fields() {
+        let told = Told { event: "checkpoint", at_unix_s: 1.5, fields: json!({ "frames": 7 }) };
+        let text = serde_json::to_string(&told).unwrap();
+        assert_eq!(text, r#"{"event":"checkpoint","at_unix_s":1.5,"frames":7}"#);
+    }
+}
