@@ -2,6 +2,7 @@
 
 use crate::chart::Figure;
 use maud::{Markup, PreEscaped, html};
+use std::fmt::Write as _;
 
 /// These figures; where there are none, why.
 pub fn drawn(figures: &[Figure], otherwise: &str) -> Markup {
@@ -59,7 +60,8 @@ fn encoded(content: &str) -> String {
         match letter {
             '%' | '#' | '"' | '<' | '>' | '&' | '\'' | '\n' | '\r' | '\t' => {
                 address.push('%');
-                address.push_str(&format!("{:02X}", u32::from(letter)));
+                // Writing into a String cannot fail.
+                let _ = write!(address, "{:02X}", u32::from(letter));
             }
             letter => address.push(letter),
         }
