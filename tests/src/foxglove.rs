@@ -148,7 +148,7 @@ impl Foxglove {
         let text = value.to_string();
         let length = u16::try_from(text.len()).expect("a short text");
         // Masked, as clients must; with zeros.
-        let mut frame = vec![0x81, 0x80 | 126];
+        let mut frame = vec![0x81, 0xfe];
         frame.extend(length.to_be_bytes());
         frame.extend([0; 4]);
         frame.extend(text.as_bytes());
