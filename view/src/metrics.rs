@@ -2,7 +2,7 @@
 //!
 //! Names carry their unit, and every one of them a help and a type. Values that are not known are left out.
 
-use crate::data::{Card, Live, Problem, Runs, Worker};
+use crate::data::{Card, Live, Runs, Worker};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -55,7 +55,7 @@ fn escaped(value: &str) -> String {
 }
 
 /// Reads all runs, those that go on in full.
-pub fn read(runs: &dyn Runs) -> Result<String, Problem> {
+pub fn read(runs: &dyn Runs) -> String {
     let mut lives = BTreeMap::new();
     let cards = runs.list();
     for card in cards.iter().filter(|card| card.state == "running") {
@@ -64,7 +64,7 @@ pub fn read(runs: &dyn Runs) -> Result<String, Problem> {
             lives.insert(card.id.as_str(), live);
         }
     }
-    Ok(exposition(&cards, &lives))
+    exposition(&cards, &lives)
 }
 
 /// These runs; `lives`: how those that go on stand.
@@ -85,7 +85,7 @@ fn of_run(run: &str) -> Vec<(&'static str, String)> {
     vec![("run", run.to_owned())]
 }
 
-fn with(run: &str, label: &'static str, value: impl ToString) -> Vec<(&'static str, String)> {
+fn with(run: &str, label: &'static str, value: &(impl ToString + ?Sized)) -> Vec<(&'static str, String)> {
     vec![("run", run.to_owned()), (label, value.to_string())]
 }
 
@@ -171,7 +171,7 @@ fn of_learning(lives: &BTreeMap<&str, Live>) -> Vec<Family> {
         }
         let kitchens = if live.kitchens.len() > KITCHENS_MAX { &[] } else { &live.kitchens[..] };
         for kitchen in kitchens.iter().filter(|kitchen| kitchen.episodes > 0) {
-            let labels = || with(run, "kitchen", kitchen.kitchen);
+            let labels = || with(run, "kitchen", &kitchen.kitchen);
             success.add(labels(), kitchen.success);
             undisturbed.add(labels(), kitchen.success_without_disturbance);
             disturbance.add(labels(), kitchen.disturbance_m);

@@ -155,7 +155,7 @@ async fn opening_page(State(server): State<Server>) -> Response {
 
 /// All runs, for Prometheus.
 async fn exported(State(server): State<Server>) -> Result<Response, Refusal> {
-    let text = server.read(metrics::read).await?;
+    let text = server.read(|runs| Ok(metrics::read(runs))).await?;
     Ok(([(CONTENT_TYPE, metrics::CONTENT_KIND)], text).into_response())
 }
 

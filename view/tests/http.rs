@@ -162,9 +162,9 @@ impl Server {
         let headers: Vec<String> = SOCKET.iter().map(|(name, value)| format!("{name}: {value}\r\n")).collect();
         let request =
             format!("GET {path} HTTP/1.1\r\nHost: {}\r\nConnection: Upgrade\r\n{}\r\n", self.address, headers.concat());
-        stream.write_all(request.as_bytes()).unwrap();
+        stream.write_all(request.as_bytes()).expect("it reads");
         let mut status = [0; 12];
-        stream.read_exact(&mut status).unwrap();
+        stream.read_exact(&mut status).expect("an answer");
         (String::from_utf8_lossy(&status[9..]).parse().unwrap_or(0), stream)
     }
 

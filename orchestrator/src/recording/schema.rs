@@ -10,7 +10,7 @@ use prost_types::{FileDescriptorProto, FileDescriptorSet};
 
 /// Well-known messages.
 pub mod foxglove {
-    #![allow(missing_docs, clippy::pedantic, dead_code, reason = "generated")]
+    #![allow(missing_docs, clippy::pedantic, clippy::enum_variant_names, dead_code, reason = "generated")]
     include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
 }
 

@@ -171,7 +171,7 @@ impl Session {
                 },
                 _ = ticks.tick() => {
                     // Each second: the room is simulated for it.
-                    if !self.tell(&mut socket, turn % 2 == 0).await? {
+                    if !self.tell(&mut socket, turn.is_multiple_of(2)).await? {
                         return Ok(());
                     }
                     turn += 1;

@@ -177,7 +177,9 @@ impl EventFile {
     /// Adds these points.
     pub fn append(&mut self, points: &[Point]) -> Result<()> {
         let mut bytes = Vec::new();
-        points.iter().for_each(|point| add_record(&mut bytes, &point.event()));
+        for point in points {
+            add_record(&mut bytes, &point.event());
+        }
         self.write(&bytes)
     }
 

@@ -175,7 +175,8 @@ mod tests {
         assert!(text.contains("\"watch/robot\"") && FrameNames::under(PREFIX).robot == "watch/robot");
         let metrics = prost_types::FileDescriptorSet::decode(&*descriptor_of("stillroom.LearnerMetrics")).unwrap();
         let messages = metrics.file.iter().flat_map(|file| &file.message_type);
-        let fields: Vec<&str> = messages.flat_map(|message| &message.field).map(|field| field.name()).collect();
+        let fields: Vec<&str> =
+            messages.flat_map(|message| &message.field).map(prost_types::FieldDescriptorProto::name).collect();
         let figures: Vec<&str> =
             text.split("/learner/metrics.").skip(1).filter_map(|rest| rest.split('"').next()).collect();
         assert!(figures.len() >= 5 && figures.iter().all(|figure| fields.contains(figure)), "{figures:?}");
