@@ -2,6 +2,7 @@
 
 use crate::chart::Figure;
 use maud::{Markup, PreEscaped, html};
+use std::fmt::Write;
 
 /// These figures; where there are none, why.
 pub fn drawn(figures: &[Figure], otherwise: &str) -> Markup {
@@ -58,8 +59,7 @@ fn encoded(content: &str) -> String {
     for letter in content.chars() {
         match letter {
             '%' | '#' | '"' | '<' | '>' | '&' | '\'' | '\n' | '\r' | '\t' => {
-                address.push('%');
-                address.push_str(&format!("{:02X}", u32::from(letter)));
+                let _ = write!(address, "%{:02X}", u32::from(letter));
             }
             letter => address.push(letter),
         }

@@ -55,7 +55,7 @@ fn alike(a: &Evaluated, b: &Evaluated) -> bool {
     let [a, b] = [a, b].map(|one| &one.result.conditions);
     let which = |conditions: &'_ proto::evaluation::Conditions| {
         let distances = [conditions.start_distance_max_m, conditions.goal_distance_max_m].map(f32::to_bits);
-        (conditions.split, conditions.distribution, conditions.procedural.clone(), conditions.scenes.clone(), distances)
+        (conditions.split, conditions.distribution, conditions.procedural, conditions.scenes.clone(), distances)
     };
     // Fixed episodes are the same whatever the seed, drawn ones are not.
     let is_fixed = a.distribution == proto::evaluation::Distribution::Fixed;
