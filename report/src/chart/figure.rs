@@ -1,6 +1,6 @@
 //! A figure: a grid of panels under a shared legend.
 
-use super::data;
+use super::data::Sheet;
 use super::frame_strip::FrameStrip;
 use super::heat_map::HeatMap;
 use super::interval_plot::IntervalPlot;
@@ -138,7 +138,16 @@ impl Figure {
 
     /// The figure's data as CSV.
     pub fn csv(&self) -> String {
-        data::csv(self)
+        let mut sheet = Sheet::new();
+        for Panel { title, content } in &self.panels {
+            match content {
+                Content::Lines(plot) => sheet.lines(title, &self.legend, plot),
+                Content::Intervals(plot) => sheet.intervals(title, plot),
+                Content::Heat(map) => sheet.heat(title, map),
+                Content::Frames(strip) => sheet.frames(title, strip),
+            }
+        }
+        sheet.finish()
     }
 
     /// Each panel and its place.

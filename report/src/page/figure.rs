@@ -2,7 +2,7 @@
 
 use crate::chart::Figure;
 use maud::{Markup, PreEscaped, html};
-use std::fmt::Write as _;
+use std::fmt::Write;
 
 /// These figures; where there are none, why.
 pub fn drawn(figures: &[Figure], otherwise: &str) -> Markup {
@@ -59,9 +59,7 @@ fn encoded(content: &str) -> String {
     for letter in content.chars() {
         match letter {
             '%' | '#' | '"' | '<' | '>' | '&' | '\'' | '\n' | '\r' | '\t' => {
-                address.push('%');
-                // Writing into a String cannot fail.
-                let _ = write!(address, "{:02X}", u32::from(letter));
+                let _ = write!(address, "%{:02X}", u32::from(letter));
             }
             letter => address.push(letter),
         }

@@ -36,6 +36,10 @@ fn the_pictures_of_the_documents_are_made_where_they_are_asked_for() {
     browser.wait_for(
         "document.querySelector('canvas.orbit').dataset.fine === document.querySelector('input[type=range]').max",
     );
+    // The word that tells of drawing fades.
+    browser.wait_for(
+        "!document.querySelector('.waits') && getComputedStyle(document.querySelector('.busy')).opacity === '0'",
+    );
     keep(&mut browser, &folder, "view-episode.png");
     browser.value("document.querySelector('.film').nextElementSibling.value = 'gif'");
     let key = browser.value("location.hash.split('?')[0].split('/').at(-1)");
