@@ -1,6 +1,9 @@
 //! Checkpoints on disk: what is taken out of them, and what is refused. That a model computes what the learner does is
 //! tested with onnxruntime, in `python/tests/test_export.py`.
 
+// Helpers of tests are tests too, which clippy's own exception does not see.
+#![allow(clippy::unwrap_used)]
+
 use export::{Policy, PolicyError, guide, onnx};
 use proto::checkpoint::{Machine, Manifest};
 use proto::config::{CarriedGoal, Config, Encoder, GoalCoordinates};

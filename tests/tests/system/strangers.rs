@@ -62,11 +62,15 @@ fn more_connections_than_a_learner_may_have_change_nothing_in_a_run() {
     let before = count();
     // The run does not come to its end meanwhile.
     let actors = run.processes("--actor ");
-    actors.iter().for_each(|&actor| signal(actor, Signal::STOP));
+    for &actor in &actors {
+        signal(actor, Signal::STOP);
+    }
     let let_in = besiege(&doors);
     assert_eq!(run.processes("--rank"), learners, "the same learners after {} were let in", let_in.len());
     let during = count();
-    actors.iter().for_each(|&actor| signal(actor, Signal::CONT));
+    for &actor in &actors {
+        signal(actor, Signal::CONT);
+    }
     assert!(let_in.is_empty(), "{} of {CONNECTIONS} were let in", let_in.len());
     // A checkpoint that is being written, a few more.
     assert!(before.iter().zip(&during).all(|(before, during)| *during < before + 16), "{before:?} {during:?}");
