@@ -32,7 +32,9 @@ fn mistakes_on_the_command_line() {
 fn a_filter_of_the_log_is_heard_and_a_wrong_one_named() {
     let workshop = Workshop::new();
     let told = |filter: &str| {
-        let printed = complete(workshop.orchestrator(&["presets"]).env("STILLROOM_LOG", filter));
+        let mut command = workshop.orchestrator(&["presets"]);
+        command.env("STILLROOM_LOG", filter);
+        let printed = complete(command);
         assert!(printed.success, "{printed:#?}");
         printed.stderr
     };
