@@ -1,7 +1,7 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up test chaos soak lint doc deny fuzz sanitize bench-peers bench-learner \
-	bench-wire bench-view check-determinism \
+.PHONY: help setup build install uninstall up test chaos soak lint check-deploy doc deny fuzz sanitize bench-peers \
+	bench-learner bench-wire bench-view check-determinism \
 	python test-python bench-python
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
@@ -26,7 +26,8 @@ help:
 	@echo 'make check-determinism   the simulator, built for other processors and in debug, gives the same bits (minutes)'
 	@echo 'make python  build the Python package stillroom: a wheel in target/wheels/, installed in .venv/ (no libtorch)'
 	@echo 'make test-python   build it and run its tests; make bench-python measures it beside Gymnasium'
-	@echo 'make lint    formatting and clippy, warnings are errors'
+	@echo 'make lint    formatting and clippy, warnings are errors; and check-deploy'
+	@echo 'make check-deploy   the image, manifests, service unit and shell scripts; STRICT=yes: what cannot be checked is an error'
 	@echo 'make doc     the API documentation, warnings are errors'
 	@echo 'make deny    licences, duplicates, sources and advisories of the dependencies; STRICT=yes: an advisory is an error'
 	@echo 'make fuzz    let libFuzzer loose on all that reads files or payloads of others, ten minutes each;'
@@ -106,6 +107,11 @@ lint: setup
 	@for part in fuzz bench/wire; do \
 		cargo metadata --locked --format-version 1 --manifest-path $$part/Cargo.toml >/dev/null || exit; \
 	done
+	@STRICT='$(STRICT)' deploy/check
+
+# The checkers are fetched once (21 MB); it takes ten seconds.
+check-deploy:
+	@STRICT='$(STRICT)' deploy/check
 
 doc: setup
 	RUSTDOCFLAGS='-D warnings' cargo doc --no-deps --release --workspace --locked
