@@ -217,7 +217,7 @@ mod tests {
         for nonsense in ["", "{}", "[]", r#"{"op": "subscribe"}"#, r#"{"op": "getParameters", "id": "1"}"#] {
             desk.take(nonsense);
         }
-        desk.take(r#"{"op": "subscribe", "subscriptions": [{"id": 0, "channelId": 2}, {"id": 1, "channelId": 99}]}"#);
+        desk.take(r#"{"op": "subscribe", "subscriptions": [{"id": 0, "channelId": 2}, {"id": 1, "channelId": 3}]}"#);
         assert!(!desk.wants(&step) && desk.wants(&log) && desk.has_newcomers() && !desk.has_newcomers());
         // A newer version of the program goes on with the run.
         let other = topic("/log", b"2");
