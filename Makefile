@@ -33,7 +33,7 @@ help:
 	@echo 'make fuzz    let libFuzzer loose on all that reads files or payloads of others, ten minutes each;'
 	@echo '             SECONDS=60 TARGETS="scene recording" fuzzes less'
 	@echo 'make sanitize'
-	@echo '             the tests of unsafe code under Miri and sanitizers, with a nightly Rust; TOOLS="miri address" runs less'
+	@echo '             unsafe code under Miri and AddressSanitizer, with a nightly Rust; TOOLS="miri" runs less'
 	@echo 'make bench-peers'
 	@echo '             the simulator beside MuJoCo, Embree and PyBullet on one core; PYTHON=/path/to/python takes one that'
 	@echo '             has them, otherwise they go into .venv/ (once); ARGS="--kitchens 1,2" measures fewer kitchens'
@@ -104,7 +104,7 @@ bench-python:
 lint: setup
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --locked -- -D warnings
-	@for part in fuzz bench/wire; do \
+	@for part in fuzz fuzz/unsafe bench/wire; do \
 		cargo metadata --locked --format-version 1 --manifest-path $$part/Cargo.toml >/dev/null || exit; \
 	done
 	@STRICT='$(STRICT)' deploy/check
@@ -125,7 +125,7 @@ SECONDS := 600
 fuzz: setup
 	@fuzz/run $(SECONDS) $(TARGETS)
 
-# Not part of the tests: it needs a nightly Rust and compiles three times.
+# Not part of the tests: it needs a nightly Rust.
 sanitize: setup
 	@fuzz/sanitize $(TOOLS)
 
