@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// Write a policy for other programs: an ONNX model, or its weights alone
 ///
 /// The model takes what environments give (depth in millimetres, goals in metres, the last action, the belief) and
-/// gives log-probabilities, values and beliefs; a page beside it (FILE.md) says inputs, outputs and units. Nothing that
+/// gives log-probabilities, values and beliefs; a page beside it says inputs, outputs and units. Nothing that
 /// is there is replaced.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:

@@ -49,7 +49,11 @@ pub(crate) fn findings(targets: &[Target], sources: &Sources) -> Vec<Finding> {
         };
         let mut used: Vec<bool> = items.iter().map(outside).collect();
         spread(&items, &mut used);
-        let unused = items.into_iter().zip(used).filter(|(item, used)| !used && !item.silent);
+        // A file that another package takes in, too, is judged in its own.
+        let root = &target.modules[0].file;
+        let home = &root[..root.find("src/").unwrap_or(0)];
+        let unused = items.into_iter().zip(used);
+        let unused = unused.filter(|(item, used)| !used && !item.silent && item.file.starts_with(home));
         found.extend(unused.map(|(item, _)| Finding {
             path: item.file,
             line: item.line,

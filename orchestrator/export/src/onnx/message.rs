@@ -1,4 +1,4 @@
-//! The messages of `onnx.proto` that a model of ours needs; numbers of fields and types as there
+//! Those of ONNX's messages that a model of ours needs; numbers of fields and types as in its own definition
 //! (<https://github.com/onnx/onnx/blob/main/onnx/onnx.proto>).
 
 /// `ModelProto`.
