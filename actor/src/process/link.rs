@@ -2,6 +2,7 @@
 
 use super::shm;
 use anyhow::{Context, Result, anyhow};
+use iceoryx2::port::listener::ListenerWaitError;
 use std::mem::MaybeUninit;
 use std::time::Duration;
 use wire::fault;
@@ -69,10 +70,11 @@ impl Link {
 
     /// Sleeps until the learner rings or the time is over.
     pub fn wait(&self, longest: Duration) -> Result<()> {
-        self.wakeup
-            .timed_wait(|_| {}, longest)
-            .map(|_| ())
-            .map_err(|cause| anyhow!("cannot wait for the learner: {cause:?}"))
+        match self.wakeup.timed_wait(|_| {}, longest) {
+            // Who was stopped for a moment is woken up early, as by a ring.
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
+            Err(cause) => Err(anyhow!("cannot wait for the learner: {cause:?}")),
+        }
     }
 
     /// Sends a HELLO: one zeroed observation.

@@ -53,6 +53,25 @@ fn a_learner_that_hangs_is_told_of_and_started_again() {
 }
 
 #[test]
+fn processes_that_are_stopped_for_a_moment_go_on() {
+    let workshop = workshop();
+    let child = start(workshop.up("moment", ACTORS, ENVIRONMENTS, FRAMES));
+    let run = workshop.run("moment");
+    for rollouts in [2, 4, 6] {
+        run.wait_for_rollouts(rollouts);
+        for process in run.processes("--actor ").into_iter().chain([run.learner()]) {
+            signal(process, Signal::STOP);
+            std::thread::sleep(Duration::from_millis(50));
+            signal(process, Signal::CONT);
+        }
+    }
+    let printed = finish(child);
+    assert_eq!(&printed.result(), undisturbed());
+    assert_eq!(printed.deaths(), Vec::<&str>::new());
+    run.assert_nothing_left();
+}
+
+#[test]
 fn an_actor_that_hangs_is_told_of_and_started_again() {
     let workshop = workshop();
     let child = start(workshop.up("actor", ACTORS, ENVIRONMENTS, FRAMES));
