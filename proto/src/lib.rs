@@ -27,6 +27,7 @@ pub mod evaluation;
 pub mod event;
 pub mod exit;
 pub mod fault;
+pub mod figures;
 pub mod hosts;
 pub mod kitchen;
 pub mod metric;

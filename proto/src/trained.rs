@@ -5,6 +5,7 @@
 //! orchestrator takes from the checkpoint what it never heard, and drops what lies behind it.
 
 use crate::event::Timing;
+use crate::figures::{Figures, KnownNames};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -25,7 +26,7 @@ pub struct Trained {
     /// Where the time went.
     pub timing: Timing,
     /// Figures: see [`crate::metric`].
-    pub metrics: BTreeMap<String, f64>,
+    pub metrics: Figures,
 }
 
 impl Trained {
@@ -37,9 +38,16 @@ impl Trained {
 }
 
 /// The rollouts that count, in order.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default)]
 pub struct History {
     rollouts: BTreeMap<u64, Trained>,
+    names: KnownNames,
+}
+
+impl PartialEq for History {
+    fn eq(&self, other: &Self) -> bool {
+        self.rollouts == other.rollouts
+    }
 }
 
 impl History {
@@ -72,6 +80,11 @@ impl History {
     /// Takes in the newest line.
     pub fn insert(&mut self, trained: Trained) {
         self.rewind_to(trained.rollout);
+        self.keep(trained);
+    }
+
+    fn keep(&mut self, mut trained: Trained) {
+        self.names.share(&mut trained.metrics);
         self.rollouts.insert(trained.rollout, trained);
     }
 
@@ -87,7 +100,7 @@ impl History {
             .filter(|trained| !self.rollouts.get(&trained.rollout).is_some_and(|own| own.is_as(trained)))
             .collect();
         for trained in &wrong {
-            self.rollouts.insert(trained.rollout, (*trained).clone());
+            self.keep((*trained).clone());
         }
         wrong.len()
     }
@@ -96,7 +109,9 @@ impl History {
     pub fn fill(&mut self, other: &Self) -> usize {
         let before = self.len();
         for trained in other.iter() {
-            self.rollouts.entry(trained.rollout).or_insert_with(|| trained.clone());
+            if !self.rollouts.contains_key(&trained.rollout) {
+                self.keep(trained.clone());
+            }
         }
         self.len() - before
     }
@@ -147,7 +162,7 @@ mod tests {
             at_unix_s: mark,
             incarnation: 1,
             timing: Timing::default(),
-            metrics: BTreeMap::from([("a".to_owned(), 0.1 + 0.2 + rollout as f64 / 3.0)]),
+            metrics: BTreeMap::from([("a".to_owned(), 0.1 + 0.2 + rollout as f64 / 3.0)]).into(),
         }
     }
 

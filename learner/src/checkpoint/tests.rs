@@ -44,7 +44,15 @@ fn figures(rollout: u64) -> History {
     for rollout in 0..rollout {
         let metrics = BTreeMap::from([("loss/value".to_owned(), 1.0 / (3.0 + rollout as f64))]);
         let (frames, timing) = ((rollout + 1) * 20, Timing { update_s: 0.1, ..Timing::default() });
-        figures.insert(Trained { rollout, frames, stage: 0, at_unix_s: 5, incarnation: 1, timing, metrics });
+        figures.insert(Trained {
+            rollout,
+            frames,
+            stage: 0,
+            at_unix_s: 5,
+            incarnation: 1,
+            timing,
+            metrics: metrics.into(),
+        });
     }
     figures
 }

@@ -240,7 +240,15 @@ impl<W: Write> Training<'_, W> {
         if self.conversation.rank == 0 {
             let at_unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
             let (frames, incarnation, metrics) = (self.frames, self.orchestrator, metrics.clone());
-            self.figures.insert(Trained { rollout, frames, stage, at_unix_s, incarnation, timing, metrics });
+            self.figures.insert(Trained {
+                rollout,
+                frames,
+                stage,
+                at_unix_s,
+                incarnation,
+                timing,
+                metrics: metrics.into(),
+            });
         }
     }
 

@@ -174,7 +174,7 @@ fn rollouts(history: &History) -> Vec<Rollout> {
     let rollout = |trained: &Trained| {
         let took_s = trained.timing.total_s();
         elapsed_s += took_s;
-        let mut metrics = trained.metrics.clone();
+        let mut metrics = trained.metrics.to_map();
         metrics.insert(ELAPSED_S.to_owned(), elapsed_s);
         // A rollout can be missing; how many frames the one after it had is not known then.
         if took_s > 0.0 && trained.rollout == next {
@@ -462,7 +462,15 @@ mod tests {
         for (rollout, frames) in [(0, 100), (1, 300), (3, 900), (4, 1000)] {
             let timing = Timing { simulate_s: 1.0, infer_s: 0.5, update_s: 2.0, other_s: 0.5 };
             let metrics = BTreeMap::new();
-            history.insert(Trained { rollout, frames, stage: 0, at_unix_s: 0, incarnation: 1, timing, metrics });
+            history.insert(Trained {
+                rollout,
+                frames,
+                stage: 0,
+                at_unix_s: 0,
+                incarnation: 1,
+                timing,
+                metrics: metrics.into(),
+            });
         }
         let rollouts = rollouts(&history);
         let figures = |name: &str| -> Vec<Option<f64>> {

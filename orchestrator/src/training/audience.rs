@@ -66,7 +66,7 @@ impl Audience for TrainingAudience {
                     at_unix_s: unix_now(),
                     incarnation: self.incarnation,
                     timing: *timing,
-                    metrics: metrics.clone(),
+                    metrics: metrics.clone().into(),
                 })?;
                 fault::reach("metrics.after_line");
                 if let Some(board) = &mut self.board {

@@ -26,7 +26,7 @@ pub struct EpisodeMeans {
 impl EpisodeMeans {
     /// Over `rollouts`, each weighted by its episodes.
     pub fn over<'a>(rollouts: &(impl Iterator<Item = &'a Trained> + Clone)) -> Self {
-        let episodes = |trained: &Trained| trained.metrics.get(metric::EPISODES).copied().unwrap_or(0.0);
+        let episodes = |trained: &Trained| trained.metrics.get(metric::EPISODES).unwrap_or(0.0);
         let mean = |name: &str| {
             let (mut sum, mut weight) = (0.0, 0.0);
             for trained in rollouts.clone() {
@@ -108,7 +108,7 @@ pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
             reward: stage.reward,
             frames: reached,
             budget: stage.frames,
-            multiplier: newest.metrics.get(metric::MULTIPLIER).copied(),
+            multiplier: newest.metrics.get(metric::MULTIPLIER),
             whole: EpisodeMeans::over(&rollouts.iter().map(|&(_, _, trained)| trained)),
             first_tenth: EpisodeMeans::over(&first.iter().copied()),
             last_tenth: EpisodeMeans::over(&last.iter().copied()),
@@ -198,7 +198,7 @@ pub mod tests {
                 at_unix_s: rollout * 2,
                 incarnation: 1,
                 timing: Timing { simulate_s: 0.8, infer_s: 0.4, update_s: 0.6, other_s: 0.2 },
-                metrics,
+                metrics: metrics.into(),
             });
         }
         history

@@ -246,7 +246,7 @@ impl Watched {
 
     fn newest_figures(&self) -> BTreeMap<String, f32> {
         let figures = self.history.iter().next_back().map(|trained| trained.metrics.iter());
-        figures.into_iter().flatten().map(|(name, value)| (name.clone(), *value as f32)).collect()
+        figures.into_iter().flatten().map(|(name, value)| (name.to_owned(), value as f32)).collect()
     }
 
     /// Its learning curves after the first `known` rollouts.
@@ -269,10 +269,9 @@ impl Watched {
         };
         let mut before = self.history.iter().take(from).last().map_or(0, |trained| trained.frames);
         let told: Vec<&Trained> = self.history.iter().skip(from).collect();
-        let names: std::collections::BTreeSet<&str> =
-            told.iter().flat_map(|trained| trained.metrics.keys().map(String::as_str)).collect();
+        let names: std::collections::BTreeSet<&str> = told.iter().flat_map(|trained| trained.metrics.names()).collect();
         for name in names {
-            let of = |trained: &&Trained| trained.metrics.get(name).map(|value| *value as f32);
+            let of = |trained: &&Trained| trained.metrics.get(name).map(|value| value as f32);
             curves.series.insert(name.to_owned(), told.iter().map(of).collect());
         }
         let mut rates = Vec::new();

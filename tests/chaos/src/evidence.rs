@@ -6,6 +6,7 @@ use proto::run_folder::RunFolder;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use system_tests::board::{self, Curves};
 
 /// Of a run that trained.
 #[derive(Debug)]
@@ -20,6 +21,8 @@ pub struct Evidence {
     best: Option<String>,
     /// Tables of the validations.
     tables: BTreeMap<String, String>,
+    /// What TensorBoard shows of stages and of validations, but times.
+    curves: [Curves; 2],
     /// Files, but those whose number depends on the number of starts.
     files: BTreeSet<String>,
     /// Recordings.
@@ -83,6 +86,7 @@ impl Evidence {
             validation,
             best,
             tables: tables.collect::<Result<_>>()?,
+            curves: [true, false].map(|of_stages| without_times(board::curves(folder, of_stages))),
             recording: Recording::read(folder)?,
             files,
         })
@@ -101,6 +105,11 @@ impl Evidence {
         }
         if self.tables != reference.tables {
             found.push("tables of the validations differ".to_owned());
+        }
+        for (what, ours, theirs) in
+            [("stages", &self.curves[0], &reference.curves[0]), ("validations", &self.curves[1], &reference.curves[1])]
+        {
+            by_step(what, ours, theirs, &mut found);
         }
         if self.files != reference.files {
             let besides: Vec<_> = self.files.difference(&reference.files).collect();
@@ -141,8 +150,9 @@ fn collect(root: &Path, folder: &Path, files: &mut BTreeSet<String>) -> Result<(
     for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {
         let path = entry?.path();
         let relative = path.strip_prefix(root)?.display().to_string();
-        // One recording for each start, and a log for each that wrote one.
+        // One recording and one event file for each start, and a log for each that wrote one.
         if relative.starts_with("recordings/")
+            || relative.starts_with("tensorboard/")
             || relative.starts_with("logs/")
             || Path::new(&relative).extension().is_some_and(|extension| extension == "log")
         {
@@ -155,6 +165,30 @@ fn collect(root: &Path, folder: &Path, files: &mut BTreeSet<String>) -> Result<(
         }
     }
     Ok(())
+}
+
+fn without_times(mut curves: Curves) -> Curves {
+    for figures in curves.values_mut() {
+        figures.retain(|tag, _| !tag.starts_with("time/") && tag != "charts/SPS");
+    }
+    curves
+}
+
+/// Figures are compared as bits: one that is no number is one.
+fn by_step(what: &str, ours: &Curves, theirs: &Curves, found: &mut Vec<String>) {
+    if ours.keys().ne(theirs.keys()) {
+        found.push(format!("event files of {what}: {} steps instead of {}", ours.len(), theirs.len()));
+        return;
+    }
+    for ((step, ours), theirs) in ours.iter().zip(theirs.values()) {
+        let bits = |figures: &BTreeMap<String, f32>| -> Vec<(String, u32)> {
+            figures.iter().map(|(tag, figure)| (tag.clone(), figure.to_bits())).collect()
+        };
+        if bits(ours) != bits(theirs) {
+            found.push(format!("event files of {what}: step {step}"));
+            return;
+        }
+    }
 }
 
 fn by_rollout<T: PartialEq>(file: &str, ours: &BTreeMap<u64, T>, theirs: &BTreeMap<u64, T>, found: &mut Vec<String>) {

@@ -158,7 +158,7 @@ impl Board {
 fn point_of(before: Option<&Trained>, trained: &Trained) -> Point {
     let tag = |name: &str| TAGS.iter().find(|(metric, _)| *metric == name).map_or(name, |(_, tag)| tag).to_owned();
     let mut values: BTreeMap<String, f32> =
-        trained.metrics.iter().map(|(name, &value)| (tag(name), value as f32)).collect();
+        trained.metrics.iter().map(|(name, value)| (tag(name), value as f32)).collect();
     let timing = &trained.timing;
     let frames_before = match before {
         Some(before) => (before.rollout + 1 == trained.rollout).then_some(before.frames),

@@ -83,7 +83,9 @@ fn files_that_lack_something_or_say_something_else_are_corrected() {
     // Another figure for rollout 4.
     let mut other = history(10);
     let mut fourth = other.iter().nth(4).unwrap().clone();
-    fourth.metrics.insert(metric::RETURN.to_owned(), -1.0);
+    let mut figures = fourth.metrics.to_map();
+    figures.insert(metric::RETURN.to_owned(), -1.0);
+    fourth.metrics = figures.into();
     other.insert(fourth);
     board(4, &folder).begin(&other);
     let mut corrected = expected(0..5);

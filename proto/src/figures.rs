@@ -1,0 +1,121 @@
+//! Figures by name, small in memory: many rollouts have the same names, and keep them once.
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// A number for each name, in the order of the names.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Figures {
+    names: Names,
+    values: Box<[f64]>,
+}
+
+/// Names of figures, sorted.
+type Names = Arc<[String]>;
+
+impl Figures {
+    /// The figure of this name.
+    pub fn get(&self, name: &str) -> Option<f64> {
+        let index = self.names.binary_search_by(|own| own.as_str().cmp(name)).ok()?;
+        Some(self.values[index])
+    }
+
+    /// All names.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.names.iter().map(String::as_str)
+    }
+
+    /// All figures.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, f64)> {
+        self.names().zip(self.values.iter().copied())
+    }
+
+    /// A copy that can be changed.
+    pub fn to_map(&self) -> BTreeMap<String, f64> {
+        self.iter().map(|(name, value)| (name.to_owned(), value)).collect()
+    }
+}
+
+impl From<BTreeMap<String, f64>> for Figures {
+    fn from(map: BTreeMap<String, f64>) -> Self {
+        let (names, values): (Vec<String>, Vec<f64>) = map.into_iter().unzip();
+        Self { names: names.into(), values: values.into() }
+    }
+}
+
+impl Serialize for Figures {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.iter())
+    }
+}
+
+impl<'de> Deserialize<'de> for Figures {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        BTreeMap::deserialize(deserializer).map(Self::from)
+    }
+}
+
+/// Sets of names that were seen last, for figures to share.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct KnownNames(Vec<Names>);
+
+/// Rollouts have a few sets of names: with episodes that ended or without, with a validation or without.
+const KNOWN_MAX: usize = 8;
+
+impl KnownNames {
+    /// Makes the figures share their names with earlier ones that have the same.
+    pub fn share(&mut self, figures: &mut Figures) {
+        if let Some(index) = self.0.iter().position(|known| *known == figures.names) {
+            figures.names = Arc::clone(&self.0[index]);
+            return;
+        }
+        if self.0.len() == KNOWN_MAX {
+            self.0.remove(0);
+        }
+        self.0.push(Arc::clone(&figures.names));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn figures(names: &[&str]) -> Figures {
+        names
+            .iter()
+            .zip(1..)
+            .map(|(name, value)| ((*name).to_owned(), f64::from(value)))
+            .collect::<BTreeMap<_, _>>()
+            .into()
+    }
+
+    #[test]
+    fn they_are_a_map_in_json_and_found_by_name() {
+        let own = figures(&["loss/value", "loss/policy", "SR"]);
+        let text = serde_json::to_string(&own).unwrap();
+        assert_eq!(text, serde_json::to_string(&own.to_map()).unwrap());
+        assert_eq!(text, r#"{"SR":3.0,"loss/policy":2.0,"loss/value":1.0}"#);
+        assert_eq!(serde_json::from_str::<Figures>(&text).unwrap(), own);
+        assert_eq!((own.get("loss/policy"), own.get("loss"), own.get("z")), (Some(2.0), None, None));
+        assert_eq!(own.names().collect::<Vec<_>>(), ["SR", "loss/policy", "loss/value"]);
+    }
+
+    #[test]
+    fn the_same_names_are_kept_once_and_few_sets_are_remembered() {
+        let mut known = KnownNames::default();
+        let mut all: Vec<Figures> = (0..20).map(|_| figures(&["a", "b"])).collect();
+        for figures in &mut all {
+            known.share(figures);
+        }
+        assert!(all.iter().all(|figures| Arc::ptr_eq(&figures.names, &all[0].names)));
+        for number in 0..20 {
+            known.share(&mut figures(&[&number.to_string()]));
+        }
+        assert_eq!(known.0.len(), KNOWN_MAX);
+        let mut late = figures(&["a", "b"]);
+        known.share(&mut late);
+        assert!(!Arc::ptr_eq(&late.names, &all[0].names));
+        assert_eq!(late, all[0]);
+    }
+}
