@@ -2,7 +2,7 @@
 
 use rustix::process::Signal;
 use serde_json::Value;
-use system_tests::{Terminal, Workshop, complete, finish, signal, start};
+use system_tests::{Terminal, Workshop, complete, finish, signal, start, wait_until};
 
 /// What leaves the other screen and shows the cursor.
 const LEAVES: &str = "\x1b[?1049l";
@@ -28,8 +28,11 @@ fn a_run_is_watched_from_another_terminal_which_comes_back() {
     let left = finish(top);
     assert!(left.success, "{left:#?}");
     assert_eq!(terminal.modes(), modes);
-    let written = terminal.written();
-    assert!(written.contains(LEAVES) && written.ends_with("\x1b[?25h"), "{:?}", &written[written.len() - 80..]);
+    // What was written last may still be on its way.
+    wait_until("the screen is as it was", || {
+        let written = terminal.written();
+        written.contains(LEAVES) && written.ends_with("\x1b[?25h")
+    });
     let (weights, frames) = finish(child).result();
     assert_eq!(frames, 3000);
 
@@ -46,7 +49,7 @@ fn a_run_is_watched_from_another_terminal_which_comes_back() {
         let left = finish(top);
         assert!(left.success, "{leave:?}: {left:#?}");
         assert_eq!(terminal.modes(), modes, "{leave:?}");
-        assert!(terminal.written()[before..].contains(LEAVES), "{leave:?}");
+        wait_until("the screen is as it was", || terminal.written()[before..].contains(LEAVES));
     }
 
     let refused = complete(workshop.orchestrator(&["top", "run"]));
