@@ -70,6 +70,8 @@ fn on_a_terminal_one_line_renews_itself_and_warnings_scroll_above_it() {
     run.wait_for_rollouts(3);
     run.kill_one("--actor ");
     assert!(finish(child).success, "{}", terminal.written());
+    // What was written last may still be on its way.
+    wait_until("the summary is on the terminal", || terminal.written().contains("frames: 1500"));
     let written = terminal.written();
     // What stands in a line of the terminal at the end: what came after it was erased last.
     let lines: Vec<&str> = written.lines().filter_map(|line| line.rsplit("\x1b[J").next()).collect();
