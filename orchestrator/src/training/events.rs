@@ -67,7 +67,14 @@ pub fn learner(event: &LearnerEvent, stages: &[StageConfig], history: &History) 
 
 /// A checkpoint was evaluated.
 pub fn validated(score: &Score) {
-    tell("validation", || score);
+    tell("validation", || {
+        let mut fields = serde_json::to_value(score).unwrap_or_default();
+        // The event has a time of its own.
+        if let Some(fields) = fields.as_object_mut() {
+            fields.remove("at_unix_s");
+        }
+        fields
+    });
 }
 
 /// The run has ended, or was complete before. `summary`: as in `summary.json`, if it has saved.
