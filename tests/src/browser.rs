@@ -5,6 +5,7 @@
 
 use base64::Engine;
 use serde_json::{Value, json};
+use std::collections::{HashMap, HashSet};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -28,6 +29,10 @@ pub struct Browser {
     last: u64,
     /// What the page complained about: errors on its console, and exceptions.
     pub complaints: Vec<String>,
+    /// Files that are on their way here: the browser's number of each, and its name.
+    coming: HashMap<String, String>,
+    /// Names of files that have come whole.
+    whole: HashSet<String>,
     _profile: tempfile::TempDir,
 }
 
@@ -62,8 +67,17 @@ impl Browser {
                 }
             }
         });
-        let mut browser =
-            Self { child, input, messages, session: String::new(), last: 0, complaints: Vec::new(), _profile: profile };
+        let mut browser = Self {
+            child,
+            input,
+            messages,
+            session: String::new(),
+            last: 0,
+            complaints: Vec::new(),
+            coming: HashMap::new(),
+            whole: HashSet::new(),
+            _profile: profile,
+        };
         let target = browser.call("Target.createTarget", &json!({ "url": "about:blank" }))["targetId"].clone();
         let attached = browser.call("Target.attachToTarget", &json!({ "targetId": target, "flatten": true }));
         attached["sessionId"].as_str().expect("a session").clone_into(&mut browser.session);
@@ -105,6 +119,16 @@ impl Browser {
 
     fn hear(&mut self, event: &Value) {
         let parameters = &event["params"];
+        let word = |name: &str| parameters[name].as_str().unwrap_or_default().to_owned();
+        match event["method"].as_str() {
+            Some("Browser.downloadWillBegin") => {
+                self.coming.insert(word("guid"), word("suggestedFilename"));
+            }
+            Some("Browser.downloadProgress") if parameters["state"] == "completed" => {
+                self.whole.extend(self.coming.remove(&word("guid")));
+            }
+            _ => {}
+        }
         let complaint = match event["method"].as_str() {
             Some("Runtime.exceptionThrown") => Some(parameters["exceptionDetails"].to_string()),
             Some("Runtime.consoleAPICalled") if parameters["type"] == "error" => Some(parameters["args"].to_string()),
@@ -116,7 +140,7 @@ impl Browser {
 
     /// Files that the page hands over go to this folder from now on.
     pub fn keep_downloads_in(&mut self, folder: &Path) {
-        let parameters = json!({ "behavior": "allow", "downloadPath": folder, "eventsEnabled": false });
+        let parameters = json!({ "behavior": "allow", "downloadPath": folder, "eventsEnabled": true });
         // It is the browser that is asked, not its page.
         let session = std::mem::take(&mut self.session);
         self.call("Browser.setDownloadBehavior", &parameters);
@@ -128,22 +152,22 @@ impl Browser {
     /// # Panics
     /// If it does not come.
     pub fn download(&mut self, selector: &str, folder: &Path, name: &str) -> Vec<u8> {
+        self.whole.remove(name);
         // Of what no person asked for, a browser takes ten files and no more.
         let click =
             json!({ "expression": format!("document.querySelector({selector:?}).click()"), "userGesture": true });
         let clicked = self.call("Runtime.evaluate", &click);
         assert!(clicked["exceptionDetails"].is_null(), "{selector}: {}", clicked["exceptionDetails"]);
-        let path = folder.join(name);
         let begun = Instant::now();
-        // It has another name until it is whole.
-        while !path.exists() {
+        // A file of this name, empty, is there before it is whole: the browser keeps the name free for itself.
+        while !self.whole.contains(name) {
+            let text = self.value("document.body?.innerText");
             if begun.elapsed() > MAKING {
-                let text = self.value("document.body?.innerText");
                 panic!("{name} never came\n{}\ncomplaints: {:#?}", text.as_str().unwrap_or(""), self.complaints);
             }
             std::thread::sleep(Duration::from_millis(100));
         }
-        std::fs::read(&path).expect("a readable file")
+        std::fs::read(folder.join(name)).expect("a readable file")
     }
 
     /// Opens an address.
