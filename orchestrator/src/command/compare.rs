@@ -29,7 +29,7 @@ pub fn run(args: &CompareArgs) -> Result<()> {
     ensure!(args.runs.len() > 1, "there is nothing to compare {} with: give two runs or more", args.runs[0].display());
     let comparison = Comparison::read(&args.runs)?;
     if args.json {
-        terminal::out(&serde_json::to_string(&comparison)?);
+        terminal::out_json(&comparison)?;
         return Ok(());
     }
     for line in comparison.lines() {

@@ -14,7 +14,7 @@ use clap_complete::Shell;
   orchestrator completions zsh > ~/.zfunc/_orchestrator        a folder of fpath, before compinit
   orchestrator completions fish > ~/.config/fish/completions/orchestrator.fish")]
 pub struct CompletionsArgs {
-    /// Whose
+    /// The shell
     #[arg(value_enum, value_name = "SHELL")]
     shell: Shell,
 }

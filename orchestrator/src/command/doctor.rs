@@ -94,7 +94,7 @@ pub fn run(args: &DoctorArgs) -> Result<ExitCode> {
         let text = format!("{bytes} in /dev/shm from {runs}; `orchestrator clean` frees it");
         table.row("remains", Finding::Warning(text));
     }
-    table.end();
+    table.end()?;
     Ok(if table.is_good() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
@@ -141,10 +141,8 @@ impl Table {
         self.rows.iter().all(|row| row.status != Status::Problem)
     }
 
-    fn end(&self) {
-        if self.json {
-            terminal::out(&self.to_json().to_string());
-        }
+    fn end(&self) -> serde_json::Result<()> {
+        if self.json { terminal::out_json(&self.to_json()) } else { Ok(()) }
     }
 
     fn to_json(&self) -> serde_json::Value {

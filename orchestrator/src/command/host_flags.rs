@@ -34,8 +34,8 @@ pub struct HostFlags {
     /// How long hosts wait for one another at the start, seconds
     #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     join_deadline: u64,
-    /// From the loss of a host to the end of the job on all others, seconds at most (below 15, and what killed processes
-    /// and recordings need); a third of it without a sign of life is a loss
+    /// Seconds from the loss of a host to the end of the job on all others, at most. Below 15 it can take longer: killed
+    /// processes and recordings need their time. A host that sends nothing for a third of this time is lost
     #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(3..=3600))]
     host_deadline: u64,
 }

@@ -29,7 +29,7 @@ pub fn run(args: &ListArgs) -> Result<()> {
     }
     let cards = Gallery::of(args.folders.clone()).list();
     if args.json {
-        terminal::out(&serde_json::to_string(&cards)?);
+        terminal::out_json(&cards)?;
         return Ok(());
     }
     if cards.is_empty() {

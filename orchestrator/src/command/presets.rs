@@ -19,7 +19,7 @@ pub fn run(args: &PresetsArgs) -> Result<()> {
             .iter()
             .map(|preset| serde_json::json!({ "name": preset.name, "summary": preset.summary }))
             .collect();
-        terminal::out(&serde_json::to_string(&list)?);
+        terminal::out_json(&list)?;
         return Ok(());
     }
     let width = presets().iter().map(|preset| preset.name.len()).max().unwrap_or(0);

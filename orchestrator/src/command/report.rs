@@ -50,7 +50,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         terminal::note(line);
     }
     if args.json {
-        terminal::out(&serde_json::to_string(&made.report)?);
+        terminal::out_json(&made.report)?;
         return Ok(());
     }
     let groups = made.report.groups.len();

@@ -198,7 +198,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         work,
     };
     if args.json {
-        terminal::out(&serde_json::to_string(&status)?);
+        terminal::out_json(&status)?;
         return Ok(());
     }
     let by = match &held {

@@ -103,7 +103,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     let folder = SuiteFolder::new(&root);
     folder.check(&suite)?;
     if args.check {
-        announce(&suite, &folder, args.json);
+        announce(&suite, &folder, args.json)?;
         return Ok(ExitCode::SUCCESS);
     }
     if !args.gpus.is_empty() {
@@ -118,15 +118,18 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
             terminal::out(&line);
         }
     }
-    let tell = |page: Option<PathBuf>| match (page, args.json) {
-        (page, true) => {
-            terminal::out(&json!({ "runs": runs, "evaluations": names(&suite), "page": page }).to_string());
+    let tell = |page: Option<PathBuf>| {
+        let page = page.map(|page| page.display().to_string());
+        if args.json {
+            return terminal::out_json(&json!({ "runs": runs, "evaluations": names(&suite), "page": page }));
         }
-        (Some(page), false) => terminal::out(&format!("page: {}", page.display())),
-        (None, false) => {}
+        if let Some(page) = page {
+            terminal::out(&format!("page: {page}"));
+        }
+        Ok(())
     };
     if let SuiteOutcome::Stopped | SuiteOutcome::Interrupted = outcome {
-        tell(None);
+        tell(None)?;
         terminal::note(&format!("go on with: {}", again(args)));
         let stopped = outcome == SuiteOutcome::Stopped;
         return Ok(if stopped { ExitCode::SUCCESS } else { ExitCode::from(EXIT_INTERRUPTED) });
@@ -135,13 +138,13 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     let begun: Vec<PathBuf> = begun.map(|run| run.root().to_path_buf()).collect();
     if begun.is_empty() {
         terminal::note("no run could be begun: there is nothing to report on");
-        tell(None);
+        tell(None)?;
     } else {
         let made = files::write(gather(&begun)?, &Options::default(), &folder.report())?;
         for note in &made.report.notes {
             terminal::note(note);
         }
-        tell(Some(folder.page()));
+        tell(Some(folder.page()))?;
     }
     if outcome == SuiteOutcome::Done {
         return Ok(ExitCode::SUCCESS);
@@ -159,12 +162,11 @@ fn names(suite: &Suite) -> Vec<String> {
 }
 
 /// What it would do.
-fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) {
+fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) -> serde_json::Result<()> {
     if as_json {
         let run = |entry: &SuiteEntry| json!({ "name": entry.name, "folder": folder.run(entry).root() });
         let runs: Vec<_> = suite.entries.iter().map(run).collect();
-        terminal::out(&json!({ "runs": runs, "evaluations": names(suite) }).to_string());
-        return;
+        return terminal::out_json(&json!({ "runs": runs, "evaluations": names(suite) }));
     }
     for entry in &suite.entries {
         terminal::out(&entry.name);
@@ -172,6 +174,7 @@ fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) {
     let (runs, evaluations) = (suite.entries.len() as u64, suite.evaluations.len() as u64);
     let each = if runs == 1 { "" } else { " each" };
     terminal::out(&format!("{}, {}{each}", counted(runs, "run"), counted(evaluations, "evaluation")));
+    Ok(())
 }
 
 /// The same call.

@@ -86,7 +86,7 @@ pub fn run(args: &TuneArgs) -> Result<ExitCode> {
         std::fs::write(path, &text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if args.json {
-        terminal::out(&as_json(&config, &search, best, &text).to_string());
+        terminal::out_json(&as_json(&config, &search, best, &text))?;
     } else {
         terminal::out(text.trim_end());
     }

@@ -82,6 +82,12 @@ pub fn offer(line: &str) -> std::io::Result<()> {
     written
 }
 
+/// Writes a value as one line of JSON to standard output.
+pub fn out_json(value: &impl Serialize) -> serde_json::Result<()> {
+    out(&ascii_controls(&serde_json::to_string(value)?));
+    Ok(())
+}
+
 /// Writes a value as one line of JSON to standard output; fails as [`offer`] does.
 pub fn offer_json(value: &impl Serialize) -> std::io::Result<()> {
     offer(&ascii_controls(&serde_json::to_string(value)?))
@@ -128,7 +134,7 @@ pub fn progress(lines: Vec<String>) {
 /// Without a terminal that can be refreshed, a line of progress as often as this.
 const LINE_EVERY: Duration = Duration::from_secs(5);
 
-/// How work gets on: lines refreshed in place on an [`interactive`] terminal, one line every few seconds elsewhere.
+/// How work gets on: one line, refreshed in place on an [`interactive`] terminal, written every few seconds elsewhere.
 #[derive(Debug)]
 pub struct Live {
     interactive: bool,

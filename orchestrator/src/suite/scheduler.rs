@@ -17,7 +17,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use tokio::process::{Child, Command};
@@ -358,7 +358,7 @@ pub struct Standing {
     /// Its name.
     pub name: String,
     /// Its folder.
-    pub folder: PathBuf,
+    pub folder: String,
     /// State and tries.
     #[serde(flatten)]
     pub status: RunStatus,
@@ -370,7 +370,7 @@ pub fn standings(suite: &Suite, folder: &SuiteFolder) -> Result<Vec<Standing>> {
     let mut state: State = serde_json::from_str(&text).context("suite.json")?;
     let standing = |entry: &SuiteEntry| Standing {
         name: entry.name.clone(),
-        folder: folder.run(entry).root().to_path_buf(),
+        folder: folder.run(entry).root().display().to_string(),
         status: state.runs.remove(&entry.name).unwrap_or_default(),
     };
     Ok(suite.entries.iter().map(standing).collect())
