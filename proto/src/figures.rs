@@ -60,7 +60,7 @@ impl<'de> Deserialize<'de> for Figures {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct KnownNames(Vec<Names>);
 
-/// Rollouts have a few sets of names: with episodes that ended or without, with a validation or without.
+/// Rollouts have a few sets of names: with episodes that ended or without, with a Lagrangian multiplier or without.
 const KNOWN_MAX: usize = 8;
 
 impl KnownNames {

@@ -15,6 +15,10 @@ pub fn guide(policy: &Policy, model: &str) -> String {
         CarriedGoal::GoalToObject => "object - goal",
         CarriedGoal::ObjectToGoal => "goal - object",
     };
+    let absolute = match network.goal {
+        GoalCoordinates::Cartesian => "; the network takes absolute values",
+        GoalCoordinates::Polar => "",
+    };
     let mut text = format!(
         "# {model}
 
@@ -24,14 +28,11 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
 | input | type | shape | |
 |---|---|---|---|
 | depth | uint16 | rows, 224, 224 | millimetres, row by row from the top, of a camera with 100 degrees of view |
-| goal | float32 | rows, 3 | metres in the robot's frame (x right, y up, z ahead): object - wrist; while the object is held {held} |
+| goal | float32 | rows, 3 | metres in the robot's frame (x right, y up, z ahead): object - wrist{absolute}; while the object is held {held} |
 ",
         frames = manifest.frames,
         digest = manifest.weights,
     );
-    if network.goal == GoalCoordinates::Cartesian {
-        text = text.replace("; while the object", "; the network takes absolute values; while the object");
-    }
     let mut line = |text_of: std::fmt::Arguments| {
         // Writing into a String cannot fail.
         let _ = writeln!(text, "{text_of}");

@@ -91,11 +91,12 @@ impl Policy {
         // A name and no path: a manifest names nothing outside of its folder.
         let name = Path::new(&read.tensors).file_name().unwrap_or_default();
         let path = manifest.with_file_name(name);
-        let bytes = std::fs::read(&path).map_err(|problem| PolicyError::Unreadable { path: path.clone(), problem })?;
+        let bytes = proto::bounded::read(&path, read.tensors_bytes)
+            .map_err(|problem| PolicyError::Unreadable { path: path.clone(), problem })?;
         if sha256(&bytes) != read.tensors_sha256 {
             return Err(PolicyError::Damaged { path });
         }
-        let weights = weights_of(&bytes).map_err(|problem| problem.at(&path))?;
+        let weights = weights_of(&bytes, &path)?;
         Ok(Self { manifest: read, config, weights })
     }
 
@@ -166,29 +167,16 @@ impl Policy {
     }
 }
 
-/// What is wrong with bytes, before it is known which file they are of.
-enum Problem {
-    Tensors(SafeTensorError),
-    Weight { name: String, problem: String },
-}
-
-impl Problem {
-    fn at(self, path: &Path) -> PolicyError {
-        match self {
-            Self::Tensors(problem) => PolicyError::Tensors { path: path.to_owned(), problem },
-            Self::Weight { name, problem } => PolicyError::Weight { name, problem },
-        }
-    }
-}
-
-fn weights_of(bytes: &[u8]) -> Result<BTreeMap<String, Array>, Problem> {
+/// The weights that act, of the bytes of a checkpoint's tensors; `path` is where they are from.
+fn weights_of(bytes: &[u8], path: &Path) -> Result<BTreeMap<String, Array>, PolicyError> {
+    let unreadable = |problem| PolicyError::Tensors { path: path.to_owned(), problem };
     let mut weights = BTreeMap::new();
-    for (name, view) in SafeTensors::deserialize(bytes).map_err(Problem::Tensors)?.iter() {
+    for (name, view) in SafeTensors::deserialize(bytes).map_err(unreadable)?.iter() {
         let Some(name) = name.strip_prefix(PREFIX) else { continue };
         if !ACTING.iter().any(|part| name.starts_with(part)) {
             continue;
         }
-        let wrong = |problem: &str| Problem::Weight { name: name.to_owned(), problem: problem.to_owned() };
+        let wrong = |problem: &str| PolicyError::Weight { name: name.to_owned(), problem: problem.to_owned() };
         if view.dtype() != Dtype::F32 {
             return Err(wrong("is not float32"));
         }

@@ -18,7 +18,7 @@ pub fn started(folder: &RunFolder, config: &Config, identity: &Identity, start: 
     tell("started", || {
         json!({
             "run": identity.id,
-            "folder": folder.root(),
+            "folder": folder.root().display().to_string(),
             "start": start,
             "preset": config.preset,
             "seed": config.seed,
@@ -90,6 +90,6 @@ pub fn failed(folder: &RunFolder, run: &str, reason: &str) {
 fn tell_end(folder: &RunFolder, run: &str, how: &str, reason: Option<&str>, summary: Option<&Summary>) {
     tell("ended", || {
         let summary: Value = summary.and_then(|summary| serde_json::to_value(summary).ok()).unwrap_or_default();
-        json!({ "run": run, "folder": folder.root(), "how": how, "reason": reason, "summary": summary })
+        json!({ "run": run, "folder": folder.root().display().to_string(), "how": how, "reason": reason, "summary": summary })
     });
 }

@@ -127,7 +127,7 @@ fn files(folder: &Path) -> Vec<(u64, PathBuf)> {
 pub fn points_in(folder: &Path) -> Vec<Point> {
     let mut points = BTreeMap::new();
     for (_, path) in files(folder) {
-        for event in events(&std::fs::read(path).unwrap_or_default()) {
+        for event in events(&proto::bounded::read_figures(&path).unwrap_or_default()) {
             if let Some(What::SessionLog(_)) = event.what {
                 drop(points.split_off(&(event.step.max(0) as u64)));
             } else if let Some(point) = Point::of(&event) {

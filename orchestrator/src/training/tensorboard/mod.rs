@@ -108,6 +108,8 @@ impl Board {
         }
         if let Err(error) = write(self) {
             self.given_up = true;
+            // The last record may be torn: what comes next goes into new files.
+            self.files.clear();
             tracing::warn!("TensorBoard's files are not written until a learner begins again: {error:#}");
         }
     }
