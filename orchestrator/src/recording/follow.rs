@@ -2,9 +2,9 @@
 
 use super::shelf::{Next, each_record, is_growing, next};
 use mcap::records::Record;
+use proto::bounded;
 use std::borrow::Cow;
 use std::collections::HashMap;
-use std::fs::File;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -47,8 +47,8 @@ impl Follower {
         }
     }
 
-    /// Reads on for about as long as this. What was there before it was called first is not told but for the newest
-    /// message of each topic.
+    /// Reads on for about as long as this. Of what was there before the first call only the newest message of each topic
+    /// is returned.
     pub fn read(&mut self, patience: Duration) -> Vec<Recorded> {
         let began = Instant::now();
         let mut told = Vec::new();
@@ -80,14 +80,17 @@ impl Follower {
 
     /// Reads the next record.
     fn record(&mut self) -> Read {
-        let Ok(files) = super::files_at(&self.folder) else { return Read::NotYet };
+        let Ok(mut files) = super::files_at(&self.folder) else { return Read::NotYet };
+        // Each host writes a sequence of files of its own: one host's is followed, host 0's if it has any.
+        let host = self.file.as_ref().map_or(&files[0], |(path, _)| path).parent().map(std::path::Path::to_owned);
+        files.retain(|file| file.parent() == host.as_deref());
         let Some(last) = files.last() else { return Read::NotYet };
         let (path, offset) = match self.file.clone() {
             Some(known) => known,
             None => self.begin(last.clone()),
         };
         let length = std::fs::metadata(&path).map_or(0, |metadata| metadata.len());
-        match File::open(&path).and_then(|file| next(&file, offset, length)) {
+        match bounded::open(&path).and_then(|file| next(&file, offset, length)) {
             Ok(Next::Chunk(body, end)) => match self.messages(&body) {
                 Some(found) => self.go_on(path, end, found),
                 // A flush that is seen half is whole a moment later; a damaged chunk never is.

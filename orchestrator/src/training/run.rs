@@ -45,7 +45,7 @@ pub struct TrainingRun {
 /// Who starts a run, and where.
 #[derive(Debug, Default)]
 pub struct Started {
-    /// A scheduler or launcher does, or its flags name this host: then SIGTERM asks for another start, too.
+    /// A scheduler or launcher starts it, or flags name this host. Then SIGTERM also asks for another start.
     pub launched: bool,
     /// The door for the other hosts, if there are some.
     pub rendezvous: Option<Rendezvous>,
@@ -90,12 +90,13 @@ impl TrainingRun {
             }
             Err(error) => {
                 self.note_end(Ending::Failed, None, Some(format!("{error:#}")));
-                events::failed(&self.folder, &self.identity.id, &format!("{error:#}"));
-                if error.is::<Incomplete>() {
+                let incomplete = error.is::<Incomplete>();
+                if incomplete {
                     tracing::error!("{error:#}");
-                    return Ok(ExitCode::from(EXIT_HOST_LOST as u8));
                 }
-                Err(error)
+                // The last of all events.
+                events::failed(&self.folder, &self.identity.id, &format!("{error:#}"));
+                if incomplete { Ok(ExitCode::from(EXIT_HOST_LOST as u8)) } else { Err(error) }
             }
         }
     }
@@ -137,6 +138,10 @@ impl TrainingRun {
         }
         fault::reach("orchestrator.after_summary");
         self.note_end(how, outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.clone())), reason);
+        if let Err(error) = recording {
+            tracing::error!("the recording is incomplete: {error:#}");
+        }
+        // The last of all events.
         events::ended(&self.folder, &self.identity.id, &outcome.end, summary.as_ref());
         if are_told() {
             // Nothing else comes on standard output.
@@ -146,9 +151,6 @@ impl TrainingRun {
             }
         } else if let SessionEnd::Stopped | SessionEnd::Requeued | SessionEnd::Interrupted = outcome.end {
             terminal::out(&format!("run {} {how}: the last checkpoint stands", self.identity.id));
-        }
-        if let Err(error) = recording {
-            tracing::error!("the recording is incomplete: {error:#}");
         }
         let recorded = summary.is_some_and(|summary| !summary.recordings.is_empty());
         let preset = &self.config.preset;

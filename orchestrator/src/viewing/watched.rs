@@ -1,6 +1,6 @@
 //! One run or evaluation that is looked at: what was read of it, so that only what is new is read again.
 
-use super::logbook::logs_of;
+use super::logbook::logs_in;
 use super::processes::{Process, Processes};
 use super::roster::Entry;
 use super::table;
@@ -142,21 +142,21 @@ impl Watched {
         self.folder.root().is_dir()
     }
 
-    /// Forgets everything if another run begins in a new folder of that name.
-    fn notice_another_run(&mut self) -> Result<()> {
+    /// Whose folder it is. Forgets everything if another run began in a new folder of that name.
+    fn notice_another_run(&mut self) -> Result<Identity> {
         let identity = Identity::read(&self.folder)?;
         if self.id.as_ref().is_some_and(|id| *id != identity.id) {
-            *self = Self::of(self.entry.clone());
+            *self = Self { edition: self.edition + 1, ..Self::of(self.entry.clone()) };
         }
-        self.id = Some(identity.id);
-        Ok(())
+        self.id = Some(identity.id.clone());
+        Ok(identity)
     }
 
     /// Its line in the list.
     pub fn card(&mut self) -> Result<Card> {
-        self.notice_another_run()?;
+        let identity = self.notice_another_run()?;
         self.read_metrics()?;
-        let (config, identity) = (Config::of_run(&self.folder)?, Identity::read(&self.folder)?);
+        let config = Config::of_run(&self.folder)?;
         let held = holder(&self.folder)?;
         self.card_of(&config, &identity, &held)
     }
@@ -198,10 +198,10 @@ impl Watched {
 
     /// How it stands.
     pub fn live(&mut self) -> Result<Live> {
-        self.notice_another_run()?;
+        let identity = self.notice_another_run()?;
         self.read_metrics()?;
         self.shelf.advance(GLANCE);
-        let (config, identity) = (Config::of_run(&self.folder)?, Identity::read(&self.folder)?);
+        let config = Config::of_run(&self.folder)?;
         let held = holder(&self.folder)?;
         let at_rest = held == Held::Free;
         let recent = recent(&config.stages, &self.history);
@@ -375,7 +375,7 @@ impl Watched {
     }
 
     fn read_logs(&mut self) {
-        for (name, path) in logs_of(&self.folder) {
+        for (name, path) in logs_in(&self.folder.logs()) {
             self.logs.entry(name).or_insert_with(|| Log::of(path)).read();
         }
     }
