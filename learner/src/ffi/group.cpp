@@ -76,9 +76,10 @@ static std::pair<std::shared_ptr<::gloo::transport::Device>, Door> make_device(c
     TORCH_CHECK(false, "other threads open sockets all the time: which one is Gloo's cannot be told");
 }
 
-// This member is connected to all others (a device that is not lazy waits for each): whoever knocks now is none of us. Gloo listens on as long as the group lives, accepts whoever
-// comes, and ends the process when there are no descriptors left. It has no way to close its socket, so the kernel is
-// told to drop what comes in there. Connections that exist are not concerned. A kernel that knows no such filters (that
+// This member is connected to all others: a device that is not lazy waits for each. So every later connection is a
+// stranger's. Gloo listens as long as the group lives, accepts everybody, and ends the process when there are no
+// descriptors left. It cannot close its socket, so the kernel is told to drop what comes in there. Connections that
+// exist are not concerned. A kernel that knows no such filters (that
 // of some sandboxes) leaves the door open.
 static void close_door(const Door &door) {
     sock_filter drop_all = BPF_STMT(BPF_RET | BPF_K, 0);

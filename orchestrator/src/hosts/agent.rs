@@ -83,14 +83,15 @@ impl Agent {
         let (sender, orders) = mpsc::channel(QUEUE);
         let ear = move |heard: Heard| sender.blocking_send(heard).is_ok();
         let mouth: Mouth<Word> = serve(stream, patience.silence(), ear).context("the link to host 0")?;
-        let place = match prepare(&self.run, self.member.host, &invitation, &files, patience.lost) {
+        let prepared = prepare(&self.run, self.member.host, &invitation, &files, patience.lost)
+            .and_then(|place| begin_log(&place.folder).map(|()| place));
+        let place = match prepared {
             Ok(place) => place,
             Err(error) => {
                 mouth.say(Word::Refused(format!("{error:#}")));
                 return Err(error);
             }
         };
-        begin_log(&place.folder)?;
         tracing::info!(
             "host {} of {} of run {}, start {}, in {}",
             self.member.host,
@@ -129,14 +130,14 @@ impl Agent {
         let deadline = Instant::now() + self.patience.joining;
         let host = self.member.host;
         tracing::info!("host {host} of {}: looking for host 0 at {rendezvous}", self.member.hosts);
-        let mut told = false;
+        let mut warned = false;
         loop {
             let last = match self.attempt() {
                 Ok((mut stream, own)) => match ask(&mut stream, &self.token, host, Instant::now() + ATTEMPT) {
                     Ok(()) => return Ok((stream, own)),
                     Err(error) => {
-                        let is_final = matches!(error, HandshakeError::Stranger | HandshakeError::Version { .. });
-                        if is_final && !std::mem::replace(&mut told, true) {
+                        let is_refusal = matches!(error, HandshakeError::Stranger | HandshakeError::Version { .. });
+                        if is_refusal && !std::mem::replace(&mut warned, true) {
                             tracing::warn!("host 0 at {rendezvous}: {error}; trying again");
                         }
                         anyhow::Error::new(error)

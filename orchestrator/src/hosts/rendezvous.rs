@@ -112,14 +112,13 @@ impl Rendezvous {
     /// Listens at the rendezvous, on this host's own address alone.
     pub fn open(member: &Membership, token: Token, interface: Option<&str>, patience: Patience) -> Result<Self> {
         let own = address::of_first(&member.rendezvous, interface)?;
-        let name = member.rendezvous.rsplit_once(':').map_or("", |(name, _)| name);
+        let (name, port) = member.rendezvous.rsplit_once(':').context("a rendezvous has a port")?;
         if own.is_loopback() && interface.is_none() && name != "localhost" && name.parse::<IpAddr>().is_err() {
             tracing::warn!(
                 "{name} is {own} here, which no other machine reaches: name host 0's network by --interface"
             );
         }
-        let port = member.rendezvous.rsplit_once(':').and_then(|(_, port)| port.parse::<u16>().ok());
-        let place = (own, port.context("a rendezvous has a port")?);
+        let place = (own, port.parse::<u16>().context("a rendezvous has a port")?);
         let listener = TcpListener::bind(place).with_context(|| {
             format!(
                 "cannot listen at {}:{}: --rendezvous names another port, --interface another address",

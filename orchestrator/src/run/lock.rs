@@ -10,7 +10,7 @@ use std::io::{Read, Seek, Write};
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-/// A signature has a hundred; a file that was put there can have any number.
+/// Bytes that are read of a lock file. Ours have about a hundred; one that somebody put there can have any number.
 const HOLDER_BYTES_MOST: u64 = 4096;
 
 /// Who holds a run.

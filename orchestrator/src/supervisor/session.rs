@@ -27,6 +27,8 @@ pub const EXIT_INTERRUPTED: u8 = 130;
 
 /// After the end of its last process another host completes its recording: that takes so long at most.
 const RECORDED: Duration = Duration::from_secs(30);
+/// The same after the loss of a host: all is to end within `--host-deadline`.
+const RECORDED_AFTER_LOSS: Duration = Duration::from_secs(5);
 
 /// What a session needs.
 #[derive(Debug)]
@@ -128,9 +130,8 @@ impl Session<'_> {
         let saved = outcome.as_ref().ok().and_then(|outcome| outcome.saved.as_ref()).map(|saved| saved.frames);
         let saved = saved.filter(|_| config.evaluation.is_none());
         let mut recording = recorder.map_or(Ok(()), |recorder| recorded(recorder, saved));
-        // After a loss there is not as much time.
         let lost = matches!(&outcome, Ok(Outcome { end: SessionEnd::HostLost(_), .. }));
-        let patience = if lost { RECORDED / 6 } else { RECORDED };
+        let patience = if lost { RECORDED_AFTER_LOSS } else { RECORDED };
         if let Some(together) = together
             && let [first, rest @ ..] = &together.company.finish(saved, patience).await[..]
         {
