@@ -3,7 +3,8 @@
 //! Other pages in the same browser can send requests to this machine, too. So an answer needs a `Host` that no foreign
 //! name can lead to (an address, `localhost`, or this machine's name), a browser that does not say the request comes from
 //! another site, and, where the server can be reached from elsewhere, the token of its address: in the cookie that the
-//! page was given, or as `Authorization: Bearer`.
+//! page was given, as `Authorization: Bearer`, or behind `?token=` where a WebSocket is opened. For a WebSocket the
+//! browser's `Origin` decides whether the page may ask.
 
 use axum::extract::{Request, State};
 use axum::http::header::{

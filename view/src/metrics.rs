@@ -9,20 +9,19 @@ use std::fmt::Write;
 /// What an answer is, for Prometheus.
 pub const CONTENT_KIND: &str = "text/plain; version=0.0.4; charset=utf-8";
 
-/// A run through more kitchens is not told of by kitchen: each would be three series for ever.
+/// By kitchen only up to so many kitchens: Prometheus keeps three series for each.
 const KITCHENS_MAX: usize = 128;
 
 /// What all samples of a name have in common.
 struct Family {
     name: &'static str,
     help: &'static str,
-    kind: &'static str,
     samples: Vec<(Vec<(&'static str, String)>, f64)>,
 }
 
 impl Family {
     fn gauge(name: &'static str, help: &'static str) -> Self {
-        Self { name, help, kind: "gauge", samples: Vec::new() }
+        Self { name, help, samples: Vec::new() }
     }
 
     fn add(&mut self, labels: Vec<(&'static str, String)>, value: impl Into<Option<f64>>) {
@@ -33,8 +32,8 @@ impl Family {
         if self.samples.is_empty() {
             return Ok(());
         }
-        let Self { name, help, kind, samples } = self;
-        writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}")?;
+        let Self { name, help, samples } = self;
+        writeln!(text, "# HELP {name} {help}\n# TYPE {name} gauge")?;
         for (labels, value) in samples {
             let pair = |(label, value): &(&str, String)| format!("{label}=\"{}\"", escaped(value));
             let labels: Vec<String> = labels.iter().map(pair).collect();

@@ -46,8 +46,9 @@ pub fn check_free(out: &Path) -> Result<()> {
 pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Made> {
     check_free(out)?;
     let Gathered { runs, notes } = gathered;
+    let made = Made::of(&runs, options, notes)?;
     let (pairs, undrawn) = strips(&runs);
-    let made = Made::of(&runs, options, notes)?.with_episodes(pairs, undrawn);
+    let made = made.with_episodes(pairs, undrawn);
     let figures = out.join(FIGURES);
     std::fs::create_dir_all(out).with_context(|| format!("cannot create {}", out.display()))?;
     let mut written = BTreeSet::new();

@@ -17,7 +17,7 @@ const HEAD: u16 = 4;
 /// A chart needs so many columns, and so many lines.
 const CHART_COLUMNS: u16 = 25;
 const CHART_LINES: [u16; 2] = [6, 16];
-/// Below this height there is only the head and a chart.
+/// Lines that the panels need below the charts; where there are fewer, charts take them all.
 const PANEL_LINES: u16 = 4;
 
 /// Draws all of it.
@@ -30,7 +30,7 @@ pub fn draw(frame: &mut Frame, model: &Model) {
         return;
     };
     draw_head(frame, head, live);
-    let charts = if live.card.evaluation { 0 } else { (body.height / 2).clamp(CHART_LINES[0], CHART_LINES[1]) };
+    let charts = (body.height / 2).clamp(CHART_LINES[0], CHART_LINES[1]);
     let charts = if body.height < charts + PANEL_LINES { body.height } else { charts };
     let charts = if live.card.evaluation { 0 } else { charts };
     let [upper, lower] = Layout::vertical([Constraint::Length(charts), Constraint::Min(0)]).areas(body);
@@ -119,10 +119,10 @@ fn progress(live: &Live) -> Gauge<'static> {
 
 /// Frames a second, and a bar of where the time goes.
 fn throughput(live: &Live, width: u16) -> Line<'static> {
-    let rate = live.frames_per_s.map_or_else(String::new, |rate| format!(" {} frames/s  ", format::rate(rate)));
-    if live.frames_per_s.is_none() {
+    let Some(rate) = live.frames_per_s else {
         return Line::from(if live.card.evaluation { "" } else { " no rollout yet" });
-    }
+    };
+    let rate = format!(" {} frames/s  ", format::rate(rate));
     let [simulate, infer, update] = live.shares;
     let parts = [
         ("simulate", simulate, Color::Green),

@@ -1,8 +1,8 @@
 //! A run live in Foxglove: a WebSocket with the topics of its recordings as they are recorded, and with what one of its
 //! environments looks like at the moment, which is simulated again for it.
 //!
-//! The protocol is ours ([`protocol`]), not the crate `foxglove`'s: that has a port of its own, which knows neither the
-//! guard nor its token.
+//! The protocol is spoken by code of ours ([`protocol`]) and not by the crate `foxglove`, which listens on a port of its
+//! own, without our guard and its token.
 
 mod protocol;
 
@@ -139,8 +139,8 @@ struct Session {
     desk: Desk,
     /// The kitchen whose room was sent whole.
     sent: Option<u32>,
-    /// The newest moment, and by how many actions it was reached.
-    last: Option<(EpisodeKey, usize, Box<ShownEpisode>, Box<ShownSolids>)>,
+    /// The newest moment: its episode, the actions up to it, and whether the room is in it.
+    last: Option<(EpisodeKey, usize, bool, Box<ShownEpisode>, Box<ShownSolids>)>,
 }
 
 impl Session {
@@ -196,7 +196,10 @@ impl Session {
         }
         self.tell_all(socket, &recorded).await?;
         if with_moment && of_moment.iter().any(|topic| self.desk.wants(topic)) {
-            let moment = self.moment(&*feed).await.unwrap_or_default();
+            let moment = self.moment(&*feed).await.unwrap_or_else(|Refusal(_, problem)| {
+                tracing::debug!("no moment for Foxglove: {problem}");
+                Vec::new()
+            });
             self.tell_all(socket, &moment).await?;
         }
         self.feed = Some(feed);
@@ -210,7 +213,7 @@ impl Session {
         Ok(())
     }
 
-    /// What the environment looks like now; an error is told by the next look.
+    /// What the environment looks like now. After a failure the next look tries again.
     async fn moment(&mut self, feed: &dyn Feed) -> Result<Vec<Recorded>, Refusal> {
         if self.desk.has_newcomers() {
             self.sent = None;
@@ -220,14 +223,16 @@ impl Session {
         // What is always the same is sent once; a run through many kitchens comes to others.
         let whole = self.sent != Some(key.kitchen);
         let actions = episode.actions.len();
-        let is_last = |(last, count, ..): &(EpisodeKey, usize, _, _)| (*last, *count) == (key, actions);
-        if whole || !self.last.as_ref().is_some_and(is_last) {
+        let is_last = |(last, count, with_room, ..): &(EpisodeKey, usize, bool, _, _)| {
+            (*last, *count, *with_room) == (key, actions, whole)
+        };
+        if !self.last.as_ref().is_some_and(is_last) {
             let name = format!("foxglove/{}/{key}", self.run);
             let (shown, solids) = self.simulate(name, setup, episode, whole).await?;
-            self.last = Some((key, actions, shown, solids));
+            self.last = Some((key, actions, whole, shown, solids));
         }
         self.sent = Some(key.kitchen);
-        Ok(self.last.as_ref().map_or_else(Vec::new, |(_, _, shown, solids)| feed.moment(shown, solids, whole)))
+        Ok(self.last.as_ref().map_or_else(Vec::new, |(_, _, _, shown, solids)| feed.moment(shown, solids, whole)))
     }
 
     async fn simulate(

@@ -1,4 +1,4 @@
-//! Foxglove's WebSocket protocol, as far as one needs it who only tells: what is offered, what a client wants of it, and
+//! Foxglove's WebSocket protocol, the part that a server needs which only sends: what it offers, what a client wants of it, and
 //! the messages. Pure. Described at <https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md>.
 
 use crate::feed::{Recorded, Topic};
