@@ -80,13 +80,15 @@ impl Evidence {
         let tables = files.iter().filter(|path| path.ends_with("episodes.csv"));
         let tables = tables.map(|path| Ok((path.clone(), std::fs::read_to_string(folder.root().join(path))?)));
         let best = std::fs::read_link(folder.best()).ok().map(|path| path.display().to_string());
+        let curves = [true, false].map(|of_stages| without_times(board::curves(folder, of_stages)));
+        ensure!(metrics.is_empty() || !curves[0].is_empty(), "there are no event files of stages");
         Ok(Self {
             summary: stripped(summary, &varying),
             metrics,
             validation,
             best,
             tables: tables.collect::<Result<_>>()?,
-            curves: [true, false].map(|of_stages| without_times(board::curves(folder, of_stages))),
+            curves,
             recording: Recording::read(folder)?,
             files,
         })
@@ -177,7 +179,7 @@ fn without_times(mut curves: Curves) -> Curves {
 /// Figures are compared as bits: one that is no number is one.
 fn by_step(what: &str, ours: &Curves, theirs: &Curves, found: &mut Vec<String>) {
     if ours.keys().ne(theirs.keys()) {
-        found.push(format!("event files of {what}: {} steps instead of {}", ours.len(), theirs.len()));
+        found.push(format!("event files of {what}: other steps ({} and {})", ours.len(), theirs.len()));
         return;
     }
     for ((step, ours), theirs) in ours.iter().zip(theirs.values()) {

@@ -113,7 +113,11 @@ pub fn carry_out(fault: Fault, folder: &Path, place: &Place, session: &mut Sessi
 /// Kills everybody after `before`; how many. Stopped first, so that none sees another's death.
 fn kill_all(folder: &Path, first: u32, before: impl FnOnce() -> Result<()>) -> Result<usize> {
     let mut everyone: Vec<u32> = of_folder(folder).into_iter().map(|one| one.pid).collect();
-    everyone.push(first);
+    // One that has ended has no command line any more.
+    if !everyone.contains(&first) && std::fs::read(format!("/proc/{first}/cmdline")).is_ok_and(|line| !line.is_empty())
+    {
+        everyone.push(first);
+    }
     for &pid in &everyone {
         signal(pid, Signal::STOP);
     }
