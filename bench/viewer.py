@@ -19,6 +19,7 @@ import sys
 import tempfile
 import threading
 import time
+import urllib.error
 import urllib.request
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,6 +62,7 @@ class Page:
     address: str
     run: str
     asked: int = 0
+    problem: str = ""
     over: threading.Event = field(default_factory=threading.Event)
 
     def get(self, path: str) -> object:
@@ -88,6 +90,8 @@ class Page:
                     self.depth(live["kitchens"][0])
                     # As the page does it: a tenth of one core's time at most.
                     due = time.monotonic() + max(4.0, 9 * (time.monotonic() - began))
+        except urllib.error.HTTPError as error:
+            self.problem = f"{error.url}: {error}"
         except OSError:
             # The viewer ends with its run.
             return
@@ -163,6 +167,8 @@ def train(options: argparse.Namespace, place: Path, with_viewer: bool) -> dict:
         sys.exit(f"viewer.py: a run failed:\n{problem}")
     if looking:
         looking.join(START_S)
+        if page.problem or not page.asked:
+            sys.exit(f"viewer.py: nobody looked at the run to its end: {page.problem}")
     return {"viewer": with_viewer, "training_s": training_s(run), "asked": page.asked if page else 0}
 
 

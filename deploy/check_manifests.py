@@ -147,13 +147,15 @@ def tried(orchestrator, arguments, room):
     if "host 99 of" not in asked.stderr:
         yield f"the orchestrator refuses it: {' '.join(arguments)}: {asked.stderr.strip()}"
         return
+    if room is None:
+        return
     known = [word for word in plain if re.match(r"--(preset|actors|learners|envs-per-actor)=", word)]
     report = subprocess.run([orchestrator, "doctor", *known], capture_output=True, text=True, timeout=120).stdout
     need = re.search(r"^shared memory +\S+ +([0-9.]+ \w+) of", report, re.MULTILINE)
-    if need and room is not None and size(need.group(1)) > room:
-        yield f"the run needs {need.group(1)} in /dev/shm, and its sizeLimit is {room / 2**20:.0f} MiB"
-    elif room is not None and not need:
+    if not need:
         yield f"the doctor does not say what it needs in /dev/shm: {report.strip()}"
+    elif size(need.group(1)) > room:
+        yield f"the run needs {need.group(1)} in /dev/shm, and its sizeLimit is {room / 2**20:.0f} MiB"
 
 
 def findings(documents, orchestrator):

@@ -20,7 +20,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use simulator::depth::DepthCamera;
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::{iter, thread};
 
 /// When an episode that has ended is followed by the next (the names are Gymnasium's).
@@ -38,18 +38,22 @@ enum Autoreset {
 type Asked = (Option<String>, Option<u64>, Option<u32>);
 
 /// What a thread keeps between calls: a camera for each kitchen, and scratch memory. Cameras stand under the address of
-/// their kitchen, which is kept beside them: no other kitchen can get that address, though scenes may share a number.
+/// their kitchen; a weak reference beside them keeps the address taken: scenes may share a number.
 #[derive(Default)]
 struct Worker {
-    cameras: HashMap<usize, (Arc<simulator::kitchen::Kitchen>, DepthCamera)>,
+    cameras: HashMap<usize, (Weak<simulator::kitchen::Kitchen>, DepthCamera)>,
     scratch: Vec<u16>,
 }
 
 impl Worker {
     fn look(&mut self, place: &mut Place, side: usize, frame: &mut Frame) {
         let kitchen = &place.room.kitchen;
-        let camera = self.cameras.entry(Arc::as_ptr(kitchen).addr());
-        let (_, camera) = camera.or_insert_with(|| (Arc::clone(kitchen), DepthCamera::new(kitchen.bodies())));
+        let at = Arc::as_ptr(kitchen).addr();
+        if !self.cameras.contains_key(&at) {
+            self.cameras.retain(|_, (kitchen, _)| kitchen.strong_count() > 0);
+        }
+        let camera = self.cameras.entry(at);
+        let (_, camera) = camera.or_insert_with(|| (Arc::downgrade(kitchen), DepthCamera::new(kitchen.bodies())));
         frame.take(&mut place.environment, camera, side, &mut self.scratch);
     }
 }

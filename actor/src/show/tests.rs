@@ -154,7 +154,7 @@ fn solids_are_of_the_moment_that_was_asked_for() {
     }
     assert_eq!(start.depth_mm.len(), FRAME_SIDE * FRAME_SIDE);
     assert_ne!(ahead.depth_mm, down.depth_mm);
-    // It looks down in steps of the action's, the simulator's own angle.
+    // One LookDown turns the camera by more than 0.1 rad.
     assert!(
         down.camera_pitch_rad > ahead.camera_pitch_rad + 0.1,
         "{} {}",

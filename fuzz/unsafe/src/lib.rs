@@ -25,7 +25,10 @@ mod tests {
             });
             scope.spawn(|| {
                 let words = open(false);
-                while words.load(599) < 1000 {}
+                let began = std::time::Instant::now();
+                while words.load(599) < 1000 {
+                    assert!(began.elapsed().as_secs() < 60, "the writer has ended");
+                }
             });
         });
         let reader = open(false);
