@@ -46,7 +46,7 @@ pub struct Arguments {
     /// Where to compute: cpu, cuda or auto
     #[arg(long, value_name = "D", default_value = "auto", value_parser = device::parse_choice)]
     device: DeviceChoice,
-    /// Named configuration [default: demo on a CPU, two-stage on a GPU]
+    /// Named configuration [default: demo on a CPU, recipe on a GPU]
     #[arg(long, value_name = "P")]
     preset: Option<String>,
     /// TOML file whose keys replace the preset's
@@ -83,7 +83,7 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
         arguments.seconds
     );
     let cuda = arguments.device != DeviceChoice::Cpu && Cuda::is_available();
-    let preset = arguments.preset.as_deref().unwrap_or(if cuda { "two-stage" } else { "demo" });
+    let preset = arguments.preset.as_deref().unwrap_or(if cuda { "recipe" } else { "demo" });
     let mut config = Config::resolve_set(preset, arguments.config.as_deref(), &arguments.set)?;
     config.learner.device = arguments.device;
     // Whatever the configuration is of, this process is one learner.

@@ -144,7 +144,7 @@ mod tests {
         let gpu = Some(Use { busy: 0.85, memory: 12_300_000_000 });
         let timing = Timing { simulate_s: 1.0, infer_s: 3.0, update_s: 5.0, other_s: 1.0 };
         let report = Report {
-            preset: "two-stage".to_owned(),
+            preset: "recipe".to_owned(),
             place: "cuda:0".to_owned(),
             encoder: "resnet",
             parameters: 5_800_000,

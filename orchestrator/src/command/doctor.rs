@@ -19,7 +19,7 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator doctor
-  orchestrator doctor --preset two-stage --actors 38 --run /data/runs/a
+  orchestrator doctor --preset recipe --actors 38 --run /data/runs/a
   orchestrator doctor --json | jq -r '.checks[] | select(.status != \"ok\") | .text'")]
 pub struct DoctorArgs {
     /// Preset to check for [default: the one that `up` would take]

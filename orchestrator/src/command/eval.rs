@@ -36,7 +36,7 @@ const ENVIRONMENTS_MAX: u32 = 32;
   orchestrator eval runs/demo --distribution fixed          the paper's kind of episodes, whatever the run trained on
   orchestrator eval runs/a --split train --episodes 6 --json
   orchestrator eval runs/a --kitchens procedural:5000..5100 --episodes 6     in a hundred kitchens never seen
-  orchestrator eval --preset two-stage --split test         a random policy")]
+  orchestrator eval --preset recipe --split test         a random policy")]
 pub struct EvalArgs {
     /// Run folder (its newest checkpoint), RUN/best, or a checkpoint's manifest
     #[arg(value_name = "RUN|CHECKPOINT", required_unless_present = "preset")]

@@ -90,7 +90,7 @@ fn one_seed(text: &str) -> Result<u64, String> {
 
 /// The preset to use when nobody asks for one.
 pub fn default_preset(torch: &Torch) -> &'static str {
-    if torch.has_cuda() { "two-stage" } else { "demo" }
+    if torch.has_cuda() { "recipe" } else { "demo" }
 }
 
 #[cfg(test)]
@@ -107,7 +107,7 @@ mod tests {
         let unused = || -> Result<&'static str> { anyhow::bail!("nobody needs a default") };
         assert_eq!(overrides.preset(None, unused).unwrap(), "paper");
         assert_eq!(overrides.preset(Some("demo"), unused).unwrap(), "demo");
-        assert_eq!(Overrides::default().preset(None, || Ok("two-stage")).unwrap(), "two-stage");
+        assert_eq!(Overrides::default().preset(None, || Ok("recipe")).unwrap(), "recipe");
         let config = overrides.resolve("demo").unwrap();
         assert_eq!((config.preset.as_str(), config.seed, config.actors.count), ("demo", 5, 2));
         assert_eq!(config.actors.environments_per_actor, 3);

@@ -31,7 +31,7 @@ const TRIALS: u32 = 8;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator tune > fast.toml && orchestrator up --config fast.toml
-  orchestrator tune --preset two-stage --actors 38 --learners 2 --minutes 10 --out fast.toml
+  orchestrator tune --preset recipe --actors 38 --learners 2 --minutes 10 --out fast.toml
   orchestrator tune --preset paper --minutes 3     chooses environments and cores; T is the paper's")]
 pub struct TuneArgs {
     /// Preset to begin with [default: the one that `up` would take]
@@ -260,7 +260,7 @@ mod tests {
 
     #[test]
     fn the_file_that_is_printed_is_a_configuration_with_the_best_shape() {
-        let mut config = Config::resolve("two-stage", None).unwrap();
+        let mut config = Config::resolve("recipe", None).unwrap();
         config.machine.pin = Pin::Cores(vec![0, 1]);
         let [start, best] = [(16, false), (32, true)].map(|(environments, pinned)| Choice {
             environments,
@@ -277,7 +277,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("fast.toml");
         std::fs::write(&path, &text).unwrap();
-        let read = Config::resolve("two-stage", Some(&path)).unwrap();
+        let read = Config::resolve("recipe", Some(&path)).unwrap();
         let mut expected = config.clone();
         expected.actors.environments_per_actor = 32;
         assert_eq!(read, expected);

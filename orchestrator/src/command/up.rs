@@ -29,10 +29,10 @@ use std::process::ExitCode;
 /// weights, `frames: ` and the number of frames trained on; with --json the last line is the event `ended`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator up                                  the demonstration on a CPU, the two-stage curriculum on a GPU
+  orchestrator up                                  the demonstration on a CPU, the recipe on a GPU
   orchestrator up --preset paper --seed 2          the paper's exact shape
   orchestrator up --preset demo --actors 4 --envs-per-actor 2 --frames 20000 --run runs/small
-  orchestrator up --preset two-stage --actors 38 --learners 2               a learner on each of two GPUs
+  orchestrator up --preset recipe --actors 76 --learners 2                  a learner on each of two GPUs
   orchestrator up --preset demo --view             the same with a page to watch it on
   orchestrator up --json | jq .event               events for scripts, a line each
   orchestrator up --config mine.toml               some settings of your own over the default preset
@@ -42,7 +42,7 @@ use std::process::ExitCode;
 
 The configuration, later over earlier: the preset, --config, --set, the other flags. `orchestrator config` prints it.")]
 pub struct UpArgs {
-    /// Named configuration (`orchestrator presets`) [default: demo without a CUDA device, two-stage with one]
+    /// Named configuration (`orchestrator presets`) [default: demo without a CUDA device, recipe with one]
     #[arg(long, value_name = "P")]
     preset: Option<String>,
     #[command(flatten)]
@@ -174,7 +174,7 @@ fn introduce(config: &Config, asked: bool) {
         terminal::note(&format!(
             "{why}This is a demonstration, not the paper's experiment: a small encoder, episodes that begin near their\n\
              target, {frames} frames instead of 45 000 000. The full run is `orchestrator up --preset paper` (19\n\
-             environments, the paper's exact shape) or `orchestrator up --preset two-stage` on a machine with a GPU."
+             environments, the paper's exact shape) or `orchestrator up --preset recipe` on a machine with a GPU."
         ));
     } else if !asked {
         terminal::note(&format!("preset {}: {frames} frames", config.preset));

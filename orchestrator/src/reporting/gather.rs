@@ -308,7 +308,7 @@ mod tests {
     /// An evaluation's folder: one episode, weights that are named by a letter.
     fn evaluate(folder: &Path, split: Split, run: Option<&Path>, weights: &str) {
         let asked = EvaluationConfig::fixed(split, ObjectSet::Novel, 1);
-        let mut config = Config { evaluation: Some(asked), seed: 77, ..Config::resolve("two-stage", None).unwrap() };
+        let mut config = Config { evaluation: Some(asked), seed: 77, ..Config::resolve("recipe", None).unwrap() };
         config.actors.count = 5;
         let novel = (0..12).find(|&episode| ObjectSet::Novel.contains(category_of(episode))).unwrap();
         let record =
@@ -397,7 +397,7 @@ mod tests {
 
     /// A run's folder without anything trained.
     fn begin(folder: &Path, change: impl FnOnce(&mut Config)) {
-        let mut config = Config { seed: 3, ..Config::resolve("two-stage", None).unwrap() };
+        let mut config = Config { seed: 3, ..Config::resolve("recipe", None).unwrap() };
         change(&mut config);
         std::fs::create_dir_all(folder).unwrap();
         let folder = RunFolder::new(folder);

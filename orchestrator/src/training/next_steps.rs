@@ -40,7 +40,7 @@ pub fn lines(program: &str, folder: &RunFolder, end: &SessionEnd, preset: &str, 
     lines.push(line("report", format!("{program} report {run}")));
     if preset == "demo" {
         lines.push(line("full run", format!("{program} up --preset paper")));
-        lines.push(line("on a GPU", format!("{program} up --preset two-stage")));
+        lines.push(line("on a GPU", format!("{program} up --preset recipe")));
     }
     lines
 }
@@ -58,7 +58,7 @@ mod tests {
             "evaluate    ./orchestrator eval 'runs/my run'",
             "report      ./orchestrator report 'runs/my run'",
             "full run    ./orchestrator up --preset paper",
-            "on a GPU    ./orchestrator up --preset two-stage",
+            "on a GPU    ./orchestrator up --preset recipe",
         ];
         assert_eq!(lines("demo", true), expected);
         assert_eq!(lines("paper", false), expected[1..3], "nothing was recorded, and this was the full run");

@@ -48,7 +48,7 @@ mod tests {
         let episode = |preset: &str| Config::resolve(preset, None).unwrap().episode;
         for (preset, split, expected) in [
             ("paper", Split::Test, Distribution::Fixed),
-            ("two-stage", Split::Validation, Distribution::Fixed),
+            ("recipe", Split::Validation, Distribution::Fixed),
             ("paper", Split::Train, Distribution::Run),
             ("demo", Split::Test, Distribution::Run),
             ("demo", Split::Validation, Distribution::Run),

@@ -209,13 +209,13 @@ mod tests {
     /// results keep theirs.
     #[test]
     fn every_row_has_the_references_sign_and_rate() {
-        let names = all().into_iter().map(|preset| preset.name).chain(["paper", "two-stage"].map(str::to_owned));
+        let names = all().into_iter().map(|preset| preset.name).chain(["paper".to_owned()]);
         let reference = (CarriedGoal::GoalToObject, 30_000_000);
         for name in names {
             let config = config(&name);
             assert_eq!((config.network.carried_goal, config.ppo.learning_rate_frames), reference, "{name}");
         }
-        for name in ["demo", "short-two-stage", "short-r-only", "short-scratch"] {
+        for name in ["demo", "recipe", "short-two-stage", "short-r-only", "short-scratch"] {
             let config = config(name);
             let own = (CarriedGoal::ObjectToGoal, 0);
             assert_eq!((config.network.carried_goal, config.ppo.learning_rate_frames), own, "{name}");

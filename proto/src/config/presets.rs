@@ -19,9 +19,9 @@ const FILES: [(&str, &str, &str); 10] = [
         include_str!("../../presets/paper.toml"),
     ),
     (
-        "two-stage",
-        "the paper's curriculum and constants with many environments, for one GPU",
-        include_str!("../../presets/two-stage.toml"),
+        "recipe",
+        "where to begin on a GPU: 20M + 25M frames, constants with which every seed learns, a GPU's shape",
+        include_str!("../../presets/recipe.toml"),
     ),
     (
         "short-two-stage",
@@ -39,9 +39,9 @@ const FILES: [(&str, &str, &str); 10] = [
         include_str!("../../presets/short-scratch.toml"),
     ),
     (
-        "procedural-two-stage",
-        "two-stage in 1,000 procedural kitchens instead of the 19",
-        include_str!("../../presets/procedural-two-stage.toml"),
+        "recipe-procedural",
+        "recipe in 1,000 procedural kitchens instead of the 19",
+        include_str!("../../presets/recipe-procedural.toml"),
     ),
     (
         "procedural-100",
@@ -113,15 +113,15 @@ mod tests {
     #[test]
     fn open_lengths_are_those_of_the_presets_file_and_no_key_of_a_configuration() {
         let open = |name: &str| presets().iter().find(|preset| preset.name == name).map(Preset::open_rollout_steps);
-        assert_eq!(open("two-stage"), Some(vec![32, 64, 128]));
+        assert_eq!(open("recipe"), Some(vec![32, 64, 128]));
         assert_eq!([open("paper"), open("demo")], [Some(vec![]), Some(vec![])]);
-        assert!(!Config::resolve("two-stage", None).unwrap().to_toml().contains(OPEN_STEPS));
+        assert!(!Config::resolve("recipe", None).unwrap().to_toml().contains(OPEN_STEPS));
     }
 
     #[test]
     fn procedural_presets_differ_from_their_bases_in_the_kitchens_alone() {
         let shown = [
-            ("procedural-two-stage", "two-stage", 1000),
+            ("recipe-procedural", "recipe", 1000),
             ("procedural-100", "short-two-stage", 100),
             ("procedural-1000", "short-two-stage", 1000),
             ("procedural-10000", "short-two-stage", 10_000),

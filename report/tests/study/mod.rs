@@ -170,7 +170,7 @@ pub fn study() -> Vec<Run> {
     ] {
         runs.extend((1..=seeds).map(|seed| run(preset, seed, found)));
     }
-    let mut untrained = run("two-stage", 1, (0.02, 0.3));
+    let mut untrained = run("recipe", 1, (0.02, 0.3));
     untrained.origin = Origin::Untrained;
     untrained.rollouts.clear();
     untrained.validation.clear();
