@@ -210,3 +210,54 @@ fn ring(bell: &Bell, actor: u32) {
         tracing::debug!("the bell of actor {actor} does not ring: {cause:?}");
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::shares::Shares;
+    use std::ptr::{addr_of_mut, write_volatile};
+    use wire::WireHost;
+
+    /// An actor that goes on writing into a sample that it has sent: what was checked is what is used.
+    #[test]
+    fn what_was_received_stays_as_it_was_whatever_its_sender_writes() {
+        let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 2 };
+        let address = WireAddress::new(&format!("testlink{}", std::process::id()), 1);
+        let host = WireHost::create(&address, shape).unwrap();
+        {
+            let ports = Ports::open(&address, shape, 0, false).unwrap();
+            let actor = Wire::join(&address, shape, "actor-0").unwrap();
+            let publisher = actor.observation_publisher(0).unwrap();
+            let mut loan = publisher.loan_slice_uninit(1).unwrap();
+            *loan.user_header_mut() = ObservationHeader { half: 1, ..Default::default() };
+            let header = std::ptr::from_mut(loan.user_header_mut());
+            let sent = Observation {
+                transition: Transition { disturbance_m: 0.5, ..Default::default() },
+                current: Current { target: 3, ..Default::default() },
+                environment: 1,
+                reserved: [0; 13],
+                depth_mm: [1234; FRAME_PIXELS],
+            };
+            let mut loan = loan.write_from_fn(|_| sent);
+            let observation = loan.payload_mut().as_mut_ptr();
+            loan.send().unwrap();
+
+            let (received, sample) = ports.receive().unwrap().expect("what was sent is there");
+            // SAFETY: the sample's memory is mapped until the publisher is dropped; nobody else writes to it.
+            unsafe {
+                write_volatile(addr_of_mut!((*header).half), 7);
+                write_volatile(addr_of_mut!((*observation).environment), 99);
+                write_volatile(addr_of_mut!((*observation).transition.disturbance_m), f32::NAN);
+                write_volatile(addr_of_mut!((*observation).current.target), 99);
+                write_volatile(addr_of_mut!((*observation).depth_mm[7]), 4321);
+            }
+            assert_eq!(sample.sample.user_header().half, 7, "the sender reaches what the learner reads");
+            assert_eq!(received.half, 1);
+            assert_eq!((sample.len(), sample.environment(0)), (1, 1));
+            assert_eq!((sample.transition(0).disturbance_m, sample.current(0).target), (0.5, 3));
+            assert_eq!(sample.frame(0)[7], 4321, "frames are not copied");
+        }
+        drop(host);
+        address.sweep().unwrap();
+    }
+}
