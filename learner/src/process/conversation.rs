@@ -177,9 +177,6 @@ impl<'a, W: Write> Conversation<'a, W> {
 
     /// Sends a half's actions, in batch order.
     pub fn answer(&mut self, half: u32, actions: &[u8]) -> Result<()> {
-        for batch in self.collector.answer(half, actions) {
-            self.ports.send_actions(&batch)?;
-        }
-        Ok(())
+        self.ports.send_actions(&self.collector.answer(half, actions))
     }
 }

@@ -14,6 +14,7 @@ mod import;
 mod link;
 mod lock;
 mod machine;
+mod ringers;
 mod stop;
 mod training;
 mod weights;

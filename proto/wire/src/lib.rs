@@ -54,6 +54,7 @@ pub use announcer::Announcer;
 pub use bells::{Bells, ThreadBell, Waiting};
 pub use error::WireError;
 pub use services::{
-    ActionPublisher, ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
-    RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wakeup, Wire, WireHost, WireShape,
+    ActionPublisher, ActionSubscriber, Bell, Ipc, LEARNER_THREADS, ObservationPublisher, ObservationReaders,
+    ObservationSubscriber, RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wakeup, Wire,
+    WireHost, WireShape,
 };
