@@ -8,15 +8,17 @@ use crate::ffi;
 use crate::ffi::graph::{Graph, GraphError, Recorder};
 use crate::ffi::host_memory::HostMemory;
 use crate::ffi::kernels::{CHOSEN_WORDS, Chosen, Kernels};
+use crate::ffi::stream::Streams;
 use crate::network::{Network, Observations, RawFrame, Staging};
 use crate::rollout::Step;
 use std::ops::Range;
-use tch::{Cuda, Device, Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 /// Graphs and their memory.
 #[derive(Debug)]
 pub(super) struct Acting {
     recorder: Recorder,
+    streams: Streams,
     memory: HostMemory,
     /// Frames that the GPU cannot read where they are.
     staging: Staging,
@@ -97,6 +99,7 @@ impl Acting {
     pub fn new(device: Device) -> Result<Self, GraphError> {
         Ok(Self {
             recorder: Recorder::open()?,
+            streams: Streams::open()?,
             memory: HostMemory::open()?,
             staging: Staging::default(),
             recorded: vec![],
@@ -136,7 +139,8 @@ impl Acting {
         let recorded = &mut self.recorded[at];
         recorded.fill(&frames, rows);
         recorded.graph.replay()?;
-        Cuda::synchronize(0);
+        // Not for the device: another thread may keep it busy.
+        self.streams.wait()?;
         let words = ffi::floats_mut(&mut recorded.choices);
         Ok(words.chunks_exact(CHOSEN_WORDS).map(Chosen::from_words).collect())
     }
@@ -177,9 +181,8 @@ impl Acting {
         let (graph, ()) = self.recorder.record(|| {
             let _no_grad = tch::no_grad_guard();
             let inputs = inputs.to_device_(device, Kind::Uint8, true, false);
-            let part = |range: &Range<usize>, kind| {
-                inputs.narrow(0, range.start as i64, range.len() as i64).view_dtype(kind)
-            };
+            let part =
+                |range: &Range<usize>, kind| inputs.narrow(0, range.start as i64, range.len() as i64).view_dtype(kind);
             let side = store.size()[1];
             let kept = Tensor::empty([layout.rows as i64, side, side], (Kind::Float, device));
             let (frames, places) = (part(&layout.frames, Kind::Int64), part(&layout.places, Kind::Int64));

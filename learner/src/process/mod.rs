@@ -78,6 +78,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let rendezvous = wire.root().join(format!("learners-{incarnation}"));
     let peers = Peers::join(&rendezvous, [rank, learners], device)?;
     let mut agent = Agent::among(peers, columns(rank, &config), &config, device)?;
+    if config.ppo.overlap {
+        agent.overlap()?;
+    }
     let machine = machine::machine(device, config.learner.threads, learners);
     let store = Store::new(run.clone(), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);
 
@@ -98,7 +101,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         checkpoint: checkpoint.clone(),
     });
     let saved = checkpoint.map(|_| rollout);
-    Training { config, run, store, agent, conversation, rollout, frames, saved }.run()
+    Training { config, run, store, agent, conversation, rollout, frames, in_update: None, saved }.run()
 }
 
 /// Columns, numbered as in the whole run, of the actors that a rank serves.

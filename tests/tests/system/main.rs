@@ -5,6 +5,7 @@ mod budget;
 mod evaluation;
 mod learners;
 mod orchestrator_faults;
+mod overlap;
 mod same_weights;
 mod suite;
 mod whole_run;
