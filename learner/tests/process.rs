@@ -487,15 +487,10 @@ fn with_overlap_a_learner_killed_anywhere_goes_on_to_the_same_weights() {
         "learner.before_checkpoint:2",
         "learner.after_tensors:3",
         "learner.after_manifest:2",
-        "learner.after_manifest:4",
-        "learner.mid_rollout:1",
         "learner.mid_rollout:7",
         "learner.mid_rollout:11",
-        "learner.mid_rollout:15",
-        "learner.before_update:1",
         "learner.before_update:2",
         "learner.before_update:4",
-        "learner.after_update:1",
         "learner.after_update:2",
         "learner.after_update:3",
         "learner.after_update:5",
@@ -522,16 +517,16 @@ fn with_overlap_a_learner_killed_anywhere_goes_on_to_the_same_weights() {
 
 #[test]
 fn with_overlap_a_stopped_run_resumes_to_the_same_weights() {
-    let mut rig = Rig::new("overlapstraight", overlapping());
+    let mut rig = Rig::new("ostraight", overlapping());
     let straight = rig.learner(&Plan::Undisturbed);
     let weights = complete(&rig, &straight);
     // The stop comes while the learner waits for the next rollout, and in the middle of it.
-    for (name, plan) in [("overlapstop", Plan::StopAfter(1)), ("overlapgone", Plan::CutLifelineAfter(0))] {
+    for (name, plan) in [("ostop", Plan::StopAfter(1)), ("ogone", Plan::CutLifelineAfter(0))] {
         let mut rig = Rig::new(name, overlapping());
         let stopped = rig.learner(&plan);
         assert!(stopped.status.success(), "{stopped:?}");
         let (frames, _, complete_) = stopped.finished();
-        assert!(name == "overlapgone" || (frames, complete_) == (48, false), "{stopped:?}");
+        assert!(name == "ogone" || (frames, complete_) == (48, false), "{stopped:?}");
         rig.next_incarnation(2);
         let ended = rig.learner(&Plan::Undisturbed);
         assert_eq!(complete(&rig, &ended), weights, "{name}");
