@@ -127,14 +127,13 @@ impl Acting {
         network.refresh();
         let frames = self.addresses(rows.frames);
         let at = self.recorded.iter().position(|graph| graph.layout == layout && graph.store == store_address);
-        let at = match at {
-            Some(at) => at,
-            None => {
-                self.recorded.retain(|graph| graph.store == store_address);
-                let recorded = self.record(network, kernels, beliefs, store, layout, &frames, rows)?;
-                self.recorded.push(recorded);
-                self.recorded.len() - 1
-            }
+        let at = if let Some(at) = at {
+            at
+        } else {
+            self.recorded.retain(|graph| graph.store == store_address);
+            let recorded = self.record(network, kernels, beliefs, store, layout, &frames, rows)?;
+            self.recorded.push(recorded);
+            self.recorded.len() - 1
         };
         let recorded = &mut self.recorded[at];
         recorded.fill(&frames, rows);
@@ -187,7 +186,7 @@ impl Acting {
             let kept = Tensor::empty([layout.rows as i64, side, side], (Kind::Float, device));
             let (frames, places) = (part(&layout.frames, Kind::Int64), part(&layout.places, Kind::Int64));
             // SAFETY: `fill` puts there the addresses of `addresses` and rows of this store, before each replay.
-            unsafe { kernels.observe(&frames, &places, &kept, store) };
+            unsafe { kernels.acting.observe(&frames, &places, &kept, store) };
             let observations = Observations {
                 frames: kept,
                 goals: part(&layout.goals, Kind::Float).view([-1, 3]),
@@ -199,9 +198,9 @@ impl Acting {
             let after = network.belief.step(&network.parameters, &embedded, &before);
             let output = network.actor_critic(&after);
             let noise = part(&layout.noise, Kind::Float).view([layout.rows as i64, -1]);
-            kernels.choose(&output.log_probs, &output.values.contiguous(), &noise, &choices);
+            kernels.acting.choose(&output.log_probs, &output.values.contiguous(), &noise, &choices);
             // SAFETY: `fill` puts rows of the table there.
-            unsafe { kernels.keep(&after.contiguous(), &part(&layout.beliefs_to, Kind::Int64), beliefs) };
+            unsafe { kernels.acting.keep(&after.contiguous(), &part(&layout.beliefs_to, Kind::Int64), beliefs) };
         })?;
         Ok(Recorded { layout, store: store.data_ptr() as usize, graph, inputs, choices })
     }

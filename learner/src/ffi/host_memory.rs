@@ -139,7 +139,8 @@ mod tests {
 
     #[test]
     fn a_line_of_the_kernels_list() {
-        let mapping = parse("7f5e9c000000-7f5e9c021000 r--s 00001000 00:19 4242   /dev/shm/some thing (deleted)").unwrap();
+        let mapping =
+            parse("7f5e9c000000-7f5e9c021000 r--s 00001000 00:19 4242   /dev/shm/some thing (deleted)").unwrap();
         assert_eq!(mapping.addresses, 0x7f5e_9c00_0000..0x7f5e_9c02_1000);
         assert_eq!(mapping.file, "00:19 4242 /dev/shm/some thing (deleted)");
         assert_eq!(parse("7ffd0000-7ffd1000 rw-p 00000000 00:00 0"), None);

@@ -3,6 +3,7 @@
 mod bad_input;
 mod budget;
 mod evaluation;
+mod gpu;
 mod learners;
 mod orchestrator_faults;
 mod overlap;

@@ -1,6 +1,6 @@
 //! The kernels around the network when it acts (`act.cu`).
 
-use super::{Kernels, address, int, launch};
+use super::map::{address, int, launch};
 use crate::ffi::cuda::{Argument, CudaError, Kernel, Module};
 use proto::camera::FRAME_SIDE;
 use tch::{Kind, Tensor};
@@ -13,10 +13,12 @@ const KEEP_THREADS: u32 = 128;
 
 /// The kernels.
 #[derive(Debug)]
-pub(super) struct ActingKernels {
+pub struct ActingKernels {
     observe: Kernel,
     choose: Kernel,
     keep: Kernel,
+    /// Side of a kept frame, pixels.
+    side: i64,
 }
 
 /// What was chosen for a row.
@@ -48,12 +50,17 @@ impl Chosen {
 }
 
 impl ActingKernels {
-    pub(super) fn find(module: &Module) -> Result<Self, CudaError> {
-        Ok(Self { observe: module.kernel(c"observe", 0)?, choose: module.kernel(c"choose", 0)?, keep: module.kernel(c"keep", 0)? })
+    pub(super) fn find(module: &Module, side: i64) -> Result<Self, CudaError> {
+        Ok(Self {
+            observe: module.kernel(c"observe", 0)?,
+            choose: module.kernel(c"choose", 0)?,
+            keep: module.kernel(c"keep", 0)?,
+            side,
+        })
     }
 }
 
-impl Kernels {
+impl ActingKernels {
     /// Reads raw frames where `frames` (i64 \[rows\]) says, pools them, and writes them to `kept` f32 \[rows, side,
     /// side\] and to the rows `places` (i64 \[rows\]) of `store`.
     ///
@@ -69,7 +76,7 @@ impl Kernels {
             assert!(tensor.kind() == Kind::Int64 && tensor.size() == [rows] && tensor.is_contiguous());
         }
         let arguments = [address(frames), address(places), address(kept), address(store)];
-        launch(self.acting.observe, rows * BANDS, OBSERVE_THREADS, &arguments);
+        launch(self.observe, rows * BANDS, OBSERVE_THREADS, &arguments);
     }
 
     /// Samples actions: log-probabilities and noise \[rows, actions\], values \[rows\] → [`CHOSEN_WORDS`] numbers a row
@@ -83,7 +90,7 @@ impl Kernels {
         assert!(choices.is_contiguous(), "a row after the other");
         let arguments: [Argument; 6] =
             [address(log_probs), address(values), address(noise), address(choices), int(rows), int(actions)];
-        launch(self.acting.choose, rows.div_euclid(i64::from(CHOOSE_THREADS)) + 1, CHOOSE_THREADS, &arguments);
+        launch(self.choose, rows.div_euclid(i64::from(CHOOSE_THREADS)) + 1, CHOOSE_THREADS, &arguments);
     }
 
     /// Copies beliefs \[rows, hidden\] to the rows `to` (i64 \[rows\]) of a table. Several may go to a row that nobody
@@ -98,6 +105,6 @@ impl Kernels {
         }
         assert!(to.kind() == Kind::Int64 && to.size() == [rows] && to.is_contiguous());
         let arguments = [address(beliefs), address(to), address(table), int(hidden)];
-        launch(self.acting.keep, rows, KEEP_THREADS, &arguments);
+        launch(self.keep, rows, KEEP_THREADS, &arguments);
     }
 }

@@ -1,6 +1,6 @@
 //! The kernels of a basic block of the first stage (`block.cu`).
 
-use super::{Affine, Kernels, Statistics, address, has_channels_last, int, launch, map, optional, over_rows, shape};
+use super::map::{Affine, Statistics, address, has_channels_last, int, launch, map, optional, over_rows, shape};
 use crate::ffi::cuda::{CudaError, Kernel, Module};
 use tch::{Kind, Tensor};
 
@@ -8,7 +8,7 @@ use tch::{Kind, Tensor};
 const CHANNELS: i64 = 32;
 const GROUPS: i64 = 16;
 const WIDE: i64 = 28;
-const WARPS: i64 = 9;
+const WARPS: i64 = 12;
 
 /// Blocks, each of which works on one map after another and adds up the weights' gradients over its maps: one for each
 /// of the 132 multiprocessors of an H100. The same number on every device, because it is part of the order of sums.
@@ -21,7 +21,7 @@ const ROOM_BYTES: i64 =
 
 /// The kernels.
 #[derive(Debug)]
-pub(super) struct BlockKernels {
+pub struct BlockKernels {
     forward: Kernel,
     backward: Kernel,
 }
@@ -69,25 +69,24 @@ impl Block<'_> {
     }
 }
 
-impl Kernels {
-    /// Whether there are kernels for whole blocks on maps like this one: they need the shared memory of an H100 or a
-    /// later GPU.
-    pub fn has_blocks_for(&self, x: &Tensor) -> bool {
-        self.block.is_some() && x.size()[1..] == [CHANNELS, WIDE, WIDE]
+impl BlockKernels {
+    /// Whether they are for maps like this one.
+    pub fn fit(x: &Tensor) -> bool {
+        x.size()[1..] == [CHANNELS, WIDE, WIDE]
     }
 
     /// `relu(norm(convolution(relu(norm(convolution(x))))) + x)`, 3 × 3, of a map \[rows, 32, 28, 28\].
     ///
     /// # Panics
-    /// Without [`Kernels::has_blocks_for`].
-    pub fn block_forward(&self, x: &Tensor, block: Block) -> (Tensor, Statistics) {
+    /// If the map does not [fit](Self::fit).
+    pub fn forward(&self, x: &Tensor, block: Block) -> (Tensor, Statistics) {
         block.check();
         let rows = shape(x)[0];
         let y = map(x, shape(x));
         let statistics = Tensor::empty([rows, 2, GROUPS, 2], (Kind::Float, x.device()));
         let [first, second] = block.norms;
         launch(
-            self.block.as_ref().expect("there are kernels for blocks").forward,
+            self.forward,
             rows.min(BLOCKS),
             WARPS as u32 * 32,
             &[
@@ -106,11 +105,11 @@ impl Kernels {
         (y, Statistics(statistics))
     }
 
-    /// Gradients of [`Kernels::block_forward`], `y` its output, for those of its output's users, one or two.
+    /// Gradients of [`BlockKernels::forward`], `y` its output, for those of its output's users, one or two.
     ///
     /// # Panics
-    /// Without [`Kernels::has_blocks_for`].
-    pub fn block_backward(
+    /// If the map does not [fit](Self::fit).
+    pub fn backward(
         &self,
         dy: [Option<&Tensor>; 2],
         y: &Tensor,
@@ -127,7 +126,7 @@ impl Kernels {
         let affine = Tensor::empty([rows, 2, 2, CHANNELS], float);
         let [first, second] = block.norms;
         launch(
-            self.block.as_ref().expect("there are kernels for blocks").backward,
+            self.backward,
             blocks,
             WARPS as u32 * 32,
             &[
@@ -151,56 +150,5 @@ impl Kernels {
         // The kernel puts the second first.
         let weight = |which: i64| over_rows(&weights.get(which)).permute([0, 3, 1, 2]);
         BlockGradients { input: dx, weights: [weight(1), weight(0)], affine: [affine.get(0), affine.get(1)] }
-    }
-}
-
-/// Beside libtorch's float32 autograd on the same bfloat16 numbers; see the tests of the norms.
-#[cfg(test)]
-mod tests {
-    use super::super::channels_last;
-    use super::super::tests::{DEVICE, ROUNDING, assert_close, kernels, leaf, random_map};
-    use super::*;
-
-    #[test]
-    #[ignore = "needs a CUDA device of compute capability 9.0"]
-    fn kernels_of_whole_blocks() {
-        let kernels = kernels(112);
-        // More maps than blocks of threads, and fewer.
-        for rows in [300, 5] {
-            let size = [rows, CHANNELS, WIDE, WIDE];
-            let x = channels_last(random_map(size).relu());
-            let weights = [0, 1].map(|_| channels_last(random_map([CHANNELS, CHANNELS, 3, 3]) * 0.08));
-            let float = (Kind::Float, DEVICE);
-            let affine = [0, 1].map(|_| [Tensor::randn([CHANNELS], float) * 0.3 + 1.0, Tensor::randn([CHANNELS], float)]);
-            let norms = [0, 1].map(|i: usize| Affine { weight: &affine[i][0], bias: &affine[i][1], groups: GROUPS });
-            let block = Block { weights: [&weights[0], &weights[1]], norms };
-            let [w1, w2] = [0, 1].map(|i: usize| leaf(&weights[i]));
-            let [[g1, b1], [g2, b2]] = [0, 1].map(|i: usize| [leaf(&affine[i][0]), leaf(&affine[i][1])]);
-            let input = leaf(&x);
-            let convolve = |x: &Tensor, weight: &Tensor| x.conv2d(weight, None::<Tensor>, [1; 2], [1; 2], [1; 2], 1);
-            let norm = |x: &Tensor, g: &Tensor, b: &Tensor| x.group_norm(GROUPS, Some(g), Some(b), 1e-5, true);
-            let between = norm(&convolve(&input, &w1), &g1, &b1).relu();
-            let between = &between + (between.to_kind(Kind::BFloat16).to_kind(Kind::Float) - &between).detach();
-            let expected = (norm(&convolve(&between, &w2), &g2, &b2) + &input).relu();
-            let (y, statistics) = kernels.block_forward(&x, block);
-            assert_close(&y, &expected, ROUNDING);
-
-            let dy = [random_map(size), random_map(size)];
-            let loss = (&expected * (&dy[0] + &dy[1]).to_kind(Kind::Float)).sum(Kind::Float);
-            let leaves = [&input, &w1, &w2, &g1, &b1, &g2, &b2];
-            let gradients = Tensor::run_backward(&[loss], &leaves, false, false);
-            let backward =
-                || kernels.block_backward([Some(&dy[0]), Some(&dy[1])], &y, &x, &statistics, block);
-            let ours = backward();
-            assert_close(&ours.input, &gradients[0], 3.0 * ROUNDING);
-            assert_close(&ours.weights[0], &gradients[1], 3.0 * ROUNDING);
-            assert_close(&ours.weights[1], &gradients[2], 3.0 * ROUNDING);
-            for (i, (weight, bias)) in [(3, 4), (5, 6)].into_iter().enumerate() {
-                assert_close(&ours.affine[i].get(1), &gradients[weight], 3.0 * ROUNDING);
-                assert_close(&ours.affine[i].get(0), &gradients[bias], 3.0 * ROUNDING);
-            }
-            let again = backward();
-            assert_eq!((&again.input, &again.weights), (&ours.input, &ours.weights), "the same bits");
-        }
     }
 }

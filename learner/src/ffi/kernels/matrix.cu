@@ -20,6 +20,14 @@ __device__ inline void load_transposed(u32 (&to)[4], u32 address) {
                  : "memory");
 }
 
+// Two matrices, transposed; lane l < 16 gives the address of row l % 8 of matrix l / 8.
+__device__ inline void load_two_transposed(u32 (&to)[2], u32 address) {
+    asm volatile("ldmatrix.sync.aligned.m8n8.x2.trans.shared.b16 {%0, %1}, [%2];"
+                 : "=r"(to[0]), "=r"(to[1])
+                 : "r"(address)
+                 : "memory");
+}
+
 // sum += a · b. Lane l = 4 · g + t holds rows g and g + 8 and columns 2t and 2t + 1 of the sum: [g][2t], [g][2t + 1],
 // [g + 8][2t], [g + 8][2t + 1].
 __device__ inline void multiply(float (&sum)[4], const u32 (&a)[4], u32 b_low, u32 b_high) {

@@ -29,21 +29,45 @@
 // Numbers that one thread sums for the statistics of a group.
 #define STEM_SUMMED (HALF / CHUNK * STEM_TILES * 4)
 
-// Rows of the convolution's input for the chunk whose first row is `first`.
-__device__ inline void fill_band(uint4* band, const float* frame, int first, float scale, float offset) {
-    for (int i = threadIdx.x; i < BAND * PADDED; i += blockDim.x) {
-        const int v = first + i / PADDED - 2, u = i % PADDED - 2;
-        Eight out = {};
-        if (v >= 0 && u >= 0 && v < HALF && u < HALF) {
+// Numbers of the frame for one lane: warp w has row w of the band, of which a lane has every 32nd position.
+#define BAND_STEPS ((PADDED + 31) / 32)
+struct BandPart {
+    float2 above[BAND_STEPS], below[BAND_STEPS];
+};
+
+// Asks for the rows of the convolution's input for the chunk whose first row is `first`.
+__device__ inline BandPart ask_for_band(const float* frame, int first) {
+    BandPart part;
+    const int lane = threadIdx.x % 32, v = first + threadIdx.x / 32 - 2;
 #pragma unroll
-            for (int k = 0; k < 4; k++) {
-                const float value = frame[(2 * v + k / 2) * SIDE + 2 * u + k % 2] * scale + offset;
-                const float rounded = __uint_as_float(two_bfloat16(value, 0.0f) << 16);
-                out.at[k] = rounded;
-                out.at[4 + k] = value - rounded;
-            }
+    for (int i = 0; i < BAND_STEPS; i++) {
+        const int u = lane + 32 * i - 2;
+        const bool inside = v >= 0 && v < HALF && u >= 0 && u < HALF && threadIdx.x / 32 < BAND;
+        const float2* at = (const float2*)(frame + (inside ? 2 * v * SIDE + 2 * u : 0));
+        // Of numbers outside the offset must not be seen.
+        part.above[i] = inside ? at[0] : make_float2(__int_as_float(0x7fffffff), 0.0f);
+        part.below[i] = inside ? at[SIDE / 2] : make_float2(0.0f, 0.0f);
+    }
+    return part;
+}
+
+// Puts them into shared memory.
+__device__ inline void fill_band(uint4* band, const BandPart& part, float scale, float offset) {
+    const int lane = threadIdx.x % 32, row = threadIdx.x / 32;
+#pragma unroll
+    for (int i = 0; i < BAND_STEPS; i++) {
+        const float2 above = part.above[i], below = part.below[i];
+        const bool inside = __float_as_int(above.x) != 0x7fffffff;
+        const float x[4] = {above.x, above.y, below.x, below.y};
+        Eight out = {};
+#pragma unroll
+        for (int k = 0; k < 4; k++) {
+            const float value = inside ? x[k] * scale + offset : 0.0f;
+            const float rounded = low(two_bfloat16(value, 0.0f));
+            out.at[k] = rounded;
+            out.at[4 + k] = value - rounded;
         }
-        band[i] = pack(out);
+        if (row < BAND && lane + 32 * i < PADDED) band[row * PADDED + lane + 32 * i] = pack(out);
     }
 }
 
@@ -58,20 +82,18 @@ __device__ inline u32 tap_offset(int k) {
     return (k / 2 * PADDED + k % 2 * 2) * 16;
 }
 
-// A tile's convolution, rounded: pixels g and g + 8, channels 8n + 2t and 8n + 2t + 1. `weight(n, k)` gives the right
-// operand.
-template <typename Weight>
-__device__ inline void convolve_tile(u32 (&out)[4][2], u32 address, Weight weight) {
+// A tile's convolution, rounded: pixels g and g + 8, channels 8n + 2t and 8n + 2t + 1. `weights(b, k)` gives the right
+// operands for the taps 16 · k and on.
+template <typename Weights>
+__device__ inline void convolve_tile(u32 (&out)[4][2], u32 address, Weights weights) {
     float sum[4][4] = {};
 #pragma unroll
     for (int k = 0; k < STEM_TAPS / 16; k++) {
-        u32 a[4];
+        u32 a[4], b[8];
         load_matrices(a, address + tap_offset(k));
+        weights(b, k);
 #pragma unroll
-        for (int n = 0; n < 4; n++) {
-            const uint2 b = weight(n, k);
-            multiply(sum[n], a, b.x, b.y);
-        }
+        for (int n = 0; n < 4; n++) multiply(sum[n], a, b[2 * n], b[2 * n + 1]);
     }
 #pragma unroll
     for (int n = 0; n < 4; n++) {
@@ -139,54 +161,59 @@ __device__ inline void stem_statistics(const Spread& spread, float (*by_warp)[ST
 
 // Pools the windows whose last rows are in the chunk that begins with row `first`. `rows` holds the last CHUNK + 1 rows
 // of the convolution's map, row v in place v mod (CHUNK + 1). `winner` says which of a window's nine pixels (row-major)
-// each number came from. Channels whose weight is negative keep their smallest number.
-__device__ inline void pool_chunk(const u32* rows, u32 negative, uint4* raw, uint2* winner, int first) {
+// each number came from, the first of equals. `turned` has the signs of channels whose weight is negative, which keep
+// their smallest number.
+__device__ inline void pool_chunk(const u32* rows, uint4 turned, uint4* raw, uint2* winner, int first) {
+    const u32 signs[4] = {turned.x, turned.y, turned.z, turned.w};
     for (int i = threadIdx.x; i < CHUNK / 2 * POOLED * 4; i += blockDim.x) {
         const int octet = i % 4, wu = i / 4 % POOLED, wv = first / 2 + i / 4 / POOLED;
-        Eight best;
-        u8 from[8];
+        float best[8];
+        u32 from[8] = {};
 #pragma unroll
-        for (int k = 0; k < 8; k++) {
-            best.at[k] = __int_as_float(0xff800000);
-            from[k] = 0;
-        }
+        for (int k = 0; k < 8; k++) best[k] = __int_as_float(0xff800000);
 #pragma unroll
         for (int pixel = 0; pixel < 9; pixel++) {
             const int v = 2 * wv - 1 + pixel / 3, u = 2 * wu - 1 + pixel % 3;
             if (v < 0 || u < 0) continue;
-            const u32* at = rows + ((v % (CHUNK + 1)) * HALF + u) * (STEM_STRIDE / 2) + octet * 4;
-            const Eight value = unpack(*(const uint4*)at);
+            const uint4 value = *(const uint4*)(rows + ((v % (CHUNK + 1)) * HALF + u) * (STEM_STRIDE / 2) + octet * 4);
+            const u32 words[4] = {value.x ^ signs[0], value.y ^ signs[1], value.z ^ signs[2], value.w ^ signs[3]};
 #pragma unroll
             for (int k = 0; k < 8; k++) {
-                const float turned = negative >> (8 * octet + k) & 1 ? -value.at[k] : value.at[k];
-                if (turned > best.at[k]) {
-                    best.at[k] = turned;
-                    from[k] = (u8)pixel;
-                }
+                const float number = k % 2 ? high(words[k / 2]) : low(words[k / 2]);
+                from[k] = number > best[k] ? pixel : from[k];
+                best[k] = number > best[k] ? number : best[k];
             }
         }
+        u32 chosen[4];
 #pragma unroll
-        for (int k = 0; k < 8; k++) best.at[k] = negative >> (8 * octet + k) & 1 ? -best.at[k] : best.at[k];
+        for (int k = 0; k < 4; k++) chosen[k] = two_bfloat16(best[2 * k], best[2 * k + 1]) ^ signs[k];
         const int at = (wv * POOLED + wu) * 4 + octet;
-        raw[at] = pack(best);
-        winner[at] = make_uint2(from[0] | from[1] << 8 | from[2] << 16 | (u32)from[3] << 24,
-                                from[4] | from[5] << 8 | from[6] << 16 | (u32)from[7] << 24);
+        raw[at] = make_uint4(chosen[0], chosen[1], chosen[2], chosen[3]);
+        winner[at] = make_uint2(from[0] | from[1] << 8 | from[2] << 16 | from[3] << 24,
+                                from[4] | from[5] << 8 | from[6] << 16 | from[7] << 24);
     }
 }
 
-// Normalises what `pool_chunk` has chosen, by the same threads. Where the ReLU stops a number, no pixel gets a gradient.
+// Normalises what `pool_chunk` has chosen, by the same threads. Where the ReLU stops a number, no pixel gets a
+// gradient.
 __device__ inline void finish_pooling(const float (*group)[2], const float* weight, const float* bias, const uint4* raw,
                                       uint4* y, uint2* winner) {
+    Eight scale, offset;
+#pragma unroll
+    for (int k = 0; k < 8; k++) {
+        const int channel = threadIdx.x % 4 * 8 + k;
+        scale.at[k] = group[channel / 2][1] * weight[channel];
+        offset.at[k] = bias[channel] - group[channel / 2][0] * scale.at[k];
+    }
+#pragma unroll 4
     for (int first = 0; first < HALF; first += CHUNK) {
         for (int i = threadIdx.x; i < CHUNK / 2 * POOLED * 4; i += blockDim.x) {
-            const int octet = i % 4, at = first / 2 * POOLED * 4 + i;
+            const int at = first / 2 * POOLED * 4 + i;
             Eight value = unpack(raw[at]);
             uint2 from = winner[at];
 #pragma unroll
             for (int k = 0; k < 8; k++) {
-                const int channel = 8 * octet + k;
-                const float scale = group[channel / 2][1] * weight[channel];
-                value.at[k] = value.at[k] * scale + (bias[channel] - group[channel / 2][0] * scale);
+                value.at[k] = value.at[k] * scale.at[k] + offset.at[k];
                 if (!(value.at[k] > 0.0f)) {
                     value.at[k] = 0.0f;
                     (k < 4 ? from.x : from.y) |= (u32)NO_GRADIENT << (8 * (k % 4));
@@ -221,17 +248,30 @@ extern "C" __global__ void __launch_bounds__(32 * STEM_WARPS, 2)
             b[n][k] = make_uint2(at[0], at[4]);
         }
     }
-    u32 negative = 0;
-    for (int channel = 0; channel < STEM_CHANNELS; channel++) negative |= (u32)(weight[channel] < 0.0f) << channel;
+    u32 signs[4];
+#pragma unroll
+    for (int k = 0; k < 4; k++) {
+        const float* pair = weight + threadIdx.x % 4 * 8 + 2 * k;
+        signs[k] = (pair[0] < 0.0f ? 0x8000u : 0u) | (pair[1] < 0.0f ? 0x80000000u : 0u);
+    }
+    const uint4 turned = make_uint4(signs[0], signs[1], signs[2], signs[3]);
     Spread spread = {};
+    BandPart part = ask_for_band(frame, 0);
     for (int first = 0; first < HALF; first += CHUNK) {
-        fill_band(band, frame, first, scale, offset);
+        fill_band(band, part, scale, offset);
         __syncthreads();
+        if (first + CHUNK < HALF) part = ask_for_band(frame, first + CHUNK);
 #pragma unroll
         for (int i = 0; i < STEM_TILES; i++) {
             const int tile = warp * STEM_TILES + i;
             u32 x[4][2];
-            convolve_tile(x, left_operand(band, tile), [&](int n, int k) { return b[n][k]; });
+            convolve_tile(x, left_operand(band, tile), [&](u32(&to)[8], int k) {
+#pragma unroll
+                for (int n = 0; n < 4; n++) {
+                    to[2 * n] = b[n][k].x;
+                    to[2 * n + 1] = b[n][k].y;
+                }
+            });
             spread_over(spread, x, first == 0 && i == 0);
 #pragma unroll
             for (int j = 0; j < 2; j++) {
@@ -242,7 +282,7 @@ extern "C" __global__ void __launch_bounds__(32 * STEM_WARPS, 2)
             }
         }
         __syncthreads();
-        pool_chunk(rows, negative, raw + pooled, winner + pooled, first);
+        pool_chunk(rows, turned, raw + pooled, winner + pooled, first);
         // The next chunk's band may be filled meanwhile; its rows are written after the next barrier, in the places of
         // all rows but the last, which the next windows need.
     }
@@ -255,6 +295,8 @@ struct StemGradients {
     uint4 band[BAND * PADDED];
     // Gradients of the convolution's result, of one chunk.
     u32 dx[CHUNK_PIXELS * STEM_STRIDE / 2];
+    // What reaches the chunk's pixels from the windows that chose them.
+    float reached[CHUNK_PIXELS * STEM_STRIDE];
     // What arrives at the windows that touch the chunk, and their winners.
     float arrived[(CHUNK / 2 + 1) * POOLED * STEM_STRIDE];
     u8 winner[(CHUNK / 2 + 1) * POOLED * STEM_CHANNELS];
@@ -302,39 +344,44 @@ __device__ inline void fill_windows(StemGradients& s, const uint4* dy, const uin
     }
 }
 
-// The gradient that reaches two neighbouring channels of pixel (v, u) through the windows that chose it.
-__device__ inline float2 through_windows(const StemGradients& s, int first, int v, int u, int channel) {
-    float2 g = make_float2(0.0f, 0.0f);
-    // Window w covers pixels 2w - 1 .. 2w + 1.
-    for (int wv = v / 2; wv <= (v + 1) / 2 && wv < POOLED; wv++) {
-        for (int wu = u / 2; wu <= (u + 1) / 2 && wu < POOLED; wu++) {
-            const u32 pixel = (v - 2 * wv + 1) * 3 + u - 2 * wu + 1;
-            const int window = (wv - first / 2) * POOLED + wu;
-            const u8* from = s.winner + window * STEM_CHANNELS + channel;
-            const float* arrived = s.arrived + window * STEM_STRIDE + channel;
-            g.x += from[0] == pixel ? arrived[0] : 0.0f;
-            g.y += from[1] == pixel ? arrived[1] : 0.0f;
+// Hands what arrives at the windows on to the pixels that they chose. Window w covers pixels 2w - 1 .. 2w + 1, so every
+// second window in either direction shares no pixel with the others: four rounds, and sums have one order.
+__device__ inline void hand_on(StemGradients& s, int first) {
+    const int channel = threadIdx.x % 32, warp = threadIdx.x / 32;
+#pragma unroll
+    for (int round = 0; round < 4; round++) {
+        // Rows of windows: 0 and 2, or 1; the last lies beyond the map in the last chunk.
+        const int rows = round / 2 ? 1 : first / 2 + 2 < POOLED ? 2 : 1;
+        for (int i = warp; i < rows * POOLED / 2; i += blockDim.x / 32) {
+            const int row = round / 2 + i / (POOLED / 2) * 2, wu = i % (POOLED / 2) * 2 + round % 2;
+            const int window = row * POOLED + wu;
+            const int pixel = s.winner[window * STEM_CHANNELS + channel];
+            const int v = 2 * row - 1 + pixel / 3, u = 2 * wu - 1 + pixel % 3;
+            if (pixel == NO_GRADIENT || v < 0 || v >= CHUNK) continue;
+            s.reached[(v * HALF + u) * STEM_STRIDE + channel] += s.arrived[window * STEM_STRIDE + channel];
         }
+        __syncthreads();
     }
-    return g;
 }
 
-// dx of one tile of the chunk that begins with row `first`, into shared memory.
-__device__ inline void gradient_of_tile(StemGradients& s, const float* weight, int first, int tile) {
+// dx of one tile of the chunk, into shared memory.
+__device__ inline void gradient_of_tile(StemGradients& s, const float* weight, int tile) {
     const int lane = threadIdx.x % 32, g = lane / 4, t = lane % 4;
     u32 x[4][2];
-    convolve_tile(x, left_operand(s.band, tile), [&](int n, int k) {
-        const u32* at = s.taps + (8 * n + g) * (STEM_TAPS / 2 + 4) + 8 * k + t;
-        return make_uint2(at[0], at[4]);
+    const u32 taps = shared_address(s.taps) +
+                     ((lane / 16 * 8 + lane % 8) * (STEM_TAPS + 8) + lane / 8 % 2 * 8) * (int)sizeof(short);
+    convolve_tile(x, left_operand(s.band, tile), [&](u32(&to)[8], int k) {
+        load_matrices((u32(&)[4])to[0], taps + k * 32);
+        load_matrices((u32(&)[4])to[4], taps + k * 32 + 16 * (STEM_TAPS + 8) * (int)sizeof(short));
     });
 #pragma unroll
     for (int j = 0; j < 2; j++) {
-        const int pixel = tile * 16 + g + 8 * j, v = first + pixel / HALF, u = pixel % HALF;
+        const int pixel = tile * 16 + g + 8 * j;
 #pragma unroll
         for (int n = 0; n < 4; n++) {
             const int channel = 8 * n + 2 * t;
             const float* shared = s.group[channel / 2];
-            const float2 arrived = through_windows(s, first, v, u, channel);
+            const float2 arrived = *(const float2*)(s.reached + pixel * STEM_STRIDE + channel);
             const float mean = shared[0], rstd = shared[1];
             const float one = weight[channel] * arrived.x - shared[2] - (low(x[n][j]) - mean) * rstd * shared[3];
             const float two = weight[channel + 1] * arrived.y - shared[2] - (high(x[n][j]) - mean) * rstd * shared[3];
@@ -344,18 +391,25 @@ __device__ inline void gradient_of_tile(StemGradients& s, const float* weight, i
 }
 
 // Adds the chunk's share of the weight's gradient: 32 channels × the 16 taps of this warp.
-__device__ inline void add_weight_gradient(float (&sum)[2][2][4], const StemGradients& s) {
+__device__ inline void add_stem_weight_gradient(float (&sum)[2][2][4], const StemGradients& s) {
     const int lane = threadIdx.x % 32, warp = threadIdx.x / 32;
+    const int position = 2 * warp + lane / 16;
+    const u32 band = shared_address(s.band + position / 4 * PADDED + position % 4);
+    const u32 from = shared_address(s.dx) + ((lane % 8 + lane / 16 * 8) * STEM_STRIDE + lane / 8 % 2 * 8) * 2;
+    int v = lane % 16 / HALF, u = lane % 16 % HALF;
+#pragma unroll 7
     for (int tile = 0; tile < CHUNK_PIXELS / 16; tile++) {
         u32 taps[4];
-        const int pixel = tile * 16 + lane % 16, position = 2 * warp + lane / 16;
-        const int at = (pixel / HALF + position / 4) * PADDED + pixel % HALF + position % 4;
-        load_transposed(taps, shared_address(s.band + at));
+        load_transposed(taps, band + (v * PADDED + u) * 16);
+        u += 16;
+        if (u >= HALF) {
+            u -= HALF;
+            v++;
+        }
 #pragma unroll
         for (int m = 0; m < 2; m++) {
             u32 dx[4];
-            const int from = tile * 16 + lane % 8 + lane / 16 * 8;
-            load_transposed(dx, shared_address(s.dx + from * (STEM_STRIDE / 2) + m * 8 + lane / 8 % 2 * 4));
+            load_transposed(dx, from + tile * 16 * STEM_STRIDE * 2 + m * 32);
             multiply(sum[m][0], dx, taps[0], taps[1]);
             multiply(sum[m][1], dx, taps[2], taps[3]);
         }
@@ -387,13 +441,16 @@ extern "C" __global__ void __launch_bounds__(256, 2)
             s.group[group][which] = which < 2 ? statistics[2 * group + which] : means[group][which - 2];
         }
         for (int first = 0; first < HALF; first += CHUNK) {
-            fill_band(s.band, kept + row * SIDE * SIDE, first, scale, offset);
+            fill_band(s.band, ask_for_band(kept + row * SIDE * SIDE, first), scale, offset);
             fill_windows(s, dy + pooled, second, winner + pooled, first);
+            for (int i = threadIdx.x; i < CHUNK_PIXELS * STEM_STRIDE / 4; i += blockDim.x)
+                ((float4*)s.reached)[i] = make_float4(0.0f, 0.0f, 0.0f, 0.0f);
             __syncthreads();
+            hand_on(s, first);
             if (warp < STEM_WARPS)
-                for (int i = 0; i < STEM_TILES; i++) gradient_of_tile(s, weight, first, warp * STEM_TILES + i);
+                for (int i = 0; i < STEM_TILES; i++) gradient_of_tile(s, weight, warp * STEM_TILES + i);
             __syncthreads();
-            add_weight_gradient(sum, s);
+            add_stem_weight_gradient(sum, s);
             __syncthreads();
         }
     }

@@ -1,6 +1,6 @@
 //! The stem's kernels (`stem.cu`): convolution, norm, ReLU and pooling, forward and backward.
 
-use super::{Affine, Kernels, Statistics, address, int, launch, map, optional, over_rows};
+use super::map::{Affine, Statistics, address, has_channels_last, int, launch, map, optional, over_rows};
 use crate::ffi::cuda::{Argument, CudaError, Kernel, Module};
 use tch::{Kind, Tensor};
 
@@ -19,7 +19,7 @@ const BACKWARD_BLOCKS: i64 = 264;
 
 /// The stem's kernels for frames of one side.
 #[derive(Debug)]
-pub(super) struct StemKernels {
+pub struct StemKernels {
     forward: Kernel,
     backward: Kernel,
     side: i64,
@@ -64,11 +64,13 @@ impl StemKernels {
         // `StemGradients` of stem.cu.
         let gradients_bytes = (CHUNK + 3) * padded * 16
             + pixels * STRIDE * 2
+            + pixels * STRIDE * 4
             + windows * STRIDE * 4
             + windows * CHANNELS
             + CHANNELS * (TAPS / 2 + 4) * 4
             + GROUPS * 4 * 4;
-        let bytes = |count: i64| u32::try_from((count + 15) / 16 * 16).expect("frames have a few hundred pixels a side");
+        let bytes =
+            |count: i64| u32::try_from((count + 15) / 16 * 16).expect("frames have a few hundred pixels a side");
         Ok(Self {
             forward: module.kernel(c"stem_forward", bytes(rows_bytes))?,
             backward: module.kernel(c"stem_backward", bytes(gradients_bytes))?,
@@ -81,25 +83,25 @@ impl Stem<'_> {
     fn check(&self, kept: &Tensor, side: i64) {
         assert!(kept.kind() == Kind::Float && kept.is_contiguous() && kept.size()[1..] == [side, side], "float frames");
         assert!(self.taps.kind() == Kind::BFloat16 && self.taps.size() == [CHANNELS, 8, 4, 4], "a bfloat16 weight");
-        assert!(super::has_channels_last(self.taps), "channels come last");
+        assert!(has_channels_last(self.taps), "channels come last");
         self.norm.check(CHANNELS);
         assert_eq!(self.norm.groups, GROUPS);
     }
 }
 
-impl Kernels {
+impl StemKernels {
     /// Kept frames f32 \[rows, side, side\] → `max_pool(relu(norm(convolution)))`, windows of 3 × 3, stride 2, padding
     /// 1: a feature map of 32 channels and a quarter of the side.
-    pub fn stem_forward(&self, kept: &Tensor, stem: Stem) -> (Tensor, StemTape) {
-        stem.check(kept, self.stem.side);
-        let (rows, side) = (kept.size()[0], self.stem.side / 4);
+    pub fn forward(&self, kept: &Tensor, stem: Stem) -> (Tensor, StemTape) {
+        stem.check(kept, self.side);
+        let (rows, side) = (kept.size()[0], self.side / 4);
         let y = map(kept, [rows, CHANNELS, side, side]);
         let raw = map(kept, [rows, CHANNELS, side, side]);
         let winners = Tensor::empty([rows, side, side, CHANNELS], (Kind::Uint8, kept.device()));
         let statistics = Tensor::empty([rows, GROUPS, 2], (Kind::Float, kept.device()));
         let [scale, offset] = stem.scale_offset;
         launch(
-            self.stem.forward,
+            self.forward,
             rows,
             FORWARD_THREADS,
             &[
@@ -118,10 +120,10 @@ impl Kernels {
         (y, StemTape { raw, winners, statistics: Statistics(statistics) })
     }
 
-    /// Gradients of [`Kernels::stem_forward`] for those of its output's users, one or two.
-    pub fn stem_backward(&self, dy: [Option<&Tensor>; 2], tape: &StemTape, kept: &Tensor, stem: Stem) -> StemGradients {
-        stem.check(kept, self.stem.side);
-        let (rows, side) = (kept.size()[0], self.stem.side / 4);
+    /// Gradients of [`StemKernels::forward`] for those of its output's users, one or two.
+    pub fn backward(&self, dy: [Option<&Tensor>; 2], tape: &StemTape, kept: &Tensor, stem: Stem) -> StemGradients {
+        stem.check(kept, self.side);
+        let (rows, side) = (kept.size()[0], self.side / 4);
         let [first, second] = dy.map(|dy| optional(dy, [rows, CHANNELS, side, side]));
         assert!(dy[0].is_some(), "somebody uses the output");
         let blocks = rows.min(BACKWARD_BLOCKS);
@@ -130,7 +132,7 @@ impl Kernels {
         let affine = Tensor::empty([rows, 2, CHANNELS], float);
         let [scale, offset] = stem.scale_offset;
         launch(
-            self.stem.backward,
+            self.backward,
             blocks,
             BACKWARD_THREADS,
             &[
@@ -150,64 +152,5 @@ impl Kernels {
             ],
         );
         StemGradients { taps: over_rows(&taps).permute([0, 3, 1, 2]), affine: over_rows(&affine) }
-    }
-}
-
-/// Beside libtorch's float32 autograd on the same bfloat16 numbers; see the tests of the norms.
-#[cfg(test)]
-mod tests {
-    use super::super::channels_last;
-    use super::super::tests::{DEVICE, ROUNDING, assert_close, kernels, leaf, random_map};
-    use super::*;
-
-    /// What the convolution sees, with libtorch's operations.
-    fn parts(kept: &Tensor, [scale, offset]: [f32; 2]) -> Tensor {
-        let (rows, side, _) = kept.size3().unwrap();
-        let half = side / 2;
-        let x = kept * f64::from(scale) + f64::from(offset);
-        let quarters = x.view([rows, half, 2, half, 2]).permute([0, 2, 4, 1, 3]).reshape([rows, 4, half, half]);
-        let first = quarters.to_kind(Kind::BFloat16).to_kind(Kind::Float);
-        let second = (&quarters - &first).to_kind(Kind::BFloat16).to_kind(Kind::Float);
-        Tensor::cat(&[&first, &second], 1).constant_pad_nd([2, 1, 2, 1])
-    }
-
-    #[test]
-    #[ignore = "needs a CUDA device"]
-    fn kernels_of_the_stem() {
-        for side in [56, 112, 224] {
-            let kernels = kernels(side);
-            let float = (Kind::Float, DEVICE);
-            // Walls and edges, not noise alone.
-            let coarse = Tensor::rand([300, 1, 7, 7], float) * 4000.0 + 300.0;
-            let kept = (coarse.upsample_nearest2d([side, side], None, None).squeeze_dim(1)
-                + Tensor::rand([300, side, side], float) * 40.0)
-                .round();
-            let scale_offset = [0.004, -2.0];
-            let taps = channels_last(random_map([CHANNELS, 8, 4, 4]) * 0.1);
-            // Negative weights turn the order of a channel's numbers round.
-            let weight = Tensor::randn([CHANNELS], float);
-            let bias = weight.randn_like();
-            let norm = Affine { weight: &weight, bias: &bias, groups: GROUPS };
-            let stem = Stem { taps: &taps, norm, scale_offset };
-
-            let leaves = [&taps, &weight, &bias].map(leaf);
-            let x = parts(&kept, scale_offset).conv2d(&leaves[0], None::<Tensor>, [1; 2], [0; 2], [1; 2], 1);
-            let rounded = &x + (x.to_kind(Kind::BFloat16).to_kind(Kind::Float) - &x).detach();
-            let expected = rounded.group_norm(GROUPS, Some(&leaves[1]), Some(&leaves[2]), 1e-5, true).relu();
-            let expected = expected.max_pool2d([3, 3], [2, 2], [1, 1], [1, 1], false);
-            let (y, tape) = kernels.stem_forward(&kept, stem);
-            assert_close(&y, &expected, 2.0 * ROUNDING);
-
-            let size = y.size4().unwrap();
-            let dy = [0, 1].map(|_| random_map([size.0, size.1, size.2, size.3]));
-            let loss = (&expected * (&dy[0] + &dy[1]).to_kind(Kind::Float)).sum(Kind::Float);
-            let gradients = Tensor::run_backward(&[loss], &leaves, false, false);
-            let ours = kernels.stem_backward([Some(&dy[0]), Some(&dy[1])], &tape, &kept, stem);
-            assert_close(&ours.affine.get(1), &gradients[1], 2.0 * ROUNDING);
-            assert_close(&ours.affine.get(0), &gradients[2], 2.0 * ROUNDING);
-            assert_close(&ours.taps, &gradients[0], 4.0 * ROUNDING);
-            let again = kernels.stem_backward([Some(&dy[0]), Some(&dy[1])], &tape, &kept, stem);
-            assert_eq!(again.taps, ours.taps, "the same bits");
-        }
     }
 }

@@ -10,7 +10,8 @@ use super::plain::{BASE, Block, COMPRESSED, Resnet};
 use crate::ffi::convolution::convolution_backward;
 use crate::ffi::cuda::CudaError;
 use crate::ffi::kernels::{
-    self, Affine, BlockGradients, Kernels, NormGradients, Statistics, Stem, StemGradients, StemTape, channels_last,
+    self, Affine, BlockGradients, BlockKernels, Kernels, NormGradients, Statistics, Stem, StemGradients, StemTape,
+    channels_last,
 };
 use crate::network::layers::{Convolution, GroupNorm};
 use crate::network::parameters::Parameters;
@@ -127,18 +128,18 @@ impl Fused {
 
         let kept = kept.to_kind(Kind::Float).contiguous();
         let stem = Stem { taps: &weights.stem, norm: affine(&resnet.stem.1), scale_offset };
-        let (mut features, stem) = kernels.stem_forward(&kept, stem);
+        let (mut features, stem) = kernels.stem.forward(&kept, stem);
 
         let mut blocks = Vec::with_capacity(resnet.blocks.len());
         for (block, weights) in resnet.blocks.iter().zip(&weights.blocks) {
             let normed = |input: &Tensor, weight: &Tensor, part: &(Convolution, GroupNorm), around, relu| {
                 let x = convolve(input, weight, [part.0.stride, part.0.padding]);
-                let (y, statistics) = kernels.norm_forward(&x, around, affine(&part.1), relu);
+                let (y, statistics) = kernels.norm.forward(&x, around, affine(&part.1), relu);
                 (y, Normed { x, statistics })
             };
             let input = features;
-            if let Some(whole) = whole(kernels, parameters, block, weights, &input) {
-                let (output, statistics) = kernels.block_forward(&input, whole);
+            if let Some((kernels, whole)) = whole(kernels, parameters, block, weights, &input) {
+                let (output, statistics) = kernels.forward(&input, whole);
                 features = output.shallow_clone();
                 blocks.push(BlockTape { input, inner: Inner::Whole(statistics), output });
                 continue;
@@ -155,7 +156,7 @@ impl Fused {
 
         let part = &resnet.compression;
         let x = convolve(&features, &weights.compression, [part.0.stride, part.0.padding]);
-        let (compressed, statistics) = kernels.norm_forward(&x, None, affine(&part.1), true);
+        let (compressed, statistics) = kernels.norm.forward(&x, None, affine(&part.1), true);
         let compression = Normed { x, statistics };
         let visual = flat(&compressed).linear(&weights.linear, Some(&weights.linear_bias)).relu_();
         let embedding = visual.to_kind(Kind::Float);
@@ -203,7 +204,7 @@ impl Fused {
         let (_, channels, height, width) = compressed.size4().expect("a feature map");
         let d_compressed = d_compressed.view([-1, height, width, channels]).permute([0, 3, 1, 2]);
         let (part, norm) = &resnet.compression;
-        let (d, _) = kernels.norm_backward(
+        let (d, _) = kernels.norm.backward(
             [Some(&d_compressed), None],
             Some(&compressed),
             &compression.x,
@@ -221,9 +222,10 @@ impl Fused {
             let (first, between, second, projection) = match inner {
                 Inner::Layers { first, between, second, projection } => (first, between, second, projection),
                 Inner::Whole(statistics) => {
-                    let words = whole(kernels, parameters, block, weights, &input).expect("as in the forward pass");
+                    let whole = whole(kernels, parameters, block, weights, &input);
+                    let (kernels, words) = whole.expect("as in the forward pass");
                     let users = [through.as_ref(), around.as_ref()];
-                    let d = kernels.block_backward(users, &output, &input, &statistics, words);
+                    let d = kernels.backward(users, &output, &input, &statistics, words);
                     let BlockGradients { input, weights, affine } = d;
                     let parts = [&block.first, &block.second].into_iter().zip(weights.into_iter().zip(affine));
                     for ((part, norm), (weight, affine)) in parts {
@@ -235,7 +237,7 @@ impl Fused {
                     continue;
                 }
             };
-            let (d, d_around) = kernels.norm_backward(
+            let (d, d_around) = kernels.norm.backward(
                 [through.as_ref(), around.as_ref()],
                 Some(&output),
                 &second.x,
@@ -245,7 +247,7 @@ impl Fused {
             );
             let d = of_norm(&block.second.1, d);
             let d_between = of_convolution(&block.second.0, &d, &between, &weights.second);
-            let (d, _) = kernels.norm_backward(
+            let (d, _) = kernels.norm.backward(
                 [d_between.as_ref(), None],
                 Some(&between),
                 &first.x,
@@ -258,7 +260,7 @@ impl Fused {
             around = match (&block.projection, projection, &weights.projection) {
                 (Some((part, norm)), Some(normed), Some(weight)) => {
                     let dy = [d_around.as_ref(), None];
-                    let (d, _) = kernels.norm_backward(dy, None, &normed.x, &normed.statistics, affine(norm), false);
+                    let (d, _) = kernels.norm.backward(dy, None, &normed.x, &normed.statistics, affine(norm), false);
                     of_convolution(part, &of_norm(norm, d), &input, weight)
                 }
                 _ => d_around,
@@ -268,7 +270,7 @@ impl Fused {
         let (part, norm) = &resnet.stem;
         let users = [through.as_ref(), around.as_ref()];
         let words = Stem { taps: &weights.stem, norm: affine(norm), scale_offset };
-        let StemGradients { taps, affine } = kernels.stem_backward(users, &stem, &kept, words);
+        let StemGradients { taps, affine } = kernels.stem.backward(users, &stem, &kept, words);
         gradients.push((norm.bias, affine.get(0)));
         gradients.push((norm.weight, affine.get(1)));
         gradients.push((part.weight, from_stem_weight(&taps)));
@@ -304,9 +306,10 @@ impl Rounded {
 
 impl Rounded {
     fn tensors(&mut self) -> impl Iterator<Item = &mut Tensor> {
-        let blocks = self.blocks.iter_mut().flat_map(|block| {
-            [&mut block.first, &mut block.second].into_iter().chain(block.projection.as_mut())
-        });
+        let blocks = self
+            .blocks
+            .iter_mut()
+            .flat_map(|block| [&mut block.first, &mut block.second].into_iter().chain(block.projection.as_mut()));
         [&mut self.stem, &mut self.compression, &mut self.linear, &mut self.linear_bias].into_iter().chain(blocks)
     }
 
@@ -321,18 +324,20 @@ impl Rounded {
     }
 }
 
-/// The block as a kernel for whole blocks takes it, if there is one for such maps.
+/// The kernels for whole blocks and the block as they take it, if there are any for such maps.
 fn whole<'a>(
-    kernels: &Kernels,
+    kernels: &'a Kernels,
     parameters: &'a Parameters,
     block: &Block,
     weights: &'a BlockWeights,
     input: &Tensor,
-) -> Option<kernels::Block<'a>> {
-    (weights.projection.is_none() && kernels.has_blocks_for(input)).then(|| kernels::Block {
+) -> Option<(&'a BlockKernels, kernels::Block<'a>)> {
+    let kernels = kernels.block.as_ref().filter(|_| weights.projection.is_none() && BlockKernels::fit(input))?;
+    let words = kernels::Block {
         weights: [&weights.first, &weights.second],
         norms: [affine(parameters, &block.first.1), affine(parameters, &block.second.1)],
-    })
+    };
+    Some((kernels, words))
 }
 
 fn affine<'a>(parameters: &'a Parameters, norm: &GroupNorm) -> Affine<'a> {
