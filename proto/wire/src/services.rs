@@ -74,6 +74,8 @@ const OBSERVATION_BUFFER: usize = 2;
 const OBSERVATION_BORROWED: usize = 2;
 /// Ports that a restarted process may need while its dead predecessor's are not swept yet.
 const RESTART_MARGIN: usize = 2;
+/// Threads of a learner, besides its first, that may join ([`Wire::join`]).
+pub const LEARNER_THREADS: usize = 4;
 
 /// How many processes and environments share one machine's services.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -101,8 +103,9 @@ impl WireShape {
     }
 
     fn nodes(self) -> usize {
-        // Actors, learners, orchestrator, recorder; each possibly next to its dead predecessor.
-        (self.shares.actors() as usize + self.shares.learners() as usize + 2) * RESTART_MARGIN
+        // Actors, learners' threads, orchestrator, recorder; each possibly next to its dead predecessor.
+        let learners = self.shares.learners() as usize * (1 + LEARNER_THREADS);
+        (self.shares.actors() as usize + learners + 2) * RESTART_MARGIN
     }
 }
 
