@@ -272,7 +272,7 @@ impl Learner {
         batches
     }
 
-    /// Sends one batch after the other; a kill can come in between.
+    /// Sends one batch after the other, then has all actors woken; a kill can come in between.
     pub(super) fn answer(&mut self, world: &mut World, mut batches: VecDeque<ActionBatch>) -> Next {
         while let Some(ActionBatch { actor, mut header, actions }) = batches.pop_front() {
             let Some(ports) = &self.ports else { break };
@@ -287,12 +287,15 @@ impl Learner {
                 }
                 header.step += u64::from(again == 1);
             }
-            let listeners = world.wires[self.session].actions[actor as usize].listeners();
-            world.ring_all(listeners);
             if world.dice.once_in(16) {
                 self.phase = Phase::Answering(batches);
                 return Next::After(world.dice.between(5, 50));
             }
+        }
+        // Another thread rings them.
+        for actor in self.actors.clone() {
+            let listeners = world.wires[self.session].actions[actor as usize].listeners();
+            world.ring_all(listeners);
         }
         self.go_on(world, 10)
     }
