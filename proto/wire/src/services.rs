@@ -104,8 +104,7 @@ impl WireShape {
 
     fn nodes(self) -> usize {
         // Actors, learners' threads, orchestrator, recorder; each possibly next to its dead predecessor.
-        let learners = self.shares.learners() as usize * (1 + LEARNER_THREADS);
-        (self.shares.actors() as usize + learners + 2) * RESTART_MARGIN
+        (self.shares.actors() as usize + self.shares.learners() as usize * (1 + LEARNER_THREADS) + 2) * RESTART_MARGIN
     }
 }
 
@@ -573,15 +572,13 @@ mod tests {
             wakeup.timed_wait(|event| rung.push(event.id.as_value()), Duration::from_secs(5)).unwrap();
             assert_eq!(rung, vec![2]);
             let received = subscriber.receive().unwrap().unwrap();
-            assert_eq!(received.user_header().actor, 2);
-            assert_eq!(received.payload().len(), 2);
+            assert_eq!((received.user_header().actor, received.payload().len()), (2, 2));
             assert_eq!(received.payload()[1].depth_mm[7], 1234);
             assert!(others.receive().unwrap().is_none(), "what another learner's actors send is not heard");
 
             let actions = learner.action_publisher(2).unwrap();
             let answers = actor.action_subscriber(2).unwrap();
-            let sample = actions.loan_slice_uninit(2).unwrap().write_from_slice(&[3, 4]);
-            sample.send().unwrap();
+            actions.loan_slice_uninit(2).unwrap().write_from_slice(&[3, 4]).send().unwrap();
             assert_eq!(answers.receive().unwrap().unwrap().payload(), &[3, 4]);
 
             let stage = host.wire().announcer().unwrap();
