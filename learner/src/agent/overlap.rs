@@ -10,6 +10,11 @@
 //! The weights that act are a copy, renewed in its place, because recorded graphs know the addresses. For the same
 //! reason frames are copied out of the store that acting writes to. On a GPU both threads have a stream of their own,
 //! that of acting with the higher priority: a step of the policy is short, and many processes wait for it.
+//!
+//! libtorch gives freed memory out again on the stream that it was made on, without asking whether another one still
+//! uses it. That is safe here. Whoever hands something over first waits for its own stream, and what one thread has made
+//! the other frees only when nothing runs that uses it: an update borrows its rollout, which is dropped by the thread
+//! that acts. Graphs are recorded during the first rollout, beside which no update runs.
 
 use super::error::AgentError;
 use super::trainer::{Done, HERE, Job, Trainer, build};

@@ -122,8 +122,8 @@ impl<W: Write> Training<'_, W> {
             let (rollout, before) = self.next();
             let Some(position) = position_at(&self.config.stages, before) else { break };
             let cut_short = self.await_and_collect(&mut state, position)?;
-            // With `ppo.overlap`: of the rollout before this one. From here to the next update the learners speak to each
-            // other, and this is the rollout of which they speak.
+            // With `ppo.overlap`: of the rollout before this one. From here to the next update the learners speak to
+            // each other, and this is the rollout of which they speak.
             self.finish_update(&mut state)?;
             let Agreement { collected, here, preempted, end } = self.agree(&state, cut_short)?;
             if let Some(end) = end {
