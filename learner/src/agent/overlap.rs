@@ -67,8 +67,7 @@ impl Overlap {
             }
             for job in due {
                 let finished = job.run();
-                // The other thread's stream does not wait for this one.
-                streams.iter().for_each(|streams| streams.wait().expect("a device that fails ends the process"));
+                await_stream(streams);
                 if made.send(finished).is_err() {
                     return;
                 }
@@ -90,8 +89,7 @@ impl Overlap {
         let fits = |store: &Tensor| store.size() == used.size();
         let store = self.store.take().filter(fits).unwrap_or_else(|| used.empty_like());
         let free = job.collected.move_frames(store);
-        // The other thread's stream does not wait for this one.
-        self.streams.iter().for_each(|streams| streams.wait().expect("a device that fails ends the process"));
+        await_stream(self.streams);
         self.busy = true;
         let jobs = self.jobs.as_ref().expect("it is closed when this is dropped");
         jobs.send(job).expect("the thread lives until then");
@@ -116,6 +114,13 @@ impl Drop for Overlap {
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
+    }
+}
+
+/// Waits for all that this thread has given its stream. The other thread's stream would not.
+fn await_stream(streams: Option<Streams>) {
+    if let Some(streams) = streams {
+        streams.wait().expect("a device that fails ends the process");
     }
 }
 
