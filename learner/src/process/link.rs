@@ -216,6 +216,7 @@ mod tests {
 
     /// An actor that goes on writing into a sample that it has sent: what was checked is what is used.
     #[test]
+    #[expect(clippy::large_stack_arrays, reason = "one frame")]
     fn what_was_received_stays_as_it_was_whatever_its_sender_writes() {
         let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 2 };
         let address = WireAddress::new(&format!("testlink{}", std::process::id()), 1);
@@ -227,14 +228,14 @@ mod tests {
             let mut loan = publisher.loan_slice_uninit(1).unwrap();
             *loan.user_header_mut() = ObservationHeader { half: 1, ..Default::default() };
             let header = std::ptr::from_mut(loan.user_header_mut());
-            let sent = Box::new(Observation {
+            let sent = Observation {
                 transition: Transition { disturbance_m: 0.5, ..Default::default() },
                 current: Current { target: 3, ..Default::default() },
                 environment: 1,
                 reserved: [0; 13],
                 depth_mm: [1234; FRAME_PIXELS],
-            });
-            let mut loan = loan.write_from_fn(|_| *sent);
+            };
+            let mut loan = loan.write_from_fn(|_| sent);
             let observation = loan.payload_mut().as_mut_ptr();
             loan.send().unwrap();
 
