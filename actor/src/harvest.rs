@@ -320,3 +320,6 @@ impl<'a> Telling<'a> {
         Ok(Episode { about, seen: self.seen, steps: self.steps, cameras })
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -228,4 +228,4 @@ fn differ(verdict: &mut ReplayVerdict, step: u64, aspect: Aspect) {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -232,7 +232,9 @@ def _lines(path: Path) -> list[dict[str, Any]]:
             if number == len(lines):
                 break
             raise RunError(f"{path}, line {number} is damaged: `orchestrator resume` mends it") from error
-        kept = {before: kept[before] for before in kept if before < rollout} if any(b >= rollout for b in kept) else kept
+        # They ascend: what this one makes void stands at the end.
+        while kept and next(reversed(kept)) >= rollout:
+            kept.popitem()
         kept[rollout] = row
     return list(kept.values())
 
@@ -252,10 +254,11 @@ def _validation(path: Path) -> pd.DataFrame:
     return _frame(_lines(path), "rollout", names)
 
 
-def _episodes(path: Path) -> pd.DataFrame:
+def _episodes(path: Path | None) -> pd.DataFrame:
+    """A table of episodes; one without rows where there is no file."""
     import pandas as pd
 
-    text = _read(path)
+    text = None if path is None else _read(path)
     rows = list(csv.reader((text or ",".join(EPISODES)).splitlines()))
     names = rows[0] if rows else []
     unknown = [name for name in names if name not in EPISODES]
@@ -298,7 +301,7 @@ def _all_episodes(folders: list[Path]) -> pd.DataFrame:
         table.insert(0, "evaluation", folder.name)
         tables.append(table.astype({name: "object" for name in table.select_dtypes("category").columns}))
     if not tables:
-        table = _episodes(Path())  # no file
+        table = _episodes(None)
         table.insert(0, "evaluation", pd.Series([], dtype="object"))
         return _told(table)
     whole = pd.concat(tables, ignore_index=True)
