@@ -320,6 +320,3 @@ impl<'a> Telling<'a> {
         Ok(Episode { about, seen: self.seen, steps: self.steps, cameras })
     }
 }
-
-#[cfg(test)]
-mod tests;

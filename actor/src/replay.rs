@@ -228,4 +228,4 @@ fn differ(verdict: &mut ReplayVerdict, step: u64, aspect: Aspect) {
 }
 
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;

@@ -109,7 +109,9 @@ def test_tables_hold_what_the_environment_gives(orchestrator: Path, run: Path, t
             assert row["previous_action"] == before["previous_action"]
             assert np.float32(truth["rewards"][step]) == np.float32(row["reward_r_prime"])
             for name in SAME:
-                assert row[name] == told[name], name
+                # Distances are told once of the vectors and once of the places.
+                close = 1e-6 if name in ("wrist_object_m", "object_goal_m") else 0
+                assert row[name] == pytest.approx(told[name], abs=close, rel=0), name
             for name in PARTS:
                 assert np.float32(row[name]) == np.float32(told["reward_parts"][name]), name
             assert (row["terminated"], row["truncated"]) == (told["terminated"], told["truncated"])
@@ -123,12 +125,12 @@ def test_tables_hold_what_the_environment_gives(orchestrator: Path, run: Path, t
 
 
 def test_arrays_hold_what_tables_hold(orchestrator: Path, run: Path, tmp_path: Path) -> None:
-    words = ("--limit", 4, "--pictures", "robot,outside", "--side", 32)
+    words = ("--limit", 2, "--pictures", "robot,outside", "--side", 32)
     arrays = export(orchestrator, run, tmp_path / "arrays", "--format", "npz", *words)
     tables = export(orchestrator, run, tmp_path / "tables", "--format", "parquet", *words)
     steps = pd.read_parquet(tables / "steps.parquet")
     files = sorted(arrays.glob("*.npz"))
-    assert [file.name for file in files] == [f"episode-{number:06}.npz" for number in range(4)]
+    assert [file.name for file in files] == [f"episode-{number:06}.npz" for number in range(2)]
     for number, file in enumerate(files):
         episode = np.load(file, allow_pickle=False)
         rows = steps[steps["episode_index"] == number].reset_index(drop=True)

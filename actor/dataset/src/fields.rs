@@ -21,7 +21,7 @@ pub enum Value {
 pub struct Field {
     /// Its name in tables and arrays, with the unit of measures.
     pub name: &'static str,
-    /// Its name in LeRobot's layout; none where that has no type for it.
+    /// Its name in `LeRobot`'s layout; none where that has no type for it.
     pub lerobot: Option<&'static str>,
     /// What it is.
     pub about: &'static str,
@@ -124,13 +124,13 @@ impl Field {
         let all = || episode.seen.iter().zip(&episode.steps).map(|(seen, step)| (self.of)(seen, step));
         match all().next() {
             Some(Value::Bool(_)) => Values::Bool(all().map(|value| value == Value::Bool(true)).collect()),
-            Some(Value::Hash(_)) => Values::Hash(all().map(|value| value.bits()).collect()),
+            Some(Value::Hash(_)) => Values::Hash(all().map(Value::bits).collect()),
             Some(Value::Real(_)) => Values::Real(all().map(Value::real).collect()),
-            Some(Value::Int(_)) | None => Values::Int(all().map(|value| value.bits()).collect()),
+            Some(Value::Int(_)) | None => Values::Int(all().map(Value::bits).collect()),
         }
     }
 
-    /// NumPy's name of its type.
+    /// `NumPy`'s name of its type.
     pub fn kind(&self, episode: &Episode) -> &'static str {
         match self.values(episode) {
             Values::Bool(_) => "bool",

@@ -19,7 +19,7 @@ const GOAL: &str = "observation.state";
 const GOAL_NAMES: [&str; 3] = ["goal_x_m", "goal_y_m", "goal_z_m"];
 /// What tells where a step was recorded.
 const PLACES: [&str; 3] = ["kitchen", "environment", "episode_number"];
-/// What LeRobot demands of every data set, after all others: timestamp, and these.
+/// What `LeRobot` demands of every data set, after all others: timestamp, and these.
 const INDICES: [&str; 4] = ["frame_index", "episode_index", "index", "task_index"];
 
 /// A data set that is written.
@@ -228,7 +228,7 @@ fn stats_of(episode: &Episode, columns: &[Column]) -> Vec<(String, Stats)> {
     stats
 }
 
-/// What makes pandas take the tasks as the table's index, which LeRobot looks them up in.
+/// What makes pandas take the tasks as the table's index, which `LeRobot` looks them up in.
 fn index_of_pandas() -> String {
     let column = |name: &str, kind: &str, numpy: &str| json!({"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": null});
     let names = json!({

@@ -9,7 +9,7 @@
 //! lerobot   a LeRobotDataset v3
 //! stats     its statistics
 //! tables    two plain Parquet tables
-//! npz       an archive of NumPy an episode
+//! npz       an archive of `NumPy` an episode
 //! page      the page that says what is in the folder
 //! ```
 

@@ -101,7 +101,7 @@ impl Archive {
     }
 }
 
-/// NumPy's name of a type, and values in it.
+/// `NumPy`'s name of a type, and values in it.
 fn bytes_of(values: &Values) -> (&'static str, Vec<u8>) {
     match values {
         Values::Bool(values) => ("|b1", values.iter().map(|value| u8::from(*value)).collect()),

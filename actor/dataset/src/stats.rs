@@ -1,4 +1,4 @@
-//! Statistics of a data set as LeRobot keeps them: of every episode exactly, and of all together as its own library
+//! Statistics of a data set as `LeRobot` keeps them: of every episode exactly, and of all together as its own library
 //! merges them. (Merged quantiles are means of the episodes' quantiles.)
 
 use crate::episode::Frames;
@@ -72,7 +72,7 @@ impl Figures {
     }
 }
 
-/// Between the two nearest of `count` sorted values, as NumPy has it.
+/// Between the two nearest of `count` sorted values, as `NumPy` has it.
 fn quantile(count: u64, share: f64, at: impl Fn(u64) -> f64) -> f64 {
     let place = share * (count - 1) as f64;
     let (below, part) = (place.floor(), place.fract());

@@ -124,13 +124,12 @@ impl Series {
 
     /// Adds rows to the file that is written.
     pub fn add(&mut self, columns: Vec<Column>, rows: usize) -> Result<(), DatasetError> {
-        let table = match &mut self.table {
-            Some(table) => table,
-            None => {
-                let (chunk, file) = self.at;
-                let path = self.folder.join(format!("chunk-{chunk:03}/file-{file:03}.parquet"));
-                self.table.insert(Table::create(&path, &columns, &[])?)
-            }
+        let table = if let Some(table) = &mut self.table {
+            table
+        } else {
+            let (chunk, file) = self.at;
+            let path = self.folder.join(format!("chunk-{chunk:03}/file-{file:03}.parquet"));
+            self.table.insert(Table::create(&path, &columns, &[])?)
         };
         table.add(columns, rows)
     }

@@ -16,7 +16,7 @@ fn episode(number: u32, steps: usize) -> Episode {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (state >> 24) as u8
         };
-        depth.push((0..SIDE * SIDE * 2).map(|_| noise()).collect()).unwrap();
+        depth.push((0..SIDE * SIDE * 2).map(|_| noise()).collect()).expect("a frame is packed");
     }
     let about = About { kitchen: 1, environment: 0, number, fixed: None, target: "Mug", outcome: "failure", seed: 1 };
     let seen = vec![Seen { goal_m: [0.0; 3], previous_action: 0, state_hash: 0 }; steps + 1];
@@ -29,8 +29,9 @@ fn source() -> Source {
 }
 
 fn names(folder: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(folder).unwrap();
-    let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    let entries = std::fs::read_dir(folder).expect("a folder");
+    let mut names: Vec<_> =
+        entries.map(|entry| entry.expect("an entry").file_name().into_string().expect("a plain name")).collect();
     names.sort();
     names
 }

@@ -106,7 +106,8 @@ impl Scene {
         let mut model = self.fixed.clone();
         model.add_things(&self.kitchen, &moment.things, |_| None);
         model.add_robot(&moment.robot, body);
-        self.develop(Exposure::take(&model, &camera, side, side, PAPER), true)
+        // Soft light would take most of a second a picture, and a data set has thousands.
+        self.develop(Exposure::take(&model, &camera, side, side, PAPER), false)
     }
 
     /// The floor plan at the start, without the robot.

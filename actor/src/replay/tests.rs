@@ -21,7 +21,7 @@ fn first_kitchen(config: &Config) -> EnvironmentId {
 }
 
 /// An episode as the recorder would have recorded it.
-pub(crate) fn recorded(config: &Config, episode: u32, actions: &[Action]) -> RecordedEpisode {
+fn recorded(config: &Config, episode: u32, actions: &[Action]) -> RecordedEpisode {
     let id = first_kitchen(config);
     let kitchen = Arc::new(source::of_run(id.kitchen, config, &PathBuf::new()).unwrap());
     let programme = Programme::of(config, &kitchen).unwrap();
@@ -53,7 +53,7 @@ fn replay(config: &Config, images: Option<ReplayImages>, episodes: &[RecordedEpi
     String::from_utf8(output).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-pub(crate) const WAY: [Action; 4] =
+const WAY: [Action; 4] =
     [Action::RotateRightContinuous, Action::MoveAheadContinuous, Action::LookDown, Action::DoneMidLevel];
 
 #[test]

@@ -19,6 +19,8 @@ use std::process::ExitCode;
 /// gives log-probabilities, values and beliefs. Episodes are simulated again from their recorded actions: so they have
 /// depth frames, and pictures if asked for. Nothing is written if any state differs from the recorded one. A page
 /// beside the file or in the folder says names, shapes and units. Nothing that is there is replaced.
+// It is help for people: names are without backticks.
+#[allow(clippy::doc_markdown)]
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator export runs/a --out policy.onnx               its newest checkpoint; policy.md says how to use it

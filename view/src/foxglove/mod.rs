@@ -129,6 +129,9 @@ fn newest(runs: &dyn Runs, run: &str, place: Option<Place>) -> Result<Newest, Pr
     Ok((key, setup, episode))
 }
 
+/// Episode, step, whether what never moves is in it, and what was told.
+type Last = (EpisodeKey, usize, bool, Box<ShownEpisode>, Box<ShownSolids>);
+
 /// A client.
 struct Session {
     sources: Sources,
@@ -140,7 +143,7 @@ struct Session {
     /// The kitchen whose room was sent whole.
     sent: Option<u32>,
     /// The newest moment: its episode, the actions up to it, and whether the room is in it.
-    last: Option<(EpisodeKey, usize, bool, Box<ShownEpisode>, Box<ShownSolids>)>,
+    last: Option<Last>,
 }
 
 impl Session {
