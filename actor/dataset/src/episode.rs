@@ -1,6 +1,6 @@
 //! An episode as data sets take it: what was seen before each action, what the action did, and pictures.
 
-use crate::DatasetError;
+use crate::error::DatasetError;
 use proto::step::Transition;
 
 /// Which episode it is, and what became of it.

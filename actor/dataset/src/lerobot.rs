@@ -3,10 +3,11 @@
 
 use crate::column::{Column, Shape, Values};
 use crate::episode::{Episode, Frames};
+use crate::error::{DatasetError, write};
 use crate::fields::FIELDS;
+use crate::source::Source;
 use crate::stats::Stats;
 use crate::table::{Series, Table, bytes_of};
-use crate::{DatasetError, Source, write};
 use serde_json::{Value as Json, json};
 use std::path::{Path, PathBuf};
 
@@ -173,7 +174,7 @@ fn task(target: &str) -> String {
 }
 
 /// Frames before each action, as a column of pictures.
-pub fn picture(frames: &Frames, rows: usize) -> Column {
+fn picture(frames: &Frames, rows: usize) -> Column {
     let values = frames.frames[..rows].iter().map(|png| png.clone().into()).collect();
     Column { name: feature(frames.name), shape: Shape::Picture, values: Values::Bytes(values) }
 }

@@ -1,9 +1,9 @@
 //! An archive of `NumPy` an episode. Arrays of what was seen have one row more than there were actions.
 
-use crate::DatasetError;
 use crate::column::Values;
-use crate::disk;
 use crate::episode::{Episode, Frames};
+use crate::error::DatasetError;
+use crate::error::disk;
 use crate::fields::FIELDS;
 use std::fs::File;
 use std::io::{BufWriter, Write};

@@ -1,7 +1,7 @@
 //! The page that says what is in a folder: names, units, and how to read it.
 
 use crate::fields::FIELDS;
-use crate::{Size, Source};
+use crate::source::{Size, Source};
 use proto::dataset::DatasetFormat;
 use std::fmt::Write;
 

@@ -1,7 +1,7 @@
 //! A Parquet file that is written group of rows by group of rows, and a series of such files.
 
 use crate::column::{Column, Shape, Values, schema, write_group};
-use crate::{DatasetError, disk};
+use crate::error::{DatasetError, disk};
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::writer::SerializedFileWriter;

@@ -1,10 +1,11 @@
 //! Two Parquet tables: `steps.parquet`, a row an action, and `episodes.parquet`, a row an episode.
 
 use crate::column::{Column, Values};
-use crate::episode::Episode;
+use crate::episode::{Episode, Frames};
+use crate::error::DatasetError;
 use crate::fields::FIELDS;
+use crate::source::Source;
 use crate::table::Table;
-use crate::{DatasetError, Source};
 use parquet::data_type::ByteArray;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 use proto::step::transition_flag;
@@ -108,7 +109,7 @@ impl Tables {
             Column::new("seed", Values::Hash(vec![about.seed as i64])),
         ];
         let at = episode.steps.len();
-        let frames = |frames: &crate::Frames| pngs(frames.name, "last_", &frames.frames[at..=at]);
+        let frames = |frames: &Frames| pngs(frames.name, "last_", &frames.frames[at..=at]);
         columns.extend(episode.cameras.iter().map(frames));
         let goal_m = episode.seen[at].goal_m;
         columns.extend(GOAL.iter().zip(goal_m).map(|(name, value)| real(&format!("last_{name}"), value)));
