@@ -55,7 +55,7 @@ COLUMNS = {
     "length": STEPS,
     "length_of_successes": STEPS,
     "return_r": "undiscounted, reward r",
-    "return_r_prime": "undiscounted, reward r′",
+    "return_r_prime": "undiscounted, reward r'",
     "disturbance_m": "sum of the displacements of all objects but the target at the end",
     "peak_disturbance_m": "the largest such sum",
     "disturbed_objects": COUNT,
@@ -139,8 +139,8 @@ class Run:
 def read_run(path: str | PathLike[str]) -> Run:
     """Reads the folder of a run or of an evaluation, also while it runs. Needs pandas.
 
-    Of `metrics.jsonl` and `validation.jsonl` what counts is read as by the orchestrator: a line makes all before it with
-    the same or a higher rollout void, and a last line that is cut off is left out. Any other damaged line is an error.
+    Of `metrics.jsonl` and `validation.jsonl` those lines are read that count: a line makes all before it with the same
+    or a higher rollout void, and a last line that is cut off is left out. Any other damaged line is an error.
     """
     path = Path(path)
     try:
@@ -250,8 +250,8 @@ def _metrics(path: Path) -> pd.DataFrame:
 
 
 def _validation(path: Path) -> pd.DataFrame:
-    names = ["rollout", "frames", "weights", "result", "episodes", "success", "success_without_disturbance", "at_unix_s"]
-    return _frame(_lines(path), "rollout", names)
+    names = ["rollout", "frames", "weights", "result", "episodes", "success", "success_without_disturbance"]
+    return _frame(_lines(path), "rollout", [*names, "at_unix_s"])
 
 
 def _episodes(path: Path | None) -> pd.DataFrame:
@@ -299,7 +299,7 @@ def _all_episodes(folders: list[Path]) -> pd.DataFrame:
     for folder in folders:
         table = _episodes(folder / "episodes.csv")
         table.insert(0, "evaluation", folder.name)
-        tables.append(table.astype({name: "object" for name in table.select_dtypes("category").columns}))
+        tables.append(table.astype(dict.fromkeys(table.select_dtypes("category").columns, "object")))
     if not tables:
         table = _episodes(None)
         table.insert(0, "evaluation", pd.Series([], dtype="object"))
@@ -337,14 +337,13 @@ def _frame(rows: list[dict[str, Any]], index: str, names: list[str]) -> pd.DataF
     import pandas as pd
 
     names = list(dict.fromkeys([*names, *(name for row in rows for name in row)]))
+    texts = {"weights", "result", "reward"} | ({index} - {"rollout"})
     columns: dict[str, Any] = {}
     for name in names:
         values = [row.get(name) for row in rows]
         if name == "at_unix_s":
             columns["at"] = pd.to_datetime(pd.Series(values, dtype="Int64"), unit="s", utc=True)
-        elif any(isinstance(value, (str, bool)) for value in values) or name in ("weights", "result", "reward", index) and (
-            not values or isinstance(values[0], str)
-        ):
+        elif name in texts or any(isinstance(value, (str, bool)) for value in values):
             columns[name] = pd.Series(values, dtype="object")
         elif name.rpartition("/")[2].rpartition(".")[2] in INTEGERS and all(isinstance(v, int) for v in values):
             columns[name] = pd.Series(values, dtype="int64")
