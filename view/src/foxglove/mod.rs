@@ -129,9 +129,6 @@ fn newest(runs: &dyn Runs, run: &str, place: Option<Place>) -> Result<Newest, Pr
     Ok((key, setup, episode))
 }
 
-/// Episode, step, whether what never moves is in it, and what was told.
-type Last = (EpisodeKey, usize, bool, Box<ShownEpisode>, Box<ShownSolids>);
-
 /// A client.
 struct Session {
     sources: Sources,
@@ -142,9 +139,11 @@ struct Session {
     desk: Desk,
     /// The kitchen whose room was sent whole.
     sent: Option<u32>,
-    /// The newest moment: its episode, the actions up to it, and whether the room is in it.
-    last: Option<Last>,
+    last: Option<LastMoment>,
 }
+
+/// The newest moment: its episode, the actions up to it, whether the room is in it, and what is there.
+type LastMoment = (EpisodeKey, usize, bool, Box<ShownEpisode>, Box<ShownSolids>);
 
 impl Session {
     async fn serve(mut self, upgrade: OnUpgrade, _place: OwnedSemaphorePermit) {
