@@ -215,6 +215,8 @@ mod tests {
     use wire::WireHost;
 
     /// An actor that goes on writing into a sample that it has sent: what was checked is what is used.
+    // As large as what is sent.
+    #[allow(clippy::large_stack_arrays)]
     #[test]
     #[expect(clippy::large_stack_arrays, reason = "one frame")]
     fn what_was_received_stays_as_it_was_whatever_its_sender_writes() {
