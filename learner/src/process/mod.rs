@@ -115,7 +115,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
 
     let file = bounded::read_text(&run.config()).with_context(|| run.config().display().to_string())?;
     let resumed = resume(&store, &mut agent, &config, &file, (rank, hosts))?;
-    let Resumed { rollout, frames, boundary, figures, checkpoint } = resumed;
+    let Resumed { rollout, frames, boundary, resting, figures, checkpoint } = resumed;
     // 0 = none was found, which is not the checkpoint of rollout 0.
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
     let ports = Ports::open(&wire, WireShape::of(&config), rank, config.recording.enabled)?;
@@ -131,7 +131,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     });
     let saved = checkpoint.map(|_| rollout);
     let orchestrator = wire.incarnation();
-    Training { config, run, store, agent, conversation, rollout, frames, saved, figures, orchestrator, hosts }.run()
+    Training { config, run, store, agent, conversation, rollout, frames, saved, resting, figures, orchestrator, hosts }
+        .run()
 }
 
 /// Where the learners of this joint start meet: nowhere that dead ones have used.
