@@ -1,5 +1,5 @@
-//! What several learners of a run put together into one checkpoint, and take apart again; and what becomes of columns when
-//! the number of actors changes.
+//! What several learners of a run put together into one checkpoint, and take apart again; and what becomes of columns
+//! when the number of actors changes.
 //!
 //! Weights, moments and counters are identical on all learners; each learner has its own beliefs and environments. A
 //! checkpoint holds those of all in the order of the columns, as one learner would have written it: a run can go on

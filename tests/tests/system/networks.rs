@@ -31,10 +31,10 @@ fn on_one_host() -> &'static (String, u64) {
 /// The same commands go on to the end, and all of it is recorded and can be replayed.
 fn goes_on(hosts: &Hosts, expected: &(String, u64)) {
     assert!(hosts.run().trained() < expected.1, "the run was cut off in its middle");
-    is_complete(hosts, hosts.complete(), expected);
+    is_complete(hosts, &hosts.complete(), expected);
 }
 
-fn is_complete(hosts: &Hosts, printed: [Printed; HOSTS], expected: &(String, u64)) {
+fn is_complete(hosts: &Hosts, printed: &[Printed; HOSTS], expected: &(String, u64)) {
     assert_eq!(&printed[0].result(), expected);
     for other in &printed[1..] {
         assert!(other.success && other.stderr.contains("the run is complete"), "{other:#?}");
@@ -162,5 +162,5 @@ fn a_slow_network_that_loses_packets_changes_no_bit() {
     let Some(mut hosts) = hosts(Some(quality)) else { return };
     hosts.frames = SLOW_FRAMES;
     let printed = hosts.complete();
-    is_complete(&hosts, printed, &as_many_on_one_host(HOSTS as u32, SLOW_FRAMES));
+    is_complete(&hosts, &printed, &as_many_on_one_host(HOSTS as u32, SLOW_FRAMES));
 }

@@ -57,7 +57,9 @@ fn up(workshop: &Workshop, name: &str, learners: u32) -> Command {
 fn changed_twice(workshop: &Workshop, name: &str) -> Printed {
     let child = start(up(workshop, name, 1));
     let run = workshop.run(name);
-    CHANGES.into_iter().for_each(|to| change(workshop, &run, name, to, Signal::CONT));
+    for to in CHANGES {
+        change(workshop, &run, name, to, Signal::CONT);
+    }
     signal(wait_until_held(&run), Signal::CONT);
     finish(child)
 }
