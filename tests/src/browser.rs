@@ -162,7 +162,7 @@ impl Browser {
         // A file of this name, empty, is there before it is whole: the browser keeps the name free for itself.
         while !self.whole.contains(name) {
             let text = self.value("document.body?.innerText");
-            let text = text.as_str().unwrap_or_default();
+            let text = text.as_str().unwrap_or("");
             assert!(begun.elapsed() <= MAKING, "{name} never came\n{text}\ncomplaints: {:#?}", self.complaints);
             std::thread::sleep(Duration::from_millis(100));
         }

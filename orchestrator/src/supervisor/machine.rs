@@ -327,9 +327,11 @@ impl Supervisor {
             }
             LearnerEvent::RolloutCollected { rollout, frames, .. } => {
                 self.gang.collected(now);
-                // The last one of a shape is trained first.
                 if self.phase == Phase::Running && !self.ends_before(rollout + 1) {
                     self.allow(rollout + 1, frames);
+                } else if self.ends_before(rollout + 1) && self.policy.overlap {
+                    // Its update is reported only when the learners know what comes next.
+                    self.stop(now);
                 }
             }
             LearnerEvent::RolloutTrained { rollout, frames, .. } => {

@@ -4,7 +4,10 @@ use super::*;
 
 /// Where a run is saved that is asked at this step, and how it ended.
 fn saved_at(learners: u32, asked_after: u32, before: Option<u64>, killed: bool) -> (usize, Outcome) {
-    let mut world = World::with(learners);
+    end_of(World::with(learners), asked_after, before, killed)
+}
+
+fn end_of(mut world: World, asked_after: u32, before: Option<u64>, killed: bool) -> (usize, Outcome) {
     for step in 0..2000 {
         if step == asked_after {
             world.feed(Event::Scale { before });
@@ -34,6 +37,20 @@ fn the_learners_save_exactly_before_the_rollout_that_is_asked_for() {
             assert!(outcome.saved.is_some_and(|saved| saved.frames > 0));
         }
     }
+}
+
+/// With `ppo.overlap` a learner reports an update only when it has heard what follows.
+#[test]
+fn learners_that_collect_beside_their_update_are_not_waited_for() {
+    let mut world = World::new();
+    world.supervisor.policy.overlap = true;
+    world.feed(Event::Scale { before: Some(4) });
+    while world.announced.rollout < 3 || !world.collected {
+        world.step(true);
+    }
+    assert_eq!(world.announced.directive, directive::STOP, "before rollout 3 is trained");
+    let (at, outcome) = end_of(world, u32::MAX, None, false);
+    assert_eq!((at, outcome.end), (4, SessionEnd::Stopped));
 }
 
 #[test]
