@@ -45,7 +45,7 @@ fn learners_that_collect_beside_their_update_are_not_waited_for() {
     let mut world = World::new();
     world.supervisor.policy.overlap = true;
     world.feed(Event::Scale { before: Some(4) });
-    while world.announced.rollout < 3 || !world.collected {
+    while world.trained < 3 || !world.collected {
         world.step(true);
     }
     assert_eq!(world.announced.directive, directive::STOP, "before rollout 3 is trained");
