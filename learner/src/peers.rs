@@ -13,6 +13,7 @@ use crate::ffi::group::ProcessGroup;
 use crate::ffi::nccl::{Communicator, Invitation, Nccl, NcclError};
 use std::time::Duration;
 use tch::{Device, Kind, TchError, Tensor};
+use wire::fault;
 
 /// Longest time that a learner may take to join.
 const JOINING: Duration = Duration::from_secs(90);
@@ -141,6 +142,8 @@ impl Peers {
 
     /// Replaces a flat gradient by the sum over all learners.
     pub(crate) fn sum_gradients(&self, gradient: &mut Tensor) -> Result<(), PeerError> {
+        // One that is held here has the others wait in the middle of their exchange.
+        fault::reach("learner.before_exchange");
         match self {
             Self::Alone => Ok(()),
             Self::Group(Group { gpus: Some(gpus), .. }) => Ok(gpus.sum(gradient)?),

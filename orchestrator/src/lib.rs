@@ -56,6 +56,7 @@ struct CommandLine {
 enum Command {
     Up(command::up::UpArgs),
     Resume(command::resume::ResumeArgs),
+    Scale(command::scale::ScaleArgs),
     Stop(command::stop::StopArgs),
     Status(command::status::StatusArgs),
     List(command::list::ListArgs),
@@ -91,6 +92,7 @@ pub fn main() -> ExitCode {
     let result = followed.and_then(|()| match &line.command {
         Command::Up(args) => command::up::run(args),
         Command::Resume(args) => command::resume::run(args),
+        Command::Scale(args) => command::scale::run(args).map(done),
         Command::Stop(args) => command::stop::run(args).map(done),
         Command::Status(args) => command::status::run(args).map(done),
         Command::List(args) => command::list::run(args).map(done),

@@ -1,11 +1,15 @@
-//! Fault points: named places in the protocol at which a test can kill the process.
+//! Fault points: named places in the protocol at which a test can kill the process, or hold it.
 //!
 //! `STILLROOM_FAULT=POINT` or `STILLROOM_FAULT=POINT:N` makes the process kill itself with SIGKILL, without unwinding
 //! or flushing, when it reaches the point for the N-th time (default: the first). Crash tests set the variable for one
 //! child; without it [`reach`] is one load and one branch. Points are named `CRATE.MOMENT`, for example
 //! `actor.before_send`; `grep 'fault::reach'` lists them. Several programs pass the points `file.MOMENT`, and children
 //! inherit the variable: `POINT:N@PROGRAM` arms only the program of that name.
+//!
+//! `STILLROOM_FAULT=hold=POINT` stops the process there (SIGSTOP) until it gets SIGCONT: a test then does something to
+//! the others at a moment that it has chosen.
 
+use rustix::process::{Signal, getpid, kill_process};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -17,12 +21,13 @@ pub const VARIABLE: &str = "STILLROOM_FAULT";
 #[derive(Debug)]
 struct Armed {
     point: String,
+    signal: Signal,
     countdown: AtomicU64,
 }
 
 static ARMED: OnceLock<Option<Armed>> = OnceLock::new();
 
-/// Marks a fault point: kills this process if [`VARIABLE`] names the point.
+/// Marks a fault point: kills or holds this process if [`VARIABLE`] names the point.
 pub fn reach(point: &str) {
     let armed = ARMED.get_or_init(armed_here);
     if let Some(armed) = armed
@@ -30,7 +35,7 @@ pub fn reach(point: &str) {
         && armed.countdown.fetch_sub(1, Ordering::Relaxed) == 1
     {
         // A crash, not an exit: no destructor may run, as when the kernel kills the process.
-        let _ = rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::KILL);
+        let _ = kill_process(getpid(), armed.signal);
     }
 }
 
@@ -48,11 +53,12 @@ fn parse(text: &str, program: &str) -> Option<Armed> {
     if wanted != program {
         return None;
     }
+    let (text, signal) = text.strip_prefix("hold=").map_or((text, Signal::KILL), |held| (held, Signal::STOP));
     let (point, count) = text.rsplit_once(':').unwrap_or((text, "1"));
     // A test tool: a mistake in it must not pass for a test.
     let countdown: u64 = count.parse().unwrap_or_else(|_| panic!("{VARIABLE}={text}: `{count}` is not a count"));
     let countdown = countdown.max(1);
-    Some(Armed { point: point.to_owned(), countdown: AtomicU64::new(countdown) })
+    Some(Armed { point: point.to_owned(), signal, countdown: AtomicU64::new(countdown) })
 }
 
 #[cfg(test)]
@@ -72,6 +78,9 @@ mod tests {
         assert_eq!(count("actor.before_send:0"), ("actor.before_send".into(), 1));
         assert_eq!(count("file.before_rename:2@actor"), ("file.before_rename".into(), 2));
         assert!(parse("file.before_rename:2@learner", "actor").is_none(), "another program's");
+        let held = parse("hold=learner.mid_rollout:3@learner", "learner").unwrap();
+        assert_eq!((held.point.as_str(), held.signal), ("learner.mid_rollout", Signal::STOP));
+        assert_eq!(parse("learner.mid_rollout", "learner").unwrap().signal, Signal::KILL);
     }
 
     /// The test starts itself as a child that passes one point twice.

@@ -3,7 +3,8 @@
 //! ```text
 //! RUN/
 //!   run.toml               identity of the run: id, schema version, incarnations so far
-//!   config.toml            effective configuration; only `orchestrator resume --frames` replaces it
+//!   config.toml            effective configuration; only `resume` with another budget or shape and `scale` replace it
+//!   scale.toml             what `orchestrator scale` asks for, until the orchestrator has taken it
 //!   orchestrator.lock      held (flock) by the orchestrator that runs it
 //!   learner-0.lock, ...    held by the learner of that rank while it lives
 //!   scenes/000/            copies of the scenes it trains in, if it has its own
@@ -64,6 +65,11 @@ impl RunFolder {
     /// Effective configuration.
     pub fn config(&self) -> PathBuf {
         self.root.join("config.toml")
+    }
+
+    /// Another number of actors that is asked for.
+    pub fn scale_request(&self) -> PathBuf {
+        self.root.join("scale.toml")
     }
 
     /// Lock of the orchestrator.

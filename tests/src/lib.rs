@@ -6,12 +6,14 @@
 pub mod board;
 mod browser;
 mod foxglove;
+mod network;
 mod recorded;
 mod terminal;
 mod viewer;
 
 pub use browser::Browser;
 pub use foxglove::{Channel, Foxglove};
+pub use network::{Network, Quality};
 pub use recorded::RecordedSteps;
 pub use terminal::Terminal;
 pub use viewer::{Answer, Viewer};
@@ -269,6 +271,12 @@ pub fn kill_child(child: Child) -> Printed {
 pub fn signal(pid: u32, signal: rustix::process::Signal) {
     let pid = i32::try_from(pid).ok().and_then(rustix::process::Pid::from_raw).expect("a process id");
     let _ = rustix::process::kill_process(pid, signal);
+}
+
+/// Whether a signal has stopped a process, as a fault point does that is to hold it.
+pub fn is_held(pid: u32) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with('T'))
 }
 
 /// A run folder under test.

@@ -230,6 +230,7 @@ mod tests {
             let mut loan = publisher.loan_slice_uninit(1).unwrap();
             *loan.user_header_mut() = ObservationHeader { half: 1, ..Default::default() };
             let header = std::ptr::from_mut(loan.user_header_mut());
+            #[expect(clippy::large_stack_arrays, reason = "a payload has this size")]
             let sent = Observation {
                 transition: Transition { disturbance_m: 0.5, ..Default::default() },
                 current: Current { target: 3, ..Default::default() },

@@ -120,7 +120,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
 
     let file = bounded::read_text(&run.config()).with_context(|| run.config().display().to_string())?;
     let resumed = resume(&store, &mut agent, &config, &file, (rank, hosts))?;
-    let Resumed { rollout, frames, boundary, figures, checkpoint } = resumed;
+    let Resumed { rollout, frames, boundary, resting, figures, checkpoint } = resumed;
     // 0 = none was found, which is not the checkpoint of rollout 0.
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
     let ports = Ports::open(&wire, WireShape::of(&config), rank, config.recording.enabled)?;
@@ -146,6 +146,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         frames,
         in_update,
         saved,
+        resting,
         figures,
         orchestrator,
         hosts,

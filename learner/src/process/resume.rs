@@ -5,9 +5,10 @@
 
 use super::{changed, weights};
 use crate::agent::{Agent, AgentState, BELIEFS};
-use crate::checkpoint::{Snapshot, Store, decode, encode};
+use crate::checkpoint::{Part, Snapshot, Store, decode, encode};
 use crate::collector::Boundary;
 use anyhow::{Context, Result, bail, ensure};
+use proto::checkpoint::Manifest;
 use proto::config::{CarriedGoal, Config, FromConfig};
 use proto::hosts::Hosts;
 use proto::trained::History;
@@ -20,6 +21,8 @@ pub struct Resumed {
     pub rollout: u64,
     pub frames: u64,
     pub boundary: Boundary,
+    /// Columns of actors that the run does not have at present.
+    pub resting: Option<Part>,
     pub figures: History,
     pub checkpoint: Option<String>,
 }
@@ -55,9 +58,11 @@ pub fn resume(
     }
     let Some(Found { mut snapshot, checkpoint }) = found else {
         let (boundary, figures) = (Boundary::start(columns.len()), History::default());
-        return Ok(Resumed { rollout: 0, frames: 0, boundary, figures, checkpoint: None });
+        return Ok(Resumed { rollout: 0, frames: 0, boundary, resting: None, figures, checkpoint: None });
     };
     let path = checkpoint.as_deref().unwrap_or("of another run");
+    snapshot.widen(config.environments());
+    let resting = snapshot.resting(config.environments());
     snapshot.keep(columns);
     agent.load_state(&snapshot.agent).with_context(|| format!("cannot use checkpoint {path}"))?;
     let (loaded, saved) = (agent.weights_digest(), &snapshot.weights);
@@ -65,7 +70,7 @@ pub fn resume(
         bail!("the weights loaded from checkpoint {path} have digest {loaded}, saved were {saved}");
     }
     let Snapshot { rollout, frames, boundary, figures, .. } = snapshot;
-    Ok(Resumed { rollout, frames, boundary, figures, checkpoint })
+    Ok(Resumed { rollout, frames, boundary, resting, figures, checkpoint })
 }
 
 /// The newest good checkpoint on the disk. Without one the agent takes the weights of `[from]`, if there is that.
@@ -84,9 +89,18 @@ fn find(store: &Store, agent: &mut Agent, config: &Config, file: &str) -> Result
         tracing::warn!("{reason}: the figures of the rollouts before it are those in metrics.jsonl");
         snapshot.figures = store.figures_of_file(snapshot.rollout);
     }
-    let (held, wanted) = (snapshot.boundary.environments.len(), config.environments());
-    ensure!(held == wanted, "checkpoint {path} holds {held} environments, the configuration asks for {wanted}");
-    if let Some(changes) = changed::since(&manifest, config, file) {
+    let held = snapshot.boundary.environments.len();
+    let then = with_actors_of(&manifest, config, held).with_context(|| format!("cannot use checkpoint {path}"))?;
+    if then.actors.count != config.actors.count {
+        tracing::info!(
+            "{} actors instead of {} from rollout {} on: {}",
+            config.actors.count,
+            then.actors.count,
+            snapshot.rollout,
+            change_of_columns(held, config)
+        );
+    }
+    if let Some(changes) = changed::since(&manifest, &then, file) {
         tracing::warn!(
             "the configuration has changed since checkpoint {path}: {changes}. The run goes on under the new one"
         );
@@ -99,6 +113,36 @@ fn find(store: &Store, agent: &mut Agent, config: &Config, file: &str) -> Result
         );
     }
     Ok(Some(Found { snapshot, checkpoint: Some(path) }))
+}
+
+/// The configuration with the number of actors that a checkpoint of `held` columns was written with, which may be
+/// another one. Another number of environments in each actor would make other environments of the same columns.
+fn with_actors_of(manifest: &Manifest, config: &Config, held: usize) -> Result<Config> {
+    let wanted = config.environments();
+    let Ok(then) = Config::from_toml(&manifest.config, "its configuration") else {
+        // An older version wrote it.
+        ensure!(held == wanted, "it holds {held} environments, the configuration asks for {wanted}");
+        return Ok(config.clone());
+    };
+    let [was, is] = [&then, config].map(|config| config.actors.environments_per_actor);
+    ensure!(
+        was == is && held.is_multiple_of(is as usize),
+        "it holds {held} environments, {was} in each actor, and the configuration asks for {is} in each: the number of \
+         actors may change, that of their environments may not"
+    );
+    let mut as_then = config.clone();
+    as_then.actors.count = then.actors.count;
+    Ok(as_then)
+}
+
+/// What a change of the number of actors means for the columns, of which a checkpoint holds so many.
+fn change_of_columns(held: usize, config: &Config) -> String {
+    let wanted = config.environments();
+    match held.checked_sub(wanted) {
+        Some(0) => "all environments that the run has had are in use".to_owned(),
+        Some(resting) => format!("{resting} environments rest"),
+        None => format!("{} environments begin their first episode", wanted - held),
+    }
 }
 
 /// Takes the weights of another run's checkpoint.

@@ -55,6 +55,8 @@ pub struct Training<'a, W> {
     pub in_update: Option<InUpdate>,
     /// The rollout of the last checkpoint on disk, if this process has written or loaded one.
     pub saved: Option<u64>,
+    /// Columns of actors that the run does not have at present: every checkpoint holds them.
+    pub resting: Option<Part>,
     /// Figures of all rollouts trained so far.
     pub figures: History,
     /// Number of the orchestrator's start.
@@ -308,6 +310,9 @@ impl<W: Write> Training<'_, W> {
             let mut snapshot = Snapshot { rollout, frames, agent, boundary, weights, figures };
             for part in peers.gather(&[])? {
                 snapshot.append(Part::decode(&part)?);
+            }
+            if let Some(resting) = &self.resting {
+                snapshot.append(resting.again());
             }
             written = self.store.save(&snapshot, state.evaluated).map(Some);
         } else {

@@ -7,6 +7,7 @@ use crate::hosts::token::Token;
 use crate::training::run::Started;
 use anyhow::{Context, Result};
 use clap::Args;
+use proto::config::Config;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -24,6 +25,12 @@ pub struct HostFlags {
     /// Where the hosts meet: name or address of host 0, and a free port there
     #[arg(long, value_name = "HOST:PORT")]
     rendezvous: Option<String>,
+    /// Actors of each host, instead of --actors for all: with another number of hosts there are more or fewer
+    #[arg(long, value_name = "N", conflicts_with = "actors", value_parser = clap::value_parser!(u32).range(1..=512))]
+    actors_per_host: Option<u32>,
+    /// Learners of each host, instead of --learners for all
+    #[arg(long, value_name = "R", conflicts_with = "learners", value_parser = clap::value_parser!(u32).range(1..=512))]
+    learners_per_host: Option<u32>,
     /// The network to use here: an interface's name or address [default: the one that reaches the rendezvous]
     #[arg(long, value_name = "NAME|ADDRESS")]
     interface: Option<String>,
@@ -45,6 +52,15 @@ impl HostFlags {
     pub fn membership(&self) -> Result<Option<Membership>> {
         let (hosts, host_rank, rendezvous) = (self.hosts, self.host_rank, self.rendezvous.clone());
         Ok(membership(&Flags { hosts, host_rank, rendezvous }, &|name| std::env::var(name).ok())?)
+    }
+
+    /// Gives the run as many actors and learners as its hosts have together, where each has a number of its own.
+    pub fn multiply(&self, config: &mut Config, member: Option<&Membership>) -> Result<()> {
+        let hosts = member.map_or(1, |member| member.hosts);
+        let of_all = |each: u32| each.saturating_mul(hosts);
+        config.actors.count = self.actors_per_host.map_or(config.actors.count, of_all);
+        config.learner.count = self.learners_per_host.map_or(config.learner.count, of_all);
+        config.validate().with_context(|| format!("of {hosts} hosts together"))
     }
 
     /// How long hosts wait for one another.

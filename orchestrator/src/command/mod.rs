@@ -20,6 +20,7 @@ pub mod recover;
 pub mod replay;
 pub mod report;
 pub mod resume;
+pub mod scale;
 pub mod status;
 pub mod stop;
 pub mod suite;

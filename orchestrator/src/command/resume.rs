@@ -8,7 +8,7 @@ use crate::run::process_state::stopped;
 use crate::run::remains;
 use crate::run::signal::wake_learner;
 use crate::showing::events;
-use crate::showing::format;
+use crate::showing::format::{self, counted};
 use crate::showing::terminal;
 use crate::suite;
 use crate::supervisor::event::SessionEnd;
@@ -16,12 +16,12 @@ use crate::supervisor::policy::Policy;
 use crate::training::budget::Budget;
 use crate::training::events::ended;
 use crate::training::next_steps;
-use crate::training::run::{Started, TrainingRun};
+use crate::training::run::{Started, TrainingRun, write_config};
 use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::plain_file::open_plain;
-use proto::run_folder::{RunFolder, write_atomically};
+use proto::run_folder::RunFolder;
 use std::fs::OpenOptions;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -40,6 +40,11 @@ const ACTORS_LEAVE: Duration = Duration::from_secs(5);
 #[command(after_help = "Examples:
   orchestrator resume runs/20261121-020423-demo-1
   orchestrator resume runs/20261121-020423-demo-1 --frames 720000   trains on: 720 000 frames in all
+  orchestrator resume runs/20261121-020423-demo-1 --actors 8        with another number of actors
+
+With --actors, environments keep what they are: those of the actors that remain go on as before, those of actors that
+are no more rest as they are until such an actor is there again, and new ones begin their first episode. `orchestrator
+scale` does the same while a run goes on. With --learners, floating-point sums have another order from there on.
 
 With --frames, stages that have ended keep their frames, and those that have not share the rest in proportion; of a
 complete run the last stage goes on, with its optimiser and episodes. Before the first stage has ended, the stages are
@@ -54,6 +59,12 @@ pub struct ResumeArgs {
     /// configuration
     #[arg(long, value_name = "F", value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
+    /// Another number of actors, from here on. It is written into the run's configuration
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=512))]
+    actors: Option<u32>,
+    /// Another number of learners, from here on. It is written into the run's configuration
+    #[arg(long, value_name = "R", value_parser = clap::value_parser!(u32).range(1..=512))]
+    learners: Option<u32>,
     /// Print events for scripts, a JSON object a line, and nothing else on standard output (docs/terminal.md)
     #[arg(long)]
     json: bool,
@@ -76,14 +87,21 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     }
     let lock = RunLock::acquire(&folder)?;
     // Only now nobody else writes it.
-    let identity = Identity::read(&folder)?;
+    let mut identity = Identity::read(&folder)?;
     let summary = Summary::read(&folder)?;
     if let (None, Some(summary)) = (args.frames, &summary) {
+        if args.actors.is_some() || args.learners.is_some() {
+            bail!(
+                "this run is complete: it has no rollout for another number of processes. Give it frames by --frames, too"
+            );
+        }
         return Ok(show(summary, &folder));
     }
     let mut config = Config::of_run(&folder)?;
     let tools = Tools::find()?;
-    settle(&folder, &identity, config.learner.count, Policy::of(&config).silence)?;
+    let patience = Policy::of(&config).silence;
+    settle(&folder, &identity, config.learner.count.max(args.learners.unwrap_or(0)), patience)?;
+    let reshaped = reshape(&mut config, &mut identity, [args.actors, args.learners])?;
     // Only now nobody trains any more.
     let budget = args.frames.map(|frames| Budget::of(&folder, &config, frames)).transpose()?;
     let budget = budget.filter(|budget| !budget.is_old());
@@ -98,6 +116,9 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
         config = new;
     } else {
         demand_all(&config, &folder, &tools)?;
+        if reshaped {
+            write_config(&folder, &config)?;
+        }
     }
     for path in [folder.logs(), folder.checkpoints(), folder.recordings()] {
         std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
@@ -105,13 +126,38 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     TrainingRun { folder, config, identity, lock, tools, started: Started::default() }.run()
 }
 
+/// Gives a run these numbers of actors and learners, where they are asked for; whether one is another than before.
+fn reshape(config: &mut Config, identity: &mut Identity, asked: [Option<u32>; 2]) -> Result<bool> {
+    let before = [config.actors.count, config.learner.count];
+    let [actors, learners] = [asked[0].unwrap_or(before[0]), asked[1].unwrap_or(before[1])];
+    (config.actors.count, config.learner.count) = (actors, learners);
+    config.validate().with_context(|| {
+        format!("{} and {} cannot be", counted(actors.into(), "actor"), counted(learners.into(), "learner"))
+    })?;
+    if actors != before[0] {
+        identity.note_scale(before[0]);
+        terminal::note(&format!("{actors} actors instead of {} from here on", before[0]));
+    }
+    if learners != before[1] {
+        warn_of_sums(learners, before[1]);
+    }
+    Ok([actors, learners] != before)
+}
+
+fn warn_of_sums(learners: u32, before: u32) {
+    tracing::warn!(
+        "the run goes on with {learners} learners instead of {before}: floating-point sums have another order from here \
+         on, so its weights will not be those of a run that keeps the number"
+    );
+}
+
 /// Goes on with a run that the same command began: a launcher has started it again. `asked`: what the command asks for.
 /// `patience`: for an orchestrator of before that is about to end.
 pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Duration) -> Result<ExitCode> {
     let lock = RunLock::acquire_within(&folder, patience)?;
-    let identity = Identity::read(&folder)?;
+    let mut identity = Identity::read(&folder)?;
     let mut config = Config::of_run(&folder)?;
-    let learners = same_run(&config, asked)
+    let Counts { actors: asked_actors, learners } = same_run(&config, asked)
         .with_context(|| format!("{} holds a run that this command did not begin", folder.root().display()))?;
     if let Some(summary) = Summary::read(&folder)? {
         if let Some(rendezvous) = &started.rendezvous {
@@ -121,24 +167,34 @@ pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Durat
     }
     let tools = Tools::find()?;
     settle(&folder, &identity, config.learner.count.max(learners), Policy::of(&config).silence)?;
-    if learners != config.learner.count {
-        tracing::warn!(
-            "the run goes on with {learners} learners instead of {}: floating-point sums have another order from here \
-             on, so its weights will not be those of a run that keeps the number",
-            config.learner.count
-        );
-        config.learner.count = learners;
-        write_atomically(&folder.config(), config.to_toml().as_bytes())
-            .with_context(|| format!("cannot write {}", folder.config().display()))?;
+    let actors = identity.actors_for(asked_actors, config.actors.count);
+    if actors != asked_actors {
+        terminal::note(&format!(
+            "the run has been scaled to {actors} actors, which it keeps: `scale` or another --actors changes it"
+        ));
+    }
+    if reshape(&mut config, &mut identity, [Some(actors), Some(learners)])? {
+        write_config(&folder, &config)?;
+    }
+    if actors == asked_actors {
+        identity.commanded_actors = None;
     }
     demand_all(&started.part(&config), &folder, &tools)?;
     terminal::note(&format!("goes on with run {} in {}", identity.id, folder.root().display()));
     TrainingRun { folder, config, identity, lock, tools, started }.run()
 }
 
-/// Whether a command asks for the run that is there: how many learners it asks for, which may be another number.
-fn same_run(run: &Config, mut asked: Config) -> Result<u32> {
+/// What a command may ask for anew of a run that is there.
+#[derive(Debug, PartialEq, Eq)]
+struct Counts {
+    actors: u32,
+    learners: u32,
+}
+
+/// Whether a command asks for the run that is there: how many actors and learners it asks for, which may be other numbers.
+fn same_run(run: &Config, mut asked: Config) -> Result<Counts> {
     let learners = std::mem::replace(&mut asked.learner.count, run.learner.count);
+    let actors = std::mem::replace(&mut asked.actors.count, run.actors.count);
     // The run names its own copies, and the checkpoint that it began from, whatever has become of the originals.
     if asked.scenes.len() == run.scenes.len() {
         asked.scenes.clone_from(&run.scenes);
@@ -148,7 +204,7 @@ fn same_run(run: &Config, mut asked: Config) -> Result<u32> {
     if !changes.is_empty() {
         bail!("it would have {}: give another --run, or the run's own settings", changes.join(", "));
     }
-    Ok(learners)
+    Ok(Counts { actors, learners })
 }
 
 /// Shows a complete run as it was shown when it ended.
@@ -228,9 +284,10 @@ mod tests {
     fn a_launcher_goes_on_with_the_run_of_its_command_and_no_other() {
         let run = Config { scenes: vec!["scenes/000/a.toml".into()], ..Config::resolve("demo", None).unwrap() };
         let mut asked = Config { scenes: vec!["mine/a.toml".into()], ..run.clone() };
-        assert_eq!(same_run(&run, asked.clone()).unwrap(), run.learner.count);
-        asked.learner.count = 2;
-        assert_eq!(same_run(&run, asked.clone()).unwrap(), 2, "the number of learners may change");
+        let counts = |actors, learners| Counts { actors, learners };
+        assert_eq!(same_run(&run, asked.clone()).unwrap(), counts(run.actors.count, run.learner.count));
+        (asked.actors.count, asked.learner.count) = (7, 2);
+        assert_eq!(same_run(&run, asked.clone()).unwrap(), counts(7, 2), "the numbers may change");
         asked.seed = 9;
         let message = same_run(&run, asked).unwrap_err().to_string();
         assert!(message.contains("seed = 9 instead of 1") && !message.contains("learner.count"), "{message}");

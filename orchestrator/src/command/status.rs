@@ -189,7 +189,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         state: state_of(&identity, &held, work.is_complete()),
         preset: config.preset.clone(),
         seed: config.seed,
-        incarnations: identity.incarnations,
+        incarnations: identity.incarnations.clone(),
         recordings: Recordings::of(&folder),
         stopped: match &held {
             Held::By(holder) if holder.host == host_name() => stopped(holder.pid),
@@ -217,6 +217,9 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         for process in &stopped {
             terminal::out(&stopped_line(process, holder.pid));
         }
+    }
+    for line in identity.changes_of_shape() {
+        terminal::out(&line);
     }
     for line in work.lines(&config, held != Held::Free, incarnations.len()) {
         terminal::out(&line);

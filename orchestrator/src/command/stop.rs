@@ -59,11 +59,12 @@ pub fn run(args: &StopArgs) -> Result<()> {
             Held::By(holder) if holder.host != host_name() => {
                 bail!("{root} is run on {}: stop it there", holder.host);
             }
-            Held::By(signed) if asked != Some(signed.pid) => {
+            // The start that follows a scale is the same process's: it is asked, too.
+            Held::By(signed) if asked != Some((signed.pid, signed.incarnation)) => {
                 match ask_to_stop(signed.pid, &folder.orchestrator_lock()) {
                     Ok(()) => {
                         tracing::info!("asked pid {} to {asked_to}", signed.pid);
-                        asked = Some(signed.pid);
+                        asked = Some((signed.pid, signed.incarnation));
                     }
                     Err(error) => {
                         // A holder that is just ending, or just starting, looks like a stranger for a moment.
@@ -116,19 +117,19 @@ pub fn run(args: &StopArgs) -> Result<()> {
 }
 
 /// What an orchestrator logs from now on.
-struct Log {
+pub(super) struct Log {
     path: PathBuf,
     shown: u64,
 }
 
 impl Log {
-    fn at_end(path: PathBuf) -> Self {
+    pub(super) fn at_end(path: PathBuf) -> Self {
         let shown = std::fs::metadata(&path).map_or(0, |file| file.len());
         Self { path, shown }
     }
 
     /// Shows the lines that are new.
-    fn show(&mut self) {
+    pub(super) fn show(&mut self) {
         self.new_lines().iter().for_each(|line| terminal::note(line));
     }
 

@@ -85,6 +85,7 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     let mut found = None;
     let default = || Ok(default_preset(&found.insert(Tools::find()?).torch));
     let mut config = args.overrides.resolve(&args.overrides.preset(args.preset.as_deref(), default)?)?;
+    args.hosts.multiply(&mut config, member.as_ref())?;
     check_hosts(&config, member.as_ref())?;
     let started = args.hosts.started(member.as_ref())?;
     if let Some(folder) = begun {
@@ -125,7 +126,8 @@ fn check_hosts(config: &Config, member: Option<&Membership>) -> Result<()> {
     let Some(Membership { hosts, by, .. }) = member else { return Ok(()) };
     if config.learner.count < *hosts {
         bail!(
-            "{hosts} hosts ({by}) cannot share {}: every host has learners of its own, so give --learners {hosts} or more",
+            "{hosts} hosts ({by}) cannot share {}: every host has learners of its own, so give --learners {hosts} or more, or \
+             --learners-per-host 1",
             counted(u64::from(config.learner.count), "learner")
         );
     }

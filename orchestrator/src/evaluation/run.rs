@@ -64,7 +64,7 @@ impl EvaluationRun {
                 shape(&self.config),
                 self.config.seed
             );
-            session.run(&mut self.lock, &mut audience, None)
+            session.run(&mut self.lock, &mut audience, None, &mut None)
         });
         let reported = result.and_then(|(outcome, recording)| {
             let status = self.report(&outcome, &audience)?;

@@ -51,28 +51,51 @@ pub struct Agent {
     pub patience: Patience,
 }
 
+/// How a start ends for another host.
+enum Ended {
+    /// So does the job: exit status, and a sentence about it.
+    Over(u8, String),
+    /// The next start follows.
+    Again,
+}
+
 /// What comes over the link.
 type Heard = Result<Order, String>;
 
 impl Agent {
     /// Takes part in a run until its end; the job's exit status.
     pub fn run(self) -> Result<ExitCode> {
-        let (mut stream, own) = self.knock()?;
+        let mut signals = None;
+        let mut found = self.knock(self.patience.joining)?;
+        loop {
+            let (status, text) = match self.take_part(found, &mut signals)? {
+                Ended::Over(status, text) => (status, text),
+                Ended::Again => match self.knock(self.patience.lost) {
+                    Ok(again) => {
+                        found = again;
+                        continue;
+                    }
+                    Err(error) => (EXIT_HOST_LOST as u8, format!("host 0 was lost between two starts: {error:#}")),
+                },
+            };
+            terminal::note(&text);
+            return Ok(ExitCode::from(status));
+        }
+    }
+
+    /// Takes part in one start.
+    fn take_part(&self, (mut stream, own): (TcpStream, IpAddr), signals: &mut Option<Signals>) -> Result<Ended> {
         let deadline = Instant::now() + 2 * self.patience.joining;
         let reply = match receive(&mut stream, REPLY, deadline) {
             Ok(reply) => reply,
             Err(error) => {
-                terminal::note(&format!("host 0 did not begin: {error}"));
-                return Ok(ExitCode::from(EXIT_HOST_LOST as u8));
+                return Ok(Ended::Over(EXIT_HOST_LOST as u8, format!("host 0 did not begin: {error}")));
             }
         };
         let invitation: Invitation = match reply {
             Reply::Invited(invitation) => invitation,
             Reply::Refused(reason) => bail!("host 0 refuses this host: {reason}"),
-            Reply::Over { status, text } => {
-                terminal::note(&text);
-                return Ok(ExitCode::from(status));
-            }
+            Reply::Over { status, text } => return Ok(Ended::Over(status, text)),
         };
         let read = |(_, size): &(String, u64)| {
             receive_bytes(&mut stream, usize::try_from(*size).map_or(FILE, |size| size.min(FILE)), deadline)
@@ -110,7 +133,7 @@ impl Agent {
         };
         let address = place.address.clone();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
-        let ended = runtime.block_on(self.work(place, &invitation, network, &mouth, orders, patience));
+        let ended = runtime.block_on(self.work(place, &invitation, network, (&mouth, orders), (patience, signals)));
         if let Err(error) = &ended {
             mouth.say(Word::Refused(format!("{error:#}")));
         }
@@ -119,15 +142,13 @@ impl Agent {
         if let Err(error) = remains::sweep(&address, Duration::from_secs(2)) {
             tracing::warn!("{error:#}");
         }
-        let (status, text) = ended?;
-        terminal::note(&text);
-        Ok(ExitCode::from(status))
+        ended
     }
 
     /// Reaches host 0 and proves the token to it; this host's own address.
-    fn knock(&self) -> Result<(TcpStream, IpAddr)> {
+    fn knock(&self, patience: Duration) -> Result<(TcpStream, IpAddr)> {
         let rendezvous = &self.member.rendezvous;
-        let deadline = Instant::now() + self.patience.joining;
+        let deadline = Instant::now() + patience;
         let host = self.member.host;
         tracing::info!("host {host} of {}: looking for host 0 at {rendezvous}", self.member.hosts);
         let mut warned = false;
@@ -147,7 +168,7 @@ impl Agent {
             };
             tracing::debug!("host 0 at {rendezvous}: {last:#}");
             if Instant::now() >= deadline {
-                let waited = self.patience.joining.as_secs();
+                let waited = patience.as_secs();
                 return Err(last.context(format!("host 0 was not reached at {rendezvous} within {waited} s")));
             }
             std::thread::sleep(PAUSE);
@@ -174,12 +195,11 @@ impl Agent {
         place: Place,
         invitation: &Invitation,
         network: LearnersNetwork,
-        mouth: &Mouth<Word>,
-        orders: mpsc::Receiver<Heard>,
-        patience: Patience,
-    ) -> Result<(u8, String)> {
+        (mouth, orders): (&Mouth<Word>, mpsc::Receiver<Heard>),
+        (patience, signals): (Patience, &mut Option<Signals>),
+    ) -> Result<Ended> {
         let Place { folder, config, address, hosts, tools, mut lock } = place;
-        let signals = Signals::install(true)?;
+        let signals = Signals::kept(signals, true)?;
         lock.sign(invitation.incarnation)?;
         let run = std::path::absolute(folder.root()).context("run folder")?;
         let _claim = remains::claim(&address, &run)?;
@@ -253,7 +273,7 @@ struct Work<'a> {
     inbox: mpsc::Receiver<Event>,
     orders: mpsc::Receiver<Heard>,
     mouth: &'a Mouth<Word>,
-    signals: Signals,
+    signals: &'a mut Signals,
     recorder: Option<Recorder>,
     /// Incarnation of the learners whose events count.
     learner_incarnation: u32,
@@ -263,20 +283,21 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
-    async fn until_the_end(mut self, patience: Patience, invitation: &Invitation) -> Result<(u8, String)> {
+    async fn until_the_end(mut self, patience: Patience, invitation: &Invitation) -> Result<Ended> {
         let mut tick = tokio::time::interval(TICK);
         tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
             tokio::select! {
                 heard = self.orders.recv() => match heard {
-                    Some(Ok(Order::Dismiss { status, text })) => return Ok((status, text)),
+                    Some(Ok(Order::Dismiss { status, text })) => return Ok(Ended::Over(status, text)),
+                    Some(Ok(Order::Again)) => return Ok(Ended::Again),
                     Some(Ok(order)) => self.obey(&order)?,
                     lost => {
                         let why = lost.and_then(Result::err).unwrap_or_else(|| "the link has ended".to_owned());
                         let text = format!("host 0 ({}) was lost: {why}", invitation.name);
                         tracing::error!("{text}");
                         self.abandon(patience).await;
-                        return Ok((EXIT_HOST_LOST as u8, text));
+                        return Ok(Ended::Over(EXIT_HOST_LOST as u8, text));
                     }
                 },
                 Some(event) = self.inbox.recv() => self.report(event),
@@ -310,7 +331,7 @@ impl Work<'_> {
                 let complete = self.recorder.take().map_or(Ok(()), |recorder| recorded(recorder, frames));
                 self.mouth.say(Word::Recorded(complete.map_err(|error| format!("{error:#}"))));
             }
-            Order::Dismiss { .. } => {}
+            Order::Dismiss { .. } | Order::Again => {}
         }
         Ok(())
     }

@@ -17,6 +17,7 @@ use proto::config::Config;
 use proto::hosts::Hosts;
 use proto::run_folder::RunFolder;
 use serde::{Deserialize, Serialize};
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
@@ -106,6 +107,8 @@ pub struct Rendezvous {
     hosts: u32,
     token: Token,
     patience: Patience,
+    /// All have been here before, in a start of this program.
+    again: Cell<bool>,
 }
 
 impl Rendezvous {
@@ -127,7 +130,7 @@ impl Rendezvous {
         })?;
         // Many look at the door at once, and it must not stand open for the time of a slow proof.
         listener.set_nonblocking(true).context("the rendezvous")?;
-        Ok(Self { listener, own, hosts: member.hosts, token, patience })
+        Ok(Self { listener, own, hosts: member.hosts, token, patience, again: Cell::new(false) })
     }
 
     /// Hosts in all.
@@ -135,16 +138,18 @@ impl Rendezvous {
         self.hosts
     }
 
-    /// Waits for all other hosts and has them prepare.
-    pub fn gather(self, folder: &RunFolder, run_id: &str, incarnation: u32, config: &Config) -> Result<Together> {
+    /// Waits for all other hosts and has them prepare. They can be gathered again for another start.
+    pub fn gather(&self, folder: &RunFolder, run_id: &str, incarnation: u32, config: &Config) -> Result<Together> {
         let hosts = Hosts::new(self.hosts, config.shares());
+        // Who has just been here comes soon or is lost.
+        let joining = if self.again.replace(true) { self.patience.lost } else { self.patience.joining };
         let listener = TcpListener::bind((self.own, 0)).with_context(|| format!("cannot listen at {}", self.own))?;
         let store = listener.local_addr().context("the learners' store")?;
         tracing::info!(
             "host 0 of {} at {}: waiting up to {} s for the others",
             self.hosts,
             self.listener.local_addr().context("the rendezvous")?,
-            self.patience.joining.as_secs()
+            joining.as_secs()
         );
         let files = files_of(folder)?;
         let reply = Reply::Invited(Invitation {
@@ -159,7 +164,7 @@ impl Rendezvous {
         });
         let (sender, mut inbox) = mpsc::channel(QUEUE);
         let mut others = Vec::new();
-        for (host, mut stream) in self.admit_all(self.patience.joining)? {
+        for (host, mut stream) in self.admit_all(joining)? {
             let name = stream.peer_addr().map_or_else(|_| "unknown".to_owned(), |address| address.ip().to_string());
             let gone = |error| Incomplete(format!("host {host} ({name}) was lost at the start: {error}"));
             stream.set_write_timeout(Some(self.patience.silence())).map_err(gone)?;

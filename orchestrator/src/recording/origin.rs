@@ -96,11 +96,16 @@ impl Origin {
 
 /// What of a configuration decides what the simulator does; the rest is as by default.
 pub fn world_of(config: &Config) -> Config {
+    let mut actors = config.actors;
+    if config.evaluation.is_none() {
+        // Another number of them (`orchestrator scale`) leaves each environment as it is.
+        actors.count = Config::default().actors.count;
+    }
     Config {
         seed: config.seed,
         scenes: config.scenes.clone(),
         kitchens: config.kitchens,
-        actors: config.actors,
+        actors,
         simulation: config.simulation,
         episode: config.episode,
         reward: config.reward,

@@ -1,6 +1,7 @@
 //! Who a run is: `run.toml`.
 
 use super::unfinished::is_cut_off;
+use crate::showing::format::{self, counted};
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::bounded;
@@ -25,6 +26,10 @@ pub struct Identity {
     pub created_by: String,
     /// When, seconds since 1970.
     pub created_unix_s: u64,
+    /// The number of actors that the command asks for which started it, where it has another one since (`scale`,
+    /// `resume --actors`): the same command, given again, does not undo that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub commanded_actors: Option<u32>,
     /// Every start of an orchestrator on it, oldest first.
     #[serde(default)]
     pub incarnations: Vec<Incarnation>,
@@ -46,9 +51,39 @@ pub struct Incarnation {
     /// When it was last known to live, seconds since 1970: noted by the next start, if it left no word.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seen_unix_s: Option<u64>,
+    /// The processes that it has, and from where on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shape: Option<Shape>,
     /// How it ended; absent while it runs and after a crash.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<Ended>,
+}
+
+/// The processes of an incarnation. Actors and learners are those of all hosts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shape {
+    /// Hosts.
+    pub hosts: u32,
+    /// Learners.
+    pub learners: u32,
+    /// Actors.
+    pub actors: u32,
+    /// The first rollout that they collect.
+    pub rollout: u64,
+    /// Frames trained on before it.
+    pub frames: u64,
+}
+
+impl Shape {
+    fn processes(self) -> [u32; 3] {
+        [self.hosts, self.learners, self.actors]
+    }
+
+    /// As people read it: `1 host, 1 learner, 3 actors`.
+    fn text(self) -> String {
+        let [hosts, learners, actors] = self.processes().map(u64::from);
+        format!("{}, {}, {}", counted(hosts, "host"), counted(learners, "learner"), counted(actors, "actor"))
+    }
 }
 
 /// How an incarnation ended.
@@ -79,6 +114,7 @@ impl Identity {
             id: format!("{:012x}", bytes.iter().fold(0u64, |id, &byte| id << 8 | u64::from(byte))),
             created_by: env!("CARGO_PKG_VERSION").to_owned(),
             created_unix_s: unix_now(),
+            commanded_actors: None,
             incarnations: Vec::new(),
         })
     }
@@ -132,9 +168,46 @@ impl Identity {
             pid: std::process::id(),
             started_unix_s: unix_now(),
             seen_unix_s: None,
+            shape: None,
             ended: None,
         });
         (number, address)
+    }
+
+    /// Notes what processes the last incarnation has, and from where on.
+    pub fn note_shape(&mut self, shape: Shape) {
+        if let Some(last) = self.incarnations.last_mut() {
+            last.shape = Some(shape);
+        }
+    }
+
+    /// Notes that the number of actors is another one than the command asks for which started the run. `before`: the
+    /// number until now.
+    pub fn note_scale(&mut self, before: u32) {
+        self.commanded_actors.get_or_insert(before);
+    }
+
+    /// The number of actors with which a run goes on that has `held`, when a command asks for `asked`. The command that
+    /// started the run leaves it what it has been scaled to since; another number counts.
+    pub fn actors_for(&self, asked: u32, held: u32) -> u32 {
+        if self.commanded_actors == Some(asked) { held } else { asked }
+    }
+
+    /// Where the number of hosts, learners or actors changed, a line each.
+    pub fn changes_of_shape(&self) -> Vec<String> {
+        let shapes: Vec<Shape> = self.incarnations.iter().filter_map(|start| start.shape).collect();
+        let changed = shapes.windows(2).filter(|pair| pair[0].processes() != pair[1].processes());
+        changed
+            .map(|pair| {
+                format!(
+                    "from rollout {} on ({} frames): {} instead of {}",
+                    pair[1].rollout,
+                    format::count(pair[1].frames),
+                    pair[1].text(),
+                    pair[0].text()
+                )
+            })
+            .collect()
     }
 
     /// Address of one of its incarnations. What is left there is deleted after a crash. So it is made from the id and
@@ -218,6 +291,28 @@ mod tests {
         let identity = Identity { id: "../../home/me".into(), ..Identity::new().unwrap() };
         identity.write(&folder).unwrap();
         assert!(Identity::read(&folder).unwrap_err().to_string().contains("letters and digits"));
+    }
+
+    #[test]
+    fn a_change_of_shape_is_on_record_and_the_command_of_before_does_not_undo_it() {
+        let (_temporary, folder) = folder();
+        let mut identity = Identity::new().unwrap();
+        assert_eq!(identity.actors_for(5, 4), 5, "another command's number counts");
+        for (actors, rollout) in [(4, 0), (4, 3), (3, 7)] {
+            identity.begin_incarnation();
+            identity.note_shape(Shape { hosts: 1, learners: 2, actors, rollout, frames: 1200 * rollout });
+        }
+        identity.note_scale(4);
+        identity.note_scale(3);
+        identity.write(&folder).unwrap();
+        let read = Identity::read(&folder).unwrap();
+        assert_eq!(read, identity);
+        let lines = read.changes_of_shape();
+        assert_eq!(
+            lines,
+            ["from rollout 7 on (8 400 frames): 1 host, 2 learners, 3 actors instead of 1 host, 2 learners, 4 actors"]
+        );
+        assert_eq!([read.actors_for(4, 3), read.actors_for(6, 3)], [3, 6]);
     }
 
     #[test]

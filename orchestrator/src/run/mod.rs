@@ -11,6 +11,7 @@ pub mod lifeline;
 pub mod lock;
 pub mod process_state;
 pub mod remains;
+pub mod scale;
 pub mod scenes;
 pub mod signal;
 pub mod state;

@@ -31,6 +31,8 @@ pub enum Order {
         /// None if nothing was saved.
         frames: Option<u64>,
     },
+    /// This start is over; come again, the next follows at once, with another number of actors.
+    Again,
     /// The end.
     Dismiss {
         /// Exit status of the job.

@@ -102,6 +102,11 @@ pub enum Event {
     Tick,
     /// Request for an orderly stop (`orchestrator stop`, SIGTERM, SIGHUP). Asking twice changes nothing.
     Stop,
+    /// The number of actors is to change (`orchestrator scale`): the learners are to save before a rollout.
+    Scale {
+        /// Which; none: the next one that has not been announced.
+        before: Option<u64>,
+    },
     /// Ctrl-C: the first is an orderly stop, the second ends everything at once.
     Interrupt,
     /// The recording or the figures of the run cannot be written any more: a run that can no longer be observed is
@@ -169,6 +174,8 @@ pub enum SessionEnd {
     Stopped,
     /// The same, by a scheduler that starts the run again.
     Requeued,
+    /// The run goes on at once, with so many actors.
+    Scaled(u32),
     /// A stop was requested twice; the run can be resumed from its last checkpoint.
     Interrupted,
     /// It cannot go on. The reason has been reported.
@@ -182,7 +189,7 @@ impl SessionEnd {
     pub fn ending(&self) -> Ending {
         match self {
             Self::Complete => Ending::Complete,
-            Self::Stopped | Self::Requeued => Ending::Stopped,
+            Self::Stopped | Self::Requeued | Self::Scaled(_) => Ending::Stopped,
             Self::Interrupted => Ending::Interrupted,
             Self::Failed(_) | Self::HostLost(_) => Ending::Failed,
         }
@@ -192,7 +199,7 @@ impl SessionEnd {
     pub fn reason(&self) -> Option<&str> {
         match self {
             Self::Failed(reason) | Self::HostLost(reason) => Some(reason),
-            Self::Complete | Self::Stopped | Self::Requeued | Self::Interrupted => None,
+            Self::Complete | Self::Stopped | Self::Requeued | Self::Scaled(_) | Self::Interrupted => None,
         }
     }
 }

@@ -26,7 +26,7 @@ use super::policy::Policy;
 use super::restart::{RestartHistory, Verdict};
 use super::stage::StageMachine;
 use super::words::{
-    also, connected, died_at_stop, given_up, immortal, learners_given_up, quote, ready, rewinds, stopping, unanswering,
+    also, connected, died_at_stop, given_up, immortal, learners_given_up, quote, ready, rewinds, unanswering,
 };
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
@@ -57,6 +57,8 @@ enum Phase {
 pub struct Supervisor {
     policy: Policy,
     stages: StageMachine,
+    /// The rollout before which the learners are to save, because the number of actors changes.
+    stops_before: Option<u64>,
     children: Children,
     gang: Gang,
     /// By number of the actor.
@@ -76,6 +78,7 @@ impl Supervisor {
         Self {
             policy,
             stages: StageMachine::new(stages),
+            stops_before: None,
             children: Children::new(policy.learners, policy.actors),
             gang: Gang::new(policy.learners),
             actor_histories: vec![RestartHistory::default(); policy.actors as usize],
@@ -110,6 +113,7 @@ impl Supervisor {
             }
             Event::Tick => self.tick(now),
             Event::Stop => self.stop(now),
+            Event::Scale { before } => self.stop_before(before),
             Event::Interrupt => self.interrupt(now),
             Event::CannotWrite(cause) => {
                 if self.phase == Phase::Running {
@@ -311,7 +315,7 @@ impl Supervisor {
                 self.gang.ready(rank, now);
                 self.report(Level::Info, ready(rank, &device, parameters, checkpoint, frames));
                 match self.phase {
-                    Phase::Running if rank == 0 => self.allow(rollout, frames),
+                    Phase::Running if rank == 0 => self.begin(now, rollout, frames),
                     Phase::Saving { .. } => self.announce_stop(),
                     Phase::Running | Phase::Leaving { .. } | Phase::Over => {}
                 }
@@ -323,15 +327,21 @@ impl Supervisor {
             }
             LearnerEvent::RolloutCollected { rollout, frames, .. } => {
                 self.gang.collected(now);
-                if self.phase == Phase::Running {
+                if self.phase == Phase::Running && !self.ends_before(rollout + 1) {
                     self.allow(rollout + 1, frames);
+                } else if self.ends_before(rollout + 1) && self.policy.overlap {
+                    // Its update is reported only when the learners know what comes next.
+                    self.stop(now);
                 }
             }
-            LearnerEvent::RolloutTrained { frames, .. } => {
+            LearnerEvent::RolloutTrained { rollout, frames, .. } => {
                 self.gang.goes_on(now, Work::Collect);
                 if frames > self.frames_reached {
                     self.frames_reached = frames;
                     self.progress();
+                }
+                if self.ends_before(rollout + 1) {
+                    self.stop(now);
                 }
             }
             LearnerEvent::EpisodePlayed { .. } => {
@@ -512,89 +522,12 @@ impl Supervisor {
         }
     }
 
-    // The end
-
-    fn stop(&mut self, now: Duration) {
-        if self.phase == Phase::Running {
-            self.save(now, None);
-            if matches!(self.phase, Phase::Saving { .. }) {
-                self.report(Level::Info, stopping(self.gang.size(), self.evaluates()));
-            }
-        }
-    }
-
-    fn interrupt(&mut self, now: Duration) {
-        match self.phase {
-            Phase::Running => {
-                self.save(now, None);
-                if matches!(self.phase, Phase::Saving { .. }) {
-                    let text = stopping(self.gang.size(), self.evaluates());
-                    self.report(Level::Info, format!("{text}; Ctrl-C again ends everything at once"));
-                }
-            }
-            Phase::Over => {}
-            // Also after an orderly stop from elsewhere: Ctrl-C then means to end at once.
-            Phase::Saving { .. } | Phase::Leaving { .. } => {
-                if let Phase::Saving { failure, .. } = &self.phase {
-                    let end = failure.clone().map_or(SessionEnd::Interrupted, SessionEnd::Failed);
-                    self.outcome = Some(Outcome { end, saved: None });
-                    self.phase = Phase::Leaving { since: now };
-                }
-                for (process, _) in self.children.up() {
-                    self.kill(now, process);
-                }
-                self.finish_if_alone();
-            }
-        }
-    }
-
-    fn fail(&mut self, now: Duration, reason: String) {
-        self.report(Level::Error, reason.clone());
-        self.save(now, Some(reason));
-    }
-
-    /// Has the learners save, if they can: they agree on where, so it takes all of them.
-    fn save(&mut self, now: Duration, failure: Option<String>) {
-        if self.learners_are_whole() && (self.gang.all_ready_since().is_some() || failure.is_none()) {
-            let (work, first) = self.gang.work();
-            let patience = match self.gang.starting_for(now) {
-                Some(starting) => self.policy.learner_ready.saturating_sub(starting) + self.policy.first_save,
-                None => self.policy.stop(work, self.gang.pace(), first),
-            };
-            self.phase = Phase::Saving { failure, since: now, patience };
-            self.gang.waits(now);
-            self.announce_stop();
-        } else {
-            self.leave(now, failure.map_or(SessionEnd::Stopped, SessionEnd::Failed), None);
-        }
-    }
-
-    fn leave(&mut self, now: Duration, end: SessionEnd, saved: Option<Saved>) {
-        self.phase = Phase::Leaving { since: now };
-        self.outcome = Some(Outcome { end, saved });
-        self.children.stay_down();
-        self.actions.extend(self.children.up().into_iter().map(|(process, _)| Action::CloseLifeline(process)));
-        self.kill_broken(now);
-        self.finish_if_alone();
-    }
-
-    fn finish_if_alone(&mut self) {
-        if self.children.up().is_empty() {
-            self.finish();
-        }
-    }
-
-    fn finish(&mut self) {
-        self.phase = Phase::Over;
-        let outcome = self.outcome.take().expect("leaving begins with an outcome");
-        self.actions.push(Action::Finish(outcome));
-    }
-
     fn report(&mut self, level: Level, text: String) {
         self.actions.push(Action::Report(level, text));
     }
 }
 
+mod ending;
 mod lost;
 #[cfg(test)]
 mod tests;

@@ -68,14 +68,16 @@ pub fn begin_log(folder: &RunFolder) -> Result<()> {
 
 impl Session<'_> {
     /// Runs everything to its end; the second result is the recording's. `together`: where the run has several hosts.
+    /// `signals`: made by the first of several sessions, so that none is lost between two.
     pub fn run(
         &self,
         lock: &mut RunLock,
         audience: &mut impl Audience,
         together: Option<&mut Together>,
+        signals: &mut Option<Signals>,
     ) -> Result<(Outcome, Result<()>)> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("tokio")?;
-        let result = runtime.block_on(self.supervise(lock, audience, together));
+        let result = runtime.block_on(self.supervise(lock, audience, together, signals));
         // In any case no process and no shared memory of this incarnation remains.
         drop(runtime);
         if let Err(error) = remains::sweep(self.address, Duration::from_secs(2)) {
@@ -89,9 +91,10 @@ impl Session<'_> {
         lock: &mut RunLock,
         audience: &mut impl Audience,
         mut together: Option<&mut Together>,
+        signals: &mut Option<Signals>,
     ) -> Result<(Outcome, Result<()>)> {
         let Self { folder, config, incarnation, address, tools, launched } = *self;
-        let signals = Signals::install(launched)?;
+        let signals = Signals::kept(signals, launched)?;
         // `stop` signals the process that has signed the lock. So it signs only after it handles signals as requests.
         lock.sign(incarnation)?;
         let run = std::path::absolute(folder.root()).context("run folder")?;
@@ -124,7 +127,8 @@ impl Session<'_> {
             network: together.as_ref().map(|together| together.network.clone()),
         };
         let company = together.as_mut().map(|together| &mut together.company);
-        let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals, company };
+        let scaled = config.evaluation.is_none().then_some((folder, incarnation));
+        let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals, company, scaled };
         let outcome = shell.supervise(launch, audience).await;
         fault::reach("orchestrator.before_recorder_finish");
         let saved = outcome.as_ref().ok().and_then(|outcome| outcome.saved.as_ref()).map(|saved| saved.frames);

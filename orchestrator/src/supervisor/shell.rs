@@ -12,17 +12,20 @@ use super::policy::Policy;
 use super::process::{Launch, Processes};
 use super::stage::StageSwitch;
 use crate::recording::recorder::Recorder;
+use crate::run::scale::ScaleRequest;
 use crate::showing::events::tell;
 use crate::showing::format::reward_symbol;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::event::LearnerEvent;
+use proto::run_folder::RunFolder;
 use serde_json::json;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
 use tokio::time::{Interval, MissedTickBehavior};
+use wire::message::directive;
 use wire::{Announcer, WireHost, fault};
 
 /// Interval of checking deadlines, of repeating the announcement for late subscribers, and of showing progress.
@@ -59,6 +62,14 @@ impl Signals {
             launched,
             requeue: false,
             hang_up: if ignores_hang_up { None } else { Some(signal(SignalKind::hangup()).context("SIGHUP")?) },
+        })
+    }
+
+    /// Those that a session before this one installed, or new ones.
+    pub fn kept(kept: &mut Option<Self>, launched: bool) -> Result<&mut Self> {
+        Ok(match kept {
+            Some(kept) => kept,
+            None => kept.insert(Self::install(launched)?),
         })
     }
 
@@ -118,9 +129,11 @@ pub struct Shell<'a> {
     /// The recording, if there is one.
     pub recorder: Option<&'a Recorder>,
     /// Requests to stop.
-    pub signals: Signals,
+    pub signals: &'a mut Signals,
     /// The other hosts, if there are some.
     pub company: Option<&'a mut Company>,
+    /// Where another number of actors may be asked for, and of which start.
+    pub scaled: Option<(&'a RunFolder, u32)>,
 }
 
 impl Shell<'_> {
@@ -147,6 +160,8 @@ impl Shell<'_> {
             recording_failed: false,
             asked_to_stop: false,
             requeue: false,
+            next_rollout: 0,
+            scales_to: None,
         };
         let mut actions = machine.start(Duration::ZERO);
         fault::reach("orchestrator.before_spawn");
@@ -184,6 +199,10 @@ struct Supervision<'a, A> {
     asked_to_stop: bool,
     /// The stop is a scheduler's.
     requeue: bool,
+    /// The first rollout that has not been announced.
+    next_rollout: u64,
+    /// The number of actors with which the run goes on.
+    scales_to: Option<u32>,
 }
 
 impl<A: Audience> Supervision<'_, A> {
@@ -213,6 +232,9 @@ impl<A: Audience> Supervision<'_, A> {
             },
             Action::Announce(announcement) => {
                 fault::reach("orchestrator.before_announce");
+                if announcement.directive == directive::TRAIN {
+                    self.next_rollout = announcement.rollout + 1;
+                }
                 if let Some(company) = &self.shell.company {
                     company.order_all(&Order::Announce(announcement.into()));
                 }
@@ -229,6 +251,12 @@ impl<A: Audience> Supervision<'_, A> {
                 }
                 if outcome.end == SessionEnd::Stopped && (self.requeue || self.shell.signals.ask_for_requeue()) {
                     outcome.end = SessionEnd::Requeued;
+                }
+                if outcome.end == SessionEnd::Stopped
+                    && !self.asked_to_stop
+                    && let Some(actors) = self.scales_to
+                {
+                    outcome.end = SessionEnd::Scaled(actors);
                 }
                 self.audience.over();
                 return Ok(Some(outcome));
@@ -340,10 +368,24 @@ impl<A: Audience> Supervision<'_, A> {
                     self.own_events.push_back(Event::CannotWrite(failure));
                 }
                 self.audience.tick(now, recorder);
+                self.look_for_scale();
             }
             Event::Stop | Event::Interrupt => self.asked_to_stop = true,
-            Event::Learner { .. } | Event::CannotWrite(_) | Event::HostLost { .. } => {}
+            Event::Learner { .. } | Event::CannotWrite(_) | Event::HostLost { .. } | Event::Scale { .. } => {}
         }
+    }
+
+    /// Takes what `orchestrator scale` asks for.
+    fn look_for_scale(&mut self) {
+        let Some((folder, incarnation)) = self.shell.scaled else { return };
+        let Some(request) = ScaleRequest::take(folder, incarnation, self.shell.config, self.next_rollout) else {
+            return;
+        };
+        let ScaleRequest { actors, at_rollout, .. } = request;
+        let at = at_rollout.unwrap_or(self.next_rollout);
+        tracing::info!("asked for {actors} actors: the run is saved before rollout {at} and goes on with them");
+        self.scales_to = Some(actors);
+        self.own_events.push_back(Event::Scale { before: at_rollout });
     }
 
     /// Waits for the audience's remaining work; false if a stop is requested before it is done.

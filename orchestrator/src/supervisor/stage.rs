@@ -60,6 +60,11 @@ impl StageMachine {
         Some(Decision { announcement: self.say(rollout, position.stage as u32, directive::TRAIN), switch })
     }
 
+    /// The first rollout that has not been announced.
+    pub fn next_rollout(&self) -> u64 {
+        if self.version == 0 { 0 } else { self.last.rollout + 1 }
+    }
+
     /// Tells the learners to save and stop, wherever they are.
     pub fn stop(&mut self) -> StageAnnouncement {
         self.say(self.last.rollout, self.last.stage, directive::STOP)

@@ -24,7 +24,7 @@ pub struct Budget {
 impl Budget {
     /// Judges `total` frames for the run in this folder, which no process works on.
     pub fn of(folder: &RunFolder, config: &Config, total: u64) -> Result<Self> {
-        let trained = trained(folder)?;
+        let (_, trained) = newest(folder)?;
         let new = rebudget(&config.stages, trained, total)?;
         Config { stages: new.clone(), ..config.clone() }.validate()?;
         Ok(Self { old: config.stages.clone(), new, trained })
@@ -102,27 +102,27 @@ impl Budget {
     }
 }
 
-/// Frames of the newest checkpoint that can be read. (A checkpoint with damaged tensors is skipped on resume; the run
-/// then has fewer trained frames than this.)
-fn trained(folder: &RunFolder) -> Result<u64> {
+/// Rollout and frames of the newest checkpoint that can be read. (A checkpoint with damaged tensors is skipped on resume;
+/// the run then has fewer trained frames than this.)
+pub fn newest(folder: &RunFolder) -> Result<(u64, u64)> {
     let path = folder.checkpoints();
     let entries = match std::fs::read_dir(&path) {
         Ok(entries) => entries,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(0),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok((0, 0)),
         Err(error) => return Err(error).with_context(|| path.display().to_string()),
     };
     let id = folder.id().unwrap_or_default();
-    let mut trained = 0;
+    let mut newest = (0, 0);
     for entry in entries {
         let path = entry.with_context(|| path.display().to_string())?.path();
         if RolloutName::Manifest.rollout_of(&path).is_some()
             && let Ok(manifest) = Manifest::read(&path)
             && !manifest.is_of_another(&id)
         {
-            trained = trained.max(manifest.frames);
+            newest = newest.max((manifest.rollout, manifest.frames));
         }
     }
-    Ok(trained)
+    Ok(newest)
 }
 
 #[cfg(test)]

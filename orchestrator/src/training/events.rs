@@ -65,6 +65,11 @@ pub fn learner(event: &LearnerEvent, stages: &[StageConfig], history: &History) 
     }
 }
 
+/// A start is over, and the run goes on with another number of actors.
+pub fn scaled(before: u32, actors: u32) {
+    tell("scaled", || json!({ "before": before, "actors": actors }));
+}
+
 /// A checkpoint was evaluated.
 pub fn validated(score: &Score) {
     tell("validation", || {

@@ -2,23 +2,27 @@
 
 use super::audience::TrainingAudience;
 use crate::hosts::rendezvous::{Incomplete, Rendezvous};
+use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
-use crate::run::identity::{Ended, Identity, unix_now};
+use crate::run::identity::{Ended, Identity, Shape, unix_now};
 use crate::run::lock::RunLock;
+use crate::run::scale::with_actors;
 use crate::showing::events::are_told;
 use crate::showing::format;
 use crate::showing::terminal;
 use crate::supervisor::company::Order;
-use crate::supervisor::event::{Outcome, SessionEnd};
+use crate::supervisor::event::{Outcome, Saved, SessionEnd};
 use crate::supervisor::session::{EXIT_INTERRUPTED, Session, Together, begin_log, part_of, shape};
+use crate::supervisor::shell::Signals;
+use crate::training::budget::newest;
 use crate::training::summary::Summary;
 use crate::training::wall::{Last, Wall};
 use crate::training::{events, next_steps};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::exit::{EXIT_HOST_LOST, EXIT_REQUEUE};
 use proto::hosts::Hosts;
-use proto::run_folder::RunFolder;
+use proto::run_folder::{RunFolder, write_atomically};
 use proto::run_state::Ending;
 use proto::stage::total_frames;
 use proto::trained::History;
@@ -59,14 +63,30 @@ impl Started {
     }
 }
 
+/// What follows a start.
+enum Next {
+    /// The end of the program, with this exit status.
+    End(u8),
+    /// Another start, with another number of actors.
+    Start,
+}
+
+/// Makes a configuration the run's.
+pub fn write_config(folder: &RunFolder, config: &Config) -> Result<()> {
+    let path = folder.config();
+    write_atomically(&path, config.to_toml().as_bytes()).with_context(|| format!("cannot write {}", path.display()))
+}
+
 /// What is left of a session: how it ended, its recording, its figures, and the other hosts.
 type Ran = (Outcome, Result<()>, History, Option<Together>);
 
 /// What other hosts are told at the end.
 fn farewell(end: &SessionEnd, recording: &Result<()>) -> String {
     match (end, recording) {
+        // What that host recorded last is lost with it.
+        (SessionEnd::HostLost(reason), _) => format!("the run ends: {reason}"),
         (_, Err(error)) => format!("the run ends, and the recording is incomplete: {error:#}"),
-        (SessionEnd::Failed(reason) | SessionEnd::HostLost(reason), _) => format!("the run ends: {reason}"),
+        (SessionEnd::Failed(reason), _) => format!("the run ends: {reason}"),
         (end, Ok(())) => format!("the run is {}", end.ending()),
     }
 }
@@ -74,19 +94,38 @@ fn farewell(end: &SessionEnd, recording: &Result<()>) -> String {
 impl TrainingRun {
     /// Runs it and reports; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
+        let mut signals = None;
+        loop {
+            match self.start(&mut signals)? {
+                Next::End(status) => return Ok(ExitCode::from(status)),
+                Next::Start => {}
+            }
+        }
+    }
+
+    /// One start of it.
+    fn start(&mut self, signals: &mut Option<Signals>) -> Result<Next> {
         let begin = Instant::now();
         // Before the lines are removed by which it is known how long a killed one lived.
         self.identity.note_signs_of_life(&Wall::signs_of_life(&self.folder)?);
         let (incarnation, address) = self.identity.begin_incarnation();
+        self.identity.note_shape(self.shape()?);
         self.identity.write(&self.folder)?;
-        match self.session(incarnation, &address) {
+        match self.session(incarnation, &address, signals) {
+            Ok((Outcome { end: SessionEnd::Scaled(actors), saved }, Ok(()), _, together)) => {
+                self.scale(actors, saved)?;
+                if let Some(together) = together {
+                    together.company.order_all(&Order::Again);
+                }
+                Ok(Next::Start)
+            }
             Ok((outcome, recording, history, together)) => {
                 let text = farewell(&outcome.end, &recording);
                 let status = self.report(&outcome, &recording, &history, begin.elapsed())?;
                 if let Some(together) = together {
                     together.company.order_all(&Order::Dismiss { status, text });
                 }
-                Ok(ExitCode::from(status))
+                Ok(Next::End(status))
             }
             Err(error) => {
                 self.note_end(Ending::Failed, None, Some(format!("{error:#}")));
@@ -96,13 +135,45 @@ impl TrainingRun {
                 }
                 // The last of all events.
                 events::failed(&self.folder, &self.identity.id, &format!("{error:#}"));
-                if incomplete { Ok(ExitCode::from(EXIT_HOST_LOST as u8)) } else { Err(error) }
+                if incomplete { Ok(Next::End(EXIT_HOST_LOST as u8)) } else { Err(error) }
+            }
+        }
+    }
+
+    /// The processes of the start that begins.
+    fn shape(&self) -> Result<Shape> {
+        let (rollout, frames) = newest(&self.folder)?;
+        let hosts = self.started.rendezvous.as_ref().map_or(1, Rendezvous::hosts);
+        let (learners, actors) = (self.config.learner.count, self.config.actors.count);
+        Ok(Shape { hosts, learners, actors, rollout, frames })
+    }
+
+    /// Notes the end of a start that is followed by one with another number of actors. Where this machine cannot have so
+    /// many, the run goes on as it was.
+    fn scale(&mut self, actors: u32, saved: Option<Saved>) -> Result<()> {
+        let before = self.config.actors.count;
+        let saved = saved.map(|saved| (saved.frames, saved.weights));
+        self.note_end(Ending::Stopped, saved, Some(format!("goes on with {actors} actors instead of {before}")));
+        let scaled = with_actors(&self.config, actors).and_then(|new| {
+            demand_all(&self.started.part(&new), &self.folder, &self.tools)?;
+            Ok(new)
+        });
+        match scaled {
+            Ok(new) => {
+                self.identity.note_scale(before);
+                self.config = new;
+                events::scaled(before, actors);
+                write_config(&self.folder, &self.config)
+            }
+            Err(error) => {
+                tracing::error!("the run goes on with {before} actors, because {actors} cannot be: {error:#}");
+                Ok(())
             }
         }
     }
 
     /// Everything between the note that it began and the note how it ended.
-    fn session(&mut self, incarnation: u32, address: &WireAddress) -> Result<Ran> {
+    fn session(&mut self, incarnation: u32, address: &WireAddress, signals: &mut Option<Signals>) -> Result<Ran> {
         let Self { folder, config, identity, lock, tools, started } = self;
         let session = Session { folder, config, incarnation, address, tools, launched: started.launched };
         begin_log(folder)?;
@@ -117,13 +188,13 @@ impl TrainingRun {
         events::started(folder, config, identity, incarnation);
         fault::reach("orchestrator.after_lock");
         let mut audience = TrainingAudience::open(folder, config, incarnation)?;
-        let gather = |door: Rendezvous| door.gather(folder, &identity.id, incarnation, config);
-        let mut together = started.rendezvous.take().map(gather).transpose()?;
-        let (outcome, recording) = session.run(lock, &mut audience, together.as_mut())?;
+        let gather = |door: &Rendezvous| door.gather(folder, &identity.id, incarnation, config);
+        let mut together = started.rendezvous.as_ref().map(gather).transpose()?;
+        let (outcome, recording) = session.run(lock, &mut audience, together.as_mut(), signals)?;
         Ok((outcome, recording, audience.journal.history, together))
     }
 
-    fn report(mut self, outcome: &Outcome, recording: &Result<()>, history: &History, wall: Duration) -> Result<u8> {
+    fn report(&mut self, outcome: &Outcome, recording: &Result<()>, history: &History, wall: Duration) -> Result<u8> {
         let how = outcome.end.ending();
         let reason = outcome.end.reason().map(str::to_owned);
         let saved = outcome.saved.as_ref().map(|saved| (saved.frames, saved.weights.as_str()));
@@ -162,7 +233,11 @@ impl TrainingRun {
             SessionEnd::Requeued if recording.is_ok() => EXIT_REQUEUE as u8,
             SessionEnd::Interrupted => EXIT_INTERRUPTED,
             SessionEnd::HostLost(_) => EXIT_HOST_LOST as u8,
-            SessionEnd::Complete | SessionEnd::Stopped | SessionEnd::Requeued | SessionEnd::Failed(_) => 1,
+            SessionEnd::Complete
+            | SessionEnd::Stopped
+            | SessionEnd::Requeued
+            | SessionEnd::Scaled(_)
+            | SessionEnd::Failed(_) => 1,
         })
     }
 

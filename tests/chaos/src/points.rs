@@ -40,6 +40,7 @@ pub const TRAINING: &[Point] = &[
     point("learner", "learner.after_announcement", 6),
     point("learner", "learner.mid_rollout", 20),
     point("learner", "learner.before_update", 6),
+    point("learner", "learner.before_exchange", 6),
     point("learner", "learner.after_update", 6),
     point("learner", "learner.before_trained_told", 6),
     point("learner", "learner.before_checkpoint", 6),

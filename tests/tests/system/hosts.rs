@@ -1,13 +1,12 @@
-//! One run on two hosts: two orchestrators at two addresses of this machine, each with a run folder of its own, or in two
-//! network namespaces. Every run that keeps the number of its learners ends in the weights of the same learners on one
-//! host, whoever dies.
+//! One run on two hosts: two orchestrators at two addresses of this machine, each with a run folder of its own. Every run
+//! that keeps the number of its learners ends in the weights of the same learners on one host, whoever dies.
 
 use rustix::process::Signal;
 use std::net::TcpListener;
-use std::process::{Child, Command};
+use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
-use system_tests::{Printed, RecordedSteps, Run, TINY, Workshop, complete, finish, kill_child, signal, start};
+use system_tests::{Network, Printed, RecordedSteps, Run, TINY, Workshop, complete, finish, kill_child, signal, start};
 
 const ACTORS: u32 = 4;
 const ENVIRONMENTS: u32 = 3;
@@ -18,58 +17,78 @@ const DEADLINE_S: u64 = 9;
 const HOST_LOST: i32 = proto::exit::EXIT_HOST_LOST;
 const REQUEUE: i32 = proto::exit::EXIT_REQUEUE;
 
-/// Two hosts that are both this machine.
-struct Hosts {
-    workshop: Workshop,
+/// Hosts that are all this machine, each with a learner.
+pub struct Hosts {
+    pub workshop: Workshop,
+    pub frames: u64,
+    pub deadline_s: u64,
     rendezvous: String,
-    folders: [&'static str; 2],
-    /// Their network namespaces, where they have some.
-    namespaces: Option<[String; 2]>,
+    folders: Vec<&'static str>,
+    network: Option<Network>,
 }
 
 impl Hosts {
-    fn new(folders: [&'static str; 2]) -> Self {
+    pub fn new(folders: &[&'static str]) -> Self {
         let workshop = Workshop::new();
         std::fs::write(workshop.path("token"), "0123456789abcdef0123456789abcdef\n").expect("a writable folder");
         std::fs::write(workshop.path("wrong"), "another token that is long enough\n").expect("a writable folder");
         // Free a moment ago; nobody else asks for this very one.
         let port = TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a free port").port();
-        Self { workshop, rendezvous: format!("127.0.0.1:{port}"), folders, namespaces: None }
+        let rendezvous = format!("127.0.0.1:{port}");
+        let folders = folders.to_vec();
+        Self { workshop, frames: FRAMES, deadline_s: DEADLINE_S, rendezvous, folders, network: None }
     }
 
-    fn command(&self, host: usize, token: &str) -> Command {
-        let up = self.workshop.up(self.folders[host], ACTORS, ENVIRONMENTS, FRAMES);
-        let mut command = match &self.namespaces {
+    /// The same in a network of namespaces.
+    pub fn within(folders: &[&'static str], network: Network) -> Self {
+        let rendezvous = format!("{}:29400", Network::address(0));
+        Self { rendezvous, network: Some(network), ..Self::new(folders) }
+    }
+
+    pub fn network(&self) -> &Network {
+        self.network.as_ref().expect("these hosts have a network")
+    }
+
+    pub fn command(&self, host: usize, token: &str) -> Command {
+        let count = self.folders.len().to_string();
+        let mut command = self.command_of(host, self.folders.len(), token);
+        command.args(["--learners", &count]);
+        command
+    }
+
+    /// The command of a host among so many, without the number of learners.
+    pub fn command_of(&self, host: usize, hosts: usize, token: &str) -> Command {
+        let up = self.workshop.up(self.folders[host], ACTORS, ENVIRONMENTS, self.frames);
+        let mut command = match &self.network {
             None => up,
-            Some(names) => {
-                let mut inside = self.workshop.orchestrator(&[]);
-                let outside = std::mem::replace(&mut inside, Command::new("ip"));
-                inside.args(["netns", "exec", &names[host]]).arg(outside.get_program()).args(up.get_args());
-                inside.current_dir(self.workshop.path(""));
-                inside.stdin(std::process::Stdio::null());
-                inside.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+            Some(network) => {
+                let mut inside = network.on(host);
+                inside.arg(up.get_program()).args(up.get_args()).current_dir(self.workshop.path(""));
+                inside.env_remove("STILLROOM_LOG").env_remove("STILLROOM_FAULT").stdin(Stdio::null());
+                inside.stdout(Stdio::piped()).stderr(Stdio::piped());
                 inside
             }
         };
-        command.args(["--learners", "2", "--hosts", "2", "--host-rank", &host.to_string()]);
+        command.args(["--hosts", &hosts.to_string(), "--host-rank", &host.to_string()]);
         command.args(["--rendezvous", &self.rendezvous, "--token-file", token]);
-        command.args(["--join-deadline", "60", "--host-deadline", &DEADLINE_S.to_string()]);
-        if host == 1 && self.namespaces.is_none() {
-            command.args(["--interface", "127.0.0.2"]);
+        command.args(["--join-deadline", "60", "--host-deadline", &self.deadline_s.to_string()]);
+        if host > 0 && self.network.is_none() {
+            command.args(["--interface", &format!("127.0.0.{}", host + 1)]);
         }
         command
     }
 
-    fn start(&self) -> [Child; 2] {
-        [0, 1].map(|host| start(self.command(host, "token")))
+    pub fn start<const N: usize>(&self) -> [Child; N] {
+        assert_eq!(N, self.folders.len(), "all are started");
+        std::array::from_fn(|host| start(self.command(host, "token")))
     }
 
-    /// Starts both and waits until both have ended.
-    fn complete(&self) -> [Printed; 2] {
+    /// Starts all and waits until all have ended.
+    pub fn complete<const N: usize>(&self) -> [Printed; N] {
         self.start().map(finish)
     }
 
-    fn run(&self) -> Run {
+    pub fn run(&self) -> Run {
         self.workshop.run(self.folders[0])
     }
 
@@ -78,8 +97,10 @@ impl Hosts {
         Run { folder: self.workshop.run(self.folders[1]).folder.host(1) }
     }
 
-    fn assert_nothing_left(&self) {
-        self.workshop.run(self.folders[1]).wait_for_end();
+    pub fn assert_nothing_left(&self) {
+        for folder in &self.folders[1..] {
+            self.workshop.run(folder).wait_for_end();
+        }
         self.run().assert_nothing_left();
     }
 }
@@ -87,12 +108,15 @@ impl Hosts {
 /// The same learners on one host.
 fn on_one_host() -> &'static (String, u64) {
     static RESULT: OnceLock<(String, u64)> = OnceLock::new();
-    RESULT.get_or_init(|| {
-        let workshop = Workshop::new();
-        let mut command = workshop.up("one-host", ACTORS, ENVIRONMENTS, FRAMES);
-        command.args(["--learners", "2"]);
-        complete(command).result()
-    })
+    RESULT.get_or_init(|| as_many_on_one_host(2, FRAMES))
+}
+
+/// So many learners on one host.
+pub fn as_many_on_one_host(learners: u32, frames: u64) -> (String, u64) {
+    let workshop = Workshop::new();
+    let mut command = workshop.up("one-host", ACTORS, ENVIRONMENTS, frames);
+    command.args(["--learners", &learners.to_string()]);
+    complete(command).result()
 }
 
 /// Both ended because of the loss of a host, in time, and say which.
@@ -109,7 +133,7 @@ fn assert_lost(began: Instant, printed: &[Printed], lost: &str) {
 
 #[test]
 fn two_hosts_train_as_one_and_their_recordings_together_are_the_run() {
-    let hosts = Hosts::new(["shared", "shared"]);
+    let hosts = Hosts::new(&["shared", "shared"]);
     let [first, second] = hosts.complete();
     assert_eq!(&first.result(), on_one_host());
     assert!(second.success && second.stderr.contains("the run is complete"), "{second:#?}");
@@ -133,7 +157,7 @@ fn two_hosts_train_as_one_and_their_recordings_together_are_the_run() {
 
 #[test]
 fn a_killed_learner_and_a_killed_actor_of_the_other_host_are_started_again() {
-    let hosts = Hosts::new(["first", "second"]);
+    let hosts = Hosts::new(&["first", "second"]);
     let [first, second] = hosts.start();
     let (run, other) = (hosts.run(), hosts.workshop.run("second"));
     run.wait_for_rollouts(3);
@@ -155,7 +179,7 @@ fn a_killed_learner_and_a_killed_actor_of_the_other_host_are_started_again() {
 /// `ppo.overlap`: learners of both hosts speak to each other in updates and between them, in one order.
 #[test]
 fn beside_updates_two_hosts_collect_as_one_does() {
-    let hosts = Hosts::new(["first-beside", "second-beside"]);
+    let hosts = Hosts::new(&["first-beside", "second-beside"]);
     let overlapping = TINY.replace("[ppo]\n", "[ppo]\noverlap = true\n");
     std::fs::write(hosts.workshop.path("tiny.toml"), overlapping).expect("a writable folder");
     let mut command = hosts.workshop.up("one-host", ACTORS, ENVIRONMENTS, FRAMES);
@@ -175,7 +199,7 @@ fn beside_updates_two_hosts_collect_as_one_does() {
 #[test]
 fn a_lost_host_ends_the_job_by_name_and_the_next_start_goes_on() {
     for killed in [0, 1] {
-        let hosts = Hosts::new(["first", "second"]);
+        let hosts = Hosts::new(&["first", "second"]);
         let [first, second] = hosts.start();
         let run = hosts.run();
         run.wait_for_rollouts(5);
@@ -195,10 +219,10 @@ fn a_lost_host_ends_the_job_by_name_and_the_next_start_goes_on() {
 
 #[test]
 fn a_scheduler_has_it_saved_and_started_again_also_with_other_hosts() {
-    let hosts = Hosts::new(["first", "second"]);
+    let hosts = Hosts::new(&["first", "second"]);
     let run = hosts.run();
     for (host, asked) in [(0, Signal::TERM), (1, Signal::USR1)] {
-        let children = hosts.start();
+        let children: [Child; 2] = hosts.start();
         run.wait_for_rollouts(run.metrics().len() + 3);
         signal(children[host].id(), asked);
         for printed in children.map(finish) {
@@ -222,7 +246,7 @@ fn a_scheduler_has_it_saved_and_started_again_also_with_other_hosts() {
 
 #[test]
 fn strangers_stay_outside_and_whoever_does_not_come_is_named() {
-    let hosts = Hosts::new(["first", "second"]);
+    let hosts = Hosts::new(&["first", "second"]);
     let mut lonely = hosts.command(0, "token");
     lonely.args(["--set", "checkpoint.interval_s=60.0"]);
     let child = start(lonely);
@@ -259,76 +283,4 @@ fn strangers_stay_outside_and_whoever_does_not_come_is_named() {
     assert!(refused.stderr.contains("2 hosts (the command line) cannot share 1 learner"), "{refused:#?}");
     let refused = short(hosts.workshop.orchestrator(&["up", "--hosts", "2", "--host-rank", "1"]));
     assert!(refused.stderr.contains("--rendezvous is missing"), "{refused:#?}");
-}
-
-/// Two network namespaces with a pair of ends between them; gone when dropped.
-struct Namespaces([String; 2]);
-
-impl Namespaces {
-    /// None where this user or this container may not make them.
-    fn new() -> Option<Self> {
-        let names = [0, 1].map(|host| format!("stillroom-{}-{host}", std::process::id()));
-        let made = Self(names);
-        for name in &made.0 {
-            if let Err(reason) = ip(&["netns", "add", name]) {
-                eprintln!("skipped: network namespaces cannot be made here: {reason}");
-                return None;
-            }
-        }
-        let ends = ["vstill0", "vstill1"];
-        let [first, second] = &made.0;
-        let pair = ["link", "add", ends[0], "netns", first, "type", "veth", "peer", "name", ends[1], "netns", second];
-        if let Err(reason) = ip(&pair) {
-            eprintln!("skipped: pairs of network ends cannot be made here: {reason}");
-            return None;
-        }
-        for (host, name) in made.0.iter().enumerate() {
-            let address = format!("10.77.3.{}/24", host + 1);
-            ip(&["-n", name, "addr", "add", &address, "dev", ends[host]]).expect("ip works");
-            ip(&["-n", name, "link", "set", ends[host], "up"]).expect("ip works");
-            ip(&["-n", name, "link", "set", "lo", "up"]).expect("ip works");
-        }
-        Some(made)
-    }
-
-    fn set_link(&self, state: &str) {
-        ip(&["-n", &self.0[1], "link", "set", "vstill1", state]).expect("ip works");
-    }
-}
-
-impl Drop for Namespaces {
-    fn drop(&mut self) {
-        for name in &self.0 {
-            let _ = ip(&["netns", "del", name]);
-        }
-    }
-}
-
-fn ip(arguments: &[&str]) -> Result<(), String> {
-    let output = Command::new("ip").args(arguments).output().map_err(|error| format!("ip: {error}"))?;
-    if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).trim().to_owned()) }
-}
-
-#[test]
-fn a_cut_cable_ends_both_sides_in_time_and_a_mended_one_lets_them_go_on() {
-    let Some(namespaces) = Namespaces::new() else { return };
-    let mut hosts = Hosts::new(["first", "second"]);
-    hosts.rendezvous = "10.77.3.1:29400".into();
-    hosts.namespaces = Some(namespaces.0.clone());
-    let children = hosts.start();
-    let run = hosts.run();
-    run.wait_for_rollouts(4);
-    let before = run.metrics().len();
-    let began = Instant::now();
-    namespaces.set_link("down");
-    let printed = children.map(finish);
-    assert_lost(began, &printed[..1], "host 1 (10.77.3.2)");
-    assert_lost(began, &printed[1..], "host 0");
-    assert!(run.metrics().len() <= before + 2, "nobody trains alone");
-    hosts.assert_nothing_left();
-    namespaces.set_link("up");
-    let [first, second] = hosts.complete();
-    assert_eq!(&first.result(), on_one_host());
-    assert!(second.success, "{second:#?}");
-    hosts.assert_nothing_left();
 }

@@ -2,6 +2,7 @@
 
 mod lost_hosts;
 mod one_learner;
+mod scaling;
 mod several_learners;
 
 use super::*;

@@ -1,0 +1,122 @@
+//! `orchestrator scale`: another number of actors for a run that another process runs.
+
+use super::stop::Log;
+use crate::run::identity::{Identity, host_name, is_evaluation};
+use crate::run::lock::{Held, Holder, holder};
+use crate::run::scale::{ScaleRequest, with_actors};
+use crate::showing::format::{self, counted};
+use crate::showing::terminal;
+use crate::suite;
+use anyhow::{Context, Result, bail};
+use proto::config::Config;
+use proto::run_folder::RunFolder;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// How often to look whether it has been done.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Give a run that goes on another number of actors
+///
+/// At the end of a rollout the run is saved, its processes end in order and start again in the new number, all within the
+/// same orchestrators; several hosts divide the new number as they did the old one. Waits until the run goes on.
+///
+/// Environments keep what they are. Those of the actors that remain go on where they were. Those of actors that are no more
+/// rest as they are, in every checkpoint, until such an actor is there again. New ones begin their first episode. The
+/// frames of the run and of its stages stay exact, and what a rollout has of each environment, too; so a rollout has more
+/// or fewer frames. `orchestrator status RUN` says at which rollouts the number changed: the same seed with the same
+/// changes at the same rollouts gives the same weights.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  orchestrator scale runs/first --actors 8
+  orchestrator scale runs/first --actors 8 --at-rollout 120      the first rollout with 8 is number 120
+
+A run that does not go on at present: `orchestrator resume RUN --actors N`.")]
+pub struct ScaleArgs {
+    /// Run folder
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+    /// Actors of the whole run; every learner needs one at least
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=512))]
+    actors: u32,
+    /// The first rollout with that number, counted from 0 [default: the next that has not begun]
+    #[arg(long, value_name = "K")]
+    at_rollout: Option<u64>,
+    /// Give up waiting after this many seconds; the run still does as asked
+    #[arg(long, value_name = "SECONDS", default_value_t = 3600)]
+    timeout: u64,
+}
+
+/// Runs the command.
+pub fn run(args: &ScaleArgs) -> Result<()> {
+    let folder = RunFolder::new(&args.run);
+    suite::refuse(folder.root())?;
+    Identity::read(&folder)?;
+    let root = folder.root().display().to_string();
+    if is_evaluation(&folder) {
+        bail!("{root} is an evaluation: its number of actors is that of its episodes' batches, and stays");
+    }
+    let actors = args.actors;
+    let config = Config::of_run(&folder)?;
+    // What cannot be is said at once.
+    with_actors(&config, actors)?;
+    let asked = signed(&folder, actors)?;
+    if config.actors.count == actors && args.at_rollout.is_none() {
+        terminal::note(&format!("{root} has {} already", counted(u64::from(actors), "actor")));
+        return Ok(());
+    }
+    let mut log = Log::at_end(folder.log("orchestrator"));
+    let request = ScaleRequest { incarnation: asked.incarnation, actors, at_rollout: args.at_rollout, refused: None };
+    request.write(&folder)?;
+    let begin = Instant::now();
+    loop {
+        log.show();
+        if let Some(ScaleRequest { refused: Some(reason), .. }) = ScaleRequest::read(&folder)? {
+            ScaleRequest::remove(&folder);
+            bail!("{root} keeps its number of actors: {reason}");
+        }
+        let held = holder(&folder)?;
+        match &held {
+            Held::By(now) if now.incarnation > asked.incarnation => return done(&folder, now.incarnation, actors),
+            Held::Free => bail!("{root} has ended before its number of actors changed"),
+            Held::By(_) | Held::Unsigned => {}
+        }
+        if begin.elapsed() > Duration::from_secs(args.timeout) {
+            bail!("{root} has not changed within {} s; it still may", args.timeout);
+        }
+        // A file that is gone, or a lock that is signed anew, wakes nobody.
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Who runs it, here.
+fn signed(folder: &RunFolder, actors: u32) -> Result<Holder> {
+    let root = folder.root().display();
+    let begin = Instant::now();
+    loop {
+        match holder(folder)? {
+            Held::By(holder) if holder.host != host_name() => bail!("{root} is run on {}: scale it there", holder.host),
+            Held::By(holder) => return Ok(holder),
+            Held::Free => {
+                bail!("{root} does not run: `orchestrator resume {root} --actors {actors}` goes on with that number")
+            }
+            Held::Unsigned if begin.elapsed() > Duration::from_mins(1) => {
+                bail!("{root} is about to start for a minute already: try again when it trains")
+            }
+            Held::Unsigned => std::thread::sleep(LOOK),
+        }
+    }
+}
+
+/// Says what came of it.
+fn done(folder: &RunFolder, incarnation: u32, actors: u32) -> Result<()> {
+    let identity = Identity::read(folder)?;
+    let start = identity.incarnations.iter().find(|start| start.number == incarnation);
+    let shape = start.and_then(|start| start.shape).context("run.toml does not say how the run goes on")?;
+    if shape.actors != actors {
+        bail!("{} goes on with {} actors: its log says why", folder.root().display(), shape.actors);
+    }
+    terminal::out(&format!("run {} has {}", identity.id, counted(u64::from(actors), "actor")));
+    terminal::out(&format!("from rollout: {} ({} frames)", shape.rollout, format::count(shape.frames)));
+    Ok(())
+}

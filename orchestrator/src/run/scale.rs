@@ -1,0 +1,151 @@
+//! What `orchestrator scale` asks of the orchestrator that runs: a file of the run folder, which that one looks for.
+
+use anyhow::{Context, Result};
+use proto::bounded;
+use proto::config::Config;
+use proto::run_folder::{RunFolder, write_atomically};
+use serde::{Deserialize, Serialize};
+use std::io::ErrorKind;
+
+/// Another number of actors.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScaleRequest {
+    /// The start that is asked. One that a crash left behind is nobody's.
+    pub incarnation: u32,
+    /// Actors of the whole run.
+    pub actors: u32,
+    /// The rollout that is to be the first with them; none: the next that has not begun.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_rollout: Option<u64>,
+    /// The answer, if it cannot be.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
+}
+
+impl ScaleRequest {
+    /// Lays it into the folder, in the place of an older one.
+    pub fn write(&self, folder: &RunFolder) -> Result<()> {
+        let path = folder.scale_request();
+        let text = toml::to_string(self).context("scale.toml")?;
+        write_atomically(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
+    }
+
+    /// The one that lies there.
+    pub fn read(folder: &RunFolder) -> Result<Option<Self>> {
+        let path = folder.scale_request();
+        match bounded::read_text(&path) {
+            Ok(text) => Ok(Some(toml::from_str(&text).with_context(|| format!("{} is damaged", path.display()))?)),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(error).with_context(|| path.display().to_string()),
+        }
+    }
+
+    /// Removes it.
+    pub fn remove(folder: &RunFolder) {
+        match std::fs::remove_file(folder.scale_request()) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                tracing::warn!("cannot remove {}: {error}", folder.scale_request().display());
+            }
+            _ => {}
+        }
+    }
+
+    /// Takes what is asked of this start, if it can be; what cannot be is answered in the file. `next`: the first rollout
+    /// that has not begun.
+    pub fn take(folder: &RunFolder, incarnation: u32, config: &Config, next: u64) -> Option<Self> {
+        let request = match Self::read(folder) {
+            Ok(found) => found?,
+            Err(error) => {
+                tracing::warn!("{error:#}: it is removed");
+                Self::remove(folder);
+                return None;
+            }
+        };
+        if request.refused.is_some() {
+            return None;
+        }
+        if request.incarnation != incarnation {
+            Self::remove(folder);
+            return None;
+        }
+        if let Err(error) = request.check(config, next) {
+            tracing::warn!("scale to {} actors is refused: {error:#}", request.actors);
+            let answer = Self { refused: Some(format!("{error:#}")), ..request };
+            if let Err(error) = answer.write(folder) {
+                tracing::warn!("{error:#}");
+            }
+            return None;
+        }
+        Self::remove(folder);
+        Some(request)
+    }
+
+    fn check(&self, config: &Config, next: u64) -> Result<()> {
+        with_actors(config, self.actors)?;
+        match self.at_rollout {
+            Some(at) if at < next => {
+                anyhow::bail!("rollout {at} has begun already; the next one that can have another number is {next}")
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The configuration with another number of actors, if it can have that.
+pub fn with_actors(config: &Config, actors: u32) -> Result<Config> {
+    let mut new = config.clone();
+    new.actors.count = actors;
+    new.validate().with_context(|| format!("{actors} actors cannot be"))?;
+    Ok(new)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request(incarnation: u32, actors: u32, at_rollout: Option<u64>) -> ScaleRequest {
+        ScaleRequest { incarnation, actors, at_rollout, refused: None }
+    }
+
+    #[test]
+    fn a_request_is_taken_once_and_only_by_the_start_that_it_asks() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        let mut config = Config::resolve("demo", None).unwrap();
+        config.actors.count = 4;
+        config.learner.count = 2;
+        let take = || ScaleRequest::take(&folder, 3, &config, 7);
+        assert_eq!(take(), None, "nobody asks");
+        request(3, 5, Some(7)).write(&folder).unwrap();
+        assert_eq!(take(), Some(request(3, 5, Some(7))));
+        assert!(!folder.scale_request().exists() && take().is_none());
+        request(2, 5, None).write(&folder).unwrap();
+        assert_eq!(take(), None, "asked of a start that is over");
+        assert!(!folder.scale_request().exists());
+        std::fs::write(folder.scale_request(), "actors = 1").unwrap();
+        assert_eq!(take(), None);
+        assert!(!folder.scale_request().exists());
+    }
+
+    #[test]
+    fn what_cannot_be_is_answered() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = RunFolder::new(temporary.path());
+        let mut config = Config::resolve("demo", None).unwrap();
+        config.actors.count = 4;
+        config.learner.count = 2;
+        for (asked, answer) in [
+            (request(3, 1, None), "every learner has actors of its own"),
+            (request(3, 600, None), "must be 1 to 512"),
+            (request(3, 5, Some(6)), "rollout 6 has begun already; the next one that can have another number is 7"),
+        ] {
+            asked.write(&folder).unwrap();
+            for _ in 0..2 {
+                assert_eq!(ScaleRequest::take(&folder, 3, &config, 7), None);
+            }
+            let refused = ScaleRequest::read(&folder).unwrap().unwrap().refused.unwrap();
+            assert!(refused.contains(answer), "{refused}");
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! How a session ends: by a stop, a failure, at the budget, or because the run goes on with another number of actors.
+
+use super::{Phase, Supervisor};
+use crate::supervisor::event::{Action, Level, Outcome, Saved, SessionEnd};
+use crate::supervisor::words::stopping;
+use std::time::Duration;
+
+impl Supervisor {
+    /// The number of actors is to change before this rollout, or before the next one that has not been announced.
+    pub(super) fn stop_before(&mut self, before: Option<u64>) {
+        if self.phase == Phase::Running {
+            let next = self.stages.next_rollout();
+            self.stops_before = Some(before.map_or(next, |before| before.max(next)));
+        }
+    }
+
+    /// Whether this rollout is another shape's.
+    pub(super) fn ends_before(&self, rollout: u64) -> bool {
+        self.phase == Phase::Running && self.stops_before.is_some_and(|before| rollout >= before)
+    }
+
+    /// The learners are ready, and would begin with this rollout.
+    pub(super) fn begin(&mut self, now: Duration, rollout: u64, frames: u64) {
+        if self.ends_before(rollout) {
+            self.stop(now);
+        } else {
+            self.allow(rollout, frames);
+        }
+    }
+
+    pub(super) fn stop(&mut self, now: Duration) {
+        if self.phase == Phase::Running {
+            self.save(now, None);
+            if matches!(self.phase, Phase::Saving { .. }) {
+                self.report(Level::Info, stopping(self.gang.size(), self.evaluates()));
+            }
+        }
+    }
+
+    pub(super) fn interrupt(&mut self, now: Duration) {
+        match self.phase {
+            Phase::Running => {
+                self.save(now, None);
+                if matches!(self.phase, Phase::Saving { .. }) {
+                    let text = stopping(self.gang.size(), self.evaluates());
+                    self.report(Level::Info, format!("{text}; Ctrl-C again ends everything at once"));
+                }
+            }
+            Phase::Over => {}
+            // Also after an orderly stop from elsewhere: Ctrl-C then means to end at once.
+            Phase::Saving { .. } | Phase::Leaving { .. } => {
+                if let Phase::Saving { failure, .. } = &self.phase {
+                    let end = failure.clone().map_or(SessionEnd::Interrupted, SessionEnd::Failed);
+                    self.outcome = Some(Outcome { end, saved: None });
+                    self.phase = Phase::Leaving { since: now };
+                }
+                for (process, _) in self.children.up() {
+                    self.kill(now, process);
+                }
+                self.finish_if_alone();
+            }
+        }
+    }
+
+    pub(super) fn fail(&mut self, now: Duration, reason: String) {
+        self.report(Level::Error, reason.clone());
+        self.save(now, Some(reason));
+    }
+
+    /// Has the learners save, if they can: they agree on where, so it takes all of them.
+    fn save(&mut self, now: Duration, failure: Option<String>) {
+        if self.learners_are_whole() && (self.gang.all_ready_since().is_some() || failure.is_none()) {
+            let (work, first) = self.gang.work();
+            let patience = match self.gang.starting_for(now) {
+                Some(starting) => self.policy.learner_ready.saturating_sub(starting) + self.policy.first_save,
+                None => self.policy.stop(work, self.gang.pace(), first),
+            };
+            self.phase = Phase::Saving { failure, since: now, patience };
+            self.gang.waits(now);
+            self.announce_stop();
+        } else {
+            self.leave(now, failure.map_or(SessionEnd::Stopped, SessionEnd::Failed), None);
+        }
+    }
+
+    pub(super) fn leave(&mut self, now: Duration, end: SessionEnd, saved: Option<Saved>) {
+        self.phase = Phase::Leaving { since: now };
+        self.outcome = Some(Outcome { end, saved });
+        self.children.stay_down();
+        self.actions.extend(self.children.up().into_iter().map(|(process, _)| Action::CloseLifeline(process)));
+        self.kill_broken(now);
+        self.finish_if_alone();
+    }
+
+    pub(super) fn finish_if_alone(&mut self) {
+        if self.children.up().is_empty() {
+            self.finish();
+        }
+    }
+
+    pub(super) fn finish(&mut self) {
+        self.phase = Phase::Over;
+        let outcome = self.outcome.take().expect("leaving begins with an outcome");
+        self.actions.push(Action::Finish(outcome));
+    }
+}

@@ -1,0 +1,267 @@
+//! A run whose number of actors changes while it goes on, or that goes on with another number of hosts: environments keep
+//! what they are, the budget is exact, and the same changes at the same rollouts give the same weights.
+
+use super::hosts::Hosts;
+use rustix::process::Signal;
+use std::process::{Child, Command};
+use system_tests::{
+    Printed, RecordedSteps, Run, Workshop, complete, finish, is_held, kill_child, signal, start, wait_until,
+};
+
+const ACTORS: u32 = 3;
+const ENVIRONMENTS: u32 = 2;
+/// No multiple of anything.
+const FRAMES: u64 = 1203;
+/// Every start's learner waits in its third update until it is let go: nothing depends on how fast the run is.
+const HOLD: &str = "hold=learner.before_update:3@learner";
+/// The first rollouts with other numbers of actors.
+const CHANGES: [(u64, u32); 2] = [(5, 2), (11, 4)];
+
+fn wait_until_held(run: &Run) -> u32 {
+    let mut held = None;
+    wait_until("the learner is held", || {
+        held = run.processes("--rank 0 ").into_iter().find(|pid| is_held(*pid));
+        held.is_some()
+    });
+    held.expect("just found")
+}
+
+/// Asks for another number of actors and waits until the orchestrator has taken that.
+fn ask(workshop: &Workshop, run: &Run, name: &str, (rollout, actors): (u64, u32)) -> Child {
+    let mut command = workshop.orchestrator(&["scale", name]);
+    command.args(["--actors", &actors.to_string(), "--at-rollout", &rollout.to_string()]);
+    let asking = start(command);
+    let taken = format!("asked for {actors} actors: the run is saved before rollout {rollout}");
+    wait_until("the orchestrator has taken it", || {
+        std::fs::read_to_string(run.folder.log("orchestrator")).is_ok_and(|log| log.contains(&taken))
+    });
+    asking
+}
+
+/// Changes the number, of a run whose learner is held and then gets a signal: it goes on, or is killed and started again.
+fn change(workshop: &Workshop, run: &Run, name: &str, change: (u64, u32), end: Signal) {
+    let learner = wait_until_held(run);
+    let asking = ask(workshop, run, name, change);
+    signal(learner, end);
+    let printed = finish(asking);
+    assert!(printed.success && printed.stdout.contains(&format!("from rollout: {} (", change.0)), "{printed:#?}");
+}
+
+fn up(workshop: &Workshop, name: &str, learners: u32) -> Command {
+    let mut command = workshop.up(name, ACTORS, ENVIRONMENTS, FRAMES);
+    command.args(["--learners", &learners.to_string()]).env("STILLROOM_FAULT", HOLD);
+    command
+}
+
+/// A run with [`CHANGES`], otherwise left alone.
+fn changed_twice(workshop: &Workshop, name: &str) -> Printed {
+    let child = start(up(workshop, name, 1));
+    let run = workshop.run(name);
+    for to in CHANGES {
+        change(workshop, &run, name, to, Signal::CONT);
+    }
+    signal(wait_until_held(&run), Signal::CONT);
+    finish(child)
+}
+
+fn assert_replays(workshop: &Workshop, name: &str) {
+    let replayed = complete(workshop.orchestrator(&["replay", name]));
+    assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
+}
+
+#[test]
+fn the_number_of_actors_changes_at_a_rollout_and_nothing_is_lost_or_played_twice() {
+    let workshop = Workshop::new();
+    let result = changed_twice(&workshop, "scaled").result();
+    assert_eq!(result.1, FRAMES);
+    let run = workshop.run("scaled");
+    run.assert_nothing_left();
+    let steps = RecordedSteps::of(&run);
+    assert_eq!((steps.count(), steps.messages), (FRAMES, FRAMES), "each step once");
+    assert_eq!(steps.holes(), Vec::<String>::new(), "each environment goes on where it was");
+    assert_replays(&workshop, "scaled");
+
+    // Rollouts have the frames of their actors, but for the last of each stage.
+    let mut before = 0;
+    let mut whole = 0;
+    for (rollout, line) in run.metrics() {
+        let frames = line["frames"].as_u64().expect("a number");
+        let actors = CHANGES.iter().rev().find(|(from, _)| rollout >= *from).map_or(ACTORS, |(_, actors)| *actors);
+        let expected = u64::from(actors * ENVIRONMENTS) * 10;
+        assert!(frames - before <= expected, "rollout {rollout}: {} frames", frames - before);
+        whole += usize::from(frames - before == expected);
+        before = frames;
+    }
+    assert_eq!(whole, run.metrics().len() - 2, "{:#?}", run.metrics());
+    let status = complete(workshop.orchestrator(&["status", "scaled"]));
+    for line in [
+        "from rollout 5 on (300 frames): 1 host, 1 learner, 2 actors instead of 1 host, 1 learner, 3 actors",
+        "from rollout 11 on (540 frames): 1 host, 1 learner, 4 actors instead of 1 host, 1 learner, 2 actors",
+    ] {
+        assert!(status.stdout.contains(line), "{status:#?}");
+    }
+
+    // The same changes, and a learner and an orchestrator that are killed.
+    let child = start(up(&workshop, "disturbed", 1));
+    let other = workshop.run("disturbed");
+    change(&workshop, &other, "disturbed", CHANGES[0], Signal::KILL);
+    change(&workshop, &other, "disturbed", CHANGES[1], Signal::CONT);
+    wait_until_held(&other);
+    kill_child(child);
+    // The held learner does not notice that its orchestrator is gone; the next start wakes it.
+    assert_eq!(complete(workshop.resume("disturbed")).result(), result);
+    other.assert_nothing_left();
+    assert!(RecordedSteps::of(&other).holes().is_empty());
+    assert_replays(&workshop, "disturbed");
+}
+
+#[test]
+fn what_cannot_be_is_one_clear_error_and_the_run_goes_on() {
+    let workshop = Workshop::new();
+    let child = start(up(&workshop, "kept", 2));
+    let run = workshop.run("kept");
+    let refused = |words: &[&str]| {
+        let mut command = workshop.orchestrator(&["scale", "kept"]);
+        command.args(words);
+        let printed = complete(command);
+        assert_eq!(printed.status, Some(1), "{printed:#?}");
+        printed.stderr
+    };
+    let learner = wait_until_held(&run);
+    let message = refused(&["--actors", "1"]);
+    assert!(
+        message.contains("1 actors cannot be") && message.contains("every learner has actors of its own"),
+        "{message}"
+    );
+    let message = refused(&["--actors", "4", "--at-rollout", "1"]);
+    assert!(message.contains("rollout 1 has begun already"), "{message}");
+    assert!(!run.folder.scale_request().exists(), "nothing is left of it");
+    let same = complete(workshop.orchestrator(&["scale", "kept", "--actors", "3"]));
+    assert!(same.success && same.stderr.contains("has 3 actors already"), "{same:#?}");
+    for rank in ["--rank 0 ", "--rank 1 "] {
+        wait_until("both are held", || run.processes(rank).iter().any(|pid| is_held(*pid)));
+    }
+    signal(learner, Signal::CONT);
+    run.processes("--rank 1 ").into_iter().for_each(|pid| signal(pid, Signal::CONT));
+    let (_, frames) = finish(child).result();
+    assert_eq!(frames, FRAMES);
+    let message = refused(&["--actors", "4"]);
+    assert!(message.contains("does not run") && message.contains("resume kept --actors 4"), "{message}");
+    let mut resume = workshop.resume("kept");
+    resume.args(["--actors", "4"]);
+    let printed = complete(resume);
+    assert!(!printed.success && printed.stderr.contains("this run is complete"), "{printed:#?}");
+}
+
+#[test]
+fn several_hosts_change_together_as_one_does() {
+    let change_to = (6, 3);
+    let release = |run: &Run| {
+        for rank in ["--rank 0 ", "--rank 1 "] {
+            wait_until("all are held", || run.processes(rank).iter().any(|pid| is_held(*pid)));
+            run.processes(rank).into_iter().for_each(|pid| signal(pid, Signal::CONT));
+        }
+    };
+    let scaled = |workshop: &Workshop, run: &Run, name: &str| {
+        wait_until_held(run);
+        let asking = ask(workshop, run, name, change_to);
+        release(run);
+        let printed = finish(asking);
+        assert!(printed.success && printed.stdout.contains("from rollout: 6 ("), "{printed:#?}");
+        release(run);
+    };
+    let hosts = Hosts::new(&["shared", "shared"]);
+    let children: [Child; 2] = std::array::from_fn(|host| {
+        let mut command = hosts.command(host, "token");
+        command.env("STILLROOM_FAULT", HOLD);
+        start(command)
+    });
+    scaled(&hosts.workshop, &hosts.run(), "shared");
+    let [first, second] = children.map(finish);
+    assert!(second.success, "{second:#?}");
+    let steps = RecordedSteps::of(&hosts.run());
+    assert_eq!((steps.count(), steps.messages), (hosts.frames, hosts.frames), "each step once");
+    assert!(steps.holes().is_empty(), "{:?}", steps.holes());
+    assert_replays(&hosts.workshop, "shared");
+    hosts.assert_nothing_left();
+
+    let mut alone = hosts.workshop.up("alone", 4, 3, hosts.frames);
+    alone.args(["--learners", "2"]).env("STILLROOM_FAULT", HOLD);
+    let child = start(alone);
+    scaled(&hosts.workshop, &hosts.workshop.run("alone"), "alone");
+    assert_eq!(finish(child).result(), first.result());
+    // A launcher's command, which names the old number, is still that of this run.
+    let again = complete(hosts.command_of(0, 1, "token"));
+    assert!(again.success && again.stderr.contains("this run is complete"), "{again:#?}");
+}
+
+/// The command of a host that brings two actors and so many learners along, for the run of this name.
+fn with_its_own(hosts: &Hosts, name: &str, host: usize, count: usize, learners: &str) -> Command {
+    let whole = hosts.command_of(host, count, "token");
+    let mut words = whole.get_args();
+    let mut command = hosts.workshop.orchestrator(&[]);
+    while let Some(word) = words.next() {
+        match word.to_str() {
+            // That of all hosts.
+            Some("--actors") => drop(words.next()),
+            Some("--run") => {
+                words.next();
+                command.args(["--run", name]);
+            }
+            _ => drop(command.arg(word)),
+        }
+    }
+    command.args(["--actors-per-host", "2", "--learners-per-host", learners]);
+    command
+}
+
+#[test]
+fn a_run_goes_on_with_fewer_hosts_and_with_more() {
+    let hosts = Hosts::new(&["shared", "shared"]);
+    let run = hosts.run();
+    let copy = |from: &str, to: &str| {
+        let (from, to) = (hosts.workshop.path(from), hosts.workshop.path(to));
+        assert!(Command::new("cp").arg("-r").arg(from).arg(to).status().is_ok_and(|status| status.success()));
+    };
+    let by_hand = |name: &str, actors: &str, learners: &str| {
+        let mut command = hosts.workshop.resume(name);
+        command.args(["--actors", actors, "--learners", learners]);
+        complete(command).result()
+    };
+    let saved = |children: Vec<Child>| {
+        run.wait_for_rollouts(run.metrics().len() + 3);
+        signal(children[0].id(), Signal::TERM);
+        for printed in children.into_iter().map(finish) {
+            assert_eq!(printed.status, Some(proto::exit::EXIT_REQUEUE), "{printed:#?}");
+        }
+        assert!(run.trained() < hosts.frames, "the run was stopped in its middle");
+    };
+    let up = |name: &str, host: usize, count: usize| start(with_its_own(&hosts, name, host, count, "1"));
+    saved(vec![up("shared", 0, 2), up("shared", 1, 2)]);
+    copy("shared", "fewer");
+    copy("shared", "fewer-by-hand");
+
+    // One host is left: two of the four actors rest.
+    saved(vec![up("shared", 0, 1)]);
+    copy("shared", "more-by-hand");
+
+    // The other comes again, and the actors that rested go on.
+    let [first, second] = [0, 1].map(|host| up("shared", host, 2)).map(finish);
+    assert!(second.success, "{second:#?}");
+    assert_eq!(first.result(), by_hand("more-by-hand", "4", "2"), "hosts do not matter");
+    assert_eq!(first.result().1, hosts.frames);
+    assert!(RecordedSteps::of(&run).count() >= hosts.frames, "every step that counts is recorded");
+    assert_replays(&hosts.workshop, "shared");
+    let status = complete(hosts.workshop.orchestrator(&["status", "shared"]));
+    for change in ["1 host, 1 learner, 2 actors instead of 2 hosts", "2 hosts, 2 learners, 4 actors instead of 1 host"]
+    {
+        assert!(status.stdout.contains(change), "{status:#?}");
+    }
+    hosts.assert_nothing_left();
+
+    // With one host to the end.
+    assert_eq!(finish(up("fewer", 0, 1)).result(), by_hand("fewer-by-hand", "2", "1"));
+
+    let refused = complete(with_its_own(&hosts, "new", 0, 1, "3"));
+    assert!(!refused.success && refused.stderr.contains("every learner has actors of its own"), "{refused:#?}");
+}
