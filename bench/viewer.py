@@ -30,6 +30,8 @@ LIMIT_S = 1800
 START_S = 60
 #: Browsers that are looked for.
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+#: Ticks of processor time a second.
+TICKS = os.sysconf("SC_CLK_TCK")
 #: Student's t, two-sided 95%, by degrees of freedom from 1.
 STUDENT = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26, 2.23, 2.20, 2.18, 2.16, 2.14, 2.13, 2.12, 2.11, 2.10, 2.09)
 
@@ -126,6 +128,41 @@ def opener(folder: Path) -> Path:
     return folder / "xdg-open.asked"
 
 
+@dataclass
+class Processor:
+    """Processor time of the viewer that a run has started, with what it started itself, as long as it lives."""
+
+    run_pid: int
+    used_s: float = 0.0
+    over: threading.Event = field(default_factory=threading.Event)
+
+    def watch(self) -> None:
+        """Reads it a few times a second: what has ended cannot be asked any more."""
+        while not self.over.wait(0.25):
+            for entry in Path("/proc").glob("[0-9]*"):
+                try:
+                    words = (entry / "stat").read_text().rpartition(")")[2].split()
+                    if int(words[1]) != self.run_pid or b"\0view\0" not in (entry / "cmdline").read_bytes():
+                        continue
+                except (OSError, IndexError):
+                    continue
+                # Its own, and its children's that have ended; those that go on are read with it.
+                self.used_s = max(self.used_s, (sum(map(int, words[11:15])) + living(entry.name)) / TICKS)
+
+
+def living(parent: str) -> int:
+    """Ticks of processor time of a process's children that have not ended."""
+    ticks = 0
+    for tasks in Path(f"/proc/{parent}/task").glob("*/children"):
+        try:
+            for child in tasks.read_text().split():
+                words = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
+                ticks += sum(map(int, words[11:15]))
+        except OSError:
+            continue
+    return ticks
+
+
 def training_s(run: Path) -> float:
     """Seconds of all rollouts but the first, in which the page is opened."""
     lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
@@ -141,6 +178,7 @@ def train(options: argparse.Namespace, place: Path, with_viewer: bool) -> dict:
     silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
     child = subprocess.Popen([*command, "--view"] if with_viewer else command, env=settings, text=True, **silent)
     page, browser, looking = None, None, None
+    processor = Processor(child.pid)
     if with_viewer:
         deadline = time.monotonic() + START_S
         while not asked.exists() and child.poll() is None and time.monotonic() < deadline:
@@ -154,6 +192,7 @@ def train(options: argparse.Namespace, place: Path, with_viewer: bool) -> dict:
         else:
             looking = threading.Thread(target=page.look, daemon=True)
             looking.start()
+        threading.Thread(target=processor.watch, daemon=True).start()
     try:
         problem = child.communicate(timeout=LIMIT_S)[1]
     finally:
@@ -163,13 +202,17 @@ def train(options: argparse.Namespace, place: Path, with_viewer: bool) -> dict:
             browser.wait()
         if page:
             page.over.set()
+        processor.over.set()
     if child.returncode != 0:
         sys.exit(f"viewer.py: a run failed:\n{problem}")
     if looking:
         looking.join(START_S)
         if page.problem or not page.asked:
             sys.exit(f"viewer.py: nobody looked at the run to its end: {page.problem}")
-    return {"viewer": with_viewer, "training_s": training_s(run), "asked": page.asked if page else 0}
+    if with_viewer and processor.used_s == 0.0:
+        sys.exit("viewer.py: the viewer's processor time was not seen")
+    asked = page.asked if page else 0
+    return {"viewer": with_viewer, "training_s": training_s(run), "asked": asked, "processor_s": processor.used_s}
 
 
 def interval(ratios: list[float]) -> tuple[float, float, float]:
@@ -198,6 +241,10 @@ def main() -> None:
     asked = [run["asked"] for run in runs if run["viewer"]]
     print(f"a viewer with an open page ({options.page}, {statistics.median(asked):.0f} requests a run) costs a run")
     print(f"{100 * (mean - 1):+.2f}% of its time, 95% interval {100 * (low - 1):+.2f}% to {100 * (high - 1):+.2f}%, {len(pairs)} pairs")
+    looked = [run for run in runs if run["viewer"]]
+    used = sum(run["processor_s"] for run in looked)
+    share = used / (len(os.sched_getaffinity(0)) * sum(run["training_s"] for run in looked))
+    print(f"processor time of the viewer: {used / len(looked):.2f} s a run, {100 * share:.2f}% of all cores' time")
     print("asked: below 2%:", "met" if high < 1.02 else "not shown" if low < 1.02 else "missed")
     if options.json:
         options.json.write_text(json.dumps({"runs": runs, "ratios": pairs, "mean": mean, "low": low, "high": high}, indent=2))
