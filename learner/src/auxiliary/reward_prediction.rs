@@ -8,7 +8,7 @@ use super::task::{Pass, Sizes, Tally, Task, TaskLoss};
 use crate::network::{Layout, Linear, Packing, Parameters};
 use crate::peers::{PeerError, Peers};
 use std::collections::BTreeMap;
-use tch::{Kind, Reduction, Tensor};
+use tch::{Kind, Reduction};
 
 /// What its tally holds.
 const SUMS: [&str; 2] = ["absolute_error", "asked"];
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
     use crate::rollout::{Outcome, Rollout, Step};
     use proto::stage::RolloutShape;
-    use tch::Device;
+    use tch::{Device, Tensor};
 
     const SIZES: Sizes = Sizes { hidden: 4, actions: 3 };
     const COLUMNS: usize = 2;
@@ -73,8 +73,7 @@ mod tests {
 
     /// Rewards 0.1, 0.2, ... in the order of steps.
     fn rollout() -> Rollout {
-        let shape =
-            RolloutShape { steps: STEPS, environments_in_last_step: COLUMNS, frames: (STEPS * COLUMNS) as u64 };
+        let shape = RolloutShape { steps: STEPS, environments_in_last_step: COLUMNS, frames: (STEPS * COLUMNS) as u64 };
         let zeros = |size: &[i64]| Tensor::zeros(size, (Kind::Float, Device::Cpu));
         let rows = (STEPS * COLUMNS) as i64;
         let mut rollout = Rollout::new(shape, COLUMNS, zeros(&[rows, 1, 1]), zeros(&[COLUMNS as i64, SIZES.hidden]));
@@ -97,7 +96,8 @@ mod tests {
         let task = RewardPrediction::new(&mut layout, SIZES);
         let parameters = Parameters::new(layout, 1, Device::Cpu);
         let rows = packing.rows.len() as i64;
-        let beliefs = Tensor::arange(rows * SIZES.hidden, (Kind::Float, Device::Cpu)).reshape([rows, SIZES.hidden]) * 0.02;
+        let beliefs =
+            Tensor::arange(rows * SIZES.hidden, (Kind::Float, Device::Cpu)).reshape([rows, SIZES.hidden]) * 0.02;
         let actions = Tensor::zeros([rows], (Kind::Int64, Device::Cpu));
         let pass =
             Pass { rollout: &rollout, packing: &packing, embeddings: &beliefs, beliefs: &beliefs, actions: &actions };

@@ -89,7 +89,8 @@ impl Block {
             for command in words.split(|word| ["|", "&&", "||", ";", "&", "--", ">"].contains(&word.as_str())) {
                 let at = command.iter().position(|word| ["orchestrator", "actor", "learner"].contains(&name_of(word)));
                 // The name of an image or a folder is no call.
-                let Some(at) = at.filter(|&at| at == 0 || command[at - 1].contains('=') || command[at - 1] == "$(") else {
+                let Some(at) = at.filter(|&at| at == 0 || command[at - 1].contains('=') || command[at - 1] == "$(")
+                else {
                     continue;
                 };
                 let call = command[at..].iter().map(|word| word.trim_end_matches(')').to_owned());

@@ -64,8 +64,7 @@ fn part(root: &Path, page: &str, target: &str) -> Result<String, BookError> {
     let (path, anchor) = target.split_once(':').map_or((target, None), |(path, anchor)| (path, Some(anchor)));
     let text = read(&root.join("docs").join(path))?;
     let Some(anchor) = anchor else { return Ok(text) };
-    let missing =
-        || BookError::NoAnchor { page: page.to_owned(), target: path.to_owned(), anchor: anchor.to_owned() };
+    let missing = || BookError::NoAnchor { page: page.to_owned(), target: path.to_owned(), anchor: anchor.to_owned() };
     let is = |mark: &str, line: &str| {
         line.split(mark).nth(1).is_some_and(|rest| rest.split_whitespace().next() == Some(anchor))
     };
