@@ -249,6 +249,13 @@ impl Rollout {
         self.recorded.truncate(rows);
     }
 
+    /// Moves the frames to another store of the same size and returns the one that they were in.
+    pub(crate) fn move_frames(&mut self, store: Tensor) -> Tensor {
+        let rows = self.steps.len() as i64;
+        tch::no_grad(|| store.narrow(0, 0, rows).copy_(&self.frames.narrow(0, 0, rows)));
+        std::mem::replace(&mut self.frames, store)
+    }
+
     /// The store of frames, for the next rollout.
     pub(crate) fn into_frames(self) -> Tensor {
         self.frames

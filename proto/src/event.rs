@@ -35,7 +35,8 @@ pub enum LearnerEvent {
         /// Rank in the process group.
         rank: u32,
     },
-    /// A rollout is collected; its update begins. The stage machine decides on rollout + 1 now.
+    /// A rollout is collected; its update begins, and with `ppo.overlap` the next rollout, too. The stage machine decides
+    /// on rollout + 1 now.
     RolloutCollected {
         /// Rank in the process group.
         rank: u32,
@@ -124,14 +125,15 @@ impl LearnerEvent {
     }
 }
 
-/// Seconds that one rollout and its update took, by activity of the learner.
+/// Seconds that one rollout and its update took, by activity of the learner. With `ppo.overlap`: the seconds since the
+/// last rollout's, in which the next one was collected.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Timing {
     /// Waiting for actors (simulation that inference did not hide), and for the recorder to have what they sent.
     pub simulate_s: f64,
     /// Policy inference, with copies and sampling.
     pub infer_s: f64,
-    /// PPO epochs.
+    /// PPO epochs. With `ppo.overlap`: waiting for them when the next rollout was collected.
     pub update_s: f64,
     /// Everything else: waiting for announcements, other learners and the recording's file; checkpoints.
     pub other_s: f64,

@@ -162,9 +162,8 @@ impl Browser {
         // A file of this name, empty, is there before it is whole: the browser keeps the name free for itself.
         while !self.whole.contains(name) {
             let text = self.value("document.body?.innerText");
-            if begun.elapsed() > MAKING {
-                panic!("{name} never came\n{}\ncomplaints: {:#?}", text.as_str().unwrap_or(""), self.complaints);
-            }
+            let text = text.as_str().unwrap_or("");
+            assert!(begun.elapsed() <= MAKING, "{name} never came\n{text}\ncomplaints: {:#?}", self.complaints);
             std::thread::sleep(Duration::from_millis(100));
         }
         std::fs::read(folder.join(name)).expect("a readable file")

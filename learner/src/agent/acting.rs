@@ -8,15 +8,17 @@ use crate::ffi;
 use crate::ffi::graph::{Graph, GraphError, Recorder};
 use crate::ffi::host_memory::HostMemory;
 use crate::ffi::kernels::{CHOSEN_WORDS, Chosen, Kernels};
+use crate::ffi::stream::Streams;
 use crate::network::{Network, Observations, RawFrame, Staging};
 use crate::rollout::Step;
 use std::ops::Range;
-use tch::{Cuda, Device, Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 /// Graphs and their memory.
 #[derive(Debug)]
 pub(super) struct Acting {
     recorder: Recorder,
+    streams: Streams,
     memory: HostMemory,
     /// Frames that the GPU cannot read where they are.
     staging: Staging,
@@ -97,6 +99,7 @@ impl Acting {
     pub fn new(device: Device) -> Result<Self, GraphError> {
         Ok(Self {
             recorder: Recorder::open()?,
+            streams: Streams::open()?,
             memory: HostMemory::open()?,
             staging: Staging::default(),
             recorded: vec![],
@@ -135,7 +138,8 @@ impl Acting {
         let recorded = &mut self.recorded[at];
         fill(&mut recorded.inputs, &recorded.layout, &frames, rows);
         recorded.graph.replay()?;
-        Cuda::synchronize(0);
+        // Not for the device: another thread may keep it busy.
+        self.streams.wait()?;
         // SAFETY: the GPU has written them, as the line above has waited for; no other tensor shares this memory.
         let words = unsafe { ffi::floats_mut(&mut recorded.choices) };
         Ok(words.chunks_exact(CHOSEN_WORDS).map(Chosen::from_words).collect())

@@ -1,5 +1,6 @@
 //! What can go wrong in the agent.
 
+use crate::ffi::stream::StreamError;
 use crate::network::{PrecisionError, Unfit};
 use crate::peers::PeerError;
 use proto::config::{CarriedGoal, NetworkConfig};
@@ -24,6 +25,12 @@ pub enum AgentError {
     /// The encoder cannot compute in bfloat16 here.
     #[error(transparent)]
     Precision(#[from] PrecisionError),
+    /// A GPU has no stream for acting beside updates.
+    #[error("ppo.overlap needs streams of the GPU: {0}. Without it the run goes on: ppo.overlap = false")]
+    Stream(#[from] StreamError),
+    /// The thread for updates cannot be started.
+    #[error("cannot start a thread for updates (ppo.overlap): {0}")]
+    Thread(std::io::Error),
     /// The other learners are gone.
     #[error(transparent)]
     Peers(#[from] PeerError),

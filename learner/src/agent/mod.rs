@@ -1,97 +1,65 @@
 //! The agent: network, beliefs, rollout and optimiser behind one struct.
 //!
 //! ```text
-//! begin_rollout ─▶ step, record … ─▶ bootstrap ─▶ update ─▶ begin_rollout …
+//! begin_rollout ─▶ step, record … ─▶ bootstrap ─▶ begin_update, finish_update ─▶ begin_rollout …
 //!               └▶ abandon_rollout
 //! ```
+//! After [`Agent::overlap`] the next rollout can be collected between the two calls.
+//!
 //! It reads no files and no clock, and it draws nothing: the noise that samples actions comes in with the observations.
-//! It exchanges numbers with the other learners in [`Agent::update`], where their gradients add up, and with
+//! It exchanges numbers with the other learners in an update, where their gradients add up, and with
 //! `ppo.preemption_share` in [`Agent::is_preempted`]. Without that setting the same calls give the same weights, bit
 //! for bit, with the same number of learners: on the CPU with the same number of threads, and with
 //! `learner.deterministic` on the same kind of GPU.
 
 mod acting;
 mod error;
+mod overlap;
 mod state;
+mod step;
+mod trainer;
 
 pub use error::{AgentError, OtherSign};
 pub use state::AgentState;
 pub(crate) use state::{BELIEFS, MODEL, weights_of};
+pub use step::{Choice, StepInput, StepOutput};
 
-use crate::auxiliary::{Auxiliary, Sizes};
 use crate::device;
 use crate::ffi::kernels::Chosen;
 use crate::network::{
     FramePreparation, Network, Observations, Staging, Unfit, fits, goal_coordinates, table_row, to_vec,
 };
-use crate::optimizer::{Adam, learning_rate};
+use crate::optimizer::Adam;
 use crate::peers::{PeerError, Peers};
 use crate::ppo::lagrangian::ascend;
 use crate::ppo::preemption::ends_early;
-use crate::ppo::{Update, UpdateError};
 use crate::rollout::{Outcome, Rollout, Step};
 use acting::{Acting, Rows};
-use proto::camera::FRAME_PIXELS;
+use overlap::{Overlap, policy};
 use proto::config::Config;
 use proto::reward::RewardKind;
 use proto::stage::RolloutShape;
-use state::{FIRST_MOMENT, SECOND_MOMENT};
+use state::{ACTING, FIRST_MOMENT, SECOND_MOMENT};
 use std::collections::BTreeMap;
 use std::ops::Range;
+use step::{Inference, column_indices, sample};
 use tch::{Device, Tensor};
-
-/// What the policy sees of some columns in one step. All slices have one entry a column, in the same order.
-#[derive(Debug, Clone, Copy)]
-pub struct StepInput<'a> {
-    /// Columns of this learner (place of the actor among its own · environments per actor + environment), ascending.
-    pub columns: &'a [usize],
-    /// Depth frames, millimetres, row-major; may point into shared memory.
-    pub frames: &'a [&'a [u16; FRAME_PIXELS]],
-    /// The goal vector as [`proto::step::Current::goal_vector_m`] makes it; robot's frame, metres.
-    pub goal_m: &'a [[f32; 3]],
-    /// `A_large` index of the previous action, or `NO_ACTION`.
-    pub previous_action: &'a [u8],
-    /// True at an episode's first observation: the belief is zeroed before it is used.
-    pub episode_start: &'a [bool],
-    /// Gumbel noise, `columns.len() * actions`, row-major: the action is argmax(logits + noise). Unused by
-    /// [`Agent::bootstrap`].
-    pub gumbel: &'a [f32],
-}
-
-/// What the policy chose, one entry a column of the input.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct StepOutput {
-    /// `A_large` indices.
-    pub actions: Vec<u8>,
-    /// Log-probability of the action.
-    pub log_probs: Vec<f32>,
-    /// Value of the observation.
-    pub values: Vec<f32>,
-}
-
-/// What the policy chose outside of a rollout, one entry a column of the input.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Choice {
-    /// `A_large` indices.
-    pub actions: Vec<u8>,
-    /// Whether the disturbance head predicts that the action disturbs something; none without the auxiliary task
-    /// `disturb`.
-    pub disturbs: Option<Vec<bool>>,
-}
+use trainer::{Done, HERE, Job, Trainer, build};
 
 /// The agent.
 #[derive(Debug)]
 pub struct Agent {
     config: Config,
     device: Device,
-    network: Network,
-    auxiliary: Auxiliary,
-    adam: Adam,
+    /// None while an update has it.
+    trainer: Option<Box<Trainer>>,
+    /// An update that was begun and waits to be made.
+    due: Option<Job>,
+    overlap: Option<Overlap>,
     /// PPO-Lagrangian's λ: moves only in its stages.
     multiplier: f64,
     /// This learner's columns, numbered as in the whole run.
     columns: Range<usize>,
-    peers: Peers,
     /// Beliefs before the next observation, \[columns, hidden\]: all rows but the last of `table`.
     beliefs: Tensor,
     /// \[columns + 1, hidden\].
@@ -104,15 +72,6 @@ pub struct Agent {
     acting: Option<Acting>,
 }
 
-/// The network's outputs for the observations of some columns.
-struct Inference {
-    kept: Tensor,
-    beliefs: Tensor,
-    /// \[rows · actions\].
-    log_probs: Vec<f32>,
-    values: Vec<f32>,
-}
-
 impl Agent {
     /// An agent for all environments of a run. Its initial weights are a function of the network's configuration and
     /// `config.seed`.
@@ -122,11 +81,7 @@ impl Agent {
 
     /// The same as one of several, for its own of the run's columns.
     pub fn among(peers: Peers, columns: Range<usize>, config: &Config, device: Device) -> Result<Self, AgentError> {
-        let actions = config.episode.action_space.actions().len() as i64;
-        let (mut network, auxiliary) = Network::new(config, device, |layout, hidden| {
-            Auxiliary::new(&config.auxiliary, layout, Sizes { hidden, actions })
-        });
-        network.choose_precision(config.learner.encoder_precision)?;
+        let (network, auxiliary) = build(config, device)?;
         let adam = Adam::new(&network.parameters.flat());
         let table = network.belief.blank(columns.len() as i64 + 1, device);
         let beliefs = table.narrow(0, 0, columns.len() as i64);
@@ -140,12 +95,11 @@ impl Agent {
         let agent = Self {
             config: config.clone(),
             device,
-            network,
-            auxiliary,
-            adam,
+            trainer: Some(Box::new(Trainer { network, auxiliary, adam, peers, first_column: columns.start })),
+            due: None,
+            overlap: None,
             multiplier: config.reward.lagrangian.initial,
             columns,
-            peers,
             beliefs,
             table,
             rollout: None,
@@ -155,6 +109,14 @@ impl Agent {
         };
         agent.check_weights()?;
         Ok(agent)
+    }
+
+    /// From now on a rollout can be collected while an update runs: with the weights from before it.
+    pub fn overlap(&mut self) -> Result<(), AgentError> {
+        let overlap = Overlap::start(&self.config, self.device)?;
+        overlap.publish(&self.trainer().network);
+        self.overlap = Some(overlap);
+        Ok(())
     }
 
     /// Begins a rollout and remembers the beliefs it starts from. A rollout in progress is forgotten.
@@ -168,7 +130,7 @@ impl Agent {
             .take()
             .or(abandoned)
             .filter(|frames| frames.size()[0] >= rows)
-            .unwrap_or_else(|| self.network.preparation.store(rows.max(self.largest_rollout() + 1)));
+            .unwrap_or_else(|| self.policy().preparation.store(rows.max(self.largest_rollout() + 1)));
         self.rollout = Some(Rollout::new(shape, columns, frames, self.beliefs.copy()));
     }
 
@@ -223,7 +185,8 @@ impl Agent {
         let chosen: Vec<usize> = rows.map(|(log_probs, gumbel)| sample(log_probs, gumbel)).collect();
         let _no_grad = tch::no_grad_guard();
         let _ = self.beliefs.index_copy_(0, &column_indices(input.columns, self.device), &beliefs);
-        let disturbs = self.auxiliary.disturbance_logits(&self.network.parameters, &beliefs).map(|logits| {
+        let Trainer { network, auxiliary, .. } = self.trainer();
+        let disturbs = auxiliary.disturbance_logits(&network.parameters, &beliefs).map(|logits| {
             let logits = logits.gather(1, &column_indices(&chosen, self.device).unsqueeze(1), false);
             to_vec(&logits).into_iter().map(|logit| logit > 0.0).collect()
         });
@@ -239,7 +202,7 @@ impl Agent {
     /// Whether this learner, `steps` of `planned` steps into rollout `rollout`, should let the others wait no longer.
     pub fn is_preempted(&self, rollout: u64, steps: usize, planned: usize) -> Result<bool, PeerError> {
         let share = self.config.ppo.preemption_share;
-        Ok(share > 0.0 && ends_early(share, [steps, planned], self.peers.finished(rollout)?))
+        Ok(share > 0.0 && ends_early(share, [steps, planned], self.peers().finished(rollout)?))
     }
 
     /// Which of the run's columns this learner has.
@@ -247,9 +210,9 @@ impl Agent {
         self.columns.clone()
     }
 
-    /// All learners.
+    /// All learners. Not to be called while an update runs, which makes its own calls to them.
     pub fn peers(&self) -> &Peers {
-        &self.peers
+        &self.trainer().peers
     }
 
     /// Ends the rollout after its first `steps` steps. The next observations go to [`Agent::bootstrap`].
@@ -276,45 +239,55 @@ impl Agent {
         Ok(())
     }
 
-    /// Trains on the rollout and ends it. `progress` is how far the learning rate has fallen; `rollout` its number, for
-    /// the error's text. After an error the rollout is kept, so that it can be inspected or abandoned.
-    ///
-    /// Figures: [`proto::metric`] from `loss/policy` on, and the auxiliary task's as `auxiliary/…`.
+    /// Trains on the rollout: [`Agent::begin_update`] and [`Agent::finish_update`].
+    pub fn update(&mut self, progress: f64, rollout: u64) -> Result<BTreeMap<String, f64>, AgentError> {
+        self.begin_update(progress, rollout);
+        self.finish_update()
+    }
+
+    /// Ends the rollout, to train on it. `progress` is how far the learning rate has fallen; `rollout` its number.
     ///
     /// # Panics
-    /// When an action's outcome or a column's bootstrap value is missing.
-    pub fn update(&mut self, progress: f64, rollout: u64) -> Result<BTreeMap<String, f64>, AgentError> {
+    /// When an action's outcome or a column's bootstrap value is missing, or when an update was not finished.
+    pub fn begin_update(&mut self, progress: f64, rollout: u64) {
         let collected = self.rollout.take().expect("update ends a rollout");
         if let Some((t, column)) = collected.first_missing() {
             panic!("rollout {rollout}: action {t} of column {column} has no outcome");
         }
-        let ppo = &self.config.ppo;
-        let update = Update {
-            network: &self.network,
-            auxiliary: &self.auxiliary,
-            rollout: &collected,
-            ppo,
-            auxiliary_config: &self.config.auxiliary,
-            peers: &self.peers,
-            first_column: self.columns.start,
-            learning_rate: learning_rate(ppo.learning_rate, ppo.learning_rate_end, progress),
-            seed: self.config.seed,
-            rollout_number: rollout,
+        let trainer = self.trainer.take().expect("one update at a time");
+        let job = Job::new(trainer, collected, rollout, progress, &self.config);
+        match &mut self.overlap {
+            Some(overlap) => self.frames = Some(overlap.begin(job)),
+            None => self.due = Some(job),
+        }
+    }
+
+    /// The figures of the update that was begun, once it is through. After an error its rollout is kept, so that it can
+    /// be inspected or abandoned; one in progress is forgotten.
+    ///
+    /// Figures: [`proto::metric`] from `loss/policy` on, and the auxiliary task's as `auxiliary/…`.
+    ///
+    /// # Panics
+    /// When none was begun.
+    pub fn finish_update(&mut self) -> Result<BTreeMap<String, f64>, AgentError> {
+        let Done { trainer, collected, result } = match (self.due.take(), &mut self.overlap) {
+            (Some(job), _) => job.run(),
+            (None, Some(overlap)) => overlap.finish(),
+            (None, None) => panic!("an update is finished that was begun"),
         };
-        match update.run(&mut self.adam) {
-            Ok(metrics) => {
-                self.frames = Some(collected.into_frames());
-                Ok(metrics)
-            }
-            Err(error) => {
-                self.rollout = Some(collected);
-                Err(match error {
-                    UpdateError::NonFinite(what) => {
-                        AgentError::NonFinite { what: format!("rollout {rollout}: {what}") }
-                    }
-                    UpdateError::Peers(error) => error.into(),
-                })
-            }
+        self.trainer = Some(trainer);
+        match (&result, &mut self.overlap) {
+            (Ok(_), Some(overlap)) => overlap.store = Some(collected.into_frames()),
+            (Ok(_), None) => self.frames = Some(collected.into_frames()),
+            (Err(_), _) => self.rollout = Some(collected),
+        }
+        result
+    }
+
+    /// Waits for an update in progress, whatever comes of it. The rollout in progress stays.
+    pub(crate) fn await_update(&mut self) {
+        if let Some(overlap) = self.overlap.as_mut().filter(|overlap| overlap.is_busy()) {
+            self.trainer = Some(overlap.finish().trainer);
         }
     }
 
@@ -350,7 +323,8 @@ impl Agent {
 
     /// A new stage: a fresh optimiser, of the multiplier too. Weights and beliefs go on.
     pub fn start_stage(&mut self) {
-        self.adam = Adam::new(&self.network.parameters.flat());
+        let trainer = self.trainer_mut();
+        trainer.adam = Adam::new(&trainer.network.parameters.flat());
         self.multiplier = self.config.reward.lagrangian.initial;
     }
 
@@ -364,31 +338,36 @@ impl Agent {
     /// SHA-256 over (name, 0, dimensions as little-endian u64, little-endian f32 values) of all weights in name order,
     /// 64 hex digits.
     pub fn weights_digest(&self) -> String {
-        self.network.parameters.digest()
+        self.trainer().network.parameters.digest()
     }
 
     /// Device and precision as text: see [`device::describe`].
     pub fn device(&self) -> String {
-        device::describe(self.device, self.network.is_fused())
+        device::describe(self.device, self.policy().is_fused())
     }
 
     /// Trainable parameters.
     pub(crate) fn parameter_count(&self) -> u64 {
-        self.network.parameters.count() as u64
+        self.policy().parameters.count() as u64
     }
 
     /// Everything a checkpoint keeps, as of the last rollout boundary: in the middle of a rollout, the beliefs are
     /// those it started from.
     pub fn state(&self) -> AgentState {
         let host = |tensor: &Tensor| tensor.detach().to_device(Device::Cpu).copy();
-        let mut tensors: BTreeMap<String, Tensor> =
-            self.network.parameters.named().map(|(name, weight)| (format!("{MODEL}{name}"), host(&weight))).collect();
-        tensors.insert(FIRST_MOMENT.into(), host(&self.adam.first));
-        tensors.insert(SECOND_MOMENT.into(), host(&self.adam.second));
+        let Trainer { network, adam, .. } = self.trainer();
+        let acting = self.overlap.iter().map(|overlap| (ACTING, &overlap.policy));
+        let mut tensors = BTreeMap::new();
+        for (prefix, network) in acting.chain([(MODEL, network)]) {
+            let weights = network.parameters.named();
+            tensors.extend(weights.map(|(name, weight)| (format!("{prefix}{name}"), host(&weight))));
+        }
+        tensors.insert(FIRST_MOMENT.into(), host(&adam.first));
+        tensors.insert(SECOND_MOMENT.into(), host(&adam.second));
         tensors.insert(BELIEFS.into(), self.boundary_beliefs());
         AgentState {
             tensors,
-            adam_steps: self.adam.steps,
+            adam_steps: adam.steps,
             multiplier: self.multiplier,
             carried_goal: self.config.network.carried_goal,
         }
@@ -405,25 +384,29 @@ impl Agent {
         let AgentState { tensors, adam_steps, multiplier, carried_goal } = state;
         OtherSign::refuse(*carried_goal, &self.config.network)?;
         let saved = |name: &str, place: &Tensor| fits(name, tensors.get(name), &place.size());
-        let first = saved(FIRST_MOMENT, &self.adam.first)?;
-        let second = saved(SECOND_MOMENT, &self.adam.second)?;
+        let first = saved(FIRST_MOMENT, &self.trainer().adam.first)?;
+        let second = saved(SECOND_MOMENT, &self.trainer().adam.second)?;
         let beliefs = saved(BELIEFS, &self.beliefs)?;
-        let known = |name: &str| name.starts_with(MODEL) || [FIRST_MOMENT, SECOND_MOMENT, BELIEFS].contains(&name);
+        let known = |name: &str| {
+            [MODEL, ACTING].iter().any(|prefix| name.starts_with(prefix))
+                || [FIRST_MOMENT, SECOND_MOMENT, BELIEFS].contains(&name)
+        };
         if let Some(name) = tensors.keys().find(|name| !known(name)) {
             return Err(Unfit::no_place(name).into());
         }
         if !multiplier.is_finite() {
             return Err(Unfit::not_finite("multiplier").into());
         }
-        self.network.parameters.load(&weights_of(tensors))?;
+        self.load(&weights_of(tensors, MODEL), &weights_of(tensors, ACTING))?;
         // Nothing can fail from here on.
         self.abandon_rollout();
+        let adam = &mut self.trainer.as_mut().expect(HERE).adam;
         tch::no_grad(|| {
-            self.adam.first.copy_(first);
-            self.adam.second.copy_(second);
+            adam.first.copy_(first);
+            adam.second.copy_(second);
             self.beliefs.copy_(beliefs);
         });
-        self.adam.steps = *adam_steps;
+        adam.steps = *adam_steps;
         self.multiplier = *multiplier;
         Ok(())
     }
@@ -431,7 +414,24 @@ impl Agent {
     /// Takes the weights of another run's state and nothing else. After an error nothing has changed.
     pub fn load_weights(&mut self, state: &AgentState) -> Result<(), AgentError> {
         OtherSign::refuse(state.carried_goal, &self.config.network)?;
-        Ok(self.network.parameters.load(&weights_of(&state.tensors))?)
+        Ok(self.load(&weights_of(&state.tensors, MODEL), &BTreeMap::new())?)
+    }
+
+    /// Takes weights, and others to act with; the same where there are none. After an error nothing has changed.
+    fn load(&mut self, weights: &BTreeMap<String, Tensor>, acting: &BTreeMap<String, Tensor>) -> Result<(), Unfit> {
+        let trainer = self.trainer.as_mut().expect(HERE);
+        let before = trainer.network.parameters.flat().copy();
+        trainer.network.parameters.load(weights)?;
+        match &mut self.overlap {
+            None => Ok(()),
+            Some(overlap) if acting.is_empty() => {
+                overlap.publish(&trainer.network);
+                Ok(())
+            }
+            Some(overlap) => overlap.policy.parameters.load(acting).inspect_err(|_| {
+                tch::no_grad(|| trainer.network.parameters.flat().copy_(&before));
+            }),
+        }
     }
 
     /// Actors have started again. To be called before frames of theirs are given to a step.
@@ -477,8 +477,8 @@ impl Agent {
         steps: &[Step],
         noise: &[f32],
     ) -> Result<Option<Vec<Chosen>>, AgentError> {
-        let (Some(acting), Some(kernels), Some(rollout)) =
-            (&mut self.acting, self.network.kernels(), self.rollout.as_ref())
+        let network = policy(self.overlap.as_ref(), self.trainer.as_deref());
+        let (Some(acting), Some(kernels), Some(rollout)) = (&mut self.acting, network.kernels(), self.rollout.as_ref())
         else {
             return Ok(None);
         };
@@ -498,7 +498,7 @@ impl Agent {
             steps,
             noise,
         };
-        let choices = match acting.step(&self.network, kernels, &self.table, rollout.frames(), rows) {
+        let choices = match acting.step(network, kernels, &self.table, rollout.frames(), rows) {
             Ok(choices) => choices,
             Err(error) => {
                 tracing::warn!("{NO_GRAPH}: {error}");
@@ -530,7 +530,8 @@ impl Agent {
     fn infer(&mut self, input: &StepInput, steps: &[Step]) -> Result<Inference, AgentError> {
         let StepInput { columns, frames, episode_start, .. } = *input;
         let rows = columns.len();
-        let preparation: FramePreparation = self.network.preparation;
+        let network = policy(self.overlap.as_ref(), self.trainer.as_deref());
+        let preparation: FramePreparation = network.preparation;
         let goals: Vec<f32> = steps.iter().flat_map(|step| step.goal).collect();
         let previous_actions: Vec<i64> = steps.iter().map(|step| step.previous_action).collect();
         let carried: Vec<f32> = episode_start.iter().map(|&start| if start { 0.0 } else { 1.0 }).collect();
@@ -544,9 +545,9 @@ impl Agent {
         };
         let before = self.beliefs.index_select(0, &column_indices(columns, self.device))
             * upload(Tensor::from_slice(&carried).unsqueeze(1));
-        let embedded = self.network.embed(&observations);
-        let beliefs = self.network.belief.step(&self.network.parameters, &embedded, &before);
-        let output = self.network.actor_critic(&beliefs);
+        let embedded = network.embed(&observations);
+        let beliefs = network.belief.step(&network.parameters, &embedded, &before);
+        let output = network.actor_critic(&beliefs);
 
         // One copy back: each row is the log-probabilities and then the value.
         let judged = to_vec(&Tensor::cat(&[output.log_probs, output.values.unsqueeze(1)], 1));
@@ -563,12 +564,24 @@ impl Agent {
         Ok(Inference { kept: observations.frames, beliefs, log_probs, values })
     }
 
+    fn policy(&self) -> &Network {
+        policy(self.overlap.as_ref(), self.trainer.as_deref())
+    }
+
+    fn trainer(&self) -> &Trainer {
+        self.trainer.as_deref().expect(HERE)
+    }
+
+    fn trainer_mut(&mut self) -> &mut Trainer {
+        self.trainer.as_deref_mut().expect(HERE)
+    }
+
     fn largest_rollout(&self) -> i64 {
         i64::from(self.config.ppo.rollout_steps) * self.columns.len() as i64
     }
 
     fn check_weights(&self) -> Result<(), AgentError> {
-        let parameters = &self.network.parameters;
+        let parameters = &self.policy().parameters;
         match parameters.first_non_finite(&parameters.flat()) {
             Some(name) => Err(AgentError::NonFinite { what: format!("weight {name}") }),
             None => Ok(()),
@@ -578,19 +591,3 @@ impl Agent {
 
 /// What is said where a step is no CUDA graph.
 const NO_GRAPH: &str = "acting launches its kernels one by one, which takes longer, because they cannot be recorded";
-
-/// argmax of log-probability plus Gumbel noise: a sample of the policy (Gumbel's trick). The first of equals.
-fn sample(log_probs: &[f32], gumbel: &[f32]) -> usize {
-    let mut best = (0, f32::NEG_INFINITY);
-    for (action, (log_prob, noise)) in log_probs.iter().zip(gumbel).enumerate() {
-        if log_prob + noise > best.1 {
-            best = (action, log_prob + noise);
-        }
-    }
-    best.0
-}
-
-fn column_indices(columns: &[usize], device: Device) -> Tensor {
-    let columns: Vec<i64> = columns.iter().map(|&column| column as i64).collect();
-    Tensor::from_slice(&columns).to_device(device)
-}

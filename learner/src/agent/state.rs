@@ -7,6 +7,8 @@ use tch::Tensor;
 /// What the names of weights begin with in [`AgentState::tensors`], and so in a checkpoint.
 pub(crate) const MODEL: &str = "model.";
 
+/// What the names of weights begin with that act while others are trained (`ppo.overlap`).
+pub(super) const ACTING: &str = "acting.";
 /// Adam's mean of the gradient there.
 pub(crate) const FIRST_MOMENT: &str = "adam.first";
 /// Adam's mean of its square there.
@@ -18,7 +20,8 @@ pub(crate) const BELIEFS: &str = "beliefs";
 #[derive(Debug)]
 pub struct AgentState {
     /// Weights as `model.…` with PyTorch's module paths, Adam's moments as `adam.first` and `adam.second` (flat, in the
-    /// network's order), and `beliefs` \[columns, hidden\]. All f32.
+    /// network's order), and `beliefs` \[columns, hidden\]. All f32. With `ppo.overlap` also the weights that the next
+    /// rollout is collected with, as `acting.…`.
     pub tensors: BTreeMap<String, Tensor>,
     /// Optimiser steps taken in this stage.
     pub adam_steps: u64,
@@ -28,9 +31,9 @@ pub struct AgentState {
     pub carried_goal: CarriedGoal,
 }
 
-/// The weights among a checkpoint's tensors, by the network's own names. Nothing is copied.
-pub(crate) fn weights_of(tensors: &BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
+/// The weights among a checkpoint's tensors whose names begin like this, by the network's own names. Nothing is copied.
+pub(crate) fn weights_of(tensors: &BTreeMap<String, Tensor>, prefix: &str) -> BTreeMap<String, Tensor> {
     let weight =
-        |(name, tensor): (&String, &Tensor)| Some((name.strip_prefix(MODEL)?.to_owned(), tensor.shallow_clone()));
+        |(name, tensor): (&String, &Tensor)| Some((name.strip_prefix(prefix)?.to_owned(), tensor.shallow_clone()));
     tensors.iter().filter_map(weight).collect()
 }

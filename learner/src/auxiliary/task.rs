@@ -10,7 +10,7 @@ use std::fmt;
 use tch::Tensor;
 
 /// An auxiliary task: parameters of its own, and a loss on what a training pass computes.
-pub trait Task: fmt::Debug {
+pub trait Task: fmt::Debug + Send {
     /// What it is asked in an epoch: one list for each minibatch. Counted over all learners, so that losses of
     /// minibatches add up to the batch's mean.
     fn queries(&self, packings: &[&Packing], epoch: Epoch, peers: &Peers) -> Result<Vec<Vec<Query>>, PeerError>;

@@ -36,7 +36,7 @@ A batch is one half of the environments: 19 actors of 16 environments make batch
 shared memory to sampled actions, so it includes the way of the frames to the device. On a CPU the column `copy` gives
 that alone; a GPU reads the frames itself. An epoch is forward and backward pass of all frames with its optimiser step. The
 whole loop is a run of --loop-frames by `orchestrator up`, which must lie beside this program; its first rollout, in
-which processes start, is left out.
+which processes start, is left out, and with ppo.overlap the last one, whose update has no other rollout beside it.
 
 Examples:
   learner bench

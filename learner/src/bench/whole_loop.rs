@@ -69,19 +69,29 @@ pub fn measure(config: &Config, frames: Option<u64>, monitor: &Monitor) -> Resul
             text.trim_end().lines().last().unwrap_or("no reason given")
         );
     }
-    let (frames, timing) = read(&RunFolder::new(&run).metrics())?;
+    let (frames, timing) = read(&RunFolder::new(&run).metrics(), config.ppo.overlap)?;
     Ok(WholeLoop { frames, timing, gpu })
 }
 
-/// Frames and times of all rollouts in a run's metrics but the first, in which processes start.
-fn read(path: &Path) -> Result<(u64, Timing)> {
+/// Frames and times of all rollouts in a run's metrics but the first, in which processes start. With overlap the last
+/// one does not count either: no other is collected beside its update.
+fn read(path: &Path, overlap: bool) -> Result<(u64, Timing)> {
     let (history, _) = History::decode(&std::fs::read(path).with_context(|| path.display().to_string())?);
-    let mut rollouts = history.iter();
-    let first = rollouts.next().map_or(0, |trained| trained.frames);
+    let mut rollouts: Vec<_> = history.iter().collect();
+    if overlap {
+        rollouts.pop();
+    }
     let mut sum = Timing::default();
-    rollouts.for_each(|trained| sum += trained.timing);
-    let frames = history.frames() - first;
-    ensure!(frames > 0, "the run has only one rollout, which does not count: give it more --loop-frames");
+    rollouts.iter().skip(1).for_each(|trained| sum += trained.timing);
+    let frames = match &rollouts[..] {
+        [first, .., last] => last.frames - first.frames,
+        _ => 0,
+    };
+    ensure!(
+        frames > 0,
+        "the run has no rollout that counts, which the first{} does not: give it more --loop-frames",
+        if overlap { " or last" } else { "" }
+    );
     Ok((frames, sum))
 }
 
@@ -104,11 +114,16 @@ mod tests {
             std::fs::write(&path, history.encode()).unwrap();
         };
         write(&[(100, 9.0)]);
-        assert!(read(&path).unwrap_err().to_string().contains("--loop-frames"));
+        assert!(read(&path, false).unwrap_err().to_string().contains("--loop-frames"));
         write(&[(100, 9.0), (200, 1.0), (250, 2.0)]);
-        let (frames, timing) = read(&path).unwrap();
+        let (frames, timing) = read(&path, false).unwrap();
         assert_eq!(frames, 150);
         let whole = WholeLoop { frames, timing, gpu: None };
         assert_eq!((timing.update_s, whole.seconds()), (3.0, 10.0));
+        // The last update of an overlapping run has no rollout beside it.
+        let (frames, timing) = read(&path, true).unwrap();
+        assert_eq!((frames, timing.update_s), (100, 1.0));
+        write(&[(100, 9.0), (200, 1.0)]);
+        assert!(read(&path, true).unwrap_err().to_string().contains("first or last"));
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! | name | what |
 //! |---|---|
-//! | whatever [`crate::agent::AgentState`] names | weights, moments, beliefs |
+//! | whatever [`crate::agent::AgentState`] names | weights, with `ppo.overlap` also those that act, moments, beliefs |
 //! | `environment.episode` | u32 (N): episode number of each column |
 //! | `environment.action_count` | u32 (N): actions taken in it |
 //! | `environment.actions` | u8 (N, 512): those actions, then zeros |

@@ -226,6 +226,8 @@ pub struct Collector<S> {
     environments: Environments,
     /// What each column holds, as randomness counts it.
     ids: Vec<EnvironmentId>,
+    /// Noise for each column's next action, drawn when its observation arrives.
+    noise: Vec<Vec<f32>>,
     /// Newest incarnation that each actor has announced or sent under.
     actor_incarnations: Vec<u32>,
     stage_version: u64,
@@ -251,6 +253,7 @@ impl<S: HalfSample> Collector<S> {
                 running,
             ),
             ids: (0..column_map.columns()).map(|column| column_map.environment(column)).collect(),
+            noise: vec![vec![]; column_map.columns()],
             actor_incarnations: vec![0; column_map.actors() as usize],
             stage_version: 0,
             cursor: None,
@@ -319,8 +322,15 @@ impl<S: HalfSample> Collector<S> {
         if sample.len() != columns.len() {
             return Err(ProtocolError::Length { actor, half, found: sample.len(), expected: columns.len() });
         }
-        for (i, column) in columns.enumerate() {
+        for (i, column) in columns.clone().enumerate() {
             self.environments.check(column, sample.environment(i), sample.transition(i), sample.current(i))?;
+        }
+        // Here, because others are still awaited: once the half is complete, all wait for its actions.
+        for (i, column) in columns.enumerate() {
+            let (Settings { seed, policy_actions, .. }, place) = (self.settings, self.ids[column]);
+            let Current { episode, step, .. } = *sample.current(i);
+            self.noise[column].clear();
+            gumbel(seed, place, episode, step, policy_actions, &mut self.noise[column]);
         }
         self.halves[half as usize].keep(index, sample);
         Ok(Received::Kept)
@@ -440,10 +450,7 @@ impl<S: HalfSample> Collector<S> {
     /// # Panics
     /// If they are not complete.
     pub fn batch(&self, half: u32) -> Batch<'_> {
-        let Settings { seed, policy_actions, .. } = self.settings;
-        self.batch_with(half, |place, noise| {
-            gumbel(seed, place.environment, place.episode, place.step, policy_actions, noise);
-        })
+        self.batch_with(half, |place, noise| noise.extend_from_slice(&self.noise[place.column]))
     }
 
     /// The same with the caller's noise: `noise` gets the place and appends one number for each action of the policy.

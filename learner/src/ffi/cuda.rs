@@ -2,9 +2,9 @@
 //! loaded at first use. Neither building nor running needs a CUDA toolkit, because libtorch ships NVRTC.
 //!
 //! Everything happens in the context and on the stream that libtorch uses: the device's primary context, and its
-//! default stream, except while a graph is recorded ([`super::graph`]). So launches are ordered with libtorch's.
-//! Dropping a tensor while a kernel uses it is safe: the allocator reuses the memory only for later work on the same
-//! stream.
+//! default stream, except while a graph is recorded ([`super::graph`]) and on threads that have taken another one
+//! ([`super::stream`]). So launches are ordered with libtorch's. Dropping a tensor while a kernel uses it is safe: the
+//! allocator reuses the memory only for later work on the same stream.
 //!
 //! By hand, because cudarc (0.19) does not fit. It loads NVRTC by a list of names that begins with `libnvrtc.so`,
 //! whichever the machine has, and panics without one; we need the one beside libtorch, and an error. It compiles to
@@ -27,6 +27,16 @@ pub(super) fn on_stream<T>(stream: Handle, body: impl FnOnce() -> T) -> T {
     let result = body();
     STREAM.set(before);
     result
+}
+
+/// The stream that this thread's launches go to; null = the default stream.
+pub(super) fn stream() -> Handle {
+    STREAM.get()
+}
+
+/// Sends this thread's launches there from now on; libtorch must use the same stream.
+pub(super) fn set_stream(stream: Handle) {
+    STREAM.set(stream);
 }
 
 /// Why there are no kernels.
@@ -74,6 +84,9 @@ pub struct Kernel {
     /// Shared memory that a block gets besides what the source declares, bytes.
     shared_bytes: u32,
 }
+
+// SAFETY: a function of a module that is never unloaded; the driver launches it from any thread.
+unsafe impl Send for Kernel {}
 
 type LaunchKernel = unsafe extern "C" fn(
     Handle,

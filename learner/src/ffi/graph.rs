@@ -3,7 +3,8 @@
 use super::cuda::{self, CudaError};
 use super::guarded;
 use super::library::{Handle, function, open};
-use std::ffi::{c_char, c_int, c_uint};
+use super::stream::{Priority, Streams, exchange};
+use std::ffi::{c_char, c_int};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::null_mut;
 use tch::{Cuda, TchError};
@@ -40,7 +41,6 @@ struct Functions {
 type Member = unsafe extern "C" fn();
 
 unsafe extern "C" {
-    fn stillroom_exchange_stream(stream: i64, before: *mut i64, message: *mut c_char, capacity: usize) -> c_int;
     fn stillroom_graph_begin(
         functions: *const Functions,
         graph: *mut Handle,
@@ -77,19 +77,10 @@ pub struct Graph {
     graph: Handle,
 }
 
-type StreamCreate = unsafe extern "C" fn(*mut Handle, c_uint) -> c_int;
-
 impl Recorder {
     /// Finds libtorch's functions and makes a stream. libtorch must have made a tensor on the device before.
     pub fn open() -> Result<Self, GraphError> {
-        /// `CU_STREAM_NON_BLOCKING`: not ordered with the default stream.
-        const NON_BLOCKING: c_uint = 1;
-        let functions = functions()?;
-        let create = stream_create()?;
-        let mut stream = null_mut();
-        // SAFETY: the driver is initialised; the out-pointer is ours.
-        cuda::succeed("cuStreamCreate", unsafe { create(&raw mut stream, NON_BLOCKING) })?;
-        Ok(Self { functions, stream })
+        Ok(Self { functions: functions()?, stream: Streams::open()?.make(Priority::High)?.handle() })
     }
 
     /// Runs `body` a few times, then records what it launches; what it launches must be the same every time. Its
@@ -160,17 +151,4 @@ fn functions() -> Result<Functions, CudaError> {
         end: function!(library, c"_ZN2at4cuda9CUDAGraph11capture_endEv" as Member),
         replay: function!(library, c"_ZN2at4cuda9CUDAGraph6replayEv" as Member),
     })
-}
-
-fn stream_create() -> Result<StreamCreate, CudaError> {
-    let library = open(&[c"libcuda.so.1"])?;
-    Ok(function!(library, c"cuStreamCreate" as StreamCreate))
-}
-
-/// Makes a stream libtorch's current one and returns the one that was.
-fn exchange(stream: i64) -> Result<i64, TchError> {
-    let mut before = 0;
-    // SAFETY: the out-pointer is ours.
-    guarded(|message, capacity| unsafe { stillroom_exchange_stream(stream, &raw mut before, message, capacity) })?;
-    Ok(before)
 }

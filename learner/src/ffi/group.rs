@@ -108,6 +108,9 @@ pub enum Meeting {
 #[derive(Debug)]
 pub struct ProcessGroup(Handle);
 
+// SAFETY: c10d's group is used from any thread, from one at a time.
+unsafe impl Send for ProcessGroup {}
+
 impl ProcessGroup {
     /// Joins a group of `size` members; each has its own rank. Fails if not all members join within `joining`, or if a
     /// later operation takes longer than `patience`.

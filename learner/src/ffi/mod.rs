@@ -11,6 +11,7 @@ pub mod host_memory;
 pub mod kernels;
 pub mod library;
 pub mod nccl;
+pub mod stream;
 pub mod warnings;
 
 use proto::camera::{FRAME_PIXELS, FRAME_SIDE};

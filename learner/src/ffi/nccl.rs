@@ -1,6 +1,7 @@
-//! NCCL: sums over GPUs. Its C interface, from the library that libtorch brings. Everything happens on libtorch's
-//! default stream, so a sum is in order with what made the numbers and with what uses them.
+//! NCCL: sums over GPUs. Its C interface, from the library that libtorch brings. Everything happens on the stream
+//! that this thread uses, so a sum is in order with what made the numbers and with what uses them.
 
+use super::cuda::stream;
 use super::library::{Handle, LibraryError, function, open};
 use std::ffi::{CStr, c_char, c_int, c_void};
 use tch::{Kind, Tensor};
@@ -53,6 +54,9 @@ pub struct Communicator {
     handle: Handle,
 }
 
+// SAFETY: NCCL takes a communicator from any thread, from one at a time.
+unsafe impl Send for Communicator {}
+
 impl Nccl {
     /// Loads it.
     pub fn open() -> Result<Self, NcclError> {
@@ -101,9 +105,8 @@ impl Communicator {
         assert!(tensor.device().is_cuda() && tensor.kind() == Kind::Float && tensor.is_contiguous());
         let numbers = tensor.data_ptr();
         // SAFETY: the numbers are the tensor's own; libtorch gives their memory to others only later on this stream.
-        let code = unsafe {
-            (self.nccl.all_reduce)(numbers, numbers, tensor.numel(), FLOAT, SUM, self.handle, std::ptr::null_mut())
-        };
+        let code =
+            unsafe { (self.nccl.all_reduce)(numbers, numbers, tensor.numel(), FLOAT, SUM, self.handle, stream()) };
         self.nccl.succeed("ncclAllReduce", code)
     }
 }

@@ -10,7 +10,7 @@ mod shape;
 
 pub use shape::fit;
 
-use crate::agent::weights_of;
+use crate::agent::{MODEL, weights_of};
 use crate::auxiliary::{Auxiliary, Sizes};
 use crate::checkpoint::{TensorsError, decode_tensors, encode_tensors};
 use crate::device::{self, DeviceError};
@@ -164,6 +164,6 @@ fn read(path: &Path) -> Result<BTreeMap<String, Tensor>, ProbeError> {
 
 /// The weights among a file's tensors: a checkpoint's, or else all.
 fn model(tensors: BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
-    let weights = weights_of(&tensors);
+    let weights = weights_of(&tensors, MODEL);
     if weights.is_empty() { tensors } else { weights }
 }

@@ -215,9 +215,7 @@ impl<'a, W: Write> Conversation<'a, W> {
     pub fn answer(&mut self, half: u32, actions: &[u8]) -> Result<Option<Stop>> {
         let stop = self.await_receipts(half)?;
         if stop.is_none() {
-            for batch in self.collector.answer(half, actions) {
-                self.ports.send_actions(&batch)?;
-            }
+            self.ports.send_actions(&self.collector.answer(half, actions))?;
         }
         Ok(stop)
     }

@@ -1,5 +1,6 @@
 //! The learner's ports in shared memory. All on the thread that made them.
 
+use super::ringers::Ringers;
 use crate::collector::{ActionBatch, HalfSample};
 use anyhow::{Context, Result};
 use iceoryx2::port::ReceiveError;
@@ -9,7 +10,7 @@ use proto::step::{Current, Transition};
 use wire::fault;
 use wire::message::{EnvironmentState, Observation, ObservationHeader, RestoreHeader, StageAnnouncement};
 use wire::{
-    ActionPublisher, Bell, Bells, Ipc, ObservationSubscriber, Receipt, Receipts, RestorePublisher, StageSubscriber,
+    ActionPublisher, Bells, Ipc, ObservationSubscriber, Receipt, Receipts, RestorePublisher, StageSubscriber,
     ThreadBell, Waiting, Wakeup, Wire, WireAddress, WireError, WireShape, Written,
 };
 
@@ -63,11 +64,11 @@ impl HalfSample for Sample {
 struct ActorPorts {
     actions: ActionPublisher,
     restores: RestorePublisher,
-    bell: Bell,
 }
 
 /// The learner's ports in shared memory.
 pub struct Ports {
+    ringers: Ringers,
     // Ports before the node: they are dropped in this order.
     observations: ObservationSubscriber,
     observations_wakeup: Wakeup,
@@ -98,16 +99,14 @@ impl Ports {
             .shares
             .actors_of(rank)
             .map(|actor| {
-                Ok(ActorPorts {
-                    actions: wire.action_publisher(actor)?,
-                    restores: wire.restore_publisher(actor)?,
-                    bell: wire.actions_bell(actor)?,
-                })
+                Ok(ActorPorts { actions: wire.action_publisher(actor)?, restores: wire.restore_publisher(actor)? })
             })
             .collect::<Result<_>>()?;
         let first_actor = shape.shares.actors_of(rank).start;
         let bells = Bells::new()?;
+        let ringers = Ringers::start(address, shape, rank)?;
         Ok(Self {
+            ringers,
             observations,
             observations_wakeup,
             stage,
@@ -176,17 +175,21 @@ impl Ports {
         &self.actors[(actor - self.first_actor) as usize]
     }
 
-    /// Sends actions to one actor. An actor that is not there gets them with its restore.
-    pub fn send_actions(&self, batch: &ActionBatch) -> Result<()> {
-        let ports = self.ports_of(batch.actor);
-        let failed = || format!("cannot send actions to actor {}", batch.actor);
-        fault::reach("learner.before_loan");
-        let mut sample = ports.actions.loan_slice_uninit(batch.actions.len()).with_context(failed)?;
-        fault::reach("learner.after_loan");
-        *sample.user_header_mut() = batch.header;
-        sample.write_from_slice(&batch.actions).send().with_context(failed)?;
-        fault::reach("learner.after_send");
-        ring(&ports.bell, batch.actor);
+    /// Sends actions to actors, and has them all woken. An actor that is not there gets its own with its restore.
+    pub fn send_actions(&self, batches: &[ActionBatch]) -> Result<()> {
+        for batch in batches {
+            let failed = || format!("cannot send actions to actor {}", batch.actor);
+            fault::reach("learner.before_loan");
+            let publisher = &self.ports_of(batch.actor).actions;
+            let mut sample = publisher.loan_slice_uninit(batch.actions.len()).with_context(failed)?;
+            fault::reach("learner.after_loan");
+            *sample.user_header_mut() = batch.header;
+            sample.write_from_slice(&batch.actions).send().with_context(failed)?;
+            fault::reach("learner.after_send");
+        }
+        if let (Some(first), Some(last)) = (batches.first(), batches.last()) {
+            self.ringers.ring(first.actor..last.actor + 1);
+        }
         Ok(())
     }
 
@@ -199,15 +202,8 @@ impl Ports {
         *sample.user_header_mut() = header;
         sample.write_from_slice(states).send().with_context(failed)?;
         fault::reach("learner.after_restore");
-        ring(&ports.bell, actor);
+        self.ringers.ring(actor..actor + 1);
         Ok(())
-    }
-}
-
-/// A bell that does not ring is no loss: actors look a few times a second.
-fn ring(bell: &Bell, actor: u32) {
-    if let Err(cause) = bell.notify() {
-        tracing::debug!("the bell of actor {actor} does not ring: {cause:?}");
     }
 }
 

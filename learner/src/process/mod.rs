@@ -8,6 +8,7 @@ mod changed;
 mod check;
 mod control;
 mod conversation;
+mod ends;
 mod evaluation;
 mod failure;
 mod import;
@@ -16,6 +17,7 @@ mod lock;
 mod machine;
 mod patience;
 mod resume;
+mod ringers;
 mod stop;
 mod training;
 mod weights;
@@ -107,6 +109,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let peers = Peers::join(&meeting, [rank, learners], device)?;
     drop(joining);
     let mut agent = Agent::among(peers, columns(rank, &config), &config, device)?;
+    if config.ppo.overlap {
+        agent.overlap()?;
+    }
     let machine = machine::machine(device, config.learner.threads, learners);
     // A folder without an identity was made by hand.
     let id = if run.identity().exists() { wire.run_id() } else { "" };
@@ -130,8 +135,22 @@ pub fn run(arguments: Arguments) -> Result<()> {
         checkpoint: checkpoint.clone(),
     });
     let saved = checkpoint.map(|_| rollout);
-    let orchestrator = wire.incarnation();
-    Training { config, run, store, agent, conversation, rollout, frames, saved, figures, orchestrator, hosts }.run()
+    let (orchestrator, in_update) = (wire.incarnation(), None);
+    let training = Training {
+        config,
+        run,
+        store,
+        agent,
+        conversation,
+        rollout,
+        frames,
+        in_update,
+        saved,
+        figures,
+        orchestrator,
+        hosts,
+    };
+    training.run()
 }
 
 /// Where the learners of this joint start meet: nowhere that dead ones have used.

@@ -1,15 +1,19 @@
 //! The training loop: wait for the rollout's announcement, collect it, agree with the other learners, update, report,
 //! save; until the budget is reached or a stop is requested.
+//!
+//! With `ppo.overlap` an update runs while the next rollout is collected. Whatever concerns all learners happens when
+//! the update is through and before the next begins: so their calls to each other have one order, and what is saved is
+//! the boundary between the two rollouts, just as without it.
 
 use super::announcements::Permission;
 use super::conversation::{Conversation, Silent};
+use super::ends::{CutShort, joint_end, reasons};
 use super::failure::{NonFinite, Unsaved, is_non_finite};
 use super::stop::Stop;
 use crate::agent::{Agent, AgentError};
 use crate::checkpoint::{CheckpointError, Part, Snapshot, Store, encode_tensors};
-use crate::collector::{Reward, Task};
+use crate::collector::{Reward, RolloutStatistics, Task};
 use crate::optimizer::learning_rate_progress;
-use crate::peers::PeerError;
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::event::{LearnerEvent, Timing};
@@ -43,10 +47,12 @@ pub struct Training<'a, W> {
     pub agent: Agent,
     /// With actors and orchestrator.
     pub conversation: Conversation<'a, W>,
-    /// The next rollout.
+    /// The next rollout to be trained on.
     pub rollout: u64,
     /// Frames trained on.
     pub frames: u64,
+    /// The rollout that is being trained on.
+    pub in_update: Option<InUpdate>,
     /// The rollout of the last checkpoint on disk, if this process has written or loaded one.
     pub saved: Option<u64>,
     /// Figures of all rollouts trained so far.
@@ -57,12 +63,15 @@ pub struct Training<'a, W> {
     pub hosts: Hosts,
 }
 
-/// Why a rollout is abandoned. The work up to its beginning is good.
-enum CutShort {
-    /// A stop was requested.
-    Stop(Stop),
-    /// The rollout cannot be collected.
-    Fault(anyhow::Error),
+/// A rollout whose update has begun.
+pub struct InUpdate {
+    rollout: u64,
+    /// Frames trained on when the update is through.
+    frames: u64,
+    stage: u32,
+    ends_stage: bool,
+    /// What is known before the update is through.
+    metrics: BTreeMap<String, f64>,
 }
 
 /// Result of the learners' agreement at the end of a rollout.
@@ -80,6 +89,8 @@ struct Agreement {
 /// State that only the loop needs.
 struct Loop {
     last_save: Instant,
+    /// When the timing's rollout began: when the one before was through.
+    began: Instant,
     timing: Timing,
     /// This learner ended the rollout in progress, or the last one, early, because the others had finished.
     preempted: bool,
@@ -94,37 +105,31 @@ impl<W: Write> Training<'_, W> {
     /// finite is dumped with its rollout.
     pub fn run(mut self) -> Result<()> {
         self.train().map_err(|error| {
-            let dumped = error.is::<NonFinite>();
-            if is_non_finite(&error) && !dumped { self.dump(&error).into() } else { error }
+            let (collecting, dumped) = (self.next().0, error.is::<NonFinite>());
+            self.agent.await_update();
+            if is_non_finite(&error) && !dumped { self.dump(collecting, &error).into() } else { error }
         })
     }
 
     fn train(&mut self) -> Result<()> {
-        let mut state = Loop {
-            last_save: Instant::now(),
-            timing: Timing::default(),
-            preempted: false,
-            evaluated: false,
-            actor_starts: 0,
-        };
+        let mut state = Loop::new();
         if self.saved.is_none() {
             self.save(&mut state)?;
         }
         self.conversation.restore_all()?;
-        while let Some(position) = position_at(&self.config.stages, self.frames) {
-            let began = Instant::now();
-            let stage = &self.config.stages[position.stage];
-            let reward_kind = stage.reward;
-            let whole = self.config.ppo.learning_rate_frames;
-            let progress = learning_rate_progress(position.frames_in_stage, stage.frames, whole);
+        state.began = Instant::now();
+        loop {
+            let (rollout, before) = self.next();
+            let Some(position) = position_at(&self.config.stages, before) else { break };
             let cut_short = self.await_and_collect(&mut state, position)?;
+            // With `ppo.overlap`: of the rollout before this one. From here to the next update the learners speak to
+            // each other, and this is the rollout of which they speak.
+            self.finish_update(&mut state)?;
             let Agreement { collected, here, preempted, end } = self.agree(&state, cut_short)?;
             if let Some(end) = end {
                 return self.break_off(&mut state, end);
             }
-            let before = self.frames;
             let frames = before + collected;
-            let rollout = self.rollout;
             self.tell_collected(frames, here);
             if let Some(end) = self.await_writing()? {
                 return self.break_off(&mut state, end);
@@ -133,51 +138,77 @@ impl<W: Write> Training<'_, W> {
             assert_eq!(statistics.frames(), collected, "every frame is counted once");
 
             fault::reach("learner.before_update");
-            let update_began = Instant::now();
-            let mut metrics = match self.agent.update(progress, rollout) {
-                Ok(metrics) => metrics,
-                Err(error @ AgentError::NonFinite { .. }) => {
-                    // All learners reach this point. The first to exit ends the others, so all wait until every learner
-                    // has written its dump.
-                    let dumped = self.dump(&error.into());
-                    let _ = self.agent.peers().barrier();
-                    return Err(dumped.into());
-                }
-                Err(error) => return Err(error.into()),
-            };
-            fault::reach("learner.after_update");
-            state.timing.update_s = update_began.elapsed().as_secs_f64();
-            metrics.extend(statistics.metrics());
-            if self.hurries() {
-                metrics.insert(metric::PREEMPTED.to_owned(), f64::from(preempted));
-            }
-            if reward_kind == RewardKind::Lagrangian {
-                self.agent.constrain(statistics.mean_discounted_disturbance_m());
-                metrics.insert(metric::MULTIPLIER.to_owned(), self.agent.multiplier());
-            }
-            self.rollout += 1;
-            self.frames = frames;
-
-            let timing = state.timing_of(began.elapsed());
-            let stage = position.stage as u32;
-            self.note(rollout, stage, timing, &metrics);
-            fault::reach("learner.before_trained_told");
-            self.tell_for_all(|rank| LearnerEvent::RolloutTrained { rank, rollout, frames, stage, timing, metrics });
-            let stage_ended = collected == position.frames_left;
-            let due = self.first_says(state.last_save.elapsed().as_secs_f64() >= self.config.checkpoint.interval_s)?;
-            // The orchestrator evaluates that checkpoint. If it cannot be written, the next one is evaluated in its place.
-            let complete =
-                position_at(&self.config.stages, frames).is_none() && self.config.validation.every_frames > 0;
-            let validated = complete || self.config.validation.is_due(before, frames);
-            state.evaluated |= validated;
-            if stage_ended || due || validated {
-                let began = Instant::now();
-                self.save_or_go_on(&mut state)?;
-                // Counts as time of the next rollout.
-                state.timing.other_s += began.elapsed().as_secs_f64();
+            let metrics = self.known_before_update(position, &statistics, preempted);
+            let stage = &self.config.stages[position.stage];
+            let whole = self.config.ppo.learning_rate_frames;
+            let progress = learning_rate_progress(position.frames_in_stage, stage.frames, whole);
+            self.agent.begin_update(progress, rollout);
+            let (stage, ends_stage) = (position.stage as u32, collected == position.frames_left);
+            self.in_update = Some(InUpdate { rollout, frames, stage, ends_stage, metrics });
+            // A stage begins with a fresh optimiser, and its end is saved.
+            if ends_stage || !self.config.ppo.overlap {
+                self.finish_update(&mut state)?;
             }
         }
         self.leave(&mut state, None)
+    }
+
+    /// The next rollout to be collected, and the frames before it.
+    fn next(&self) -> (u64, u64) {
+        self.in_update.as_ref().map_or((self.rollout, self.frames), |update| (update.rollout + 1, update.frames))
+    }
+
+    /// The figures of a collected rollout that its update does not change. PPO-Lagrangian's multiplier takes its step:
+    /// by this rollout alone, so that the next one is rewarded with it, whether or not an update runs meanwhile.
+    fn known_before_update(
+        &mut self,
+        position: StagePosition,
+        statistics: &RolloutStatistics,
+        preempted: u32,
+    ) -> BTreeMap<String, f64> {
+        let mut metrics = statistics.metrics();
+        if self.hurries() {
+            metrics.insert(metric::PREEMPTED.to_owned(), f64::from(preempted));
+        }
+        if self.config.stages[position.stage].reward == RewardKind::Lagrangian {
+            self.agent.constrain(statistics.mean_discounted_disturbance_m());
+            metrics.insert(metric::MULTIPLIER.to_owned(), self.agent.multiplier());
+        }
+        metrics
+    }
+
+    /// Waits for the update that has begun, if there is one, reports it, and saves if that is due.
+    fn finish_update(&mut self, state: &mut Loop) -> Result<()> {
+        let Some(update) = self.in_update.take() else { return Ok(()) };
+        let InUpdate { rollout, frames, stage, ends_stage, metrics: known } = update;
+        let waits = Instant::now();
+        let mut metrics = match self.agent.finish_update() {
+            Ok(metrics) => metrics,
+            Err(error @ AgentError::NonFinite { .. }) => {
+                // All learners reach this point. The first to exit ends the others, so all wait until every learner
+                // has written its dump.
+                let dumped = self.dump(rollout, &error.into());
+                let _ = self.agent.peers().barrier();
+                return Err(dumped.into());
+            }
+            Err(error) => return Err(error.into()),
+        };
+        fault::reach("learner.after_update");
+        state.timing.update_s = waits.elapsed().as_secs_f64();
+        metrics.extend(known);
+        let before = std::mem::replace(&mut self.frames, frames);
+        self.rollout = rollout + 1;
+
+        let timing = state.take_timing();
+        self.note(rollout, stage, timing, &metrics);
+        fault::reach("learner.before_trained_told");
+        self.tell_for_all(|rank| LearnerEvent::RolloutTrained { rank, rollout, frames, stage, timing, metrics });
+        let due = self.first_says(state.last_save.elapsed().as_secs_f64() >= self.config.checkpoint.interval_s)?;
+        // The orchestrator evaluates that checkpoint. If it cannot be written, the next one is evaluated in its place.
+        let complete = position_at(&self.config.stages, frames).is_none() && self.config.validation.every_frames > 0;
+        let validated = complete || self.config.validation.is_due(before, frames);
+        state.evaluated |= validated;
+        if ends_stage || due || validated { self.save_or_go_on(state) } else { Ok(()) }
     }
 
     /// Abandons the rollout, also if this learner has taken all its steps: the state at its beginning is saved.
@@ -326,7 +357,7 @@ impl<W: Write> Training<'_, W> {
 
     /// Whether a learner may have to end its rollout early.
     fn hurries(&self) -> bool {
-        self.agent.peers().count() > 1 && self.config.ppo.preemption_share > 0.0
+        self.config.ppo.preemption_share > 0.0 && self.agent.peers().count() > 1
     }
 
     /// Waits for a rollout's announcement and collects the rollout, or returns why it must be abandoned.
@@ -425,14 +456,14 @@ impl<W: Write> Training<'_, W> {
                 return Ok(Err(CutShort::Stop(stop)));
             }
             let left = ANNOUNCEMENT_DEADLINE.saturating_sub(began.elapsed());
-            match self.conversation.announcements.permission(&self.config.stages, self.rollout, self.frames)? {
+            let (rollout, frames) = self.next();
+            match self.conversation.announcements.permission(&self.config.stages, rollout, frames)? {
                 Permission::Begin { version } => return Ok(Ok(version)),
                 Permission::Stop => return Ok(Err(CutShort::Stop(Stop::Announced))),
                 Permission::Wait if left.is_zero() => {
                     return Ok(Err(CutShort::Fault(anyhow::anyhow!(
-                        "the orchestrator does not answer: rollout {} was not announced within {} s. The run is saved: \
-                         end the orchestrator if it still runs, then `orchestrator resume {}`",
-                        self.rollout,
+                        "the orchestrator does not answer: rollout {rollout} was not announced within {} s. The run is \
+                         saved: end the orchestrator if it still runs, then `orchestrator resume {}`",
                         ANNOUNCEMENT_DEADLINE.as_secs(),
                         self.run.root().display()
                     ))));
@@ -524,8 +555,8 @@ impl<W: Write> Training<'_, W> {
     }
 
     /// Writes the rollout that led to a number that is not finite.
-    fn dump(&self, error: &anyhow::Error) -> NonFinite {
-        let path = self.run.nonfinite_dump(self.rollout, self.conversation.rank);
+    fn dump(&self, rollout: u64, error: &anyhow::Error) -> NonFinite {
+        let path = self.run.nonfinite_dump(rollout, self.conversation.rank);
         let mut tensors = self.agent.state().tensors;
         tensors.extend(self.agent.rollout_tensors());
         let written = encode_tensors(&tensors)
@@ -535,38 +566,30 @@ impl<W: Write> Training<'_, W> {
             Ok(()) => path.display().to_string(),
             Err(cause) => format!("no file: {}: {cause:#}", path.display()),
         };
-        NonFinite { rollout: self.rollout, what: format!("{error:#}"), dump }
-    }
-}
-
-/// A learner's reason to abandon a rollout as numbers that can be summed: a stop announced, no orchestrator, a fault.
-fn reasons(own: Option<&CutShort>) -> [f64; 3] {
-    let flag = |condition: bool| f64::from(u8::from(condition));
-    [
-        flag(matches!(own, Some(CutShort::Stop(Stop::Announced)))),
-        flag(matches!(own, Some(CutShort::Stop(Stop::OrchestratorGone)))),
-        flag(matches!(own, Some(CutShort::Fault(_)))),
-    ]
-}
-
-/// Why all abandon a rollout, by the sums of their [`reasons`].
-fn joint_end(own: Option<CutShort>, [announced, gone, faults]: [f64; 3]) -> Option<CutShort> {
-    match own {
-        Some(CutShort::Fault(error)) => Some(CutShort::Fault(error)),
-        _ if faults > 0.0 => Some(CutShort::Fault(PeerError::Elsewhere.into())),
-        _ if gone > 0.0 => Some(CutShort::Stop(Stop::OrchestratorGone)),
-        _ if announced > 0.0 => Some(CutShort::Stop(Stop::Announced)),
-        _ => None,
+        NonFinite { rollout, what: format!("{error:#}"), dump }
     }
 }
 
 impl Loop {
-    /// Returns the timing of a rollout that took `total`, and starts the next one. Time in no other category counts as
-    /// "other".
-    fn timing_of(&mut self, total: Duration) -> Timing {
+    fn new() -> Self {
+        let now = Instant::now();
+        Self {
+            last_save: now,
+            began: now,
+            timing: Timing::default(),
+            preempted: false,
+            evaluated: false,
+            actor_starts: 0,
+        }
+    }
+
+    /// Returns the timing of the rollout that is through, and starts the next one's. Time in no other category counts
+    /// as "other"; that of a checkpoint, which is written afterwards, is the next rollout's.
+    fn take_timing(&mut self) -> Timing {
         let mut timing = std::mem::take(&mut self.timing);
+        let total = std::mem::replace(&mut self.began, Instant::now()).elapsed();
         let accounted = timing.simulate_s + timing.infer_s + timing.update_s;
-        timing.other_s += (total.as_secs_f64() - accounted).max(0.0);
+        timing.other_s = (total.as_secs_f64() - accounted).max(0.0);
         timing
     }
 }

@@ -30,6 +30,9 @@ fn train(config: &Config) -> Vec<Trained> {
         let (actors, each) = (config.shares().actors_of(rank), config.actors.environments_per_actor);
         let own = (actors.start * each) as usize..(actors.end * each) as usize;
         let mut agent = Agent::among(peers, own.clone(), config, Device::Cpu).expect("a fresh agent");
+        if config.ppo.overlap {
+            agent.overlap().expect("a thread");
+        }
         let mut world = World::of_learner(config, own);
         // All act to the end; in the last step only the first column does, and the last learner is a step short; there
         // is one step, and only the first column takes it.
@@ -37,7 +40,16 @@ fn train(config: &Config) -> Vec<Trained> {
         let figures = (0..).zip(rollouts).map(|(rollout, (steps, last))| {
             (world.steps, world.planned) = (steps, steps);
             world.collect(&mut agent, rollout, last).expect("finite");
-            agent.update(0.1, rollout as u64).expect("finite")
+            if !config.ppo.overlap {
+                return agent.update(0.1, rollout as u64).expect("finite");
+            }
+            agent.begin_update(0.1, rollout as u64);
+            // The shape of another rollout, so that learners take unlike times for it.
+            (world.steps, world.planned) = (6, 6);
+            world.collect(&mut agent, 10 + rollout, 4).expect("finite");
+            let figures = agent.finish_update().expect("finite");
+            agent.abandon_rollout();
+            figures
         });
         let figures = figures.collect();
         Trained { digest: agent.weights_digest(), weights: weights_of(&agent), figures }
@@ -85,5 +97,8 @@ fn the_same_seed_gives_the_same_bits() {
     let mut config = small_config();
     config.learner.count = 2;
     config.auxiliary.task = AuxiliaryTask::Cpca16;
-    assert_eq!(train(&config)[0].digest, train(&config)[1].digest);
+    for overlap in [false, true] {
+        config.ppo.overlap = overlap;
+        assert_eq!(train(&config)[0].digest, train(&config)[1].digest, "overlap: {overlap}");
+    }
 }

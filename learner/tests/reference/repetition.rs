@@ -217,3 +217,63 @@ fn passes_add_up() {
         assert_close("adam.first", &moment, &whole, 1e-5);
     }
 }
+
+/// The rollout that is collected beside an update is that of an agent that makes no update; it is trained on, and a
+/// saved state holds both sets of weights.
+#[test]
+fn beside_an_update_acts_the_policy_from_before_it() {
+    let config = small_config();
+    let fresh = || Agent::new(&config, Device::Cpu).expect("a fresh agent");
+    let (mut straight, mut world) = (fresh(), World::new(&config));
+    straight.overlap().expect("a thread");
+    world.collect(&mut straight, 0, 4).expect("finite");
+    straight.begin_update(0.1, 0);
+    let beside = world.collect(&mut straight, 1, 4).expect("finite");
+    let first = straight.finish_update().expect("finite");
+
+    let (mut still, mut other_world) = (fresh(), World::new(&config));
+    other_world.collect(&mut still, 0, 4).expect("finite");
+    let (mut trained, mut third_world) = (fresh(), World::new(&config));
+    third_world.collect(&mut trained, 0, 4).expect("finite");
+    assert_eq!(trained.update(0.1, 0).expect("finite"), first);
+    assert_eq!(straight.weights_digest(), trained.weights_digest(), "the update is the one that it always was");
+    assert_ne!(third_world.collect(&mut trained, 1, 4).expect("finite"), beside, "the new policy values otherwise");
+    assert_eq!(other_world.collect(&mut still, 1, 4).expect("finite"), beside);
+
+    // Now the weights from before the second update act, which are those after the first.
+    let state = straight.state();
+    straight.abandon_rollout();
+    let mut resumed = fresh();
+    resumed.overlap().expect("a thread");
+    resumed.load_state(&state).expect("the state fits");
+    assert!(!state.tensors["acting.actor.weight"].equal(&state.tensors["model.actor.weight"]));
+    let ends = [&mut straight, &mut resumed].map(|agent| {
+        let mut world = World::new(&config);
+        for rollout in 1..4 {
+            world.collect(agent, rollout, 4).expect("finite");
+            agent.begin_update(0.1, rollout as u64);
+            world.collect(agent, rollout + 4, 4).expect("finite");
+            agent.finish_update().expect("finite");
+            agent.abandon_rollout();
+        }
+        agent.weights_digest()
+    });
+    assert_eq!(ends[0], ends[1]);
+}
+
+#[test]
+fn beside_an_update_that_fails_its_own_rollout_is_kept() {
+    let config = small_config();
+    let (mut agent, mut world) = (Agent::new(&config, Device::Cpu).expect("a fresh agent"), World::new(&config));
+    agent.overlap().expect("a thread");
+    let digest = agent.weights_digest();
+    world.collect(&mut agent, 0, 4).expect("finite");
+    agent.record(3, 1, Outcome { reward: f32::NAN, ended: false, time_limit: false, disturbed: false });
+    agent.begin_update(0.0, 0);
+    world.collect(&mut agent, 1, 4).expect("finite");
+    let error = agent.finish_update().expect_err("a reward is not a number");
+    assert!(matches!(&error, AgentError::NonFinite { what } if what.contains("rollout 0: loss/")), "{error}");
+    assert_eq!(agent.weights_digest(), digest);
+    let rewards = to_vec(&agent.rollout_tensors()["rollout.reward"]);
+    assert_eq!(rewards.iter().position(|reward| reward.is_nan()), Some(3 * 4 + 1));
+}

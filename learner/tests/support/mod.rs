@@ -204,6 +204,9 @@ impl Rig {
                 let stop = matches!(plan, Plan::StopAfter(after) | Plan::FailRecording(after) if *after == rollout);
                 if !stop {
                     self.announce(rollout + 1, frames);
+                } else if self.config.ppo.overlap {
+                    // The update is reported when the next rollout is collected, or is not to be.
+                    self.say(rollout + 1, 0, directive::STOP);
                 }
             }
             LearnerEvent::RolloutTrained { rollout, .. } => match plan {

@@ -12,13 +12,14 @@ use proto::shares::Shares;
 /// The orchestrator with its recorder: alone, for each actor, for each learner.
 const ORCHESTRATOR: [u64; 3] = [37, 13, 27];
 /// A learner: alone, for each actor of the run, for each learner.
-const LEARNER: [u64; 3] = [57, 3, 9];
+const LEARNER: [u64; 3] = [61, 3, 9];
 /// A learner, for each actor that it serves itself.
 const LEARNER_OWN_ACTOR: u64 = 17;
 /// An actor: alone, for each actor of the run, for each learner.
 const ACTOR: [u64; 3] = [53, 3, 10];
-/// For what is open only for moments, and for what CUDA opens, which was not measured.
-const SPARE: u64 = 64;
+/// For what is open only for moments, for what CUDA opens, which was not measured, and for the threads of a learner with
+/// many actors that ring their bells: three besides the one that every learner has, 4 each.
+const SPARE: u64 = 76;
 
 /// Files that the process that needs the most has open.
 fn need(actors: u32, learners: u32) -> u64 {
@@ -87,7 +88,7 @@ mod tests {
     /// The run of 76 actors was counted before each learner had a bell for receipts: those are added by hand.
     #[test]
     fn the_need_is_what_was_counted() {
-        let runs = [((1, 1), 79), ((2, 1), 99), ((4, 1), 139), ((4, 2), 143), ((4, 4), 197), ((76, 2), 1079)];
+        let runs = [((1, 1), 83), ((2, 1), 103), ((4, 1), 143), ((4, 2), 143), ((4, 4), 197), ((76, 2), 1079)];
         for ((actors, learners), counted) in runs {
             let most = need(actors, learners) - SPARE;
             assert!((counted..counted + 8).contains(&most), "{actors} actors, {learners} learners: {most}");

@@ -48,7 +48,9 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
     let environments = shares.actors_of(0).len() as u64 * u64::from(environments_per_actor);
     // An evaluation keeps no frames and no gradients: one step's worth is what it looks at.
     let steps = if config.evaluation.is_some() { 1 } else { u64::from(config.ppo.rollout_steps) };
-    let rollout = environments * (steps + 1) * FRAME_PIXELS as u64 * 2;
+    // One is collected while another is trained on.
+    let rollouts = if config.ppo.overlap && config.evaluation.is_none() { 2 } else { 1 };
+    let rollout = rollouts * environments * (steps + 1) * FRAME_PIXELS as u64 * 2;
     let learner = if cuda {
         // Rollout and activations lie on the GPU; the host has staging buffers.
         LEARNER_BASE + LEARNER_CUDA + environments * FRAME_PIXELS as u64 * 4

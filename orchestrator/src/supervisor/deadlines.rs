@@ -5,6 +5,7 @@
 
 use super::event::Process;
 use super::gang::Gang;
+use super::pace::Work;
 use super::policy::Policy;
 use std::time::Duration;
 
@@ -57,16 +58,19 @@ fn of_progress(gang: &Gang, policy: &Policy, silent: Duration) -> Option<Overdue
     let (who, have, are) = subject(gang);
     let patience = policy.patience(work, gang.pace(), first);
     let silent_s = silent.as_secs();
-    let usual = match gang.pace().longest(work) {
+    let usual = match policy.measured(work, gang.pace()) {
         Some(longest) => format!("the longest of the last took {:.1} s", longest.as_secs_f64()),
         None => "it is the first, so nobody knows how long it takes".to_owned(),
     };
+    let warning = policy.warning(work, gang.pace(), first);
+    let beside = policy.overlap && matches!(work, Work::Collect | Work::Update);
+    let work = if beside { "rollout or update".to_owned() } else { work.to_string() };
     if silent > patience {
         return Some(Overdue::Kills(format!(
             "{who} {have} finished no {work} for {silent_s} s ({usual}) and {are} killed"
         )));
     }
-    warning_is_due(gang, silent, policy.warning(work, gang.pace(), first)).then(|| {
+    warning_is_due(gang, silent, warning).then(|| {
         let text = format!(
             "{who} {have} shown no progress for {silent_s} s: no {work} is finished ({usual}); {who} {are} killed after {} s",
             patience.as_secs()

@@ -45,6 +45,8 @@ pub struct Policy {
     pub actor_leaves: Duration,
     /// From SIGKILL to the death: longer only when the kernel itself is stuck.
     pub killed: Duration,
+    /// Updates run while the next rollout is collected.
+    pub overlap: bool,
 }
 
 impl Policy {
@@ -65,6 +67,7 @@ impl Policy {
             learner_leaves: Duration::from_secs(30),
             actor_leaves: Duration::from_secs(2),
             killed: Duration::from_secs(10),
+            overlap: config.ppo.overlap,
         }
     }
 
@@ -77,9 +80,18 @@ impl Policy {
         }
     }
 
+    /// The longest of the last times of this work. With `ppo.overlap` a rollout is reported collected when it and the
+    /// update beside it are through: then either event may follow the one before at once, or after a whole rollout.
+    pub(super) fn measured(&self, work: Work, pace: &Pace) -> Option<Duration> {
+        match work {
+            Work::Collect | Work::Update if self.overlap => pace.longest(Work::Collect).max(pace.longest(Work::Update)),
+            Work::Collect | Work::Update | Work::Save | Work::Play => pace.longest(work),
+        }
+    }
+
     fn longest(&self, work: Work, pace: &Pace, first: bool) -> Duration {
         let most = self.silence;
-        match (pace.longest(work), work) {
+        match (self.measured(work, pace), work) {
             (Some(longest), _) => {
                 let usual = (longest * MARGIN).max(self.floor);
                 if first { usual * FIRST } else { usual }.min(most)
@@ -91,7 +103,7 @@ impl Policy {
 
     /// From when on the user is warned that learners take longer than usual.
     pub(super) fn warning(&self, work: Work, pace: &Pace, first: bool) -> Duration {
-        match pace.longest(work) {
+        match self.measured(work, pace) {
             Some(longest) if !first => (longest * WARNING).max(self.floor / 6),
             _ => self.floor,
         }
@@ -108,7 +120,7 @@ impl Policy {
 
     /// How long an actor may leave its learner waiting. An answer is a small part of a rollout.
     pub(super) fn actor_patience(&self, pace: &Pace) -> Duration {
-        let measured = pace.longest(Work::Collect).map(|longest| (longest * MARGIN).max(self.floor / 2));
+        let measured = self.measured(Work::Collect, pace).map(|longest| (longest * MARGIN).max(self.floor / 2));
         measured.unwrap_or(self.actor_silence).min(self.actor_silence)
     }
 }
@@ -143,5 +155,25 @@ mod tests {
         assert_eq!(policy.actor_patience(&pace), seconds(30.0));
         pace.took(Work::Collect, seconds(9.0));
         assert_eq!(policy.actor_patience(&pace), policy.actor_silence, "never longer than the learner itself waits");
+    }
+
+    /// With overlap it is usually a moment from the end of an update to that of the rollout collected beside it. At the
+    /// begin of a stage it is a whole rollout.
+    #[test]
+    fn beside_each_other_rollouts_and_updates_have_the_time_of_the_longer() {
+        let mut config = Config::default();
+        config.ppo.overlap = true;
+        let policy = Policy::of(&config);
+        let mut pace = Pace::default();
+        pace.took(Work::Update, seconds(20.0));
+        pace.took(Work::Collect, seconds(0.001));
+        for work in [Work::Collect, Work::Update] {
+            assert_eq!(policy.patience(work, &pace, false), seconds(200.0), "{work}");
+            assert_eq!(policy.warning(work, &pace, false), seconds(60.0), "{work}");
+        }
+        assert_eq!(policy.actor_patience(&pace), policy.actor_silence);
+        pace.took(Work::Collect, seconds(30.0));
+        assert_eq!(policy.patience(Work::Update, &pace, false), seconds(300.0));
+        assert_eq!(Policy::of(&Config::default()).patience(Work::Update, &pace, false), seconds(200.0));
     }
 }

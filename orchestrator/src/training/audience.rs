@@ -37,7 +37,7 @@ impl TrainingAudience {
             board: config.recording.tensorboard.then(board),
             incarnation,
             stages: config.stages.clone(),
-            progress: Progress::new(config.stages.clone()),
+            progress: Progress::new(config.stages.clone(), config.ppo.overlap),
             validation: Validation::open(folder, config)?,
         })
     }

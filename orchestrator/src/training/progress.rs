@@ -7,6 +7,7 @@ use crate::showing::format;
 use crate::showing::terminal::Live;
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
+use proto::stage::position_at;
 use proto::trained::History;
 use std::time::Duration;
 
@@ -16,29 +17,43 @@ enum Doing {
     Starting,
     Collecting(u64),
     Updating(u64),
-    WaitingFor { actor: u32, seconds: u64 },
-    Leaving { complete: bool },
+    /// With `ppo.overlap`: of which rollout the update runs beside the collecting of the next.
+    Both(u64),
+    WaitingFor {
+        actor: u32,
+        seconds: u64,
+    },
+    Leaving {
+        complete: bool,
+    },
 }
 
 /// Shows how a run gets on.
 #[derive(Debug)]
 pub struct Progress {
     stages: Vec<StageConfig>,
+    overlap: bool,
     doing: Doing,
     since: Duration,
     live: Live,
 }
 
 impl Progress {
-    /// Of a run with these stages.
-    pub fn new(stages: Vec<StageConfig>) -> Self {
-        Self { stages, doing: Doing::Starting, since: Duration::ZERO, live: Live::default() }
+    /// Of a run with these stages. `overlap`: updates run while the next rollout is collected.
+    pub fn new(stages: Vec<StageConfig>, overlap: bool) -> Self {
+        Self { stages, overlap, doing: Doing::Starting, since: Duration::ZERO, live: Live::default() }
     }
 
     /// Records an event of the learner.
     pub fn learner(&mut self, now: Duration, event: &LearnerEvent) {
         let doing = match *event {
             LearnerEvent::Ready { rollout, .. } => Doing::Collecting(rollout),
+            // A stage begins after the last update of the one before.
+            LearnerEvent::RolloutCollected { rollout, frames, .. }
+                if self.overlap && position_at(&self.stages, frames).is_some_and(|next| next.frames_in_stage > 0) =>
+            {
+                Doing::Both(rollout)
+            }
             LearnerEvent::RolloutCollected { rollout, .. } => Doing::Updating(rollout),
             LearnerEvent::RolloutTrained { rollout, .. } => Doing::Collecting(rollout + 1),
             LearnerEvent::WaitingForActor { actor, waited_s, .. } => {
@@ -80,7 +95,7 @@ impl Progress {
 
     /// Nothing that whoever watches should know first.
     fn is_usual(&self) -> bool {
-        matches!(self.doing, Doing::Collecting(_) | Doing::Updating(_))
+        matches!(self.doing, Doing::Collecting(_) | Doing::Updating(_) | Doing::Both(_))
     }
 
     /// Takes the progress off the screen.
@@ -94,6 +109,7 @@ impl Progress {
             Doing::Starting => format!("learner starts, {time}"),
             Doing::Collecting(rollout) => format!("collecting rollout {rollout}, {time}"),
             Doing::Updating(rollout) => format!("updating on rollout {rollout}, {time}"),
+            Doing::Both(rollout) => format!("updating on rollout {rollout}, collecting {}, {time}", rollout + 1),
             Doing::WaitingFor { actor, seconds } => format!("waiting for actor-{actor:02}, {seconds} s"),
             Doing::Leaving { complete: true } if validating => {
                 format!("training is complete, waiting for the last validation, {time}")
@@ -214,7 +230,7 @@ mod tests {
     fn at_the_end_nothing_is_left_but_the_validation_that_is_waited_for() {
         let seconds = Duration::from_secs;
         let finished = |complete| LearnerEvent::Finished { rank: 0, frames: 1500, weights: "f".repeat(64), complete };
-        let mut progress = Progress::new(stages());
+        let mut progress = Progress::new(stages(), false);
         progress.learner_died(seconds(3));
         assert_eq!(progress.doing(seconds(4), true), "learner starts, 1 s");
         progress.learner(seconds(10), &finished(true));
@@ -229,6 +245,20 @@ mod tests {
         assert_eq!(progress.doing(seconds(30), true), "leaving");
         let frames = frames_line(&stages(), &recent(&stages(), &history(30)));
         assert!(frames.contains("100.0%") && !frames.contains("left"), "{frames}");
+    }
+
+    #[test]
+    fn with_overlap_a_rollout_is_collected_beside_every_update_but_a_stages_last() {
+        let seconds = Duration::from_secs;
+        let end = stages()[0].frames;
+        let doing = |overlap, frames| {
+            let mut progress = Progress::new(stages(), overlap);
+            progress.learner(seconds(1), &LearnerEvent::RolloutCollected { rank: 0, rollout: 7, frames, here: 50 });
+            progress.doing(seconds(3), false)
+        };
+        assert_eq!(doing(true, end - 1), "updating on rollout 7, collecting 8, 2 s");
+        assert_eq!(doing(true, end), "updating on rollout 7, 2 s");
+        assert_eq!(doing(false, end - 1), "updating on rollout 7, 2 s");
     }
 
     #[test]

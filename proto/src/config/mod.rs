@@ -142,6 +142,10 @@ pub struct PpoConfig {
     /// in DD-PPO). Results then depend on timing, and a stage's last rollouts may have few frames. 0 = all learners
     /// finish. A single learner never ends early.
     pub preemption_share: f64,
+    /// Collect the next rollout while the update of the last one runs: always with the weights from before that update,
+    /// so results still do not depend on timing. Faster, above all on a GPU, where acting leaves much of it idle; but a
+    /// rollout is one update older than in the paper's DD-PPO.
+    pub overlap: bool,
 }
 
 /// Weights inside the reward.
@@ -379,6 +383,7 @@ impl Default for PpoConfig {
             bootstrap_time_limits: false,
             environments_per_pass: 0,
             preemption_share: 0.0,
+            overlap: false,
         }
     }
 }

@@ -113,6 +113,12 @@ impl Config {
         ] {
             check(key, value, (0.0..=1.0).contains(&value), "must be 0 to 1")?;
         }
+        check(
+            "ppo.overlap",
+            ppo.overlap,
+            !ppo.overlap || ppo.preemption_share == 0.0,
+            "must be false where ppo.preemption_share is above 0: learners cannot watch for stragglers while they update",
+        )?;
         for (key, value) in [
             ("ppo.clip", ppo.clip),
             ("ppo.learning_rate", ppo.learning_rate),

@@ -59,6 +59,7 @@ pub use error::WireError;
 pub use proto::fault;
 pub use receipts::{Receipt, ReceiptBook, Receipts, Written};
 pub use services::{
-    ActionPublisher, ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
-    RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wakeup, Wire, WireHost, WireShape,
+    ActionPublisher, ActionSubscriber, Bell, Ipc, LEARNER_THREADS, ObservationPublisher, ObservationReaders,
+    ObservationSubscriber, RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wakeup, Wire,
+    WireHost, WireShape,
 };

@@ -74,6 +74,8 @@ const OBSERVATION_BUFFER: usize = 2;
 const OBSERVATION_BORROWED: usize = 2;
 /// Ports that a restarted process may need while its dead predecessor's are not swept yet.
 const RESTART_MARGIN: usize = 2;
+/// Threads of a learner, besides its first, that may join ([`Wire::join`]).
+pub const LEARNER_THREADS: usize = 4;
 
 /// How many processes and environments share one machine's services.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -101,8 +103,8 @@ impl WireShape {
     }
 
     fn nodes(self) -> usize {
-        // Actors, learners, orchestrator, recorder; each possibly next to its dead predecessor.
-        (self.shares.actors() as usize + self.shares.learners() as usize + 2) * RESTART_MARGIN
+        // Actors, learners' threads, orchestrator, recorder; each possibly next to its dead predecessor.
+        (self.shares.actors() as usize + self.shares.learners() as usize * (1 + LEARNER_THREADS) + 2) * RESTART_MARGIN
     }
 }
 
@@ -570,15 +572,13 @@ mod tests {
             wakeup.timed_wait(|event| rung.push(event.id.as_value()), Duration::from_secs(5)).unwrap();
             assert_eq!(rung, vec![2]);
             let received = subscriber.receive().unwrap().unwrap();
-            assert_eq!(received.user_header().actor, 2);
-            assert_eq!(received.payload().len(), 2);
+            assert_eq!((received.user_header().actor, received.payload().len()), (2, 2));
             assert_eq!(received.payload()[1].depth_mm[7], 1234);
             assert!(others.receive().unwrap().is_none(), "what another learner's actors send is not heard");
 
             let actions = learner.action_publisher(2).unwrap();
             let answers = actor.action_subscriber(2).unwrap();
-            let sample = actions.loan_slice_uninit(2).unwrap().write_from_slice(&[3, 4]);
-            sample.send().unwrap();
+            actions.loan_slice_uninit(2).unwrap().write_from_slice(&[3, 4]).send().unwrap();
             assert_eq!(answers.receive().unwrap().unwrap().payload(), &[3, 4]);
 
             let stage = host.wire().announcer().unwrap();

@@ -74,6 +74,16 @@ pub const SHAPES: &[(u32, Shape)] = &[
             ..PLAIN
         },
     ),
+    (
+        3,
+        Shape {
+            name: "two learners, overlap",
+            learners: 2,
+            changes: &[("[ppo]\n", "[ppo]\noverlap = true\n")],
+            tables: LAGRANGIAN,
+            ..PLAIN
+        },
+    ),
     (2, Shape { name: "scene", actors: 1, frames: 1003, scene: Some("scenes/studio/scene.toml"), ..PLAIN }),
     (3, Shape { name: "validation", frames: 1203, tables: VALIDATION, validates: true, ..PLAIN }),
     (2, Shape { name: "evaluation", kind: Kind::Evaluation, actors: 5, frames: 0, ..PLAIN }),

@@ -24,7 +24,7 @@ fn validating() -> Workshop {
 
 /// The figures of a complete run.
 #[derive(Debug, PartialEq)]
-struct Figures {
+pub struct Figures {
     metrics: Vec<Value>,
     validation: Vec<Value>,
     summary: Value,
@@ -32,7 +32,8 @@ struct Figures {
 }
 
 impl Figures {
-    fn of(run: &Run) -> Self {
+    /// Those of a run.
+    pub fn of(run: &Run) -> Self {
         let summary = std::fs::read_to_string(run.folder.summary()).expect("a summary");
         let mut summary: Value = serde_json::from_str(&summary).expect("JSON");
         // Absent without a recording.

@@ -7,7 +7,7 @@ use std::net::TcpListener;
 use std::process::{Child, Command};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
-use system_tests::{Printed, RecordedSteps, Run, Workshop, complete, finish, kill_child, signal, start};
+use system_tests::{Printed, RecordedSteps, Run, TINY, Workshop, complete, finish, kill_child, signal, start};
 
 const ACTORS: u32 = 4;
 const ENVIRONMENTS: u32 = 3;
@@ -149,6 +149,26 @@ fn a_killed_learner_and_a_killed_actor_of_the_other_host_are_started_again() {
     );
     assert!(finish(second).success);
     assert!(other.folder.checkpoints().read_dir().is_err(), "checkpoints are host 0's");
+    hosts.assert_nothing_left();
+}
+
+/// `ppo.overlap`: learners of both hosts speak to each other in updates and between them, in one order.
+#[test]
+fn beside_updates_two_hosts_collect_as_one_does() {
+    let hosts = Hosts::new(["first-beside", "second-beside"]);
+    let overlapping = TINY.replace("[ppo]\n", "[ppo]\noverlap = true\n");
+    std::fs::write(hosts.workshop.path("tiny.toml"), overlapping).expect("a writable folder");
+    let mut command = hosts.workshop.up("one-host", ACTORS, ENVIRONMENTS, FRAMES);
+    command.args(["--learners", "2"]);
+    let on_one_host_beside = complete(command).result();
+    assert_ne!(&on_one_host_beside, on_one_host(), "rollouts are one update older");
+
+    let [first, second] = hosts.start();
+    let (run, other) = (hosts.run(), hosts.workshop.run("second-beside"));
+    run.wait_for_rollouts(6);
+    other.kill_one("--rank 1 ");
+    assert_eq!(finish(first).result(), on_one_host_beside);
+    assert!(finish(second).success);
     hosts.assert_nothing_left();
 }
 

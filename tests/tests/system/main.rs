@@ -13,6 +13,7 @@ mod learners;
 mod measuring;
 mod opens;
 mod orchestrator_faults;
+mod overlap;
 mod pictures;
 mod procedural;
 mod recordings;

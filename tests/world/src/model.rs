@@ -66,9 +66,9 @@ pub fn of_bootstrap(column: usize, seen: u64) -> u64 {
     mix([3, column as u64, seen])
 }
 
-/// The weights after an update with the digests of all columns added up.
-pub fn update(weights: u64, sum: u64) -> u64 {
-    mix([weights, sum])
+/// The weights after an update with the digests of all columns added up: of 53 bits, which a double holds.
+pub fn updated(weights: u64, sum: u64) -> u64 {
+    mix([weights, sum]) >> 11
 }
 
 fn seen_by(seed: u64, id: EnvironmentId, current: &Current) -> u64 {
@@ -92,7 +92,7 @@ impl Model {
         let mut environments: Vec<FakeEnvironment> =
             ids.iter().map(|&id| FakeEnvironment::rebuild(id, MAX_STEPS, &start)).collect();
         let mut model = Self { rollouts: vec![], steps: BTreeMap::new(), frames: total_frames(&config.stages) };
-        let (mut frames, mut weights) = (0, FIRST_WEIGHTS);
+        let (mut frames, mut weights, mut acting) = (0, FIRST_WEIGHTS, FIRST_WEIGHTS);
         while let Some(position) = position_at(&config.stages, frames) {
             let kind = config.stages[position.stage].reward;
             let shape = RolloutShape::next(position.frames_left, config.ppo.rollout_steps as usize, ids.len());
@@ -104,7 +104,7 @@ impl Model {
                         continue;
                     }
                     let seen = seen_by(config.seed, ids[column], &environment.current());
-                    let action = choose(weights, seen);
+                    let action = choose(acting, seen);
                     environment.act(action);
                     let Transition { episode, step, state_hash, flags, reward, .. } = environment.transition();
                     let has = |flag| flags & flag != 0;
@@ -121,7 +121,9 @@ impl Model {
                 digests[column] = digests[column].wrapping_add(of_bootstrap(column, seen));
             }
             let sum = digests.iter().fold(0, |sum: u64, digest| sum.wrapping_add(*digest));
-            weights = update(weights, sum);
+            let before = weights;
+            weights = updated(before, sum);
+            acting = if config.ppo.overlap { before } else { weights };
             model.rollouts.push(Expected { before: frames, digests, weights });
             frames += shape.frames;
         }

@@ -23,6 +23,8 @@ pub enum Mutation {
     ForgetsRestores,
     /// The learner trains again on the rollout that its checkpoint ends with.
     TrainsTwice,
+    /// A checkpoint loses the weights that act while others are trained: the newest act in their place.
+    ForgetsPolicies,
     /// The disk does not synchronise what is in files.
     ForgetsFiles,
     /// The disk does not synchronise names.
@@ -54,7 +56,8 @@ pub const ACTIONS: u64 = 21;
 pub const NOISE: usize = 1;
 
 impl Setup {
-    /// The run of a seed: one to three learners, a few actors each, up to four environments, two stages.
+    /// The run of a seed: one to three learners, a few actors each, up to four environments, two stages. Every third one
+    /// collects rollouts beside updates.
     pub fn of(dice: &mut Dice, seed: u64) -> Self {
         let learners = dice.below(3) + 1;
         let actors = learners + dice.below(3);
@@ -64,6 +67,7 @@ impl Setup {
         config.learner.count = learners;
         config.learner.actor_deadline_s = 120.0;
         config.ppo.rollout_steps = dice.below(5) + 2;
+        config.ppo.overlap = seed % 3 == 2;
         config.episode.max_steps = MAX_STEPS;
         config.checkpoint.interval_s = f64::from(dice.one_of(&[0.0_f32, 0.5, 2.0, 300.0]));
         config.checkpoint.keep = dice.below(2) + 2;

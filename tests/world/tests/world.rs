@@ -132,6 +132,7 @@ fn whatever_is_wrong_on_purpose_is_found() {
         (Mutation::ActsTwice, 100, "its transition is"),
         (Mutation::RestoresTooEarly, 200, "by its actions so far it must be at"),
         (Mutation::TrainsTwice, 20, "what is trained on differs"),
+        (Mutation::ForgetsPolicies, 100, "what is trained on differs"),
         (Mutation::ForgetsRestores, 100, "has not answered"),
         (Mutation::ForgetsHistory, 1000, "was not announced to learner"),
         (Mutation::NeverSweeps, 500, "has not answered"),

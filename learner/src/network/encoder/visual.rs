@@ -23,7 +23,7 @@ pub(crate) type Gradients = Vec<(ParameterId, Tensor)>;
 pub(crate) type Backward<'a> = Box<dyn FnOnce(&Tensor) -> Gradients + 'a>;
 
 /// A visual encoder.
-pub(crate) trait VisualEncoder: fmt::Debug {
+pub(crate) trait VisualEncoder: fmt::Debug + Send {
     /// The network's input \[rows, 1, side, side\] → \[rows, 512\], through autograd, in float32.
     fn forward(&self, parameters: &Parameters, frames: &Tensor) -> Tensor;
 

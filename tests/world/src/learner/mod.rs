@@ -42,13 +42,36 @@ enum CutShort {
     Fault,
 }
 
+/// What follows the end of an update.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum After {
+    /// The next rollout.
+    NextRollout,
+    /// The agreement about the rollout that was collected beside it.
+    Agreement(Option<CutShort>),
+}
+
+/// A rollout whose update has begun.
+#[derive(Debug, Clone, Copy)]
+struct InUpdate {
+    rollout: u64,
+    /// Frames trained on when the update is through.
+    frames: u64,
+    /// Of all that was seen, done and got in it.
+    sum: u64,
+    stage: u32,
+    ends_stage: bool,
+    /// When it is through.
+    through: u64,
+}
+
 /// What follows when the state is saved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Then {
     /// The first rollout.
     Begin,
-    /// The next one, also if it could not be saved.
-    GoOn,
+    /// What follows the update, also if it could not be saved.
+    GoOn(After),
     /// The end, complete or not.
     Leave { complete: bool },
     /// The end with an error's status.
@@ -87,10 +110,10 @@ enum Phase {
     Recording { sum: u64, collected: u64, began: u64 },
     /// Whether it is.
     Recorded { sum: u64, collected: u64 },
-    /// The update is being computed.
-    Updating { sum: u64 },
+    /// The update is to be through.
+    Updating(After),
     /// Whether a checkpoint is due.
-    Due { stage_ended: bool },
+    Due { ends_stage: bool, after: After },
 }
 
 /// What the policy has chosen for a half: column, what it was given, action.
@@ -118,7 +141,10 @@ pub struct Learner {
     rollout: u64,
     frames: u64,
     saved: Option<u64>,
+    in_update: Option<InUpdate>,
     weights: u64,
+    /// Those that choose actions.
+    acting: u64,
     last_save: u64,
     /// By own column: what was seen, done and got in this rollout.
     digests: Vec<u64>,
@@ -149,7 +175,9 @@ impl Learner {
             rollout: 0,
             frames: 0,
             saved: None,
+            in_update: None,
             weights: crate::model::FIRST_WEIGHTS,
+            acting: crate::model::FIRST_WEIGHTS,
             last_save: world.now,
             connected: false,
             gone: false,
@@ -232,6 +260,8 @@ impl Learner {
                 (self.rollout, self.frames) = (snapshot.rollout, snapshot.frames);
                 self.saved = Some(snapshot.rollout);
                 self.weights = snapshot.agent.adam_steps;
+                let overlaps = world.setup.config.ppo.overlap && !world.setup.has(Mutation::ForgetsPolicies);
+                self.acting = if overlaps { snapshot.agent.multiplier as u64 } else { self.weights };
                 world.note(|| {
                     format!("learner {}: checkpoint {}, {:?} rejected", self.rank, loaded.path, loaded.rejected)
                 });
@@ -352,11 +382,13 @@ impl Program for Learner {
                 Err(next) => self.stay(Phase::Recorded { sum, collected }, next),
                 Ok(words) => self.recorded(world, me, [sum, collected], &words),
             },
-            Phase::Updating { sum } => self.updated(world, me, sum),
-            Phase::Due { stage_ended } => match self.ended(world) {
-                Err(next) => self.stay(Phase::Due { stage_ended }, next),
-                Ok(words) if stage_ended || matches!(words[0], Word::First(1)) => self.save(world, me, Then::GoOn),
-                Ok(_) => self.next_rollout(world),
+            Phase::Updating(after) => self.finish_update(world, me, after),
+            Phase::Due { ends_stage, after } => match self.ended(world) {
+                Err(next) => self.stay(Phase::Due { ends_stage, after }, next),
+                Ok(words) if ends_stage || matches!(words[0], Word::First(1)) => {
+                    self.save(world, me, Then::GoOn(after))
+                }
+                Ok(_) => self.after_update(world, me, after),
             },
         }
     }

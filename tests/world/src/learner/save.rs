@@ -71,7 +71,8 @@ impl Learner {
         let agent = AgentState {
             tensors: BTreeMap::new(),
             adam_steps: self.weights,
-            multiplier: 0.0,
+            // In its place, which holds every such number: the weights that act.
+            multiplier: self.acting as f64,
             carried_goal: world.setup.config.network.carried_goal,
         };
         Snapshot {
@@ -88,7 +89,7 @@ impl Learner {
         self.last_save = world.now;
         if !matches!(words[0], Word::First(1)) {
             return match then {
-                Then::GoOn => self.next_rollout(world),
+                Then::GoOn(after) => self.after_update(world, me, after),
                 _ if self.rank == 0 => Next::Exit(Exit::Code(EXIT_UNSAVED)),
                 _ => Next::Exit(Exit::Code(EXIT_LOST_PEERS)),
             };
@@ -108,7 +109,7 @@ impl Learner {
                 self.phase = Phase::Restoring(self.actors.start);
                 Next::After(world.dice.spread(100, MILLISECOND))
             }
-            Then::GoOn => self.next_rollout(world),
+            Then::GoOn(after) => self.after_update(world, me, after),
             Then::Leave { complete } => {
                 let (rank, frames, weights) = (self.rank, self.frames, self.digest());
                 self.tell(world, me, LearnerEvent::Finished { rank, frames, weights, complete });

@@ -1,10 +1,10 @@
 //! Rollouts: announced, collected, agreed on, trained.
 
 use super::sample::Sample;
-use super::{Chosen, CutShort, LOOK, Learner, Phase, Stop, Then};
+use super::{After, Chosen, CutShort, InUpdate, LOOK, Learner, Phase, Stop, Then};
 use crate::kernel::{MILLISECOND, Next, SECOND, World};
 use crate::meeting::Word;
-use crate::model::{choose, look, of_action, of_bootstrap, of_outcome, update};
+use crate::model::{choose, look, of_action, of_bootstrap, of_outcome, updated};
 use crate::service::TaskId;
 use crate::setup::{DISTURBANCE_WEIGHT, Mutation, NOISE};
 use learner::collector::{ActionBatch, Collector, Received, Reward, Task};
@@ -38,18 +38,19 @@ impl Learner {
     }
 
     pub(super) fn await_announcement(&mut self, world: &mut World, me: TaskId, began: u64) -> Next {
-        let Some(position) = position_at(&world.setup.config.stages, self.frames) else {
+        let (rollout, frames) = self.next();
+        let Some(position) = position_at(&world.setup.config.stages, frames) else {
             return self.save_unsaved(world, me, Then::Leave { complete: true });
         };
         if let Err(next) = self.receive_all(world) {
             return next;
         }
         if let Some(stop) = self.stop_asked(world) {
-            return self.meet(world, me, Some(CutShort::Stop(stop)));
+            return self.finish_update(world, me, After::Agreement(Some(CutShort::Stop(stop))));
         }
         let left = (began + ANNOUNCEMENT_DEADLINE).saturating_sub(world.now);
         let config = &world.setup.config;
-        match self.announcements.permission(&config.stages, self.rollout, self.frames) {
+        match self.announcements.permission(&config.stages, rollout, frames) {
             Ok(Permission::Begin { version }) => {
                 let kind = config.stages[position.stage].reward;
                 let reward = Reward { kind, disturbance_weight: DISTURBANCE_WEIGHT };
@@ -62,13 +63,15 @@ impl Learner {
                 self.phase = Phase::Collecting { patience: Patience::new(deadline_s), began: world.now };
                 Next::After(10)
             }
-            Ok(Permission::Stop) => self.meet(world, me, Some(CutShort::Stop(Stop::Announced))),
+            Ok(Permission::Stop) => {
+                self.finish_update(world, me, After::Agreement(Some(CutShort::Stop(Stop::Announced))))
+            }
             Ok(Permission::Wait) if left == 0 => {
-                world.note(|| format!("learner {}: rollout {} was not announced", self.rank, self.rollout));
+                world.note(|| format!("learner {}: rollout {rollout} was not announced", self.rank));
                 if !world.may_hang() {
-                    world.violate(format!("rollout {} was not announced to learner {}", self.rollout, self.rank));
+                    world.violate(format!("rollout {rollout} was not announced to learner {}", self.rank));
                 }
-                self.meet(world, me, Some(CutShort::Fault))
+                self.finish_update(world, me, After::Agreement(Some(CutShort::Fault)))
             }
             Ok(Permission::Wait) => {
                 self.phase = Phase::Announcing { began };
@@ -147,14 +150,16 @@ impl Learner {
         self.receive_all(world).map_err(Some)?;
         let missing = waits_for(self.collector());
         if let Some(stop) = self.stop_asked(world) {
-            return Err(Some(self.meet(world, me, Some(CutShort::Stop(stop)))));
+            return Err(Some(self.finish_update(world, me, After::Agreement(Some(CutShort::Stop(stop))))));
         }
         if missing.is_empty() {
             return Ok(());
         }
         let waited = world.since(began);
         match patience.after(waited) {
-            Waited::Overdue => return Err(Some(self.meet(world, me, Some(CutShort::Fault)))),
+            Waited::Overdue => {
+                return Err(Some(self.finish_update(world, me, After::Agreement(Some(CutShort::Fault)))));
+            }
             Waited::Wait(_) => {}
             Waited::Notice(_) => {
                 for actor in missing {
@@ -203,7 +208,7 @@ impl Learner {
                     self.tell(world, me, LearnerEvent::ActorsConnected { rank: self.rank });
                 }
                 self.settle(half);
-                let weights = self.weights;
+                let weights = self.acting;
                 let chosen = self.look(half).into_iter().map(|(column, seen)| (column, seen, choose(weights, seen)));
                 let chosen = Some(chosen.collect());
                 let patience = Patience::new(world.setup.config.learner.actor_deadline_s);
@@ -219,7 +224,7 @@ impl Learner {
                 self.phase = Phase::Receipting { half, chosen: None, t: 0, patience, began: world.now };
                 Next::After(world.dice.spread(100, MILLISECOND))
             }
-            Task::Finish => self.meet(world, me, None),
+            Task::Finish => self.finish_update(world, me, After::Agreement(None)),
         }
     }
 
@@ -267,7 +272,7 @@ impl Learner {
         batches
     }
 
-    /// Sends one batch after the other; a kill can come in between.
+    /// Sends one batch after the other, then has all actors woken; a kill can come in between.
     pub(super) fn answer(&mut self, world: &mut World, mut batches: VecDeque<ActionBatch>) -> Next {
         while let Some(ActionBatch { actor, mut header, actions }) = batches.pop_front() {
             let Some(ports) = &self.ports else { break };
@@ -282,12 +287,15 @@ impl Learner {
                 }
                 header.step += u64::from(again == 1);
             }
-            let listeners = world.wires[self.session].actions[actor as usize].listeners();
-            world.ring_all(listeners);
             if world.dice.once_in(16) {
                 self.phase = Phase::Answering(batches);
                 return Next::After(world.dice.between(5, 50));
             }
+        }
+        // Another thread rings them.
+        for actor in self.actors.clone() {
+            let listeners = world.wires[self.session].actions[actor as usize].listeners();
+            world.ring_all(listeners);
         }
         self.go_on(world, 10)
     }
@@ -328,7 +336,7 @@ impl Learner {
             self.tell(world, me, LearnerEvent::RolloutCollected { rank: 0, rollout, frames, here: collected });
         }
         if world.setup.has(Mutation::IgnoresReceipts) {
-            return self.train(world, [sum, collected]);
+            return self.train(world, me, [sum, collected]);
         }
         if self.rank > 0 {
             return self.begin(world, me, Word::First(0), Phase::Recorded { sum, collected });
@@ -359,7 +367,7 @@ impl Learner {
 
     pub(super) fn recorded(&mut self, world: &mut World, me: TaskId, numbers: [u64; 2], words: &[Word]) -> Next {
         match words[0] {
-            Word::First(WRITTEN) => self.train(world, numbers),
+            Word::First(WRITTEN) => self.train(world, me, numbers),
             Word::First(FAULT) => {
                 let status = if self.rank == 0 { 1 } else { EXIT_LOST_PEERS };
                 self.save_unsaved(world, me, Then::Fail { status })
@@ -368,10 +376,33 @@ impl Learner {
         }
     }
 
-    fn train(&mut self, world: &mut World, [sum, collected]: [u64; 2]) -> Next {
+    /// Begins the update. The next rollout is collected meanwhile, or follows it.
+    fn train(&mut self, world: &mut World, me: TaskId, [sum, collected]: [u64; 2]) -> Next {
+        let config = &world.setup.config;
+        let (overlap, position) = (config.ppo.overlap, position_at(&config.stages, self.frames));
+        let Some(position) = position else { return Next::Exit(Exit::Code(EXIT_LOST_PEERS)) };
         self.collector().finish();
         self.compare(world, collected);
-        self.stay(Phase::Updating { sum }, Next::After(world.dice.spread(2 * MILLISECOND, 60 * MILLISECOND)))
+        self.in_update = Some(InUpdate {
+            rollout: self.rollout,
+            frames: self.frames + collected,
+            sum,
+            stage: position.stage as u32,
+            ends_stage: collected == position.frames_left,
+            through: world.now + world.dice.spread(2 * MILLISECOND, 60 * MILLISECOND),
+        });
+        if overlap {
+            self.acting = self.weights;
+        }
+        if collected == position.frames_left || !overlap {
+            return self.finish_update(world, me, After::NextRollout);
+        }
+        self.next_rollout(world)
+    }
+
+    /// The next rollout to be collected, and the frames before it.
+    fn next(&self) -> (u64, u64) {
+        self.in_update.map_or((self.rollout, self.frames), |update| (update.rollout + 1, update.frames))
     }
 
     /// What is trained on is what an undisturbed run trains on.
@@ -394,27 +425,43 @@ impl Learner {
         }
     }
 
-    pub(super) fn updated(&mut self, world: &mut World, me: TaskId, sum: u64) -> Next {
-        let rollout = self.rollout;
-        let next = world.model.rollouts.get(rollout as usize + 1).map_or(world.model.frames, |next| next.before);
-        let Some(position) = position_at(&world.setup.config.stages, self.frames) else {
-            return Next::Exit(Exit::Code(EXIT_LOST_PEERS));
-        };
-        let collected = next - self.frames;
-        self.weights = update(self.weights, sum);
-        if world.setup.has(Mutation::TrainsTwice) && rollout == 1 && !std::mem::replace(&mut self.twice, true) {
-            self.weights = update(self.weights, sum);
+    /// Waits for the update that has begun, if there is one.
+    pub(super) fn finish_update(&mut self, world: &mut World, me: TaskId, after: After) -> Next {
+        match self.in_update {
+            None => self.after_update(world, me, after),
+            Some(update) if update.through > world.now => {
+                self.stay(Phase::Updating(after), Next::After(update.through - world.now))
+            }
+            Some(update) => {
+                self.in_update = None;
+                self.updated(world, me, update, after)
+            }
         }
-        self.rollout += 1;
-        self.frames = next;
+    }
+
+    pub(super) fn after_update(&mut self, world: &mut World, me: TaskId, after: After) -> Next {
+        match after {
+            After::NextRollout => self.next_rollout(world),
+            After::Agreement(own) => self.meet(world, me, own),
+        }
+    }
+
+    fn updated(&mut self, world: &mut World, me: TaskId, update: InUpdate, after: After) -> Next {
+        let InUpdate { rollout, frames, sum, stage, ends_stage, through: _ } = update;
+        self.weights = updated(self.weights, sum);
+        if world.setup.has(Mutation::TrainsTwice) && rollout == 1 && !std::mem::replace(&mut self.twice, true) {
+            self.weights = updated(self.weights, sum);
+        }
+        if !world.setup.config.ppo.overlap {
+            self.acting = self.weights;
+        }
+        (self.rollout, self.frames) = (rollout + 1, frames);
         if self.rank == 0 {
-            let (frames, stage) = (self.frames, position.stage as u32);
             let (timing, metrics) = (Timing::default(), BTreeMap::new());
             let trained = LearnerEvent::RolloutTrained { rank: 0, rollout, frames, stage, timing, metrics };
             self.tell(world, me, trained);
         }
-        let stage_ended = collected == position.frames_left;
         let due = world.since(self.last_save).as_secs_f64() >= world.setup.config.checkpoint.interval_s;
-        self.begin(world, me, Word::First(u8::from(due)), Phase::Due { stage_ended })
+        self.begin(world, me, Word::First(u8::from(due)), Phase::Due { ends_stage, after })
     }
 }

@@ -1,0 +1,69 @@
+//! What an agent is given and gives in one step, and how an action is sampled.
+
+use proto::camera::FRAME_PIXELS;
+use tch::{Device, Tensor};
+
+/// What the policy sees of some columns in one step. All slices have one entry a column, in the same order.
+#[derive(Debug, Clone, Copy)]
+pub struct StepInput<'a> {
+    /// Columns of this learner (place of the actor among its own · environments per actor + environment), ascending.
+    pub columns: &'a [usize],
+    /// Depth frames, millimetres, row-major; may point into shared memory.
+    pub frames: &'a [&'a [u16; FRAME_PIXELS]],
+    /// The goal vector as [`proto::step::Current::goal_vector_m`] makes it; robot's frame, metres.
+    pub goal_m: &'a [[f32; 3]],
+    /// `A_large` index of the previous action, or `NO_ACTION`.
+    pub previous_action: &'a [u8],
+    /// True at an episode's first observation: the belief is zeroed before it is used.
+    pub episode_start: &'a [bool],
+    /// Gumbel noise, `columns.len() * actions`, row-major: the action is argmax(logits + noise). Unused by
+    /// [`crate::agent::Agent::bootstrap`].
+    pub gumbel: &'a [f32],
+}
+
+/// What the policy chose, one entry a column of the input.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct StepOutput {
+    /// `A_large` indices.
+    pub actions: Vec<u8>,
+    /// Log-probability of the action.
+    pub log_probs: Vec<f32>,
+    /// Value of the observation.
+    pub values: Vec<f32>,
+}
+
+/// What the policy chose outside of a rollout, one entry a column of the input.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Choice {
+    /// `A_large` indices.
+    pub actions: Vec<u8>,
+    /// Whether the disturbance head predicts that the action disturbs something; none without the auxiliary task
+    /// `disturb`.
+    pub disturbs: Option<Vec<bool>>,
+}
+
+/// The network's outputs for the observations of some columns.
+pub(super) struct Inference {
+    pub kept: Tensor,
+    pub beliefs: Tensor,
+    /// \[rows · actions\].
+    pub log_probs: Vec<f32>,
+    pub values: Vec<f32>,
+}
+
+/// argmax of log-probability plus Gumbel noise: a sample of the policy (Gumbel's trick). The first of equals.
+pub(super) fn sample(log_probs: &[f32], gumbel: &[f32]) -> usize {
+    let mut best = (0, f32::NEG_INFINITY);
+    for (action, (log_prob, noise)) in log_probs.iter().zip(gumbel).enumerate() {
+        if log_prob + noise > best.1 {
+            best = (action, log_prob + noise);
+        }
+    }
+    best.0
+}
+
+/// Columns as a tensor on a device.
+pub(super) fn column_indices(columns: &[usize], device: Device) -> Tensor {
+    let columns: Vec<i64> = columns.iter().map(|&column| column as i64).collect();
+    Tensor::from_slice(&columns).to_device(device)
+}

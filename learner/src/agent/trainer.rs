@@ -1,0 +1,88 @@
+//! The half of an agent that learns: everything that an update changes or needs besides the rollout. It can be given to
+//! another thread for an update.
+
+use super::error::AgentError;
+use crate::auxiliary::{Auxiliary, Sizes};
+use crate::network::Network;
+use crate::optimizer::{Adam, learning_rate};
+use crate::peers::Peers;
+use crate::ppo::{Update, UpdateError};
+use crate::rollout::Rollout;
+use proto::config::Config;
+use std::collections::BTreeMap;
+use tch::Device;
+
+/// Why the trainer is there.
+pub(super) const HERE: &str = "no update runs, or it has ended";
+
+/// What learns.
+#[derive(Debug)]
+pub(super) struct Trainer {
+    pub network: Network,
+    pub auxiliary: Auxiliary,
+    pub adam: Adam,
+    pub peers: Peers,
+    /// Number, in the whole run, of this learner's first column.
+    pub first_column: usize,
+}
+
+/// An update to be made.
+#[derive(Debug)]
+pub(super) struct Job {
+    pub trainer: Box<Trainer>,
+    pub collected: Rollout,
+    /// The rollout's number.
+    pub number: u64,
+    /// Step size.
+    pub learning_rate: f64,
+    pub config: Config,
+}
+
+/// An update that was made, or could not be.
+#[derive(Debug)]
+pub(super) struct Done {
+    pub trainer: Box<Trainer>,
+    pub collected: Rollout,
+    pub result: Result<BTreeMap<String, f64>, AgentError>,
+}
+
+/// The configured network with weights drawn from the seed, in the configured precision.
+pub(super) fn build(config: &Config, device: Device) -> Result<(Network, Auxiliary), AgentError> {
+    let actions = config.episode.action_space.actions().len() as i64;
+    let (mut network, auxiliary) = Network::new(config, device, |layout, hidden| {
+        Auxiliary::new(&config.auxiliary, layout, Sizes { hidden, actions })
+    });
+    network.choose_precision(config.learner.encoder_precision)?;
+    Ok((network, auxiliary))
+}
+
+impl Job {
+    /// `progress` is how far the learning rate has fallen.
+    pub fn new(trainer: Box<Trainer>, collected: Rollout, number: u64, progress: f64, config: &Config) -> Self {
+        let learning_rate = learning_rate(config.ppo.learning_rate, config.ppo.learning_rate_end, progress);
+        Self { trainer, collected, number, learning_rate, config: config.clone() }
+    }
+
+    /// Makes it.
+    pub fn run(self) -> Done {
+        let Self { mut trainer, collected, number, learning_rate, config } = self;
+        let Trainer { network, auxiliary, adam, peers, first_column } = &mut *trainer;
+        let update = Update {
+            network,
+            auxiliary,
+            rollout: &collected,
+            ppo: &config.ppo,
+            auxiliary_config: &config.auxiliary,
+            peers,
+            first_column: *first_column,
+            learning_rate,
+            seed: config.seed,
+            rollout_number: number,
+        };
+        let result = update.run(adam).map_err(|error| match error {
+            UpdateError::NonFinite(what) => AgentError::NonFinite { what: format!("rollout {number}: {what}") },
+            UpdateError::Peers(error) => error.into(),
+        });
+        Done { trainer, collected, result }
+    }
+}
