@@ -50,7 +50,10 @@ fn whole(root: &Path, page: &str, text: &str) -> Result<String, BookError> {
     for line in text.lines() {
         let included = line.trim().strip_prefix("{{#include ").and_then(|rest| rest.strip_suffix("}}"));
         let document = match included {
-            Some(target) => Some(part(root, page, target)?).filter(|_| target.ends_with(".md")),
+            Some(target) => {
+                let is_document = Path::new(target).extension().is_some_and(|ending| ending == "md");
+                Some(part(root, page, target)?).filter(|_| is_document)
+            }
             None => None,
         };
         result.push_str(document.as_deref().unwrap_or(line));

@@ -75,19 +75,16 @@ fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<Strin
         (other, _) => return Err(BookError::NoWords { key: key.to_owned(), kind: other.to_owned() }),
     };
     let mut what = sentence(&field.doc);
-    let allowed = match &variants {
-        Some(variants) => {
-            for (name, doc) in variants.iter().filter(|(_, doc)| !doc.is_empty()) {
-                let _ = write!(what, " `{name}`: {}", sentence(doc));
-            }
-            variants.iter().map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+    let allowed = if let Some(variants) = &variants {
+        for (name, doc) in variants.iter().filter(|(_, doc)| !doc.is_empty()) {
+            let _ = write!(what, " `{name}`: {}", sentence(doc));
         }
-        None => {
-            for meaning in types.meanings(within(&field.kind)) {
-                let _ = write!(what, " {}", sentence(&meaning));
-            }
-            allowed(key, within(&field.kind), &field.kind)
+        variants.iter().map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+    } else {
+        for meaning in types.meanings(within(&field.kind)) {
+            let _ = write!(what, " {}", sentence(&meaning));
         }
+        allowed(key, within(&field.kind), &field.kind)
     };
     let name = key.rsplit('.').next().unwrap_or_default();
     let cells = [&format!("`{name}`"), kind, unit(name), &shown(default, key, &field.kind), &allowed, &what];
