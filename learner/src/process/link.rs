@@ -227,14 +227,14 @@ mod tests {
             let mut loan = publisher.loan_slice_uninit(1).unwrap();
             *loan.user_header_mut() = ObservationHeader { half: 1, ..Default::default() };
             let header = std::ptr::from_mut(loan.user_header_mut());
-            let sent = Observation {
+            let sent = Box::new(Observation {
                 transition: Transition { disturbance_m: 0.5, ..Default::default() },
                 current: Current { target: 3, ..Default::default() },
                 environment: 1,
                 reserved: [0; 13],
                 depth_mm: [1234; FRAME_PIXELS],
-            };
-            let mut loan = loan.write_from_fn(|_| sent);
+            });
+            let mut loan = loan.write_from_fn(|_| *sent);
             let observation = loan.payload_mut().as_mut_ptr();
             loan.send().unwrap();
 

@@ -139,9 +139,11 @@ struct Session {
     desk: Desk,
     /// The kitchen whose room was sent whole.
     sent: Option<u32>,
-    /// The newest moment: its episode, the actions up to it, and whether the room is in it.
-    last: Option<(EpisodeKey, usize, bool, Box<ShownEpisode>, Box<ShownSolids>)>,
+    last: Option<Newest>,
 }
+
+/// The newest moment: its episode, the actions up to it, whether the room is in it, and what is there.
+type Newest = (EpisodeKey, usize, bool, Box<ShownEpisode>, Box<ShownSolids>);
 
 impl Session {
     async fn serve(mut self, upgrade: OnUpgrade, _place: OwnedSemaphorePermit) {
