@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up test chaos soak lint check-deploy doc deny fuzz sanitize bench-peers \
+.PHONY: help setup build install uninstall up test chaos soak lint check-deploy doc book examples deny fuzz sanitize bench-peers \
 	bench-learner bench-wire bench-view check-determinism \
 	python test-python bench-python
 # Cargo uses all cores by itself; targets run one after the other also under -j.
@@ -28,7 +28,10 @@ help:
 	@echo 'make test-python   build it and run its tests; make bench-python measures it beside Gymnasium'
 	@echo 'make lint    formatting and clippy, warnings are errors; and check-deploy'
 	@echo 'make check-deploy   the image, manifests, service unit and shell scripts; STRICT=yes: what cannot be checked is an error'
-	@echo 'make doc     the API documentation, warnings are errors'
+	@echo 'make doc     the API documentation, warnings are errors; and the book'
+	@echo 'make book    the book of docs/ as a site, target/book/index.html, and all its links checked (seconds)'
+	@echo 'make examples'
+	@echo '             apply the examples of docs/own-parts.md to a copy of the sources, and compile it'
 	@echo 'make deny    licences, duplicates, sources and advisories of the dependencies; STRICT=yes: an advisory is an error'
 	@echo 'make fuzz    let libFuzzer loose on all that reads files or payloads of others, ten minutes each;'
 	@echo '             SECONDS=60 TARGETS="scene recording" fuzzes less'
@@ -115,6 +118,15 @@ check-deploy:
 
 doc: setup
 	RUSTDOCFLAGS='-D warnings' cargo doc --no-deps --release --workspace --locked
+	@STRICT='$(STRICT)' deploy/book
+
+# mdBook is fetched if it is not there (5 MB, once).
+book:
+	@STRICT='$(STRICT)' deploy/book
+
+# Quick after `make lint`, which has checked the dependencies.
+examples: setup
+	@deploy/examples
 
 # cargo-deny is fetched if it is not there (seconds); without a network everything but advisories is checked.
 deny:

@@ -106,6 +106,25 @@ mod tests {
         assert!(![-0.0009, 0.0, 0.5].into_iter().any(disturbed));
     }
 
+    // ANCHOR: count
+    /// The example of docs/own-parts.md: r less a price for each action that disturbs something.
+    fn r_count(parts: &RewardParts, price: f32) -> f32 {
+        parts.compose(RewardKind::Task, 0.0) - price * f32::from(u8::from(parts.disturbed()))
+    }
+
+    #[test]
+    fn a_reward_by_count_takes_its_price_once_whatever_the_distance() {
+        let after = |disturbance_progress_m| {
+            let parts = RewardParts { disturbance_progress_m, ..RewardParts::default() };
+            r_count(&parts, 0.5)
+        };
+        let undisturbed = after(0.0);
+        assert_eq!([after(-0.002), after(-3.0)], [undisturbed - 0.5; 2]);
+        // Putting something back earns nothing, and a tremble below the threshold costs nothing.
+        assert_eq!([after(3.0), after(-0.0005)], [undisturbed; 2]);
+    }
+    // ANCHOR_END: count
+
     #[test]
     fn r_prime_and_the_lagrangian_add_only_the_disturbance_term() {
         let parts = RewardParts {

@@ -11,6 +11,8 @@ mod cpca;
 mod disturb;
 mod inverse_dynamics;
 mod query;
+#[cfg(test)]
+mod reward_prediction;
 mod task;
 
 pub use cpca::Cpca;

@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod before_and_after;
+mod book;
 mod budget;
 mod evaluation;
 mod figures;

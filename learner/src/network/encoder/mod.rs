@@ -2,6 +2,8 @@
 //! sizes in `proto::config::Encoder`.
 
 mod cnn;
+#[cfg(test)]
+mod patchwork;
 mod resnet;
 mod visual;
 

@@ -1,0 +1,64 @@
+//! The book in `docs/`, which mdBook makes a site of, as data for tests: its pages, their code blocks, and the page of
+//! all settings as it has to be.
+//!
+//! Every block of shell commands says what becomes of it: `sh,run` is run as it stands, `sh,run=small` with a tiny
+//! network and few frames for `orchestrator up`, `sh,norun=REASON` is not run.
+
+mod block;
+mod page;
+mod settings;
+mod types;
+
+pub use block::{Block, How, REASONS};
+pub use page::{Page, links, pages};
+pub use settings::settings_page;
+pub use types::Types;
+
+use std::path::{Path, PathBuf};
+
+/// Why the book cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum BookError {
+    /// A file cannot be read.
+    #[error("{path}: {cause}")]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// A source is no Rust.
+    #[error("{path}: {cause}")]
+    NoRust {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        cause: syn::Error,
+    },
+    /// A type of the configuration is not among the sources.
+    #[error("no source defines the type `{0}`")]
+    NoType(String),
+    /// A setting has a type that the page has no words for.
+    #[error("`{key}` is of type `{kind}`, for which there are no words here: name it in settings.rs")]
+    NoWords {
+        /// The setting.
+        key: String,
+        /// Its type.
+        kind: String,
+    },
+    /// What is included is not there.
+    #[error("{page} includes {target}, where there is no anchor `{anchor}`")]
+    NoAnchor {
+        /// The page.
+        page: String,
+        /// The file.
+        target: String,
+        /// The anchor.
+        anchor: String,
+    },
+}
+
+/// Reads a text.
+fn read(path: &Path) -> Result<String, BookError> {
+    std::fs::read_to_string(path).map_err(|cause| BookError::Unreadable { path: path.to_owned(), cause })
+}

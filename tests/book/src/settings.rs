@@ -1,0 +1,203 @@
+//! The page of all settings, from the types of the configuration: names, documentation and types from the sources,
+//! defaults and ranges from the configuration itself. A range is what the configuration answers when it is given values
+//! out of it.
+
+use crate::types::Field;
+use crate::{BookError, Types};
+use proto::config::{Config, ConfigError, Setting};
+use std::fmt::Write;
+use toml::{Table, Value};
+
+const HEAD: &str = "\
+# All settings
+
+This page is made from the sources: `cargo test --release --workspace --test pages` compares it, and says how to renew
+it. Defaults are those of preset `paper`; `orchestrator config PRESET` prints those of another one. A key is given in a
+file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`.
+
+";
+
+/// Tables that programs write, and what writes them.
+const WRITTEN: [(&str, &str); 2] = [("from", "`orchestrator up --from`"), ("evaluation", "`orchestrator eval`")];
+
+/// The page. `types` has those of the configuration.
+pub fn settings_page(types: &Types) -> Result<String, BookError> {
+    let default: Table = Config::default().to_toml().parse().unwrap_or_default();
+    let mut page = HEAD.to_owned();
+    let mut pending = vec![(String::new(), "Config".to_owned())];
+    while let Some((path, name)) = pending.pop() {
+        let heading = if path.is_empty() { "At the top".to_owned() } else { format!("`[{path}]`") };
+        let heading = if path == "stages" { "`[[stages]]`".to_owned() } else { heading };
+        let _ = write!(page, "## {heading}\n\n{}\n\n", sentence(&types.doc_of(&name)?));
+        if let Some((_, writer)) = WRITTEN.iter().find(|(table, _)| *table == path) {
+            let _ = write!(page, "Written by {writer}, and not by hand.\n\n");
+        }
+        let mut rows = String::new();
+        let mut inner = vec![];
+        for field in types.fields(&name)? {
+            let key = if path.is_empty() { field.name.clone() } else { format!("{path}.{}", field.name) };
+            let table = types.is_struct(within(&field.kind)) && within(&field.kind) != "KitchenRange";
+            if table {
+                inner.push((key, within(&field.kind).to_owned()));
+            } else {
+                rows += &row(types, &default, &key, &field)?;
+            }
+        }
+        if !rows.is_empty() {
+            let _ = write!(page, "| key | type | unit | default | allowed | |\n|---|---|---|---|---|---|\n{rows}\n");
+        }
+        pending.extend(inner.into_iter().rev());
+    }
+    page.truncate(page.trim_end().len());
+    page.push('\n');
+    Ok(page)
+}
+
+/// What is inside of an `Option` or a `Vec`.
+fn within(kind: &str) -> &str {
+    let inner = ["Option<", "Vec<"].iter().find_map(|outer| kind.strip_prefix(outer)?.strip_suffix('>'));
+    inner.map_or(kind, within)
+}
+
+/// A line of a table.
+fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<String, BookError> {
+    let variants = types.variants(within(&field.kind)).filter(|_| !field.kind.starts_with("Vec<Vec"));
+    let kind = match (within(&field.kind), &variants) {
+        (_, Some(_)) => "word",
+        ("u32" | "u64", _) => "whole number",
+        ("f32" | "f64", _) => "number",
+        ("bool", _) => "true or false",
+        ("String", _) if field.kind.starts_with("Vec") => "list of texts",
+        ("String", _) => "text",
+        ("Pin", _) => "true, false or list of whole numbers",
+        ("KitchenRange", _) => "range",
+        ("TargetCategory", _) => "lists of categories",
+        (other, _) => return Err(BookError::NoWords { key: key.to_owned(), kind: other.to_owned() }),
+    };
+    let mut what = sentence(&field.doc);
+    let allowed = if let Some(variants) = &variants {
+        for (name, doc) in variants.iter().filter(|(_, doc)| !doc.is_empty()) {
+            let _ = write!(what, " `{name}`: {}", sentence(doc));
+        }
+        variants.iter().map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+    } else {
+        for meaning in types.meanings(within(&field.kind)) {
+            let _ = write!(what, " {}", sentence(&meaning));
+        }
+        allowed(key, within(&field.kind), &field.kind)
+    };
+    let name = key.rsplit('.').next().unwrap_or_default();
+    let cells = [&format!("`{name}`"), kind, unit(name), &shown(default, key, &field.kind), &allowed, &what];
+    Ok(format!("| {} |\n", cells.map(|cell| cell.replace('|', "\\|")).join(" | ")))
+}
+
+/// A text that ends in a full stop.
+fn sentence(text: &str) -> String {
+    let text = text.trim();
+    if text.is_empty() || text.ends_with(['.', ':']) { text.to_owned() } else { format!("{text}.") }
+}
+
+/// The unit that a name carries.
+fn unit(name: &str) -> &'static str {
+    let endings = [
+        ("_s", "seconds"),
+        ("_m", "metres"),
+        ("bytes", "bytes"),
+        ("frames", "frames"),
+        ("steps", "steps"),
+        ("episodes", "episodes"),
+        ("episodes_each", "episodes"),
+        ("share", "share"),
+    ];
+    endings.iter().find(|(ending, _)| name.ends_with(ending)).map_or("", |(_, unit)| *unit)
+}
+
+/// The default as TOML.
+fn shown(default: &Table, key: &str, kind: &str) -> String {
+    let mut value = Some(&Value::Table(default.clone())).cloned();
+    for name in key.split('.') {
+        value = match value {
+            Some(Value::Table(table)) => table.get(name).cloned(),
+            Some(Value::Array(list)) => {
+                let each = list.iter().filter_map(|item| item.get(name).cloned());
+                return each.map(|value| format!("`{value}`")).collect::<Vec<_>>().join(", then ");
+            }
+            _ => None,
+        };
+    }
+    match value {
+        None => String::new(),
+        // The digits that the type has, and no more.
+        Some(Value::Float(number)) if kind == "f32" => format!("`{:?}`", number as f32),
+        Some(value) => format!("`{value}`"),
+    }
+}
+
+/// What the configuration answers to values that are out of range.
+fn allowed(key: &str, kind: &str, whole_kind: &str) -> String {
+    let mut answers: Vec<String> = vec![];
+    for value in attempts(kind, whole_kind) {
+        let (key_set, value) = match key.strip_prefix("stages.") {
+            None => (key, value),
+            Some(name) => {
+                let mut stage: Table = "name = \"I\"\nreward = \"r\"\nframes = 10".parse().unwrap_or_default();
+                stage.insert(name.to_owned(), value);
+                ("stages", Value::Array(vec![Value::Table(stage)]))
+            }
+        };
+        let Ok(setting) = Setting::new(key_set, value) else { continue };
+        let Err(ConfigError::OutOfRange { key: named, problem, .. }) = Config::resolve_set("paper", None, &[setting])
+        else {
+            continue;
+        };
+        let answer = problem.strip_prefix("must be ").unwrap_or(problem).to_owned();
+        if named == key && !answers.contains(&answer) {
+            answers.push(answer);
+        }
+    }
+    if !answers.is_empty() {
+        return answers.join("; ");
+    }
+    let free = match kind {
+        "u32" | "u64" => "0 or greater",
+        _ => "",
+    };
+    free.to_owned()
+}
+
+/// Values that are out of most ranges.
+fn attempts(kind: &str, whole_kind: &str) -> Vec<Value> {
+    let numbers = |list: &[i64]| list.iter().copied().map(Value::Integer).collect::<Vec<_>>();
+    match kind {
+        "u32" | "u64" => numbers(&[0, 1, 3, 7, 600, 5000, 100_000, 2_000_000, i64::from(u32::MAX), 1 << 60, i64::MAX]),
+        "f32" | "f64" => [-1.0, 0.0, 0.3, 1.5, 1e9, f64::NAN, f64::INFINITY].map(Value::Float).to_vec(),
+        "bool" => vec![Value::Boolean(false), Value::Boolean(true)],
+        "String" if whole_kind.starts_with("Vec") => vec![Value::Array(vec![Value::String("a".into()); 200])],
+        "Pin" => [&[][..], &[5000], &[1, 1]].map(|list| Value::Array(numbers(list))).to_vec(),
+        _ => vec![],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_what_the_configuration_answers() {
+        assert_eq!(allowed("ppo.epochs", "u32", "u32"), "1 to 64");
+        assert_eq!(allowed("ppo.clip", "f64", "f64"), "greater than 0");
+        assert_eq!(allowed("network.input_pool", "u32", "u32"), "1, 2 or 4");
+        assert!(allowed("stages.frames", "u64", "u64").contains("at least one frame"));
+        assert_eq!(allowed("seed", "u64", "u64"), "0 or greater");
+        assert!(allowed("scenes", "String", "Vec<String>").contains("128"));
+    }
+
+    #[test]
+    fn defaults_have_the_digits_of_their_type() {
+        let default: Table = Config::default().to_toml().parse().unwrap();
+        assert_eq!(shown(&default, "simulation.timestep_s", "f32"), "`0.016666668`");
+        assert_eq!(shown(&default, "ppo.epochs", "u32"), "`4`");
+        assert_eq!(shown(&default, "stages.name", "String"), "`\"I\"`, then `\"II\"`");
+        assert_eq!(shown(&default, "evaluation.episodes", "u32"), "");
+    }
+}
