@@ -7,6 +7,7 @@ pub mod check;
 pub mod episodes;
 pub mod export;
 pub mod figures;
+pub mod harvest;
 pub mod kitchen_export;
 pub mod oracle_table;
 pub mod parallel;

@@ -44,12 +44,12 @@ pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
         ensure!((1..=SIDE_MAX).contains(&images.side), "images are 1 to {SIDE_MAX} pixels wide, not {}", images.side);
     }
     let folder = PathBuf::from(setup.folder.unwrap_or_default());
-    let mut theatre = Theatre { config, folder, images: setup.images, kitchens: BTreeMap::new(), stage: None };
+    let mut theatre = Theatre::new(config.clone(), folder);
     for (number, line) in lines.enumerate() {
         let line = line.context("cannot read an episode")?;
         let episode: RecordedEpisode =
             serde_json::from_str(&line).with_context(|| format!("line {} is not an episode", number + 2))?;
-        let verdict = theatre.perform(&episode)?;
+        let verdict = perform(&mut theatre, setup.images.as_ref(), &config, &episode)?;
         serde_json::to_writer(&mut output, &verdict).context("cannot write a verdict")?;
         output.write_all(b"\n").and_then(|()| output.flush()).context("cannot write a verdict")?;
     }
@@ -57,20 +57,35 @@ pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
 }
 
 /// Kitchens as they are needed, and the environment that was used last: episodes of one environment come in a row.
-struct Theatre {
+pub(crate) struct Theatre {
+    /// Under which the episodes were recorded.
     config: Config,
     /// The run folder: scenes are named relative to it.
     folder: PathBuf,
-    images: Option<ReplayImages>,
     kitchens: BTreeMap<KitchenId, (Arc<Kitchen>, Programme, DepthCamera)>,
     stage: Option<(EnvironmentId, Environment)>,
 }
 
+/// An environment at the start of an episode.
+pub(crate) struct Stage<'a> {
+    /// The environment.
+    pub environment: &'a mut Environment,
+    /// A camera for its kitchen.
+    pub camera: &'a mut DepthCamera,
+    /// In an evaluation: number of the fixed episode, as in the table of episodes.
+    pub fixed: Option<u32>,
+}
+
 impl Theatre {
-    fn perform(&mut self, recorded: &RecordedEpisode) -> Result<ReplayVerdict> {
+    /// For episodes that were recorded under this configuration, in the run of this folder.
+    pub fn new(config: Config, folder: PathBuf) -> Self {
+        Self { config, folder, kitchens: BTreeMap::new(), stage: None }
+    }
+
+    /// The environment of an episode, at its start.
+    pub fn open(&mut self, recorded: &RecordedEpisode) -> Result<Stage<'_>> {
         let id = recorded.environment;
         whereabouts::enter(id, recorded.episode);
-        check_lengths(recorded)?;
         if !self.kitchens.contains_key(&id.kitchen) {
             // Episodes in one kitchen come in a row, and procedural kitchens are too many to keep.
             self.kitchens.retain(|kitchen, _| !kitchen.is_procedural());
@@ -86,26 +101,36 @@ impl Theatre {
         }
         let (_, environment) = self.stage.as_mut().context("the environment was just put there")?;
         programme.start(environment, id, recorded.episode);
+        Ok(Stage { environment, camera, fixed: programme.dealt(id, recorded.episode) })
+    }
+}
 
+impl Stage<'_> {
+    /// Takes the recorded actions, and compares all that was recorded on the way. `watch` is called at the start, and
+    /// after each action with what it did.
+    pub fn play(
+        &mut self,
+        recorded: &RecordedEpisode,
+        config: &Config,
+        mut watch: impl FnMut(&mut Environment, &mut DepthCamera, Option<Transition>) -> Result<()>,
+    ) -> Result<ReplayVerdict> {
+        check_lengths(recorded)?;
+        let Self { environment, camera, .. } = self;
+        let (environment, camera) = (&mut **environment, &mut **camera);
         let mut verdict = ReplayVerdict {
-            environment: id,
+            environment: recorded.environment,
             episode: recorded.episode,
             compared: 0,
             first_difference: None,
             images: 0,
         };
-        let played =
-            Played { environment: id, episode: recorded.episode, fixed: programme.dealt(id, recorded.episode) };
-        let mut film = self.images.as_ref().map(|_| Film::new(played));
         if let Some(hash) = recorded.start_hash {
             compare(&mut verdict, 0, hash, environment.state_hash());
         }
         if recorded.start.is_some_and(|start| start != start_of(environment)) {
             differ(&mut verdict, 0, Aspect::Start);
         }
-        if let Some(film) = &mut film {
-            film.keep(environment, None);
-        }
+        watch(environment, camera, None)?;
         for (step, (&index, &hash)) in recorded.actions.iter().zip(&recorded.hashes).enumerate() {
             let action =
                 Action::from_index(index).with_context(|| format!("step {step}: there is no action {index}"))?;
@@ -116,26 +141,43 @@ impl Theatre {
             let taken = step as u64 + 1;
             compare(&mut verdict, taken, hash, transition.state_hash);
             if let Some(digests) = recorded.steps.get(step) {
-                let simulated = digests_of(&transition, &self.config);
+                let simulated = digests_of(&transition, config);
                 let aspects = STEP_ASPECTS.into_iter().zip(digests.iter().zip(&simulated));
                 for (aspect, _) in aspects.filter(|(_, (recorded, simulated))| recorded != simulated) {
                     differ(&mut verdict, taken, aspect);
                 }
             }
-            if let Some(film) = &mut film {
-                film.keep(environment, Some(transition));
-            }
+            watch(environment, camera, Some(transition))?;
             if transition.flags & transition_flag::ENDED != 0 && step + 1 < recorded.actions.len() {
                 // The recorded episode went on: whatever comes now differs.
                 differ(&mut verdict, taken + 1, Aspect::Length);
                 break;
             }
         }
-        if let (Some(film), Some(images)) = (film, &self.images) {
-            verdict.images = film.develop(images, environment, camera)?;
-        }
         Ok(verdict)
     }
+}
+
+/// Simulates an episode, and draws it if that is asked for.
+fn perform(
+    theatre: &mut Theatre,
+    images: Option<&ReplayImages>,
+    config: &Config,
+    recorded: &RecordedEpisode,
+) -> Result<ReplayVerdict> {
+    let mut stage = theatre.open(recorded)?;
+    let played = Played { environment: recorded.environment, episode: recorded.episode, fixed: stage.fixed };
+    let mut film = images.map(|_| Film::new(played));
+    let mut verdict = stage.play(recorded, config, |environment, _, transition| {
+        if let Some(film) = &mut film {
+            film.keep(environment, transition);
+        }
+        Ok(())
+    })?;
+    if let (Some(film), Some(images)) = (film, images) {
+        verdict.images = film.develop(images, stage.environment, stage.camera)?;
+    }
+    Ok(verdict)
 }
 
 /// Digest of what the goal sensor reads now.
@@ -153,9 +195,13 @@ fn start_of(environment: &Environment) -> u32 {
 
 /// Digests of a step as a recorder would have recorded it.
 fn digests_of(transition: &Transition, config: &Config) -> [u32; STEP_ASPECTS.len()] {
-    let rewards = [RewardKind::Task, RewardKind::DisturbanceFree]
-        .map(|kind| transition.reward.compose(kind, config.reward.lambda_disturb));
-    step_digests(transition, rewards)
+    step_digests(transition, rewards(transition, config))
+}
+
+/// r and r′ of a step.
+pub(crate) fn rewards(transition: &Transition, config: &Config) -> [f32; 2] {
+    [RewardKind::Task, RewardKind::DisturbanceFree]
+        .map(|kind| transition.reward.compose(kind, config.reward.lambda_disturb))
 }
 
 /// Everything of an episode is of its length, or not there.

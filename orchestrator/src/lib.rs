@@ -109,7 +109,7 @@ pub fn main() -> ExitCode {
         Command::Import(args) => command::import::run(args).map(done),
         Command::Kitchens(args) => command::kitchens::run(args).map(done),
         Command::Replay(args) => command::replay::run(args),
-        Command::Export(args) => command::export::run(args).map(done),
+        Command::Export(args) => command::export::run(args),
         Command::Recover(args) => command::recover::run(args),
         Command::Clean(args) => command::clean::run(args).map(done),
         Command::Doctor(args) => command::doctor::run(args),

@@ -19,6 +19,7 @@ pub mod bounded;
 pub mod camera;
 pub mod checkpoint;
 pub mod config;
+pub mod dataset;
 pub mod device;
 pub mod digest;
 pub mod disk;

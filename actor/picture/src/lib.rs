@@ -37,6 +37,6 @@ mod visible;
 pub use canvas::{Canvas, PictureError, Rgb};
 pub use moment::{Moment, Task, Words};
 pub use outside::Orbit;
-pub use scene::Scene;
+pub use scene::{Scene, Standpoint};
 pub use storyboard::Storyboard;
 pub use view::Views;

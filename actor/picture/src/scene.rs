@@ -11,7 +11,7 @@ use super::palette;
 use super::shade::Exposure;
 use super::sky::{Dome, Lit};
 use super::storyboard::PAPER;
-use super::view::PlanFrame;
+use super::view::{PlanFrame, robot_camera};
 use super::visible::Visible;
 use proto::show::ShownSolid;
 use rapier3d::math::{Pose3, Vec3};
@@ -32,6 +32,15 @@ const SLACK_M: f32 = 0.005;
 const LAMPS: usize = 24;
 /// Light on an upright surface in a draft, as a share of that on a floor.
 const DRAFT_SIDE_LIGHT: f32 = 0.6;
+
+/// From where a photograph is taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Standpoint {
+    /// The robot's camera, which stands in its body: that is not in the picture.
+    Robot,
+    /// From outside.
+    Outside(Orbit),
+}
 
 /// What all pictures of one episode have in common.
 pub struct Scene {
@@ -86,6 +95,19 @@ impl Scene {
         self.haunt(&mut picture, displaced, &camera, &depths_m);
         mark(&mut picture, &camera, &self.task, moment, |x, y| depths_m[y * width + x]);
         picture
+    }
+
+    /// The room as it is, without marks: what the robot's camera would see, or from outside.
+    pub fn photograph(&self, moment: &Moment, from: &Standpoint, side: usize) -> Canvas {
+        let (camera, body) = match from {
+            Standpoint::Robot => (robot_camera(moment.world_from_camera), false),
+            Standpoint::Outside(orbit) => (orbit.camera(), true),
+        };
+        let mut model = self.fixed.clone();
+        model.add_things(&self.kitchen, &moment.things, |_| None);
+        model.add_robot(&moment.robot, body);
+        // Soft light would take most of a second a picture, and a data set has thousands.
+        self.develop(Exposure::take(&model, &camera, side, side, PAPER), false)
     }
 
     /// The floor plan at the start, without the robot.

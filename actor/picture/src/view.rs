@@ -47,7 +47,7 @@ impl Views {
         whole.add_robot(&poses, true);
         seen.add_robot(&poses, false);
         let plan = Exposure::take(&whole, &plan_camera(&whole), side, side, paper);
-        let robot = Exposure::take(&seen, &robot_camera(&configuration), side, side, paper);
+        let robot = Exposure::take(&seen, &robot_camera(pose_of(&configuration)), side, side, paper);
         let waiting: Vec<Lit> = plan.waiting().chain(robot.waiting()).collect();
         let mut light = sky::light(&seen, &waiting).into_iter();
         Some(Self { plan: plan.develop(&mut light), robot: robot.develop(&mut light) })
@@ -85,10 +85,14 @@ impl PlanFrame {
     }
 }
 
-/// The robot's own camera.
-fn robot_camera(configuration: &Configuration) -> Camera {
-    let pose = world_from_camera(&configuration.posture(), configuration.camera_pitch_rad());
-    Camera::new(pose, Projection::Central { tan_half_width: TAN_HALF_FIELD_OF_VIEW }, NEAR_M)
+/// Where the robot's own camera is.
+fn pose_of(configuration: &Configuration) -> Pose3 {
+    world_from_camera(&configuration.posture(), configuration.camera_pitch_rad())
+}
+
+/// The robot's own camera in this pose.
+pub fn robot_camera(world_from_camera: Pose3) -> Camera {
+    Camera::new(world_from_camera, Projection::Central { tan_half_width: TAN_HALF_FIELD_OF_VIEW }, NEAR_M)
 }
 
 /// Among start poses spread over the kitchen, the one from which the robot sees the most things.
@@ -100,7 +104,7 @@ fn best_look(kitchen: &Kitchen, model: &Model) -> Option<Configuration> {
         let mut configuration = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
         configuration.look_ticks = LOOK_TICKS;
         configuration.height_ticks = ARM_HEIGHT_TICKS;
-        let camera = robot_camera(&configuration);
+        let camera = robot_camera(pose_of(&configuration));
         let visible = Visible::draw(&camera, TRIAL_SIDE, TRIAL_SIDE, (0..).zip(model.corners()));
         let mut pixels = vec![0usize; model.colours.len()];
         let mut too_near = 0usize;

@@ -9,14 +9,17 @@ mod soak;
 
 pub use rollout::RolloutArgs;
 
-use actor::{episodes, oracle_table, replay, show};
+use actor::{episodes, harvest, oracle_table, replay, show};
 use anyhow::Result;
+use std::io::BufReader;
 
 /// What else the program can do.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// Re-simulate recorded episodes: reads them from standard input, writes verdicts to standard output.
     Replay,
+    /// Re-simulate recorded episodes and write them as a data set: `orchestrator export` calls this.
+    Dataset,
     /// Re-simulate episodes and draw them from any camera: `orchestrator view` calls this.
     Show,
     /// Look at kitchens: pictures, scene files, figures beside iTHOR's.
@@ -44,6 +47,7 @@ pub enum Command {
 pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Replay => replay::run(std::io::stdin().lock(), std::io::stdout().lock()),
+        Command::Dataset => harvest::run(BufReader::new(std::io::stdin()), std::io::stdout().lock()),
         Command::Show => show::run(std::io::stdin().lock(), std::io::stdout().lock()),
         Command::Kitchens(command) => kitchens::run(command),
         Command::Check(args) => check::run(args),

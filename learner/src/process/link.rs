@@ -215,7 +215,10 @@ mod tests {
     use wire::WireHost;
 
     /// An actor that goes on writing into a sample that it has sent: what was checked is what is used.
+    // As large as what is sent.
+    #[allow(clippy::large_stack_arrays)]
     #[test]
+    #[expect(clippy::large_stack_arrays, reason = "one frame")]
     fn what_was_received_stays_as_it_was_whatever_its_sender_writes() {
         let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 2 };
         let address = WireAddress::new(&format!("testlink{}", std::process::id()), 1);

@@ -1,62 +1,132 @@
-//! `orchestrator export`: a policy for other programs.
+//! `orchestrator export`: a policy for other programs, or recorded episodes as a data set.
 
+use crate::command::choice::{Choice, Chosen, nothing_in};
 use crate::evaluation::subject::find;
+use crate::recording::episodes::Recorded;
+use crate::recording::harvest::{Harvest, harvest};
 use crate::showing::format::{bytes, counted};
 use crate::showing::terminal;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use export::Policy;
+use proto::dataset::{DatasetFormat, DatasetRequest, DatasetSetup, Keep, PictureKind};
+use proto::exit::EXIT_INCOMPLETE;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
-/// Write a policy for other programs: an ONNX model, or its weights alone
+/// Write a policy (an ONNX model, or weights alone) or recorded episodes (LeRobot, Parquet, NumPy) for other programs
 ///
 /// The model takes what environments give (depth in millimetres, goals in metres, the last action, the belief) and
-/// gives log-probabilities, values and beliefs; a page beside it says inputs, outputs and units. Nothing that
-/// is there is replaced.
+/// gives log-probabilities, values and beliefs. Episodes are simulated again from their recorded actions: so they have
+/// depth frames, and pictures if asked for. Nothing is written if any state differs from the recorded one. A page
+/// beside the file or in the folder says names, shapes and units. Nothing that is there is replaced.
+// It is help for people: names are without backticks.
+#[allow(clippy::doc_markdown)]
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator export runs/a --out policy.onnx               its newest checkpoint; policy.md says how to use it
   orchestrator export runs/a/best --format safetensors --out policy.safetensors
-  orchestrator export runs/a/checkpoints/rollout-00000120.json --out policy.onnx")]
+  orchestrator export runs/a/checkpoints/rollout-00000120.json --out policy.onnx
+  orchestrator export runs/a --format lerobot --only success --out episodes    a LeRobotDataset v3 of its successes
+  orchestrator export EVALUATION --format parquet --kitchen 26 --out tables     steps.parquet and episodes.parquet
+  orchestrator export runs/a/recordings/incarnation-001.000.mcap --format npz --pictures robot,outside --limit 10 --out arrays
+
+Exit status: 0 if all is written, 1 if nothing is, 6 if episodes are written but the recordings are damaged or not complete.")]
 pub struct ExportArgs {
-    /// Run folder (its newest checkpoint), RUN/best, or a checkpoint's manifest
-    #[arg(value_name = "RUN|CHECKPOINT")]
-    subject: PathBuf,
+    /// A policy: run folder (its newest checkpoint), RUN/best, or a checkpoint's manifest. Episodes: recordings (.mcap), or
+    /// folders of runs or evaluations
+    #[arg(required = true, value_name = "RUN|CHECKPOINT|FILE")]
+    subjects: Vec<PathBuf>,
     /// onnx: a model for onnxruntime and others (operators of version 17); safetensors: the weights, float32, under
-    /// PyTorch's module paths
+    /// PyTorch's module paths; lerobot: a LeRobotDataset v3; parquet: two tables, steps and episodes; npz: an archive of
+    /// NumPy an episode
     #[arg(long, default_value = "onnx")]
     format: Format,
-    /// The file
-    #[arg(short, long, value_name = "FILE")]
+    /// The file, or the folder of episodes
+    #[arg(short, long, value_name = "FILE|DIR")]
     out: PathBuf,
+    #[command(flatten, next_help_heading = "Episodes")]
+    episodes: EpisodeArgs,
+}
+
+#[derive(Debug, clap::Args)]
+struct EpisodeArgs {
+    #[command(flatten)]
+    choice: Choice,
+    /// Only successes, or only those of them that disturbed nothing
+    #[arg(long, value_name = "WHICH")]
+    only: Option<Only>,
+    /// At most this many episodes
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    limit: Option<u64>,
+    /// Pictures in colour beside the depth frames: what the robot's camera would see, the room from outside
+    #[arg(long, value_name = "WHICH,...", value_delimiter = ',')]
+    pictures: Vec<Picture>,
+    /// Width and height of these pictures, pixels [default: 224]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(8..=1024), requires = "pictures")]
+    side: Option<u32>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Format {
     Onnx,
     Safetensors,
+    Lerobot,
+    Parquet,
+    Npz,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Only {
+    Success,
+    Undisturbed,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Picture {
+    Robot,
+    Outside,
+}
+
+impl EpisodeArgs {
+    fn is_empty(&self) -> bool {
+        self.choice.is_all() && self.only.is_none() && self.limit.is_none() && self.pictures.is_empty()
+    }
 }
 
 /// Runs the command.
-pub fn run(args: &ExportArgs) -> Result<()> {
+pub fn run(args: &ExportArgs) -> Result<ExitCode> {
+    let format = match args.format {
+        Format::Onnx | Format::Safetensors => return export_policy(args).map(|()| ExitCode::SUCCESS),
+        Format::Lerobot => DatasetFormat::LeRobot,
+        Format::Parquet => DatasetFormat::Parquet,
+        Format::Npz => DatasetFormat::Npz,
+    };
+    export_episodes(args, format)
+}
+
+fn export_policy(args: &ExportArgs) -> Result<()> {
+    let [subject] = &args.subjects[..] else {
+        bail!("a policy is exported from one run or checkpoint, not from {}", args.subjects.len());
+    };
+    ensure!(
+        args.episodes.is_empty(),
+        "--kitchen, --environment, --episode, --only, --limit and --pictures choose episodes: give --format lerobot, \
+         parquet or npz with them"
+    );
     let out = &args.out;
     let page = out.with_extension("md");
     free(out)?;
-    let found = find(&args.subject)?;
+    let found = find(subject)?;
     let policy = Policy::read(&found.manifest, found.config)?;
-    match args.format {
-        Format::Safetensors => policy.save(out)?,
-        Format::Onnx => {
-            ensure!(
-                page != *out,
-                "--out {}: the page about the model has this name; call it policy.onnx",
-                out.display()
-            );
-            free(&page)?;
-            let model = export::onnx(&policy)?;
-            let name = out.file_name().unwrap_or_default().to_string_lossy();
-            write(&page, export::guide(&policy, &name).as_bytes())?;
-            write(out, &model)?;
-        }
+    if args.format == Format::Safetensors {
+        policy.save(out)?;
+    } else {
+        ensure!(page != *out, "--out {}: the page about the model has this name; call it policy.onnx", out.display());
+        free(&page)?;
+        let model = export::onnx(&policy)?;
+        let name = out.file_name().unwrap_or_default().to_string_lossy();
+        write(&page, export::guide(&policy, &name).as_bytes())?;
+        write(out, &model)?;
     }
     let size = std::fs::metadata(out).map_or(0, |file| file.len());
     terminal::out(&format!(
@@ -70,6 +140,66 @@ pub fn run(args: &ExportArgs) -> Result<()> {
         terminal::out(&format!("{} says what it takes and gives", page.display()));
     }
     Ok(())
+}
+
+fn export_episodes(args: &ExportArgs, format: DatasetFormat) -> Result<ExitCode> {
+    // Before recordings are read for minutes.
+    free(&args.out)?;
+    let EpisodeArgs { choice, only, limit, pictures, side } = &args.episodes;
+    let Chosen { recorded, files, incomplete, folder } = choice.gather(&args.subjects)?;
+    let Recorded { configs, episodes, config_of, steps, .. } = recorded;
+    ensure!(!episodes.is_empty(), "{}", nothing_in(&files, steps));
+    let mut kinds: Vec<PictureKind> = pictures
+        .iter()
+        .map(|picture| match picture {
+            Picture::Robot => PictureKind::Robot,
+            Picture::Outside => PictureKind::Outside,
+        })
+        .collect();
+    kinds.sort_unstable();
+    kinds.dedup();
+    let out = std::path::absolute(&args.out)?;
+    let setup = DatasetSetup {
+        configs,
+        folder,
+        out: out.to_str().context("--out has a name that is not text")?.to_owned(),
+        format,
+        pictures: kinds,
+        side_px: side.unwrap_or(proto::camera::FRAME_SIDE as u32),
+        keep: match only {
+            None => Keep::Ended,
+            Some(Only::Success) => Keep::Successes,
+            Some(Only::Undisturbed) => Keep::Undisturbed,
+        },
+        limit: *limit,
+        episodes: episodes.len() as u64,
+    };
+    let requests = config_of.into_iter().zip(episodes);
+    let requests = requests.map(|(config, recorded)| DatasetRequest { config, recorded }).collect();
+    let Harvest { simulated, unfinished, compared, written } = harvest(setup, requests)?;
+    let Some([episodes, steps, size]) = written else {
+        bail!(
+            "none of {} is one to be kept (unfinished: {unfinished}); nothing is written",
+            counted(simulated, "episode")
+        );
+    };
+    terminal::out(&format!(
+        "{}: {}, {}, {}",
+        args.out.display(),
+        counted(episodes, "episode"),
+        counted(steps, "step"),
+        bytes(size)
+    ));
+    terminal::out(&format!("states compared: {compared}, all as recorded"));
+    if unfinished > 0 {
+        terminal::out(&format!("left out, because the recording ends before them: {}", counted(unfinished, "episode")));
+    }
+    terminal::out(&format!("{} says what is in it", args.out.join("README.md").display()));
+    if incomplete {
+        terminal::note("all that is there is exported, but the recordings are damaged or not complete: see above");
+        return Ok(ExitCode::from(EXIT_INCOMPLETE as u8));
+    }
+    Ok(ExitCode::SUCCESS)
 }
 
 fn free(path: &Path) -> Result<()> {

@@ -1,5 +1,6 @@
 //! One file a command: each reads its arguments, calls what does the work, and prints.
 
+mod choice;
 pub mod clean;
 pub mod compare;
 pub mod completions;

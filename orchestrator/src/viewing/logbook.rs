@@ -20,7 +20,7 @@ pub fn logs_of(folder: &RunFolder) -> Vec<(String, PathBuf)> {
 }
 
 /// Logs in one folder by the names of their processes.
-pub(super) fn logs_in(folder: &std::path::Path) -> Vec<(String, PathBuf)> {
+fn logs_in(folder: &std::path::Path) -> Vec<(String, PathBuf)> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let named = |path: PathBuf| Some((path.file_stem()?.to_str()?.to_owned(), path));
     let is_log = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "log");

@@ -1,6 +1,6 @@
 //! One run or evaluation that is looked at: what was read of it, so that only what is new is read again.
 
-use super::logbook::logs_in;
+use super::logbook::logs_of;
 use super::processes::{Process, Processes};
 use super::roster::Entry;
 use super::table;
@@ -375,7 +375,7 @@ impl Watched {
     }
 
     fn read_logs(&mut self) {
-        for (name, path) in logs_in(&self.folder.logs()) {
+        for (name, path) in logs_of(&self.folder) {
             self.logs.entry(name).or_insert_with(|| Log::of(path)).read();
         }
     }

@@ -12,6 +12,7 @@ from stillroom._stillroom import ACTIONS, FRAME_SIDE, TARGETS, Kitchen, Snapshot
 from stillroom.checkpoint import Checkpoint, load
 from stillroom.env import ArmPointNav
 from stillroom.oracle import Oracle, oracle
+from stillroom.run import Run, RunError, read_run
 from stillroom.vector import VectorEnv
 
 __all__ = [
@@ -22,12 +23,15 @@ __all__ = [
     "Checkpoint",
     "Kitchen",
     "Oracle",
+    "Run",
+    "RunError",
     "Snapshot",
     "VectorEnv",
     "__version__",
     "kitchens",
     "load",
     "oracle",
+    "read_run",
 ]
 
 gymnasium.register(

@@ -139,11 +139,11 @@ struct Session {
     desk: Desk,
     /// The kitchen whose room was sent whole.
     sent: Option<u32>,
-    last: Option<Moment>,
+    last: Option<LastMoment>,
 }
 
-/// The newest moment: its episode, the actions up to it, whether the room is in it, and what there is of it.
-type Moment = (EpisodeKey, usize, bool, Box<ShownEpisode>, Box<ShownSolids>);
+/// The newest moment: its episode, the actions up to it, whether the room is in it, and what is there.
+type LastMoment = (EpisodeKey, usize, bool, Box<ShownEpisode>, Box<ShownSolids>);
 
 impl Session {
     async fn serve(mut self, upgrade: OnUpgrade, _place: OwnedSemaphorePermit) {

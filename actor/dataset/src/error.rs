@@ -1,0 +1,54 @@
+//! What goes wrong where data sets are written.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why a data set was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// The folder is there.
+    #[error("{} exists; remove it or choose another --out", .0.display())]
+    Exists(PathBuf),
+    /// What an export that is running or was killed works in.
+    #[error("{} is there: another export writes it, or was killed; if none is running, remove it", .0.display())]
+    Partial(PathBuf),
+    /// The disk.
+    #[error("{} cannot be written", path.display())]
+    Disk {
+        /// File or folder.
+        path: PathBuf,
+        /// What is wrong.
+        source: io::Error,
+    },
+    /// A table.
+    #[error("{} cannot be written", path.display())]
+    Table {
+        /// Its file.
+        path: PathBuf,
+        /// What is wrong.
+        source: parquet::errors::ParquetError,
+    },
+    /// An archive.
+    #[error("{} cannot be written", path.display())]
+    Archive {
+        /// Its file.
+        path: PathBuf,
+        /// What is wrong.
+        source: zip::result::ZipError,
+    },
+    /// A picture.
+    #[error("a frame cannot be packed")]
+    Picture(#[source] png::EncodingError),
+}
+
+/// The disk's error at this path.
+pub(crate) fn disk(path: &Path, source: io::Error) -> DatasetError {
+    DatasetError::Disk { path: path.to_path_buf(), source }
+}
+
+/// Writes a whole file, and the folders above it.
+pub(crate) fn write(path: &Path, content: &[u8]) -> Result<(), DatasetError> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    fs::create_dir_all(folder).and_then(|()| fs::write(path, content)).map_err(|source| disk(path, source))
+}

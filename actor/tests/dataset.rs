@@ -1,0 +1,117 @@
+//! Episodes as `actor dataset` is given them.
+
+use actor::harvest::run;
+use anyhow::Result;
+use proto::action::Action;
+use proto::config::Config;
+use proto::dataset::{DatasetAnswer, DatasetFormat, DatasetRequest, DatasetSetup, Keep};
+use proto::episode::EnvironmentId;
+use proto::kitchen::KitchenId;
+use proto::replay::{Aspect, Difference, RecordedEpisode};
+use simulator::environment::Environment;
+use simulator::source;
+use std::path::Path;
+use std::sync::Arc;
+
+const WAY: [Action; 4] =
+    [Action::RotateRightContinuous, Action::MoveAheadContinuous, Action::LookDown, Action::DoneMidLevel];
+
+fn setup(out: &Path, format: DatasetFormat, episodes: u64) -> DatasetSetup {
+    DatasetSetup {
+        configs: vec![Config::default().to_toml()],
+        folder: None,
+        out: out.to_str().expect("text").to_owned(),
+        format,
+        pictures: Vec::new(),
+        side_px: 224,
+        keep: Keep::Ended,
+        limit: None,
+        episodes,
+    }
+}
+
+/// Episodes with these numbers, with their states as the recorder would have recorded them.
+fn episodes(numbers: std::ops::Range<u32>) -> Vec<RecordedEpisode> {
+    let config = Config::default();
+    let id = EnvironmentId { kitchen: KitchenId::new(1).expect("a kitchen"), number: 0 };
+    let kitchen = Arc::new(source::of_run(id.kitchen, &config, Path::new("")).expect("it can be built"));
+    let mut environment = Environment::new(kitchen, id, &config).expect("it can be made");
+    let mut record = |episode: u32| {
+        environment.start_episode(episode);
+        let start_hash = Some(environment.state_hash());
+        let hashes = WAY.iter().map(|&action| environment.step(action).state_hash).collect();
+        let actions = WAY.iter().map(|action| action.index()).collect();
+        let (goals, steps) = (Vec::new(), Vec::new());
+        RecordedEpisode { environment: id, episode, start_hash, actions, hashes, goals, start: None, steps }
+    };
+    numbers.map(&mut record).collect()
+}
+
+fn answers(setup: &DatasetSetup, episodes: &[RecordedEpisode]) -> (Result<()>, Vec<DatasetAnswer>) {
+    let mut input = serde_json::to_string(setup).expect("plain data");
+    for recorded in episodes {
+        let request = DatasetRequest { config: 0, recorded: recorded.clone() };
+        input = format!("{input}\n{}", serde_json::to_string(&request).expect("plain data"));
+    }
+    let mut output = Vec::new();
+    let outcome = run(input.as_bytes(), &mut output);
+    let output = String::from_utf8(output).expect("text");
+    (outcome, output.lines().map(|line| serde_json::from_str(line).expect("an answer")).collect())
+}
+
+fn is_empty(folder: &Path) -> bool {
+    std::fs::read_dir(folder).expect("a folder").next().is_none()
+}
+
+#[test]
+fn episodes_are_written_in_their_order_and_as_many_as_wanted() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut all = episodes(0..7);
+    // The recording ends before the episode does.
+    all[2].actions.truncate(2);
+    all[2].hashes.truncate(2);
+    let out = folder.path().join("all");
+    let (outcome, answers_of_all) = answers(&setup(&out, DatasetFormat::Npz, 7), &all);
+    outcome.unwrap();
+    let played = answers_of_all.iter().filter_map(|answer| match answer {
+        DatasetAnswer::Simulated { verdict, kept, unfinished } => Some((verdict.episode, *kept, *unfinished)),
+        _ => None,
+    });
+    let expected: Vec<_> = (0..7).map(|number| (number, number != 2, number == 2)).collect();
+    assert_eq!(played.collect::<Vec<_>>(), expected);
+    assert!(matches!(answers_of_all.last(), Some(DatasetAnswer::Written { episodes: 6, steps: 24, .. })));
+    assert!(out.join("episode-000005.npz").exists() && !out.join("episode-000006.npz").exists());
+
+    let limited = DatasetSetup { limit: Some(3), ..setup(&folder.path().join("three"), DatasetFormat::Parquet, 7) };
+    let (outcome, three) = answers(&limited, &all);
+    outcome.unwrap();
+    assert!(matches!(three.last(), Some(DatasetAnswer::Written { episodes: 3, steps: 12, .. })));
+
+    let none = DatasetSetup { keep: Keep::Successes, ..setup(&folder.path().join("none"), DatasetFormat::LeRobot, 7) };
+    assert_eq!(answers(&none, &all).1.last(), Some(&DatasetAnswer::Nothing));
+    assert!(!folder.path().join("none").exists() && !folder.path().join("none.partial").exists());
+}
+
+#[test]
+fn nothing_is_written_of_what_the_simulator_does_not_give_nor_of_half_an_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut altered = episodes(0..3);
+    altered[1].actions.swap(0, 1);
+    let (outcome, told) = answers(&setup(&out, DatasetFormat::LeRobot, 3), &altered);
+    outcome.unwrap();
+    let Some(DatasetAnswer::Simulated { verdict, kept: false, .. }) = told.last() else { panic!("{told:?}") };
+    assert_eq!(verdict.episode, 1);
+    assert_eq!(verdict.first_difference, Some(Difference { step: 1, aspect: Aspect::State }));
+    assert!(is_empty(folder.path()));
+
+    let (outcome, _) = answers(&setup(&out, DatasetFormat::LeRobot, 3), &episodes(0..2));
+    assert!(outcome.unwrap_err().to_string().contains("ended after 2 of 3 episodes"));
+    assert!(is_empty(folder.path()));
+
+    let mut impossible = episodes(0..2);
+    impossible[1].actions[0] = 99;
+    let (outcome, _) = answers(&setup(&out, DatasetFormat::Npz, 2), &impossible);
+    assert!(format!("{:#}", outcome.unwrap_err()).contains("no action 99"));
+    assert!(is_empty(folder.path()));
+}

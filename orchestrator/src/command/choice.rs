@@ -1,0 +1,156 @@
+//! Which recorded episodes a command is about: recordings, and filters among their episodes.
+
+use crate::recording::episodes::{Recorded, gather};
+use crate::recording::files_at;
+use crate::recording::reader::RecordingError;
+use crate::recording::wanted::Wanted;
+use crate::showing::format::counted;
+use crate::training::summary::Summary;
+use anyhow::{Result, bail};
+use proto::config::Config;
+use proto::episode::EnvironmentId;
+use proto::kitchen::KitchenId;
+use proto::run_folder::RunFolder;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// Filters.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Choice {
+    /// Only this kitchen.
+    #[arg(long, value_name = "K", value_parser = kitchen)]
+    kitchen: Option<KitchenId>,
+    /// Only this environment: kitchen number and environment number within the kitchen.
+    #[arg(long, value_name = "K/N")]
+    environment: Option<EnvironmentChoice>,
+    /// Only episodes of these numbers: within their environment, in an evaluation those of episodes.csv.
+    #[arg(long, value_name = "I,...", value_delimiter = ',')]
+    episode: Vec<u32>,
+}
+
+/// What was chosen.
+pub struct Chosen {
+    /// The episodes.
+    pub recorded: Recorded,
+    /// Files that were read.
+    pub files: Vec<PathBuf>,
+    /// The recordings are damaged or not complete: of what, was said.
+    pub incomplete: bool,
+    /// The run folder, absolute, if the recordings are in one.
+    pub folder: Option<String>,
+}
+
+impl Choice {
+    /// Whether all episodes are meant.
+    pub fn is_all(&self) -> bool {
+        self.kitchen.is_none() && self.environment.is_none() && self.episode.is_empty()
+    }
+
+    /// Reads the recordings at these paths, and warns of all that is not there.
+    pub fn gather(&self, paths: &[PathBuf]) -> Result<Chosen> {
+        let mut files = Vec::new();
+        for path in paths {
+            files.extend(recordings_at(path)?);
+        }
+        files.sort();
+        files.dedup();
+        let wanted = Wanted {
+            kitchen: self.kitchen,
+            environment: self.environment.map(|choice| choice.0),
+            episodes: self.episode.clone(),
+        };
+        let recorded = gather(&files, wanted.clone())?;
+        for complaint in &recorded.complaints {
+            tracing::warn!("{complaint}");
+        }
+        wanted.check(&recorded.known)?;
+        let incomplete = tell_what_is_missing(&recorded, paths, self.is_all())?;
+        let run = files.first().and_then(|file| RunFolder::of_recording(file));
+        let folder = run.and_then(|run| Some(std::path::absolute(run.root()).ok()?.to_str()?.to_owned()));
+        Ok(Chosen { recorded, files, incomplete, folder })
+    }
+}
+
+/// What is said where no episode was found.
+pub fn nothing_in(files: &[PathBuf], steps: u64) -> String {
+    let name = if files.len() == 1 { files[0].display().to_string() } else { format!("{} recordings", files.len()) };
+    format!("no episode from its first step on in {name} with {steps} steps")
+}
+
+#[derive(Debug, Clone, Copy)]
+struct EnvironmentChoice(EnvironmentId);
+
+fn kitchen(text: &str) -> Result<KitchenId, String> {
+    let number = text.parse().map_err(|_| format!("`{text}` is not a kitchen number"))?;
+    KitchenId::new(number).map_err(|error| error.to_string())
+}
+
+impl FromStr for EnvironmentChoice {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("`{text}` is not an environment (expected e.g. 1/0: kitchen 1, environment 0)");
+        let (number_of_kitchen, number) = text.split_once('/').ok_or_else(wrong)?;
+        let kitchen = kitchen(number_of_kitchen).map_err(|error| format!("{error}; {}", wrong()))?;
+        Ok(Self(EnvironmentId { kitchen, number: number.parse().map_err(|_| wrong())? }))
+    }
+}
+
+/// Warns of all that is not there or contradicts itself; returns whether there is such a thing. `all`: all
+/// episodes are wanted.
+fn tell_what_is_missing(recorded: &Recorded, paths: &[PathBuf], all: bool) -> Result<bool> {
+    for fault in &recorded.faults {
+        tracing::warn!("not complete: {fault}");
+    }
+    let mut incomplete = recorded.damaged_files > 0 || !recorded.faults.is_empty();
+    if recorded.headless > 0 {
+        let episodes = counted(recorded.headless, "episode");
+        // One file out of many begins in the middle of episodes.
+        let whole = recorded.from_the_start || paths.iter().any(|path| path.is_dir());
+        incomplete |= whole;
+        if whole {
+            tracing::warn!("not complete: the first steps are missing: {episodes}");
+        } else {
+            tracing::warn!("left out, because begun before these recordings: {episodes}");
+        }
+    }
+    if recorded.broken > 0 {
+        tracing::warn!("replayed up to a hole in the recording: {}", counted(recorded.broken, "episode"));
+    }
+    let run = match (paths, all) {
+        ([run], true) if run.is_dir() && !recorded.failures_only => RunFolder::new(run),
+        _ => return Ok(incomplete),
+    };
+    if let Some(summary) = Summary::read(&run)? {
+        let there: u64 = recorded.episodes.iter().map(|episode| episode.actions.len() as u64).sum();
+        if there < summary.frames {
+            tracing::warn!("not complete: {there} of the {} steps that the run has", summary.frames);
+            incomplete = true;
+        }
+    }
+    Ok(incomplete)
+}
+
+/// The recordings of a path; the error for an evaluation without any explains how to get them.
+fn recordings_at(path: &Path) -> Result<Vec<PathBuf>> {
+    let files = files_at(path);
+    if let Err(RecordingError::NoRecordings(_)) = &files
+        && Config::of_run(&RunFolder::new(path)).is_ok_and(|config| config.evaluation.is_some())
+    {
+        bail!("{} is an evaluation without recordings: make it again with `--record all`", path.display());
+    }
+    Ok(files?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn environments_are_named_kitchen_slash_number() {
+        let EnvironmentChoice(id) = "13/2".parse().unwrap();
+        assert_eq!((id.kitchen.number(), id.number), (13, 2));
+        assert!("28/0".parse::<EnvironmentChoice>().unwrap_err().contains("no kitchen 28"));
+        assert!("x/0".parse::<EnvironmentChoice>().unwrap_err().contains("expected e.g. 1/0"));
+        assert!("3".parse::<EnvironmentChoice>().unwrap_err().contains("expected e.g. 1/0"));
+    }
+}

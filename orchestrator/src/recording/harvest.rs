@@ -1,0 +1,146 @@
+//! A data set of recorded episodes: `actor dataset` simulates and writes them, this starts it and listens.
+
+use crate::preflight::programs;
+use crate::process_end::wait_for_child;
+use crate::showing::terminal::Live;
+use anyhow::{Context, Result, anyhow, bail};
+use proto::dataset::{DatasetAnswer, DatasetRequest, DatasetSetup};
+use proto::episode::EnvironmentId;
+use proto::replay::Difference;
+use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Write};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// An actor that says nothing for this long hangs: with pictures an episode takes minutes on a busy machine.
+const SILENCE_DEADLINE: Duration = Duration::from_hours(1);
+/// How long it may take to end after its last answer.
+const EXIT_DEADLINE: Duration = Duration::from_secs(10);
+
+/// What came of it.
+#[derive(Debug, Default)]
+pub struct Harvest {
+    /// Episodes that were simulated.
+    pub simulated: u64,
+    /// Those of them that the recording ends in the middle of.
+    pub unfinished: u64,
+    /// States compared.
+    pub compared: u64,
+    /// Episodes, steps and bytes of the data set; none if no episode was to be kept.
+    pub written: Option<[u64; 3]>,
+}
+
+/// The actor; killed and reaped if it still runs when this is dropped.
+struct Actor(Child);
+
+impl Drop for Actor {
+    fn drop(&mut self) {
+        if let Ok(None) = self.0.try_wait() {
+            let _ = self.0.kill();
+            let _ = self.0.wait();
+        }
+    }
+}
+
+/// Makes the data set; an error if anything differs from the recording, and then there is none.
+pub fn harvest(setup: DatasetSetup, requests: Vec<DatasetRequest>) -> Result<Harvest> {
+    let total = requests.len();
+    let program = programs::find("actor")?;
+    let mut child = Command::new(&program)
+        .arg("dataset")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .with_context(|| format!("cannot start {}", program.display()))?;
+    let input = child.stdin.take().context("the actor has no standard input")?;
+    let output = BufReader::new(child.stdout.take().context("the actor has no standard output")?);
+    let mut actor = Actor(child);
+    // On threads of their own: neither pipe can fill up while we wait on the other.
+    thread::Builder::new().name("dataset-in".to_owned()).spawn(move || feed(input, &setup, &requests))?;
+    let (answers, inbox) = channel();
+    thread::Builder::new().name("dataset-out".to_owned()).spawn(move || listen(output, &answers))?;
+
+    let mut harvest = Harvest::default();
+    let (mut live, began) = (Live::default(), Instant::now());
+    let mut whole = false;
+    loop {
+        match inbox.recv_timeout(SILENCE_DEADLINE) {
+            Ok(answer) => whole |= harvest.take(answer?)?,
+            Err(RecvTimeoutError::Disconnected) => break,
+            Err(RecvTimeoutError::Timeout) => bail!("the actor has said nothing for an hour: giving up"),
+        }
+        if live.is_due(began.elapsed()) {
+            live.show(format!(
+                "{} of {total} episodes simulated, {} states compared",
+                harvest.simulated, harvest.compared
+            ));
+        }
+    }
+    live.clear();
+    match wait_for_child(&mut actor.0, EXIT_DEADLINE).context("cannot wait for the actor")? {
+        Some(status) if !status.success() => bail!("no data set was written: the actor's last message is above"),
+        Some(_) if whole => Ok(harvest),
+        Some(_) => bail!("the actor ended without a result"),
+        None => bail!("the actor closed its output but did not exit"),
+    }
+}
+
+impl Harvest {
+    /// Counts an answer; whether it is the last. A difference from the recording is an error.
+    fn take(&mut self, answer: DatasetAnswer) -> Result<bool> {
+        match answer {
+            DatasetAnswer::Simulated { verdict, unfinished, .. } => {
+                if let Some(Difference { step, aspect }) = verdict.first_difference {
+                    let EnvironmentId { kitchen, number } = verdict.environment;
+                    bail!(
+                        "no data set was written: the simulation differs from the recording in kitchen {kitchen}, \
+                         environment {number}, episode {}, step {step}: {}; `orchestrator replay` compares all of it",
+                        verdict.episode,
+                        aspect.word()
+                    );
+                }
+                self.simulated += 1;
+                self.unfinished += u64::from(unfinished);
+                self.compared += verdict.compared;
+                Ok(false)
+            }
+            DatasetAnswer::Written { episodes, steps, bytes } => {
+                self.written = Some([episodes, steps, bytes]);
+                Ok(true)
+            }
+            DatasetAnswer::Nothing => Ok(true),
+        }
+    }
+}
+
+/// Writes the work to the actor. A broken pipe is no fault: the actor has enough, or says what is wrong.
+fn feed(input: ChildStdin, setup: &DatasetSetup, requests: &[DatasetRequest]) {
+    let mut input = BufWriter::new(input);
+    let mut write = || -> std::io::Result<()> {
+        serde_json::to_writer(&mut input, setup)?;
+        input.write_all(b"\n")?;
+        for request in requests {
+            serde_json::to_writer(&mut input, request)?;
+            input.write_all(b"\n")?;
+        }
+        input.flush()
+    };
+    if let Err(error) = write()
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        tracing::error!("cannot write to an actor: {error}");
+    }
+}
+
+/// Reads answers until the output ends.
+fn listen(output: impl BufRead, answers: &Sender<Result<DatasetAnswer>>) {
+    for line in output.lines() {
+        let answer = line.context("cannot read from an actor").and_then(|line| {
+            serde_json::from_str(&line).map_err(|_| anyhow!("an actor printed a line that is no answer: {line}"))
+        });
+        if answers.send(answer).is_err() {
+            return;
+        }
+    }
+}

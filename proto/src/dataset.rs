@@ -1,0 +1,107 @@
+//! Recorded episodes as a data set: requests from `orchestrator export` on the standard input of `actor dataset`, and
+//! answers on its standard output, one JSON object per line.
+
+use crate::replay::{RecordedEpisode, ReplayVerdict};
+use serde::{Deserialize, Serialize};
+
+/// First line of the input.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DatasetSetup {
+    /// The configurations that the episodes were recorded under, as TOML.
+    pub configs: Vec<String>,
+    /// The run folder, which the configurations' scenes are named relative to; none where it is not known.
+    pub folder: Option<String>,
+    /// Folder to be made. It does not exist.
+    pub out: String,
+    /// What is made.
+    pub format: DatasetFormat,
+    /// Pictures in colour, besides the robot's depth frames.
+    pub pictures: Vec<PictureKind>,
+    /// Width and height of these pictures.
+    pub side_px: u32,
+    /// Which episodes are kept; those that the recording ends in the middle of never are.
+    pub keep: Keep,
+    /// At most this many are kept.
+    pub limit: Option<u64>,
+    /// How many episodes follow: an input that ends before makes no data set.
+    pub episodes: u64,
+}
+
+/// What is made of episodes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DatasetFormat {
+    /// A `LeRobotDataset` v3.
+    LeRobot,
+    /// Two Parquet tables: steps and episodes.
+    Parquet,
+    /// An archive of `NumPy` an episode.
+    Npz,
+}
+
+/// A picture in colour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PictureKind {
+    /// What the robot's camera would see.
+    Robot,
+    /// The room from outside, from one place during an episode.
+    Outside,
+}
+
+impl PictureKind {
+    /// Its name in data sets.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Robot => "robot",
+            Self::Outside => "outside",
+        }
+    }
+}
+
+/// Which episodes are kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Keep {
+    /// All that ended.
+    Ended,
+    /// Those that succeeded.
+    Successes,
+    /// Those that succeeded without disturbance.
+    Undisturbed,
+}
+
+/// Every further line of the input.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DatasetRequest {
+    /// Number of its configuration.
+    pub config: usize,
+    /// The episode.
+    pub recorded: RecordedEpisode,
+}
+
+/// Every line of the output.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DatasetAnswer {
+    /// An episode was simulated again. If it differs from the recording nothing is written, and this is the last line.
+    Simulated {
+        /// What was compared.
+        verdict: ReplayVerdict,
+        /// It is in the data set.
+        kept: bool,
+        /// The recording ends before the episode does.
+        unfinished: bool,
+    },
+    /// All is written, and the folder is there.
+    Written {
+        /// Episodes in it.
+        episodes: u64,
+        /// Steps in it.
+        steps: u64,
+        /// Size of its files.
+        bytes: u64,
+    },
+    /// No episode was to be kept: there is no folder.
+    Nothing,
+}

@@ -1,0 +1,380 @@
+"""Run folders and evaluations as tables of pandas."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib  # type: ignore[no-redef]
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# A file of figures is read whole: one that is larger than this is none of ours.
+BYTES_MOST = 4 << 30
+
+UNITS = {"_m": "metres", "_s": "seconds", "_rad": "radians"}
+SHARE, STEPS, COUNT = "share, 0 to 1", "steps", "count"
+
+COLUMNS = {
+    "rollout": "number of the rollout, from 0",
+    "frames": "frames trained on",
+    "stage": "stage, from 0",
+    "at": "when, UTC",
+    "incarnation": "which start of the run",
+    "timing/simulate_s": "waiting for simulation",
+    "timing/infer_s": "inference of the policy",
+    "timing/update_s": "PPO epochs",
+    "timing/other_s": "everything else",
+    "episode/count": COUNT,
+    "episode/return": "undiscounted, under the stage's reward",
+    "episode/length": STEPS,
+    "episode/success": SHARE,
+    "episode/success_without_disturbance": SHARE,
+    "episode/picked_up": SHARE,
+    "policy/entropy": "nats",
+    "policy/clip_fraction": SHARE,
+    "kitchen": "number of the kitchen",
+    "episode": "number of the episode within the kitchen",
+    "category": "category of the target",
+    "objects": "seen or novel",
+    "end": "done or time_limit",
+    "success": SHARE,
+    "success_without_disturbance": SHARE,
+    "success_without_disturbance_per_axis": SHARE,
+    "picked_up": SHARE,
+    "done": SHARE,
+    "length": STEPS,
+    "length_of_successes": STEPS,
+    "return_r": "undiscounted, reward r",
+    "return_r_prime": "undiscounted, reward r'",
+    "disturbance_m": "sum of the displacements of all objects but the target at the end",
+    "peak_disturbance_m": "the largest such sum",
+    "disturbed_objects": COUNT,
+    "ever_disturbed_objects": COUNT,
+    "state_hash": "hash of the last state",
+    "episodes": COUNT,
+    "budget": "frames that it is to have",
+    "weights": "SHA-256 of the weights",
+}
+
+# Columns of episodes.csv by type; a file may lack some, but has no others.
+EPISODES = {
+    "kitchen": "int64",
+    "episode": "int64",
+    "category": "category",
+    "objects": "category",
+    "end": "category",
+    "success": "bool",
+    "success_without_disturbance": "bool",
+    "picked_up": "bool",
+    "length": "int64",
+    "failed_actions": "int64",
+    "return_r": "float64",
+    "return_r_prime": "float64",
+    "disturbance_m": "float32",
+    "peak_disturbance_m": "float32",
+    "disturbed_objects": "int64",
+    "ever_disturbed_objects": "int64",
+    "farthest_m": "float32",
+    "peak_farthest_m": "float32",
+    "wrist_object_m": "float32",
+    "object_goal_m": "float32",
+    "disturb_hits": "Int64",
+    "disturb_misses": "Int64",
+    "disturb_false_alarms": "Int64",
+    "disturb_quiet": "Int64",
+    "state_hash": "uint64",
+    "distribution": "category",
+}
+INTEGERS = ("rollout", "frames", "stage", "incarnation", "episodes", "budget", "seed", "parameters", "steps", "kitchen")
+
+
+class RunError(ValueError):
+    """A path holds no run or evaluation that can be read."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run or an evaluation leaves, as data frames. `frame.attrs["units"]` says what each column is, and in which
+    unit. A frame of what is not there has no rows."""
+
+    path: Path
+    """The folder."""
+    kind: str
+    """"run" or "evaluation"."""
+    metrics: pd.DataFrame
+    """A row a trained rollout, indexed by its number: frames, stage, times, and all figures of metrics.jsonl."""
+    validation: pd.DataFrame
+    """A row a validation, indexed by the rollout of the checkpoint."""
+    episodes: pd.DataFrame
+    """A row an episode of an evaluation; of a run those of all its evaluations, named in the column `evaluation`."""
+    evaluations: pd.DataFrame
+    """A row an evaluation, indexed by its name: conditions and figures of all its episodes."""
+    stages: pd.DataFrame
+    """A row a stage of a run that has ended, indexed by its name: figures of the whole stage, of its first tenth and of
+    its last tenth."""
+    summary: dict[str, Any]
+    """summary.json, or evaluation.json of an evaluation; empty where there is none yet."""
+    config: dict[str, Any]
+    """The configuration."""
+
+    @property
+    def configuration(self) -> pd.Series:
+        """The configuration with one row a key, such as `ppo.learning_rate`: for tables of several runs."""
+        import pandas as pd
+
+        flat = _flat(self.config)
+        return pd.Series(list(flat.values()), index=pd.Index(flat, name="key"), dtype=object, name=self.path.name)
+
+
+def read_run(path: str | PathLike[str]) -> Run:
+    """Reads the folder of a run or of an evaluation, also while it runs. Needs pandas.
+
+    Of `metrics.jsonl` and `validation.jsonl` those lines are read that count: a line makes all before it with the same
+    or a higher rollout void, and a last line that is cut off is left out. Any other damaged line is an error.
+    """
+    path = Path(path)
+    try:
+        import pandas  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError("stillroom.read_run needs pandas: pip install pandas") from error
+    if path.is_file() and path.name in ("evaluation.json", "episodes.csv", "summary.json", "config.toml"):
+        path = path.parent
+    if not path.is_dir():
+        raise RunError(f"{path} is no folder: give that of a run or of an evaluation")
+    text = _read(path / "config.toml")
+    if text is None:
+        raise RunError(f"{path} is no folder of a run or of an evaluation: it has no config.toml")
+    try:
+        config = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise RunError(f"{path / 'config.toml'} cannot be read: {error}") from error
+    if "evaluation" in config:
+        return _evaluation(path, config)
+    summary = _json(path / "summary.json") or {}
+    folders = sorted(file.parent for file in path.glob("evaluations/*/evaluation.json"))
+    return Run(
+        path=path,
+        kind="run",
+        metrics=_metrics(path / "metrics.jsonl"),
+        validation=_validation(path / "validation.jsonl"),
+        episodes=_all_episodes(folders),
+        evaluations=_results(folders),
+        stages=_stages(summary),
+        summary=summary,
+        config=config,
+    )
+
+
+def _evaluation(path: Path, config: dict[str, Any]) -> Run:
+    folders = [path] if (path / "evaluation.json").exists() else []
+    return Run(
+        path=path,
+        kind="evaluation",
+        metrics=_metrics(path / "metrics.jsonl"),
+        validation=_validation(path / "validation.jsonl"),
+        episodes=_episodes(path / "episodes.csv"),
+        evaluations=_results(folders),
+        stages=_stages({}),
+        summary=_json(path / "evaluation.json") or {},
+        config=config,
+    )
+
+
+def _read(path: Path) -> str | None:
+    """The text of a file; None where there is none."""
+    try:
+        # A pipe would be waited for: only files are read.
+        if path.exists() and not path.is_file():
+            raise RunError(f"{path} is no file")
+        if os.path.getsize(path) > BYTES_MOST:
+            raise RunError(f"{path} is too large to be one of ours")
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"{path} cannot be read: {error}") from error
+
+
+def _json(path: Path) -> dict[str, Any] | None:
+    text = _read(path)
+    if text is None:
+        return None
+    try:
+        content = json.loads(text)
+    except ValueError as error:
+        raise RunError(f"{path} cannot be read: {error}") from error
+    if not isinstance(content, dict):
+        raise RunError(f"{path} holds no object")
+    return content
+
+
+def _lines(path: Path) -> list[dict[str, Any]]:
+    """The lines that count, by their rollouts."""
+    lines = (_read(path) or "").split("\n")
+    kept: dict[int, dict[str, Any]] = {}
+    for number, line in enumerate(lines, 1):
+        if not line:
+            continue
+        try:
+            row = json.loads(line)
+            rollout = int(row["rollout"])
+        except (ValueError, KeyError, TypeError) as error:
+            if number == len(lines):
+                break
+            raise RunError(f"{path}, line {number} is damaged: `orchestrator resume` mends it") from error
+        # They ascend: what this one makes void stands at the end.
+        while kept and next(reversed(kept)) >= rollout:
+            kept.popitem()
+        kept[rollout] = row
+    return list(kept.values())
+
+
+def _metrics(path: Path) -> pd.DataFrame:
+    rows = []
+    for line in _lines(path):
+        row = {name: line.get(name) for name in ("rollout", "frames", "stage", "at_unix_s", "incarnation")}
+        row.update({f"timing/{name}": value for name, value in line.get("timing", {}).items()})
+        row.update(line.get("metrics", {}))
+        rows.append(row)
+    return _frame(rows, "rollout", ["rollout", "frames", "stage", "at_unix_s", "incarnation"])
+
+
+def _validation(path: Path) -> pd.DataFrame:
+    names = ["rollout", "frames", "weights", "result", "episodes", "success", "success_without_disturbance"]
+    return _frame(_lines(path), "rollout", [*names, "at_unix_s"])
+
+
+def _episodes(path: Path | None) -> pd.DataFrame:
+    """A table of episodes; one without rows where there is no file."""
+    import pandas as pd
+
+    text = None if path is None else _read(path)
+    rows = list(csv.reader((text or ",".join(EPISODES)).splitlines()))
+    names = rows[0] if rows else []
+    unknown = [name for name in names if name not in EPISODES]
+    if not names or unknown or any(len(row) != len(names) for row in rows[1:]):
+        raise RunError(f"{path} is no table of episodes" + (f": there is no column {unknown[0]}" if unknown else ""))
+    columns: dict[str, Any] = {}
+    for index, name in enumerate(names):
+        values: list[Any] = [row[index] for row in rows[1:]]
+        try:
+            columns[name] = _typed(values, EPISODES[name], is_hash=name == "state_hash")
+        except (ValueError, OverflowError) as error:
+            raise RunError(f"{path}, column {name}: {error}") from error
+    return _told(pd.DataFrame(columns))
+
+
+def _typed(values: list[Any], kind: str, is_hash: bool) -> Any:
+    import pandas as pd
+
+    if is_hash:
+        values = [int(value, 16) for value in values]
+    elif kind == "bool":
+        if any(value not in ("0", "1") for value in values):
+            raise ValueError("a flag is neither 0 nor 1")
+        values = [value == "1" for value in values]
+    elif kind == "Int64":
+        values = [int(value) if value else None for value in values]
+    elif kind == "int64":
+        values = [int(value) for value in values]
+    elif kind.startswith("float"):
+        values = [float(value) for value in values]
+    return pd.Series(values, dtype=kind)
+
+
+def _all_episodes(folders: list[Path]) -> pd.DataFrame:
+    import pandas as pd
+
+    tables = []
+    for folder in folders:
+        table = _episodes(folder / "episodes.csv")
+        table.insert(0, "evaluation", folder.name)
+        tables.append(table.astype(dict.fromkeys(table.select_dtypes("category").columns, "object")))
+    if not tables:
+        table = _episodes(None)
+        table.insert(0, "evaluation", pd.Series([], dtype="object"))
+        return _told(table)
+    whole = pd.concat(tables, ignore_index=True)
+    kinds = {name: kind for name, kind in EPISODES.items() if kind == "category" and name in whole}
+    return _told(whole.astype(kinds))
+
+
+def _results(folders: list[Path]) -> pd.DataFrame:
+    rows = []
+    for folder in folders:
+        result = _json(folder / "evaluation.json") or {}
+        row: dict[str, Any] = {"evaluation": folder.name}
+        for part in ("subject", "conditions", "cost", "overall"):
+            for name, value in _flat(result.get(part, {})).items():
+                if not isinstance(value, list):
+                    row[f"{part}.{name}" if part in ("subject", "conditions") else name] = value
+        rows.append(row)
+    return _frame(rows, "evaluation", ["evaluation", "episodes", "success", "success_without_disturbance"])
+
+
+def _stages(summary: dict[str, Any]) -> pd.DataFrame:
+    rows = []
+    for stage in summary.get("stages", []):
+        row = {name: stage.get(name) for name in ("name", "reward", "frames", "budget")}
+        for part in ("whole", "first_tenth", "last_tenth"):
+            row.update({f"{part}/{name}": value for name, value in (stage.get(part) or {}).items()})
+        rows.append(row)
+    return _frame(rows, "name", ["name", "reward", "frames", "budget"])
+
+
+def _frame(rows: list[dict[str, Any]], index: str, names: list[str]) -> pd.DataFrame:
+    """Rows of figures with their types: counts, texts, and all else as 64-bit floats, NaN where a row lacks one."""
+    import pandas as pd
+
+    names = list(dict.fromkeys([*names, *(name for row in rows for name in row)]))
+    texts = {"weights", "result", "reward"} | ({index} - {"rollout"})
+    columns: dict[str, Any] = {}
+    for name in names:
+        values = [row.get(name) for row in rows]
+        if name == "at_unix_s":
+            columns["at"] = pd.to_datetime(pd.Series(values, dtype="Int64"), unit="s", utc=True)
+        elif name in texts or any(isinstance(value, (str, bool)) for value in values):
+            columns[name] = pd.Series(values, dtype="object")
+        elif name.rpartition("/")[2].rpartition(".")[2] in INTEGERS and all(isinstance(v, int) for v in values):
+            columns[name] = pd.Series(values, dtype="int64")
+        else:
+            columns[name] = pd.Series([float("nan") if v is None else v for v in values], dtype="float64")
+    frame = pd.DataFrame(columns)
+    if index == "rollout":
+        frame["rollout"] = frame["rollout"].astype("int64")
+    return _told(frame.set_index(index))
+
+
+def _told(frame: pd.DataFrame) -> pd.DataFrame:
+    """Says what its columns are."""
+    units = {}
+    for name in map(str, frame.columns):
+        last = name.rpartition("/")[2].rpartition(".")[2]
+        about = COLUMNS.get(name) or COLUMNS.get(last) or ""
+        unit = next((unit for end, unit in UNITS.items() if last.endswith(end)), "")
+        told = ", ".join(part for part in (about, unit) if part)
+        if told:
+            units[name] = told
+    frame.attrs["units"] = units
+    return frame
+
+
+def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables as one, with points in its keys."""
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, dict):
+            flat.update(_flat(value, f"{prefix}{key}."))
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat

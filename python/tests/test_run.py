@@ -1,0 +1,115 @@
+"""Run folders and evaluations as data frames."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import stillroom
+
+CONFIG = 'preset = "demo"\nseed = 3\n\n[ppo]\nlearning_rate = 1e-3\n'
+EPISODES = (
+    "kitchen,episode,category,objects,end,success,success_without_disturbance,picked_up,length,return_r,"
+    "disturbance_m,disturb_hits,state_hash\n"
+    "26,6,Potato,novel,done,1,0,1,102,17.7,0.25,,f704605d84d5a5a5\n"
+    "27,7,Mug,novel,time_limit,0,0,0,200,-1.5,0,3,00000000000000ff\n"
+)
+
+
+def line(rollout: int, frames: int, **metrics: float) -> str:
+    """A line of metrics.jsonl."""
+    row = {"rollout": rollout, "frames": frames, "stage": 0, "at_unix_s": 1795374391, "incarnation": 1}
+    return json.dumps(row | {"timing": {"update_s": 0.5}, "metrics": metrics})
+
+
+def folder(path: Path, **files: str) -> Path:
+    """A run's folder with these files, `config` and others by their names."""
+    path.mkdir(parents=True, exist_ok=True)
+    for name, text in {"config.toml": CONFIG, **files}.items():
+        (path / name).parent.mkdir(parents=True, exist_ok=True)
+        (path / name).write_text(text)
+    return path
+
+
+def test_metrics_are_those_that_count(tmp_path: Path) -> None:
+    lines = [
+        line(0, 100, **{"episode/disturbance_m": 0.5, "loss/value": 1}),
+        line(1, 200, **{"loss/value": 2}),
+        line(2, 300, **{"loss/value": 3}),
+        # A learner began again with its checkpoint: what came after is void.
+        line(1, 200, **{"loss/value": 7}),
+    ]
+    run = stillroom.read_run(folder(tmp_path / "a", **{"metrics.jsonl": "\n".join([*lines, '{"rollout": 2, "fr'])}))
+    assert run.kind == "run" and list(run.metrics.index) == [0, 1]
+    assert list(run.metrics["loss/value"]) == [1.0, 7.0] and run.metrics["frames"].dtype == np.int64
+    assert list(run.metrics["episode/disturbance_m"].isna()) == [False, True]
+    assert run.metrics["at"].iloc[0] == pd.Timestamp("2026-11-22T18:26:31Z") or run.metrics["at"].dt.tz is not None
+    units = run.metrics.attrs["units"]
+    assert units["timing/update_s"].endswith("seconds") and units["episode/disturbance_m"].endswith("metres")
+    assert run.configuration["ppo.learning_rate"] == 1e-3 and run.configuration["preset"] == "demo"
+    for frame in (run.validation, run.episodes, run.evaluations, run.stages):
+        assert len(frame) == 0
+    assert run.summary == {}
+
+
+def test_episodes_have_types(tmp_path: Path) -> None:
+    result = {
+        "subject": {"preset": "demo", "frames": 4000, "weights": "ab"},
+        "conditions": {"split": "test", "deterministic": False},
+        "overall": {"episodes": 2, "success": 0.5, "disturbance_m": None, "disturb_prediction": {"hits": 3}},
+        "kitchens": [],
+    }
+    files = {"evaluation.json": json.dumps(result), "episodes.csv": EPISODES}
+    evaluation = stillroom.read_run(folder(tmp_path / "e", **files | {"config.toml": CONFIG + "[evaluation]\nx = 1\n"}))
+    table = evaluation.episodes
+    assert evaluation.kind == "evaluation" and evaluation.summary == result
+    assert list(table["success"]) == [True, False] and table["success"].dtype == bool
+    assert list(table["state_hash"]) == [0xF704605D84D5A5A5, 255] and table["state_hash"].dtype == np.uint64
+    assert table["disturbance_m"].dtype == np.float32 and table["return_r"].dtype == np.float64
+    assert table["disturb_hits"].isna().tolist() == [True, False] and table["disturb_hits"][1] == 3
+    assert table["category"].dtype == "category"
+    assert table.groupby("category", observed=True)["length"].mean()["Mug"] == 200
+    assert evaluation.evaluations.loc["e", "success"] == 0.5
+    assert evaluation.evaluations.loc["e", "subject.frames"] == 4000
+    assert np.isnan(evaluation.evaluations.loc["e", "disturbance_m"])
+
+    inside = {f"evaluations/{name}/{file}": text for name in ("b", "a") for file, text in files.items()}
+    run = stillroom.read_run(folder(tmp_path / "run", **inside))
+    assert list(run.evaluations.index) == ["a", "b"] and list(run.episodes["evaluation"]) == ["a", "a", "b", "b"]
+    assert run.episodes["category"].dtype == "category" and run.episodes["state_hash"].dtype == np.uint64
+
+
+def test_summaries_and_validations(tmp_path: Path) -> None:
+    tenth = {"episodes": 5, "mean_return": 1.5, "success": 0.25}
+    summary = {"id": "x", "stages": [{"name": "I", "reward": "r", "frames": 9, "budget": 9, "last_tenth": tenth}]}
+    score = {"rollout": 4, "frames": 900, "weights": "ab", "result": "r", "episodes": 8, "success": 1, "at_unix_s": 1}
+    files = {"summary.json": json.dumps(summary), "validation.jsonl": json.dumps(score) + "\n"}
+    run = stillroom.read_run(folder(tmp_path / "a", **files))
+    assert run.stages.loc["I", "last_tenth/mean_return"] == 1.5 and run.stages["frames"].dtype == np.int64
+    assert run.validation.loc[4, "success"] == 1.0 and run.validation["episodes"].dtype == np.int64
+    assert run.summary == summary
+
+
+def test_what_cannot_be_read_is_said(tmp_path: Path) -> None:
+    cases = [
+        (tmp_path / "nowhere", "is no folder"),
+        (tmp_path, "has no config.toml"),
+        (folder(tmp_path / "toml", **{"config.toml": "x = ["}), "config.toml cannot be read"),
+        (folder(tmp_path / "json", **{"summary.json": "[]"}), "summary.json holds no object"),
+        (folder(tmp_path / "line", **{"metrics.jsonl": "x\n" + line(0, 1)}), "line 1 is damaged"),
+    ]
+    evaluation = CONFIG + "[evaluation]\n"
+    for name, table, problem in [
+        ("flag", EPISODES.replace("done,1,0", "done,2,0"), "column success: a flag is neither 0 nor 1"),
+        ("column", EPISODES.replace("length", "lenght"), "there is no column lenght"),
+        ("cells", EPISODES + "1,2\n", "is no table of episodes"),
+        ("hash", EPISODES.replace("f704605d84d5a5a5", "1f704605d84d5a5a5"), "column state_hash"),
+    ]:
+        cases.append((folder(tmp_path / name, **{"config.toml": evaluation, "episodes.csv": table}), problem))
+    for path, problem in cases:
+        with pytest.raises(stillroom.RunError, match=problem):
+            stillroom.read_run(path)
