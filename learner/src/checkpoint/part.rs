@@ -68,7 +68,7 @@ impl Snapshot {
     }
 
     /// Adds the columns that are missing of so many: each is about to begin its first episode.
-    pub fn widen(&mut self, columns: usize) {
+    pub(crate) fn widen(&mut self, columns: usize) {
         let all = self.boundary.environments.len();
         let more = columns.saturating_sub(all);
         if let Some(own) = self.agent.tensors.get_mut(BELIEFS)
@@ -84,7 +84,7 @@ impl Snapshot {
     }
 
     /// The columns from this one on, which rest; none if there are not so many.
-    pub fn resting(&self, from: usize) -> Option<Part> {
+    pub(crate) fn resting(&self, from: usize) -> Option<Part> {
         let Boundary { exchange, environments, running } = &self.boundary;
         let count = environments.len().checked_sub(from).filter(|&count| count > 0)?;
         let beliefs = self.agent.tensors.get(BELIEFS)?.narrow(0, from as i64, count as i64).copy();
