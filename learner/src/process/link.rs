@@ -215,8 +215,6 @@ mod tests {
     use wire::WireHost;
 
     /// An actor that goes on writing into a sample that it has sent: what was checked is what is used.
-    // As large as what is sent.
-    #[allow(clippy::large_stack_arrays)]
     #[test]
     #[expect(clippy::large_stack_arrays, reason = "one frame")]
     fn what_was_received_stays_as_it_was_whatever_its_sender_writes() {
@@ -230,7 +228,6 @@ mod tests {
             let mut loan = publisher.loan_slice_uninit(1).unwrap();
             *loan.user_header_mut() = ObservationHeader { half: 1, ..Default::default() };
             let header = std::ptr::from_mut(loan.user_header_mut());
-            #[expect(clippy::large_stack_arrays, reason = "a payload has this size")]
             let sent = Observation {
                 transition: Transition { disturbance_m: 0.5, ..Default::default() },
                 current: Current { target: 3, ..Default::default() },

@@ -16,7 +16,7 @@ fn the_summary_names_every_page_once() {
     let mut there: BTreeSet<String> = BTreeSet::new();
     for entry in std::fs::read_dir(root.join("docs")).unwrap() {
         let name = entry.unwrap().file_name().to_string_lossy().into_owned();
-        if name.ends_with(".md") && name != "SUMMARY.md" {
+        if Path::new(&name).extension().is_some_and(|extension| extension == "md") && name != "SUMMARY.md" {
             there.insert(name);
         }
     }
@@ -91,7 +91,8 @@ fn every_diff_fits_the_sources() {
                     continue;
                 }
                 let old = text.lines().skip(1).filter(|line| !line.starts_with('+'));
-                let old: String = old.map(|line| format!("{}\n", line.get(1..).unwrap_or_default())).collect();
+                let old: Vec<&str> = old.map(|line| line.get(1..).unwrap_or_default()).collect();
+                let old = old.join("\n") + "\n";
                 assert!(source.contains(&old), "{place}: not in the source:\n{old}");
                 hunks += 1;
             }

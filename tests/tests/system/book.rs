@@ -2,6 +2,7 @@
 //! commands of ours that any page shows, run or not, have options that exist.
 
 use book::{Block, How, Page, pages};
+use std::fmt::Write;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -24,7 +25,7 @@ fn root() -> PathBuf {
 }
 
 fn page(path: &str) -> Page {
-    let found = pages(&root()).unwrap().into_iter().find(|page| page.path == path);
+    let found = pages(&root()).expect("the book can be read").into_iter().find(|page| page.path == path);
     found.unwrap_or_else(|| panic!("docs/SUMMARY.md has no page {path}"))
 }
 
@@ -37,18 +38,19 @@ fn write_small(folder: &Path) {
     let mut script = format!("#!/bin/sh\nprogram='{}'\n", binary("orchestrator").display());
     script += "[ \"$1\" = up ] || exec \"$program\" \"$@\"\nshift\nall=\" $* \"\n";
     for (option, value) in SMALL_OPTIONS {
-        script += &format!("case $all in *' {option} '*) ;; *) set -- \"$@\" {option} {value} ;; esac\n");
+        writeln!(script, "case $all in *' {option} '*) ;; *) set -- \"$@\" {option} {value} ;; esac")
+            .expect("a string");
     }
     // Before the page's own settings, which win.
-    script += &format!("exec \"$program\" up {SMALL} \"$@\"\n");
+    writeln!(script, "exec \"$program\" up {SMALL} \"$@\"").expect("a string");
     let path = folder.join("orchestrator");
-    std::fs::write(&path, script).unwrap();
+    std::fs::write(&path, script).expect("a writable temporary folder");
     let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
-    std::fs::set_permissions(path, mode).unwrap();
+    std::fs::set_permissions(path, mode).expect("a file of ours");
 }
 
 fn shell(workshop: &Workshop, block: &Block) -> Printed {
-    let programs = binary("orchestrator").parent().unwrap().to_owned();
+    let programs = binary("orchestrator").parent().expect("a program is in a folder").to_owned();
     let small = workshop.path("small");
     let path = std::env::var("PATH").unwrap_or_default();
     let path = match block.how() {
@@ -66,11 +68,13 @@ fn shell(workshop: &Workshop, block: &Block) -> Printed {
 fn follow(path: &str) {
     let page = page(path);
     let workshop = Workshop::new();
-    std::fs::create_dir(workshop.path("page")).unwrap();
-    std::fs::create_dir(workshop.path("small")).unwrap();
+    for folder in ["page", "small"] {
+        std::fs::create_dir(workshop.path(folder)).expect("a writable temporary folder");
+    }
     write_small(&workshop.path("small"));
     for folder in LINKED {
-        symlink(root().join(folder).canonicalize().unwrap(), workshop.path("page").join(folder)).unwrap();
+        let there = root().join(folder).canonicalize().expect("a folder of the checkout");
+        symlink(there, workshop.path("page").join(folder)).expect("a writable temporary folder");
     }
     let blocks: Vec<Block> = page.blocks().into_iter().filter(is_run).collect();
     assert!(!blocks.is_empty(), "{path} has nothing to run");
