@@ -114,7 +114,7 @@ fn tell_what_is_missing(recorded: &Recorded, paths: &[PathBuf], all: bool) -> Re
         }
     }
     if recorded.broken > 0 {
-        tracing::warn!("replayed up to a hole in the recording: {}", counted(recorded.broken, "episode"));
+        tracing::warn!("used up to a hole in the recording: {}", counted(recorded.broken, "episode"));
     }
     let run = match (paths, all) {
         ([run], true) if run.is_dir() && !recorded.failures_only => RunFolder::new(run),

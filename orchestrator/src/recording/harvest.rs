@@ -63,10 +63,14 @@ pub fn harvest(setup: DatasetSetup, requests: Vec<DatasetRequest>) -> Result<Har
 
     let mut harvest = Harvest::default();
     let (mut live, began) = (Live::default(), Instant::now());
-    let mut whole = false;
+    let (mut whole, mut difference) = (false, None);
     loop {
         match inbox.recv_timeout(SILENCE_DEADLINE) {
-            Ok(answer) => whole |= harvest.take(answer?)?,
+            // The actor then ends by itself and removes what it has written; killed at once, it would leave it.
+            Ok(answer) => match harvest.take(answer?) {
+                Ok(is_last) => whole |= is_last,
+                Err(found) => difference = Some(found),
+            },
             Err(RecvTimeoutError::Disconnected) => break,
             Err(RecvTimeoutError::Timeout) => bail!("the actor has said nothing for an hour: giving up"),
         }
@@ -78,7 +82,11 @@ pub fn harvest(setup: DatasetSetup, requests: Vec<DatasetRequest>) -> Result<Har
         }
     }
     live.clear();
-    match wait_for_child(&mut actor.0, EXIT_DEADLINE).context("cannot wait for the actor")? {
+    let ended = wait_for_child(&mut actor.0, EXIT_DEADLINE).context("cannot wait for the actor")?;
+    if let Some(difference) = difference {
+        return Err(difference);
+    }
+    match ended {
         Some(status) if !status.success() => bail!("no data set was written: the actor's last message is above"),
         Some(_) if whole => Ok(harvest),
         Some(_) => bail!("the actor ended without a result"),

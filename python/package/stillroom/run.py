@@ -139,8 +139,9 @@ class Run:
 def read_run(path: str | PathLike[str]) -> Run:
     """Reads the folder of a run or of an evaluation, also while it runs. Needs pandas.
 
-    Of `metrics.jsonl` and `validation.jsonl` those lines are read that count: a line makes all before it with the same
-    or a higher rollout void, and a last line that is cut off is left out. Any other damaged line is an error.
+    Of `metrics.jsonl` those lines are read that count: a line makes all before it with the same or a higher rollout
+    void. Of `validation.jsonl` the last line of each rollout is read. A last line that is cut off is left out. Any other
+    damaged line is an error.
     """
     path = Path(path)
     try:
@@ -218,8 +219,8 @@ def _json(path: Path) -> dict[str, Any] | None:
     return content
 
 
-def _lines(path: Path) -> list[dict[str, Any]]:
-    """The lines that count, by their rollouts."""
+def _lines(path: Path, voids: bool) -> list[dict[str, Any]]:
+    """The last line of each rollout; with `voids` a line makes earlier ones with higher rollouts void."""
     lines = (_read(path) or "").split("\n")
     kept: dict[int, dict[str, Any]] = {}
     for number, line in enumerate(lines, 1):
@@ -233,15 +234,15 @@ def _lines(path: Path) -> list[dict[str, Any]]:
                 break
             raise RunError(f"{path}, line {number} is damaged: `orchestrator resume` mends it") from error
         # They ascend: what this one makes void stands at the end.
-        while kept and next(reversed(kept)) >= rollout:
+        while voids and kept and next(reversed(kept)) >= rollout:
             kept.popitem()
         kept[rollout] = row
-    return list(kept.values())
+    return [kept[rollout] for rollout in sorted(kept)]
 
 
 def _metrics(path: Path) -> pd.DataFrame:
     rows = []
-    for line in _lines(path):
+    for line in _lines(path, voids=True):
         row = {name: line.get(name) for name in ("rollout", "frames", "stage", "at_unix_s", "incarnation")}
         row.update({f"timing/{name}": value for name, value in line.get("timing", {}).items()})
         row.update(line.get("metrics", {}))
@@ -251,7 +252,7 @@ def _metrics(path: Path) -> pd.DataFrame:
 
 def _validation(path: Path) -> pd.DataFrame:
     names = ["rollout", "frames", "weights", "result", "episodes", "success", "success_without_disturbance"]
-    return _frame(_lines(path), "rollout", [*names, "at_unix_s"])
+    return _frame(_lines(path, voids=False), "rollout", [*names, "at_unix_s"])
 
 
 def _episodes(path: Path | None) -> pd.DataFrame:
@@ -361,6 +362,8 @@ def _told(frame: pd.DataFrame) -> pd.DataFrame:
     for name in map(str, frame.columns):
         last = name.rpartition("/")[2].rpartition(".")[2]
         about = COLUMNS.get(name) or COLUMNS.get(last) or ""
+        if about == SHARE and frame[name].dtype == bool:
+            about = "true or false"
         unit = next((unit for end, unit in UNITS.items() if last.endswith(end)), "")
         told = ", ".join(part for part in (about, unit) if part)
         if told:
