@@ -127,7 +127,7 @@ mod tests {
     fn a_group_is_the_row_of_its_method_whatever_its_preset_is_called() {
         for (preset, expected) in [
             ("lambda-15", &["disturb-two-stage"][..]),
-            ("two-stage", &["disturb-two-stage"]),
+            ("recipe", &["disturb-two-stage"]),
             ("paper", &["disturb-two-stage"]),
             ("short-two-stage", &["disturb-two-stage"]),
             ("short-scratch", &["disturb-scratch-45m"]),

@@ -142,15 +142,18 @@ impl Network {
     }
 
     /// The processes of a host whose command line holds `word`.
+    ///
+    /// # Panics
+    /// If the host is gone.
     pub fn processes(&self, host: usize, word: &str) -> Vec<u32> {
         let holder = self.hosts[host].0.id();
-        let here = std::fs::read_link(format!("/proc/{holder}/ns/net")).ok();
+        let here = std::fs::read_link(format!("/proc/{holder}/ns/net")).expect("the host's namespace is there");
         let pids = std::fs::read_dir("/proc").into_iter().flatten().flatten();
         let pids = pids.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
         let is_wanted = |pid: &u32| {
             let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
             let line = String::from_utf8_lossy(&line).replace('\0', " ");
-            std::fs::read_link(format!("/proc/{pid}/ns/net")).ok() == here && line.contains(word)
+            std::fs::read_link(format!("/proc/{pid}/ns/net")).is_ok_and(|net| net == here) && line.contains(word)
         };
         pids.filter(|&pid| pid != holder).filter(is_wanted).collect()
     }

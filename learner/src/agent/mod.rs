@@ -21,7 +21,7 @@ mod trainer;
 
 pub use error::{AgentError, OtherSign};
 pub use state::AgentState;
-pub(crate) use state::{BELIEFS, MODEL, weights_of};
+pub(crate) use state::{ACTING, BELIEFS, MODEL, weights_of};
 pub use step::{Choice, StepInput, StepOutput};
 
 use crate::device;
@@ -39,7 +39,7 @@ use overlap::{Overlap, policy};
 use proto::config::Config;
 use proto::reward::RewardKind;
 use proto::stage::RolloutShape;
-use state::{ACTING, FIRST_MOMENT, SECOND_MOMENT};
+use state::{FIRST_MOMENT, SECOND_MOMENT};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use step::{Inference, column_indices, sample};

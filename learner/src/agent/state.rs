@@ -8,7 +8,7 @@ use tch::Tensor;
 pub(crate) const MODEL: &str = "model.";
 
 /// What the names of weights begin with that act while others are trained (`ppo.overlap`).
-pub(super) const ACTING: &str = "acting.";
+pub(crate) const ACTING: &str = "acting.";
 /// Adam's mean of the gradient there.
 pub(crate) const FIRST_MOMENT: &str = "adam.first";
 /// Adam's mean of its square there.

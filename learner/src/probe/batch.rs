@@ -1,6 +1,6 @@
 //! A batch from a file: a rollout that another program may have collected.
 
-use crate::agent::MODEL;
+use crate::agent::{ACTING, MODEL};
 use crate::checkpoint::TensorsError;
 use crate::network::{Network, RawFrame, Staging, all_finite, goal_coordinates, to_vec};
 use crate::rollout::{Outcome, Rollout, Step};
@@ -53,7 +53,7 @@ impl<'a> Tensors<'a> {
     /// A file's tensors, if each means something here. In a dump the agent's own are beside the batch.
     fn of_batch(file: &'a BTreeMap<String, Tensor>) -> Result<Self, TensorsError> {
         let dump = file.keys().any(|name| name.starts_with(ROLLOUT));
-        let of_agent = |name: &str| dump && (name.starts_with(MODEL) || name.starts_with("adam."));
+        let of_agent = |name: &str| dump && [MODEL, ACTING, "adam."].iter().any(|own| name.starts_with(own));
         for name in file.keys().filter(|name| !of_agent(name)) {
             let bare = name.strip_prefix(ROLLOUT).unwrap_or(name);
             if !NAMES.contains(&bare) {

@@ -4,6 +4,7 @@ use crate::hosts::agent::Agent;
 use crate::hosts::membership::{Flags, Membership, membership};
 use crate::hosts::rendezvous::{Patience, Rendezvous};
 use crate::hosts::token::Token;
+use crate::showing::format::counted;
 use crate::training::run::Started;
 use anyhow::{Context, Result};
 use clap::Args;
@@ -60,7 +61,9 @@ impl HostFlags {
         let of_all = |each: u32| each.saturating_mul(hosts);
         config.actors.count = self.actors_per_host.map_or(config.actors.count, of_all);
         config.learner.count = self.learners_per_host.map_or(config.learner.count, of_all);
-        config.validate().with_context(|| format!("of {hosts} hosts together"))
+        config
+            .validate()
+            .with_context(|| format!("actors and learners of {} together", counted(u64::from(hosts), "host")))
     }
 
     /// How long hosts wait for one another.

@@ -106,6 +106,11 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     let budget = args.frames.map(|frames| Budget::of(&folder, &config, frames)).transpose()?;
     let budget = budget.filter(|budget| !budget.is_old());
     if let (None, Some(summary)) = (&budget, &summary) {
+        if reshaped {
+            bail!(
+                "this run is complete: it has no rollout for another number of processes. Give it more --frames, too"
+            );
+        }
         return Ok(show(summary, &folder));
     }
     if let Some(budget) = budget {
@@ -117,6 +122,8 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     } else {
         demand_all(&config, &folder, &tools)?;
         if reshaped {
+            // First: a launcher's command must not undo it, whatever happens in between.
+            identity.write(&folder)?;
             write_config(&folder, &config)?;
         }
     }
@@ -132,7 +139,7 @@ fn reshape(config: &mut Config, identity: &mut Identity, asked: [Option<u32>; 2]
     let [actors, learners] = [asked[0].unwrap_or(before[0]), asked[1].unwrap_or(before[1])];
     (config.actors.count, config.learner.count) = (actors, learners);
     config.validate().with_context(|| {
-        format!("{} and {} cannot be", counted(actors.into(), "actor"), counted(learners.into(), "learner"))
+        format!("the run cannot have {} and {}", counted(actors.into(), "actor"), counted(learners.into(), "learner"))
     })?;
     if actors != before[0] {
         identity.note_scale(before[0]);
@@ -174,6 +181,7 @@ pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Durat
         ));
     }
     if reshape(&mut config, &mut identity, [Some(actors), Some(learners)])? {
+        identity.write(&folder)?;
         write_config(&folder, &config)?;
     }
     if actors == asked_actors {

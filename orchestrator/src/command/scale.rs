@@ -77,7 +77,7 @@ pub fn run(args: &ScaleArgs) -> Result<()> {
         }
         let held = holder(&folder)?;
         match &held {
-            Held::By(now) if now.incarnation > asked.incarnation => return done(&folder, now.incarnation, actors),
+            Held::By(now) if now.incarnation > asked.incarnation => return done(&folder, now.incarnation, &request),
             Held::Free => bail!("{root} has ended before its number of actors changed"),
             Held::By(_) | Held::Unsigned => {}
         }
@@ -109,12 +109,16 @@ fn signed(folder: &RunFolder, actors: u32) -> Result<Holder> {
 }
 
 /// Says what came of it.
-fn done(folder: &RunFolder, incarnation: u32, actors: u32) -> Result<()> {
+fn done(folder: &RunFolder, incarnation: u32, request: &ScaleRequest) -> Result<()> {
+    let &ScaleRequest { actors, at_rollout, .. } = request;
     let identity = Identity::read(folder)?;
     let start = identity.incarnations.iter().find(|start| start.number == incarnation);
     let shape = start.and_then(|start| start.shape).context("run.toml does not say how the run goes on")?;
     if shape.actors != actors {
         bail!("{} goes on with {} actors: its log says why", folder.root().display(), shape.actors);
+    }
+    if let Some(at) = at_rollout.filter(|at| *at != shape.rollout) {
+        tracing::warn!("the first rollout with that number is {}, not {at}", shape.rollout);
     }
     terminal::out(&format!("run {} has {}", identity.id, counted(u64::from(actors), "actor")));
     terminal::out(&format!("from rollout: {} ({} frames)", shape.rollout, format::count(shape.frames)));

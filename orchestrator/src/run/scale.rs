@@ -1,5 +1,6 @@
 //! What `orchestrator scale` asks of the orchestrator that runs: a file of the run folder, which that one looks for.
 
+use crate::showing::format::counted;
 use anyhow::{Context, Result};
 use proto::bounded;
 use proto::config::Config;
@@ -96,7 +97,7 @@ impl ScaleRequest {
 pub fn with_actors(config: &Config, actors: u32) -> Result<Config> {
     let mut new = config.clone();
     new.actors.count = actors;
-    new.validate().with_context(|| format!("{actors} actors cannot be"))?;
+    new.validate().with_context(|| format!("the run cannot have {}", counted(u64::from(actors), "actor")))?;
     Ok(new)
 }
 

@@ -331,7 +331,7 @@ impl Supervisor {
                     self.allow(rollout + 1, frames);
                 } else if self.ends_before(rollout + 1) && self.policy.overlap {
                     // Its update is reported only when the learners know what comes next.
-                    self.stop(now);
+                    self.end_shape(now);
                 }
             }
             LearnerEvent::RolloutTrained { rollout, frames, .. } => {
@@ -341,7 +341,7 @@ impl Supervisor {
                     self.progress();
                 }
                 if self.ends_before(rollout + 1) {
-                    self.stop(now);
+                    self.end_shape(now);
                 }
             }
             LearnerEvent::EpisodePlayed { .. } => {

@@ -161,12 +161,14 @@ impl TrainingRun {
         match scaled {
             Ok(new) => {
                 self.identity.note_scale(before);
+                // First: a launcher's command must not undo it, whatever happens in between.
+                self.identity.write(&self.folder)?;
                 self.config = new;
                 events::scaled(before, actors);
                 write_config(&self.folder, &self.config)
             }
             Err(error) => {
-                tracing::error!("the run goes on with {before} actors, because {actors} cannot be: {error:#}");
+                tracing::error!("the run goes on with {before} actors, not with {actors}: {error:#}");
                 Ok(())
             }
         }

@@ -74,17 +74,18 @@ fn a_learner_that_hangs_is_killed_and_one_that_updates_and_collects_is_not() {
     let workshop = workshop("");
     let text = std::fs::read_to_string(workshop.path("tiny.toml")).expect("the workshop's own file");
     let quick = text.replace("actor_deadline_s = 60.0", "actor_deadline_s = 60.0\nprogress_deadline_s = 3.0");
-    // Or it might hang in a checkpoint.
+    // Or it might hang in a checkpoint, as it might at the end of a stage.
     let quick = quick.replace("interval_s = 0.0", "interval_s = 600.0");
     assert!(quick.contains("progress_deadline_s = 3.0") && quick.contains("interval_s = 600.0"), "{quick}");
     std::fs::write(workshop.path("tiny.toml"), quick).expect("a writable temporary folder");
     let undisturbed = complete(up(&workshop, "undisturbed", 1));
     assert_eq!(undisturbed.deaths(), Vec::<&str>::new());
 
-    let child = start(up(&workshop, "hung", 1));
+    // In the middle of rollout 4, beside update 3.
+    let mut command = up(&workshop, "hung", 1);
+    command.env("STILLROOM_FAULT", "hold=learner.mid_rollout:45@learner");
+    let child = start(command);
     let run = workshop.run("hung");
-    run.wait_for_rollouts(4);
-    signal(run.learner(), Signal::STOP);
     let printed = finish(child);
     assert_eq!(printed.result(), undisturbed.result());
     for part in ["learner-0 has finished no rollout or update for", "learner-0 died: signal 9"] {

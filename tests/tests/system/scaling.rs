@@ -130,7 +130,7 @@ fn what_cannot_be_is_one_clear_error_and_the_run_goes_on() {
     let learner = wait_until_held(&run);
     let message = refused(&["--actors", "1"]);
     assert!(
-        message.contains("1 actors cannot be") && message.contains("every learner has actors of its own"),
+        message.contains("the run cannot have 1 actor") && message.contains("every learner has actors of its own"),
         "{message}"
     );
     let message = refused(&["--actors", "4", "--at-rollout", "1"]);

@@ -22,9 +22,17 @@ impl Supervisor {
     /// The learners are ready, and would begin with this rollout.
     pub(super) fn begin(&mut self, now: Duration, rollout: u64, frames: u64) {
         if self.ends_before(rollout) {
-            self.stop(now);
+            self.end_shape(now);
         } else {
             self.allow(rollout, frames);
+        }
+    }
+
+    /// Has the learners save, because the next rollout has another number of actors. Where one has died, all are started
+    /// again first, and get here once more.
+    pub(super) fn end_shape(&mut self, now: Duration) {
+        if self.learners_are_whole() {
+            self.stop(now);
         }
     }
 

@@ -70,3 +70,18 @@ fn a_learner_that_dies_first_gets_there_all_the_same_and_a_run_that_is_over_is_c
     let (_, outcome) = saved_at(1, 7, Some(1000), false);
     assert_eq!(outcome.end, SessionEnd::Complete);
 }
+
+/// Rank 0 does not know yet that another one is gone when it tells of the last rollout of this number.
+#[test]
+fn a_learner_that_dies_with_the_last_rollout_leaves_none_behind() {
+    let mut world = World::with(2);
+    world.feed(Event::Scale { before: Some(4) });
+    while world.trained < 3 || !world.collected {
+        world.step(true);
+    }
+    world.exit(Process::Learner(1), Exit::Signal(9));
+    world.learner_step(0, true);
+    let (at, outcome) = end_of(world, u32::MAX, None, false);
+    assert_eq!((at, outcome.end), (4, SessionEnd::Stopped));
+    assert!(outcome.saved.is_some(), "what is gone on with was saved at that rollout");
+}
