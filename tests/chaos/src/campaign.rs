@@ -329,6 +329,7 @@ fn trained(shape: Shape, ours: &Complete, theirs: &Complete) -> Vec<String> {
     if !ours.replay.ends_with("differences: 0") {
         found.push(format!("replay: {}", ours.replay));
     }
+    found.extend(ours.evidence.without_curves());
     if !shape.exact {
         found.extend(ours.evidence.violations(shape.frames));
         return found;

@@ -121,6 +121,11 @@ impl Evidence {
         found
     }
 
+    /// What is wrong if there are no curves to compare: two runs without any are equal.
+    pub fn without_curves(&self) -> Option<String> {
+        self.curves[0].is_empty().then(|| "there are no event files of stages".to_owned())
+    }
+
     /// What must hold of a run whose results depend on timing.
     pub fn violations(&self, frames: u64) -> Vec<String> {
         let mut found = vec![];
@@ -134,9 +139,6 @@ impl Evidence {
         let rollouts: Vec<u64> = self.metrics.keys().copied().collect();
         if rollouts != (0..rollouts.len() as u64).collect::<Vec<_>>() {
             found.push("metrics.jsonl: rollouts are missing".to_owned());
-        }
-        if self.curves[0].is_empty() {
-            found.push("there are no event files of stages".to_owned());
         }
         let recorded = self.recording.steps_that_count();
         if recorded != frames {
