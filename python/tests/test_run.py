@@ -87,9 +87,12 @@ def test_summaries_and_validations(tmp_path: Path) -> None:
     tenth = {"episodes": 5, "mean_return": 1.5, "success": 0.25}
     summary = {"id": "x", "stages": [{"name": "I", "reward": "r", "frames": 9, "budget": 9, "last_tenth": tenth}]}
     score = {"rollout": 4, "frames": 900, "weights": "ab", "result": "r", "episodes": 8, "success": 1, "at_unix_s": 1}
-    files = {"summary.json": json.dumps(summary), "validation.jsonl": json.dumps(score) + "\n"}
+    # One that was made at the next start comes after those of later rollouts; what is made again counts.
+    rows = [score | {"rollout": 5}, score | {"success": 0.0}, score]
+    files = {"summary.json": json.dumps(summary), "validation.jsonl": "".join(json.dumps(row) + "\n" for row in rows)}
     run = stillroom.read_run(folder(tmp_path / "a", **files))
     assert run.stages.loc["I", "last_tenth/mean_return"] == 1.5 and run.stages["frames"].dtype == np.int64
+    assert list(run.validation.index) == [4, 5]
     assert run.validation.loc[4, "success"] == 1.0 and run.validation["episodes"].dtype == np.int64
     assert run.summary == summary
 
