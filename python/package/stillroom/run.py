@@ -140,8 +140,8 @@ def read_run(path: str | PathLike[str]) -> Run:
     """Reads the folder of a run or of an evaluation, also while it runs. Needs pandas.
 
     Of `metrics.jsonl` those lines are read that count: a line makes all before it with the same or a higher rollout
-    void. Of `validation.jsonl` the last line of each rollout is read. A last line that is cut off is left out. Any other
-    damaged line is an error.
+    void. Of `validation.jsonl` the last line of each rollout is read. A last line that is cut off is left out. Any
+    other damaged line is an error.
     """
     path = Path(path)
     try:
