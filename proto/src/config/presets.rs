@@ -20,7 +20,7 @@ const FILES: [(&str, &str, &str); 10] = [
     ),
     (
         "recipe",
-        "where to begin on a GPU: 20M + 25M frames, constants with which every seed learns, a GPU's shape",
+        "where to begin on a GPU: 20M + 25M frames, constants that learn from few frames, a GPU's shape",
         include_str!("../../presets/recipe.toml"),
     ),
     (
