@@ -1,8 +1,8 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up test chaos soak lint check-deploy doc book examples deny fuzz sanitize bench-peers \
-	bench-learner bench-wire bench-view check-determinism \
-	python test-python bench-python
+.PHONY: help setup build install uninstall up play policy test chaos soak lint check-deploy doc book examples deny fuzz \
+	sanitize bench-peers bench-learner bench-wire bench-view bench-hosts check-determinism \
+	python test-python bench-python dist
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -12,11 +12,16 @@ unexport LIBTORCH LIBTORCH_LIB LIBTORCH_INCLUDE LIBTORCH_USE_PYTORCH LIBTORCH_ST
 unexport LIBTORCH_BYPASS_VERSION_CHECK
 # Make's job server is not for cargo.
 unexport MAKEFLAGS MFLAGS
+# What `--version` says behind the version: nothing where no commit is known. With another one the programs are linked
+# again, no library is compiled.
+STILLROOM_COMMIT ?= $(shell deploy/commit)
+export STILLROOM_COMMIT := $(STILLROOM_COMMIT)
 
 help:
 	@echo 'make setup   fetch libtorch into .torch/ (544 MB, once); LIBTORCH=/path uses a torch 2.11 that is there'
 	@echo 'make build   set up and compile the programs'
 	@echo 'make up      build and start a run: 19 actors, a learner, the orchestrator; ARGS="..." adds options'
+	@echo 'make play    build, and let the policy in models/ play on a page; POLICY=FILE plays another'
 	@echo 'make install puts the programs, their libtorch, manual pages and completions under PREFIX (~/.local);'
 	@echo '             make uninstall takes them away'
 	@echo 'make test    set up, build and run all tests'
@@ -25,6 +30,8 @@ help:
 	@echo 'make soak    a run of two hours with faults, and how its processes and files grow; ARGS="--minutes M"'
 	@echo 'make check-determinism   the simulator, built for other processors and in debug, gives the same bits (minutes)'
 	@echo 'make python  build the Python package stillroom: a wheel in target/wheels/, installed in .venv/ (no libtorch)'
+	@echo 'make dist    the files of a release in target/dist/: an archive of the programs for any Linux with glibc 2.28 and'
+	@echo '             AVX2, the wheel, a bill of materials, checksums; STRICT=yes: what keeps them from being one is an error'
 	@echo 'make test-python   build it and run its tests; make bench-python measures it beside Gymnasium'
 	@echo 'make lint    formatting and clippy, warnings are errors; and check-deploy'
 	@echo 'make check-deploy   the image, manifests, service unit and shell scripts; STRICT=yes: what cannot be checked is an error'
@@ -48,12 +55,16 @@ help:
 	@echo 'make bench-view'
 	@echo '             what a viewer with an open page costs a run, in pairs (half an hour on an idle machine);'
 	@echo '             ARGS="--pairs 4 --page browser" measures otherwise'
+	@echo 'make bench-hosts'
+	@echo '             two learners on one host and on two, which are network namespaces here: what crosses, and what it costs;'
+	@echo '             ARGS="--pairs 5 --set network.encoder=resnet" measures otherwise'
 
 setup:
 	@LIBTORCH='$(LIBTORCH)' deploy/setup
 
+# Of the workspace, so that all other commands find the same features compiled; the program `chaos` is not for users.
 build: setup
-	cargo build --release --locked --workspace --bins
+	cargo build --release --locked --workspace --bin orchestrator --bin actor --bin learner
 
 PREFIX := $(HOME)/.local
 install: build
@@ -67,6 +78,18 @@ up: build
 	@interrupted=; trap 'interrupted=yes' INT; \
 	$(if $(LIBTORCH),LIBTORCH='$(LIBTORCH)') ./target/release/orchestrator up $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
 
+# The policy is in the checkout: no run is needed. Whether there is one is seen before anything is built.
+MODELS := models
+POLICY := $(firstword $(sort $(wildcard $(MODELS)/*.safetensors)))
+policy:
+	@[ -n '$(POLICY)' ] || { \
+		echo 'play: there is no policy in $(MODELS)/: models/README.md says how to make one, and POLICY=FILE plays any' >&2; \
+		exit 1; }
+
+play: policy build
+	@interrupted=; trap 'interrupted=yes' INT; \
+	./target/release/orchestrator view --policy '$(POLICY)' --open $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
+
 test: build
 	@if cargo nextest --version >/dev/null 2>&1; then \
 		set -x; cargo nextest run --release --locked --workspace --no-fail-fast; \
@@ -76,9 +99,11 @@ test: build
 	cargo test --doc --release --locked --workspace
 
 chaos: build
+	cargo build --release --locked --workspace --bin chaos
 	@./target/release/chaos faults $(ARGS)
 
 soak: build
+	cargo build --release --locked --workspace --bin chaos
 	@./target/release/chaos soak $(ARGS)
 
 # The golden hashes, which every build must reproduce: debug, release (AVX2 and fused multiply-add at hand, see
@@ -96,6 +121,10 @@ check-determinism:
 # Not part of `make build`: it needs no libtorch, and nothing else needs it. PYTHON=... makes .venv/.
 python:
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && echo "installed; $$python -c 'import stillroom'"
+
+# After `make build` it links again and packs.
+dist: build
+	@STRICT='$(STRICT)' deploy/dist
 
 test-python:
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && cd python && "$$python" -m pytest -q -rs $(ARGS)
@@ -159,3 +188,7 @@ bench-wire:
 # In pairs, one without and one with: nothing else may run meanwhile.
 bench-view: build
 	@python3 bench/viewer.py --orchestrator target/release/orchestrator $(ARGS)
+
+# Two learners, on one host and on two: hosts are namespaces, for which nobody needs to be root.
+bench-hosts: build
+	@python3 bench/hosts.py --orchestrator target/release/orchestrator $(ARGS)

@@ -77,6 +77,8 @@ SETUP_BYTES = 1_200_000_000  # the peak of a set-up (two copies of the big wheel
 BUILD_BYTES = 4_000_000_000  # target/ after a release build and the tests
 
 ROOT = Path(__file__).resolve().parent.parent
+# An unpacked release has programs instead of sources: nothing is compiled there.
+IS_RELEASE = not (ROOT / "Cargo.toml").exists()
 TORCH = ROOT / ".torch"
 FETCHED = TORCH / f"torch-{TORCH_VERSION}"
 LIBTORCH = TORCH / "libtorch"
@@ -137,6 +139,8 @@ def torch_in_use(libtorch):
 
 def check_disk():
     free = shutil.disk_usage(TORCH).free
+    if IS_RELEASE and free >= SETUP_BYTES:
+        return
     if free < SETUP_BYTES:
         raise Failed(
             f"only {megabytes(free)} are free on the file system of {ROOT}; set-up needs {megabytes(SETUP_BYTES)} (half"
@@ -468,7 +472,8 @@ def set_up():
             return
         remove_leftovers()
         try:
-            check_compiler()
+            if not IS_RELEASE:
+                check_compiler()
             if torch:
                 say(f"using torch {found} at {torch} (LIBTORCH); nothing is fetched")
                 link(torch, relative=False)
@@ -479,7 +484,8 @@ def set_up():
                 link(FETCHED / "torch", relative=True)
         finally:
             remove_leftovers()
-    say("done; plain cargo commands work now. `rm -rf .torch` undoes this")
+    ready = "`./orchestrator doctor` says whether this machine is ready" if IS_RELEASE else "plain cargo commands work now"
+    say(f"done; {ready}. `rm -rf .torch` undoes this")
 
 
 def main():

@@ -1,9 +1,9 @@
 //! Puts the folder of the libtorch that tch was built against into the run path of the learner and its tests, so
 //! that they start without environment variables, and compiles what we call of libtorch that tch does not bind.
 
-/// Called from Rust.
+/// Called from Rust. The first defines what libtorch's headers ask for.
 const CALLED: [&str; 6] =
-    ["convolution.cpp", "determinism.cpp", "graph.cpp", "group.cpp", "patches.cpp", "warnings.cpp"];
+    ["group.cpp", "convolution.cpp", "determinism.cpp", "graph.cpp", "patches.cpp", "warnings.cpp"];
 /// Linked whether anybody names them or not: their functions take the place of libtorch's own.
 const IN_PLACE: [&str; 2] = ["arithmetic.cpp", "product.cpp"];
 /// What they include.
@@ -30,7 +30,17 @@ fn main() {
         compiler.flag("-ffp-contract=off");
         compiler
     };
-    let path = |file: &&str| format!("src/ffi/{file}");
-    compiler().files(CALLED.iter().map(path)).compile("stillroom_ffi");
-    compiler().files(IN_PLACE.iter().map(path)).link_lib_modifier("+whole-archive").compile("stillroom_arithmetic");
+    // As one unit: most of what is compiled are libtorch's headers, and so they are read once.
+    let unit = |name: &str, files: &[&str]| {
+        let [sources, out] = ["CARGO_MANIFEST_DIR", "OUT_DIR"].map(|name| std::env::var(name).expect("cargo sets it"));
+        let lines: Vec<String> = files.iter().map(|file| format!("#include \"{sources}/src/ffi/{file}\"\n")).collect();
+        let path = std::path::Path::new(&out).join(name);
+        std::fs::write(&path, lines.concat()).expect("a build script's own folder can be written");
+        path
+    };
+    compiler().file(unit("called.cpp", &CALLED)).compile("stillroom_ffi");
+    compiler()
+        .file(unit("in_place.cpp", &IN_PLACE))
+        .link_lib_modifier("+whole-archive")
+        .compile("stillroom_arithmetic");
 }

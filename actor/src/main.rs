@@ -15,7 +15,7 @@ wire::require_processor!();
 ///
 /// Without a subcommand it is one rollout actor of a run; `orchestrator up` starts it as such.
 #[derive(Debug, Parser)]
-#[command(version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(version = wire::version!(), args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,

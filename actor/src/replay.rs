@@ -96,11 +96,11 @@ impl Theatre {
         }
         let (kitchen, programme, camera) =
             self.kitchens.get_mut(&id.kitchen).context("the kitchen was just put there")?;
-        if self.stage.as_ref().is_none_or(|(on_stage, _)| *on_stage != id) {
-            self.stage = Some((id, programme.environment(kitchen, id, &self.config)?));
+        match &mut self.stage {
+            Some((on_stage, environment)) if *on_stage == id => programme.start(environment, id, recorded.episode),
+            stage => *stage = Some((id, programme.environment(kitchen, id, recorded.episode, &self.config)?)),
         }
         let (_, environment) = self.stage.as_mut().context("the environment was just put there")?;
-        programme.start(environment, id, recorded.episode);
         Ok(Stage { environment, camera, fixed: programme.dealt(id, recorded.episode) })
     }
 }

@@ -125,8 +125,8 @@ impl Stage {
         let config = Config::from_toml(&setup.config, "the recording's configuration")?;
         let house = self.house(setup, &config, recorded.environment)?;
         let kitchen = Arc::clone(&house.kitchen);
-        let mut environment = house.programme.environment(&kitchen, recorded.environment, &config)?;
-        house.programme.start(&mut environment, recorded.environment, recorded.episode);
+        let (id, number) = (recorded.environment, recorded.episode);
+        let mut environment = house.programme.environment(&kitchen, id, number, &config)?;
         let told = Telling::of(&environment).play(&mut environment, recorded, &config)?;
         let Telling { moments, displaced, shown, outcome, things, compared, first_difference, .. } = told;
         let episode = *environment.episode();

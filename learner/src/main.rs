@@ -14,7 +14,7 @@ wire::require_processor!();
 /// Infers for its actors, collects rollouts and trains, together with the run's other learners. Started by
 /// `orchestrator`.
 #[derive(Debug, Parser)]
-#[command(version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(version = wire::version!(), args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 struct CommandLine {
     #[command(subcommand)]
     command: Option<Command>,
@@ -71,6 +71,8 @@ enum Command {
     Import(process::ImportArguments),
     /// Measures inference, updates and the whole loop on this machine
     Bench(bench::Arguments),
+    /// Measures how long learners take to sum a gradient, on this machine or over a network
+    Exchange(bench::exchange::Arguments),
     /// Runs network, losses and gradients on a batch from a file, to compare with another implementation
     Probe(probe::Arguments),
 }
@@ -107,6 +109,9 @@ fn main() -> ExitCode {
         }
         CommandLine { command: Some(Command::Import(arguments)), .. } => process::import(&arguments, std::io::stdout()),
         CommandLine { command: Some(Command::Bench(arguments)), .. } => bench::run(&arguments, std::io::stdout()),
+        CommandLine { command: Some(Command::Exchange(arguments)), .. } => {
+            bench::exchange::run(&arguments, std::io::stdout())
+        }
         CommandLine { command: Some(Command::Probe(arguments)), .. } => {
             probe::run(&arguments, std::io::stdout()).map_err(anyhow::Error::from)
         }

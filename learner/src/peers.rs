@@ -11,7 +11,8 @@
 pub use crate::ffi::group::Meeting;
 use crate::ffi::group::ProcessGroup;
 use crate::ffi::nccl::{Communicator, Invitation, Nccl, NcclError};
-use std::time::Duration;
+use std::cell::Cell;
+use std::time::{Duration, Instant};
 use tch::{Device, Kind, TchError, Tensor};
 use wire::fault;
 
@@ -40,6 +41,16 @@ pub struct Group {
     gloo: ProcessGroup,
     /// Between GPUs.
     gpus: Option<Communicator>,
+    exchanged: Cell<Exchanged>,
+}
+
+/// What sums of gradients took since [`Peers::count_anew`].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Exchanged {
+    /// From this learner's gradient to the sum; waiting for the slowest learner is in it.
+    pub seconds: f64,
+    /// Of the gradients that this learner gave.
+    pub bytes: u64,
 }
 
 /// How far the learners of a run are with the rollout in progress.
@@ -97,7 +108,7 @@ impl Peers {
         } else {
             None
         };
-        let peers = Self::Group(Group { rank, learners, gloo, gpus });
+        let peers = Self::Group(Group { rank, learners, gloo, gpus, exchanged: Cell::default() });
         // A barrier: no learner leaves before all have joined.
         peers.barrier()?;
         Ok(peers)
@@ -144,10 +155,37 @@ impl Peers {
     pub(crate) fn sum_gradients(&self, gradient: &mut Tensor) -> Result<(), PeerError> {
         // One that is held here has the others wait in the middle of their exchange.
         fault::reach("learner.before_exchange");
+        let Self::Group(group) = self else { return Ok(()) };
+        let began = if let Some(gpus) = &group.gpus {
+            // Whoever calls looks at the sum next. So it costs nothing to wait, and then the time is that of the sum.
+            gpus.wait()?;
+            let began = Instant::now();
+            gpus.sum(gradient)?;
+            gpus.wait()?;
+            began
+        } else {
+            let began = Instant::now();
+            group.gloo.sum(gradient).map_err(|cause| group.lost(cause))?;
+            began
+        };
+        let Exchanged { seconds, bytes } = group.exchanged.get();
+        let (took, given) = (began.elapsed().as_secs_f64(), gradient.numel() * size_of::<f32>());
+        group.exchanged.set(Exchanged { seconds: seconds + took, bytes: bytes + given as u64 });
+        Ok(())
+    }
+
+    /// What is counted from now on is another update's.
+    pub(crate) fn count_anew(&self) {
+        if let Self::Group(group) = self {
+            group.exchanged.take();
+        }
+    }
+
+    /// What the sums of gradients took; nothing with one learner.
+    pub(crate) fn exchanged(&self) -> Exchanged {
         match self {
-            Self::Alone => Ok(()),
-            Self::Group(Group { gpus: Some(gpus), .. }) => Ok(gpus.sum(gradient)?),
-            Self::Group(group) => group.gloo.sum(gradient).map_err(|cause| group.lost(cause)),
+            Self::Alone => Exchanged::default(),
+            Self::Group(group) => group.exchanged.get(),
         }
     }
 
@@ -308,6 +346,10 @@ mod tests {
             peers.sum(&mut numbers).unwrap();
             let mut gradient = Tensor::from_slice(&[rank as f32, 1e-3]);
             peers.sum_gradients(&mut gradient).unwrap();
+            let Exchanged { seconds, bytes } = peers.exchanged();
+            assert!(seconds > 0.0 && bytes == 8, "two floats: {seconds}, {bytes}");
+            peers.count_anew();
+            assert_eq!(peers.exchanged(), Exchanged::default());
             peers.agree("numbers", 1 << 63 | 5).unwrap();
             let apart = peers.agree("ranks", u64::from(rank)).unwrap_err().to_string();
             assert!(apart.ends_with("ranks differ ([0, 1, 2], by rank)"), "{apart}");

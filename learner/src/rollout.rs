@@ -187,7 +187,7 @@ impl Rollout {
     }
 
     /// Packs the valid steps of some columns.
-    pub fn packing(&self, columns: std::ops::Range<usize>) -> Packing {
+    pub fn packing(&self, columns: impl IntoIterator<Item = usize>) -> Packing {
         Packing::new(columns, |n| self.steps_of(n), |t, n| self.step(t, n).episode_start)
     }
 

@@ -27,7 +27,7 @@ pub use supervisor::event::{Action, Event, Exit, Outcome, Process, Saved, Sessio
 pub use supervisor::machine::Supervisor;
 pub use supervisor::policy::Policy;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use rustix::process::Signal;
 use std::process::ExitCode;
 
@@ -81,9 +81,10 @@ enum Command {
     Man(command::man::ManArgs),
 }
 
-/// The program: reads the command line, does what it asks for; its exit status.
-pub fn main() -> ExitCode {
-    let line = CommandLine::parse();
+/// The program: reads the command line, does what it asks for; its exit status. `version` is what `--version` prints.
+pub fn main(version: &'static str) -> ExitCode {
+    let matches = CommandLine::command().version(version).get_matches();
+    let line = CommandLine::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     showing::terminal::init(line.verbose, Box::new(showing::events::LogLines));
     // Before any child is started: it inherits the limit.
     wire::descriptors::raise_limit();

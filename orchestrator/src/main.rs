@@ -5,5 +5,5 @@ use std::process::ExitCode;
 wire::require_processor!();
 
 fn main() -> ExitCode {
-    orchestrator::main()
+    orchestrator::main(wire::version!())
 }

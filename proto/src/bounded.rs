@@ -3,7 +3,7 @@
 //! A pipe would have us wait for ever, `/dev/zero` would fill the memory, and so would a file of a hundred gigabytes.
 
 use std::fs::{File, Metadata, OpenOptions};
-use std::io::{Error, ErrorKind, Read, Result};
+use std::io::{BufRead, BufReader, Error, ErrorKind, Read, Result};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
@@ -26,20 +26,24 @@ pub fn open(path: &Path) -> Result<File> {
     Ok(file)
 }
 
+/// The same for a file that has `most` bytes at most, with its length.
+fn open_at_most(path: &Path, most: u64) -> Result<(File, u64)> {
+    let file = open(path)?;
+    let length = file.metadata()?.len();
+    if length > most { Err(too_long(most)) } else { Ok((file, length)) }
+}
+
+fn too_long(most: u64) -> Error {
+    Error::new(ErrorKind::FileTooLarge, format!("it has more than the {most} bytes that such a file may have"))
+}
+
 /// The bytes of an ordinary file that has `most` at most.
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
-    let file = open(path)?;
-    let too_long = || {
-        let text = format!("it has more than the {most} bytes that such a file may have");
-        Error::new(ErrorKind::FileTooLarge, text)
-    };
-    if file.metadata()?.len() > most {
-        return Err(too_long());
-    }
+    let (file, length) = open_at_most(path, most)?;
     // It may have grown since, and the size of what lies in /proc is unknown.
-    let mut bytes = Vec::new();
+    let mut bytes = Vec::with_capacity(length as usize + 1);
     file.take(most + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > most { Err(too_long()) } else { Ok(bytes) }
+    if bytes.len() as u64 > most { Err(too_long(most)) } else { Ok(bytes) }
 }
 
 /// The text of an ordinary file of [`TEXT_BYTES_MOST`] bytes at most.
@@ -47,14 +51,14 @@ pub fn read_text(path: &Path) -> Result<String> {
     text(read(path, TEXT_BYTES_MOST)?)
 }
 
-/// The figures of a run or of an evaluation: an ordinary file of 1 GiB at most.
-pub fn read_figures(path: &Path) -> Result<Vec<u8>> {
-    read(path, FIGURES_BYTES_MOST)
+/// The figures of a run or of an evaluation: the text of an ordinary file of 1 GiB at most.
+pub fn read_figures_text(path: &Path) -> Result<String> {
+    text(read(path, FIGURES_BYTES_MOST)?)
 }
 
-/// The same as text.
-pub fn read_figures_text(path: &Path) -> Result<String> {
-    text(read_figures(path)?)
+/// The same, to be read line by line.
+pub fn open_figures(path: &Path) -> Result<impl BufRead> {
+    open_at_most(path, FIGURES_BYTES_MOST).map(|(file, _)| BufReader::new(file.take(FIGURES_BYTES_MOST)))
 }
 
 fn text(bytes: Vec<u8>) -> Result<String> {

@@ -135,6 +135,10 @@ pub struct Timing {
     pub infer_s: f64,
     /// PPO epochs. With `ppo.overlap`: waiting for them when the next rollout was collected.
     pub update_s: f64,
+    /// Of the update, whether or not a rollout was collected beside it: summing gradients over all learners. Waiting for
+    /// the slowest of them is in it. 0 with one learner.
+    #[serde(default)]
+    pub exchange_s: f64,
     /// Everything else: waiting for announcements, other learners and the recording's file; checkpoints.
     pub other_s: f64,
 }
@@ -144,12 +148,13 @@ impl std::ops::AddAssign for Timing {
         self.simulate_s += other.simulate_s;
         self.infer_s += other.infer_s;
         self.update_s += other.update_s;
+        self.exchange_s += other.exchange_s;
         self.other_s += other.other_s;
     }
 }
 
 impl Timing {
-    /// All parts together, seconds.
+    /// All parts together, seconds. The exchange is a part of the update.
     pub fn total_s(&self) -> f64 {
         self.simulate_s + self.infer_s + self.update_s + self.other_s
     }

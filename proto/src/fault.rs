@@ -4,7 +4,7 @@
 //! or flushing, when it reaches the point for the N-th time (default: the first). Crash tests set the variable for one
 //! child; without it [`reach`] is one load and one branch. Points are named `CRATE.MOMENT`, for example
 //! `actor.before_send`; `grep 'fault::reach'` lists them. Several programs pass the points `file.MOMENT`, and children
-//! inherit the variable: `POINT:N@PROGRAM` arms only the program of that name.
+//! inherit the variable: `POINT:N@PROGRAM` arms only the program of that name. Commas divide several points.
 //!
 //! `STILLROOM_FAULT=hold=POINT` stops the process there (SIGSTOP) until it gets SIGCONT: a test then does something to
 //! the others at a moment that it has chosen.
@@ -25,26 +25,24 @@ struct Armed {
     countdown: AtomicU64,
 }
 
-static ARMED: OnceLock<Option<Armed>> = OnceLock::new();
+static ARMED: OnceLock<Vec<Armed>> = OnceLock::new();
 
 /// Marks a fault point: kills or holds this process if [`VARIABLE`] names the point.
 pub fn reach(point: &str) {
-    let armed = ARMED.get_or_init(armed_here);
-    if let Some(armed) = armed
-        && armed.point == point
-        && armed.countdown.fetch_sub(1, Ordering::Relaxed) == 1
-    {
-        // A crash, not an exit: no destructor may run, as when the kernel kills the process.
-        let _ = kill_process(getpid(), armed.signal);
+    for armed in ARMED.get_or_init(armed_here) {
+        if armed.point == point && armed.countdown.fetch_sub(1, Ordering::Relaxed) == 1 {
+            // A crash, not an exit: no destructor may run, as when the kernel kills the process.
+            let _ = kill_process(getpid(), armed.signal);
+        }
     }
 }
 
 /// What the variable arms in this program.
-fn armed_here() -> Option<Armed> {
-    let text = std::env::var(VARIABLE).ok()?;
+fn armed_here() -> Vec<Armed> {
+    let Ok(text) = std::env::var(VARIABLE) else { return vec![] };
     let program = std::env::args_os().next().map(PathBuf::from);
     let name = program.as_deref().and_then(Path::file_name).and_then(OsStr::to_str);
-    parse(&text, name.unwrap_or_default())
+    text.split(',').filter_map(|point| parse(point, name.unwrap_or_default())).collect()
 }
 
 /// What `text` arms in the program of this name.
@@ -111,5 +109,7 @@ mod tests {
         assert_eq!(end(Some("proto.test:3")), passed);
         assert_eq!(end(Some("proto.test:2")), killed);
         assert_eq!(end(Some("proto.test")), killed);
+        assert_eq!(end(Some("proto.test:3,proto.other")), passed);
+        assert_eq!(end(Some("proto.other,proto.test:2")), killed);
     }
 }

@@ -185,6 +185,8 @@ impl fmt::Display for KitchenRange {
 pub enum Kitchens {
     /// Those of a split.
     Split(Split),
+    /// A single built-in one: an evaluation that somebody watches.
+    One(KitchenId),
     /// This many scenes of the run's own.
     Scenes(usize),
     /// Procedural ones: every environment has one of its own, and another one later (`Rota`).
@@ -199,6 +201,7 @@ impl Kitchens {
     pub fn ids(self) -> Vec<KitchenId> {
         match self {
             Self::Split(split) => KitchenId::of_split(split),
+            Self::One(kitchen) => vec![kitchen],
             Self::Scenes(scenes) => (0..scenes).filter_map(KitchenId::scene).collect(),
             Self::Procedural(range) => range.ids().collect(),
         }
@@ -208,6 +211,7 @@ impl Kitchens {
     pub fn count(self) -> usize {
         match self {
             Self::Split(split) => KitchenId::all().filter(|kitchen| kitchen.split() == split).count(),
+            Self::One(_) => 1,
             Self::Scenes(scenes) => scenes.min(KitchenId::SCENES_MAX),
             Self::Procedural(range) => range.count() as usize,
         }
@@ -369,6 +373,8 @@ mod tests {
         assert_eq!(KitchenId::new(28), Err(NoSuchKitchen(28)));
         assert_eq!(Kitchens::TRAINING.of_actor(0), KitchenId::new(1).ok());
         assert_eq!(Kitchens::TRAINING.of_actor(19), Kitchens::TRAINING.of_actor(0));
+        let one = Kitchens::One(KitchenId::new(8).unwrap());
+        assert_eq!((one.count(), one.of_actor(1)), (1, KitchenId::new(8).ok()));
     }
 
     #[test]

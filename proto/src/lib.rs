@@ -35,6 +35,7 @@ pub mod metric;
 pub mod pin;
 pub mod plain_file;
 pub mod plausible;
+pub mod policy_file;
 pub mod printable;
 pub mod random;
 pub mod replay;

@@ -20,6 +20,8 @@ pub const DISCOUNTED_DISTURBANCE: &str = "episode/discounted_disturbance_m";
 /// Learners that ended this rollout early, because most others had finished (DD-PPO); absent with one learner, or
 /// without pre-emption.
 pub const PREEMPTED: &str = "rollout/preempted_learners";
+/// Bytes of gradients that each learner gave to the sums of this update; absent with one learner.
+pub const EXCHANGED: &str = "rollout/exchanged_bytes";
 /// Mean reward a step over the rollout.
 pub const REWARD: &str = "rollout/reward";
 /// Clipped policy loss.
@@ -42,7 +44,7 @@ pub const MULTIPLIER: &str = "lagrangian/multiplier";
 pub const AUXILIARY_LOSS: &str = "loss/auxiliary";
 
 /// All of them.
-pub const ALL: [&str; 19] = [
+pub const ALL: [&str; 20] = [
     EPISODES,
     RETURN,
     LENGTH,
@@ -52,6 +54,7 @@ pub const ALL: [&str; 19] = [
     DISTURBANCE,
     DISCOUNTED_DISTURBANCE,
     PREEMPTED,
+    EXCHANGED,
     REWARD,
     POLICY_LOSS,
     VALUE_LOSS,

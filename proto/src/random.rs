@@ -37,6 +37,8 @@ pub enum Purpose {
     /// Which procedural kitchen an environment is in next: `environment` is its number over the whole run, `episode`
     /// counts its kitchens.
     KitchenVisit = 11,
+    /// Which environments are in a minibatch together; `environment` is the column, `episode` the rollout.
+    Minibatch = 12,
     /// What a contrastive auxiliary loss shows as not seen; keyed as [`Purpose::AuxiliarySubsample`].
     AuxiliaryNegatives = 16,
     /// Resamples behind the intervals of a report; `environment` is the number of seeds, `episode` the resample.

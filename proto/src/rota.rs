@@ -65,16 +65,16 @@ impl Rota {
         EnvironmentId { kitchen, ..home }
     }
 
-    /// The next kitchen that an environment goes on to after its episode of this number, if that is known to be
-    /// another one.
-    pub fn next_place(&self, home: EnvironmentId, episode: u32) -> Option<EnvironmentId> {
+    /// Where an environment goes on to after its episode of this number, if that is known to be another kitchen, and
+    /// its first episode there.
+    pub fn next_move(&self, home: EnvironmentId, episode: u32) -> Option<(u32, EnvironmentId)> {
         let now = self.place(home, episode);
         let later = match &self.0 {
             Rule::Settled => return None,
             Rule::Drawn { episodes_each, .. } => (episode / episodes_each + 1).checked_mul(*episodes_each)?,
             Rule::Planned(plan) => plan.next_kitchen(home, episode)?,
         };
-        Some(self.place(home, later)).filter(|next| *next != now)
+        Some((later, self.place(home, later))).filter(|(_, next)| *next != now)
     }
 }
 
@@ -108,8 +108,11 @@ mod tests {
                     assert!((1..3).all(|more| kitchen(3 * visit + more) == first));
                     *visits.entry(first).or_default() += 1;
                     let next = kitchen(3 * visit + 3);
-                    let expected = (next != first).then_some(next);
-                    assert_eq!(rota.next_place(home, 3 * visit + 1).map(|place| place.kitchen), expected);
+                    let expected = (next != first).then_some((3 * visit + 3, next));
+                    assert_eq!(
+                        rota.next_move(home, 3 * visit + 1).map(|(then, place)| (then, place.kitchen)),
+                        expected
+                    );
                 }
                 assert_eq!(rota.place(home, 7).number, 4 * actor + index);
             }
@@ -136,7 +139,7 @@ mod tests {
     fn in_the_training_kitchens_nobody_moves() {
         let rota = Config::default().rota();
         let home = EnvironmentId::of(3, 0, 1);
-        assert!(!rota.moves() && rota.next_place(home, 0).is_none());
+        assert!(!rota.moves() && rota.next_move(home, 0).is_none());
         assert!((0..200).all(|episode| rota.place(home, episode) == home));
     }
 }

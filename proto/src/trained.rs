@@ -8,6 +8,7 @@ use crate::event::Timing;
 use crate::figures::{Figures, KnownNames};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::io::BufRead;
 use std::ops::RangeInclusive;
 
 /// One line.
@@ -30,6 +31,12 @@ pub struct Trained {
 }
 
 impl Trained {
+    /// Adds its line.
+    pub fn encode(&self, lines: &mut Vec<u8>) {
+        serde_json::to_writer(&mut *lines, self).expect("numbers and strings always serialise");
+        lines.push(b'\n');
+    }
+
     /// Whether both are of the same training: all is equal but the times, and who noted them.
     fn is_as(&self, other: &Self) -> bool {
         (self.rollout, self.frames, self.stage, &self.metrics)
@@ -55,24 +62,28 @@ impl History {
     /// is valid, and a line makes all earlier ones with higher numbers void: so a file is read that was only ever
     /// appended to. The last line may be cut off, by a kill or because it is being written.
     pub fn decode(bytes: &[u8]) -> (Self, usize) {
+        Self::read(bytes).expect("memory can be read")
+    }
+
+    /// The same from a file, line by line.
+    pub fn read(mut file: impl BufRead) -> std::io::Result<(Self, usize)> {
         let (mut history, mut damaged) = (Self::default(), 0);
-        let mut lines = bytes.split(|&byte| byte == b'\n').peekable();
-        while let Some(line) = lines.next() {
-            match serde_json::from_slice(line) {
+        let mut line = Vec::new();
+        while file.read_until(b'\n', &mut line)? > 0 {
+            match serde_json::from_slice(&line) {
                 Ok(trained) => history.insert(trained),
-                Err(_) if lines.peek().is_none() || line.is_empty() => {}
-                Err(_) => damaged += 1,
+                Err(_) => damaged += usize::from(line.ends_with(b"\n") && line != b"\n"),
             }
+            line.clear();
         }
-        (history, damaged)
+        Ok((history, damaged))
     }
 
     /// A line of JSON for each.
     pub fn encode(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
         for trained in self.iter() {
-            serde_json::to_writer(&mut bytes, trained).expect("numbers and strings always serialise");
-            bytes.push(b'\n');
+            trained.encode(&mut bytes);
         }
         bytes
     }

@@ -54,6 +54,21 @@ def test_the_newest_whole_checkpoint_of_a_run_is_read(tmp_path: Path) -> None:
     assert np.array_equal(alone.weights["actor.weight"], newest.weights["actor.weight"]) and alone.frames is None
 
 
+def test_a_policy_file_says_itself_what_it_is(tmp_path: Path) -> None:
+    config = '[network]\ngoal = "cartesian"\ncarried_goal = "object_to_goal"\n[episode]\nmax_steps = 77\n'
+    facts = {"config": config, "frames": "4000", "rollout": "12", "run": "0123"}
+    path = tmp_path / "policy.safetensors"
+    save_file({"actor.weight": np.ones((2, 3), np.float16)}, path, {"stillroom": json.dumps(facts)})
+    policy = stillroom.load(path)
+    assert (policy.frames, policy.goal, policy.carried_goal) == (4000, "cartesian", "object_to_goal")
+    assert policy.weights["actor.weight"].dtype == np.float32
+    assert policy.environment() == {"carried_goal": "object_to_goal", "max_steps": 77}
+    for wrong in ("nonsense", "[]", json.dumps({**facts, "frames": "many"}), json.dumps({**facts, "config": "="})):
+        save_file({"actor.weight": np.ones((2, 3), np.float16)}, path, {"stillroom": wrong})
+        with pytest.raises(CheckpointError, match="metadata that cannot be read"):
+            stillroom.load(path)
+
+
 def test_what_holds_no_checkpoint_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match="no checkpoint"):
         stillroom.load(tmp_path)

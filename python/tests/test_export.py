@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
+import stillroom
 from conftest import REPOSITORY, probed, record, weights_of
 
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -120,6 +121,43 @@ def test_a_model_computes_what_the_learner_does(
     alone_log_probs, _ = play(slice(1, 2))
     assert alone_log_probs.shape[1] == 1
     assert np.abs(alone_log_probs[:, 0] - expected["log_probs"][:, 1]).max() < 1e-5
+
+
+def test_a_policy_file_of_16_bits_acts_as_the_run_does(
+    programs: dict[str, Path], kitchens: dict, tmp_path: Path
+) -> None:
+    """Rounded to 16 bits and widened again each weight is within half a unit of its last place, and nearly every step
+    that environments saw gets the same action."""
+    steps, columns = 250, 4
+    settings = ["network.encoder=cnn", "network.input_pool=2", "network.hidden=256", "network.goal=cartesian"]
+    run_with_weights(programs, tmp_path, weights_of("cnn", 2, 256, 21), settings)
+    done = orchestrator(
+        programs, tmp_path, "export", "run", "--format", "safetensors", "--half", "--out", "policy.safetensors"
+    )
+    assert done.returncode == 0, done.stderr
+    exact, half = load_file(tmp_path / "start.safetensors"), load_file(tmp_path / "policy.safetensors")
+    assert half.keys() == exact.keys() and all(array.dtype == np.float16 for array in half.values())
+    for name, array in half.items():
+        assert np.array_equal(array, exact[name].astype(np.float16)), name
+        rounding = np.maximum(np.abs(exact[name]) * 2.0**-11, 2.0**-25)
+        assert (np.abs(array.astype(np.float32) - exact[name]) <= rounding).all(), name
+
+    # It says itself what it is.
+    loaded = stillroom.load(tmp_path / "policy.safetensors")
+    assert (loaded.goal, loaded.frames, loaded.carried_goal) == ("cartesian", 0, "object_to_goal")
+    assert all(array.dtype == np.float32 for array in loaded.weights.values())
+    assert loaded.environment()["action_space"] == "large"
+
+    batch = record(steps, columns, "large", kitchens[1])
+    full, rounded = (
+        probed(programs["learner"], tmp_path, name, batch, "cartesian")["log_probs"]
+        for name in ("start.safetensors", "policy.safetensors")
+    )
+    same = (full.argmax(2) == rounded.argmax(2)).mean()
+    apart = np.abs(full - rounded).max()
+    print(f"the same action in {same:.2%} of {steps * columns} steps; log-probabilities to {apart:.1e}")
+    assert same > 0.97 and 0 < apart < 0.05
+    assert len(set(full.argmax(2).ravel())) > 1, "the policy does not always choose the same"
 
 
 def test_goals_in_every_direction_are_those_of_the_network(programs: dict[str, Path], tmp_path: Path) -> None:

@@ -1,10 +1,11 @@
 //! `orchestrator view` as a running process, and a client of it.
 
-use crate::{Workshop, finish, signal, start};
+use crate::{Printed, Workshop, finish, signal, start};
+use rustix::process::Signal;
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::process::Child;
+use std::process::{Child, Command};
 use std::time::Duration;
 
 /// A viewer; interrupted when this is dropped.
@@ -41,7 +42,15 @@ impl Viewer {
     /// # Panics
     /// If it does not say where it listens.
     pub fn start(workshop: &Workshop, arguments: &[&str]) -> Self {
-        let mut child = start(workshop.orchestrator(&[&["view", "--port", "0"], arguments].concat()));
+        Self::of(workshop.orchestrator(&[&["view", "--port", "0"], arguments].concat()))
+    }
+
+    /// Starts this command, which is one.
+    ///
+    /// # Panics
+    /// If it does not say where it listens.
+    pub fn of(command: Command) -> Self {
+        let mut child = start(command);
         let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
         let line = lines.next().expect("a line").expect("text");
         let address = line.strip_prefix("view: http://").expect("an address").trim_end_matches('/').to_owned();
@@ -81,10 +90,26 @@ impl Viewer {
     ///
     /// # Panics
     /// If it hangs.
-    pub fn stop(mut self) -> bool {
+    pub fn stop(self) -> bool {
+        self.end(Signal::INT).success
+    }
+
+    /// Ends it by a signal; what it printed.
+    ///
+    /// # Panics
+    /// If it hangs.
+    pub fn end(mut self, by: Signal) -> Printed {
         let child = self.child.take().expect("it is stopped once");
-        signal(child.id(), rustix::process::Signal::INT);
-        finish(child).success
+        signal(child.id(), by);
+        finish(child)
+    }
+
+    /// Waits for its own end.
+    ///
+    /// # Panics
+    /// If it does not end.
+    pub fn wait(mut self) -> Printed {
+        finish(self.child.take().expect("it is waited for once"))
     }
 }
 

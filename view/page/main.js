@@ -5,6 +5,7 @@ import { showList } from "./list.js";
 import { showRun } from "./run.js";
 import { showEpisodes } from "./episodes.js";
 import { showEpisode, showCompare } from "./episode.js";
+import { showPlay } from "./play.js";
 
 const content = document.getElementById("content");
 const crumbs = document.getElementById("crumbs");
@@ -38,7 +39,14 @@ async function show() {
       location.replace(opening.compare ? `#/compare/${opening.runs.join("/")}` : `#/run/${opening.runs.slice(0, 6).join("+")}`);
       return;
     }
-    if (!kind) {
+    if (!kind && opening.play && !query.has("all")) {
+      location.replace("#/play");
+      return;
+    }
+    if (kind === "play") {
+      title("A policy at work", [crumb("at work")]);
+      await showPlay(root, signal);
+    } else if (!kind) {
       title("Runs", []);
       await showList(root, signal);
     } else if (kind === "run" && what === "episodes") {

@@ -29,6 +29,7 @@ pub const ASSETS: &[Asset] = &[
     asset!("/run.js", "text/javascript; charset=utf-8", "run.js"),
     asset!("/episodes.js", "text/javascript; charset=utf-8", "episodes.js"),
     asset!("/episode.js", "text/javascript; charset=utf-8", "episode.js"),
+    asset!("/play.js", "text/javascript; charset=utf-8", "play.js"),
     asset!("/film.js", "text/javascript; charset=utf-8", "film.js"),
     asset!("/gif.js", "text/javascript; charset=utf-8", "gif.js"),
     asset!("/stage.js", "text/javascript; charset=utf-8", "stage.js"),

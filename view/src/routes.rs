@@ -43,6 +43,8 @@ pub struct Opening {
     pub runs: Vec<String>,
     /// Two of them, episode beside episode.
     pub compare: bool,
+    /// A policy plays.
+    pub play: bool,
     /// Version of the program.
     pub version: &'static str,
 }

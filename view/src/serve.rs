@@ -37,6 +37,8 @@ pub struct Settings {
     pub open: Vec<String>,
     /// Two runs are shown episode beside episode.
     pub compare: bool,
+    /// There is one run at a time, of a policy that plays: the page opens where it plays.
+    pub play: bool,
 }
 
 /// Why the server ended.
@@ -55,8 +57,9 @@ pub async fn serve(
     end: impl Future<Output = ()>,
 ) -> Result<(), ServeError> {
     let guard = Guard { token: settings.token.as_deref().map(Arc::from), host_name: settings.host_name.into() };
-    let opening = Opening { runs: settings.open, compare: settings.compare, version: env!("CARGO_PKG_VERSION") };
-    let router = router(runs, Theatre::new(settings.actor), guard, opening);
+    let Settings { actor, open, compare, play, .. } = settings;
+    let opening = Opening { runs: open, compare, play, version: env!("CARGO_PKG_VERSION") };
+    let router = router(runs, Theatre::new(actor), guard, opening);
     let room = Arc::new(Semaphore::new(CONNECTIONS));
     tokio::pin!(end);
     loop {

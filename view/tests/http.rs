@@ -130,6 +130,7 @@ impl Server {
         let address = listener.local_addr().expect("an address");
         let runs = Arc::new(One::default());
         let settings = Settings {
+            play: false,
             actor,
             token: token.map(str::to_owned),
             host_name: "lab7".to_owned(),

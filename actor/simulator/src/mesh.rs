@@ -107,6 +107,11 @@ impl Mesh {
         }
     }
 
+    /// Triangles that its faces are cut into.
+    pub(crate) fn triangle_count(&self) -> usize {
+        self.faces.iter().map(|face| face.count as usize - 2).sum()
+    }
+
     /// Its faces cut into triangles, from the first corner of each.
     fn triangulated(&self) -> Vec<[[f32; 3]; 3]> {
         let corner = |index: u32| self.vertices[usize::from(self.corners[index as usize])];

@@ -4,6 +4,7 @@ use super::clock::seconds_per_call;
 use super::memory;
 use super::player::Player;
 use super::policy::PolicyKind;
+use super::visits;
 use crate::parallel::in_parallel;
 use anyhow::{Context, Result, ensure};
 use proto::camera::FRAME_PIXELS;
@@ -67,6 +68,9 @@ pub(super) fn run(
             policy.name(),
             100.0 * apart / together
         )?;
+    }
+    if kitchens.iter().all(|kitchen| kitchen.is_procedural()) {
+        visits::run(kitchens, folder.path(), &mut out)?;
     }
     if with_memory {
         let mb = memory::environment_apart_mb(kitchens, folder.path())?;

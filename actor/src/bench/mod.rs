@@ -11,6 +11,7 @@ pub mod memory;
 pub mod player;
 pub mod policy;
 mod report;
+mod visits;
 
 use anyhow::{Result, ensure};
 use clock::seconds_per_call;

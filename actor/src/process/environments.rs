@@ -1,6 +1,6 @@
 //! The environments of one actor: stepping them, rebuilding them, and showing what they see.
 
-use super::larder::Larder;
+use super::larder::{Larder, Opened, Order};
 use super::{shm, whereabouts};
 use anyhow::{Context, Result, bail, ensure};
 use proto::action::{Action, HOLD};
@@ -13,12 +13,14 @@ use proto::step::{Transition, transition_flag};
 use simulator::depth::{DepthCamera, Scenery};
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
-use simulator::kitchen::{Body, Kitchen};
-use std::collections::BTreeMap;
+use simulator::kitchen::Body;
 use std::mem::MaybeUninit;
 use std::ops::Range;
-use std::sync::{Arc, Weak};
 use wire::message::{EnvironmentState, Observation};
+
+/// The kitchen that an environment goes to next is opened when so many episodes before that one are left: early enough
+/// that they take longer than opening it, late enough that few such kitchens wait.
+const OPENED_AHEAD: u32 = 3;
 
 /// All environments of an actor.
 pub struct Environments {
@@ -36,8 +38,6 @@ struct Course {
     rota: Rota,
     programme: Programme,
     larder: Larder,
-    /// Kitchens that environments of this actor are in: two that meet in one share it.
-    in_use: BTreeMap<KitchenId, Weak<Kitchen>>,
 }
 
 /// One environment in its current episode.
@@ -53,52 +53,52 @@ struct Running {
 }
 
 impl Course {
-    /// The kitchen of this episode. Also orders the one that the environment goes to next.
-    fn kitchen(&mut self, home: EnvironmentId, episode: u32) -> Result<Arc<Kitchen>> {
-        let id = self.rota.place(home, episode).kitchen;
-        let kitchen = if let Some(kitchen) = self.in_use.get(&id).and_then(Weak::upgrade) {
-            kitchen
-        } else {
-            let kitchen = Arc::new(self.larder.take(id)?);
-            self.in_use.retain(|_, kitchen| kitchen.strong_count() > 0);
-            self.in_use.insert(id, Arc::downgrade(&kitchen));
-            kitchen
-        };
-        if let Some(next) = self.rota.next_place(home, episode) {
-            self.larder.order(next.kitchen);
-        }
-        Ok(kitchen)
-    }
-
-    fn environment(&mut self, home: EnvironmentId, episode: u32) -> Result<(EnvironmentId, Environment)> {
-        let kitchen = self.kitchen(home, episode)?;
+    /// An environment in the kitchen of this episode, at its start; and what the camera shows of that kitchen, if each
+    /// environment has its own.
+    fn enter(&self, home: EnvironmentId, episode: u32) -> Result<(EnvironmentId, Environment, Option<Scenery>)> {
         let id = self.rota.place(home, episode);
+        let Opened { kitchen, scenery } = self.larder.take(home.number, id.kitchen)?;
         let environment = self
             .programme
-            .environment(&kitchen, id, &self.config)
+            .environment(&kitchen, id, episode, &self.config)
             .with_context(|| format!("cannot set up environment {} of kitchen {}", id.number, id.kitchen))?;
-        Ok((id, environment))
+        let scenery = self.rota.moves().then(|| scenery.unwrap_or_else(|| Scenery::of(kitchen.bodies())));
+        Ok((id, environment, scenery))
+    }
+
+    /// Has the kitchen that the environment goes to after this episode made as soon as that is known, and opened when it
+    /// is near.
+    fn look_ahead(&self, home: EnvironmentId, episode: u32, just_entered: bool) {
+        let Some((then, next)) = self.rota.next_move(home, episode) else { return };
+        let open = then - episode <= OPENED_AHEAD;
+        if open || just_entered {
+            self.larder.order(Order { environment: home.number, kitchen: next.kitchen, open });
+        }
     }
 }
 
 impl Running {
-    /// Begins an episode; its scenery is made anew where that is in another kitchen.
-    fn start(&mut self, course: &mut Course, scenery: Option<&mut Scenery>, episode: u32) -> Result<()> {
+    /// Begins an episode; its scenery is another one where that is in another kitchen.
+    fn start(&mut self, course: &Course, scenery: Option<&mut Scenery>, episode: u32) -> Result<()> {
         let place = course.rota.place(self.home, episode);
         whereabouts::enter(place, episode);
-        if place.kitchen != self.id.kitchen {
-            (self.id, self.environment) = course.environment(self.home, episode)?;
-            if let Some(scenery) = scenery {
-                *scenery = Scenery::of(self.environment.kitchen().bodies());
+        let moves = place.kitchen != self.id.kitchen;
+        if moves {
+            let (id, environment, entered) = course.enter(self.home, episode)?;
+            (self.id, self.environment) = (id, environment);
+            if let Some((scenery, entered)) = scenery.zip(entered) {
+                *scenery = entered;
             }
+        } else {
+            course.programme.start(&mut self.environment, self.id, episode);
         }
-        course.programme.start(&mut self.environment, self.id, episode);
+        course.look_ahead(self.home, episode, moves);
         self.episode = episode;
         Ok(())
     }
 
     /// Takes an action; after the last one of an episode the environment stands at the start of the next.
-    fn act(&mut self, course: &mut Course, scenery: Option<&mut Scenery>, action: Action) -> Result<()> {
+    fn act(&mut self, course: &Course, scenery: Option<&mut Scenery>, action: Action) -> Result<()> {
         whereabouts::enter(self.id, self.episode);
         self.transition = self.environment.step(action);
         if self.transition.flags & transition_flag::ENDED != 0 {
@@ -120,28 +120,21 @@ impl Environments {
                 EnvironmentId { kitchen: kitchen.unwrap_or(home.kitchen), ..home }
             })
             .collect();
-        // The larder's thread begins at the other end, if there is a processor for it.
         if rota.moves() {
-            homes.iter().rev().for_each(|&home| larder.order(rota.place(home, 0).kitchen));
+            order_all(&larder, homes.iter().map(|&home| rota.place(home, 0)).collect());
         }
-        let first = rota.place(*homes.first().context("an actor has environments")?, 0).kitchen;
-        let first = Arc::new(larder.take(first)?);
-        let mut course = Course {
-            programme: Programme::of(config, &first)?,
-            config: config.clone(),
-            in_use: BTreeMap::from([(first.id(), Arc::downgrade(&first))]),
-            rota,
-            larder,
-        };
-        let mut running = Vec::new();
+        let home = *homes.first().context("an actor has environments")?;
+        let first = larder.take(home.number, rota.place(home, 0).kitchen)?;
+        let programme = Programme::of(config, &first.kitchen)?;
+        let course = Course { programme, config: config.clone(), rota, larder };
+        let (mut running, mut sceneries) = (Vec::new(), Vec::new());
         for home in homes {
-            let (id, environment) = course.environment(home, 0)?;
+            let (id, environment, scenery) = course.enter(home, 0)?;
+            course.look_ahead(home, 0, true);
             running.push(Running { home, id, environment, episode: 0, transition: Transition::default() });
+            sceneries.extend(scenery);
         }
-        let own = if course.rota.moves() { running.len() } else { 0 };
-        let scenery = |running: &Running| Scenery::of(running.environment.kitchen().bodies());
-        let sceneries = running[..own].iter().map(scenery).collect();
-        let shared: &[Body] = if own == 0 { first.bodies() } else { &[] };
+        let shared: &[Body] = if sceneries.is_empty() { first.kitchen.bodies() } else { &[] };
         Ok(Self { camera: DepthCamera::new(shared), sceneries, running, course })
     }
 
@@ -163,10 +156,16 @@ impl Environments {
     /// simulated before does not matter.
     pub fn rebuild(&mut self, states: &[EnvironmentState]) -> Result<()> {
         assert_eq!(states.len(), self.running.len(), "a restore holds one state an environment");
+        let (rota, larder) = (&self.course.rota, &self.course.larder);
+        let places = self.running.iter().zip(states).map(|(running, state)| {
+            let place = rota.place(running.home, state.episode);
+            (place.kitchen != running.id.kitchen).then_some(place)
+        });
+        order_all(larder, places.flatten().collect());
         for (index, (running, state)) in self.running.iter_mut().zip(states).enumerate() {
             running.transition = Transition::default();
             let mut scenery = self.sceneries.get_mut(index);
-            running.start(&mut self.course, scenery.as_deref_mut(), state.episode)?;
+            running.start(&self.course, scenery.as_deref_mut(), state.episode)?;
             let actions = state
                 .actions
                 .get(..state.action_count as usize)
@@ -176,7 +175,7 @@ impl Environments {
                     format!("a restore names action {action} at step {step} of {}: there is none", place(running))
                 })?;
                 let here = running.id;
-                running.act(&mut self.course, scenery.as_deref_mut(), action)?;
+                running.act(&self.course, scenery.as_deref_mut(), action)?;
                 let ended = running.transition.flags & transition_flag::ENDED != 0;
                 ensure!(
                     !ended || step + 1 == actions.len(),
@@ -200,7 +199,7 @@ impl Environments {
             let running = &mut self.running[index];
             let scenery = self.sceneries.get_mut(index);
             match Action::from_index(action) {
-                Some(action) => running.act(&mut self.course, scenery, action)?,
+                Some(action) => running.act(&self.course, scenery, action)?,
                 None if action == HOLD => running.transition = Transition::default(),
                 None => bail!("the learner sent action {action} to {}: there is none", place(running)),
             }
@@ -227,6 +226,17 @@ impl Environments {
     }
 }
 
+/// Has the kitchens that environments are about to enter opened: the larder's thread begins at the other end, if there
+/// is a processor for it.
+fn order_all(larder: &Larder, places: Vec<EnvironmentId>) {
+    for place in places.into_iter().rev() {
+        larder.order(Order { environment: place.number, kitchen: place.kitchen, open: true });
+    }
+}
+
 fn place(running: &Running) -> whereabouts::Whereabouts {
     whereabouts::Whereabouts { environment: running.id, episode: running.episode }
 }
+
+#[cfg(test)]
+mod tests;

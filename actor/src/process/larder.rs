@@ -1,18 +1,22 @@
-//! Kitchens for environments that go from one to another: made ahead, while the actor waits for its learner.
+//! Kitchens for environments that go from one to another: made and opened ahead, while the actor waits for its learner.
 //!
 //! What takes long about a procedural kitchen, a second of search, is done once and kept in the run folder, for all
-//! actors and all later starts ([`simulator::source`]). A thread of low priority makes those that will be needed next;
-//! opening one takes milliseconds. Whether it was made ahead, just now, or by another process does not matter to a
-//! single bit.
+//! actors and all later starts ([`simulator::source`]). To open one takes milliseconds, and all actors would wait for
+//! the one that does. So a thread of low priority does both before they are needed: it makes the kitchen that each
+//! environment goes to next, and opens it when that is near. Whether it was made and opened ahead, just now, or by
+//! another process does not matter to a single bit.
+//!
+//! An environment has at most one kitchen that waits for it. Environments that are in one kitchen share it.
 
 use anyhow::Result;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
+use simulator::depth::Scenery;
 use simulator::kitchen::Kitchen;
 use simulator::source;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 
 /// The kitchens of a run.
 pub struct Larder {
@@ -22,7 +26,27 @@ pub struct Larder {
     orders: Arc<Orders>,
 }
 
-/// What the thread is to make.
+/// What is to be done ahead.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Order {
+    /// The environment that goes there, by its number in the run.
+    pub environment: u32,
+    /// Where it goes.
+    pub kitchen: KitchenId,
+    /// Whether to open the kitchen, too.
+    pub open: bool,
+}
+
+/// A kitchen, opened.
+#[derive(Debug)]
+pub struct Opened {
+    /// The kitchen.
+    pub kitchen: Arc<Kitchen>,
+    /// What a camera shows of it, if that was made ahead.
+    pub scenery: Option<Scenery>,
+}
+
+/// What the thread and its actor share. Either holds the lock for moments only.
 #[derive(Default)]
 struct Orders {
     state: Mutex<State>,
@@ -31,17 +55,22 @@ struct Orders {
 
 #[derive(Default)]
 struct State {
-    waiting: VecDeque<KitchenId>,
-    at_work: Option<KitchenId>,
+    /// At most one an environment.
+    waiting: VecDeque<Order>,
+    /// What the thread does; none if nobody wants it any more.
+    at_work: Option<Order>,
+    /// By environment.
+    ready: BTreeMap<u32, Opened>,
+    /// Kitchens that somebody is in, or that wait.
+    in_use: BTreeMap<KitchenId, Weak<Kitchen>>,
     /// Nobody orders any more.
     closed: bool,
 }
 
 impl Larder {
-    /// The kitchens of the run in this folder. The thread that makes them ahead is started if environments move.
+    /// The kitchens of the run in this folder. The thread that is ahead is started if environments move.
     pub fn of(config: &Config, folder: &Path) -> Result<Self> {
-        let orders = Arc::new(Orders::default());
-        let larder = Self { config: config.clone(), folder: folder.to_path_buf(), orders };
+        let larder = Self::without_thread(config, folder);
         if config.rota().moves() {
             let (config, folder, orders) = (larder.config.clone(), larder.folder.clone(), Arc::clone(&larder.orders));
             std::thread::Builder::new().name("larder".to_owned()).spawn(move || orders.work(&config, &folder))?;
@@ -49,20 +78,46 @@ impl Larder {
         Ok(larder)
     }
 
-    /// Has a kitchen made ahead, if it is not there yet.
-    pub fn order(&self, kitchen: KitchenId) {
-        let mut state = self.orders.lock();
-        if state.at_work != Some(kitchen) && !state.waiting.contains(&kitchen) {
-            state.waiting.push_back(kitchen);
-            self.orders.changed.notify_all();
-        }
+    /// The same kitchens, each made and opened when it is taken.
+    pub(crate) fn without_thread(config: &Config, folder: &Path) -> Self {
+        Self { config: config.clone(), folder: folder.to_path_buf(), orders: Arc::default() }
     }
 
-    /// The kitchen, opened; made first if that was not done ahead. If the thread is just making it, this does not wait: on
-    /// a busy machine a thread of low priority may get no processor for minutes.
-    pub fn take(&self, kitchen: KitchenId) -> Result<Kitchen> {
-        self.orders.lock().waiting.retain(|waiting| *waiting != kitchen);
-        Ok(source::of_run_and_kept(kitchen, &self.config, &self.folder)?)
+    /// Has a kitchen made ahead, if it is not there yet, or opened ahead. It takes the place of what the environment
+    /// ordered before.
+    pub fn order(&self, order: Order) {
+        let mut state = self.orders.lock();
+        let ready = state.ready.get(&order.environment).is_some_and(|opened| opened.kitchen.id() == order.kitchen);
+        if ready || state.at_work == Some(order) || state.waiting.contains(&order) {
+            return;
+        }
+        let unwanted = state.cancel(order.environment);
+        state.waiting.push_back(order);
+        drop(state);
+        self.orders.changed.notify_all();
+        drop(unwanted);
+    }
+
+    /// Whether the kitchen that an environment ordered is open.
+    pub fn is_ready(&self, environment: u32) -> bool {
+        self.orders.lock().ready.contains_key(&environment)
+    }
+
+    /// The kitchen, opened; made first if that was not done ahead. If the thread is just making or opening it, this does
+    /// not wait: on a busy machine a thread of low priority may get no processor for minutes.
+    pub fn take(&self, environment: u32, kitchen: KitchenId) -> Result<Opened> {
+        let mut state = self.orders.lock();
+        let ready = state.cancel(environment);
+        let shared = state.shared(kitchen);
+        drop(state);
+        if let Some(opened) = ready.filter(|opened| opened.kitchen.id() == kitchen) {
+            return Ok(opened);
+        }
+        let kitchen = match shared {
+            Some(kitchen) => kitchen,
+            None => self.orders.open(kitchen, &self.config, &self.folder)?,
+        };
+        Ok(Opened { kitchen, scenery: None })
     }
 }
 
@@ -73,64 +128,88 @@ impl Drop for Larder {
     }
 }
 
+impl State {
+    /// Forgets what an environment has ordered. What was opened for it is to be dropped when the lock is no longer held:
+    /// that takes a while.
+    fn cancel(&mut self, environment: u32) -> Option<Opened> {
+        self.waiting.retain(|order| order.environment != environment);
+        self.at_work = self.at_work.filter(|order| order.environment != environment);
+        self.ready.remove(&environment)
+    }
+
+    fn shared(&self, kitchen: KitchenId) -> Option<Arc<Kitchen>> {
+        self.in_use.get(&kitchen).and_then(Weak::upgrade)
+    }
+
+    /// The next thing to do: a kitchen that is needed open is needed sooner.
+    fn next(&mut self) -> Option<Order> {
+        let soon = self.waiting.iter().position(|order| order.open).unwrap_or(0);
+        self.at_work = self.waiting.remove(soon);
+        self.at_work
+    }
+}
+
 impl Orders {
-    fn lock(&self) -> std::sync::MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Makes what is ordered, one after the other, until nobody orders any more.
+    /// Opens a kitchen that nobody is in.
+    fn open(&self, kitchen: KitchenId, config: &Config, folder: &Path) -> Result<Arc<Kitchen>> {
+        let opened = Arc::new(source::of_run_and_kept(kitchen, config, folder)?);
+        let mut state = self.lock();
+        state.in_use.retain(|_, kitchen| kitchen.strong_count() > 0);
+        state.in_use.insert(kitchen, Arc::downgrade(&opened));
+        Ok(opened)
+    }
+
+    /// Does what is ordered, one after the other, until nobody orders any more.
     fn work(&self, config: &Config, folder: &Path) {
         // Linux keeps a priority for each thread: this one has what the others leave.
         if let Err(error) = rustix::process::nice(10) {
             tracing::debug!("kitchens are made ahead at full priority: {error}");
         }
-        loop {
-            let mut state = self.lock();
-            let kitchen = loop {
-                if state.closed {
-                    return;
-                }
-                if let Some(kitchen) = state.waiting.pop_front() {
-                    break kitchen;
-                }
-                state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
-            };
-            state.at_work = Some(kitchen);
-            drop(state);
-            if let Err(error) = source::keep_ready(kitchen, config, folder) {
+        while let Some(order) = self.wait_for_order() {
+            if let Err(error) = self.carry_out(order, config, folder) {
                 // Whoever takes it meets the same error, and can end the actor with it.
-                tracing::debug!("kitchen {kitchen} cannot be made ahead: {error}");
+                tracing::debug!("kitchen {} cannot be made ahead: {error}", order.kitchen);
             }
-            self.lock().at_work = None;
         }
+    }
+
+    fn wait_for_order(&self) -> Option<Order> {
+        let mut state = self.lock();
+        state.at_work = None;
+        loop {
+            if state.closed {
+                return None;
+            }
+            if let Some(order) = state.next() {
+                return Some(order);
+            }
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    fn carry_out(&self, order: Order, config: &Config, folder: &Path) -> Result<()> {
+        if !order.open {
+            source::keep_ready(order.kitchen, config, folder)?;
+            return Ok(());
+        }
+        let shared = self.lock().shared(order.kitchen);
+        let kitchen = match shared {
+            Some(kitchen) => kitchen,
+            None => self.open(order.kitchen, config, folder)?,
+        };
+        let opened = Opened { scenery: Some(Scenery::of(kitchen.bodies())), kitchen };
+        let mut state = self.lock();
+        // Otherwise the environment was here before, or goes elsewhere, and the kitchen is dropped after the lock.
+        if state.at_work == Some(order) {
+            state.ready.insert(order.environment, opened);
+        }
+        Ok(())
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proto::config::KitchenSource;
-    use proto::run_folder::RunFolder;
-    use std::time::{Duration, Instant};
-
-    #[test]
-    fn what_is_ordered_is_made_ahead_and_is_the_same_as_what_is_taken_at_once() {
-        let [ahead, at_once] = [(); 2].map(|()| tempfile::tempdir().unwrap());
-        let mut config = Config::default();
-        config.kitchens.source = KitchenSource::Procedural;
-        let id = KitchenId::new(1002).unwrap();
-        let file = |folder: &Path| RunFolder::new(folder).kitchens().join("1002.kitchen");
-        let larder = Larder::of(&config, ahead.path()).unwrap();
-        larder.order(id);
-        larder.order(id);
-        let begun = Instant::now();
-        while !file(ahead.path()).exists() {
-            assert!(begun.elapsed() < Duration::from_mins(2), "nobody makes it");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        let made_ahead = larder.take(id).unwrap();
-        let taken = Larder::of(&config, at_once.path()).unwrap().take(id).unwrap();
-        assert_eq!(made_ahead.settled_poses(), taken.settled_poses());
-        assert_eq!(std::fs::read(file(ahead.path())).unwrap(), std::fs::read(file(at_once.path())).unwrap());
-    }
-}
+mod tests;

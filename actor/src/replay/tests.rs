@@ -25,8 +25,7 @@ fn recorded(config: &Config, episode: u32, actions: &[Action]) -> RecordedEpisod
     let id = first_kitchen(config);
     let kitchen = Arc::new(source::of_run(id.kitchen, config, &PathBuf::new()).unwrap());
     let programme = Programme::of(config, &kitchen).unwrap();
-    let mut environment = programme.environment(&kitchen, id, config).unwrap();
-    programme.start(&mut environment, id, episode);
+    let mut environment = programme.environment(&kitchen, id, episode, config).unwrap();
     let start_hash = Some(environment.state_hash());
     let start = Some(start_of(&environment));
     let (mut hashes, mut goals, mut steps) = (Vec::new(), Vec::new(), Vec::new());

@@ -8,8 +8,7 @@ fn recorded(config: &Config, actions: &[Action], wrong: Option<usize>) -> Record
     let id = EnvironmentId { kitchen: config.kitchens().of_actor(0).unwrap(), number: 0 };
     let kitchen = Arc::new(source::of_run(id.kitchen, config, &PathBuf::new()).unwrap());
     let programme = Programme::of(config, &kitchen).unwrap();
-    let mut environment = programme.environment(&kitchen, id, config).unwrap();
-    programme.start(&mut environment, id, 2);
+    let mut environment = programme.environment(&kitchen, id, 2, config).unwrap();
     let start_hash = Some(environment.state_hash());
     let mut hashes: Vec<u64> = actions.iter().map(|&action| environment.step(action).state_hash).collect();
     if let Some(wrong) = wrong {

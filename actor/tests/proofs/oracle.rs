@@ -123,16 +123,18 @@ fn an_evaluations_environments_play_what_its_plan_says() {
     let fixed = episodes::fixed(kitchen).unwrap();
     let programme = Programme::of(&config, kitchen).unwrap();
     let id = EnvironmentId { kitchen: kitchen.id(), number: 1 };
-    let mut environment = programme.environment(kitchen, id, &config).unwrap();
+    let mut environment = programme.environment(kitchen, id, 0, &config).unwrap();
     // Seen targets are the first six of each twelve; environment 1 of 4 has the second and the sixth.
     assert_eq!(*environment.episode(), fixed[1]);
     programme.start(&mut environment, id, 1);
     assert_eq!((*environment.episode(), environment.current().episode), (fixed[5], 1));
+    // One that is made at that episode stands where this one came to.
+    assert_eq!(programme.environment(kitchen, id, 1, &config).unwrap().current(), environment.current());
     // It has run out: something to look at while it holds.
     programme.start(&mut environment, id, 2);
     assert_eq!((*environment.episode(), environment.current().episode), (fixed[0], 2));
     let elsewhere = EnvironmentId { kitchen: KitchenId::new(2).unwrap(), number: 0 };
-    assert!(programme.environment(kitchen, elsewhere, &config).is_err());
+    assert!(programme.environment(kitchen, elsewhere, 0, &config).is_err());
 }
 
 #[test]
@@ -178,7 +180,7 @@ fn an_evaluation_in_a_training_kitchen_plays_drawn_episodes() {
     });
     let programme = Programme::of(&config, &kitchen).unwrap();
     let id = EnvironmentId { kitchen: id, number: 0 };
-    let mut environment = programme.environment(&kitchen, id, &config).unwrap();
+    let mut environment = programme.environment(&kitchen, id, 0, &config).unwrap();
     for (number, dealt) in [6, 7, 8].into_iter().enumerate() {
         programme.start(&mut environment, id, number as u32);
         assert_eq!(*environment.episode(), drawn(&kitchen, &config.episode, dealt));

@@ -18,6 +18,7 @@
 
 use super::error::AgentError;
 use super::trainer::{Done, HERE, Job, Trainer, build};
+use crate::device::log_warnings;
 use crate::ffi::stream::{Priority, StreamError, Streams};
 use crate::network::Network;
 use proto::config::Config;
@@ -54,12 +55,13 @@ impl Overlap {
         } else {
             (None, None)
         };
-        // A setting of each thread.
+        // Settings of each thread: this, and who hears libtorch's warnings.
         let threads = tch::get_num_threads();
         let (jobs, due) = channel::<Job>();
         let (made, done) = channel();
         let run = move || {
             tch::set_num_threads(threads);
+            log_warnings();
             if let Some(stream) = stream {
                 // The first operation makes the device's context this thread's.
                 let _ = Tensor::zeros([1], (Kind::Float, device));

@@ -69,7 +69,7 @@ impl Cpca {
 }
 
 impl Task for Cpca {
-    /// A share of the pairs of row and offset that lie in one episode, each with a negative sample from its minibatch.
+    /// A share of the pairs of row and offset that lie in one episode, each with a negative sample from its pass.
     fn queries(&self, packings: &[&Packing], epoch: Epoch, peers: &Peers) -> Result<Vec<Vec<Query>>, PeerError> {
         let mut queries = epoch.queries(packings, HORIZON as usize, self.share, peers)?;
         for (queries, packing) in queries.iter_mut().zip(packings) {

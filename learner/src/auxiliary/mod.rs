@@ -4,8 +4,8 @@
 //! To add one: a file here with its [`Task`] and its `ENTRY`, a line in [`TASKS`], and its variant in
 //! `proto::config::AuxiliaryTask`.
 //!
-//! A task's queries are chosen, and counted, over the whole batch beforehand. So the losses of passes over parts of the
-//! columns add up to the whole batch's mean.
+//! A task's queries are chosen over the whole batch beforehand, and counted over each minibatch. So the losses of passes
+//! over parts of the columns add up to the minibatch's mean.
 
 mod cpca;
 mod disturb;
@@ -55,7 +55,7 @@ impl Auxiliary {
         self.0.is_none()
     }
 
-    /// What the task is asked in an epoch, one list for each of these minibatches: see [`Task::queries`].
+    /// What the task is asked in an epoch, one list for each of these passes: see [`Task::queries`].
     pub fn queries(&self, packings: &[&Packing], epoch: Epoch, peers: &Peers) -> Result<Vec<Vec<Query>>, PeerError> {
         match &self.0 {
             None => Ok(packings.iter().map(|_| Vec::new()).collect()),

@@ -11,8 +11,8 @@ use tch::Tensor;
 
 /// An auxiliary task: parameters of its own, and a loss on what a training pass computes.
 pub trait Task: fmt::Debug + Send {
-    /// What it is asked in an epoch: one list for each minibatch. Counted over all learners, so that losses of
-    /// minibatches add up to the batch's mean.
+    /// What it is asked in an epoch: one list for each pass. Counted over all learners, so that losses of passes add up
+    /// to the minibatch's mean.
     fn queries(&self, packings: &[&Packing], epoch: Epoch, peers: &Peers) -> Result<Vec<Vec<Query>>, PeerError>;
 
     /// Loss of these queries of one pass: their sum over `count`, the queries of all passes at all learners.

@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn table_and_json_hold_the_same_figures() {
         let gpu = Some(Use { busy: 0.85, memory: 12_300_000_000 });
-        let timing = Timing { simulate_s: 1.0, infer_s: 3.0, update_s: 5.0, other_s: 1.0 };
+        let timing = Timing { simulate_s: 1.0, infer_s: 3.0, update_s: 5.0, exchange_s: 0.0, other_s: 1.0 };
         let report = Report {
             preset: "recipe".to_owned(),
             place: "cuda:0".to_owned(),

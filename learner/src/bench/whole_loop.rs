@@ -107,7 +107,7 @@ mod tests {
         let write = |rollouts: &[(u64, f64)]| {
             let mut history = History::default();
             for (rollout, &(frames, update_s)) in (0..).zip(rollouts) {
-                let timing = Timing { simulate_s: 1.0, infer_s: 2.0, update_s, other_s: 0.5 };
+                let timing = Timing { simulate_s: 1.0, infer_s: 2.0, update_s, exchange_s: 0.0, other_s: 0.5 };
                 let (stage, at_unix_s, incarnation, metrics) = Default::default();
                 history.insert(Trained { rollout, frames, stage, at_unix_s, incarnation, timing, metrics });
             }

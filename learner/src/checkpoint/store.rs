@@ -259,8 +259,7 @@ impl<D: Disk> Store<D> {
 
     /// The figures of the rollouts before this one in `metrics.jsonl`, as far as it has them.
     pub(crate) fn figures_of_file(&self, rollout: u64) -> History {
-        let bytes = bounded::read_figures(&self.run.metrics()).unwrap_or_default();
-        let (mut figures, _) = History::decode(&bytes);
+        let (mut figures, _) = bounded::open_figures(&self.run.metrics()).and_then(History::read).unwrap_or_default();
         figures.rewind_to(rollout);
         figures
     }

@@ -1,8 +1,9 @@
 //! NCCL: sums over GPUs. Its C interface, from the library that libtorch brings. Everything happens on the stream
 //! that this thread uses, so a sum is in order with what made the numbers and with what uses them.
 
-use super::cuda::stream;
+use super::cuda::{CudaError, stream};
 use super::library::{Handle, LibraryError, function, open};
+use super::stream::Streams;
 use std::ffi::{CStr, c_char, c_int, c_void};
 use tch::{Kind, Tensor};
 
@@ -15,6 +16,9 @@ pub enum NcclError {
     /// The library cannot be used.
     #[error(transparent)]
     Library(#[from] LibraryError),
+    /// The driver fails.
+    #[error(transparent)]
+    Driver(#[from] CudaError),
     /// It refuses a call.
     #[error("{call}: {reason}")]
     Refused {
@@ -52,6 +56,7 @@ pub struct Nccl {
 pub struct Communicator {
     nccl: Nccl,
     handle: Handle,
+    streams: Streams,
 }
 
 // SAFETY: NCCL takes a communicator from any thread, from one at a time.
@@ -83,7 +88,7 @@ impl Nccl {
         // SAFETY: the out-pointer is ours; the invitation is passed by value, as declared.
         let code = unsafe { (self.init_rank)(&raw mut handle, size as c_int, UniqueId(invitation), rank as c_int) };
         self.succeed("ncclCommInitRank", code)?;
-        Ok(Communicator { nccl: self, handle })
+        Ok(Communicator { nccl: self, handle, streams: Streams::open()? })
     }
 
     fn succeed(self, call: &'static str, code: c_int) -> Result<(), NcclError> {
@@ -97,6 +102,11 @@ impl Nccl {
 }
 
 impl Communicator {
+    /// Waits for all that this thread has given its stream.
+    pub fn wait(&self) -> Result<(), NcclError> {
+        Ok(self.streams.wait()?)
+    }
+
     /// Replaces a tensor by its sum over all members, on the device.
     ///
     /// # Panics

@@ -70,7 +70,7 @@ impl Packing {
     /// Packs some columns of a rollout, of which column n has `steps(n)` rows and begins an episode at row t when
     /// `episode_start(t, n)`.
     pub fn new(
-        columns: Range<usize>,
+        columns: impl IntoIterator<Item = usize>,
         steps: impl Fn(usize) -> usize,
         episode_start: impl Fn(usize, usize) -> bool,
     ) -> Self {

@@ -1,12 +1,12 @@
 //! The clipped surrogate of PPO: policy, value, entropy.
 //!
-//! Every term is a sum over the rows of a pass divided by the rows of the whole batch, so that the terms, and their
-//! gradients, of all passes and of all learners add up to the batch's means.
+//! Every term is a sum over the rows of a pass divided by the rows of the whole minibatch, so that the terms, and their
+//! gradients, of all passes and of all learners add up to the minibatch's means.
 
 use crate::network::ActorCriticOutput;
 use tch::{Kind, Tensor};
 
-/// What the loss compares the network's output with, \[B\] each, in the order of the minibatch's packing.
+/// What the loss compares the network's output with, \[B\] each, in the order of the chunk's packing.
 #[derive(Debug)]
 pub struct Experience {
     /// Policy indices of the actions taken, i64.
@@ -21,7 +21,7 @@ pub struct Experience {
     pub returns: Tensor,
 }
 
-/// Scalars: shares of the batch's means. The first three carry gradients.
+/// Scalars: shares of the minibatch's means. The first three carry gradients.
 #[derive(Debug)]
 pub struct Terms {
     /// −min(ρA, clip(ρ, 1−ε, 1+ε)A), ρ the ratio of the new to the old probability.
@@ -36,7 +36,7 @@ pub struct Terms {
     pub approximate_kl: Tensor,
 }
 
-/// The terms of the B rows of a minibatch, of a batch that has `batch_rows` in all.
+/// The terms of the B rows of a chunk, of a minibatch that has `batch_rows` in all.
 pub fn terms(output: &ActorCriticOutput, experience: &Experience, clip: f64, batch_rows: u64) -> Terms {
     let share = 1.0 / batch_rows as f64;
     let mean = |per_row: Tensor| per_row.sum(Kind::Float) * share;

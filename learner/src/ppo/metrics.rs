@@ -1,4 +1,4 @@
-//! The figures of an update: sums over minibatches and learners, then means over epochs.
+//! The figures of an update: sums over chunks and learners, then means over the steps of the optimiser.
 
 use crate::auxiliary::{Auxiliary, Tally};
 use crate::network::to_vec;
@@ -17,16 +17,16 @@ pub const SCALARS: [&str; 6] = [
     metric::APPROXIMATE_KL,
 ];
 
-/// Figures of one epoch.
+/// Figures of one step of the optimiser.
 #[derive(Debug, Default)]
-pub(crate) struct EpochMetrics {
-    /// Means over the batch, named by [`SCALARS`]: each pass adds its part.
+pub(crate) struct StepMetrics {
+    /// Means over the minibatch, named by [`SCALARS`]: each pass adds its part.
     pub scalars: [f64; SCALARS.len()],
     /// Sums that the auxiliary task's figures are made of.
     pub tally: Tally,
 }
 
-impl EpochMetrics {
+impl StepMetrics {
     /// Adds a pass's scalars, in the order of [`SCALARS`].
     pub(crate) fn add_pass(&mut self, scalars: &[Tensor; SCALARS.len()]) {
         for (sum, scalar) in self.scalars.iter_mut().zip(to_vec(&Tensor::stack(scalars, 0))) {
@@ -55,33 +55,35 @@ impl EpochMetrics {
     }
 }
 
-/// Figures of an update: sums over its epochs.
+/// Figures of an update: sums over its steps.
 #[derive(Debug, Default)]
 pub(crate) struct UpdateMetrics {
     scalars: [f64; SCALARS.len()],
     tally: Tally,
     gradient_norms: f64,
+    steps: u32,
 }
 
 impl UpdateMetrics {
-    /// Adds an epoch, with its gradient's norm before clipping.
-    pub(crate) fn add_epoch(&mut self, epoch: &EpochMetrics, gradient_norm: f64) {
-        for (sum, scalar) in self.scalars.iter_mut().zip(epoch.scalars) {
+    /// Adds a step, with its gradient's norm before clipping.
+    pub(crate) fn add_step(&mut self, step: &StepMetrics, gradient_norm: f64) {
+        for (sum, scalar) in self.scalars.iter_mut().zip(step.scalars) {
             *sum += scalar;
         }
-        self.tally.merge(&epoch.tally);
+        self.tally.merge(&step.tally);
         self.gradient_norms += gradient_norm;
+        self.steps += 1;
     }
 
-    /// Means over the epochs, by name; the auxiliary task's figures are over all queries of all epochs.
-    pub(crate) fn means(&self, epochs: u32, auxiliary: &Auxiliary) -> BTreeMap<String, f64> {
-        let epochs = f64::from(epochs);
+    /// Means over the steps, by name; the auxiliary task's figures are over all queries of all steps.
+    pub(crate) fn means(&self, auxiliary: &Auxiliary) -> BTreeMap<String, f64> {
+        let steps = f64::from(self.steps);
         let mut metrics = auxiliary.figures(&self.tally);
-        metrics.extend(SCALARS.iter().zip(self.scalars).map(|(name, sum)| ((*name).to_owned(), sum / epochs)));
+        metrics.extend(SCALARS.iter().zip(self.scalars).map(|(name, sum)| ((*name).to_owned(), sum / steps)));
         if auxiliary.is_none() {
             metrics.remove(metric::AUXILIARY_LOSS);
         }
-        metrics.insert(metric::GRADIENT_NORM.to_owned(), self.gradient_norms / epochs);
+        metrics.insert(metric::GRADIENT_NORM.to_owned(), self.gradient_norms / steps);
         metrics
     }
 }

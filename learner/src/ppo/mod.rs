@@ -3,22 +3,24 @@
 //! Acting fills a rollout of T steps × N environments ([`crate::agent::Agent::step`]). [`Update::run`] trains on it:
 //!
 //! ```text
-//! targets: advantages and returns by GAE          gae.rs
-//! minibatches                                     minibatch.rs
+//! targets: advantages and returns by GAE              gae.rs
+//! minibatches and their chunks                        minibatch.rs
 //! for each epoch:
 //!     for each minibatch:
-//!         forward: encoder, GRU, actor, critic    network/
-//!         loss: policy, value, entropy            loss.rs
-//!               + auxiliary task                  auxiliary/
-//!         backward
-//!     sum of the gradients over learners          peers.rs
-//!     clip, Adam                                  optimizer.rs
+//!         for each chunk:
+//!             forward: encoder, GRU, actor, critic    network/
+//!             loss: policy, value, entropy            loss.rs
+//!                   + auxiliary task                  auxiliary/
+//!             backward
+//!         sum of the gradients over learners          peers.rs
+//!         clip, Adam                                  optimizer.rs
 //! ```
-//! An epoch is one step of the optimiser with the gradient of the whole batch, as in the reference. Minibatches only
-//! bound memory (`ppo.environments_per_pass`): their gradients add up before the step.
+//! With one minibatch, as in the reference, an epoch is one step of the optimiser with the gradient of the whole batch;
+//! `ppo.minibatches` makes it several. Chunks only bound memory (`ppo.environments_per_pass`): their gradients add up
+//! before the step.
 //!
-//! Shapes in comments: T steps, N environments of this learner, B rows of a minibatch, A actions, H width of the
-//! belief, W weights. A batch is the frames of all learners.
+//! Shapes in comments: T steps, N environments of this learner, B rows of a chunk, A actions, H width of the belief, W
+//! weights. A minibatch has the frames of all learners.
 //!
 //! Beside the update: the multiplier of PPO-Lagrangian ([`lagrangian`]), the rule for stragglers ([`preemption`]), the
 //! figures ([`metrics`]).
@@ -36,8 +38,8 @@ use crate::optimizer::{Adam, clip, norm};
 use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use loss::{Terms, terms};
-use metrics::{EpochMetrics, UpdateMetrics};
-use minibatch::Minibatch;
+use metrics::{StepMetrics, UpdateMetrics};
+use minibatch::{Chunk, deal};
 use proto::config::{AuxiliaryConfig, PpoConfig};
 use proto::metric;
 use std::collections::BTreeMap;
@@ -68,6 +70,11 @@ pub(crate) struct Update<'a> {
     pub rollout_number: u64,
 }
 
+/// Rows of a minibatch: frames of this learner.
+fn rows(chunks: &[Chunk]) -> u64 {
+    chunks.iter().map(|chunk| chunk.packing.rows.len() as u64).sum()
+}
+
 /// Why there is no update.
 #[derive(Debug, thiserror::Error)]
 pub enum UpdateError {
@@ -79,12 +86,12 @@ pub enum UpdateError {
     Peers(#[from] PeerError),
 }
 
-/// What losses are divided by to be means over the batch: counts over all learners.
+/// What losses are divided by to be means over the minibatch: counts over all learners.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Totals {
-    /// Frames of the batch.
+    /// Frames of the minibatch.
     pub frames: u64,
-    /// Queries to the auxiliary task in this epoch.
+    /// Queries to the auxiliary task of its rows in this epoch.
     pub queries: u64,
 }
 
@@ -94,6 +101,7 @@ impl<'a> Update<'a> {
         // [W], the network's own storage: writing to it changes the weights.
         let mut weights = self.network.parameters.flat();
         let (weights_before, adam_before) = (weights.copy(), adam.copy());
+        self.peers.count_anew();
         self.epochs(&mut weights, adam).inspect_err(|_| {
             *adam = adam_before;
             tch::no_grad(|| weights.copy_(&weights_before));
@@ -103,49 +111,63 @@ impl<'a> Update<'a> {
     fn epochs(&self, weights: &mut Tensor, adam: &mut Adam) -> Result<BTreeMap<String, f64>, UpdateError> {
         // Advantages and returns, [T, N].
         let targets = gae::estimate(self.rollout, self.ppo, self.peers)?;
-        let minibatches = Minibatch::divide(self.rollout, &targets, self.ppo.environments_per_pass);
-        let packings: Vec<&Packing> = minibatches.iter().map(|minibatch| &minibatch.packing).collect();
-        let frames = self.peers.total(self.rollout.shape().frames)?;
+        let dealt =
+            deal(self.rollout.columns(), self.ppo.minibatches, self.seed, self.rollout_number, self.first_column);
+        let chunks =
+            |columns: &Vec<usize>| Chunk::divide(self.rollout, &targets, columns, self.ppo.environments_per_pass);
+        let minibatches: Vec<Vec<Chunk>> = dealt.iter().map(chunks).collect();
+        let frames = minibatches.iter().map(|chunks| self.peers.total(rows(chunks))).collect::<Result<Vec<_>, _>>()?;
+        let packings: Vec<&Packing> = minibatches.iter().flatten().map(|chunk| &chunk.packing).collect();
         let mut metrics = UpdateMetrics::default();
 
         for epoch in 0..self.ppo.epochs {
-            // Forward, loss, backward, and the sum over learners: the gradient of the whole batch, [W].
-            let queries = self.auxiliary.queries(&packings, self.epoch(epoch), self.peers)?;
-            let totals = Totals { frames, queries: self.peers.total(count(&queries))? };
-            let (mut gradient, epoch_metrics) = self.gradient(&minibatches, &queries, totals)?;
-            self.check_finite(&epoch_metrics, &gradient)?;
+            let mut queries = self.auxiliary.queries(&packings, self.epoch(epoch), self.peers)?.into_iter();
+            for (chunks, &frames) in minibatches.iter().zip(&frames) {
+                let queries: Vec<Vec<Query>> = queries.by_ref().take(chunks.len()).collect();
+                if frames == 0 {
+                    // No learner has a column of it.
+                    continue;
+                }
+                // Forward, loss, backward, and the sum over learners: the gradient of the whole minibatch, [W].
+                let totals = Totals { frames, queries: self.peers.total(count(&queries))? };
+                let (mut gradient, means) = self.gradient(chunks, &queries, totals)?;
+                self.check_finite(&means, &gradient)?;
 
-            // Clip. GPUs of unlike kinds may sum the squares in unlike orders: all clip by the first learner's norm.
-            let mut gradient_norm = norm(&gradient);
-            self.peers.first(&mut gradient_norm)?;
-            clip(&mut gradient, gradient_norm, self.ppo.max_gradient_norm);
+                // Clip. GPUs of unlike kinds may sum the squares in unlike orders: all clip by the first learner's norm.
+                let mut gradient_norm = norm(&gradient);
+                self.peers.first(&mut gradient_norm)?;
+                clip(&mut gradient, gradient_norm, self.ppo.max_gradient_norm);
 
-            // Adam.
-            adam.step(weights, &gradient, self.learning_rate);
-            metrics.add_epoch(&epoch_metrics, gradient_norm);
+                // Adam.
+                adam.step(weights, &gradient, self.learning_rate);
+                metrics.add_step(&means, gradient_norm);
+            }
         }
 
         if let Some(name) = self.network.parameters.first_non_finite(weights) {
             return Err(UpdateError::NonFinite(format!("weight {name}")));
         }
-        let mut means = metrics.means(self.ppo.epochs, self.auxiliary);
+        let mut means = metrics.means(self.auxiliary);
         means.insert(metric::LEARNING_RATE.to_owned(), self.learning_rate);
+        if self.peers.count() > 1 {
+            means.insert(metric::EXCHANGED.to_owned(), self.peers.exchanged().bytes as f64);
+        }
         Ok(means)
     }
 
-    /// Gradient of the batch's loss under the present weights, \[W\], before clipping, and the epoch's figures; both
-    /// summed over minibatches and learners. `queries` has a list for each minibatch.
+    /// Gradient of a minibatch's loss under the present weights, \[W\], before clipping, and the step's figures; both
+    /// summed over chunks and learners. `queries` has a list for each chunk.
     pub(crate) fn gradient(
         &self,
-        minibatches: &[Minibatch],
+        chunks: &[Chunk],
         queries: &[Vec<Query>],
         totals: Totals,
-    ) -> Result<(Tensor, EpochMetrics), PeerError> {
+    ) -> Result<(Tensor, StepMetrics), PeerError> {
         let mut gradient = self.network.parameters.flat().zeros_like();
-        let mut metrics = EpochMetrics::default();
-        for (minibatch, queries) in minibatches.iter().zip(queries) {
+        let mut metrics = StepMetrics::default();
+        for (chunk, queries) in chunks.iter().zip(queries) {
             // Forward and loss, then backward.
-            let (loss, embedded) = self.loss(minibatch, queries, totals, &mut metrics);
+            let (loss, embedded) = self.loss(chunk, queries, totals, &mut metrics);
             let _ = gradient.g_add_(&self.network.gradient_of(&loss, embedded));
         }
         // The sum over learners.
@@ -154,19 +176,19 @@ impl<'a> Update<'a> {
         Ok((gradient, metrics))
     }
 
-    /// Forward pass and loss of a minibatch: its part of the batch's mean. The backward pass needs the embedding, too.
+    /// Forward pass and loss of a chunk: its part of the minibatch's mean. The backward pass needs the embedding, too.
     fn loss(
         &self,
-        minibatch: &Minibatch,
+        chunk: &Chunk,
         queries: &[Query],
         totals: Totals,
-        metrics: &mut EpochMetrics,
+        metrics: &mut StepMetrics,
     ) -> (Tensor, Embedded<'a>) {
         let Self { network, rollout, ppo, .. } = *self;
-        let Minibatch { packing, experience, .. } = minibatch;
+        let Chunk { packing, experience, .. } = chunk;
 
         // Forward: embeddings [B, 512 + 32 + 16] → beliefs [B, H] → log-probabilities [B, A] and values [B].
-        let embedded = minibatch.embed(network, rollout);
+        let embedded = chunk.embed(network, rollout);
         let beliefs = network.belief.unroll(&network.parameters, &embedded.rows, packing, rollout.beliefs_at_start());
         let output = network.actor_critic(&beliefs);
 
@@ -188,7 +210,7 @@ impl<'a> Update<'a> {
         (loss, embedded)
     }
 
-    fn check_finite(&self, metrics: &EpochMetrics, gradient: &Tensor) -> Result<(), UpdateError> {
+    fn check_finite(&self, metrics: &StepMetrics, gradient: &Tensor) -> Result<(), UpdateError> {
         if let Some(name) = metrics.first_non_finite() {
             return Err(UpdateError::NonFinite(name.to_owned()));
         }

@@ -6,8 +6,8 @@ use crate::network::{ActorCriticOutput, Network, Packing};
 use crate::optimizer::norm;
 use crate::peers::Peers;
 use crate::ppo::gae::{self, Targets};
-use crate::ppo::metrics::{EpochMetrics, SCALARS};
-use crate::ppo::minibatch::Minibatch;
+use crate::ppo::metrics::{SCALARS, StepMetrics};
+use crate::ppo::minibatch::Chunk;
 use crate::ppo::{Totals, Update, UpdateError};
 use crate::rollout::Rollout;
 use proto::config::Config;
@@ -45,7 +45,8 @@ pub(super) fn probe(
         rollout_number: 0,
     };
     let targets = gae::estimate(rollout, &config.ppo, update.peers)?;
-    let minibatches = Minibatch::divide(rollout, &targets, 0);
+    let columns: Vec<usize> = (0..rollout.columns()).collect();
+    let chunks = Chunk::divide(rollout, &targets, &columns, 0);
     let packing = rollout.packing(0..rollout.columns());
     let cells = Cells { rollout, packing: &packing };
     let mut queries = auxiliary.queries(&[&packing], update.epoch(0), update.peers)?.pop().unwrap_or_default();
@@ -57,7 +58,7 @@ pub(super) fn probe(
         }
     }
     let totals = Totals { frames: rollout.shape().frames, queries: queries.len() as u64 };
-    let (gradient, metrics) = update.gradient(&minibatches, std::slice::from_ref(&queries), totals)?;
+    let (gradient, metrics) = update.gradient(&chunks, std::slice::from_ref(&queries), totals)?;
 
     let mut tensors = cells.pass(network, &targets);
     if !queries.is_empty() {
@@ -159,12 +160,7 @@ fn gradients(network: &Network, flat: &Tensor) -> BTreeMap<String, Tensor> {
 }
 
 /// Losses by their names in the metrics, the total loss, the auxiliary task's figures and the gradient's norm.
-fn figures(
-    config: &Config,
-    auxiliary: &Auxiliary,
-    metrics: &EpochMetrics,
-    gradient_norm: f64,
-) -> BTreeMap<String, f64> {
+fn figures(config: &Config, auxiliary: &Auxiliary, metrics: &StepMetrics, gradient_norm: f64) -> BTreeMap<String, f64> {
     let mut figures = auxiliary.figures(&metrics.tally);
     figures.extend(SCALARS.iter().zip(metrics.scalars).map(|(name, value)| ((*name).to_owned(), value)));
     let [policy, value, entropy, task, ..] = metrics.scalars;

@@ -24,7 +24,7 @@ use proto::run_folder::write_atomically;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use tch::Tensor;
+use tch::{Kind, Tensor};
 
 /// What `learner probe` is asked.
 #[derive(Debug, Clone, clap::Args)]
@@ -162,8 +162,11 @@ fn read(path: &Path) -> Result<BTreeMap<String, Tensor>, ProbeError> {
     })
 }
 
-/// The weights among a file's tensors: a checkpoint's, or else all.
+/// The weights among a file's tensors: a checkpoint's, or else all. Those of a policy file may have 16 bits: they are
+/// widened, as an evaluation does.
 fn model(tensors: BTreeMap<String, Tensor>) -> BTreeMap<String, Tensor> {
     let weights = weights_of(&tensors, MODEL);
-    if weights.is_empty() { tensors } else { weights }
+    let weights = if weights.is_empty() { tensors } else { weights };
+    let widened = |tensor: Tensor| if tensor.kind() == Kind::Half { tensor.to_kind(Kind::Float) } else { tensor };
+    weights.into_iter().map(|(name, tensor)| (name, widened(tensor))).collect()
 }

@@ -6,7 +6,7 @@
 use super::conversation::{Conversation, Speaker};
 use super::link::Ports;
 use super::stop::{OrchestratorGone, Stop};
-use super::weights;
+use super::weights::{self, Trained};
 use crate::agent::Agent;
 use crate::collector::{Boundary, ColumnMap, Reward, Task};
 use crate::device;
@@ -19,6 +19,7 @@ use proto::run_folder::RunFolder;
 use proto::stage::RolloutShape;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 use wire::{WireAddress, WireShape, fault};
 
 /// This machine's learner is the only one.
@@ -49,12 +50,9 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
 
     let device = device::choose(&config.learner)?;
     let mut agent = Agent::new(&config, device)?;
-    let (rollout, frames) = match &asked.checkpoint {
-        None => (0, 0),
-        Some(checkpoint) => {
-            let manifest = weights::load(&mut agent, Path::new(checkpoint))?;
-            (manifest.rollout, manifest.frames)
-        }
+    let Trained { rollout, frames } = match &asked.checkpoint {
+        None => Trained { rollout: 0, frames: 0 },
+        Some(from) => weights::load_any(&mut agent, Path::new(from), config.episode.action_space)?,
     };
     let column_map = ColumnMap::of(RANK, &config);
     let seed = (!asked.deterministic).then_some(config.seed);
@@ -72,12 +70,42 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
         parameters: agent.parameter_count(),
         checkpoint: asked.checkpoint.clone(),
     });
-    Room { config, agent, examination, conversation }.run()
+    let tempo = Tempo::of(asked.steps_per_s);
+    Room { config, tempo, agent, examination, conversation }.run()
+}
+
+/// An actor's environments are in so many halves at most.
+const HALVES_MOST: usize = 2;
+
+/// Holds steps back, so that somebody can watch.
+struct Tempo {
+    period: Duration,
+    /// When the next step of each half may be taken.
+    due: [Instant; HALVES_MOST],
+}
+
+impl Tempo {
+    fn of(steps_per_s: Option<u32>) -> Self {
+        let period = steps_per_s.map_or(Duration::ZERO, |steps| Duration::from_secs(1) / steps);
+        Self { period, due: [Instant::now(); HALVES_MOST] }
+    }
+
+    /// Waits for a step at most: a stop is noticed after that.
+    fn keep(&mut self, half: u32) {
+        if self.period.is_zero() {
+            return;
+        }
+        let due = &mut self.due[half as usize];
+        std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        // Whoever was late is not to hurry.
+        *due = Instant::now().max(*due) + self.period;
+    }
 }
 
 /// Where episodes are played.
 struct Room<'a, W> {
     config: Config,
+    tempo: Tempo,
     agent: Agent,
     examination: Examination,
     conversation: Conversation<'a, W>,
@@ -150,6 +178,7 @@ impl<W: Write> Room<'_, W> {
             actions.push(self.examination.choose(column, action, foretold));
         }
         drop(batch);
+        self.tempo.keep(half);
         self.conversation.answer(half, &actions)
     }
 
@@ -160,5 +189,24 @@ impl<W: Write> Room<'_, W> {
         }
         let weights = self.agent.weights_digest();
         self.conversation.tell(&LearnerEvent::Finished { rank: RANK, frames: 0, weights, complete: stop.is_none() });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_held_back_for_somebody_who_watches_and_for_nobody_else() {
+        let mut tempo = Tempo::of(Some(50));
+        let began = Instant::now();
+        for half in [0, 1, 0, 1, 0] {
+            tempo.keep(half);
+        }
+        // The first step of each half is taken at once.
+        assert!(began.elapsed() >= 2 * Duration::from_millis(20));
+        let mut none = Tempo::of(None);
+        none.keep(0);
+        assert_eq!(none.period, Duration::ZERO);
     }
 }

@@ -197,6 +197,7 @@ impl<W: Write> Training<'_, W> {
         };
         fault::reach("learner.after_update");
         state.timing.update_s = waits.elapsed().as_secs_f64();
+        state.timing.exchange_s = self.agent.peers().exchanged().seconds;
         metrics.extend(known);
         let before = std::mem::replace(&mut self.frames, frames);
         self.rollout = rollout + 1;
@@ -592,9 +593,8 @@ impl Loop {
     /// as "other"; that of a checkpoint, which is written afterwards, is the next rollout's.
     fn take_timing(&mut self) -> Timing {
         let mut timing = std::mem::take(&mut self.timing);
-        let total = std::mem::replace(&mut self.began, Instant::now()).elapsed();
-        let accounted = timing.simulate_s + timing.infer_s + timing.update_s;
-        timing.other_s = (total.as_secs_f64() - accounted).max(0.0);
+        let total_s = std::mem::replace(&mut self.began, Instant::now()).elapsed().as_secs_f64();
+        timing.other_s = (total_s - timing.total_s()).max(0.0);
         timing
     }
 }

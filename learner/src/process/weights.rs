@@ -1,10 +1,32 @@
-//! Weights of another run's checkpoint.
+//! Weights of another run's checkpoint, or of a policy file.
 
 use crate::agent::Agent;
-use crate::checkpoint;
-use anyhow::{Context, Result, bail};
+use crate::checkpoint::{self, decode_tensors};
+use crate::import;
+use anyhow::{Context, Result, bail, ensure};
+use proto::action::ActionSpace;
 use proto::checkpoint::Manifest;
+use proto::policy_file::{BYTES_MOST, PolicyFacts};
+use safetensors::SafeTensors;
 use std::path::Path;
+
+/// How long weights were trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Trained {
+    /// The first rollout that they were not trained on.
+    pub rollout: u64,
+    /// Frames that they were.
+    pub frames: u64,
+}
+
+/// Loads the weights of a checkpoint, by its manifest, or of a policy file.
+pub fn load_any(agent: &mut Agent, from: &Path, space: ActionSpace) -> Result<Trained> {
+    if from.extension().is_some_and(|kind| kind == "safetensors") {
+        return load_policy(agent, from, space).with_context(|| from.display().to_string());
+    }
+    let Manifest { rollout, frames, .. } = load(agent, from)?;
+    Ok(Trained { rollout, frames })
+}
 
 /// Loads the weights of the checkpoint with this manifest, and nothing else of it.
 pub fn load(agent: &mut Agent, manifest: &Path) -> Result<Manifest> {
@@ -16,4 +38,22 @@ pub fn load(agent: &mut Agent, manifest: &Path) -> Result<Manifest> {
         bail!("the weights loaded have digest {weights}, saved were {}", manifest.weights);
     }
     Ok(manifest)
+}
+
+/// Its weights have 16 or 32 bits; the network computes with 32.
+fn load_policy(agent: &mut Agent, file: &Path, space: ActionSpace) -> Result<Trained> {
+    let bytes = proto::bounded::read(file, BYTES_MOST)?;
+    let (_, header) = SafeTensors::read_metadata(&bytes)?;
+    let metadata = header.metadata().as_ref().map(|entries| entries.clone().into_iter().collect());
+    let facts = PolicyFacts::read(metadata.as_ref(), "its configuration")?;
+    let mut tensors = SafeTensors::deserialize(&bytes)?.tensors();
+    tensors.sort_unstable_by(|(a, _), (b, _)| a.cmp(b));
+    facts.verify(tensors.iter().map(|(name, view)| (name.as_str(), view.data())))?;
+    let mut state = agent.state();
+    state.carried_goal = facts.origin.carried_goal;
+    let imported = import::import(&decode_tensors(&bytes)?, space, &mut state)?;
+    let fresh = imported.fresh.join(", ");
+    ensure!(imported.fresh.is_empty(), "it has nothing for {fresh}, which this configuration asks for");
+    agent.load_weights(&state).context("it is of another network")?;
+    Ok(Trained { rollout: facts.origin.rollout, frames: facts.origin.frames })
 }

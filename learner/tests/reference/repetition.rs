@@ -218,6 +218,35 @@ fn passes_add_up() {
     }
 }
 
+/// Minibatches are steps of their own, by columns that are dealt out anew for each rollout, and chunks divide each.
+#[test]
+fn each_minibatch_is_a_step_of_the_optimiser() {
+    let train_with = |minibatches: u32, environments_per_pass: u32, rollout: u64| {
+        let mut config = small_config();
+        (config.ppo.minibatches, config.ppo.environments_per_pass, config.ppo.epochs) =
+            (minibatches, environments_per_pass, 2);
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        World::new(&config).collect(&mut agent, 0, 3).expect("finite");
+        let metrics = agent.update(0.0, rollout).expect("finite");
+        let mut state = agent.state();
+        (metrics, state.adam_steps, state.tensors.remove("adam.first").expect("it is there"))
+    };
+    let (_, one_steps, one) = train_with(1, 0, 0);
+    assert_eq!(one_steps, 2);
+    let (metrics, steps, two) = train_with(2, 0, 0);
+    assert_eq!(steps, 4, "two epochs of two minibatches");
+    assert!(!two.equal(&one));
+    assert!(train_with(2, 0, 0).2.equal(&two), "the same again");
+    assert!(!train_with(2, 0, 1).2.equal(&two), "another rollout's columns are dealt otherwise");
+    let (chunked_metrics, _, chunked) = train_with(2, 1, 0);
+    assert_close("adam.first", &chunked, &two, 1e-5);
+    for (name, value) in &metrics {
+        assert!((value - chunked_metrics[name]).abs() < 1e-5 * value.abs().max(0.1), "{name}");
+    }
+    // More minibatches than environments: those without any are no steps.
+    assert_eq!(train_with(64, 0, 0).1, 2 * small_config().environments() as u64);
+}
+
 /// The rollout that is collected beside an update is that of an agent that makes no update; it is trained on, and a
 /// saved state holds both sets of weights.
 #[test]

@@ -10,7 +10,7 @@ pub fn guide(policy: &Policy, model: &str) -> String {
     let network = &policy.config.network;
     let space = policy.config.episode.action_space.actions();
     let (hidden, actions) = (network.hidden, space.len());
-    let manifest = &policy.manifest;
+    let origin = &policy.origin;
     let held = match policy.carried_goal() {
         CarriedGoal::GoalToObject => "object - goal",
         CarriedGoal::ObjectToGoal => "goal - object",
@@ -30,8 +30,8 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
 | depth | uint16 | rows, 224, 224 | millimetres, row by row from the top, of a camera with 100 degrees of view |
 | goal | float32 | rows, 3 | metres in the robot's frame (x right, y up, z ahead): object - wrist{absolute}; while the object is held {held} |
 ",
-        frames = manifest.frames,
-        digest = manifest.weights,
+        frames = origin.frames,
+        digest = origin.weights,
     );
     let mut line = |text_of: std::fmt::Arguments| {
         // Writing into a String cannot fail.

@@ -1,4 +1,5 @@
-//! What leaves a run for other programs: a policy as weights alone (safetensors) or as an ONNX model, without libtorch.
+//! What leaves a run for other programs: a policy as a file of its own (safetensors) or as an ONNX model, without
+//! libtorch.
 //!
 //! ```no_run
 //! let run = proto::run_folder::RunFolder::new("runs/a");
@@ -8,10 +9,12 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod file;
 mod guide;
 mod onnx;
 mod policy;
 
+pub use file::{Precision, open, save};
 pub use guide::guide;
 pub use onnx::onnx;
 pub use policy::{Policy, PolicyError};

@@ -1,8 +1,10 @@
-//! The policy of a checkpoint: its weights, and what they were trained for.
+//! A policy: its weights, and what they were trained for. Out of a checkpoint, or out of a file that holds nothing else.
 
+use half::f16;
 use proto::checkpoint::{Manifest, ManifestError};
 use proto::config::{CarriedGoal, Config, GoalCoordinates};
 use proto::digest::sha256;
+use proto::policy_file::{Origin, PolicyFileError};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
 use std::collections::BTreeMap;
@@ -15,7 +17,7 @@ const PREFIX: &str = "model.";
 const ACTING: [&str; 6] =
     ["visual_encoder.", "goal_embedder.", "previous_action_embedder.", "belief.", "actor.", "critic."];
 
-/// Why a checkpoint gives no policy.
+/// Why a checkpoint or a file gives no policy.
 #[derive(Debug, thiserror::Error)]
 pub enum PolicyError {
     /// The manifest cannot be used.
@@ -48,6 +50,14 @@ pub enum PolicyError {
         /// Why.
         problem: SafeTensorError,
     },
+    /// A file of tensors that is no policy.
+    #[error("{path} {problem}", path = .path.display())]
+    NoPolicy {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        problem: PolicyFileError,
+    },
     /// A weight is missing, or is not what the network has there.
     #[error("the weights do not fit the network of the configuration: {name} {problem}")]
     Weight {
@@ -73,14 +83,14 @@ pub(crate) struct Array {
     pub values: Vec<f32>,
 }
 
-/// The policy of a checkpoint.
+/// A policy.
 #[derive(Debug)]
 pub struct Policy {
-    /// The checkpoint's manifest.
-    pub manifest: Manifest,
-    /// The run's configuration.
+    /// Where it comes from.
+    pub origin: Origin,
+    /// The run's configuration; of a policy file without what a file of its own cannot hold.
     pub config: Config,
-    weights: BTreeMap<String, Array>,
+    pub(crate) weights: BTreeMap<String, Array>,
 }
 
 impl Policy {
@@ -96,26 +106,13 @@ impl Policy {
         if sha256(&bytes) != read.tensors_sha256 {
             return Err(PolicyError::Damaged { path });
         }
-        let weights = weights_of(&bytes, &path)?;
-        Ok(Self { manifest: read, config, weights })
-    }
-
-    /// Writes the weights alone, float32, under PyTorch's module paths.
-    pub fn save(&self, path: &Path) -> Result<(), PolicyError> {
-        let unwritten = |problem| PolicyError::Unwritten { path: path.to_owned(), problem };
-        let bytes: Vec<(&String, &Array, Vec<u8>)> = self
-            .weights
-            .iter()
-            .map(|(name, array)| (name, array, array.values.iter().flat_map(|value| value.to_le_bytes()).collect()))
-            .collect();
-        let views: Result<Vec<(&String, TensorView)>, SafeTensorError> = bytes
-            .iter()
-            .map(|(name, array, bytes)| Ok((*name, TensorView::new(Dtype::F32, array.shape.clone(), bytes)?)))
-            .collect();
-        // One entry: several would come in any order, and the same weights give the same file.
-        let facts = serde_json::json!(self.facts()).to_string();
-        let metadata = [("stillroom".to_owned(), facts)].into();
-        safetensors::serialize_to_file(views.map_err(unwritten)?, Some(metadata), path).map_err(unwritten)
+        let tensors = tensors_of(&bytes, &path)?;
+        let named = tensors.iter().filter_map(|(name, view)| Some((name.strip_prefix(PREFIX)?, view)));
+        let acting = named.filter(|(name, _)| ACTING.iter().any(|part| name.starts_with(part)));
+        let weights = acting.map(|(name, view)| Ok((name.to_owned(), array_of(name, view)?)));
+        let Manifest { run, rollout, frames, weights: digest, carried_goal, .. } = read;
+        let origin = Origin { run, rollout, frames, weights: digest, carried_goal };
+        Ok(Self { origin, config, weights: weights.collect::<Result<_, _>>()? })
     }
 
     /// What somebody who has only the policy wants to know, by name; lists are JSON.
@@ -136,10 +133,10 @@ impl Policy {
             ("carried_goal", self.carried_goal().to_string()),
             ("camera_fov_degrees", proto::camera::FIELD_OF_VIEW_DEG.to_string()),
             ("hidden", network.hidden.to_string()),
-            ("run", self.manifest.run.clone()),
-            ("rollout", self.manifest.rollout.to_string()),
-            ("frames", self.manifest.frames.to_string()),
-            ("weights_sha256", self.manifest.weights.clone()),
+            ("run", self.origin.run.clone()),
+            ("rollout", self.origin.rollout.to_string()),
+            ("frames", self.origin.frames.to_string()),
+            ("weights_sha256", self.origin.weights.clone()),
             ("producer", format!("stillroom {}", env!("CARGO_PKG_VERSION"))),
         ];
         facts.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
@@ -147,7 +144,7 @@ impl Policy {
 
     /// Sign of the goal vector that the weights were trained with.
     pub(crate) fn carried_goal(&self) -> CarriedGoal {
-        self.manifest.carried_goal
+        self.origin.carried_goal
     }
 
     /// The weight with this name, which must have this shape.
@@ -167,25 +164,22 @@ impl Policy {
     }
 }
 
-/// The weights that act, of the bytes of a checkpoint's tensors; `path` is where they are from.
-fn weights_of(bytes: &[u8], path: &Path) -> Result<BTreeMap<String, Array>, PolicyError> {
+/// The tensors of a file by name, ascending; `path` is where its bytes are from.
+pub(crate) fn tensors_of<'a>(bytes: &'a [u8], path: &Path) -> Result<BTreeMap<String, TensorView<'a>>, PolicyError> {
     let unreadable = |problem| PolicyError::Tensors { path: path.to_owned(), problem };
-    let mut weights = BTreeMap::new();
-    for (name, view) in SafeTensors::deserialize(bytes).map_err(unreadable)?.iter() {
-        let Some(name) = name.strip_prefix(PREFIX) else { continue };
-        if !ACTING.iter().any(|part| name.starts_with(part)) {
-            continue;
-        }
-        let wrong = |problem: &str| PolicyError::Weight { name: name.to_owned(), problem: problem.to_owned() };
-        if view.dtype() != Dtype::F32 {
-            return Err(wrong("is not float32"));
-        }
-        let (words, _) = view.data().as_chunks::<4>();
-        let values: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
-        if !values.iter().all(|value| value.is_finite()) {
-            return Err(wrong("holds a number that is not finite"));
-        }
-        weights.insert(name.to_owned(), Array { shape: view.shape().to_vec(), values });
+    Ok(SafeTensors::deserialize(bytes).map_err(unreadable)?.tensors().into_iter().collect())
+}
+
+/// A weight, widened to 32 bits.
+pub(crate) fn array_of(name: &str, view: &TensorView) -> Result<Array, PolicyError> {
+    let wrong = |problem: &str| PolicyError::Weight { name: name.to_owned(), problem: problem.to_owned() };
+    let values: Vec<f32> = match view.dtype() {
+        Dtype::F32 => view.data().as_chunks::<4>().0.iter().map(|word| f32::from_le_bytes(*word)).collect(),
+        Dtype::F16 => view.data().as_chunks::<2>().0.iter().map(|word| f16::from_le_bytes(*word).to_f32()).collect(),
+        _ => return Err(wrong("is neither float32 nor float16")),
+    };
+    if !values.iter().all(|value| value.is_finite()) {
+        return Err(wrong("holds a number that is not finite"));
     }
-    Ok(weights)
+    Ok(Array { shape: view.shape().to_vec(), values })
 }

@@ -4,7 +4,7 @@
 // Helpers of tests are tests too, which clippy's own exception does not see.
 #![allow(clippy::unwrap_used)]
 
-use export::{Policy, PolicyError, guide, onnx};
+use export::{Policy, PolicyError, Precision, guide, onnx, open, save};
 use proto::checkpoint::{Machine, Manifest};
 use proto::config::{CarriedGoal, Config, Encoder, GoalCoordinates};
 use proto::digest::sha256;
@@ -115,7 +115,7 @@ fn weights_alone_are_those_that_act() {
     let all = tensors(&config());
     let policy = read(&all).unwrap();
     let file = folder.path().join("weights.safetensors");
-    policy.save(&file).unwrap();
+    save(&policy, &file, Precision::Single).unwrap();
     let bytes = std::fs::read(&file).unwrap();
     let saved = safetensors::SafeTensors::deserialize(&bytes).unwrap();
     let names: BTreeSet<&str> = saved.names().into_iter().collect();
@@ -133,7 +133,7 @@ fn weights_alone_are_those_that_act() {
     let count: usize = all.iter().filter(|(name, _)| expected.contains(&name[6..])).map(|(_, t)| t.2.len() / 4).sum();
     assert_eq!(policy.count(), count);
     // The same weights give the same file.
-    policy.save(&folder.path().join("again.safetensors")).unwrap();
+    save(&policy, &folder.path().join("again.safetensors"), Precision::Single).unwrap();
     assert_eq!(std::fs::read(folder.path().join("again.safetensors")).unwrap(), bytes);
 }
 
@@ -154,7 +154,7 @@ fn what_is_damaged_or_does_not_fit_is_named() {
     let shape = problem(&|tensors| tensors.get_mut("model.goal_embedder.0.weight").unwrap().1 = vec![3, 100]);
     assert!(shape.ends_with("goal_embedder.0.weight has shape [3, 100], not [100, 3]"), "{shape}");
     let kind = problem(&|tensors| tensors.get_mut("model.actor.bias").unwrap().0 = Dtype::I32);
-    assert!(kind.ends_with("actor.bias is not float32"), "{kind}");
+    assert!(kind.ends_with("actor.bias is neither float32 nor float16"), "{kind}");
     let nan = problem(&|tensors| {
         tensors.get_mut("model.actor.bias").unwrap().2[..4].copy_from_slice(&f32::NAN.to_le_bytes());
     });
@@ -174,6 +174,73 @@ fn what_is_damaged_or_does_not_fit_is_named() {
     std::fs::write(&manifest, "{}").unwrap();
     let torn = Policy::read(&manifest, config()).unwrap_err().to_string();
     assert!(torn.contains("rollout-00000012.json is not a manifest"), "{torn}");
+}
+
+#[test]
+fn a_policy_file_is_enough_to_build_the_policy_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut other = config();
+    other.network.carried_goal = CarriedGoal::GoalToObject;
+    let policy = Policy::read(&write(folder.path(), &tensors(&other)), other).unwrap();
+    let file = |name: &str| folder.path().join(name);
+    save(&policy, &file("single.safetensors"), Precision::Single).unwrap();
+    save(&policy, &file("half.safetensors"), Precision::Half).unwrap();
+    let size = |name: &str| std::fs::metadata(file(name)).unwrap().len();
+    let saved = size("single.safetensors") - size("half.safetensors");
+    assert!(saved.abs_diff(2 * policy.count() as u64) < 16, "half the bytes: {saved}");
+
+    let single = open(&file("single.safetensors")).unwrap();
+    assert_eq!((&single.origin, single.origin.frames), (&policy.origin, 4000));
+    assert_eq!((single.config.network.hidden, single.config.network.encoder), (HIDDEN as u32, Encoder::Cnn));
+    // The sign is that of the checkpoint.
+    assert_eq!(single.config.network.carried_goal, CarriedGoal::ObjectToGoal);
+    let exact = onnx(&policy).unwrap();
+    assert_eq!(onnx(&single).unwrap(), exact);
+
+    // Widened again, 16 bits are the nearest of 16 bits: saved once more they are the same file.
+    let half = open(&file("half.safetensors")).unwrap();
+    assert_ne!(onnx(&half).unwrap(), exact);
+    save(&half, &file("again.safetensors"), Precision::Half).unwrap();
+    let bytes = |name: &str| std::fs::read(file(name)).unwrap();
+    assert_eq!(bytes("again.safetensors"), bytes("half.safetensors"));
+}
+
+#[test]
+fn a_file_that_is_no_policy_is_named_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let policy = read(&tensors(&config())).unwrap();
+    let path = folder.path().join("policy.safetensors");
+    save(&policy, &path, Precision::Half).unwrap();
+    let whole = std::fs::read(&path).unwrap();
+    let problem = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        open(&path).map_or_else(|error| error.to_string(), |_| String::new())
+    };
+    assert_eq!(problem(&whole), "");
+    let mut flipped = whole.clone();
+    *flipped.last_mut().unwrap() ^= 1;
+    assert!(problem(&flipped).contains("is damaged: the SHA-256"));
+    assert!(problem(&whole[..whole.len() - 1]).contains("is no safetensors file"));
+    assert!(problem(b"weights").contains("is no safetensors file"));
+    let values = 1.0f32.to_le_bytes();
+    let alone = TensorView::new(Dtype::F32, vec![1], &values).unwrap();
+    let nameless = problem(&safetensors::serialize([("actor.bias", alone)], None).unwrap());
+    assert!(nameless.contains("orchestrator import"), "{nameless}");
+    // Of another network than it says.
+    let hidden = problem(&{
+        let mut policy = read(&tensors(&config())).unwrap();
+        policy.config.network.hidden = 2 * HIDDEN as u32;
+        save(&policy, &path, Precision::Half).unwrap();
+        std::fs::read(&path).unwrap()
+    });
+    assert!(hidden.contains("do not fit the network") && hidden.contains("has shape"), "{hidden}");
+
+    let mut large = tensors(&config());
+    large.get_mut("model.actor.bias").unwrap().2[..4].copy_from_slice(&70_000.0f32.to_le_bytes());
+    let large = read(&large).unwrap();
+    let refused = save(&large, &path, Precision::Half).unwrap_err().to_string();
+    assert!(refused.contains("actor.bias holds a number that is too large for 16 bits"), "{refused}");
+    save(&large, &path, Precision::Single).unwrap();
 }
 
 #[test]

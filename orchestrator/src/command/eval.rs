@@ -1,7 +1,8 @@
 //! `orchestrator eval`: success and disturbance of a policy on fixed or drawn episodes.
 
+use super::play::ShownArgs;
 use crate::evaluation::run::EvaluationRun;
-use crate::evaluation::subject::{Provenance, find};
+use crate::evaluation::subject::{Found, Provenance, Source, find};
 use crate::evaluation::words::{episodes_of, place};
 use crate::preflight::all::demand_all;
 use crate::preflight::tools::Tools;
@@ -12,7 +13,7 @@ use crate::showing::{format, terminal};
 use anyhow::{Result, ensure};
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{Distribution, EvaluationConfig, ObjectSet, Plan};
-use proto::kitchen::{KitchenRange, Split, TargetCategory};
+use proto::kitchen::{KitchenId, KitchenRange, Split, TargetCategory};
 use proto::run_folder::RunFolder;
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};
@@ -33,13 +34,14 @@ const ENVIRONMENTS_MAX: u32 = 32;
   orchestrator eval runs/a --split test --objects novel     the paper's main table: 5 kitchens, 360 episodes each
   orchestrator eval runs/a/best --split valid --objects all --episodes 60 --deterministic
   orchestrator eval runs/a/checkpoints/rollout-00000120.json --out evaluations/a-120
+  orchestrator eval models/fetch.safetensors --split test   a policy file, which `orchestrator export` writes
   orchestrator eval runs/demo --distribution fixed          the paper's kind of episodes, whatever the run trained on
   orchestrator eval runs/a --split train --episodes 6 --json
   orchestrator eval runs/a --kitchens procedural:5000..5100 --episodes 6     in a hundred kitchens never seen
   orchestrator eval --preset recipe --split test         a random policy")]
 pub struct EvalArgs {
-    /// Run folder (its newest checkpoint), RUN/best, or a checkpoint's manifest
-    #[arg(value_name = "RUN|CHECKPOINT", required_unless_present = "preset")]
+    /// Run folder (its newest checkpoint), RUN/best, a checkpoint's manifest, or a policy file (.safetensors)
+    #[arg(value_name = "RUN|CHECKPOINT|FILE", required_unless_present = "preset")]
     subject: Option<PathBuf>,
     /// Instead of a run: freshly initialised weights of this preset
     #[arg(long, value_name = "P", conflicts_with = "subject")]
@@ -95,6 +97,8 @@ pub struct EvalArgs {
     /// Beside the training run of this process, the parent: stop when it ends, and leave the processor to it
     #[arg(long, hide = true, value_name = "PID")]
     beside: Option<u32>,
+    #[command(flatten)]
+    shown: ShownArgs,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -143,11 +147,12 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
         lifeline::follow(parent, Signal::TERM)?;
         rustix::process::nice(10)?;
     }
+    let _shown = args.shown.begin(args.out.as_deref())?;
     if let Some(out) = &args.out {
         check_free(&RunFolder::new(out))?;
     }
     let (mut run, provenance, checkpoint) = subject(args)?;
-    if args.split.is_some() || args.kitchens.is_some() {
+    if args.split.is_some() || args.kitchens.is_some() || args.shown.kitchen.is_some() {
         // Elsewhere than in its own scenes.
         run.scenes.clear();
     }
@@ -185,6 +190,9 @@ fn configuration(run: Config, asked: &EvaluationConfig, args: &EvalArgs, cores: 
             DeviceArg::Cuda => DeviceChoice::Cuda,
         };
     }
+    config.learner.progress_deadline_s = args.shown.patience_s(&config);
+    // For somebody who watches one actor a kitchen is enough, on any machine.
+    let cores = if args.shown.is_watched() { 1 } else { cores };
     let (actors, environments) = shape(asked, args.actors, args.environments, cores);
     config.actors.count = actors;
     config.actors.environments_per_actor = environments;
@@ -199,22 +207,26 @@ fn configuration(run: Config, asked: &EvaluationConfig, args: &EvalArgs, cores: 
     Ok(config)
 }
 
-/// The run's configuration, whose weights they are, and the manifest of the checkpoint if there is one.
+/// The run's configuration, whose weights they are, and the manifest of the checkpoint or the policy file if there is one.
 fn subject(args: &EvalArgs) -> Result<(Config, Provenance, Option<String>)> {
     let text = |path: &Path| match path.to_str() {
         Some(text) => Ok(text.to_owned()),
         None => anyhow::bail!("{} has a name that is not text", path.display()),
     };
     if let Some(path) = &args.subject {
-        let mut found = find(path)?;
-        for scene in &mut found.config.scenes {
-            // The run's own copy, whatever the working directory is.
-            *scene = text(&found.run.join(scene.as_str()))?;
-        }
-        let Config { preset, seed, .. } = &found.config;
-        let provenance = Provenance { preset: preset.clone(), seed: *seed, run: Some(text(&found.run)?) };
-        let manifest = text(&found.manifest)?;
-        return Ok((found.config, provenance, Some(manifest)));
+        let (config, run, weights) = match find(path)? {
+            Source::Checkpoint(found) => {
+                let Found { manifest, run, mut config } = *found;
+                for scene in &mut config.scenes {
+                    // The run's own copy, whatever the working directory is.
+                    *scene = text(&run.join(scene.as_str()))?;
+                }
+                (config, Some(text(&run)?), manifest)
+            }
+            Source::File { path, policy } => (policy.config, None, path),
+        };
+        let provenance = Provenance { preset: config.preset.clone(), seed: config.seed, run };
+        return Ok((config, provenance, Some(text(&weights)?)));
     }
     let preset = args.preset.as_deref().unwrap_or("demo");
     let config = Config::resolve_set(preset, args.config.as_deref(), &args.set)?;
@@ -231,6 +243,7 @@ fn asked(
 ) -> Result<EvaluationConfig> {
     let in_scenes = !run.scenes.is_empty();
     let split = match args.split {
+        None if args.shown.kitchen.is_some() => args.shown.kitchen.map_or(Split::Test, KitchenId::split),
         None if in_scenes || args.kitchens.is_some() => Split::Train,
         Some(SplitChoice::Train) => Split::Train,
         Some(SplitChoice::Valid) => Split::Validation,
@@ -253,6 +266,7 @@ fn asked(
     Ok(EvaluationConfig {
         split,
         procedural: args.kitchens,
+        kitchen: args.shown.kitchen,
         objects: match args.objects {
             None if in_scenes => ObjectSet::All,
             Some(ObjectsChoice::Novel) | None => ObjectSet::Novel,
@@ -263,6 +277,7 @@ fn asked(
         distribution,
         scene_targets,
         deterministic: args.deterministic,
+        steps_per_s: args.shown.steps_per_s,
         checkpoint,
     })
 }
@@ -306,14 +321,14 @@ fn default_folder(provenance: &Provenance, asked: &EvaluationConfig) -> PathBuf 
         Split::Test => "test",
     };
     let time = format::timestamp(unix_now());
-    match &provenance.run {
-        Some(run) => Path::new(run).join("evaluations").join(format!("{time}-{split}-{}", asked.objects.name())),
-        None => Path::new("evaluations").join(format!(
-            "{time}-{}-fresh-{split}-{}",
-            provenance.preset,
-            asked.objects.name()
-        )),
+    let name = |whose: &str| format!("{time}-{whose}{split}-{}", asked.objects.name());
+    if let Some(run) = &provenance.run {
+        return Path::new(run).join("evaluations").join(name(""));
     }
+    // Of a policy file, or of nothing that anybody has trained.
+    let stem = asked.checkpoint.as_ref().and_then(|file| Path::new(file).file_stem());
+    let whose = stem.map_or_else(|| format!("{}-fresh", provenance.preset), |stem| stem.to_string_lossy().into_owned());
+    Path::new("evaluations").join(name(&format!("{whose}-")))
 }
 
 #[cfg(test)]
@@ -403,6 +418,49 @@ mod tests {
         for wrong in ["5000..5100", "procedural:5000", "procedural:1..30"] {
             assert!(command.clone().try_get_matches_from(["a", "--kitchens", wrong]).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn what_is_shown_has_one_slow_environment_a_kitchen_on_any_machine() {
+        let of = |kitchen: Option<u32>, split: Option<&str>, cores: u32| {
+            let kitchen = kitchen.map(|number| KitchenId::new(number).unwrap());
+            let options = super::super::play::options(kitchen, split, 4);
+            let args =
+                args(&[&["a.safetensors"], &options.iter().map(String::as_str).collect::<Vec<_>>()[..]].concat());
+            let run = Config::resolve("demo", None).unwrap();
+            let checkpoint = Some("/w/a.safetensors".to_owned());
+            let asked = asked(&args, &run, Vec::new(), checkpoint).unwrap();
+            let config = configuration(run, &asked, &args, cores).unwrap();
+            assert_eq!((config.actors.environments_per_actor, config.recording.enabled), (1, true));
+            assert_eq!(config.evaluation.as_ref().and_then(|asked| asked.steps_per_s), Some(4));
+            // The longest episode takes 50 s, in which nothing is heard of it.
+            assert_eq!((config.episode.max_steps, config.learner.progress_deadline_s), (200, 150.0));
+            (config.actors.count, config.kitchens().ids()[0].number(), asked.split)
+        };
+        for cores in [1, 2, 64] {
+            assert_eq!(of(None, None, cores), (5, 2, Split::Test));
+            assert_eq!(of(None, Some("train"), cores), (19, 1, Split::Train));
+            assert_eq!(of(Some(7), None, cores), (1, 7, Split::Train));
+            assert_eq!(of(Some(11), None, cores), (1, 11, Split::Validation));
+            assert_eq!(of(Some(1003), None, cores), (1, 1003, Split::Train));
+        }
+    }
+
+    #[test]
+    fn a_result_is_called_after_the_run_the_file_or_the_preset() {
+        let provenance =
+            |run: Option<&str>| Provenance { preset: "demo".to_owned(), seed: 1, run: run.map(str::to_owned) };
+        let name = |run, checkpoint: Option<&str>| {
+            let asked = EvaluationConfig {
+                checkpoint: checkpoint.map(str::to_owned),
+                ..EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 0)
+            };
+            default_folder(&provenance(run), &asked).display().to_string()
+        };
+        let of_run = name(Some("/r/a"), Some("/r/a/checkpoints/rollout-00000003.json"));
+        assert!(of_run.starts_with("/r/a/evaluations/") && of_run.ends_with("-test-novel"), "{of_run}");
+        assert!(name(None, Some("/w/fetch.safetensors")).ends_with("-fetch-test-novel"));
+        assert!(name(None, None).ends_with("-demo-fresh-test-novel"));
     }
 
     #[test]

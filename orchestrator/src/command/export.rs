@@ -1,13 +1,13 @@
 //! `orchestrator export`: a policy for other programs, or recorded episodes as a data set.
 
 use crate::command::choice::{Choice, Chosen, nothing_in};
-use crate::evaluation::subject::find;
+use crate::evaluation::subject::{Source, find};
 use crate::recording::episodes::Recorded;
 use crate::recording::harvest::{Harvest, harvest};
 use crate::showing::format::{bytes, counted};
 use crate::showing::terminal;
 use anyhow::{Context, Result, bail, ensure};
-use export::Policy;
+use export::{Policy, Precision};
 use proto::dataset::{DatasetFormat, DatasetRequest, DatasetSetup, Keep, PictureKind};
 use proto::exit::EXIT_INCOMPLETE;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use std::process::ExitCode;
 
 /// Write a policy (an ONNX model, or weights alone) or recorded episodes (LeRobot, Parquet, NumPy) for other programs
 ///
-/// The model takes what environments give (depth in millimetres, goals in metres, the last action, the belief) and
+/// A policy file has all that is needed to let it act. The model takes what environments give (depth in millimetres, goals in metres, the last action, the belief) and
 /// gives log-probabilities, values and beliefs. Episodes are simulated again from their recorded actions: so they have
 /// depth frames, and pictures if asked for. Nothing is written if any state differs from the recorded one. A page
 /// beside the file or in the folder says names, shapes and units. Nothing that is there is replaced.
@@ -24,7 +24,7 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator export runs/a --out policy.onnx               its newest checkpoint; policy.md says how to use it
-  orchestrator export runs/a/best --format safetensors --out policy.safetensors
+  orchestrator export runs/a/best --format safetensors --half --out policy.safetensors       a policy file to hand on
   orchestrator export runs/a/checkpoints/rollout-00000120.json --out policy.onnx
   orchestrator export runs/a --format lerobot --only success --out episodes    a LeRobotDataset v3 of its successes
   orchestrator export EVALUATION --format parquet --kitchen 26 --out tables     steps.parquet and episodes.parquet
@@ -32,15 +32,18 @@ use std::process::ExitCode;
 
 Exit status: 0 if all is written, 1 if nothing is, 6 if episodes are written but the recordings are damaged or not complete.")]
 pub struct ExportArgs {
-    /// A policy: run folder (its newest checkpoint), RUN/best, or a checkpoint's manifest. Episodes: recordings (.mcap), or
-    /// folders of runs or evaluations
+    /// A policy: run folder (its newest checkpoint), RUN/best, a checkpoint's manifest, or a policy file. Episodes:
+    /// recordings (.mcap), or folders of runs or evaluations
     #[arg(required = true, value_name = "RUN|CHECKPOINT|FILE")]
     subjects: Vec<PathBuf>,
-    /// onnx: a model for onnxruntime and others (operators of version 17); safetensors: the weights, float32, under
-    /// PyTorch's module paths; lerobot: a LeRobotDataset v3; parquet: two tables, steps and episodes; npz: an archive of
+    /// onnx: a model for onnxruntime and others (operators of version 17); safetensors: a policy file, which `eval` and
+    /// `view --policy` take: weights under PyTorch's module paths, and the configuration; lerobot: a LeRobotDataset v3; parquet: two tables, steps and episodes; npz: an archive of
     /// NumPy an episode
     #[arg(long, default_value = "onnx")]
     format: Format,
+    /// With --format safetensors: the weights as float16 instead of float32, half the bytes
+    #[arg(long)]
+    half: bool,
     /// The file, or the folder of episodes
     #[arg(short, long, value_name = "FILE|DIR")]
     out: PathBuf,
@@ -95,6 +98,7 @@ impl EpisodeArgs {
 
 /// Runs the command.
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
+    ensure!(!args.half || args.format == Format::Safetensors, "--half is for --format safetensors");
     let format = match args.format {
         Format::Onnx | Format::Safetensors => return export_policy(args).map(|()| ExitCode::SUCCESS),
         Format::Lerobot => DatasetFormat::LeRobot,
@@ -116,10 +120,12 @@ fn export_policy(args: &ExportArgs) -> Result<()> {
     let out = &args.out;
     let page = out.with_extension("md");
     free(out)?;
-    let found = find(subject)?;
-    let policy = Policy::read(&found.manifest, found.config)?;
+    let policy = match find(subject)? {
+        Source::Checkpoint(found) => Policy::read(&found.manifest, found.config)?,
+        Source::File { policy, .. } => *policy,
+    };
     if args.format == Format::Safetensors {
-        policy.save(out)?;
+        export::save(&policy, out, if args.half { Precision::Half } else { Precision::Single })?;
     } else {
         ensure!(page != *out, "--out {}: the page about the model has this name; call it policy.onnx", out.display());
         free(&page)?;
@@ -134,7 +140,7 @@ fn export_policy(args: &ExportArgs) -> Result<()> {
         out.display(),
         counted(policy.count() as u64, "weight"),
         bytes(size),
-        policy.manifest.frames
+        policy.origin.frames
     ));
     if args.format == Format::Onnx {
         terminal::out(&format!("{} says what it takes and gives", page.display()));

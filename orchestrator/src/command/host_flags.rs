@@ -1,5 +1,6 @@
 //! Flags of a run on several hosts.
 
+use super::overrides::Overrides;
 use crate::hosts::agent::Agent;
 use crate::hosts::membership::{Flags, Membership, membership};
 use crate::hosts::rendezvous::{Patience, Rendezvous};
@@ -55,15 +56,23 @@ impl HostFlags {
         Ok(membership(&Flags { hosts, host_rank, rendezvous }, &|name| std::env::var(name).ok())?)
     }
 
-    /// Gives the run as many actors and learners as its hosts have together, where each has a number of its own.
-    pub fn multiply(&self, config: &mut Config, member: Option<&Membership>) -> Result<()> {
+    /// The configuration of these options. The run has as many actors and learners as its hosts have together, where each
+    /// has a number of its own.
+    pub fn resolve(&self, overrides: &Overrides, preset: &str, member: Option<&Membership>) -> Result<Config> {
         let hosts = member.map_or(1, |member| member.hosts);
         let of_all = |each: u32| each.saturating_mul(hosts);
-        config.actors.count = self.actors_per_host.map_or(config.actors.count, of_all);
-        config.learner.count = self.learners_per_host.map_or(config.learner.count, of_all);
-        config
-            .validate()
-            .with_context(|| format!("actors and learners of {} together", counted(u64::from(hosts), "host")))
+        let each = [(self.actors_per_host, "actor"), (self.learners_per_host, "learner")];
+        let each = each.map(|(number, what)| number.map(|number| counted(u64::from(number), what)));
+        let all = Overrides {
+            actors: self.actors_per_host.map(of_all).or(overrides.actors),
+            learners: self.learners_per_host.map(of_all).or(overrides.learners),
+            ..overrides.clone()
+        };
+        let resolved = all.resolve(preset);
+        match each.into_iter().flatten().reduce(|actors, learners| format!("{actors} and {learners}")) {
+            Some(each) => resolved.with_context(|| format!("{} with {each} each", counted(u64::from(hosts), "host"))),
+            None => resolved,
+        }
     }
 
     /// How long hosts wait for one another.
@@ -88,5 +97,47 @@ impl HostFlags {
 
     fn token(&self) -> Result<Token> {
         Token::find(self.token_file.as_deref()).context("the hosts cannot trust one another")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hosts::membership::Launcher;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        hosts: HostFlags,
+        #[command(flatten)]
+        overrides: Overrides,
+    }
+
+    /// Learners and actors of a run on so many hosts.
+    fn resolved(hosts: u32, words: &[&str]) -> Result<(u32, u32)> {
+        let Line { hosts: flags, overrides } = Line::try_parse_from([&["up"], words].concat())?;
+        let member = Membership { hosts, host: 0, rendezvous: "first:1".into(), by: Launcher::Torchrun };
+        let config = flags.resolve(&overrides, "demo", Some(&member))?;
+        Ok((config.learner.count, config.actors.count))
+    }
+
+    /// The demonstration has 19 actors.
+    #[test]
+    fn numbers_of_each_host_are_judged_when_they_are_those_of_all() {
+        assert_eq!(resolved(2, &["--actors-per-host", "10", "--learners", "20"]).unwrap(), (20, 20));
+        assert_eq!(resolved(3, &["--actors-per-host", "7", "--learners-per-host", "7"]).unwrap(), (21, 21));
+        assert_eq!(resolved(3, &["--learners-per-host", "2"]).unwrap(), (6, 19));
+        for (hosts, words, parts) in [
+            (2, ["--actors-per-host", "300"].as_slice(), ["2 hosts with 300 actors each", "actors.count = 600"]),
+            (
+                4,
+                &["--actors-per-host", "2", "--learners-per-host", "3"],
+                ["4 hosts with 2 actors and 3 learners each", "learner.count = 12"],
+            ),
+        ] {
+            let message = format!("{:#}", resolved(hosts, words).unwrap_err());
+            assert!(parts.iter().all(|part| message.contains(part)), "{parts:?}: {message}");
+        }
     }
 }

@@ -15,6 +15,7 @@ pub mod list;
 pub mod logs;
 pub mod man;
 pub mod overrides;
+mod play;
 pub mod presets;
 pub mod recover;
 pub mod replay;

@@ -39,16 +39,16 @@ pub struct Overrides {
 impl Overrides {
     /// The effective configuration.
     pub fn resolve(&self, preset: &str) -> Result<Config> {
-        let mut config = Config::resolve_set(preset, self.config.as_deref(), &self.set)?;
-        if let Some(actors) = self.actors {
-            config.actors.count = actors;
+        // Flags are settings, too: whether one can be is judged when all are known.
+        let mut settings = self.set.clone();
+        for (key, value) in [
+            ("actors.count", self.actors),
+            ("learner.count", self.learners),
+            ("actors.environments_per_actor", self.envs_per_actor),
+        ] {
+            settings.extend(value.map(|value| Setting::new(key, i64::from(value).into())).transpose()?);
         }
-        if let Some(learners) = self.learners {
-            config.learner.count = learners;
-        }
-        if let Some(environments) = self.envs_per_actor {
-            config.actors.environments_per_actor = environments;
-        }
+        let mut config = Config::resolve_set(preset, self.config.as_deref(), &settings)?;
         if let Some(seed) = self.seed {
             config.seed = seed;
         }
@@ -128,6 +128,7 @@ mod tests {
         };
         assert_eq!(learners(2, 2).unwrap(), 2);
         assert!(learners(3, 2).unwrap_err().to_string().contains("learner.count"));
+        assert_eq!(learners(30, 60).unwrap(), 30, "more than the preset has actors");
     }
 
     #[test]

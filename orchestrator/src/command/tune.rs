@@ -269,7 +269,7 @@ mod tests {
         });
         let mut search = Search::new(start, vec![]);
         for (choice, frames_per_s) in [(start, 10.0), (best, 20.0)] {
-            let timing = Timing { simulate_s: 1.0, infer_s: 2.0, update_s: 1.0, other_s: 0.0 };
+            let timing = Timing { simulate_s: 1.0, infer_s: 2.0, update_s: 1.0, exchange_s: 0.0, other_s: 0.0 };
             search.tried.push(Tried { choice, result: Ok(Speed { frames_per_s, timing }) });
         }
         let text = configuration(&config, &search, best);

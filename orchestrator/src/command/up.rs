@@ -84,15 +84,15 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     }
     let mut found = None;
     let default = || Ok(default_preset(&found.insert(Tools::find()?).torch));
-    let mut config = args.overrides.resolve(&args.overrides.preset(args.preset.as_deref(), default)?)?;
-    args.hosts.multiply(&mut config, member.as_ref())?;
+    let preset = args.overrides.preset(args.preset.as_deref(), default)?;
+    let mut config = args.hosts.resolve(&args.overrides, &preset, member.as_ref())?;
     check_hosts(&config, member.as_ref())?;
     let started = args.hosts.started(member.as_ref())?;
     if let Some(folder) = begun {
         return go_on(folder, config, started, args.hosts.patience().lost);
     }
     if let Some(from) = &args.from {
-        config.from = Some(begin_from(&find(from)?, &config)?);
+        config.from = Some(begin_from(&find(from)?.checkpoint()?, &config)?);
     }
     // The default was needed: nobody asked for a preset, on the command line or in a file.
     let asked = found.is_none();

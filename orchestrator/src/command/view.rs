@@ -1,5 +1,6 @@
 //! `orchestrator view`: a page on runs, live, and any recorded episode from any camera.
 
+use super::play::{Player, PolicyArgs};
 use crate::preflight::programs;
 use crate::run::identity::host_name;
 use crate::showing::terminal;
@@ -20,6 +21,8 @@ use view::{Settings, serve};
 #[command(after_help = "Examples:
   orchestrator view                          all runs below runs/
   orchestrator view runs/a runs/b            these two, their curves over each other
+  orchestrator view --policy models/fetch.safetensors      a policy at work in the test kitchens, without a run
+  orchestrator view --policy runs/a/best --kitchen 7       in one kitchen
   orchestrator view --compare E1 E2          the same episodes of two evaluations side by side
   ssh -L 8765:127.0.0.1:8765 HOST            then the page of a run on another machine is at http://127.0.0.1:8765
   orchestrator view --address 0.0.0.0        for other machines, too: the address then holds a token
@@ -38,6 +41,8 @@ pub struct ViewArgs {
     /// Show episodes of two evaluations or runs side by side
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "runs")]
     compare: Vec<PathBuf>,
+    #[command(flatten)]
+    policy: PolicyArgs,
     /// Open the page in a browser
     #[arg(long)]
     open: bool,
@@ -57,20 +62,8 @@ const NICENESS: i32 = 10;
 
 /// Runs the command.
 pub fn run(args: &ViewArgs) -> Result<()> {
-    let asked = if args.compare.is_empty() { &args.runs } else { &args.compare };
-    for path in asked {
-        ensure!(path.is_dir(), "{} is not a folder: give the folder of a run, or one that holds runs", path.display());
-    }
-    let paths = if asked.is_empty() { vec![PathBuf::from("runs")] } else { asked.clone() };
-    if asked.is_empty() && !Path::new("runs").is_dir() {
-        bail!("there is no folder runs/ here: give the folder of a run, or start one with `orchestrator up`");
-    }
-    let gallery = Gallery::of(paths);
-    let (count, open) = (gallery.count(), gallery.names_of(asked));
-    if count == 0 && !asked.is_empty() {
-        bail!("there is no run in {} (a run has a run.toml)", asked[0].display());
-    }
-    ensure!(args.compare.is_empty() || open.len() == 2, "--compare takes the folders of two different runs");
+    let player = Player::of(&args.policy)?;
+    let (gallery, open) = gallery(args, player.as_ref())?;
     let listener = listen(args)?;
     let address = listener.local_addr().context("the listener has no address")?;
     let token = match &args.token_file {
@@ -84,37 +77,84 @@ pub fn run(args: &ViewArgs) -> Result<()> {
         host_name: host_name(),
         open,
         compare: !args.compare.is_empty(),
+        play: player.is_some(),
     };
     // Where it is refused the server is as important as others.
     let _ = rustix::process::setpriority_process(None, NICENESS);
     let place = link(address, token.as_deref());
     terminal::out(&format!("view: {place}"));
-    terminal::note(&format!(
-        "shows {} until Ctrl-C; it only reads, and ends no run",
-        crate::showing::format::counted(count as u64, "run")
-    ));
+    let runs = || crate::showing::format::counted(gallery.count() as u64, "run");
+    let shows = || format!("shows {} until Ctrl-C; it only reads, and ends no run", runs());
+    let plays = |player: &Player| format!("{} plays until Ctrl-C, on the CPU", player.policy().display());
+    terminal::note(&player.as_ref().map_or_else(shows, plays));
     if args.open {
         open_browser(&place);
     }
-    serve_until_interrupted(listener, Arc::new(gallery), settings)
+    serve_until_interrupted(listener, Arc::new(gallery), settings, player)
 }
 
-fn serve_until_interrupted(listener: TcpListener, runs: Arc<dyn Runs>, settings: Settings) -> Result<()> {
+/// The runs that are shown, and those that the page opens with.
+fn gallery(args: &ViewArgs, player: Option<&Player>) -> Result<(Gallery, Vec<String>)> {
+    if let Some(player) = player {
+        return Ok((Gallery::of(vec![player.root().to_owned()]), Vec::new()));
+    }
+    let asked = if args.compare.is_empty() { &args.runs } else { &args.compare };
+    for path in asked {
+        ensure!(path.is_dir(), "{} is not a folder: give the folder of a run, or one that holds runs", path.display());
+    }
+    if asked.is_empty() && !Path::new("runs").is_dir() {
+        bail!(
+            "there is no folder runs/ here: give the folder of a run, start one with `orchestrator up`, or let a policy play \
+             with --policy FILE"
+        );
+    }
+    let gallery = Gallery::of(if asked.is_empty() { vec![PathBuf::from("runs")] } else { asked.clone() });
+    let (count, open) = (gallery.count(), gallery.names_of(asked));
+    if count == 0 && !asked.is_empty() {
+        bail!("there is no run in {} (a run has a run.toml)", asked[0].display());
+    }
+    ensure!(args.compare.is_empty() || open.len() == 2, "--compare takes the folders of two different runs");
+    Ok((gallery, open))
+}
+
+fn serve_until_interrupted(
+    listener: TcpListener,
+    runs: Arc<dyn Runs>,
+    settings: Settings,
+    mut player: Option<Player>,
+) -> Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let served = runtime.block_on(async {
+        use tokio::signal::unix::{SignalKind, signal};
         let listener = tokio::net::TcpListener::from_std(listener)?;
-        let mut terminated = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
+        let (mut interrupted, mut terminated) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
         let end = async move {
             tokio::select! {
-                _ = tokio::signal::ctrl_c() => {}
+                _ = interrupted.recv() => {}
                 _ = terminated.recv() => {}
             }
         };
-        Ok(serve(listener, runs, settings, end).await?)
+        let served = tokio::select! {
+            served = serve(listener, runs, settings, end) => served.map_err(Into::into),
+            failed = played(player.as_mut()) => failed,
+        };
+        let stopped = match &mut player {
+            Some(player) => player.stop().await,
+            None => Ok(()),
+        };
+        served.and(stopped)
     });
     // Readings that still go on are nobody's any more.
     runtime.shutdown_background();
     served
+}
+
+/// Lets a policy play as long as it can; without one nothing ends.
+async fn played(player: Option<&mut Player>) -> Result<()> {
+    match player {
+        Some(player) => match player.play().await? {},
+        None => std::future::pending().await,
+    }
 }
 
 fn listen(args: &ViewArgs) -> Result<TcpListener> {

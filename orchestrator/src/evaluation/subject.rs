@@ -2,9 +2,10 @@
 //!
 //! A run folder means its newest checkpoint; a manifest (or the tensors beside it) that checkpoint; `RUN/best` the best
 //! one. The configuration is the one beside the checkpoint, or that of the run folder it lies in (`RUN/checkpoints/`,
-//! `RUN/validation/rollout-K/`, `RUN/best/`).
+//! `RUN/validation/rollout-K/`, `RUN/best/`). A policy file, which `orchestrator export` writes, holds all of it itself.
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use export::Policy;
 use proto::checkpoint::Manifest;
 use proto::config::Config;
 use proto::run_folder::{RolloutName, RunFolder};
@@ -30,6 +31,34 @@ pub struct Found {
     pub run: PathBuf,
     /// The run's configuration.
     pub config: Config,
+}
+
+/// Whose weights a path means.
+#[derive(Debug)]
+pub enum Source {
+    /// A checkpoint of a run.
+    Checkpoint(Box<Found>),
+    /// A policy file.
+    File {
+        /// Its absolute path.
+        path: PathBuf,
+        /// What is in it.
+        policy: Box<Policy>,
+    },
+}
+
+impl Source {
+    /// The checkpoint, where nothing less will do.
+    pub fn checkpoint(self) -> Result<Found> {
+        match self {
+            Self::Checkpoint(found) => Ok(*found),
+            Self::File { path, .. } => bail!(
+                "{0} is a policy file, not a checkpoint: `orchestrator import {0} --run DIR --preset P` makes a run that \
+                 begins with its weights",
+                path.display()
+            ),
+        }
+    }
 }
 
 /// Reads a manifest. Whether the tensors are whole is for the learner to find.
@@ -71,21 +100,30 @@ pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>
     Ok(differences)
 }
 
-/// Finds the checkpoint that `path` means.
-pub fn find(path: &Path) -> Result<Found> {
+/// Finds the weights that `path` means.
+pub fn find(path: &Path) -> Result<Source> {
     let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
     ensure!(path.exists(), "{} does not exist", path.display());
+    let is_tensors = path.extension().is_some_and(|kind| kind == "safetensors");
+    if is_tensors && !path.is_dir() && !path.with_extension("json").is_file() {
+        let policy = Box::new(export::open(&path)?);
+        return Ok(Source::File { path, policy });
+    }
+    find_checkpoint(&path).map(|found| Source::Checkpoint(Box::new(found)))
+}
+
+fn find_checkpoint(path: &Path) -> Result<Found> {
     let manifest = if path.is_dir() {
         let checkpoints = path.join("checkpoints");
-        let folder = if checkpoints.is_dir() { &checkpoints } else { &path };
-        newest(folder, RunFolder::new(&path).id().as_deref())?
+        let folder = if checkpoints.is_dir() { checkpoints.as_path() } else { path };
+        newest(folder, RunFolder::new(path).id().as_deref())?
             .with_context(|| format!("there is no checkpoint in {}", folder.display()))?
     } else {
         path.with_extension("json")
     };
     ensure!(
         RolloutName::Manifest.rollout_of(&manifest).is_some() && manifest.is_file(),
-        "{} is no checkpoint (those are called rollout-00000012.json)",
+        "{} is no checkpoint (those are called rollout-00000012.json) and no policy file (.safetensors)",
         manifest.display()
     );
     let mut folders = manifest.ancestors().skip(1).take(3);
@@ -203,6 +241,7 @@ pub mod tests {
         assert!(find(&run).unwrap_err().to_string().contains("config.toml"));
         let config = Config::resolve("demo", None).unwrap();
         std::fs::write(run.join("config.toml"), config.to_toml()).unwrap();
+        let find = |path: &Path| super::find(path).and_then(Source::checkpoint);
         let found = find(&run).unwrap();
         assert_eq!(found.manifest, checkpoints.join("rollout-00000012.json"));
         assert_eq!((found.run.as_path(), found.config), (run.as_path(), config));
@@ -211,5 +250,9 @@ pub mod tests {
         }
         assert!(find(&run.join("config.toml")).unwrap_err().to_string().contains("is no checkpoint"));
         assert!(find(&run.join("nothing")).unwrap_err().to_string().contains("does not exist"));
+        // Tensors without a manifest beside them are a policy file, or nothing.
+        let alone = run.join("policy.safetensors");
+        std::fs::write(&alone, "nothing").unwrap();
+        assert!(find(&alone).unwrap_err().to_string().contains("policy.safetensors is no safetensors file"));
     }
 }

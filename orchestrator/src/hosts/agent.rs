@@ -286,6 +286,10 @@ impl Work<'_> {
     async fn until_the_end(mut self, patience: Patience, invitation: &Invitation) -> Result<Ended> {
         let mut tick = tokio::time::interval(TICK);
         tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        // Had it been heard in the last start, this one would not be.
+        if let Some(asked) = self.signals.asked() {
+            self.ask_for_stop(&asked);
+        }
         loop {
             tokio::select! {
                 heard = self.orders.recv() => match heard {
@@ -301,13 +305,19 @@ impl Work<'_> {
                     }
                 },
                 Some(event) = self.inbox.recv() => self.report(event),
-                asked = self.signals.next() => self.mouth.say(match asked {
-                    Event::Interrupt => Word::Interrupt,
-                    _ => Word::Stop { requeue: self.signals.ask_for_requeue() },
-                }),
+                asked = self.signals.next() => self.ask_for_stop(&asked),
                 _ = tick.tick() => self.look(),
             }
         }
+    }
+
+    /// Tells host 0 that a signal came here.
+    fn ask_for_stop(&self, asked: &Event) {
+        tracing::info!("a stop is asked for here: host 0 is told");
+        self.mouth.say(match asked {
+            Event::Interrupt => Word::Interrupt,
+            _ => Word::Stop { requeue: self.signals.ask_for_requeue() },
+        });
     }
 
     fn obey(&mut self, order: &Order) -> Result<()> {

@@ -18,7 +18,7 @@ use proto::hosts::Hosts;
 use proto::run_folder::RunFolder;
 use serde::{Deserialize, Serialize};
 use std::cell::Cell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
@@ -173,7 +173,7 @@ impl Rendezvous {
             let way = Box::new(Way(serve(stream, self.patience.silence(), ear(host, sender.clone())).map_err(gone)?));
             others.push(Other { name, way, lost: false });
         }
-        self.await_ready(&others, &mut inbox)?;
+        let early = self.await_ready(&others, &mut inbox)?;
         let interface = address::interface_of(self.own);
         let network = LearnersNetwork {
             hosts: self.hosts,
@@ -184,7 +184,7 @@ impl Rendezvous {
             listener: Some(Arc::new(listener)),
         };
         tracing::info!("all {} hosts are here", self.hosts);
-        Ok(Together { hosts, company: Company::new(hosts, others, inbox), network })
+        Ok(Together { hosts, company: Company::new(hosts, others, early, inbox), network })
     }
 
     /// Tells the hosts that come that there is nothing to do; does not wait long for those that do not.
@@ -262,8 +262,14 @@ impl Rendezvous {
         }
     }
 
-    fn await_ready(&self, others: &[Other], inbox: &mut mpsc::Receiver<(u32, Heard)>) -> Result<()> {
+    /// Waits until all are ready. Returns what is to be answered when they are: requests to stop.
+    fn await_ready(
+        &self,
+        others: &[Other],
+        inbox: &mut mpsc::Receiver<(u32, Heard)>,
+    ) -> Result<VecDeque<(u32, Heard)>> {
         let deadline = Instant::now() + self.patience.joining;
+        let mut early = VecDeque::new();
         let mut ready = 0;
         while ready < others.len() {
             match inbox.try_recv() {
@@ -274,15 +280,13 @@ impl Rendezvous {
                 Ok((host, Heard::Lost(reason))) => {
                     bail!(Incomplete(format!("host {host} was lost at the start: {reason}")))
                 }
-                Ok((_, Heard::Said(Word::Stop { .. } | Word::Interrupt))) => {
-                    bail!("a stop was asked for before all hosts were ready")
-                }
+                Ok((host, asked @ Heard::Said(Word::Stop { .. } | Word::Interrupt))) => early.push_back((host, asked)),
                 Ok((_, Heard::Said(_))) => {}
                 Err(_) if Instant::now() >= deadline => bail!(Incomplete("not all hosts are ready in time".to_owned())),
                 Err(_) => std::thread::sleep(LOOK),
             }
         }
-        Ok(())
+        Ok(early)
     }
 }
 

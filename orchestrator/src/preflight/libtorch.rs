@@ -18,6 +18,19 @@ const SERIES: &str = "2.11";
 /// Loading libtorch takes half a second from a warm cache; a cold network file system may take a minute.
 const PATIENCE: Duration = Duration::from_mins(2);
 
+/// What to type for a libtorch: a release has its own script beside the programs, a checkout a target of its Makefile.
+fn set_up() -> String {
+    let own = std::env::current_exe().ok();
+    set_up_beside(own.as_deref().and_then(Path::parent))
+}
+
+fn set_up_beside(programs: Option<&Path>) -> String {
+    match programs.map(|folder| folder.join("setup")).filter(|script| script.is_file()) {
+        Some(script) => script.display().to_string(),
+        None => "make setup".to_owned(),
+    }
+}
+
 /// Variables that make the learner find the libtorch that `LIBTORCH` names, if it names one. Errors if that is none or
 /// of another series.
 pub fn environment() -> Result<Vec<(OsString, OsString)>> {
@@ -31,10 +44,11 @@ fn environment_for(root: &Path, before: Option<&OsStr>) -> Result<Vec<(OsString,
     let lib = root.join("lib");
     if !lib.join("libtorch_cpu.so").exists() {
         bail!(
-            "LIBTORCH={} is not a libtorch: {} is missing. Unset it to use the one that `make setup` fetches, or point \
-             it at the folder of a torch {SERIES} (the one that holds lib/ and include/)",
+            "LIBTORCH={} is not a libtorch: {} is missing. Unset it to use the one that `{}` fetches, or point it at \
+             the folder of a torch {SERIES} (the one that holds lib/ and include/)",
             root.display(),
-            lib.join("libtorch_cpu.so").display()
+            lib.join("libtorch_cpu.so").display(),
+            set_up()
         );
     }
     if let Some(version) = version_of(root)
@@ -42,8 +56,9 @@ fn environment_for(root: &Path, before: Option<&OsStr>) -> Result<Vec<(OsString,
     {
         bail!(
             "LIBTORCH={} is torch {version}, but this program needs torch {SERIES}.x. Unset LIBTORCH to use the one \
-             that `make setup` fetches, or point it at a torch {SERIES}",
-            root.display()
+             that `{}` fetches, or point it at a torch {SERIES}",
+            root.display(),
+            set_up()
         );
     }
     let mut folders = vec![lib];
@@ -109,24 +124,27 @@ fn explain(learner: &Path, status: &str, complaint: &str) -> String {
     if let Some((_, rest)) = complaint.split_once(MISSING) {
         let library: PathBuf = rest.split(':').next().unwrap_or(rest).trim().into();
         return format!(
-            "there is no libtorch: {} cannot load {}. Run `make setup`, which fetches torch {SERIES} into .torch/, or \
-             set LIBTORCH to the folder of a torch {SERIES} that is already on this machine (the one that holds lib/ \
-             and include/)",
+            "there is no libtorch: {} cannot load {}. Run `{}`, which fetches torch {SERIES} into .torch/, or set \
+             LIBTORCH to the folder of a torch {SERIES} that is already on this machine (the one that holds lib/ and \
+             include/)",
             learner.display(),
-            library.display()
+            library.display(),
+            set_up()
         );
     }
     if complaint.contains("symbol lookup error") || complaint.contains("undefined symbol") {
         return format!(
-            "the libtorch that {} finds is of another version than {SERIES}: {complaint}. Run `make setup`, or set \
-             LIBTORCH to the folder of a torch {SERIES}",
-            learner.display()
+            "the libtorch that {} finds is of another version than {SERIES}: {complaint}. Run `{}`, or set LIBTORCH \
+             to the folder of a torch {SERIES}",
+            learner.display(),
+            set_up()
         );
     }
     let said = complaint.lines().last().and_then(error_in).unwrap_or(complaint);
     let said = if said.is_empty() { status } else { said };
     format!(
-        "libtorch does not work: {said}. `make setup` fetches torch {SERIES}; LIBTORCH names one that is already there"
+        "libtorch does not work: {said}. `{}` fetches torch {SERIES}; LIBTORCH names one that is already there",
+        set_up()
     )
 }
 
@@ -162,6 +180,15 @@ mod tests {
         let empty = tempfile::tempdir().unwrap();
         let message = environment_for(empty.path(), None).unwrap_err().to_string();
         assert!(message.contains("is not a libtorch") && message.contains("make setup"), "{message}");
+    }
+
+    #[test]
+    fn a_release_names_the_script_beside_its_programs() {
+        let release = tempfile::tempdir().unwrap();
+        assert_eq!(set_up_beside(Some(release.path())), "make setup");
+        let script = release.path().join("setup");
+        std::fs::write(&script, "").unwrap();
+        assert_eq!(set_up_beside(Some(release.path())), script.display().to_string());
     }
 
     fn learner(script: &str) -> (tempfile::TempDir, PathBuf) {

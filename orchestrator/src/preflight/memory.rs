@@ -55,9 +55,10 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
         // Rollout and activations lie on the GPU; the host has staging buffers.
         LEARNER_BASE + LEARNER_CUDA + environments * FRAME_PIXELS as u64 * 4
     } else {
+        let minibatch = environments.div_ceil(u64::from(config.ppo.minibatches.max(1)));
         let in_pass = match u64::from(config.ppo.environments_per_pass) {
-            0 => environments,
-            pass => pass.min(environments),
+            0 => minibatch,
+            pass => pass.min(minibatch),
         };
         let frame = config.network.encoder.autograd_bytes(config.network.input_pool);
         LEARNER_BASE + rollout + in_pass * steps * frame

@@ -111,7 +111,7 @@ impl Setting {
     fn home(&self, place: EnvironmentId) -> EnvironmentId {
         match self.kitchens {
             Kitchens::Procedural(_) => EnvironmentId::among(self.kitchens, place.number, 0, 1),
-            Kitchens::Split(_) | Kitchens::Scenes(_) => place,
+            Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_) => place,
         }
     }
 }

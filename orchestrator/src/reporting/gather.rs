@@ -272,7 +272,9 @@ impl Outside {
         let (origin, config) = match (&subject.run, trained) {
             (Some(_), Some(trained)) => (Origin::NotGiven, trained),
             (run, _) => {
-                let origin = if run.is_none() { Origin::Untrained } else { Origin::Unknown };
+                // Those of a policy file some run has trained.
+                let fresh = run.is_none() && subject.checkpoint.is_none();
+                let origin = if fresh { Origin::Untrained } else { Origin::Unknown };
                 // The configuration is the evaluation's: its own seed, its own number of actors.
                 let mut config = Config { seed: subject.seed, evaluation: None, ..self.config };
                 if let Ok(preset) = Config::resolve(&config.preset, None) {
@@ -379,6 +381,12 @@ mod tests {
             assert!(left_out.is_some_and(|note| note.contains("a-old of ")), "{:?}", made.report.notes);
             assert!(left_out.is_some_and(|note| note.contains("after 400 frames.")), "{:?}", made.report.notes);
         }
+        // Of a policy file nobody knows the run; that there was one is known.
+        evaluate(&at("file"), Split::Test, None, "c");
+        let path = at("file").join(RESULT_FILE);
+        let result = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, result.replace("\"checkpoint\":null", "\"checkpoint\":\"/w/a.safetensors\"")).unwrap();
+        assert_eq!(gather(&[at("file")]).unwrap().runs[0].origin, Origin::Unknown);
         // One alone stands for its run, however old.
         let gathered = gather(&[at("of/a-old")]).unwrap();
         let made = Made::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
@@ -460,7 +468,7 @@ mod tests {
     fn throughput_is_of_a_rollout_and_time_of_all_until_then() {
         let mut history = History::default();
         for (rollout, frames) in [(0, 100), (1, 300), (3, 900), (4, 1000)] {
-            let timing = Timing { simulate_s: 1.0, infer_s: 0.5, update_s: 2.0, other_s: 0.5 };
+            let timing = Timing { simulate_s: 1.0, infer_s: 0.5, update_s: 2.0, exchange_s: 0.0, other_s: 0.5 };
             let metrics = BTreeMap::new();
             history.insert(Trained {
                 rollout,

@@ -12,13 +12,26 @@ use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Has a file hold these bytes and no others; whether it held something else.
-pub fn set_content(path: &Path, wanted: &[u8]) -> Result<bool> {
-    let differs = bounded::read_figures(path).map_or(!wanted.is_empty(), |found| found != wanted);
-    if differs {
-        write_atomically(path, wanted).with_context(|| format!("cannot write {}", path.display()))?;
+/// Has a file hold these bytes and no others.
+pub fn set_content(path: &Path, wanted: &[u8]) -> Result<()> {
+    if is_content(path, [wanted]) {
+        return Ok(());
     }
-    Ok(differs)
+    write_atomically(path, wanted).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Whether a file holds these bytes and no others. No file holds none.
+pub fn is_content<B: AsRef<[u8]>>(path: &Path, wanted: impl IntoIterator<Item = B>) -> bool {
+    let mut wanted = wanted.into_iter();
+    let Ok(mut file) = bounded::open(path).map(BufReader::new) else {
+        return wanted.all(|part| part.as_ref().is_empty());
+    };
+    let mut found = Vec::new();
+    let is_there = |part: B| {
+        found.resize(part.as_ref().len(), 0);
+        file.read_exact(&mut found).is_ok() && found == part.as_ref()
+    };
+    wanted.all(is_there) && file.fill_buf().is_ok_and(<[u8]>::is_empty)
 }
 
 /// The whole lines of a file, in order; none when there is no file.

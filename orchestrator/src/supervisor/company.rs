@@ -5,6 +5,7 @@ use super::event::{Exit, Process};
 use proto::event::LearnerEvent;
 use proto::hosts::Hosts;
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 use std::fmt::Debug;
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -133,14 +134,21 @@ pub struct Company {
     hosts: Hosts,
     /// From host 1 on.
     others: Vec<Other>,
+    early: VecDeque<(u32, Heard)>,
     inbox: mpsc::Receiver<(u32, Heard)>,
 }
 
 impl Company {
-    /// Those that have come. `inbox`: what is heard, by host.
-    pub fn new(hosts: Hosts, others: Vec<Other>, inbox: mpsc::Receiver<(u32, Heard)>) -> Self {
+    /// Those that have come. `early`: what was heard before all of them were ready, and is still to be answered. `inbox`:
+    /// what is heard, by host.
+    pub fn new(
+        hosts: Hosts,
+        others: Vec<Other>,
+        early: VecDeque<(u32, Heard)>,
+        inbox: mpsc::Receiver<(u32, Heard)>,
+    ) -> Self {
         assert_eq!(others.len() as u32 + 1, hosts.count(), "all have come");
-        Self { hosts, others, inbox }
+        Self { hosts, others, early, inbox }
     }
 
     /// The host of a process.
@@ -177,6 +185,9 @@ impl Company {
 
     /// What is heard next.
     pub async fn heard(&mut self) -> (u32, Heard) {
+        if let Some(early) = self.early.pop_front() {
+            return early;
+        }
         let Some((host, heard)) = self.inbox.recv().await else { return std::future::pending().await };
         if matches!(heard, Heard::Lost(_)) {
             self.others[host as usize - 1].lost = true;
@@ -203,7 +214,7 @@ impl Company {
                     }
                     open.retain(|other| *other != host);
                 }
-                // Late words of processes that have ended.
+                // Late words of processes that have ended. A host that asks for a stop asks again in the next start.
                 Heard::Said(_) => {}
             }
         }
@@ -241,7 +252,9 @@ mod tests {
             lost: number == 3,
         };
         let others = ways.iter().enumerate().map(other).collect();
-        let mut company = Company::new(Hosts::new(5, Shares::new(10, 5)), others, inbox);
+        let early = VecDeque::from([(3, Heard::Said(Word::Interrupt))]);
+        let mut company = Company::new(Hosts::new(5, Shares::new(10, 5)), others, early, inbox);
+        assert_eq!(company.heard().await, (3, Heard::Said(Word::Interrupt)), "before all that came later");
         assert_eq!(company.processes_of(1), [Process::Learner(1), Process::Actor(2), Process::Actor(3)]);
         assert_eq!([Process::Learner(4), Process::Actor(3)].map(|process| company.host_of(process)), [4, 1]);
         for heard in [

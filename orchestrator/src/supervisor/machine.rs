@@ -4,6 +4,7 @@
 //! Running ──stop, Ctrl-C, a process given up, cannot write─────▶ Saving ──learner saved──▶ Leaving ──all gone──▶ Over
 //!    └───────────────────── budget reached ──────────────────────────────────────────────▶ Leaving
 //! ```
+//! Where a run is saved only to go on with another number of actors, a death leads from Saving back to Running.
 //!
 //! Learners run, save and die together ([`super::gang`]), and rank 0 reports for all. If one dies, the others are
 //! killed, because they can neither continue nor save.
@@ -26,7 +27,8 @@ use super::policy::Policy;
 use super::restart::{RestartHistory, Verdict};
 use super::stage::StageMachine;
 use super::words::{
-    also, connected, died_at_stop, given_up, immortal, learners_given_up, quote, ready, rewinds, unanswering,
+    also, connected, died_at_stop, given_up, immortal, killed_for_it, learners_given_up, quote, ready, rewinds,
+    unanswering,
 };
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
@@ -44,6 +46,8 @@ enum Phase {
         failure: Option<String>,
         since: Duration,
         patience: Duration,
+        /// Only the number of actors changes. Until this has worked, whoever dies is started again as in [`Phase::Running`].
+        goes_on: bool,
     },
     /// All that still run have been asked to exit.
     Leaving {
@@ -116,7 +120,7 @@ impl Supervisor {
             Event::Scale { before } => self.stop_before(before),
             Event::Interrupt => self.interrupt(now),
             Event::CannotWrite(cause) => {
-                if self.phase == Phase::Running {
+                if self.phase == Phase::Running || self.is_to_go_on() {
                     self.fail(now, format!("what the run does cannot be written down any more: {cause}"));
                 }
             }
@@ -178,6 +182,12 @@ impl Supervisor {
     fn exited(&mut self, now: Duration, process: Process, incarnation: u32, exit: &Exit, last_words: &[String]) {
         if !self.children.end(process, incarnation) {
             return;
+        }
+        if self.is_to_go_on()
+            && let Process::Learner(rank) = process
+            && !self.gang.has_finished(rank)
+        {
+            self.run_on(now);
         }
         match &self.phase {
             Phase::Running => {
@@ -434,7 +444,7 @@ impl Supervisor {
                     self.start_due(now);
                 }
             }
-            Phase::Saving { failure, since, patience } => {
+            Phase::Saving { failure, since, patience, goes_on: _ } => {
                 self.check_saving(now, failure.as_deref(), now.saturating_sub(since), patience);
             }
             Phase::Leaving { since } => self.check_leaving(now, since),
@@ -477,6 +487,11 @@ impl Supervisor {
         let done = if self.evaluates() { "stopped" } else { "saved" };
         match deadlines::of_stop(&self.gang, &self.policy, (waited, patience), done) {
             Some(Overdue::Warns(warning, silent)) => self.warn(warning, silent),
+            Some(Overdue::Fails(late)) if self.is_to_go_on() => {
+                self.report(Level::Warning, killed_for_it(self.gang.size(), &late));
+                self.run_on(now);
+                self.kill_learners(now);
+            }
             Some(Overdue::Fails(late)) => {
                 let reason = also(failure, &late);
                 self.report(Level::Error, late);

@@ -47,6 +47,7 @@ pub struct Signals {
     hang_up: Option<Signal>,
     launched: bool,
     requeue: bool,
+    asked: Option<Event>,
 }
 
 impl Signals {
@@ -61,6 +62,7 @@ impl Signals {
             user: signal(SignalKind::user_defined1()).context("SIGUSR1")?,
             launched,
             requeue: false,
+            asked: None,
             hang_up: if ignores_hang_up { None } else { Some(signal(SignalKind::hangup()).context("SIGHUP")?) },
         })
     }
@@ -88,7 +90,13 @@ impl Signals {
             _ = hang_up => (Event::Stop, false),
         };
         self.requeue |= requeue;
+        self.asked = Some(event.clone());
         event
+    }
+
+    /// The last one that came. Whoever has handed it on while one session ended does not know whether it was heard.
+    pub fn asked(&self) -> Option<Event> {
+        self.asked.clone()
     }
 
     /// Whether one of them, SIGUSR1 or a launcher's SIGTERM, says that the run is started again later.

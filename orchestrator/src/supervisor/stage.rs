@@ -70,6 +70,11 @@ impl StageMachine {
         self.say(self.last.rollout, self.last.stage, directive::STOP)
     }
 
+    /// Takes a stop back: whoever starts now hears what was in force before it.
+    pub fn go_on(&mut self) -> StageAnnouncement {
+        self.say(self.last.rollout, self.last.stage, directive::TRAIN)
+    }
+
     fn say(&mut self, rollout: u64, stage: u32, directive: u32) -> StageAnnouncement {
         self.version += 1;
         self.last = StageAnnouncement { version: self.version, rollout, stage, directive };

@@ -55,6 +55,12 @@ pub fn died_at_stop(who: Process, evaluates: bool, exit: &Exit, last_words: &[St
     }
 }
 
+/// That learners are killed because they are late.
+pub fn killed_for_it(learners: usize, late: &str) -> String {
+    let are = if learners == 1 { "it is" } else { "they are" };
+    format!("{late}: {are} killed, and save once more")
+}
+
 /// That a process is still there after SIGKILL.
 pub fn immortal(who: &str) -> String {
     format!("SIGKILL does not end {who}: the kernel holds on")

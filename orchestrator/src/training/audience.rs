@@ -52,6 +52,8 @@ impl Audience for TrainingAudience {
                 if let Some(board) = &mut self.board {
                     board.begin(&self.journal.history);
                 }
+                // The figures of the whole run were compared with files.
+                wire::give_memory_back();
                 // The orchestrator may not know this checkpoint: it was written after the last orchestrator had ended.
                 if let Some(validation) = &mut self.validation {
                     validation.checkpoint(*rollout, *frames);

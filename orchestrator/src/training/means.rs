@@ -197,7 +197,7 @@ pub mod tests {
                 stage: u32::from(frames > 1000),
                 at_unix_s: rollout * 2,
                 incarnation: 1,
-                timing: Timing { simulate_s: 0.8, infer_s: 0.4, update_s: 0.6, other_s: 0.2 },
+                timing: Timing { simulate_s: 0.8, infer_s: 0.4, update_s: 0.6, exchange_s: 0.0, other_s: 0.2 },
                 metrics: metrics.into(),
             });
         }

@@ -5,21 +5,21 @@
 //! it, so whenever a learner begins, the file is made to say what its checkpoint says: missing lines are added, and
 //! those behind it removed, because these rollouts are trained again.
 
-use crate::run::json_lines::{Writer, set_content};
+use crate::run::json_lines::{Writer, is_content};
 use crate::showing::format::counted;
 use anyhow::{Context, Result};
 use proto::bounded;
 use proto::checkpoint::Manifest;
 use proto::disk::LocalDisk;
-use proto::run_folder::{RolloutName, RunFolder};
+use proto::run_folder::{RolloutName, RunFolder, write_atomically};
 use proto::trained::{History, Trained};
 use std::io::ErrorKind;
 use std::ops::RangeInclusive;
 
 /// What the file says; none where there is no file.
 fn read_file(folder: &RunFolder) -> Result<Option<(History, usize)>> {
-    match bounded::read_figures(&folder.metrics()) {
-        Ok(bytes) => Ok(Some(History::decode(&bytes))),
+    match bounded::open_figures(&folder.metrics()).and_then(History::read) {
+        Ok(read) => Ok(Some(read)),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
         Err(error) => Err(error).with_context(|| folder.metrics().display().to_string()),
     }
@@ -162,9 +162,16 @@ impl Journal {
 
     /// Has the file say what the history says; whether it said something else.
     fn mend(&mut self) -> Result<bool> {
-        let (path, wanted) = (self.folder.metrics(), self.history.encode());
-        let differs = set_content(&path, &wanted)?;
+        let path = self.folder.metrics();
+        let line = |trained: &Trained| {
+            let mut line = Vec::new();
+            trained.encode(&mut line);
+            line
+        };
+        let differs = !is_content(&path, self.history.iter().map(line));
         if differs {
+            write_atomically(&path, &self.history.encode())
+                .with_context(|| format!("cannot write {}", path.display()))?;
             self.writer = Writer::open(&path)?;
         }
         Ok(differs)

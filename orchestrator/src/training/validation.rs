@@ -121,7 +121,7 @@ impl Validation {
             serde_json::to_writer(&mut wanted, one)?;
             wanted.push(b'\n');
         }
-        set_content(&self.folder.validation_log(), &wanted).map(drop)
+        set_content(&self.folder.validation_log(), &wanted)
     }
 
     fn is_scored(&self, rollout: u64) -> bool {

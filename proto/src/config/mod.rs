@@ -138,6 +138,9 @@ pub struct PpoConfig {
     /// Environments that go through forward and backward at once; gradients add up to those of the whole batch.
     /// 0 = all. A smaller number bounds memory.
     pub environments_per_pass: u32,
+    /// Minibatches of a rollout, each a step of the optimiser: every learner deals its environments out among them, anew
+    /// for each rollout. 1 = all in one, as in the paper. More of them take more steps on a large batch.
+    pub minibatches: u32,
     /// With several learners: share of them that must have finished a rollout for the others to end theirs early (0.6
     /// in DD-PPO). Results then depend on timing, and a stage's last rollouts may have few frames. 0 = all learners
     /// finish. A single learner never ends early.
@@ -382,6 +385,7 @@ impl Default for PpoConfig {
             normalize_advantages: false,
             bootstrap_time_limits: false,
             environments_per_pass: 0,
+            minibatches: 1,
             preemption_share: 0.0,
             overlap: false,
         }
@@ -462,7 +466,7 @@ impl Config {
         match (self.kitchens(), self.evaluation_plan()) {
             (Kitchens::Procedural(_), Some(plan)) => Rota::planned(plan),
             (Kitchens::Procedural(range), None) => Rota::drawn(self.seed, range, self.kitchens.episodes_each),
-            (Kitchens::Split(_) | Kitchens::Scenes(_), _) => Rota::settled(),
+            (Kitchens::Split(_) | Kitchens::One(_) | Kitchens::Scenes(_), _) => Rota::settled(),
         }
     }
 

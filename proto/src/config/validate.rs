@@ -106,6 +106,7 @@ impl Config {
         check("network.hidden", network.hidden, (8..=4096).contains(&network.hidden), "must be 8 to 4096")?;
         check("ppo.rollout_steps", ppo.rollout_steps, (1..=4096).contains(&ppo.rollout_steps), "must be 1 to 4096")?;
         check("ppo.epochs", ppo.epochs, (1..=64).contains(&ppo.epochs), "must be 1 to 64")?;
+        check("ppo.minibatches", ppo.minibatches, (1..=64).contains(&ppo.minibatches), "must be 1 to 64")?;
         for (key, value) in [
             ("ppo.gamma", ppo.gamma),
             ("ppo.gae_lambda", ppo.gae_lambda),
@@ -215,9 +216,11 @@ impl Config {
 
     /// Settings of an evaluation. It simulates scenes or the built-in kitchens of a split.
     fn validate_evaluation(&self) -> Result<(), ConfigError> {
-        let Some(EvaluationConfig { split, procedural, distribution, scene_targets, .. }) = &self.evaluation else {
-            return Ok(());
-        };
+        let Some(asked) = &self.evaluation else { return Ok(()) };
+        let EvaluationConfig { split, procedural, kitchen, distribution, scene_targets, steps_per_s, .. } = asked;
+        if let Some(steps) = steps_per_s {
+            check("evaluation.steps_per_s", steps, (1..=1000).contains(steps), "must be 1 to 1000")?;
+        }
         let (scenes, lists) = (self.scenes.len(), scene_targets.len());
         check("evaluation.scene_targets", lists, lists == scenes, "must be one list of targets for each of `scenes`")?;
         let valid = scenes == 0 || *split == Split::Train;
@@ -233,6 +236,10 @@ impl Config {
             *distribution == Distribution::Run || *split != Split::Train,
             "must be \"run\": only validation and test kitchens have fixed episodes",
         )?;
+        if let Some(kitchen) = kitchen {
+            let valid = scenes == 0 && procedural.is_none() && kitchen.is_built_in() && kitchen.split() == *split;
+            check("evaluation.kitchen", kitchen, valid, "must be a kitchen of the split, without others beside it")?;
+        }
         if let Some(range) = procedural {
             let valid = scenes == 0 && *split == Split::Train;
             check("evaluation.procedural", range, valid, "must stand beside split = \"train\", without scenes")?;
@@ -252,7 +259,7 @@ fn check(key: &'static str, value: impl Display, valid: bool, problem: &'static 
 mod tests {
     use super::*;
     use crate::evaluation::ObjectSet;
-    use crate::kitchen::TargetCategory;
+    use crate::kitchen::{KitchenId, TargetCategory};
 
     /// A line of a configuration with another value, or another key.
     fn broken(lines: &[String], changes: &[(proptest::sample::Index, String)]) -> String {
@@ -313,6 +320,26 @@ mod tests {
         let message = with(&[i64::MAX as u64; 3]).unwrap_err().to_string();
         assert!(message.contains("stages.frames") && message.contains("at most 1000000000000000"), "{message}");
         assert!(with(&[1; 1001]).unwrap_err().to_string().contains("1 to 1000 stages"));
+    }
+
+    #[test]
+    fn an_evaluation_for_somebody_who_watches_is_in_one_kitchen_of_its_split() {
+        let problem = |split, kitchen: u32, steps_per_s| {
+            let mut config = Config::default();
+            config.actors.count = 1;
+            config.evaluation = Some(EvaluationConfig {
+                kitchen: KitchenId::new(kitchen).ok(),
+                steps_per_s: Some(steps_per_s),
+                ..EvaluationConfig::fixed(split, ObjectSet::All, 0)
+            });
+            let read = Config::from_toml(&config.to_toml(), "an evaluation");
+            read.map(|read| assert_eq!(read, config)).map_err(|error| error.to_string())
+        };
+        assert_eq!(problem(Split::Test, 8, 5), Ok(()));
+        for wrong in [7, 1000, 128] {
+            assert!(problem(Split::Test, wrong, 5).unwrap_err().contains("evaluation.kitchen"), "{wrong}");
+        }
+        assert!(problem(Split::Test, 8, 0).unwrap_err().contains("evaluation.steps_per_s"));
     }
 
     #[test]

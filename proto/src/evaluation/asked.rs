@@ -1,7 +1,7 @@
 //! What an evaluation is asked.
 
 use super::distribution::Distribution;
-use crate::kitchen::{KitchenRange, Kitchens, Split, TargetCategory};
+use crate::kitchen::{KitchenId, KitchenRange, Kitchens, Split, TargetCategory};
 use serde::{Deserialize, Serialize};
 
 /// Which target objects.
@@ -46,6 +46,9 @@ pub struct EvaluationConfig {
     /// Procedural kitchens instead of a split's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub procedural: Option<KitchenRange>,
+    /// A single kitchen of the split instead of all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kitchen: Option<KitchenId>,
     /// Targets.
     pub objects: ObjectSet,
     /// The first this many episodes of each kitchen and of each of the sets novel and seen; 0 = all.
@@ -58,7 +61,11 @@ pub struct EvaluationConfig {
     pub scene_targets: Vec<Vec<TargetCategory>>,
     /// The most probable action instead of a sampled one.
     pub deterministic: bool,
-    /// Manifest of the checkpoint; none = weights as a fresh run with this configuration's seed begins with.
+    /// Steps a second at most, for somebody who watches.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub steps_per_s: Option<u32>,
+    /// Manifest of the checkpoint, or a policy file; none = weights as a fresh run with this configuration's seed begins
+    /// with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checkpoint: Option<String>,
 }
@@ -70,21 +77,24 @@ impl EvaluationConfig {
         Self {
             split,
             procedural: None,
+            kitchen: None,
             objects,
             episodes,
             distribution: Distribution::Fixed,
             scene_targets: Vec::new(),
             deterministic: false,
+            steps_per_s: None,
             checkpoint: None,
         }
     }
 
     /// Kitchens whose episodes are played.
     pub fn kitchens(&self) -> Kitchens {
-        match (self.procedural, self.scene_targets.len()) {
-            (Some(range), _) => Kitchens::Procedural(range),
-            (None, 0) => Kitchens::Split(self.split),
-            (None, scenes) => Kitchens::Scenes(scenes),
+        match (self.procedural, self.kitchen, self.scene_targets.len()) {
+            (Some(range), ..) => Kitchens::Procedural(range),
+            (None, Some(kitchen), _) => Kitchens::One(kitchen),
+            (None, None, 0) => Kitchens::Split(self.split),
+            (None, None, scenes) => Kitchens::Scenes(scenes),
         }
     }
 }

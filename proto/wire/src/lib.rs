@@ -36,6 +36,13 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+#[cfg(not(all(target_os = "linux", target_arch = "x86_64")))]
+compile_error!(
+    "Stillroom's programs are for 64-bit x86 Linux only: libtorch and the depth renderer are pinned for it, and frames \
+     cross shared memory as Linux has it. Build on such a machine, or in a container on one; the Python package alone \
+     needs none of this."
+);
+
 mod address;
 mod announcer;
 mod bells;
@@ -51,11 +58,13 @@ mod recorded;
 mod services;
 mod shm;
 mod sweeper;
+pub mod version;
 
 pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id};
 pub use announcer::Announcer;
 pub use bells::{Bells, ThreadBell, Waiting};
 pub use error::WireError;
+pub use ffi::give_memory_back;
 pub use proto::fault;
 pub use receipts::{Receipt, ReceiptBook, Receipts, Written};
 pub use services::{

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 # In a checkpoint the names of the weights begin so; beside them lie Adam's moments, beliefs and environments.
 PREFIX = "model."
+# What the metadata of a policy file are called.
+ENTRY = "stillroom"
 # Checkpoints that do not say their sign are older than the setting, and were trained with this one.
 OLDER_SIGN = "object_to_goal"
 
@@ -36,13 +38,14 @@ class Checkpoint:
     path: Path
     """The file that the weights were read from."""
     weights: dict[str, NDArray[Any]]
-    """Weights by name, float32; the names are PyTorch's module paths, as in ARCHITECTURE.md."""
+    """Weights by name, float32, also those of a file of 16 bits; names are PyTorch's module paths (ARCHITECTURE.md)."""
     carried_goal: str
     """Sign of the goal vector while the target is held: give it to the environment."""
     config: dict[str, Any] = field(default_factory=dict)
-    """The run's whole configuration; empty for a file of weights alone."""
+    """The run's whole configuration; a policy file has it, too; empty for a file of weights alone."""
     manifest: dict[str, Any] = field(default_factory=dict)
-    """The checkpoint's manifest: `frames`, `rollout`, `stage`, ...; empty for a file of weights alone."""
+    """The checkpoint's manifest: `frames`, `rollout`, `stage`, ...; of a policy file `frames`, `rollout` and `run`;
+    empty for a file of weights alone."""
 
     @property
     def frames(self) -> int | None:
@@ -80,7 +83,8 @@ def load(path: str | PathLike[str], *, rollout: int | None = None, verify: bool 
 
     Args:
         path: a run folder (its newest complete checkpoint), `RUN/best` or another folder with checkpoints, one of a
-            checkpoint's files, or a safetensors file with weights alone.
+            checkpoint's files, a policy file (`orchestrator export --format safetensors`), or a safetensors file with
+            weights alone.
         rollout: of a folder, the checkpoint with this number instead of the newest.
         verify: compare the SHA-256 that the manifest names.
     """
@@ -99,7 +103,23 @@ def load(path: str | PathLike[str], *, rollout: int | None = None, verify: bool 
         raise CheckpointError(f"{path} cannot be read: {error}") from error
     tensors = _tensors(path, content)
     weights = {name.removeprefix(PREFIX): tensor for name, tensor in tensors.items() if name.startswith(PREFIX)}
-    return Checkpoint(path, weights or tensors, "goal_to_object")
+    config, manifest = _facts(path, content)
+    sign = config.get("network", {}).get("carried_goal", "goal_to_object")
+    return Checkpoint(path, weights or tensors, sign, config, manifest)
+
+
+def _facts(path: Path, content: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Configuration and origin out of the metadata of a policy file; nothing where there are none."""
+    length = int.from_bytes(content[:8], "little")
+    entry = json.loads(content[8 : 8 + length]).get("__metadata__", {}).get(ENTRY)
+    if entry is None:
+        return {}, {}
+    try:
+        facts = json.loads(entry)
+        config = tomllib.loads(facts.get("config", ""))
+        return config, {"frames": int(facts["frames"]), "rollout": int(facts["rollout"]), "run": facts["run"]}
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise CheckpointError(f"{path} has metadata that cannot be read: {error}") from error
 
 
 def _newest(folder: Path, rollout: int | None, verify: bool) -> Checkpoint:
@@ -140,6 +160,7 @@ def _checkpoint(path: Path, verify: bool) -> Checkpoint:
 
 def _tensors(path: Path, content: bytes) -> dict[str, NDArray[Any]]:
     try:
-        return {name: np.asarray(tensor) for name, tensor in decode(content).items()}
+        tensors = {name: np.asarray(tensor) for name, tensor in decode(content).items()}
     except SafetensorError as error:
         raise CheckpointError(f"{path} is no safetensors file: {error}") from error
+    return {name: array.astype(np.float32) if array.dtype == np.float16 else array for name, array in tensors.items()}

@@ -33,6 +33,7 @@ COLUMNS = {
     "timing/simulate_s": "waiting for simulation",
     "timing/infer_s": "inference of the policy",
     "timing/update_s": "PPO epochs",
+    "timing/exchange_s": "summing gradients over learners, a part of the update",
     "timing/other_s": "everything else",
     "episode/count": COUNT,
     "episode/return": "undiscounted, under the stage's reward",

@@ -82,13 +82,15 @@ impl Canvas {
         let (x, y) = (number(x), number(y));
         let turn =
             if degrees == 0.0 { String::new() } else { format!(" transform=\"rotate({} {x} {y})\"", number(degrees)) };
+        // One text is one line.
+        let content = content.replace(char::is_control, " ");
         // A halo, so that lines beneath do not run through the letters.
         let _ = writeln!(
             self.body,
             "<text x=\"{x}\" y=\"{y}\" font-size=\"{}\" text-anchor=\"{anchor}\" fill=\"{INK}\" stroke=\"{PAPER}\" \
              stroke-width=\"3\" stroke-linejoin=\"round\" paint-order=\"stroke\"{turn}>{}</text>",
             number(size),
-            escape(content)
+            escape(&content)
         );
     }
 

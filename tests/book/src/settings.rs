@@ -64,7 +64,7 @@ fn row(types: &Types, default: &Table, key: &str, field: &Field) -> Result<Strin
     let variants = types.variants(within(&field.kind)).filter(|_| !field.kind.starts_with("Vec<Vec"));
     let kind = match (within(&field.kind), &variants) {
         (_, Some(_)) => "word",
-        ("u32" | "u64", _) => "whole number",
+        ("u32" | "u64" | "KitchenId", _) => "whole number",
         ("f32" | "f64", _) => "number",
         ("bool", _) => "true or false",
         ("String", _) if field.kind.starts_with("Vec") => "list of texts",
@@ -100,6 +100,7 @@ fn sentence(text: &str) -> String {
 /// The unit that a name carries.
 fn unit(name: &str) -> &'static str {
     let endings = [
+        ("_per_s", "per second"),
         ("_s", "seconds"),
         ("_m", "metres"),
         ("bytes", "bytes"),

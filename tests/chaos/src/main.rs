@@ -39,10 +39,15 @@ use clap::Parser;
 use std::process::ExitCode;
 
 #[derive(Debug, clap::Parser)]
-#[command(name = "chaos", about = "Real runs under a seeded schedule of faults, compared with undisturbed ones")]
+#[command(name = "chaos", version = version(), about = "Real runs under a seeded schedule of faults, compared with undisturbed ones")]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
+}
+
+/// As `wire::version!`, but for the releases, in which this program is not.
+fn version() -> &'static str {
+    wire::version::with_commit(env!("CARGO_PKG_VERSION"), option_env!("STILLROOM_COMMIT"))
 }
 
 #[derive(Debug, clap::Subcommand)]

@@ -139,6 +139,13 @@ fn two_hosts_train_as_one_and_their_recordings_together_are_the_run() {
     assert!(second.success && second.stderr.contains("the run is complete"), "{second:#?}");
     let run = hosts.run();
     assert_eq!(run.recordings().len(), 2, "one of each host");
+    for line in run.metrics().values() {
+        // A gradient of 32-bit floats in each of two epochs.
+        let bytes = line["metrics"]["rollout/exchanged_bytes"].as_f64().unwrap_or(0.0);
+        assert!(bytes > 100_000.0 && bytes % 8.0 == 0.0, "{line}");
+        let [exchange, update] = ["exchange_s", "update_s"].map(|part| line["timing"][part].as_f64().unwrap_or(0.0));
+        assert!(0.0 < exchange && exchange < update, "{line}");
+    }
     let steps = RecordedSteps::of(&run);
     assert_eq!((steps.count(), steps.messages), (FRAMES, FRAMES), "each step once");
     let here = hosts.other().recordings();

@@ -11,7 +11,7 @@ const ENVIRONMENTS: u32 = 3;
 const FRAMES: u64 = 700;
 
 /// A workshop whose runs overlap. `tables`: more of their configuration.
-fn workshop(tables: &str) -> Workshop {
+pub fn workshop(tables: &str) -> Workshop {
     let workshop = Workshop::new();
     let overlapping = TINY.replace("[ppo]\n", "[ppo]\noverlap = true\n");
     assert_ne!(overlapping, TINY);

@@ -2,8 +2,9 @@
 
 use super::backdrop::{Backdrop, Redraw, roles};
 use super::depth_buffer::DepthBuffer;
+use super::model::Form;
 use super::outline::Outline;
-use super::placed_bodies::{Form, PlacedBodies};
+use super::placed_bodies::PlacedBodies;
 use super::polyhedron::{Placed, PolyhedronBrush};
 use super::round::{RoundBrush, sphere};
 use super::simd::{LANES, Lanes};

@@ -1,6 +1,7 @@
 //! The depth camera: a software rasteriser for unions of parts, convex ones above all.
 //!
 //! ```text
+//! model         what a solid looks like, shared by all that have it
 //! placed_bodies all parts placed in the world, side by side for the vector unit
 //! view          projection, near plane and view volume
 //! centres       which pixel's centre comes first
@@ -38,6 +39,7 @@ mod backdrop;
 mod camera;
 mod centres;
 mod depth_buffer;
+mod model;
 mod outline;
 mod placed_bodies;
 mod polyhedron;

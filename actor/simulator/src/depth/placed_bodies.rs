@@ -2,15 +2,13 @@
 //!
 //! A part is placed anew only when its body's pose has changed, bit for bit; most never move.
 
-use super::round::Round;
+use super::model::{Form, Model, Models};
 use super::simd::{LANES, Lanes};
 use super::view::Rigid;
 use crate::kitchen::Body;
-use crate::mesh::{Edge, Mesh, Sphere, sides, sides_of_sphere, triangles_of};
-use crate::shape::Primitive;
 use rapier3d::math::Pose3;
 use std::ops::Range;
-use std::sync::OnceLock;
+use std::sync::Arc;
 
 /// Eight points, metres, or directions: their x, y and z.
 #[derive(Debug, Clone, Copy, Default)]
@@ -42,34 +40,6 @@ impl Points {
     }
 }
 
-/// A mesh, shared by all parts of its shape.
-#[derive(Debug, Clone)]
-pub struct Model {
-    /// Made when it is first asked for where the form is round: that is drawn from a mesh only next to the eye, and such
-    /// a mesh is large.
-    mesh: OnceLock<Mesh>,
-    primitive: Primitive,
-    /// None if the mesh is dented or not closed: its outline is not known then, and it is drawn face by face. None of
-    /// what is round.
-    pub edges: Option<Vec<Edge>>,
-    pub bounds: Sphere,
-    pub form: Form,
-}
-
-/// How a part is drawn.
-#[derive(Debug, Clone, Copy)]
-pub enum Form {
-    Cuboid,
-    Polyhedron,
-    Cylinder(Round),
-    Sphere(Round),
-    /// A cylinder and a sphere at each of its ends.
-    Capsule {
-        mantle: Round,
-        ends: Round,
-    },
-}
-
 /// A part, placed in the world.
 #[derive(Debug, Clone)]
 pub struct PartView {
@@ -95,7 +65,7 @@ struct BodyView {
 #[derive(Debug, Clone)]
 pub struct PlacedBodies {
     bodies: Vec<BodyView>,
-    pub models: Vec<Model>,
+    pub models: Vec<Arc<Model>>,
     pub parts: Vec<PartView>,
     /// Around the parts.
     pub bounds: Vec<Spheres>,
@@ -109,40 +79,6 @@ pub fn pose_bits(pose: &Pose3) -> [u32; 7] {
     [q.x, q.y, q.z, q.w, t.x, t.y, t.z].map(f32::to_bits)
 }
 
-impl Model {
-    fn of(primitive: &Primitive) -> Self {
-        let mesh = Mesh::of(primitive);
-        let form = match *primitive {
-            Primitive::Cuboid { .. } => Form::Cuboid,
-            Primitive::Hull { .. } | Primitive::Concave(_) => Form::Polyhedron,
-            Primitive::Cylinder { radius_m, half_height_m } => {
-                Form::Cylinder(Round::cylinder(radius_m, half_height_m, sides(radius_m)))
-            }
-            Primitive::Sphere { radius_m } => Form::Sphere(Round::sphere(radius_m, sides_of_sphere(radius_m))),
-            Primitive::Capsule { radius_m, half_height_m } => {
-                let sides = sides_of_sphere(radius_m);
-                Form::Capsule {
-                    mantle: Round::cylinder(radius_m, half_height_m, sides),
-                    ends: Round::sphere(radius_m, sides),
-                }
-            }
-        };
-        // A box without thickness has fewer faces, and no table fits it.
-        let form = if matches!(form, Form::Cuboid) && mesh.faces.len() != 6 { Form::Polyhedron } else { form };
-        let bounds = mesh.bounds();
-        if !matches!(form, Form::Cuboid | Form::Polyhedron) {
-            return Self { mesh: OnceLock::new(), primitive: primitive.clone(), edges: None, bounds, form };
-        }
-        let edges = if matches!(primitive, Primitive::Concave(_)) { None } else { mesh.edges() };
-        Self { mesh: OnceLock::from(mesh), primitive: primitive.clone(), edges, bounds, form }
-    }
-
-    /// The finest mesh.
-    pub fn mesh(&self) -> &Mesh {
-        self.mesh.get_or_init(|| Mesh::of(&self.primitive))
-    }
-}
-
 impl PlacedBodies {
     /// These bodies, not placed yet.
     pub fn new(bodies: &[Body]) -> Self {
@@ -154,33 +90,30 @@ impl PlacedBodies {
             vertices: Vec::new(),
             half_spaces: Vec::new(),
         };
-        let mut primitives: Vec<&Primitive> = Vec::new();
+        let mut models = Models::default();
         for (number, body) in bodies.iter().enumerate() {
             let first = placed.parts.len();
+            let mut triangles = 0;
             for part in &body.shape.parts {
-                let known = primitives.iter().position(|&known| *known == part.primitive);
-                let model = known.unwrap_or_else(|| {
-                    primitives.push(&part.primitive);
-                    placed.models.push(Model::of(&part.primitive));
-                    primitives.len() - 1
-                });
-                placed.add(number, model, Rigid::from_pose(&part.body_from_part));
+                let model = models.number_of(&part.primitive);
+                triangles += models.list[model].triangles;
+                placed.add(number, model, &models.list[model], Rigid::from_pose(&part.body_from_part));
             }
             let parts = first..placed.parts.len();
-            placed.bodies.push(BodyView { parts, triangles: triangles_of(&body.shape).len(), pose: None });
+            placed.bodies.push(BodyView { parts, triangles, pose: None });
         }
+        placed.models = models.list;
         // What is left of the last block is nowhere to be seen.
         let nowhere = Spheres { radius_m: [f32::MIN; LANES], ..Spheres::default() };
         placed.bounds = vec![nowhere; placed.parts.len().div_ceil(LANES)];
         placed
     }
 
-    fn add(&mut self, body: usize, model: usize, body_from_part: Rigid) {
-        let (form, model_of) = (self.models[model].form, &self.models[model]);
+    fn add(&mut self, body: usize, number: usize, model: &Model, body_from_part: Rigid) {
         let (first_point, first_half_space) = (self.vertices.len(), self.half_spaces.len());
-        if matches!(form, Form::Cuboid | Form::Polyhedron) {
+        if matches!(model.form, Form::Cuboid | Form::Polyhedron) {
             let blocks = |count: usize| count.div_ceil(LANES);
-            let mesh = model_of.mesh();
+            let mesh = model.mesh();
             self.vertices.resize(first_point + blocks(mesh.vertices.len()), Points::default());
             // No eye is above a half-space without a face.
             let none = HalfSpaces { offset_m: [1.0; LANES], ..HalfSpaces::default() };
@@ -188,7 +121,7 @@ impl PlacedBodies {
         }
         self.parts.push(PartView {
             body: body as u32,
-            model: model as u32,
+            model: number as u32,
             body_from_part,
             world_from_part: body_from_part,
             vertices: first_point..self.vertices.len(),
@@ -226,7 +159,7 @@ impl PlacedBodies {
         let world_from_part = world_from_body.after(&part.body_from_part);
         part.world_from_part = world_from_part;
         let model = &self.models[part.model as usize];
-        let Model { bounds, form, .. } = model;
+        let Model { bounds, form, .. } = &**model;
         let spheres = &mut self.bounds[index / LANES];
         spheres.centre.set(index % LANES, world_from_part.point(bounds.centre));
         spheres.radius_m[index % LANES] = bounds.radius_m;

@@ -46,17 +46,19 @@ impl Programme {
         Ok(Self { planned: Some(Planned { plan, config: config.clone(), fixed }) })
     }
 
-    /// An environment at the start of its episode 0.
+    /// An environment at the start of its episode with this number.
     pub fn environment(
         &self,
         kitchen: &Arc<Kitchen>,
         id: EnvironmentId,
+        number: u32,
         config: &Config,
     ) -> Result<Environment, EnvironmentError> {
-        match &self.planned {
-            None => Environment::new(Arc::clone(kitchen), id, config),
-            Some(planned) => Environment::checked(Arc::clone(kitchen), id, config, 0, planned.episode(kitchen, id, 0)),
-        }
+        let episode = match &self.planned {
+            None => Episode::sample(kitchen, &config.episode, config.seed, id, number),
+            Some(planned) => planned.episode(kitchen, id, number),
+        };
+        Environment::checked(Arc::clone(kitchen), id, config, number, episode)
     }
 
     /// In an evaluation: the number in its table of the episode that an environment plays as its episode `number`.

@@ -5,7 +5,7 @@
 //! loners in the proportions that kitchens have. How places are drawn is what makes the clutter plausible: backs of
 //! counters, sponges at the sink, spatulas at the stove.
 
-use super::catalogue::{CATEGORIES, Category, Place, Presence};
+use super::catalogue::{CATEGORIES, Category, Pattern, Place, Presence, pattern};
 use super::density;
 use super::layout::floor_plan::Rectangle;
 use super::layout::{FittedRoom, Seat, Worktop, WorktopKind};
@@ -66,7 +66,9 @@ pub fn place(
         };
         for _ in 0..wanted {
             // What is there for variety only may be left out.
-            if furnishing.add(category, random).is_none() && category.presence != Presence::Extra {
+            if furnishing.add(pattern(index).ok_or(category.name)?, random).is_none()
+                && category.presence != Presence::Extra
+            {
                 return Err(category.name);
             }
         }
@@ -108,30 +110,22 @@ impl<'a> Furnishing<'a> {
     }
 
     /// Finds a place for one more thing and sets it down.
-    fn add(&mut self, category: &Category, random: &mut Random) -> Option<()> {
-        let shape = category.shape();
-        let solid = Solid::of(&shape);
+    fn add(&mut self, pattern: &Pattern, random: &mut Random) -> Option<()> {
+        let Pattern { category, solid, .. } = pattern;
         let pose = match category.place {
-            Place::Seat => self.seat(category.name == "Stool", &solid, random),
-            Place::Floor => self.beside_wall(&solid, random),
+            Place::Seat => self.seat(category.name == "Stool", solid, random),
+            Place::Floor => self.beside_wall(solid, random),
             _ => {
                 let burner =
                     matches!(category.name, "Pot" | "Pan" | "Kettle") && random.uniform() < density::ON_BURNER_SHARE;
-                let on_burner = if burner { self.on_burner(&solid, random) } else { None };
-                let pose = on_burner.or_else(|| self.on_surface(category, &solid, random));
+                let on_burner = if burner { self.on_burner(solid, random) } else { None };
+                let pose = on_burner.or_else(|| self.on_surface(category, solid, random));
                 self.small.extend(pose.map(|pose| pose.translation));
                 pose
             }
         }?;
         self.taken.push(solid.aabb(&pose));
-        self.things.push(Thing {
-            category: category.name.to_owned(),
-            shape,
-            solid,
-            mass_kg: category.mass_kg,
-            friction: category.friction(),
-            pose,
-        });
+        self.things.push(Thing::of(pattern, pose));
         Some(())
     }
 

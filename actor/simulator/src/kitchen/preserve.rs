@@ -13,14 +13,13 @@
 //! Numbers are little-endian; lists begin with their length. A kitchen is always made from this, whether it was just
 //! found or found long ago: so it does not matter to a single bit which of the two it was.
 
-use super::catalogue::CATEGORIES;
+use super::catalogue::{CATEGORIES, pattern};
 use super::draw::{ATTEMPTS_EACH, draw_fitted};
 use super::generate::{DrawnRoom, EDITIONS, KitchenError};
 use super::lot::Lot;
 use super::room::Thing;
 use super::settled::{Kitchen, Target};
 use super::spots;
-use crate::physics::geometry::Solid;
 use proto::config::SimulationConfig;
 use proto::kitchen::{KitchenId, TargetCategory};
 use rapier3d::math::{Pose3, Rot3, Vec3};
@@ -93,13 +92,7 @@ impl Preserve {
         let id = self.lot.id();
         let unfit = |problem: String| KitchenError::Preserve { kitchen: id, problem };
         let (fitted, _) = draw_fitted(self.lot, self.attempt).map_err(unfit)?;
-        let things = self.things.iter().map(|&(category, pose)| {
-            let category = CATEGORIES.get(usize::from(category))?;
-            let shape = category.shape();
-            let solid = Solid::of(&shape);
-            let (mass_kg, friction) = (category.mass_kg, category.friction());
-            Some(Thing { category: category.name.to_owned(), shape, solid, mass_kg, friction, pose })
-        });
+        let things = self.things.iter().map(|&(category, pose)| Some(Thing::of(pattern(usize::from(category))?, pose)));
         let things: Option<Vec<Thing>> = things.collect();
         let things = things.ok_or_else(|| unfit("there is no such category".to_owned()))?;
         let DrawnRoom { room, plan, kept_clear } = DrawnRoom::of(fitted, things);

@@ -1,6 +1,7 @@
 //! What a kitchen is made of before physics sees it: the one form in which every source of kitchens (the generator, a
 //! user's scene file) hands over its work.
 
+use super::catalogue::Pattern;
 use crate::physics::geometry::Solid;
 use crate::shape::Shape;
 use rapier3d::geometry::Aabb;
@@ -32,6 +33,21 @@ pub struct Thing {
     pub friction: f32,
     /// `world_from_body` at set-down.
     pub pose: Pose3,
+}
+
+impl Thing {
+    /// A thing of this pattern.
+    pub(super) fn of(pattern: &Pattern, pose: Pose3) -> Self {
+        let Pattern { category, shape, solid } = pattern;
+        Self {
+            category: category.name.to_owned(),
+            shape: shape.clone(),
+            solid: solid.clone(),
+            mass_kg: category.mass_kg,
+            friction: category.friction(),
+            pose,
+        }
+    }
 }
 
 /// A level rectangle on which things can stand.

@@ -1,7 +1,7 @@
 //! How a session ends: by a stop, a failure, at the budget, or because the run goes on with another number of actors.
 
 use super::{Phase, Supervisor};
-use crate::supervisor::event::{Action, Level, Outcome, Saved, SessionEnd};
+use crate::supervisor::event::{Action, Level, Outcome, Process, Saved, SessionEnd};
 use crate::supervisor::words::stopping;
 use std::time::Duration;
 
@@ -33,6 +33,27 @@ impl Supervisor {
     pub(super) fn end_shape(&mut self, now: Duration) {
         if self.learners_are_whole() {
             self.stop(now);
+            if let Phase::Saving { goes_on, .. } = &mut self.phase {
+                *goes_on = true;
+            }
+        }
+    }
+
+    /// Whether the learners save only because the number of actors changes.
+    pub(super) fn is_to_go_on(&self) -> bool {
+        matches!(self.phase, Phase::Saving { goes_on: true, .. })
+    }
+
+    /// They could not save for that: they are started again, and get there once more. So are actors that died meanwhile.
+    pub(super) fn run_on(&mut self, now: Duration) {
+        self.phase = Phase::Running;
+        // A new learner hears the last announcement first. If that is the stop, it leaves where it stands: too early.
+        let announcement = self.stages.go_on();
+        self.actions.push(Action::Announce(announcement));
+        for actor in (0..self.policy.actors).map(Process::Actor) {
+            if self.children.is_down(actor) {
+                self.children.restart(actor, now);
+            }
         }
     }
 
@@ -42,17 +63,22 @@ impl Supervisor {
             if matches!(self.phase, Phase::Saving { .. }) {
                 self.report(Level::Info, stopping(self.gang.size(), self.evaluates()));
             }
+        } else if let Phase::Saving { goes_on, .. } = &mut self.phase {
+            // From now on it is a stop like any other.
+            *goes_on = false;
         }
     }
 
     pub(super) fn interrupt(&mut self, now: Duration) {
-        match self.phase {
+        match &mut self.phase {
             Phase::Running => {
                 self.save(now, None);
-                if matches!(self.phase, Phase::Saving { .. }) {
-                    let text = stopping(self.gang.size(), self.evaluates());
-                    self.report(Level::Info, format!("{text}; Ctrl-C again ends everything at once"));
-                }
+                self.report_interrupt();
+            }
+            // The user did not ask for this one.
+            Phase::Saving { goes_on: goes_on @ true, .. } => {
+                *goes_on = false;
+                self.report_interrupt();
             }
             Phase::Over => {}
             // Also after an orderly stop from elsewhere: Ctrl-C then means to end at once.
@@ -70,6 +96,13 @@ impl Supervisor {
         }
     }
 
+    fn report_interrupt(&mut self) {
+        if matches!(self.phase, Phase::Saving { .. }) {
+            let text = stopping(self.gang.size(), self.evaluates());
+            self.report(Level::Info, format!("{text}; Ctrl-C again ends everything at once"));
+        }
+    }
+
     pub(super) fn fail(&mut self, now: Duration, reason: String) {
         self.report(Level::Error, reason.clone());
         self.save(now, Some(reason));
@@ -83,7 +116,7 @@ impl Supervisor {
                 Some(starting) => self.policy.learner_ready.saturating_sub(starting) + self.policy.first_save,
                 None => self.policy.stop(work, self.gang.pace(), first),
             };
-            self.phase = Phase::Saving { failure, since: now, patience };
+            self.phase = Phase::Saving { failure, since: now, patience, goes_on: false };
             self.gang.waits(now);
             self.announce_stop();
         } else {

@@ -344,6 +344,7 @@ impl World {
                 10..20 => self.feed(Event::Interrupt),
                 20..25 => self.feed(Event::CannotWrite("disk full".into())),
                 25..28 => self.lose_last_host(),
+                28..38 => self.feed(Event::Scale { before: pick.is_multiple_of(2).then_some(u64::from(pick)) }),
                 _ => {}
             },
             _ => {}

@@ -21,7 +21,8 @@ use schema::summary::value::Value as Number;
 use schema::{Event, SessionLog, Summary};
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{ErrorKind, Write};
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::{BufReader, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
 mod schema {
@@ -33,9 +34,10 @@ mod schema {
 const PREFIX: &str = "events.out.tfevents.";
 /// Of files in which a start makes void what comes after its step.
 const FILE_VERSION: &str = "brain.Event:2";
-/// Bytes before an event, and after it.
+/// Bytes before an event.
 const HEAD: usize = 12;
-const TAIL: usize = 4;
+/// An event that is longer is not ours: it has a few dozen figures.
+const EVENT_BYTES_MOST: u64 = 1 << 20;
 /// Added to a checksum after it was turned: a checksum of checksums would be weak.
 const MASK: u32 = 0xa282_ead8;
 
@@ -52,11 +54,23 @@ pub struct Point {
     pub values: BTreeMap<String, f32>,
 }
 
+/// What a point says, whenever it was: of two that say the same it is the same. A long run has tens of thousands of
+/// points with dozens of figures each, and files are compared with all of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Mark {
+    /// The point's step.
+    pub step: u64,
+    content: u64,
+}
+
 impl Point {
-    /// Whether both say the same, whenever it was.
-    pub fn is_as(&self, other: &Self) -> bool {
-        let bits = |point: &Self| point.values.values().map(|value| value.to_bits()).collect::<Vec<_>>();
-        self.step == other.step && self.values.keys().eq(other.values.keys()) && bits(self) == bits(other)
+    /// What it says.
+    pub fn mark(&self) -> Mark {
+        let mut hasher = DefaultHasher::new();
+        for (tag, value) in &self.values {
+            (tag, value.to_bits()).hash(&mut hasher);
+        }
+        Mark { step: self.step, content: hasher.finish() }
     }
 
     fn event(&self) -> Event {
@@ -92,26 +106,20 @@ fn add_record(bytes: &mut Vec<u8>, event: &Event) {
     bytes.extend(masked(&content).to_le_bytes());
 }
 
-/// The events at the beginning of these bytes, up to the first record that is not whole.
-fn events(mut bytes: &[u8]) -> Vec<Event> {
-    let mut events = Vec::new();
-    let word = |bytes: &[u8]| bytes.try_into().map_or(0, u32::from_le_bytes);
-    while let Some((head, rest)) = bytes.split_at_checked(HEAD) {
-        let (length, checksum) = head.split_at(8);
-        if masked(length) != word(checksum) {
-            break;
-        }
-        let length = length.try_into().map_or(u64::MAX, u64::from_le_bytes) as usize;
-        let Some((content, rest)) = rest.split_at_checked(length) else { break };
-        let Some((checksum, rest)) = rest.split_at_checked(TAIL) else { break };
-        let Ok(event) = Event::decode(content) else { break };
-        if masked(content) != word(checksum) {
-            break;
-        }
-        events.push(event);
-        bytes = rest;
+/// The next event of a file; none where it ends, or where a record is not whole.
+fn next_event(file: &mut impl Read) -> Option<Event> {
+    let mut word = [0; 4];
+    let (mut length, mut content) = ([0; HEAD - 4], Vec::new());
+    file.read_exact(&mut length).ok()?;
+    file.read_exact(&mut word).ok()?;
+    let bytes = u64::from_le_bytes(length);
+    if masked(&length) != u32::from_le_bytes(word) || bytes > EVENT_BYTES_MOST {
+        return None;
     }
-    events
+    file.take(bytes).read_to_end(&mut content).ok()?;
+    file.read_exact(&mut word).ok()?;
+    let is_whole = content.len() as u64 == bytes && masked(&content) == u32::from_le_bytes(word);
+    is_whole.then(|| Event::decode(content.as_slice()).ok()).flatten()
 }
 
 /// Event files of a folder in the order in which they are read, with the numbers of their names.
@@ -123,15 +131,21 @@ fn files(folder: &Path) -> Vec<(u64, PathBuf)> {
     files
 }
 
-/// What TensorBoard shows of a folder, in order of steps: a start makes void what was there of its step and later ones.
-pub fn points_in(folder: &Path) -> Vec<Point> {
+/// What TensorBoard shows of a folder, in order of steps.
+pub fn marks_in(folder: &Path) -> Vec<Mark> {
+    kept_of(folder, |point| point.mark())
+}
+
+/// What is kept of each point in a folder: a start makes void what was there of its step and later ones.
+fn kept_of<T>(folder: &Path, kept: impl Fn(Point) -> T) -> Vec<T> {
     let mut points = BTreeMap::new();
     for (_, path) in files(folder) {
-        for event in events(&proto::bounded::read_figures(&path).unwrap_or_default()) {
+        let Ok(mut file) = proto::bounded::open(&path).map(BufReader::new) else { continue };
+        while let Some(event) = next_event(&mut file) {
             if let Some(What::SessionLog(_)) = event.what {
                 drop(points.split_off(&(event.step.max(0) as u64)));
             } else if let Some(point) = Point::of(&event) {
-                points.insert(point.step, point);
+                points.insert(point.step, kept(point));
             }
         }
     }
@@ -174,12 +188,10 @@ impl EventFile {
         Ok(begun)
     }
 
-    /// Adds these points.
-    pub fn append(&mut self, points: &[Point]) -> Result<()> {
+    /// Adds a point.
+    pub fn append(&mut self, point: &Point) -> Result<()> {
         let mut bytes = Vec::new();
-        for point in points {
-            add_record(&mut bytes, &point.event());
-        }
+        add_record(&mut bytes, &point.event());
         self.write(&bytes)
     }
 
@@ -189,8 +201,19 @@ impl EventFile {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
+
+    /// The points themselves.
+    pub fn points_in(folder: &Path) -> Vec<Point> {
+        kept_of(folder, |point| point)
+    }
+
+    fn append(mut file: EventFile, points: &[Point]) {
+        for point in points {
+            file.append(point).unwrap();
+        }
+    }
 
     fn point(step: u64, value: f32) -> Point {
         Point { step, at_unix_s: 1_763_800_000 + step, values: BTreeMap::from([("charts/a".to_owned(), value)]) }
@@ -204,11 +227,11 @@ mod tests {
     fn a_file_is_that_of_tensorboards_own_writer_byte_for_byte() {
         let temporary = tempfile::tempdir().unwrap();
         let folder = temporary.path().join("stage-1-I");
-        let mut written = EventFile::create(&folder, "lab7.002", 1_763_800_000, Some(2433)).unwrap();
+        let written = EventFile::create(&folder, "lab7.002", 1_763_800_000, Some(2433)).unwrap();
         let values = [("charts/episodic_return", -0.062_5), ("charts/SPS", 1253.0), ("losses/policy_loss", 1e-8)];
         let values = values.map(|(tag, value)| (tag.to_owned(), value));
         let first = Point { step: 4864, at_unix_s: 1_763_800_060, values: BTreeMap::from(values) };
-        written.append(&[first, point(7296, f32::NAN), point(45_000_000, 0.0)]).unwrap();
+        append(written, &[first, point(7296, f32::NAN), point(45_000_000, 0.0)]);
         let path = files(&folder).pop().unwrap().1;
         let reference = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/reference/tensorboard");
         assert_eq!(path.file_name(), Some(std::ffi::OsStr::new("events.out.tfevents.1763800000.lab7.002")));
@@ -219,7 +242,7 @@ mod tests {
     fn what_a_kill_cuts_off_costs_the_last_record_alone() {
         let temporary = tempfile::tempdir().unwrap();
         let folder = temporary.path().join("stage");
-        file(&folder, None).append(&[point(1, 0.5), point(2, 1.5)]).unwrap();
+        append(file(&folder, None), &[point(1, 0.5), point(2, 1.5)]);
         let path = files(&folder).pop().unwrap().1;
         let whole = std::fs::read(&path).unwrap();
         assert_eq!(points_in(&folder), [point(1, 0.5), point(2, 1.5)]);
@@ -244,9 +267,9 @@ mod tests {
     fn a_start_voids_its_step_and_later_ones_and_a_new_file_is_read_last() {
         let temporary = tempfile::tempdir().unwrap();
         let folder = temporary.path().join("stage");
-        file(&folder, None).append(&[point(10, 1.0), point(20, 2.0), point(30, 3.0)]).unwrap();
+        append(file(&folder, None), &[point(10, 1.0), point(20, 2.0), point(30, 3.0)]);
         // In the same second.
-        file(&folder, Some(20)).append(&[point(25, 4.0)]).unwrap();
+        append(file(&folder, Some(20)), &[point(25, 4.0)]);
         assert_eq!(points_in(&folder), [point(10, 1.0), point(25, 4.0)]);
         let numbers: Vec<u64> = files(&folder).into_iter().map(|(number, _)| number).collect();
         assert_eq!(numbers, [1_763_800_000, 1_763_800_001]);

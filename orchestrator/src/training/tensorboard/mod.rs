@@ -10,12 +10,12 @@ mod events;
 use crate::run::identity::{host_name, unix_now};
 use crate::training::scores::Score;
 use anyhow::Result;
-use events::{EventFile, Point, points_in};
+use events::{EventFile, Point, marks_in};
 use proto::config::StageConfig;
 use proto::metric;
 use proto::run_folder::RunFolder;
 use proto::trained::{History, Trained};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::PathBuf;
 
 /// Tags that others use, too (CleanRL's); every other figure keeps its name.
@@ -96,7 +96,7 @@ impl Board {
         self.attempt(|board| {
             let mut wanted: Vec<Point> = scores.iter().map(point_of_score).collect();
             wanted.sort_by_key(|point| point.step);
-            board.have_say(VALIDATION, &wanted)?;
+            board.have_say(VALIDATION, wanted.into_iter())?;
             board.validated = Some(scores.len());
             Ok(())
         });
@@ -115,34 +115,40 @@ impl Board {
     }
 
     fn stage(&self, trained: &Trained) -> String {
-        let number = trained.stage as usize;
-        self.stages.get(number).cloned().unwrap_or_else(|| format!("stage-{}", number + 1))
+        stage_of(&self.stages, trained)
     }
 
     fn agree(&mut self, history: &History) -> Result<()> {
         // A stage without rollouts has nothing to say: what it said before a learner went back is void.
-        let mut wanted: BTreeMap<String, Vec<Point>> =
-            self.stages.iter().map(|stage| (stage.clone(), vec![])).collect();
-        let mut before = None;
-        for trained in history.iter() {
-            wanted.entry(self.stage(trained)).or_default().push(point_of(before, trained));
-            before = Some(trained);
+        let mut folders: BTreeSet<String> = self.stages.iter().cloned().collect();
+        folders.extend(history.iter().map(|trained| self.stage(trained)));
+        // A point for each rollout is made when it is its turn: all of a long run together are tens of megabytes.
+        for folder in folders {
+            let before = [None].into_iter().chain(history.iter().map(Some));
+            let stages = self.stages.clone();
+            let own = before.zip(history.iter()).filter(|(_, trained)| stage_of(&stages, trained) == folder);
+            self.have_say(&folder, own.map(|(before, trained)| point_of(before, trained)))?;
         }
-        wanted.iter().try_for_each(|(folder, points)| self.have_say(folder, points))
+        Ok(())
     }
 
     /// Has the files of a folder say these points and no others.
-    fn have_say(&mut self, folder: &str, wanted: &[Point]) -> Result<()> {
-        let written = points_in(&self.root.join(folder));
-        let same = wanted.iter().zip(&written).take_while(|(wanted, written)| wanted.is_as(written)).count();
-        if same == written.len() {
-            return wanted[same..].iter().try_for_each(|point| self.add(folder, point));
+    fn have_say(&mut self, folder: &str, wanted: impl Iterator<Item = Point>) -> Result<()> {
+        let written = marks_in(&self.root.join(folder));
+        let (mut written, mut wanted) = (written.into_iter().peekable(), wanted.peekable());
+        while let (Some(found), Some(point)) = (written.peek(), wanted.peek())
+            && *found == point.mark()
+        {
+            written.next();
+            wanted.next();
         }
-        let step = |points: &[Point]| points.get(same).map_or(u64::MAX, |point| point.step);
+        let Some(found) = written.next() else {
+            return wanted.try_for_each(|point| self.add(folder, &point));
+        };
         self.files.remove(folder);
-        let void_from = Some(step(wanted).min(step(&written)));
-        let mut file = EventFile::create(&self.root.join(folder), &self.name, unix_now(), void_from)?;
-        file.append(&wanted[same..])?;
+        let void_from = wanted.peek().map_or(found.step, |point| point.step.min(found.step));
+        let mut file = EventFile::create(&self.root.join(folder), &self.name, unix_now(), Some(void_from))?;
+        wanted.try_for_each(|point| file.append(&point))?;
         self.files.insert(folder.to_owned(), file);
         Ok(())
     }
@@ -152,8 +158,14 @@ impl Board {
             let file = EventFile::create(&self.root.join(folder), &self.name, unix_now(), None)?;
             self.files.insert(folder.to_owned(), file);
         }
-        self.files.get_mut(folder).map_or(Ok(()), |file| file.append(std::slice::from_ref(point)))
+        self.files.get_mut(folder).map_or(Ok(()), |file| file.append(point))
     }
+}
+
+/// The folder of a rollout's stage.
+fn stage_of(stages: &[String], trained: &Trained) -> String {
+    let number = trained.stage as usize;
+    stages.get(number).cloned().unwrap_or_else(|| format!("stage-{}", number + 1))
 }
 
 /// A rollout's figures; `before`: the one that is known before it.
@@ -169,6 +181,9 @@ fn point_of(before: Option<&Trained>, trained: &Trained) -> Point {
     let frames = frames_before.and_then(|before| trained.frames.checked_sub(before));
     if let Some(frames) = frames.filter(|_| timing.total_s() > 0.0) {
         values.insert("charts/SPS".to_owned(), (frames as f64 / timing.total_s()) as f32);
+    }
+    if timing.exchange_s > 0.0 {
+        values.insert("time/exchange_s".to_owned(), timing.exchange_s as f32);
     }
     for (tag, seconds) in [
         ("time/simulate_s", timing.simulate_s),

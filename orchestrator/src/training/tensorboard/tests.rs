@@ -1,3 +1,4 @@
+use super::events::tests::points_in;
 use super::*;
 use crate::training::means::tests::{history, stages};
 

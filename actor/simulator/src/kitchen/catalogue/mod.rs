@@ -21,11 +21,27 @@ mod utensils;
 pub use category::{Category, Material, Place, Presence};
 
 use crate::physics::geometry::Solid;
+use crate::shape::Shape;
 use rapier3d::math::Pose3;
 use std::sync::LazyLock;
 
 /// All movable categories, largest footprint first: placement goes down this list.
-pub static CATEGORIES: LazyLock<Vec<Category>> = LazyLock::new(|| {
+pub static CATEGORIES: LazyLock<Vec<Category>> =
+    LazyLock::new(|| PATTERNS.iter().map(|pattern| pattern.category).collect());
+
+/// What things of a category are made from. Kitchens share the collision geometry: hulls take long to find.
+#[derive(Debug)]
+pub(crate) struct Pattern {
+    /// The category.
+    pub category: Category,
+    /// Its shape.
+    pub shape: Shape,
+    /// Its collision geometry.
+    pub solid: Solid,
+}
+
+/// Of all categories, in their order.
+static PATTERNS: LazyLock<Vec<Pattern>> = LazyLock::new(|| {
     let families = [
         furniture::FURNITURE,
         appliances::APPLIANCES,
@@ -37,16 +53,24 @@ pub static CATEGORIES: LazyLock<Vec<Category>> = LazyLock::new(|| {
         food::FOOD,
         household::HOUSEHOLD,
     ];
-    let footprint_m2 = |category: &Category| {
-        let extents = Solid::of(&category.shape()).aabb(&Pose3::identity()).extents();
+    let pattern = |&category: &Category| {
+        let shape = category.shape();
+        Pattern { category, solid: Solid::of(&shape), shape }
+    };
+    let mut patterns: Vec<Pattern> = families.into_iter().flatten().map(pattern).collect();
+    let footprint_m2 = |pattern: &Pattern| {
+        let extents = pattern.solid.aabb(&Pose3::identity()).extents();
         extents.x * extents.z
     };
-    let mut sized: Vec<(f32, Category)> =
-        families.into_iter().flatten().map(|&category| (footprint_m2(&category), category)).collect();
     // A stable sort: things of one size stay in the order of the tables.
-    sized.sort_by(|(a, _), (b, _)| b.total_cmp(a));
-    sized.into_iter().map(|(_, category)| category).collect()
+    patterns.sort_by(|a, b| footprint_m2(b).total_cmp(&footprint_m2(a)));
+    patterns
 });
+
+/// What things of a category are made from, by its place among [`CATEGORIES`].
+pub(crate) fn pattern(index: usize) -> Option<&'static Pattern> {
+    PATTERNS.get(index)
+}
 
 /// The category with this name.
 pub fn category(name: &str) -> Option<&'static Category> {

@@ -85,3 +85,73 @@ fn a_learner_that_dies_with_the_last_rollout_leaves_none_behind() {
     assert_eq!((at, outcome.end), (4, SessionEnd::Stopped));
     assert!(outcome.saved.is_some(), "what is gone on with was saved at that rollout");
 }
+
+/// Learners that are to save before rollout 4, and have not yet.
+fn saving(learners: u32) -> World {
+    let mut world = World::with(learners);
+    world.feed(Event::Scale { before: Some(4) });
+    while world.announced.directive != directive::STOP {
+        world.step(false);
+    }
+    world
+}
+
+/// A death while they save is one like any other: all are started again, and save at the same rollout.
+#[test]
+fn learners_that_die_or_hang_while_they_save_for_it_save_once_more() {
+    for learners in [1, 2] {
+        let mut world = saving(learners);
+        world.exit(Process::Actor(1), Exit::Signal(9));
+        world.exit(Process::Learner(learners - 1), Exit::Signal(9));
+        let (at, outcome) = end_of(world, u32::MAX, None, false);
+        assert_eq!((at, outcome.end), (4, SessionEnd::Stopped), "{learners} learners");
+        assert!(outcome.saved.is_some());
+    }
+    // Nobody does anything until they are killed for it.
+    let mut world = saving(2);
+    while world.killed.is_empty() {
+        world.pass(Duration::from_secs(10));
+    }
+    assert!(world.outcome.is_none() && world.reports.iter().any(|text| text.contains("save once more")));
+    let (at, outcome) = end_of(world, u32::MAX, None, false);
+    assert_eq!((at, outcome.end), (4, SessionEnd::Stopped));
+    // Nobody who dies each time is waited for.
+    let mut world = saving(1);
+    for _ in 0..200 {
+        world.step(false);
+        if world.announced.directive == directive::STOP && world.outcome.is_none() {
+            world.exit(LEARNER, Exit::Signal(9));
+        }
+        world.pass(Duration::from_millis(500));
+        world.obey();
+    }
+    let end = world.outcome.expect("it ended").end;
+    assert!(matches!(&end, SessionEnd::Failed(reason) if reason.contains("while the run got no further")), "{end:?}");
+}
+
+#[test]
+fn an_actor_that_died_while_they_saved_is_there_again_with_them() {
+    let mut world = saving(1);
+    world.exit(Process::Actor(1), Exit::Signal(9));
+    assert!(!world.up.contains_key(&Process::Actor(1)), "during a stop nothing is started");
+    world.exit(LEARNER, Exit::Signal(9));
+    assert!(world.up.contains_key(&Process::Actor(1)) && world.up.contains_key(&LEARNER));
+    assert_eq!(world.announced.directive, directive::TRAIN, "a learner that starts now would leave at once");
+}
+
+/// Who asks for a stop while the learners save for another number gets that, and no run that goes on.
+#[test]
+fn a_stop_while_they_save_for_it_is_a_stop() {
+    for asked in [Event::Stop, Event::Interrupt] {
+        let mut world = saving(1);
+        world.feed(asked.clone());
+        assert!(world.killed.is_empty(), "the first Ctrl-C saves");
+        world.exit(LEARNER, Exit::Signal(9));
+        let (_, outcome) = end_of(world, u32::MAX, None, false);
+        assert!(matches!(outcome.end, SessionEnd::Failed(_)), "{asked:?}: {:?}", outcome.end);
+    }
+    let mut world = saving(1);
+    world.feed(Event::CannotWrite("a full disk".into()));
+    let (_, outcome) = end_of(world, u32::MAX, None, false);
+    assert!(matches!(outcome.end, SessionEnd::Failed(_)), "{:?}", outcome.end);
+}

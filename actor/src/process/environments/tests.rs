@@ -1,0 +1,102 @@
+use super::*;
+use proto::action::ACTION_COUNT;
+use proto::config::KitchenSource;
+use proto::random::{Key, Purpose};
+use std::path::Path;
+
+const STEPS: u32 = 60;
+
+fn config(episodes_each: u32) -> Config {
+    let mut config = Config::default();
+    config.kitchens.source = KitchenSource::Procedural;
+    config.kitchens.count = 4;
+    config.kitchens.episodes_each = episodes_each;
+    config.actors.environments_per_actor = 3;
+    config.validate().unwrap();
+    config
+}
+
+/// What all environments do and see in so many steps, as a learner gets it; each step waits for `before`.
+fn played(environments: &mut Environments, before: impl Fn(&Environments)) -> Vec<(Transition, u64)> {
+    let mut seen = Vec::new();
+    let mut random =
+        Key { seed: 5, purpose: Purpose::RandomPolicy, kitchen: 0, environment: 0, episode: 0, step: 0 }.stream();
+    for _ in 0..STEPS {
+        before(environments);
+        // Every third action ends an episode.
+        let actions: Vec<u8> = (0..environments.running.len())
+            .map(|_| {
+                if random.below(3) == 0 {
+                    Action::DoneMidLevel.index()
+                } else {
+                    random.below(ACTION_COUNT as u32) as u8
+                }
+            })
+            .collect();
+        environments.act(0..actions.len(), &actions).unwrap();
+        for index in 0..actions.len() {
+            let mut slot = Box::new(MaybeUninit::uninit());
+            let observation = environments.observe(index, &mut slot);
+            assert_eq!(observation.current.episode, environments.running[index].episode);
+            seen.push((observation.transition, xxhash_rust::xxh3::xxh3_64(bytemuck::bytes_of(observation))));
+        }
+    }
+    seen
+}
+
+fn environments(larder: Larder, config: &Config) -> Environments {
+    Environments::new(larder, None, 0, config).unwrap()
+}
+
+/// Waits until the larder's thread has done all that can be done ahead.
+fn until_all_is_ready(environments: &Environments) {
+    let course = &environments.course;
+    for running in &environments.running {
+        let next = course.rota.next_move(running.home, running.episode);
+        if next.is_some_and(|(then, _)| then - running.episode <= OPENED_AHEAD) {
+            while !course.larder.is_ready(running.home.number) {
+                std::thread::sleep(std::time::Duration::from_millis(1));
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_opened_ahead_does_not_matter_to_a_single_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    for episodes_each in [1, 5] {
+        let config = config(episodes_each);
+        let larder = |folder: &Path| Larder::of(&config, folder).unwrap();
+        let at_once = Larder::without_thread(&config, folder.path());
+        let expected = played(&mut environments(at_once, &config), |_| ());
+        let kitchens: std::collections::BTreeSet<u32> =
+            expected.iter().map(|(transition, _)| transition.episode / episodes_each).collect();
+        assert!(kitchens.len() > 2, "environments went from kitchen to kitchen: {kitchens:?}");
+        let ahead = played(&mut environments(larder(folder.path()), &config), until_all_is_ready);
+        assert!(ahead == expected, "opened ahead");
+        let in_time_or_not = played(&mut environments(larder(folder.path()), &config), |_| ());
+        assert!(in_time_or_not == expected, "opened in time or not");
+    }
+}
+
+/// An actor that starts again is told where its environments stand, in kitchens far from those of their first episodes.
+#[test]
+fn a_restored_environment_is_in_the_kitchen_of_its_episode() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = config(2);
+    let mut restored = environments(Larder::of(&config, folder.path()).unwrap(), &config);
+    let mut expected = environments(Larder::without_thread(&config, folder.path()), &config);
+    let states: Vec<EnvironmentState> =
+        [9, 0, 4].map(|episode| EnvironmentState { episode, action_count: 2, ..bytemuck::Zeroable::zeroed() }).into();
+    for environments in [&mut restored, &mut expected] {
+        played(environments, |_| ());
+        environments.rebuild(&states).unwrap();
+        for (running, state) in environments.running.iter().zip(&states) {
+            assert_eq!(running.id, environments.course.rota.place(running.home, state.episode));
+            assert_eq!((running.episode, running.environment.current().step), (state.episode, 2));
+            assert_eq!(running.environment.kitchen().id(), running.id.kitchen);
+        }
+    }
+    let [restored, expected] = [restored, expected].map(|mut environments| played(&mut environments, |_| ()));
+    assert!(restored == expected);
+}

@@ -1,0 +1,189 @@
+//! A policy in a file of its own: exported, evaluated without its run, and at work on the viewer's page, which leaves
+//! nothing behind however it ends.
+
+use rustix::process::Signal;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use system_tests::{Browser, Viewer, Workshop, complete, wait_until};
+
+const FILE: &str = "small.safetensors";
+const FRAMES: u64 = 200;
+
+/// A workshop with a policy file in it, whose run is gone.
+fn with_policy() -> Workshop {
+    let workshop = Workshop::new();
+    complete(workshop.up("runs/small", 2, 2, FRAMES)).result();
+    let export = ["export", "runs/small", "--format", "safetensors", "--half", "--out", FILE];
+    let exported = complete(workshop.orchestrator(&export));
+    assert!(exported.success && exported.stdout.contains("after 200 frames"), "{exported:?}");
+    std::fs::remove_dir_all(workshop.path("runs")).expect("a run of ours");
+    workshop
+}
+
+fn play(workshop: &Workshop, options: &[&str]) -> Viewer {
+    Viewer::start(workshop, &[&["--policy", FILE], options].concat())
+}
+
+/// The temporary folder of a viewer that plays.
+fn folder_of(viewer: &Viewer) -> PathBuf {
+    let list = viewer.json("/api/runs");
+    let folder = Path::new(list[0]["folder"].as_str().expect("a folder")).parent().expect("a temporary folder");
+    assert!(folder.file_name().is_some_and(|name| name.to_string_lossy().starts_with("stillroom-play-")), "{list}");
+    folder.to_owned()
+}
+
+/// Processes whose command line or whose parent's names this folder.
+fn processes_in(folder: &Path) -> usize {
+    let folder = folder.display().to_string();
+    let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let lines = entries.filter_map(|entry| std::fs::read(entry.path().join("cmdline")).ok());
+    lines.filter(|line| String::from_utf8_lossy(line).contains(&folder)).count()
+}
+
+/// The newest evaluation, once its environment has a step; and that step's episode.
+fn watched(viewer: &Viewer, place: &str) -> (String, String) {
+    let mut found = None;
+    wait_until("the policy plays", || {
+        let run = viewer.json("/api/runs")[0]["id"].as_str().map(str::to_owned);
+        let key = run.as_ref().map(|run| viewer.get(&format!("/api/runs/{run}/newest/{place}")));
+        let key = key.filter(|answer| answer.status == 200).and_then(|key| key.json().as_str().map(str::to_owned));
+        found = run.zip(key);
+        found.is_some()
+    });
+    found.expect("waited for")
+}
+
+#[test]
+fn a_policy_file_is_evaluated_without_its_run() {
+    let workshop = with_policy();
+    let eval = ["eval", FILE, "--split", "test", "--episodes", "1", "--json", "--out", "result"];
+    let printed = complete(workshop.orchestrator(&eval));
+    assert!(printed.success, "{}", printed.stderr);
+    let result: Value = serde_json::from_str(&printed.stdout).expect("JSON");
+    let subject = &result["subject"];
+    assert_eq!((&subject["run"], subject["frames"].as_u64()), (&Value::Null, Some(FRAMES)));
+    let file = workshop.path(FILE).display().to_string();
+    assert!(subject["checkpoint"].as_str().is_some_and(|path| path.ends_with(&file)), "{subject}");
+    assert_eq!(result["overall"]["episodes"], 5);
+    // Exported again it is the same policy; as a model, too.
+    for (options, name) in [(&["--format", "safetensors", "--half"][..], "again.safetensors"), (&[], "again.onnx")] {
+        let again = complete(workshop.orchestrator(&[&["export", FILE, "--out", name], options].concat()));
+        assert!(again.success, "{}", again.stderr);
+    }
+    let bytes = |name: &str| std::fs::read(workshop.path(name)).expect("a file");
+    assert_eq!(bytes("again.safetensors"), bytes(FILE));
+    // It has weights alone: a run goes on from a checkpoint.
+    let from = complete(workshop.orchestrator(&["up", "--preset", "demo", "--config", "tiny.toml", "--from", FILE]));
+    assert!(!from.success && from.stderr.contains("orchestrator import"), "{}", from.stderr);
+}
+
+#[test]
+fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
+    let workshop = with_policy();
+    let viewer = play(&workshop, &["--kitchen", "7", "--speed", "10"]);
+    let (run, key) = watched(&viewer, "7/0");
+    assert!(run == "small-1" && key.starts_with("7-0-"), "{run} {key}");
+    assert_eq!(viewer.json("/api/opening")["play"], true);
+    let address = format!("/api/runs/{run}/episodes/{key}");
+    let mut shown = Value::Null;
+    wait_until("the episode has ended", || {
+        shown = viewer.json(&address);
+        shown["outcome"] != "unfinished"
+    });
+    assert!(shown["moments"].as_array().is_some_and(|moments| moments.len() > 1), "{shown}");
+    assert_eq!(shown["first_difference"], Value::Null);
+    let frame = |step: u32| viewer.get(&format!("{address}/picture?view=depth&step={step}&width=224"));
+    let (first, second) = (frame(0), frame(1));
+    assert!([&first, &second].iter().all(|frame| frame.status == 200 && frame.body.starts_with(b"\x89PNG")));
+    wait_until("episodes are counted", || viewer.json(&format!("/api/runs/{run}"))["card"]["done"] != 0);
+    if let Some(mut browser) = Browser::start() {
+        browser.open(&format!("http://{}/", viewer.address));
+        browser.wait_for("location.hash === '#/play' && document.querySelector('canvas.orbit')?.dataset.step > 1");
+        browser.wait_for("document.querySelector('canvas.depth')?.dataset.step > 1");
+        if let Some(folder) = std::env::var_os("STILLROOM_SCREENSHOTS") {
+            let picture = browser.screenshot();
+            std::fs::write(Path::new(&folder).join("play.png"), picture).expect("a folder of pictures");
+        }
+        let seen = browser.value("document.querySelector('[data-episode]').dataset.episode");
+        let other = format!("document.querySelector('[data-episode]')?.dataset.episode !== {seen}");
+        browser.wait_for(&other);
+        assert_eq!(browser.complaints, Vec::<String>::new(), "the page's console has no error");
+    }
+    let folder = folder_of(&viewer);
+    assert!(folder.exists() && processes_in(&folder) > 0);
+    assert!(viewer.stop());
+    assert_eq!((folder.exists(), processes_in(&folder)), (false, 0));
+}
+
+#[test]
+fn when_all_episodes_are_played_it_begins_again() {
+    let workshop = with_policy();
+    let viewer = play(&workshop, &["--kitchen", "7", "--speed", "100"]);
+    let (first, _) = watched(&viewer, "7/0");
+    wait_until("the next round has begun", || {
+        let list = viewer.json("/api/runs");
+        list[0]["id"].as_str().is_some_and(|id| id.starts_with("small-") && id != first)
+    });
+    let (next, _) = watched(&viewer, "7/0");
+    assert_ne!(next, first);
+    assert!(viewer.stop());
+}
+
+#[test]
+fn whoever_ends_a_viewer_or_its_policy_leaves_nothing_behind() {
+    let workshop = with_policy();
+    for by in [Signal::TERM, Signal::KILL] {
+        let viewer = play(&workshop, &["--kitchen", "8"]);
+        watched(&viewer, "8/0");
+        let folder = folder_of(&viewer);
+        let printed = viewer.end(by);
+        assert_eq!(printed.success, by == Signal::TERM, "{printed:?}");
+        wait_until("all processes have ended", || processes_in(&folder) == 0);
+        wait_until("nothing is left", || !folder.exists());
+    }
+    // Without its file the next round cannot begin, and the viewer says so.
+    let viewer = play(&workshop, &["--kitchen", "8", "--speed", "100"]);
+    watched(&viewer, "8/0");
+    let folder = folder_of(&viewer);
+    std::fs::remove_file(workshop.path(FILE)).expect("a file of ours");
+    let printed = viewer.wait();
+    assert!(!printed.success && printed.stderr.contains("the policy does not play"), "{printed:?}");
+    assert!(printed.stderr.contains("does not exist"), "{printed:?}");
+    assert!(!folder.exists());
+}
+
+#[test]
+fn what_is_no_policy_is_refused_before_anything_is_started() {
+    let workshop = with_policy();
+    let whole = std::fs::read(workshop.path(FILE)).expect("a file");
+    std::fs::write(workshop.path("cut.safetensors"), &whole[..whole.len() / 2]).expect("a file");
+    let mut changed = whole;
+    *changed.last_mut().expect("not empty") ^= 0x40;
+    std::fs::write(workshop.path("changed.safetensors"), changed).expect("a file");
+    std::fs::write(workshop.path("notes.txt"), "fetch").expect("a file");
+    for (options, expected) in [
+        (&["--policy", "nowhere.safetensors"][..], "nowhere.safetensors does not exist"),
+        (&["--policy", "cut.safetensors"], "is no safetensors file"),
+        (&["--policy", "changed.safetensors"], "is damaged"),
+        (&["--policy", "notes.txt"], "no policy file (.safetensors)"),
+        (&["--policy", "."], "there is no checkpoint in"),
+        (&["--policy", FILE, "--kitchen", "28"], "there is no kitchen 28"),
+        (&["--policy", FILE, "--kitchen", "7", "--split", "test"], "cannot be used with"),
+        (&["--kitchen", "7"], "--policy <FILE>"),
+        (&["--policy", FILE, "runs"], "cannot be used with"),
+    ] {
+        let printed = complete(workshop.orchestrator(&[&["view"], options].concat()));
+        assert!(!printed.success && printed.stderr.contains(expected), "{options:?}: {}", printed.stderr);
+    }
+}
+
+#[test]
+fn make_says_where_a_policy_could_come_from_before_it_builds_anything() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut make = std::process::Command::new("make");
+    make.args(["--no-print-directory", "play", "MODELS=no-such-folder"]).current_dir(root).env_remove("MAKEFLAGS");
+    make.stdin(std::process::Stdio::null()).stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+    let printed = complete(make);
+    assert!(!printed.success && printed.stdout.is_empty(), "{printed:?}");
+    assert!(printed.stderr.starts_with("play: there is no policy in no-such-folder/: models/README.md"), "{printed:?}");
+}

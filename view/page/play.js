@@ -1,0 +1,113 @@
+// A policy that plays: one of its environments after the other, step by step, as fast as steps come.
+
+import { h, json, notice, replace, say } from "./dom.js";
+import { count, outcome, percent } from "./format.js";
+import { Stage } from "./stage.js";
+
+/** Steps a second, as a policy plays by default; what lies behind what goes on is caught up with within two seconds. */
+const SPEED = 6;
+const CATCH_UP = 2;
+/** How long the end of an episode is looked at, and how long to wait where there is nothing new, milliseconds. */
+const END = 2500;
+const LOOK = 400;
+
+const pause = (milliseconds, signal) => new Promise((resolve) => {
+  const timer = setTimeout(resolve, milliseconds);
+  signal.addEventListener("abort", () => { clearTimeout(timer); resolve(); }, { once: true });
+});
+
+/** The environment that is watched. The evaluation may be another one when all episodes have been played. */
+class Theatre {
+  constructor(root, signal) {
+    Object.assign(this, { signal, run: null, chosen: null, live: null });
+    this.title = h("h1", {}, "A policy at work");
+    this.tally = h("span", { class: "soft small", role: "status" }, "the kitchens are being furnished …");
+    this.picker = h("select", { "aria-label": "Kitchen", hidden: true, onchange: () => { this.chosen = this.picker.value; } });
+    this.link = h("a", { href: "#/?all", hidden: true }, "Figures and all episodes");
+    this.place = h("div", {});
+    replace(root, h("div", { class: "row between" }, h("div", { class: "row" }, this.title, this.tally), h("div", { class: "row" }, this.picker, this.link)), this.place);
+  }
+
+  /** Looks how the newest evaluation stands; whether there is something to see. */
+  async look() {
+    const { signal } = this;
+    const [newest] = await json("/api/runs", { signal });
+    if (!newest) return false;
+    this.run = newest.id;
+    this.live = await json(`/api/runs/${encodeURIComponent(newest.id)}`, { signal });
+    const { card, kitchens } = this.live;
+    const places = kitchens.flatMap(({ kitchen, environments }) => environments.map((environment) => `${kitchen}/${environment}`));
+    if (this.picker.options.length !== places.length) {
+      replace(this.picker, places.map((name) => h("option", { value: name, selected: name === this.chosen }, `kitchen ${name.split("/")[0]}`)));
+      this.picker.hidden = places.length < 2;
+    }
+    if (!places.includes(this.chosen)) this.chosen = places[0] ?? null;
+    this.link.href = `#/run/${encodeURIComponent(newest.id)}`;
+    this.link.hidden = false;
+    if (card.done) this.tally.textContent = `${count(card.done)} episodes played, ${percent(card.success, 0)} successful, ${percent(card.success_without_disturbance, 0)} without disturbance`;
+    return this.chosen !== null;
+  }
+
+  newest() { return json(`/api/runs/${encodeURIComponent(this.run)}/newest/${this.chosen}`, { signal: this.signal }); }
+
+  /** Shows an episode to its end, or until another kitchen is chosen; it may still go on. */
+  async show(key) {
+    const { signal, run, chosen } = this;
+    const stage = await Stage.open(run, key, signal);
+    const end = h("span", {});
+    replace(this.place, h("div", { class: "theatre" },
+      h("div", { class: "stack" }, h("section", { class: "card stack", "aria-label": "The room" },
+        h("div", { class: "row between" }, h("strong", {}, `fetch: ${stage.episode.target}`), end), stage.problem, stage.orbit.element, stage.words,
+        h("p", { class: "small faint" }, "Drag to turn, wheel to zoom. Pink ring: the target. Green box: the goal. Violet: displaced."))),
+      h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), h("div", { class: "picture" }, stage.depth)), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and way"), stage.plan.element),
+        h("section", { class: "card" }, stage.moved))));
+    this.camera(stage);
+    stage.show(0);
+    this.place.dataset.episode = key;
+    for (let step = 1; !signal.aborted && this.chosen === chosen;) {
+      if (step <= stage.last) {
+        stage.show(step);
+        this.place.dataset.step = String(step);
+        step += 1;
+        await pause(1000 / Math.max(SPEED, (stage.last - step) / CATCH_UP), signal);
+      } else if (stage.episode.outcome !== "unfinished") {
+        const [words, kind] = outcome(stage.episode.outcome);
+        replace(end, h("span", { class: kind }, words));
+        say(`${stage.episode.target}: ${words}`);
+        await pause(END, signal);
+        return;
+      } else {
+        await pause(LOOK, signal);
+        stage.episode = await json(`/api/runs/${encodeURIComponent(run)}/episodes/${key}`, { signal });
+        // A newer one has begun, and this one was cut off.
+        if (step > stage.last && await this.newest() !== key) return;
+      }
+    }
+  }
+
+  /** In the same kitchen the camera stays where the visitor has put it. */
+  camera(stage) {
+    const kitchen = this.chosen;
+    if (this.turned?.kitchen === kitchen) stage.orbit.camera = structuredClone(this.turned.camera);
+    stage.turned = (camera) => { this.turned = { kitchen, camera: structuredClone(camera) }; };
+  }
+}
+
+export async function showPlay(root, signal) {
+  const theatre = new Theatre(root, signal);
+  let shown = null;
+  while (!signal.aborted) {
+    try {
+      const key = await theatre.look() ? await theatre.newest() : null;
+      const place = `${theatre.run} ${key}`;
+      if (key === null || place === shown) { await pause(LOOK, signal); continue; }
+      await theatre.show(key);
+      shown = place;
+    } catch (error) {
+      if (signal.aborted || error.name === "AbortError") return;
+      // A round of episodes is over, or the viewer has ended.
+      replace(theatre.place, notice(error.message, "error"));
+      await pause(2000, signal);
+    }
+  }
+}
