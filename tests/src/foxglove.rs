@@ -1,12 +1,13 @@
 //! A client of Foxglove's WebSocket protocol, from its description: frames of RFC 6455 by hand.
 
+use crate::DEADLINE;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// A channel that is offered.
 #[derive(Debug, Clone)]
@@ -23,6 +24,7 @@ pub struct Channel {
 #[derive(Debug)]
 pub struct Foxglove {
     stream: TcpStream,
+    begun: Instant,
     /// Channels by topic.
     pub channels: BTreeMap<String, Channel>,
     /// What the server is called.
@@ -60,13 +62,13 @@ impl Foxglove {
         assert!(head.contains("sec-websocket-accept: s3pplmbitxaq9kygzzhzrbk+xoo="), "{head}");
         assert!(head.contains("sec-websocket-protocol: foxglove.sdk.v1\r"), "{head}");
         let (channels, topics) = (BTreeMap::new(), BTreeMap::new());
-        Ok(Self { stream, channels, name: String::new(), next: 0, topics })
+        Ok(Self { stream, begun: Instant::now(), channels, name: String::new(), next: 0, topics })
     }
 
     /// Waits until this topic is offered, and subscribes to it.
     ///
     /// # Panics
-    /// If the server ends.
+    /// If the server ends, or this connection is older than [`DEADLINE`].
     pub fn subscribe(&mut self, topic: &str) -> Channel {
         while !self.channels.contains_key(topic) {
             self.receive();
@@ -82,7 +84,7 @@ impl Foxglove {
     /// The next message: its topic, when it was recorded (nanoseconds), its content.
     ///
     /// # Panics
-    /// If the server ends.
+    /// If the server ends, or this connection is older than [`DEADLINE`].
     pub fn message(&mut self) -> (String, u64, Vec<u8>) {
         loop {
             if let Some(message) = self.receive() {
@@ -92,6 +94,8 @@ impl Foxglove {
     }
 
     fn receive(&mut self) -> Option<(String, u64, Vec<u8>)> {
+        // Some topics have a message each second, also while others have none.
+        assert!(self.begun.elapsed() < DEADLINE, "what is awaited did not come within {} s", DEADLINE.as_secs());
         let (kind, content) = self.frame();
         match kind {
             1 => {

@@ -327,6 +327,19 @@ impl Run {
         found
     }
 
+    /// Waits until one of these [`Run::processes`] is held at a fault point (`STILLROOM_FAULT=hold=POINT`); its pid.
+    ///
+    /// # Panics
+    /// If that takes longer than [`DEADLINE`].
+    pub fn wait_until_held(&self, word: &str) -> u32 {
+        let mut held = None;
+        wait_until(&format!("a process `{word}` is held"), || {
+            held = self.processes(word).into_iter().find(|pid| is_held(*pid));
+            held.is_some()
+        });
+        held.expect("just found")
+    }
+
     /// Kills one process whose command line holds `word`, and waits until it is gone.
     ///
     /// # Panics

@@ -1,12 +1,15 @@
 //! A run in other programs: live to Foxglove's protocol, and to Prometheus.
 
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor};
+use rustix::process::Signal;
 use std::collections::BTreeMap;
-use system_tests::{Foxglove, RecordedSteps, Viewer, Workshop, complete, finish, start, wait_until};
+use system_tests::{Foxglove, RecordedSteps, Viewer, Workshop, complete, finish, signal, start, wait_until};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 2;
 const FRAMES: u64 = 1200;
+/// The learner waits in its third update until it is let go: nothing depends on how fast the run is.
+const HOLD: &str = "hold=learner.before_update:3@learner";
 
 /// What a channel's messages are, by the schema that it is offered with.
 fn descriptor(foxglove: &mut Foxglove, topic: &str) -> MessageDescriptor {
@@ -37,8 +40,11 @@ fn a_run_is_live_in_foxglove_with_the_topics_of_its_recordings() {
     let alone = complete(workshop.up("alone", ACTORS, ENVIRONMENTS, FRAMES)).result();
     std::fs::create_dir(workshop.path("runs")).expect("a folder");
     let viewer = Viewer::start(&workshop, &[]);
-    let child = start(workshop.up("runs/live", ACTORS, ENVIRONMENTS, FRAMES));
+    let mut command = workshop.up("runs/live", ACTORS, ENVIRONMENTS, FRAMES);
+    command.env("STILLROOM_FAULT", HOLD);
+    let child = start(command);
     let run = workshop.run("runs/live");
+    let learner = run.wait_until_held("--rank 0 ");
     wait_until("it is in the list", || viewer.json("/api/runs").as_array().is_some_and(|runs| !runs.is_empty()));
     let mut foxglove = Foxglove::connect(&viewer.address, "/foxglove/live", "").expect("a WebSocket");
     let topics =
@@ -47,7 +53,13 @@ fn a_run_is_live_in_foxglove_with_the_topics_of_its_recordings() {
         topics.into_iter().map(|topic| (topic, descriptor(&mut foxglove, topic))).collect();
     assert_eq!(foxglove.name, "Stillroom: live");
     let (mut steps, mut newest, mut seen) = (0, 0, BTreeMap::<String, DynamicMessage>::new());
+    let mut is_held = true;
     while seen.len() < topics.len() || steps < 50 {
+        // What is recorded before a subscription is not told: the run goes on when the last one has come in.
+        if is_held && topics.last().is_some_and(|last| seen.contains_key(*last)) {
+            signal(learner, Signal::CONT);
+            is_held = false;
+        }
         let (topic, at_ns, data) = foxglove.message();
         let message = decode(&kinds[topic.as_str()], &data);
         if topic == "/step" {

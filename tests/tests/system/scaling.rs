@@ -13,19 +13,12 @@ const ACTORS: u32 = 3;
 const ENVIRONMENTS: u32 = 2;
 /// No multiple of anything.
 const FRAMES: u64 = 1203;
+/// The first learner among processes.
+const LEARNER: &str = "--rank 0 ";
 /// Every start's learner waits in its third update until it is let go: nothing depends on how fast the run is.
 const HOLD: &str = "hold=learner.before_update:3@learner";
 /// The first rollouts with other numbers of actors.
 const CHANGES: [(u64, u32); 2] = [(5, 2), (11, 4)];
-
-fn wait_until_held(run: &Run) -> u32 {
-    let mut held = None;
-    wait_until("the learner is held", || {
-        held = run.processes("--rank 0 ").into_iter().find(|pid| is_held(*pid));
-        held.is_some()
-    });
-    held.expect("just found")
-}
 
 /// Asks for another number of actors and waits until the orchestrator has taken that.
 fn ask(workshop: &Workshop, run: &Run, name: &str, (rollout, actors): (u64, u32)) -> Child {
@@ -41,7 +34,7 @@ fn ask(workshop: &Workshop, run: &Run, name: &str, (rollout, actors): (u64, u32)
 
 /// Changes the number, of a run whose learner is held and then gets a signal: it goes on, or is killed and started again.
 fn change(workshop: &Workshop, run: &Run, name: &str, change: (u64, u32), end: Signal) {
-    let learner = wait_until_held(run);
+    let learner = run.wait_until_held(LEARNER);
     let asking = ask(workshop, run, name, change);
     signal(learner, end);
     let printed = finish(asking);
@@ -61,7 +54,7 @@ fn changed_twice(workshop: &Workshop, name: &str) -> Printed {
     for to in CHANGES {
         change(workshop, &run, name, to, Signal::CONT);
     }
-    signal(wait_until_held(&run), Signal::CONT);
+    signal(run.wait_until_held(LEARNER), Signal::CONT);
     finish(child)
 }
 
@@ -74,7 +67,7 @@ fn a_learner_that_dies_while_it_saves_for_another_number_is_started_again() {
         let child = start(up(&workshop, "undisturbed", 1));
         let run = workshop.run("undisturbed");
         change(&workshop, &run, "undisturbed", CHANGES[0], Signal::CONT);
-        signal(wait_until_held(&run), Signal::CONT);
+        signal(run.wait_until_held(LEARNER), Signal::CONT);
         finish(child).result()
     };
     // A run's first checkpoint is that before its first rollout.
@@ -90,16 +83,16 @@ fn killed_while_it_saves(workshop: &Workshop, name: &str, point: &str, undisturb
     command.env("STILLROOM_FAULT", format!("{HOLD},hold={point}@learner"));
     let mut child = start(command);
     let run = workshop.run(name);
-    let learner = wait_until_held(&run);
+    let learner = run.wait_until_held(LEARNER);
     let asking = ask(workshop, &run, name, CHANGES[0]);
     signal(learner, Signal::CONT);
     wait_until("it trains", || !is_held(learner));
-    assert_eq!(wait_until_held(&run), learner, "it saves");
+    assert_eq!(run.wait_until_held(LEARNER), learner, "it saves");
     signal(learner, Signal::KILL);
-    wait_until("it is gone", || !run.processes("--rank 0 ").contains(&learner));
+    wait_until("it is gone", || !run.processes(LEARNER).contains(&learner));
     // Whoever is held after that may go on: the next one, and the one that trains with the new number.
     wait_until("the run is over", || {
-        run.processes("--rank 0 ").into_iter().filter(|pid| is_held(*pid)).for_each(|pid| signal(pid, Signal::CONT));
+        run.processes(LEARNER).into_iter().filter(|pid| is_held(*pid)).for_each(|pid| signal(pid, Signal::CONT));
         child.try_wait().is_ok_and(|end| end.is_some())
     });
     let printed = finish(asking);
@@ -129,7 +122,7 @@ fn beside_updates_the_number_of_actors_changes_at_the_same_rollouts() {
     let other = workshop.run("disturbed");
     change(&workshop, &other, "disturbed", CHANGES[0], Signal::KILL);
     change(&workshop, &other, "disturbed", CHANGES[1], Signal::CONT);
-    signal(wait_until_held(&other), Signal::CONT);
+    signal(other.wait_until_held(LEARNER), Signal::CONT);
     assert_eq!(finish(child).result(), result);
     other.assert_nothing_left();
 }
@@ -216,7 +209,7 @@ fn the_number_of_actors_changes_at_a_rollout_and_nothing_is_lost_or_played_twice
     let other = workshop.run("disturbed");
     change(&workshop, &other, "disturbed", CHANGES[0], Signal::KILL);
     change(&workshop, &other, "disturbed", CHANGES[1], Signal::CONT);
-    wait_until_held(&other);
+    other.wait_until_held(LEARNER);
     kill_child(child);
     // The held learner does not notice that its orchestrator is gone; the next start wakes it.
     assert_eq!(complete(workshop.resume("disturbed")).result(), result);
@@ -237,7 +230,7 @@ fn what_cannot_be_is_one_clear_error_and_the_run_goes_on() {
         assert_eq!(printed.status, Some(1), "{printed:#?}");
         printed.stderr
     };
-    let learner = wait_until_held(&run);
+    let learner = run.wait_until_held(LEARNER);
     let message = refused(&["--actors", "1"]);
     assert!(
         message.contains("the run cannot have 1 actor") && message.contains("every learner has actors of its own"),
@@ -273,7 +266,7 @@ fn several_hosts_change_together_as_one_does() {
         }
     };
     let scaled = |workshop: &Workshop, run: &Run, name: &str| {
-        wait_until_held(run);
+        run.wait_until_held(LEARNER);
         let asking = ask(workshop, run, name, change_to);
         release(run);
         let printed = finish(asking);
