@@ -4,7 +4,7 @@ use crate::DEADLINE;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
@@ -31,7 +31,19 @@ pub struct Foxglove {
     pub name: String,
     next: u32,
     topics: BTreeMap<u32, String>,
+    /// What came while something else was awaited.
+    waiting: VecDeque<Told>,
 }
+
+/// A message: its topic, when it was recorded (nanoseconds), its content.
+type Told = (String, u64, Vec<u8>);
+
+// Kinds of frames.
+const TEXT: u8 = 1;
+const PING: u8 = 9;
+const PONG: u8 = 10;
+/// What is drawn for a client is drawn at a low priority: on a busy machine that takes its time.
+const PATIENCE: Duration = DEADLINE.saturating_mul(2);
 
 impl Foxglove {
     /// Opens one; the refusal's status where there is none.
@@ -61,14 +73,14 @@ impl Foxglove {
         }
         assert!(head.contains("sec-websocket-accept: s3pplmbitxaq9kygzzhzrbk+xoo="), "{head}");
         assert!(head.contains("sec-websocket-protocol: foxglove.sdk.v1\r"), "{head}");
-        let (channels, topics) = (BTreeMap::new(), BTreeMap::new());
-        Ok(Self { stream, begun: Instant::now(), channels, name: String::new(), next: 0, topics })
+        let (channels, topics, waiting) = (BTreeMap::new(), BTreeMap::new(), VecDeque::new());
+        Ok(Self { stream, begun: Instant::now(), channels, name: String::new(), next: 0, topics, waiting })
     }
 
     /// Waits until this topic is offered, and subscribes to it.
     ///
     /// # Panics
-    /// If the server ends, or this connection is older than [`DEADLINE`].
+    /// If the server ends, or this connection is older than twice [`DEADLINE`].
     pub fn subscribe(&mut self, topic: &str) -> Channel {
         while !self.channels.contains_key(topic) {
             self.receive();
@@ -81,35 +93,46 @@ impl Foxglove {
         channel
     }
 
-    /// The next message: its topic, when it was recorded (nanoseconds), its content.
+    /// The next message.
     ///
     /// # Panics
-    /// If the server ends, or this connection is older than [`DEADLINE`].
-    pub fn message(&mut self) -> (String, u64, Vec<u8>) {
+    /// If the server ends, or this connection is older than twice [`DEADLINE`].
+    pub fn message(&mut self) -> Told {
         loop {
-            if let Some(message) = self.receive() {
+            if let Some(message) = self.waiting.pop_front() {
                 return message;
             }
+            self.receive();
         }
     }
 
-    fn receive(&mut self) -> Option<(String, u64, Vec<u8>)> {
+    /// Waits until the server has taken all that was said to it: it answers in order.
+    ///
+    /// # Panics
+    /// If the server ends.
+    pub fn settle(&mut self) {
+        self.send(PING, b"");
+        while self.receive() != PONG {}
+    }
+
+    /// Takes what comes next; its kind.
+    fn receive(&mut self) -> u8 {
         // Some topics have a message each second, also while others have none.
-        assert!(self.begun.elapsed() < DEADLINE, "what is awaited did not come within {} s", DEADLINE.as_secs());
+        assert!(self.begun.elapsed() < PATIENCE, "what is awaited did not come within {} s", PATIENCE.as_secs());
         let (kind, content) = self.frame();
         match kind {
-            1 => {
-                self.take(&serde_json::from_slice(&content).expect("JSON"));
-                None
-            }
+            PONG => {}
+            TEXT => self.take(&serde_json::from_slice(&content).expect("JSON")),
             2 => {
                 assert_eq!(content[0], 1, "a message of a channel");
                 let subscription = u32::from_le_bytes(content[1..5].try_into().expect("four"));
                 let at_ns = u64::from_le_bytes(content[5..13].try_into().expect("eight"));
-                Some((self.topics[&subscription].clone(), at_ns, content[13..].to_vec()))
+                let topic = self.topics[&subscription].clone();
+                self.waiting.push_back((topic, at_ns, content[13..].to_vec()));
             }
             kind => panic!("a frame of kind {kind}"),
         }
+        kind
     }
 
     fn take(&mut self, told: &Value) {
@@ -149,13 +172,15 @@ impl Foxglove {
     }
 
     fn say(&mut self, value: &Value) {
-        let text = value.to_string();
-        let length = u16::try_from(text.len()).expect("a short text");
+        self.send(TEXT, value.to_string().as_bytes());
+    }
+
+    fn send(&mut self, kind: u8, content: &[u8]) {
+        let length = u8::try_from(content.len()).ok().filter(|length| *length < 126).expect("a short text");
         // Masked, as clients must; with zeros.
-        let mut frame = vec![0x81, 0x80 | 0x7e];
-        frame.extend(length.to_be_bytes());
+        let mut frame = vec![0x80 | kind, 0x80 | length];
         frame.extend([0; 4]);
-        frame.extend(text.as_bytes());
+        frame.extend(content);
         self.stream.write_all(&frame).expect("it reads");
     }
 }

@@ -309,16 +309,16 @@ impl Run {
     /// Processes of this run whose command line holds `word`, e.g. `--actor ` (with the space: the orchestrator's own
     /// line holds `--actors`).
     pub fn processes(&self, word: &str) -> Vec<u32> {
-        let folder = self.folder.root().display().to_string();
-        let name = self.folder.root().file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let root = self.folder.root();
+        let folder = root.display().to_string();
         let mut found = vec![];
         for entry in std::fs::read_dir("/proc").into_iter().flatten().flatten() {
             let Some(pid) = entry.file_name().to_str().and_then(|name| name.parse::<u32>().ok()) else { continue };
             let Ok(bytes) = std::fs::read(entry.path().join("cmdline")) else { continue };
             let line = String::from_utf8_lossy(&bytes).replace('\0', " ");
-            let here = std::fs::read_link(entry.path().join("cwd")).ok();
-            let ours =
-                line.contains(&folder) || (line.contains(&name) && here.as_deref() == self.folder.root().parent());
+            let here = std::fs::read_link(entry.path().join("cwd")).unwrap_or_default();
+            // Some are given a path that begins where they were started.
+            let ours = line.contains(&folder) || line.split(' ').any(|argument| here.join(argument).starts_with(root));
             if ours && line.contains(word) {
                 found.push(pid);
             }
