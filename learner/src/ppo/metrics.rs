@@ -24,6 +24,8 @@ pub(crate) struct StepMetrics {
     pub scalars: [f64; SCALARS.len()],
     /// Sums that the auxiliary task's figures are made of.
     pub tally: Tally,
+    /// Queries to the auxiliary task, of all learners.
+    pub queries: u64,
 }
 
 impl StepMetrics {
@@ -62,6 +64,8 @@ pub(crate) struct UpdateMetrics {
     tally: Tally,
     gradient_norms: f64,
     steps: u32,
+    /// Steps with queries: only these have an auxiliary loss.
+    asked: u32,
 }
 
 impl UpdateMetrics {
@@ -73,17 +77,41 @@ impl UpdateMetrics {
         self.tally.merge(&step.tally);
         self.gradient_norms += gradient_norm;
         self.steps += 1;
+        self.asked += u32::from(step.queries > 0);
     }
 
     /// Means over the steps, by name; the auxiliary task's figures are over all queries of all steps.
     pub(crate) fn means(&self, auxiliary: &Auxiliary) -> BTreeMap<String, f64> {
         let steps = f64::from(self.steps);
+        let of = |name| if name == metric::AUXILIARY_LOSS { f64::from(self.asked.max(1)) } else { steps };
         let mut metrics = auxiliary.figures(&self.tally);
-        metrics.extend(SCALARS.iter().zip(self.scalars).map(|(name, sum)| ((*name).to_owned(), sum / steps)));
+        metrics.extend(SCALARS.iter().zip(self.scalars).map(|(name, sum)| ((*name).to_owned(), sum / of(*name))));
         if auxiliary.is_none() {
             metrics.remove(metric::AUXILIARY_LOSS);
         }
         metrics.insert(metric::GRADIENT_NORM.to_owned(), self.gradient_norms / steps);
         metrics
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::auxiliary::Sizes;
+    use crate::network::Layout;
+    use proto::config::{AuxiliaryConfig, AuxiliaryTask, Config};
+
+    #[test]
+    fn a_minibatch_without_queries_has_no_part_in_the_auxiliary_loss() {
+        let mut metrics = UpdateMetrics::default();
+        for (policy, auxiliary, queries) in [(1.0, 0.0, 0), (2.0, 5.0, 3), (3.0, 7.0, 1), (6.0, 0.0, 0)] {
+            let scalars = [policy, 0.0, 0.0, auxiliary, 0.0, 0.0];
+            metrics.add_step(&StepMetrics { scalars, queries, ..StepMetrics::default() }, 0.0);
+        }
+        let config = AuxiliaryConfig { task: AuxiliaryTask::InverseDynamics, ..Config::default().auxiliary };
+        let task = Auxiliary::new(&config, &mut Layout::default(), Sizes { hidden: 4, actions: 3 });
+        let means = metrics.means(&task);
+        assert_eq!((means[metric::POLICY_LOSS], means[metric::AUXILIARY_LOSS]), (3.0, 6.0));
+        assert_eq!(UpdateMetrics { steps: 1, ..UpdateMetrics::default() }.means(&task)[metric::AUXILIARY_LOSS], 0.0);
     }
 }

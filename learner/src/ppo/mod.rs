@@ -164,7 +164,7 @@ impl<'a> Update<'a> {
         totals: Totals,
     ) -> Result<(Tensor, StepMetrics), PeerError> {
         let mut gradient = self.network.parameters.flat().zeros_like();
-        let mut metrics = StepMetrics::default();
+        let mut metrics = StepMetrics { queries: totals.queries, ..StepMetrics::default() };
         for (chunk, queries) in chunks.iter().zip(queries) {
             // Forward and loss, then backward.
             let (loss, embedded) = self.loss(chunk, queries, totals, &mut metrics);
