@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build install uninstall up play policy test chaos soak lint check-deploy doc book examples deny fuzz \
+.PHONY: help setup build install uninstall up play policy test schemas chaos soak lint check-deploy doc book examples deny fuzz \
 	sanitize bench-peers bench-learner bench-wire bench-view bench-hosts check-determinism \
 	python test-python bench-python dist
 # Cargo uses all cores by itself; targets run one after the other also under -j.
@@ -25,6 +25,7 @@ help:
 	@echo 'make install puts the programs, their libtorch, manual pages and completions under PREFIX (~/.local);'
 	@echo '             make uninstall takes them away'
 	@echo 'make test    set up, build and run all tests'
+	@echo 'make schemas compile orchestrator/schemas/ again, after a change there'
 	@echo 'make chaos   let 200 faults happen to small runs and compare what they leave with undisturbed ones (up to half an hour);'
 	@echo '             ARGS="--seed S --faults N --minutes M" chooses, ARGS="--seed S --case K" does one case again'
 	@echo 'make soak    a run of two hours with faults, and how its processes and files grow; ARGS="--minutes M"'
@@ -97,6 +98,10 @@ test: build
 		set -x; cargo test --release --locked --workspace --tests; \
 	fi
 	cargo test --doc --release --locked --workspace
+
+# The Rust types and descriptors of orchestrator/schemas/, which lie in the checkout; a test compares them.
+schemas: setup
+	STILLROOM_WRITE_SCHEMAS=yes cargo test --release --locked --workspace --test schemas
 
 chaos: build
 	cargo build --release --locked --workspace --bin chaos

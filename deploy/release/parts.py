@@ -144,12 +144,12 @@ def bill(data):
 def licences(data):
     """The licence files of all that is linked and is not ours, each text once."""
     packages = {package["id"]: package for package in data["packages"]}
-    members = set(data["workspace_members"])
     texts, silent = {}, []
     for identity in linked_into_programs(data):
-        if identity in members:
-            continue
         package = packages[identity]
+        # Of this checkout: ours, stubs included.
+        if package["source"] is None:
+            continue
         name = f"{package['name']} {package['version']} ({package.get('license') or 'see its licence file'})"
         folder = Path(package["manifest_path"]).parent
         files = sorted(path for path in folder.iterdir() if path.is_file() and LICENCE.match(path.name))

@@ -27,7 +27,7 @@ use std::path::{Path, PathBuf};
 
 mod schema {
     #![allow(missing_docs, clippy::pedantic, reason = "generated")]
-    include!(concat!(env!("OUT_DIR"), "/tensorboard.rs"));
+    include!("../../../schemas/compiled/tensorboard.rs");
 }
 
 /// What the names of event files begin with: TensorBoard takes every file whose name holds `tfevents`.

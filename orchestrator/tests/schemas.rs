@@ -1,0 +1,54 @@
+//! `schemas/compiled/` is what `schemas/` compiles to: Rust types, and the descriptors that every recording carries so
+//! that it can be read without this program. Both in pure Rust; no protoc is needed.
+//!
+//! They are files of the checkout, so that only this test needs the compiler of schemas, and no build does.
+//! `make schemas` writes them.
+
+use prost::Message;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+const PACKAGES: [&str; 3] = ["foxglove", "stillroom", "tensorboard"];
+
+/// The compiled files by name.
+fn compiled(schemas: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut sources = Vec::new();
+    for package in PACKAGES {
+        for entry in std::fs::read_dir(schemas.join(package)).unwrap() {
+            sources.push(entry.unwrap().path());
+        }
+    }
+    // Directory order differs between machines; the descriptors must not.
+    sources.sort();
+    let descriptors = protox::compile(sources, [schemas]).unwrap();
+    let mut files = BTreeMap::from([("descriptors.bin".to_owned(), descriptors.encode_to_vec())]);
+    let out = tempfile::tempdir().unwrap();
+    prost_build::Config::new().btree_map(["."]).out_dir(out.path()).compile_fds(descriptors).unwrap();
+    files.extend(files_in(out.path()));
+    files
+}
+
+fn files_in(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entries = std::fs::read_dir(folder).unwrap().map(Result::unwrap);
+    entries.map(|entry| (entry.file_name().into_string().unwrap(), std::fs::read(entry.path()).unwrap())).collect()
+}
+
+#[test]
+fn compiled_schemas_are_those_of_the_sources() {
+    let schemas = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("schemas");
+    let folder = schemas.join("compiled");
+    let files = compiled(&schemas);
+    if std::env::var_os("STILLROOM_WRITE_SCHEMAS").is_some() {
+        std::fs::remove_dir_all(&folder).unwrap();
+        std::fs::create_dir(&folder).unwrap();
+        for (name, contents) in &files {
+            std::fs::write(folder.join(name), contents).unwrap();
+        }
+    }
+    let kept = files_in(&folder);
+    let names = |files: &BTreeMap<String, Vec<u8>>| files.keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(&kept), names(&files), "in schemas/compiled/: `make schemas` mends it");
+    for (name, contents) in &files {
+        assert!(kept[name] == *contents, "schemas/compiled/{name} is not what schemas/ compiles to: `make schemas`");
+    }
+}
