@@ -168,13 +168,18 @@ def main() -> None:
 
 def scaling(kitchen: int, cores: int, turns: int, depth: str, *, with_async: bool) -> None:
     """Prints what more threads bring, and processes."""
+    # All are in one kitchen that is built once; processes that are forked have it, too.
+    room = stillroom.Kitchen(kitchen)
     threads = 1
     while threads <= cores:
-        figure = rate(stillroom.VectorEnv(ENVIRONMENTS, kitchens=[kitchen], threads=threads, depth=depth), turns)
+        figure = rate(stillroom.VectorEnv(ENVIRONMENTS, kitchens=[room], threads=threads, depth=depth), turns)
         print(f"kitchen {kitchen}, wall time: VectorEnv, {threads} threads {figure:8,.0f} steps/s", flush=True)
         threads *= 2
     if with_async:
-        make = [lambda number=number: stillroom.ArmPointNav(kitchen, number=number, depth=depth) for number in range(ENVIRONMENTS)]
+        make = [
+            lambda number=number: stillroom.ArmPointNav(room, number=number, depth=depth)
+            for number in range(ENVIRONMENTS)
+        ]
         figure = rate(gymnasium.vector.AsyncVectorEnv(make), turns)
         print(f"kitchen {kitchen}, wall time: AsyncVectorEnv     {figure:8,.0f} steps/s", flush=True)
 
