@@ -34,6 +34,11 @@ enum Autoreset {
     Disabled,
 }
 
+/// Environments whose actions are taken before any of their frames is drawn, at most: half of an actor's 32.
+const BLOCK_MOST: usize = 16;
+/// Blocks for each of several threads, where there are as many environments: some blocks take longer than others.
+const BLOCKS_EACH: usize = 4;
+
 /// The episode that Python asks for: series, seed, number.
 type Asked = (Option<String>, Option<u64>, Option<u32>);
 
@@ -63,6 +68,13 @@ impl Worker {
 struct Seen {
     goal_m: [f32; 3],
     previous_action: i64,
+}
+
+/// One environment in a thread's hands.
+struct Task<'a> {
+    index: usize,
+    place: &'a mut Place,
+    frame: Frame<'a>,
 }
 
 /// What a step made of one environment.
@@ -163,8 +175,8 @@ impl Batch {
         for (place, asked) in self.places.iter().zip(asked) {
             begun.push(asked.map(|asked| choose(place, asked)).transpose()?);
         }
-        let reports = self.in_threads(py, |worker, index, place, frame, settings| {
-            if let Some(chosen) = begun[index] {
+        let reports = self.in_threads(py, |worker, Task { index, place, frame }, settings| {
+            if let Some(chosen) = begun[*index] {
                 place.begin(chosen).map_err(value_error)?;
                 worker.look(place, settings.frame_side, frame);
             }
@@ -183,25 +195,17 @@ impl Batch {
     fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray1<'py, i64>) -> PyResult<Bound<'py, PyTuple>> {
         let actions = self.checked(&actions)?;
         let autoreset = self.autoreset;
-        let reports = self.in_threads(py, |worker, index, place, frame, settings| {
-            let side = settings.frame_side;
-            // In the mode `Disabled` that was refused; in `SameStep` only a restored moment can have ended.
-            if place.ended() {
-                place.begin(place.next()).map_err(value_error)?;
-                worker.look(place, side, frame);
-                return Ok(report_of(place, settings, true, None));
+        // First all actions of a block, then all its frames, as an actor does it: physics and drawing each need the
+        // processor's caches.
+        let reports = self.in_blocks(py, |worker, block, settings| {
+            let mut reports = Vec::with_capacity(block.len());
+            for Task { index, place, .. } in &mut *block {
+                reports.push(act(worker, place, actions[*index], autoreset, settings)?);
             }
-            place.step(actions[index]);
-            let mut report = report_of(place, settings, false, None);
-            if autoreset == Autoreset::SameStep && place.ended() {
-                let mut depth_mm = vec![0; side * side];
-                worker.look(place, side, &mut Frame::Millimetres(&mut depth_mm));
-                let last = Some((depth_mm, report.seen));
-                place.begin(place.next()).map_err(value_error)?;
-                report = Report { done: report.done, ..report_of(place, settings, false, last) };
+            for Task { place, frame, .. } in block {
+                worker.look(place, settings.frame_side, frame);
             }
-            worker.look(place, side, frame);
-            Ok(report)
+            Ok(reports)
         })?;
         self.put(py, &reports)?;
         self.told(py, &reports)
@@ -247,8 +251,8 @@ impl Batch {
             return Err(PyValueError::new_err("the snapshot's episodes have other settings than this environment's"));
         }
         self.places[index] = kept.clone();
-        let reports = self.in_threads(py, |worker, at, place, frame, settings| {
-            if at == index {
+        let reports = self.in_threads(py, |worker, Task { index: at, place, frame }, settings| {
+            if *at == index {
                 worker.look(place, settings.frame_side, frame);
             }
             Ok(report_of(place, settings, false, None))
@@ -262,7 +266,7 @@ impl Batch {
     fn oracle<'py>(&mut self, py: Python<'py>, variant: &str) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let variant = Variant::named(variant)
             .ok_or_else(|| PyValueError::new_err(format!("variant `{variant}` is none of \"fast\", \"careful\"")))?;
-        let advised = self.in_threads(py, |_, _, place, _, settings| {
+        let advised = self.in_threads(py, |_, Task { place, .. }, settings| {
             if place.ended() {
                 return Ok(0);
             }
@@ -313,36 +317,53 @@ impl Batch {
     fn in_threads<T: Send>(
         &mut self,
         py: Python<'_>,
-        work: impl Fn(&mut Worker, usize, &mut Place, &mut Frame, &Settings) -> PyResult<T> + Sync,
+        work: impl Fn(&mut Worker, &mut Task<'_>, &Settings) -> PyResult<T> + Sync,
+    ) -> PyResult<Vec<T>> {
+        self.in_blocks(py, |worker, block, settings| {
+            block.iter_mut().map(|task| work(worker, task, settings)).collect()
+        })
+    }
+
+    /// Calls `work` for each block of environments; the results in order. The calling thread is the first of the threads:
+    /// starting one takes as long as an environment's step.
+    fn in_blocks<T: Send>(
+        &mut self,
+        py: Python<'_>,
+        work: impl Fn(&mut Worker, &mut [Task<'_>], &Settings) -> PyResult<Vec<T>> + Sync,
     ) -> PyResult<Vec<T>> {
         let Self { settings, places, workers, frames, .. } = self;
         let settings = &*settings;
         let mut writing = frames.write(py)?;
         let frames = writing.frames(settings.frame_side * settings.frame_side)?;
         let tasks = places.iter_mut().zip(frames).enumerate();
-        py.detach(|| {
-            if let [worker] = workers.as_mut_slice() {
-                return tasks
-                    .map(|(index, (place, mut frame))| work(worker, index, place, &mut frame, settings))
-                    .collect();
+        let mut tasks: Vec<Task<'_>> = tasks.map(|(index, (place, frame))| Task { index, place, frame }).collect();
+        let size = if workers.len() == 1 { BLOCK_MOST } else { tasks.len() / (workers.len() * BLOCKS_EACH) };
+        let blocks = Mutex::new(tasks.chunks_mut(size.clamp(1, BLOCK_MOST)).enumerate());
+        let done = Mutex::new(Vec::new());
+        let go = |worker: &mut Worker| {
+            loop {
+                let block = blocks.lock().unwrap_or_else(PoisonError::into_inner).next();
+                let Some((number, block)) = block else { return };
+                let result = work(worker, block, settings);
+                done.lock().unwrap_or_else(PoisonError::into_inner).push((number, result));
             }
-            let (tasks, done) = (Mutex::new(tasks), Mutex::new(Vec::new()));
+        };
+        let (here, others) = workers.split_first_mut().expect("a batch has a thread");
+        py.detach(|| {
             thread::scope(|scope| {
-                for worker in workers {
-                    scope.spawn(|| {
-                        loop {
-                            let task = tasks.lock().unwrap_or_else(PoisonError::into_inner).next();
-                            let Some((index, (place, mut frame))) = task else { return };
-                            let result = work(worker, index, place, &mut frame, settings);
-                            done.lock().unwrap_or_else(PoisonError::into_inner).push((index, result));
-                        }
-                    });
+                for worker in others {
+                    scope.spawn(|| go(worker));
                 }
+                go(here);
             });
-            let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
-            done.sort_by_key(|(index, _)| *index);
-            done.into_iter().map(|(_, result)| result).collect::<PyResult<Vec<T>>>()
-        })
+        });
+        let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+        done.sort_by_key(|(number, _)| *number);
+        let mut results = Vec::with_capacity(self.places.len());
+        for (_, result) in done {
+            results.extend(result?);
+        }
+        Ok(results)
     }
 
     /// Puts what is seen beside the frames into its arrays.
@@ -387,6 +408,32 @@ impl Batch {
         )
             .into_pyobject(py)
     }
+}
+
+/// Takes an action, or begins an episode where one is due; what is seen now is not drawn yet.
+fn act(
+    worker: &mut Worker,
+    place: &mut Place,
+    action: Action,
+    autoreset: Autoreset,
+    settings: &Settings,
+) -> PyResult<Report> {
+    // In the mode `Disabled` that was refused; in `SameStep` only a restored moment can have ended.
+    if place.ended() {
+        place.begin(place.next()).map_err(value_error)?;
+        return Ok(report_of(place, settings, true, None));
+    }
+    place.step(action);
+    let report = report_of(place, settings, false, None);
+    if autoreset != Autoreset::SameStep || !place.ended() {
+        return Ok(report);
+    }
+    let side = settings.frame_side;
+    let mut depth_mm = vec![0; side * side];
+    worker.look(place, side, &mut Frame::Millimetres(&mut depth_mm));
+    let last = Some((depth_mm, report.seen));
+    place.begin(place.next()).map_err(value_error)?;
+    Ok(Report { done: report.done, ..report_of(place, settings, false, last) })
 }
 
 /// The episode that an environment is asked to begin.

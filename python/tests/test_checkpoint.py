@@ -81,8 +81,11 @@ def test_what_holds_no_checkpoint_is_refused(tmp_path: Path) -> None:
     (tmp_path / "b.json").write_text('{"tensors": "../a.safetensors", "tensors_sha256": ""}')
     with pytest.raises(CheckpointError, match="not beside it"):
         stillroom.load(tmp_path / "b.json")
+    (tmp_path / "a.txt").write_text("")
     with pytest.raises(CheckpointError, match="neither a run folder"):
         stillroom.load(tmp_path / "a.txt")
+    with pytest.raises(stillroom.CheckpointError, match="c.safetensors is not there"):
+        stillroom.load(tmp_path / "c.safetensors")
 
 
 @pytest.mark.parametrize(

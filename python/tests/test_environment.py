@@ -27,7 +27,7 @@ def test_states_are_those_of_the_simulator(kitchen: int, start: int, fold: int) 
     for step in range(200):
         *_, truncated, info = env.step(random_action(kitchen, 0, 0, step))
         rotated = (found << 7 | found >> 57) & (2**64 - 1)
-        found = rotated * 0x9E3779B97F4A7C15 & (2**64 - 1) ^ info["state_hash"]
+        found = rotated * 0x9E3779B97F4A7C15 & (2**64 - 1) ^ int(info["state_hash"])
         assert truncated == (step == 199)
     assert found == fold
 
@@ -144,6 +144,8 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
         ({"frame_side": 4}, "8 to 1024"),
         ({"max_steps": 0}, "max_steps"),
         ({"scene": "a.toml"}, "either a kitchen or a scene"),
+        ({"render_side": 0}, "8 to 4096"),
+        ({"reward": 3}, "nor a function"),
     ]:
         with pytest.raises(ValueError, match=words):
             make(**arguments)
@@ -157,6 +159,10 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
     env.reset(seed=1)
     with pytest.raises(ValueError, match="actions 0 to 20, not 21"):
         env.step(21)
+    with pytest.raises(ValueError, match="actions are integers"):
+        env.step(1.7)
+    with pytest.raises(ValueError, match=r"shape \(1, 1\) for 1 environment"):
+        env.step(np.array([1]))
     assert env.step(0)[3]
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(0)

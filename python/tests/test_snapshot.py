@@ -117,3 +117,15 @@ def test_the_oracle_of_many_is_that_of_each(kitchens: dict) -> None:
             small.step(oracle())
     with pytest.raises(ValueError, match="none of"):
         stillroom.oracle(single, "slow")
+
+
+@pytest.mark.parametrize("side", [224, 61])
+def test_a_frame_over_what_stood_still_is_one_drawn_anew(kitchens: dict, side: int) -> None:
+    env = stillroom.ArmPointNav(kitchens[8], frame_side=side)
+    env.reset(options={"fixed": 0})
+    for step, action in enumerate(pushing(kitchens[8])[:40]):
+        observation, *_ = env.step(action)
+        if step % 4 == 3:
+            fresh = stillroom.ArmPointNav(kitchens[8], frame_side=side)
+            anew, _ = fresh.restore(stillroom.Snapshot.from_bytes(env.snapshot().to_bytes()))
+            assert np.array_equal(anew["depth"], observation["depth"])

@@ -179,6 +179,9 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
         ({"render_mode": "human"}, "rgb_array"),
         ({"kitchens": "kitchens"}, "none of train"),
         ({"kitchens": []}, "at least one kitchen"),
+        ({"kitchens": [1], "scenes": "a.toml"}, "either kitchens or scenes"),
+        ({"scenes": "a.toml"}, r"a\.toml: cannot be read"),
+        ({"threads": -1}, "at least one of each"),
     ]:
         with pytest.raises(ValueError, match=words):
             stillroom.VectorEnv(1, **arguments)
@@ -190,6 +193,10 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
     env.reset(seed=1)
     with pytest.raises(ValueError, match="3 actions for 4"):
         env.step(np.zeros(3, np.int64))
+    with pytest.raises(ValueError, match=r"actions of shape \(4, 1\) for 4"):
+        env.step(np.zeros((4, 1), np.int64))
+    with pytest.raises(ValueError, match="actions are integers"):
+        env.step(np.full(4, 0.5))
     with pytest.raises(ValueError, match="environment 2: there are actions 0 to 20, not -1"):
         env.step(np.array([0, 0, -1, 0]))
 
@@ -214,3 +221,44 @@ def test_an_ended_moment_begins_anew_in_the_mode_of_the_same_step(kitchens: dict
     _, rewards, terminated, truncated, infos = env.step(np.array([0]))
     assert rewards[0] == 0 and not terminated[0] and not truncated[0]
     assert infos["step"][0] == 0
+
+
+def test_processes_of_gymnasium_take_hashes_of_all_64_bits(kitchens: dict) -> None:
+    make = [lambda number=number: stillroom.ArmPointNav(kitchens[1], number=number, frame_side=32) for number in range(4)]
+    with_processes = gymnasium.vector.AsyncVectorEnv(make, context="fork")
+    _, infos = with_processes.reset(seed=[1] * 4)
+    with_processes.close()
+    _, expected = stillroom.VectorEnv(4, kitchens=kitchens[1], frame_side=32).reset(seed=[1] * 4)
+    assert np.array_equal(infos["state_hash"], expected["state_hash"]) and infos["state_hash"].dtype == np.uint64
+    assert (infos["state_hash"] >= 2**63).any(), "the test has seen a large one"
+
+
+def test_actions_may_be_a_column_of_a_matrix(kitchens: dict) -> None:
+    envs = [make(kitchens, frame_side=32) for _ in range(2)]
+    matrix = np.arange(4 * 9).reshape(4, 9) % 20
+    for env in envs:
+        env.reset(seed=1)
+    column, copied = envs[0].step(matrix[:, 3]), envs[1].step(matrix[:, 3].copy())
+    assert np.array_equal(column[4]["state_hash"], copied[4]["state_hash"])
+
+
+def test_only_kitchens_in_use_are_built(monkeypatch: pytest.MonkeyPatch, kitchens: dict) -> None:
+    built = []
+    monkeypatch.setattr("stillroom.vector.kitchen_of", lambda kitchen: built.append(kitchen) or kitchens[1])
+    stillroom.VectorEnv(2, kitchens="train", frame_side=32)
+    assert built == stillroom.kitchens("train")[:2]
+
+
+@pytest.mark.parametrize("rewards", [None, np.zeros(3), np.zeros((COUNT, 1))])
+def test_a_reward_of_another_shape_is_refused(kitchens: dict, rewards: object) -> None:
+    env = make(kitchens, reward=lambda _parts: rewards, frame_side=32)
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match="not one number for each of 4"):
+        env.step(actions_of(0))
+    # A function that raises in an episode's last step does not hide its end.
+    one = stillroom.ArmPointNav(kitchens[1], reward=lambda parts: parts["none"], max_steps=1, frame_side=32)
+    one.reset(seed=1)
+    with pytest.raises(KeyError):
+        one.step(0)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        one.step(0)

@@ -6,6 +6,7 @@
 //! time on a processor, so that other programs of the machine do not count.
 
 pub mod apart;
+pub mod beside;
 mod clock;
 pub mod memory;
 pub mod player;

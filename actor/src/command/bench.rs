@@ -1,9 +1,10 @@
-//! `actor bench`, and the hidden command that it calls in a process of its own.
+//! `actor bench`, the hidden command that it calls in a process of its own, and the one that `make bench-python` calls.
 
 use actor::bench::policy::PolicyKind;
-use actor::bench::{self, apart, memory};
+use actor::arguments::numbered;
+use actor::bench::{self, apart, beside, memory};
 use anyhow::{Context, Result};
-use proto::kitchen::KitchenChoice;
+use proto::kitchen::{KitchenChoice, KitchenId};
 use std::path::PathBuf;
 
 /// What to measure.
@@ -43,6 +44,23 @@ pub struct BenchMemoryArgs {
     apart: Option<PathBuf>,
 }
 
+/// What to drive from standard input.
+#[derive(Debug, clap::Args)]
+pub struct BenchBesideArgs {
+    /// Kitchen of all environments.
+    #[arg(long, value_parser = numbered)]
+    kitchen: KitchenId,
+    /// How many environments.
+    #[arg(long, value_name = "N")]
+    environments: u32,
+    /// Seed of their episodes.
+    #[arg(long, value_name = "S")]
+    seed: u64,
+    /// Steps of a turn.
+    #[arg(long, value_name = "N")]
+    steps: u32,
+}
+
 /// Runs `actor bench`.
 pub fn run(args: &BenchArgs) -> Result<()> {
     bench::run(&bench::Options {
@@ -62,4 +80,11 @@ pub fn run_memory(args: &BenchMemoryArgs) -> Result<()> {
         Some(folder) => apart::print_memory(&args.kitchens.0, folder),
         None => memory::run(*args.kitchens.0.first().context("--kitchens names none")?),
     }
+}
+
+/// Runs `actor bench-beside`.
+pub fn run_beside(args: &BenchBesideArgs) -> Result<()> {
+    let &BenchBesideArgs { kitchen, environments, seed, steps } = args;
+    let options = beside::Options { kitchen, environments, seed, steps };
+    beside::run(options, std::io::stdin().lock(), std::io::stdout().lock())
 }

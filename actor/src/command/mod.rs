@@ -41,6 +41,10 @@ pub enum Command {
     /// Print the memory of a further environment; `bench` calls this in a process of its own.
     #[command(hide = true)]
     BenchMemory(bench::BenchMemoryArgs),
+    /// Take actions from standard input, in turns with a program that measures itself beside; `make bench-python` calls
+    /// this.
+    #[command(hide = true)]
+    BenchBeside(bench::BenchBesideArgs),
 }
 
 /// Runs a subcommand.
@@ -57,5 +61,6 @@ pub fn run(command: &Command) -> Result<()> {
         Command::Bench(args) => bench::run(args),
         Command::ExportPeers(args) => export_peers::run(args),
         Command::BenchMemory(args) => bench::run_memory(args),
+        Command::BenchBeside(args) => bench::run_beside(args),
     }
 }

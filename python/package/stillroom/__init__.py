@@ -9,7 +9,7 @@ from __future__ import annotations
 import gymnasium
 
 from stillroom._stillroom import ACTIONS, FRAME_SIDE, TARGETS, Kitchen, Snapshot, __version__, kitchens
-from stillroom.checkpoint import Checkpoint, load
+from stillroom.checkpoint import Checkpoint, CheckpointError, load
 from stillroom.env import ArmPointNav
 from stillroom.oracle import Oracle, oracle
 from stillroom.run import Run, RunError, read_run
@@ -21,6 +21,7 @@ __all__ = [
     "TARGETS",
     "ArmPointNav",
     "Checkpoint",
+    "CheckpointError",
     "Kitchen",
     "Oracle",
     "Run",

@@ -91,6 +91,8 @@ def load(path: str | PathLike[str], *, rollout: int | None = None, verify: bool 
     path = Path(path)
     if path.is_dir():
         return _newest(path, rollout, verify)
+    if not path.exists():
+        raise CheckpointError(f"{path} is not there")
     if path.suffix == ".json":
         return _checkpoint(path, verify)
     if path.suffix != ".safetensors":

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stillroom._stillroom import TARGETS, Batch, Kitchen, Snapshot
-from stillroom.spaces import choice_of, kitchen_of, observation_space, settings_of
+from stillroom.spaces import actions_of, check_pictures, choice_of, kitchen_of, observation_space, settings_of
 from stillroom.types import Observation, RewardParts, State
 
 
@@ -70,6 +70,7 @@ class ArmPointNav(gymnasium.Env):
                 f"render_mode {render_mode!r} is not there: stillroom opens no window. Use 'rgb_array' (and show or "
                 "save the pictures) or 'depth_array'."
             )
+        check_pictures(render_side)
         if scene is not None and kitchen != 1:
             raise ValueError("give either a kitchen or a scene")
         self.render_mode = render_mode
@@ -117,10 +118,11 @@ class ArmPointNav(gymnasium.Env):
         """Takes an action; returns observation, reward, terminated, truncated and `stillroom.types.Info`."""
         if not self._begun or self._ended:
             raise gymnasium.error.ResetNeeded("call reset() first: no episode has begun, or the last one has ended")
-        rewards, terminated, truncated, facts, _, _, _ = self.batch.step(np.array([action], np.int64))
+        rewards, terminated, truncated, facts, _, _, _ = self.batch.step(actions_of([action], 1))
+        # Before the reward: a function of the user may raise.
+        self._ended = bool(terminated[0] or truncated[0])
         info = self._info(facts)
         reward = float(rewards[0]) if self._reward is None else float(self._reward(info["reward_parts"]))
-        self._ended = bool(terminated[0] or truncated[0])
         return self._observation(), reward, bool(terminated[0]), bool(truncated[0]), info
 
     def render(self) -> NDArray[Any] | None:
@@ -167,6 +169,8 @@ class ArmPointNav(gymnasium.Env):
     def _info(self, facts: dict[str, Any]) -> dict[str, Any]:
         parts = {name: float(part[0]) for name, part in facts.pop("reward_parts").items()}
         info = {name: fact[0].item() for name, fact in facts.items()}
+        # Of Python's own ints Gymnasium's AsyncVectorEnv makes signed 64-bit numbers; half of all hashes are larger.
+        info["state_hash"] = facts["state_hash"][0]
         info["target"] = TARGETS[info["target"]]
         info["displacement_m"] = self.displacement_m()
         info["reward_parts"] = parts

@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from stillroom._stillroom import Kitchen, Settings
 
@@ -23,6 +24,8 @@ def settings_of(
     **overrides: Any,
 ) -> Settings:
     """The settings of the arguments; a reward that is a function leaves the composed one at r."""
+    if not (isinstance(reward, str) or callable(reward)):
+        raise ValueError(f"reward is {reward!r}, neither \"r\", \"r_prime\" nor a function of the reward's parts")
     if depth not in ("uint16", "float32"):
         raise ValueError(f'depth `{depth}` is none of "uint16" (millimetres), "float32" (metres)')
     return Settings(
@@ -32,6 +35,24 @@ def settings_of(
         in_metres=depth == "float32",
         **overrides,
     )
+
+
+def actions_of(actions: Any, count: int) -> NDArray[np.int64]:
+    """Actions as the simulator takes them, one for each of `count` environments, from anything that holds integers."""
+    array = np.asarray(actions)
+    if array.dtype.kind not in "iu":
+        raise ValueError(f"actions are integers, not {array.dtype}: {actions!r}")
+    if array.shape != (count,):
+        found = f"{len(array)} actions" if array.ndim == 1 else f"actions of shape {array.shape}"
+        raise ValueError(f"{found} for {count} environment{'s' if count > 1 else ''}")
+    # A column of a matrix is not contiguous.
+    return np.ascontiguousarray(array, np.int64)
+
+
+def check_pictures(render_side: int) -> None:
+    """Refuses a side of pictures that cannot be drawn."""
+    if not 8 <= render_side <= 4096:
+        raise ValueError(f"render_side is {render_side}, not 8 to 4096 pixels")
 
 
 def kitchen_of(kitchen: int | Kitchen) -> Kitchen:

@@ -42,7 +42,7 @@ class Info(TypedDict):
     """What is told beside the observation. A `VectorEnv` has arrays [n], for `target` the index in
     `stillroom.TARGETS`, and no `displacement_m` (ask `VectorEnv.displacement_m(index)`)."""
 
-    state_hash: int
+    state_hash: np.uint64
     """64 bits: equal for equal states. The same seed, episode and actions give the same hashes as in training."""
     episode_number: int
     """Number of the episode. (`episode` is the key of Gymnasium's and Stable-Baselines3's statistics.)"""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stillroom._stillroom import Batch, Kitchen, Snapshot
 from stillroom._stillroom import kitchens as kitchens_of
 from stillroom.env import moved
-from stillroom.spaces import choice_of, kitchen_of, observation_space, settings_of
+from stillroom.spaces import actions_of, check_pictures, choice_of, kitchen_of, observation_space, settings_of
 from stillroom.types import Observation, RewardParts, State
 
 
@@ -40,8 +40,8 @@ class VectorEnv(gymnasium.vector.VectorEnv):
         self,
         num_envs: int = 1,
         *,
-        kitchens: int | str | Sequence[int | Kitchen] = "train",
-        scenes: Sequence[str | PathLike[str]] | None = None,
+        kitchens: int | str | Kitchen | Sequence[int | Kitchen] = "train",
+        scenes: str | PathLike[str] | Sequence[str | PathLike[str]] | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         copy: bool = False,
@@ -62,8 +62,8 @@ class VectorEnv(gymnasium.vector.VectorEnv):
 
         Args:
             num_envs: number of environments.
-            kitchens: a split ("train", "validation", "test"), a number, or a list of numbers or `Kitchen`s.
-            scenes: TOML files of scenes of your own, instead of kitchens.
+            kitchens: a split ("train", "validation", "test"), a number or a `Kitchen`, or a list of them.
+            scenes: TOML file of a scene of your own, or a list of them, instead of kitchens.
             autoreset_mode: `NextStep`, `SameStep` or `Disabled`, as Gymnasium defines them; it is in
                 `metadata["autoreset_mode"]`.
             threads: threads that step; by default one for each processor that this process may use.
@@ -95,10 +95,13 @@ class VectorEnv(gymnasium.vector.VectorEnv):
         self.action_names: list[str] = self._settings.actions
         """Names of the actions."""
         self._reward = reward if callable(reward) else None
-        rooms = _kitchens(kitchens, scenes)
-        self.kitchens: list[Kitchen] = [rooms[index % len(rooms)] for index in range(num_envs)]
+        check_pictures(render_side)
+        if num_envs < 1 or (threads is not None and threads < 0):
+            raise ValueError(f"num_envs is {num_envs} and threads {threads}: at least one of each is needed")
+        rooms, count = _kitchens(kitchens, scenes, num_envs)
+        self.kitchens: list[Kitchen] = [rooms[index % count] for index in range(num_envs)]
         """The kitchen of each environment."""
-        numbers = [index // len(rooms) for index in range(num_envs)]
+        numbers = [index // count for index in range(num_envs)]
         threads = threads or len(os.sched_getaffinity(0))
         self.batch = Batch(self._settings, self.kitchens, numbers, self.autoreset_mode.value, threads)
         self.single_observation_space = observation_space(self._settings, depth=depth, frame_side=frame_side)
@@ -155,9 +158,9 @@ class VectorEnv(gymnasium.vector.VectorEnv):
         """
         if not self._begun:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        rewards, terminated, truncated, done, now, was_reset, last = self.batch.step(np.asarray(actions, np.int64))
+        rewards, terminated, truncated, done, now, was_reset, last = self.batch.step(actions_of(actions, self.num_envs))
         if self._reward is not None:
-            rewards = np.where(was_reset, 0.0, np.asarray(self._reward(done["reward_parts"]), np.float64))
+            rewards = np.where(was_reset, 0.0, self._own_reward(done["reward_parts"]))
         infos = self._infos(now)
         if last:
             ended = np.logical_or(terminated, truncated)
@@ -196,6 +199,15 @@ class VectorEnv(gymnasium.vector.VectorEnv):
         self._begun = True
         return self._observations(), self._infos(facts)
 
+    def _own_reward(self, parts: RewardParts) -> NDArray[np.float64]:
+        assert self._reward is not None
+        rewards = self._reward(parts)
+        array = np.full(0, 0.0) if rewards is None else np.asarray(rewards, np.float64)
+        if array.shape not in ((), (self.num_envs,)):
+            what = "None" if rewards is None else f"an array of shape {array.shape}"
+            raise ValueError(f"the reward function returned {what}, not one number for each of {self.num_envs} environments")
+        return array
+
     def _observations(self) -> Observation:
         if self.copy:
             return {name: array.copy() for name, array in self._views.items()}  # type: ignore[return-value]
@@ -213,16 +225,26 @@ def _masked(facts: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
 
 
 def _kitchens(
-    kitchens: int | str | Sequence[int | Kitchen], scenes: Sequence[str | PathLike[str]] | None
-) -> list[Kitchen]:
+    kitchens: int | str | Kitchen | Sequence[int | Kitchen],
+    scenes: str | PathLike[str] | Sequence[str | PathLike[str]] | None,
+    num_envs: int,
+) -> tuple[list[Kitchen], int]:
+    """The kitchens that so many environments are in, and how many are in the list: what is not used is not built."""
     if scenes is not None:
-        rooms = [Kitchen(scene=scene, scene_index=index) for index, scene in enumerate(scenes)]
-    elif isinstance(kitchens, str):
-        rooms = [Kitchen(number) for number in kitchens_of(kitchens)]
-    elif isinstance(kitchens, int):
-        rooms = [Kitchen(kitchens)]
+        if kitchens != "train":
+            raise ValueError("give either kitchens or scenes")
+        paths = [scenes] if isinstance(scenes, str | PathLike) else list(scenes)
+        rooms = [Kitchen(scene=scene, scene_index=index) for index, scene in enumerate(paths[:num_envs])]
+        count = len(paths)
     else:
-        rooms = [kitchen_of(kitchen) for kitchen in kitchens]
+        if isinstance(kitchens, str):
+            chosen: list[int | Kitchen] = list(kitchens_of(kitchens))
+        elif isinstance(kitchens, int | np.integer | Kitchen):
+            chosen = [kitchens]
+        else:
+            chosen = list(kitchens)
+        rooms = [kitchen_of(kitchen) for kitchen in chosen[:num_envs]]
+        count = len(chosen)
     if not rooms:
         raise ValueError("give at least one kitchen or scene")
-    return rooms
+    return rooms, count
