@@ -2,8 +2,9 @@
 
     python3 deploy/release/pack.py --programs target/release --wheels target/wheels --out target/dist
 
-`make dist` calls it with programs that are linked for an older glibc; symbols.py is asked whether they are. Prints what
-keeps the files from being a release. The same programs give the same bytes. Standard library only, Python 3.8 or newer.
+`make dist` calls it with programs that are linked for an older glibc; symbols.py is asked whether all that is packed is.
+Prints what keeps the files from being a release. The same programs give the same bytes. Standard library only, Python
+3.8 or newer.
 """
 
 import argparse
@@ -16,8 +17,10 @@ import subprocess
 import sys
 import tarfile
 import tempfile
+import zipfile
 from pathlib import Path
 
+import changelog
 import parts
 import symbols
 
@@ -72,9 +75,6 @@ def stage(programs, folder, glibc):
         shutil.copy2(programs / name, folder / name)
         run("strip", folder / name)
         cut_run_path(folder / name)
-    found = [finding for name in PROGRAMS for finding in symbols.findings(folder / name, glibc)]
-    if found:
-        raise Failed("\ndist: error: ".join(found))
     for name in TEXTS:
         shutil.copy2(ROOT / name, folder)
     for name in FOLDERS:
@@ -91,6 +91,23 @@ def stage(programs, folder, glibc):
     for shell, place in COMPLETIONS.items():
         (folder / "share" / place).parent.mkdir(parents=True)
         (folder / "share" / place).write_text(run(folder / "orchestrator", "completions", shell))
+
+
+def unpack(wheel, work):
+    """The files of a wheel, in a folder of its name."""
+    folder = Path(work) / wheel.stem
+    with zipfile.ZipFile(wheel) as packed:
+        packed.extractall(folder)
+    if not symbols.compiled(folder):
+        raise Failed(f"{wheel.name} has no compiled module in it")
+    return folder
+
+
+def check(folders, glibc):
+    """Fails where anything compiled in these folders needs more than a release promises."""
+    compiled = [path for folder in folders for path in symbols.compiled(folder)]
+    if found := [finding for path in compiled for finding in symbols.findings(path, glibc)]:
+        raise Failed("\ndist: error: ".join(found))
 
 
 def made_at():
@@ -125,19 +142,18 @@ def digest(path):
     return found.hexdigest()
 
 
-def reservations(said, number):
+def reservations(said, number, text):
     """What keeps these files from being a release."""
     found = []
     if "+changes" in said:
         found.append("the sources were changed after the commit: commit, and make it again")
     if "(" not in said:
         found.append("the commit is not known: build in a checkout, with make")
-    if not re.search(rf"^## {re.escape(number)} ", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE):
-        found.append(f"CHANGELOG.md has no section '## {number} (DATE)'")
-    return found
+    return found + changelog.reservations(text, number)
 
 
-def pack(programs, wheels, out, glibc):
+def pack(programs, wheels, out, glibc, text):
+    """`text` is the changelog's."""
     number = version()
     name = f"stillroom-{number}"
     out.mkdir(parents=True, exist_ok=True)
@@ -145,21 +161,25 @@ def pack(programs, wheels, out, glibc):
         if path.name.startswith("stillroom-") or path.name == "SHA256SUMS":
             path.unlink()
     data = parts.metadata()
+    made = sorted(wheels.glob(f"{name}-*.whl")) if wheels else []
     with tempfile.TemporaryDirectory(dir=out) as work:
         folder = Path(work) / name
         stage(programs, folder, glibc)
         (folder / "THIRD-PARTY.txt").write_text(parts.licences(data))
         said = run(folder / "orchestrator", "--version").strip()
+        check([folder, *(unpack(wheel, work) for wheel in made)], glibc)
         archive(folder, out / f"{name}-x86_64-linux-{f'glibc{glibc}' if glibc else 'as-built'}.tar.gz")
     parts.write_bill(data, out / f"{name}.cdx.json")
-    for wheel in sorted(wheels.glob(f"{name}-*.whl")) if wheels else []:
+    if notes := changelog.notes(text, number):
+        (out / f"{name}.notes.md").write_text(notes)
+    for wheel in made:
         shutil.copy2(wheel, out)
     files = sorted(path for path in out.iterdir() if path.name.startswith(name))
     (out / "SHA256SUMS").write_text("".join(f"{digest(path)}  {path.name}\n" for path in files))
     print(f"dist: {said}")
     for path in [*files, out / "SHA256SUMS"]:
         print(f"dist: {path} ({path.stat().st_size / 1e6:.1f} MB)")
-    found = reservations(said, number)
+    found = reservations(said, number, text)
     for reservation in found:
         print(f"dist: not a release: {reservation}", file=sys.stderr)
     return 1 if found and os.environ.get("STRICT") else 0
@@ -172,9 +192,12 @@ def main():
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--glibc", default=symbols.GLIBC)
     parser.add_argument("--as-built", action="store_true", help="programs that are linked for this machine, for a test")
+    parser.add_argument("--changelog", type=Path, default=changelog.CHANGELOG)
     arguments = parser.parse_args()
+    glibc = None if arguments.as_built else arguments.glibc
     try:
-        sys.exit(pack(arguments.programs, arguments.wheels, arguments.out, None if arguments.as_built else arguments.glibc))
+        text = arguments.changelog.read_text()
+        sys.exit(pack(arguments.programs, arguments.wheels, arguments.out, glibc, text))
     except (Failed, OSError) as failure:
         sys.exit(f"dist: error: {failure}")
 

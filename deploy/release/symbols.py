@@ -10,6 +10,7 @@ import argparse
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 GLIBC = "2.28"
 # What is on every system with glibc 2.28: GCC 8's libraries. libtorch 2.11 itself needs no more.
@@ -31,6 +32,17 @@ def readelf(option, path):
 
 def numbers(version):
     return tuple(int(part) for part in version.split("."))
+
+
+def compiled(folder):
+    """All programs and libraries in a folder."""
+    files = sorted(path for path in Path(folder).rglob("*") if path.is_file() and not path.is_symlink())
+    return [path for path in files if is_elf(path)]
+
+
+def is_elf(path):
+    with path.open("rb") as file:
+        return file.read(4) == b"\x7fELF"
 
 
 def needed_versions(path):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gymnasium
 
+import stillroom._processor  # noqa: F401  # before the compiled module, which would die of an illegal instruction
 from stillroom._stillroom import ACTIONS, FRAME_SIDE, TARGETS, Kitchen, Snapshot, __version__, kitchens
 from stillroom.checkpoint import Checkpoint, CheckpointError, load
 from stillroom.env import ArmPointNav

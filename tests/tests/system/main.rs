@@ -26,6 +26,7 @@ mod strangers;
 mod suite;
 mod tables;
 mod terminal;
+mod unsuited;
 mod view;
 mod view_beside;
 mod view_page;

@@ -60,6 +60,106 @@ fn a_program_that_needs_more_than_promised_is_named() {
     assert!(!built.success && built.stderr.contains("a folder of the machine that built it"), "{}", built.stderr);
 }
 
+/// A library that asks glibc for `planted`, a function of glibc 2.34, whatever glibc this machine has.
+fn planted(workshop: &Workshop) -> PathBuf {
+    let folder = workshop.path("planted");
+    std::fs::create_dir(&folder).expect("a folder");
+    for (file, text) in [
+        ("libc.c", "void planted(void) {}\n"),
+        ("libc.map", "GLIBC_2.34 { global: planted; };\n"),
+        ("newer.c", "void planted(void);\nvoid call(void) { planted(); }\n"),
+    ] {
+        std::fs::write(folder.join(file), text).expect("a file");
+    }
+    for arguments in
+        ["-Wl,-soname,libc.so.6 -Wl,--version-script=libc.map -o libc.so.6 libc.c", "-o newer.so newer.c ./libc.so.6"]
+    {
+        let mut compile = command("cc", &folder);
+        compile.args(["-shared", "-nostdlib", "-fPIC"]).args(arguments.split(' '));
+        let printed = complete(compile);
+        assert!(printed.success, "{}", printed.stderr);
+    }
+    folder.join("newer.so")
+}
+
+#[test]
+fn a_file_that_needs_a_newer_glibc_is_not_packed() {
+    let workshop = Workshop::new();
+    let newer = planted(&workshop);
+    let name = newer.display().to_string();
+    let symbols = |glibc: &str| python("symbols.py", &["--glibc", glibc, &name], &workshop.path("."));
+    assert!(symbols("2.34").success && !symbols("2.33").success);
+
+    // As a program, and as the module in a wheel.
+    let programs = workshop.path("programs");
+    std::fs::create_dir(&programs).expect("a folder");
+    for program in ["orchestrator", "learner"] {
+        std::os::unix::fs::symlink(binary(program), programs.join(program)).expect("a link");
+    }
+    std::fs::copy(&newer, programs.join("actor")).expect("a copy");
+    let wheels = workshop.path("wheels");
+    std::fs::create_dir(&wheels).expect("a folder");
+    let wheel = wheels.join(format!("stillroom-{}-cp310-abi3-manylinux_2_28_x86_64.whl", env!("CARGO_PKG_VERSION")));
+    let mut zip = command("python3", newer.parent().expect("a folder"));
+    zip.args(["-m", "zipfile", "-c"]).arg(&wheel).arg("newer.so");
+    assert!(complete(zip).success);
+    let out = workshop.path("dist");
+    let folders = [&programs, &wheels, &out].map(|folder| folder.display().to_string());
+    let arguments = ["--programs", &folders[0], "--wheels", &folders[1], "--out", &folders[2], "--glibc", "2.28"];
+    let printed = python("pack.py", &arguments, &workshop.path("."));
+    assert!(!printed.success);
+    for file in [format!("stillroom-{}/actor", env!("CARGO_PKG_VERSION")), "_x86_64/newer.so".to_owned()] {
+        let finding = format!("{file} needs GLIBC_2.34 of libc.so.6, newer than GLIBC_2.28: planted");
+        assert!(printed.stderr.contains(&finding), "{finding}: {}", printed.stderr);
+    }
+    assert_eq!(std::fs::read_dir(&out).expect("a folder").count(), 0, "nothing of a release is left");
+}
+
+#[test]
+fn a_release_takes_its_notes_from_the_changelog_and_needs_them() {
+    let workshop = Workshop::new();
+    let file = workshop.path("CHANGELOG.md");
+    let notes = |version: &str, text: &str| {
+        std::fs::write(&file, text).expect("a file");
+        python("changelog.py", &[version, &file.display().to_string()], &workshop.path("."))
+    };
+    let two =
+        "# Changelog\n\n## [Unreleased]\n\n## [0.2.0] - 2026-12-01\n\n- New.\n\n## [0.1.0] - 2026-11-23\n\n- Old.\n";
+    let printed = notes("0.2.0", two);
+    assert!(printed.success, "{}", printed.stderr);
+    assert_eq!(printed.stdout, "## [0.2.0] - 2026-12-01\n\n- New.\n");
+    for (version, text, said) in [
+        ("0.3.0", two.to_owned(), "no section '## [0.3.0] - YEAR-MONTH-DAY'"),
+        // A dot is a dot.
+        ("0.2", two.to_owned(), "no section '## [0.2] - "),
+        ("0.1.0", two.replace("- Old.\n", ""), "nothing stands below it"),
+        ("0.2.0", two.replace(" - 2026-12-01", ""), "no section '## [0.2.0] - "),
+        ("0.2.0", two.replace("## [Unreleased]\n", "## [Unreleased]\n\n- Newest.\n"), "lists changes as unreleased"),
+    ] {
+        let printed = notes(version, &text);
+        assert!(!printed.success && printed.stderr.contains(said), "{said}: {}", printed.stderr);
+    }
+
+    // What packs says the same; with STRICT it is an error.
+    let programs = binary("orchestrator").parent().expect("a folder").to_owned();
+    let pack = |strict: &str| {
+        let mut pack = command("python3", &workshop.path("."));
+        pack.arg(root().join("deploy/release/pack.py")).arg("--as-built").env("STRICT", strict);
+        pack.arg("--programs").arg(&programs).arg("--changelog").arg(&file).arg("--out").arg(workshop.path("dist"));
+        complete(pack)
+    };
+    let version = env!("CARGO_PKG_VERSION");
+    std::fs::write(&file, two.replace("0.1.0", "9.9.9").replace("0.2.0", "9.9.8")).expect("a file");
+    let printed = pack("yes");
+    let said = format!("not a release: CHANGELOG.md has no section '## [{version}]");
+    assert!(!printed.success && printed.stderr.contains(&said), "{}", printed.stderr);
+    std::fs::write(&file, two.replace("0.2.0", version)).expect("a file");
+    let printed = pack("");
+    assert!(printed.success && !printed.stderr.contains("CHANGELOG.md"), "{}", printed.stderr);
+    let written = std::fs::read_to_string(workshop.path("dist").join(format!("stillroom-{version}.notes.md")));
+    assert_eq!(written.expect("a file"), format!("## [{version}] - 2026-12-01\n\n- New.\n"));
+}
+
 #[test]
 fn an_archive_holds_all_that_a_machine_needs_and_its_programs_run() {
     let workshop = Workshop::new();
@@ -67,7 +167,10 @@ fn an_archive_holds_all_that_a_machine_needs_and_its_programs_run() {
     let mut check = command("sha256sum", &out);
     check.args(["--check", "--strict", "SHA256SUMS"]);
     let checked = complete(check);
-    assert!(checked.success && checked.stdout.lines().count() == 2, "{}{}", checked.stdout, checked.stderr);
+    // The archive, the bill of materials, and the notes where this version is in the changelog.
+    let files = std::fs::read_dir(&out).expect("a folder").count() - 1;
+    assert!((2..=3).contains(&files));
+    assert!(checked.success && checked.stdout.lines().count() == files, "{}{}", checked.stdout, checked.stderr);
 
     let version = env!("CARGO_PKG_VERSION");
     let name = format!("stillroom-{version}");

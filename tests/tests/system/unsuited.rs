@@ -1,0 +1,68 @@
+//! Machines that cannot build or run it: each is told why, in a sentence.
+
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use system_tests::{Printed, Workshop, binary, complete};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().expect("a checkout")
+}
+
+/// Set-up of this checkout on a machine whose `uname` prints something else.
+fn set_up_on(system: &str, machine: &str) -> Printed {
+    let workshop = Workshop::new();
+    let uname = workshop.path("uname");
+    let script = format!("#!/bin/sh\ncase $1 in -s) echo {system} ;; -m) echo {machine} ;; *) exit 2 ;; esac\n");
+    std::fs::write(&uname, script).expect("a file");
+    std::fs::set_permissions(&uname, std::fs::Permissions::from_mode(0o755)).expect("a mode");
+    let path = std::env::var("PATH").expect("a PATH");
+    let mut command = Command::new(root().join("deploy/setup"));
+    command.env("PATH", format!("{}:{path}", workshop.path(".").display())).env_remove("LIBTORCH");
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    complete(command)
+}
+
+#[test]
+fn set_up_says_on_arm_and_on_macos_what_is_needed() {
+    for (system, machine) in [("Linux", "aarch64"), ("Darwin", "arm64"), ("Darwin", "x86_64")] {
+        let printed = set_up_on(system, machine);
+        let sentence = format!(
+            "setup: error: this is {system} on {machine}; Stillroom's programs are for 64-bit x86 Linux only, because \
+             libtorch is pinned for it. Use such a machine, or a container on one; the Python package alone ('make \
+             python') needs no libtorch.\n"
+        );
+        assert!(!printed.success && printed.stderr == sentence, "{}", printed.stderr);
+    }
+}
+
+/// A program under QEMU's emulation of a processor, None where there is no QEMU.
+fn under_processor(processor: &str, program: &Path) -> Option<Printed> {
+    let mut command = Command::new("qemu-x86_64");
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    if command.arg("--version").status().is_err() {
+        eprintln!("skipped: qemu-x86_64 is not installed (Debian: apt-get install qemu-user)");
+        return None;
+    }
+    let mut command = Command::new("qemu-x86_64");
+    command.args(["-cpu", processor]).arg(program).arg("--version");
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    Some(complete(command))
+}
+
+#[test]
+fn every_program_says_that_a_processor_has_no_avx2() {
+    for program in ["orchestrator", "actor", "learner"] {
+        // Of 2008, without AVX; of 2011, with AVX alone.
+        for processor in ["Nehalem", "SandyBridge"] {
+            let Some(printed) = under_processor(processor, &binary(program)) else { return };
+            assert!(!printed.success && printed.stdout.is_empty(), "{program}: {}", printed.stdout);
+            let lines: Vec<_> = printed.stderr.lines().filter(|line| !line.starts_with("qemu")).collect();
+            assert!(
+                matches!(lines[..], [line] if line.starts_with("error: this processor has no AVX2, FMA or BMI2")),
+                "{program}: {}",
+                printed.stderr
+            );
+        }
+    }
+}
