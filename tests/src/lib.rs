@@ -20,6 +20,7 @@ pub use viewer::{Answer, Viewer};
 
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
+use std::io::Write;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -67,6 +68,13 @@ pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
         assert!(begun.elapsed() < DEADLINE, "not within {} s: {what}", DEADLINE.as_secs());
         std::thread::sleep(Duration::from_millis(20));
     }
+}
+
+/// Says something about a test that passes: that it is skipped, or what it does without. What the macros print of such a
+/// test is not shown.
+pub fn tell(text: &str) {
+    let test = std::thread::current();
+    let _ = writeln!(std::io::stderr(), "{}: {text}", test.name().unwrap_or("test"));
 }
 
 /// Path of one of our binaries.

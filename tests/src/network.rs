@@ -1,7 +1,7 @@
 //! Hosts as network namespaces of this machine, each with a cable to a switch. A cable can be cut and mended; a switch can
 //! delay and lose packets. Nobody needs to be root where users may make namespaces of their own.
 
-use crate::{is_held, wait_until};
+use crate::{is_held, tell, wait_until};
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
@@ -44,7 +44,7 @@ impl Network {
     /// So many hosts. None where this user or this container may not make them; then it says so.
     pub fn new(hosts: u32, quality: Option<Quality>) -> Option<Self> {
         Self::make(hosts, quality)
-            .inspect_err(|reason| eprintln!("skipped: no network of namespaces here: {reason}"))
+            .inspect_err(|reason| tell(&format!("skipped: no network of namespaces here: {reason}")))
             .ok()
     }
 
@@ -52,11 +52,12 @@ impl Network {
         let middle = held(Command::new("unshare").args(["--user", "--map-root-user", "--net"]))?;
         let hosts = (0..count).map(|_| held(inside(&middle).args(["unshare", "--net"]))).collect::<Result<_, _>>()?;
         let mut network = Self { hosts, carrier: None, middle };
-        let netem = quality.map(|quality| network.has_netem(quality));
-        if let (Some(quality), Some(false)) = (quality, netem) {
-            network.connect_by_program(quality)?;
-        } else {
-            network.connect_by_cables(quality)?;
+        match quality.map(|quality| (quality, network.try_netem(quality))) {
+            Some((quality, Err(reason))) => {
+                tell(&format!("netem: not in this kernel ({reason}): a program delays and loses the packets"));
+                network.connect_by_program(quality)?;
+            }
+            _ => network.connect_by_cables(quality)?,
         }
         for (host, namespace) in network.hosts.iter().enumerate() {
             ip(namespace, &["addr", "add", &format!("{}/24", Self::address(host)), "dev", "eth0"])?;
@@ -107,12 +108,9 @@ impl Network {
     }
 
     /// Whether this kernel delays and loses packets by itself.
-    fn has_netem(&self, quality: Quality) -> bool {
-        let made = run(inside(&self.middle).args(netem("lo", quality))).is_ok();
-        if made {
-            let _ = run(inside(&self.middle).args(["tc", "qdisc", "del", "dev", "lo", "root"]));
-        }
-        made
+    fn try_netem(&self, quality: Quality) -> Result<(), String> {
+        run(inside(&self.middle).args(netem("lo", quality)))?;
+        run(inside(&self.middle).args(["tc", "qdisc", "del", "dev", "lo", "root"]))
     }
 
     /// A host's address.

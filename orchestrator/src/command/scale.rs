@@ -71,7 +71,7 @@ pub fn run(args: &ScaleArgs) -> Result<()> {
     let begin = Instant::now();
     loop {
         log.show();
-        if let Some(ScaleRequest { refused: Some(reason), .. }) = ScaleRequest::read(&folder)? {
+        if let Some(reason) = ScaleRequest::read(&folder)?.and_then(|found| found.answers(&request)) {
             ScaleRequest::remove(&folder);
             bail!("{root} keeps its number of actors: {reason}");
         }

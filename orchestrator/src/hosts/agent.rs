@@ -55,8 +55,8 @@ pub struct Agent {
 enum Ended {
     /// So does the job: exit status, and a sentence about it.
     Over(u8, String),
-    /// The next start follows.
-    Again,
+    /// The next start follows. What host 0 waits for then.
+    Again(Patience),
 }
 
 /// What comes over the link.
@@ -67,12 +67,15 @@ impl Agent {
     pub fn run(self) -> Result<ExitCode> {
         let mut signals = None;
         let mut found = self.knock(self.patience.joining)?;
+        // Host 0 replies when all others have come.
+        let mut reply = 2 * self.patience.joining;
         loop {
-            let (status, text) = match self.take_part(found, &mut signals)? {
+            let (status, text) = match self.take_part(found, reply, &mut signals)? {
                 Ended::Over(status, text) => (status, text),
-                Ended::Again => match self.knock(self.patience.lost) {
+                Ended::Again(patience) => match self.knock(patience.lost) {
                     Ok(again) => {
                         found = again;
+                        reply = patience.lost + patience.silence();
                         continue;
                     }
                     Err(error) => (EXIT_HOST_LOST as u8, format!("host 0 was lost between two starts: {error:#}")),
@@ -83,10 +86,15 @@ impl Agent {
         }
     }
 
-    /// Takes part in one start.
-    fn take_part(&self, (mut stream, own): (TcpStream, IpAddr), signals: &mut Option<Signals>) -> Result<Ended> {
+    /// Takes part in one start, to which host 0 invites within `reply`.
+    fn take_part(
+        &self,
+        (mut stream, own): (TcpStream, IpAddr),
+        reply: Duration,
+        signals: &mut Option<Signals>,
+    ) -> Result<Ended> {
         let deadline = Instant::now() + 2 * self.patience.joining;
-        let reply = match receive(&mut stream, REPLY, deadline) {
+        let reply = match receive(&mut stream, REPLY, Instant::now() + reply) {
             Ok(reply) => reply,
             Err(error) => {
                 return Ok(Ended::Over(EXIT_HOST_LOST as u8, format!("host 0 did not begin: {error}")));
@@ -294,7 +302,7 @@ impl Work<'_> {
             tokio::select! {
                 heard = self.orders.recv() => match heard {
                     Some(Ok(Order::Dismiss { status, text })) => return Ok(Ended::Over(status, text)),
-                    Some(Ok(Order::Again)) => return Ok(Ended::Again),
+                    Some(Ok(Order::Again)) => return Ok(Ended::Again(patience)),
                     Some(Ok(order)) => self.obey(&order)?,
                     lost => {
                         let why = lost.and_then(Result::err).unwrap_or_else(|| "the link has ended".to_owned());

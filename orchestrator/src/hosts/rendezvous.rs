@@ -96,8 +96,14 @@ pub struct Invitation {
 
 /// Hosts that did not come, or cannot take part.
 #[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub struct Incomplete(String);
+pub enum Incomplete {
+    /// They did not come, or went away.
+    #[error("{0}")]
+    Missing(String),
+    /// One says that it cannot.
+    #[error("host {0} cannot take part: {1}")]
+    Refuses(u32, String),
+}
 
 /// The door.
 #[derive(Debug)]
@@ -166,7 +172,7 @@ impl Rendezvous {
         let mut others = Vec::new();
         for (host, mut stream) in self.admit_all(joining)? {
             let name = stream.peer_addr().map_or_else(|_| "unknown".to_owned(), |address| address.ip().to_string());
-            let gone = |error| Incomplete(format!("host {host} ({name}) was lost at the start: {error}"));
+            let gone = |error| Incomplete::Missing(format!("host {host} ({name}) was lost at the start: {error}"));
             stream.set_write_timeout(Some(self.patience.silence())).map_err(gone)?;
             send(&mut stream, &reply).map_err(gone)?;
             files.iter().try_for_each(|(_, bytes)| send_bytes(&stream, bytes)).map_err(gone)?;
@@ -221,7 +227,7 @@ impl Rendezvous {
             if Instant::now() >= deadline {
                 let missing: Vec<_> = (1..self.hosts).filter(|host| !guests.contains_key(host)).collect();
                 let missing = missing.iter().map(|host| format!("host {host}")).collect::<Vec<_>>().join(", ");
-                bail!(Incomplete(format!(
+                bail!(Incomplete::Missing(format!(
                     "{missing} of {} hosts did not come within {} s (--join-deadline)",
                     self.hosts,
                     patience.as_secs()
@@ -275,14 +281,16 @@ impl Rendezvous {
             match inbox.try_recv() {
                 Ok((_, Heard::Said(Word::Ready))) => ready += 1,
                 Ok((host, Heard::Said(Word::Refused(reason)))) => {
-                    bail!(Incomplete(format!("host {host} cannot take part: {reason}")))
+                    bail!(Incomplete::Refuses(host, reason))
                 }
                 Ok((host, Heard::Lost(reason))) => {
-                    bail!(Incomplete(format!("host {host} was lost at the start: {reason}")))
+                    bail!(Incomplete::Missing(format!("host {host} was lost at the start: {reason}")))
                 }
                 Ok((host, asked @ Heard::Said(Word::Stop { .. } | Word::Interrupt))) => early.push_back((host, asked)),
                 Ok((_, Heard::Said(_))) => {}
-                Err(_) if Instant::now() >= deadline => bail!(Incomplete("not all hosts are ready in time".to_owned())),
+                Err(_) if Instant::now() >= deadline => {
+                    bail!(Incomplete::Missing("not all hosts are ready in time".to_owned()))
+                }
                 Err(_) => std::thread::sleep(LOOK),
             }
         }

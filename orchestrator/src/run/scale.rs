@@ -1,7 +1,7 @@
 //! What `orchestrator scale` asks of the orchestrator that runs: a file of the run folder, which that one looks for.
 
 use crate::showing::format::counted;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use proto::bounded;
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
@@ -42,6 +42,13 @@ impl ScaleRequest {
         }
     }
 
+    /// Why `asked` cannot be, if this says so. Another command may ask at the same time, and has an answer of its own.
+    pub fn answers(self, asked: &Self) -> Option<String> {
+        let Self { refused, .. } = &self;
+        let answer = Self { refused: refused.clone(), ..asked.clone() };
+        if self == answer { self.refused } else { None }
+    }
+
     /// Removes it.
     pub fn remove(folder: &RunFolder) {
         match std::fs::remove_file(folder.scale_request()) {
@@ -53,8 +60,8 @@ impl ScaleRequest {
     }
 
     /// Takes what is asked of this start, if it can be; what cannot be is answered in the file. `next`: the first rollout
-    /// that has not begun.
-    pub fn take(folder: &RunFolder, incarnation: u32, config: &Config, next: u64) -> Option<Self> {
+    /// that has not begun; none where this start is being ended already.
+    pub fn take(folder: &RunFolder, incarnation: u32, config: &Config, next: Option<u64>) -> Option<Self> {
         let request = match Self::read(folder) {
             Ok(found) => found?,
             Err(error) => {
@@ -82,11 +89,14 @@ impl ScaleRequest {
         Some(request)
     }
 
-    fn check(&self, config: &Config, next: u64) -> Result<()> {
+    fn check(&self, config: &Config, next: Option<u64>) -> Result<()> {
         with_actors(config, self.actors)?;
+        let Some(next) = next else {
+            bail!("it is being saved, to end or for a change that was asked for before: ask again when it goes on")
+        };
         match self.at_rollout {
             Some(at) if at < next => {
-                anyhow::bail!("rollout {at} has begun already; the next one that can have another number is {next}")
+                bail!("rollout {at} has begun already; the next one that can have another number is {next}")
             }
             _ => Ok(()),
         }
@@ -116,7 +126,7 @@ mod tests {
         let mut config = Config::resolve("demo", None).unwrap();
         config.actors.count = 4;
         config.learner.count = 2;
-        let take = || ScaleRequest::take(&folder, 3, &config, 7);
+        let take = || ScaleRequest::take(&folder, 3, &config, Some(7));
         assert_eq!(take(), None, "nobody asks");
         request(3, 5, Some(7)).write(&folder).unwrap();
         assert_eq!(take(), Some(request(3, 5, Some(7))));
@@ -136,17 +146,25 @@ mod tests {
         let mut config = Config::resolve("demo", None).unwrap();
         config.actors.count = 4;
         config.learner.count = 2;
-        for (asked, answer) in [
-            (request(3, 1, None), "every learner has actors of its own"),
-            (request(3, 600, None), "must be 1 to 512"),
-            (request(3, 5, Some(6)), "rollout 6 has begun already; the next one that can have another number is 7"),
+        for (asked, next, answer) in [
+            (request(3, 1, None), Some(7), "every learner has actors of its own"),
+            (request(3, 600, None), Some(7), "must be 1 to 512"),
+            (
+                request(3, 5, Some(6)),
+                Some(7),
+                "rollout 6 has begun already; the next one that can have another number is 7",
+            ),
+            (request(3, 5, Some(60)), None, "it is being saved"),
         ] {
             asked.write(&folder).unwrap();
             for _ in 0..2 {
-                assert_eq!(ScaleRequest::take(&folder, 3, &config, 7), None);
+                assert_eq!(ScaleRequest::take(&folder, 3, &config, next), None);
             }
-            let refused = ScaleRequest::read(&folder).unwrap().unwrap().refused.unwrap();
+            let answered = ScaleRequest::read(&folder).unwrap().unwrap();
+            assert_eq!(answered.clone().answers(&request(3, 7, Some(6))), None, "that is another one's");
+            let refused = answered.answers(&asked).unwrap();
             assert!(refused.contains(answer), "{refused}");
         }
+        assert_eq!(request(3, 5, None).answers(&request(3, 5, None)), None, "it has not been looked at");
     }
 }

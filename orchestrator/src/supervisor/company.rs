@@ -195,6 +195,11 @@ impl Company {
         (host, heard)
     }
 
+    /// Whether one of them is gone.
+    pub fn is_short(&self) -> bool {
+        self.others.iter().any(|other| other.lost)
+    }
+
     /// Has all complete their recordings, for which they have `patience`; what is missing, by host.
     pub async fn finish(&mut self, frames: Option<u64>, patience: Duration) -> Vec<String> {
         self.order_all(&Order::Finish { frames });

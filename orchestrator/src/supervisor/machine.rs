@@ -129,6 +129,11 @@ impl Supervisor {
         std::mem::take(&mut self.actions)
     }
 
+    /// Whether a stop or an end is being carried out.
+    pub(super) fn is_stopping(&self) -> bool {
+        self.phase != Phase::Running
+    }
+
     /// Whether there is nothing to train and nothing to save.
     fn evaluates(&self) -> bool {
         self.stages.budget() == 0

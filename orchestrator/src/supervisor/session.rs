@@ -129,7 +129,7 @@ impl Session<'_> {
         let company = together.as_mut().map(|together| &mut together.company);
         let scaled = config.evaluation.is_none().then_some((folder, incarnation));
         let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals, company, scaled };
-        let outcome = shell.supervise(launch, audience).await;
+        let mut outcome = shell.supervise(launch, audience).await;
         fault::reach("orchestrator.before_recorder_finish");
         let saved = outcome.as_ref().ok().and_then(|outcome| outcome.saved.as_ref()).map(|saved| saved.frames);
         let saved = saved.filter(|_| config.evaluation.is_none());
@@ -141,6 +141,12 @@ impl Session<'_> {
         {
             for missing in rest {
                 tracing::error!("{missing}");
+            }
+            if together.company.is_short()
+                && let Ok(Outcome { end: end @ (SessionEnd::Scaled(_) | SessionEnd::Requeued), .. }) = &mut outcome
+            {
+                // It was to go on, and without that host it does not.
+                *end = SessionEnd::HostLost(first.clone());
             }
             recording = recording.and(Err(anyhow::anyhow!("{first}")));
         }

@@ -67,8 +67,14 @@ impl Started {
 enum Next {
     /// The end of the program, with this exit status.
     End(u8),
-    /// Another start, with another number of actors.
-    Start,
+    /// Another start, with another number of actors; what the run had before, if that has changed.
+    Start(Option<Before>),
+}
+
+/// What a change of the number of actors replaces.
+struct Before {
+    config: Config,
+    commanded_actors: Option<u32>,
 }
 
 /// Makes a configuration the run's.
@@ -94,17 +100,17 @@ fn farewell(end: &SessionEnd, recording: &Result<()>) -> String {
 impl TrainingRun {
     /// Runs it and reports; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
-        let mut signals = None;
+        let (mut signals, mut scaled) = (None, None);
         loop {
-            match self.start(&mut signals)? {
+            match self.start(&mut signals, scaled)? {
                 Next::End(status) => return Ok(ExitCode::from(status)),
-                Next::Start => {}
+                Next::Start(before) => scaled = before,
             }
         }
     }
 
-    /// One start of it.
-    fn start(&mut self, signals: &mut Option<Signals>) -> Result<Next> {
+    /// One start of it. `scaled`: what it had, if it is the first with another number of actors.
+    fn start(&mut self, signals: &mut Option<Signals>, scaled: Option<Before>) -> Result<Next> {
         let begin = Instant::now();
         // Before the lines are removed by which it is known how long a killed one lived.
         self.identity.note_signs_of_life(&Wall::signs_of_life(&self.folder)?);
@@ -113,11 +119,11 @@ impl TrainingRun {
         self.identity.write(&self.folder)?;
         match self.session(incarnation, &address, signals) {
             Ok((Outcome { end: SessionEnd::Scaled(actors), saved }, Ok(()), _, together)) => {
-                self.scale(actors, saved)?;
+                let before = self.scale(actors, saved)?;
                 if let Some(together) = together {
                     together.company.order_all(&Order::Again);
                 }
-                Ok(Next::Start)
+                Ok(Next::Start(before))
             }
             Ok((outcome, recording, history, together)) => {
                 let text = farewell(&outcome.end, &recording);
@@ -132,6 +138,9 @@ impl TrainingRun {
                 let incomplete = error.is::<Incomplete>();
                 if incomplete {
                     tracing::error!("{error:#}");
+                }
+                if let (Some(Incomplete::Refuses(..)), Some(before)) = (error.downcast_ref(), scaled) {
+                    self.take_back(before)?;
                 }
                 // The last of all events.
                 events::failed(&self.folder, &self.identity.id, &format!("{error:#}"));
@@ -150,7 +159,7 @@ impl TrainingRun {
 
     /// Notes the end of a start that is followed by one with another number of actors. Where this machine cannot have so
     /// many, the run goes on as it was.
-    fn scale(&mut self, actors: u32, saved: Option<Saved>) -> Result<()> {
+    fn scale(&mut self, actors: u32, saved: Option<Saved>) -> Result<Option<Before>> {
         let before = self.config.actors.count;
         let saved = saved.map(|saved| (saved.frames, saved.weights));
         self.note_end(Ending::Stopped, saved, Some(format!("goes on with {actors} actors instead of {before}")));
@@ -160,18 +169,31 @@ impl TrainingRun {
         });
         match scaled {
             Ok(new) => {
+                let commanded_actors = self.identity.commanded_actors;
                 self.identity.note_scale(before);
                 // First: a launcher's command must not undo it, whatever happens in between.
                 self.identity.write(&self.folder)?;
-                self.config = new;
+                let config = std::mem::replace(&mut self.config, new);
                 events::scaled(before, actors);
-                write_config(&self.folder, &self.config)
+                write_config(&self.folder, &self.config)?;
+                Ok(Some(Before { config, commanded_actors }))
             }
             Err(error) => {
                 tracing::error!("the run goes on with {before} actors, not with {actors}: {error:#}");
-                Ok(())
+                Ok(None)
             }
         }
+    }
+
+    /// Gives the run the number of actors back that it had: a host has no room for the new one, and every start with that
+    /// would end as this one.
+    fn take_back(&mut self, Before { config, commanded_actors }: Before) -> Result<()> {
+        let refused = std::mem::replace(&mut self.config, config).actors.count;
+        let actors = self.config.actors.count;
+        tracing::error!("it will go on with {actors} actors, not with {refused}, when it is started again");
+        write_config(&self.folder, &self.config)?;
+        self.identity.commanded_actors = commanded_actors;
+        self.identity.write(&self.folder)
     }
 
     /// Everything between the note that it began and the note how it ended.

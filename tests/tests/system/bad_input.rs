@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::process::{Command, Stdio};
-use system_tests::{Printed, Workshop, complete, finish, start};
+use system_tests::{Printed, Workshop, complete, finish, start, tell};
 
 /// Fails, says `expected` on standard error, and does not panic.
 fn refused(printed: &Printed, expected: &str) {
@@ -152,7 +152,7 @@ fn a_dev_shm_that_is_too_small() {
     command.stdout(Stdio::piped()).stderr(Stdio::piped());
     let printed = complete(command);
     if printed.stderr.contains("unshare:") || printed.stderr.contains("mount:") {
-        eprintln!("skipped: this machine allows no mount namespaces: {}", printed.stderr);
+        tell(&format!("skipped: this machine allows no mount namespaces: {}", printed.stderr));
         return;
     }
     refused(&printed, "/dev/shm");

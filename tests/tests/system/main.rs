@@ -22,6 +22,8 @@ mod recordings;
 mod release;
 mod same_weights;
 mod scaling;
+mod scaling_hosts;
+mod slurm;
 mod strangers;
 mod suite;
 mod tables;

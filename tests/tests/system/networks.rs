@@ -3,7 +3,8 @@
 //! that is lost, and the same commands go on to the weights of as many learners on one host.
 
 use super::hosts::{Hosts, as_many_on_one_host};
-use std::process::Child;
+use std::io::Read;
+use std::process::{Child, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use system_tests::{Network, Printed, Quality, RecordedSteps, complete, finish, kill, kill_child, start, wait_until};
@@ -153,6 +154,52 @@ fn whoever_is_killed_is_started_again_or_named() {
     network.mend(1);
     wait_until_none_runs(&hosts);
     goes_on(&hosts, on_one_host());
+}
+
+/// What came back of 400 words from host 1 to host 0, and the shortest time that took, ms.
+const ECHO: &str = r#"
+import os, socket, sys, time
+port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+if sys.argv[1] == "answer":
+    port.bind((sys.argv[2], 7000))
+    print("ready", flush=True)
+    while True:
+        port.sendto(*port.recvfrom(64))
+port.settimeout(0.2)
+back, shortest = 0, 1000.0
+for number in range(400):
+    sent = time.monotonic()
+    port.sendto(b"%d" % number, (sys.argv[2], 7000))
+    try:
+        while port.recv(64) != b"%d" % number:
+            pass
+    except TimeoutError:
+        continue
+    back, shortest = back + 1, min(shortest, 1000 * (time.monotonic() - sent))
+print(back, shortest)
+"#;
+
+/// Whatever carries the packets, the kernel or a program: a test on a good network would prove nothing of a bad one.
+#[test]
+fn a_bad_network_is_as_bad_as_it_is_said_to_be() {
+    let quality = Quality { delay_ms: 10.0, jitter_ms: 2.5, loss_percent: 30.0 };
+    let Some(network) = Network::new(2, Some(quality)) else { return };
+    let speaking = |host: usize, role: &str| {
+        let mut command = network.on(host);
+        command.args(["python3", "-c", ECHO, role, &Network::address(0)]);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        start(command)
+    };
+    let mut answering = speaking(0, "answer");
+    let mut ready = [0; 6];
+    answering.stdout.take().expect("a pipe").read_exact(&mut ready).expect("it says that it is ready");
+    let printed = finish(speaking(1, "ask"));
+    drop(kill_child(answering));
+    let words: Vec<f64> = printed.stdout.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+    let [back, shortest_ms] = words[..] else { panic!("{printed:#?}") };
+    // 196 of 400 arrive both ways, more or less 10.
+    assert!((140.0..250.0).contains(&back), "{back} of 400 came back");
+    assert!(shortest_ms >= 15.0, "{shortest_ms} ms there and back");
 }
 
 /// 20 ms there and back, 5 ms more or less, and every hundredth packet is lost.

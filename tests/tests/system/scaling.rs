@@ -16,12 +16,12 @@ const FRAMES: u64 = 1203;
 /// The first learner among processes.
 const LEARNER: &str = "--rank 0 ";
 /// Every start's learner waits in its third update until it is let go: nothing depends on how fast the run is.
-const HOLD: &str = "hold=learner.before_update:3@learner";
+pub const HOLD: &str = "hold=learner.before_update:3@learner";
 /// The first rollouts with other numbers of actors.
 const CHANGES: [(u64, u32); 2] = [(5, 2), (11, 4)];
 
 /// Asks for another number of actors and waits until the orchestrator has taken that.
-fn ask(workshop: &Workshop, run: &Run, name: &str, (rollout, actors): (u64, u32)) -> Child {
+pub fn ask(workshop: &Workshop, run: &Run, name: &str, (rollout, actors): (u64, u32)) -> Child {
     let mut command = workshop.orchestrator(&["scale", name]);
     command.args(["--actors", &actors.to_string(), "--at-rollout", &rollout.to_string()]);
     let asking = start(command);
@@ -167,7 +167,7 @@ fn a_stop_that_reaches_another_host_between_two_starts_is_not_lost() {
     hosts.assert_nothing_left();
 }
 
-fn assert_replays(workshop: &Workshop, name: &str) {
+pub fn assert_replays(workshop: &Workshop, name: &str) {
     let replayed = complete(workshop.orchestrator(&["replay", name]));
     assert!(replayed.success && replayed.stdout.contains("differences: 0"), "{replayed:#?}");
 }
@@ -216,6 +216,45 @@ fn the_number_of_actors_changes_at_a_rollout_and_nothing_is_lost_or_played_twice
     other.assert_nothing_left();
     assert!(RecordedSteps::of(&other).holes().is_empty());
     assert_replays(&workshop, "disturbed");
+}
+
+/// Another command's answer is not taken for one's own, and nothing changes what is being carried out already.
+#[test]
+fn each_of_several_who_ask_hears_its_own_answer() {
+    let workshop = Workshop::new();
+    let mut command = up(&workshop, "asked", 1);
+    // So that it saves for that alone.
+    command.args(["--set", "checkpoint.interval_s=3600"]);
+    command.env("STILLROOM_FAULT", format!("{HOLD},hold=learner.before_checkpoint:2@learner"));
+    let child = start(command);
+    let run = workshop.run("asked");
+    let refused = |rollout: &str, answer: &str| {
+        let words = ["scale", "asked", "--actors", "4", "--at-rollout", rollout];
+        let printed = complete(workshop.orchestrator(&words));
+        assert!(printed.status == Some(1) && printed.stderr.contains(answer), "{printed:#?}");
+    };
+    let learner = run.wait_until_held(LEARNER);
+    let mut asking = ask(&workshop, &run, "asked", CHANGES[0]);
+    // Who looks first is a matter of chance.
+    for _ in 0..6 {
+        refused("1", "rollout 1 has begun already");
+        assert!(asking.try_wait().is_ok_and(|end| end.is_none()), "it waits for what it has asked for");
+    }
+    signal(learner, Signal::CONT);
+    wait_until("it trains", || !is_held(learner));
+    assert_eq!(run.wait_until_held(LEARNER), learner, "it saves");
+    refused("11", "it is being saved");
+    signal(learner, Signal::CONT);
+    let printed = finish(asking);
+    assert!(printed.success && printed.stdout.contains("run ") && printed.stdout.contains("2 actors"), "{printed:#?}");
+    let mut child = child;
+    wait_until("the run is over", || {
+        run.processes(LEARNER).into_iter().filter(|pid| is_held(*pid)).for_each(|pid| signal(pid, Signal::CONT));
+        child.try_wait().is_ok_and(|end| end.is_some())
+    });
+    assert_eq!(finish(child).result().1, FRAMES);
+    let status = complete(workshop.orchestrator(&["status", "asked"])).stdout;
+    assert!(status.contains("from rollout 5 on") && !status.contains("4 actors"), "{status}");
 }
 
 #[test]

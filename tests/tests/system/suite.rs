@@ -3,7 +3,9 @@
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
-use system_tests::{Printed, Run, TINY, Workshop, binary, complete, finish, kill_child, signal, start, wait_until};
+use system_tests::{
+    Printed, Run, TINY, Workshop, binary, complete, finish, kill_child, signal, start, tell, wait_until,
+};
 
 /// Two seeds of the tiny configuration and one run more, each evaluated on 30 episodes.
 fn suite(workshop: &Workshop, frames: u64, more: &str) {
@@ -116,7 +118,7 @@ fn a_run_that_fails_is_said_and_tried_again_and_holds_up_nobody() {
     suite(&workshop, 300, &format!("{gpu}\n{after}"));
     let printed = complete(call(&workshop));
     if state(&workshop)["runs"]["gpu-5"]["status"] == "done" {
-        eprintln!("skipped: this machine has a CUDA device");
+        tell("skipped: this machine has a CUDA device");
         return;
     }
     refused(&printed, "gpu-5 failed: learner.device = \"cuda\"");

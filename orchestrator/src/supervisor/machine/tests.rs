@@ -40,11 +40,6 @@ impl Supervisor {
     pub fn is_over(&self) -> bool {
         self.phase == Phase::Over
     }
-
-    /// True from the moment on when a stop or an end is being carried out.
-    pub fn is_stopping(&self) -> bool {
-        self.phase != Phase::Running
-    }
 }
 
 /// Everything outside the supervisor: processes that live and die, and learners that keep to the protocol.
