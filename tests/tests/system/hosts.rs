@@ -261,7 +261,7 @@ fn strangers_stay_outside_and_whoever_does_not_come_is_named() {
     let arguments: Vec<_> = stranger.get_args().map(ToOwned::to_owned).collect();
     let at = arguments.iter().position(|argument| argument == "60").expect("the deadline");
     stranger = hosts.workshop.orchestrator(&[]);
-    stranger.args(&arguments[..at]).arg("2").args(&arguments[at + 1..]);
+    stranger.args(&arguments[..at]).arg("20").args(&arguments[at + 1..]);
     let refused = complete(stranger);
     assert_eq!(refused.status, Some(1), "{refused:#?}");
     assert!(refused.stderr.contains("does not have this run's token"), "{refused:#?}");
