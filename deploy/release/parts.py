@@ -54,6 +54,8 @@ def linked_into_programs(data):
             is_macro = any("proc-macro" in target["kind"] for target in kinds_of_target)
             if any(kind["kind"] is None for kind in kinds) and not is_macro:
                 links.append(dependency["pkg"])
+        # A stub (stubs/) stands for what is not linked.
+        links = [link for link in links if packages[link]["source"] or link in members]
         found[identity] = sorted(links)
         waiting += links
     return found
@@ -147,7 +149,7 @@ def licences(data):
     texts, silent = {}, []
     for identity in linked_into_programs(data):
         package = packages[identity]
-        # Of this checkout: ours, stubs included.
+        # Of this checkout: ours.
         if package["source"] is None:
             continue
         name = f"{package['name']} {package['version']} ({package.get('license') or 'see its licence file'})"

@@ -44,7 +44,7 @@ pub fn run(options: Options, mut input: impl Read, mut output: impl Write) -> Re
     let larder = Larder::without_thread(&config, Path::new(""));
     let mut environments = Environments::new(larder, Some(kitchen), 0, &config)?;
     let mut slots: Vec<Box<MaybeUninit<Observation>>> = (0..count).map(|_| Box::new_uninit()).collect();
-    let mut actions = vec![0; (count * steps) as usize];
+    let mut actions = vec![0; count as usize * steps as usize];
     loop {
         match input.read_exact(&mut actions) {
             Ok(()) => {}

@@ -170,7 +170,7 @@ impl Shell<'_> {
             requeue: false,
             next_rollout: 0,
             scales_to: None,
-            is_stopping: false,
+            course: Course::GoesOn,
         };
         let mut actions = machine.start(Duration::ZERO);
         fault::reach("orchestrator.before_spawn");
@@ -184,7 +184,9 @@ impl Shell<'_> {
             let now = supervision.now();
             supervision.take_note(now, &event);
             actions = machine.on_event(now, event);
-            supervision.is_stopping = machine.is_stopping();
+            if machine.is_stopping() {
+                supervision.course = Course::Ends;
+            }
         }
     }
 }
@@ -213,8 +215,16 @@ struct Supervision<'a, A> {
     next_rollout: u64,
     /// The number of actors with which the run goes on.
     scales_to: Option<u32>,
-    /// This start is being ended, for whatever reason.
-    is_stopping: bool,
+    course: Course,
+}
+
+/// What becomes of this start.
+#[derive(PartialEq, Eq)]
+enum Course {
+    /// It goes on.
+    GoesOn,
+    /// It is being ended, for whatever reason.
+    Ends,
 }
 
 impl<A: Audience> Supervision<'_, A> {
@@ -390,7 +400,7 @@ impl<A: Audience> Supervision<'_, A> {
     /// Takes what `orchestrator scale` asks for.
     fn look_for_scale(&mut self) {
         let Some((folder, incarnation)) = self.shell.scaled else { return };
-        let next = (!self.is_stopping).then_some(self.next_rollout);
+        let next = (self.course == Course::GoesOn).then_some(self.next_rollout);
         let Some(request) = ScaleRequest::take(folder, incarnation, self.shell.config, next) else { return };
         let ScaleRequest { actors, at_rollout, .. } = request;
         let at = at_rollout.unwrap_or(self.next_rollout);

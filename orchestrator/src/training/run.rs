@@ -68,7 +68,7 @@ enum Next {
     /// The end of the program, with this exit status.
     End(u8),
     /// Another start, with another number of actors; what the run had before, if that has changed.
-    Start(Option<Before>),
+    Start(Option<Box<Before>>),
 }
 
 /// What a change of the number of actors replaces.
@@ -110,7 +110,7 @@ impl TrainingRun {
     }
 
     /// One start of it. `scaled`: what it had, if it is the first with another number of actors.
-    fn start(&mut self, signals: &mut Option<Signals>, scaled: Option<Before>) -> Result<Next> {
+    fn start(&mut self, signals: &mut Option<Signals>, scaled: Option<Box<Before>>) -> Result<Next> {
         let begin = Instant::now();
         // Before the lines are removed by which it is known how long a killed one lived.
         self.identity.note_signs_of_life(&Wall::signs_of_life(&self.folder)?);
@@ -140,7 +140,10 @@ impl TrainingRun {
                     tracing::error!("{error:#}");
                 }
                 if let (Some(Incomplete::Refuses(..)), Some(before)) = (error.downcast_ref(), scaled) {
-                    self.take_back(before)?;
+                    // The host's refusal is the reason that counts.
+                    if let Err(error) = self.take_back(*before) {
+                        tracing::error!("{error:#}");
+                    }
                 }
                 // The last of all events.
                 events::failed(&self.folder, &self.identity.id, &format!("{error:#}"));
@@ -159,7 +162,7 @@ impl TrainingRun {
 
     /// Notes the end of a start that is followed by one with another number of actors. Where this machine cannot have so
     /// many, the run goes on as it was.
-    fn scale(&mut self, actors: u32, saved: Option<Saved>) -> Result<Option<Before>> {
+    fn scale(&mut self, actors: u32, saved: Option<Saved>) -> Result<Option<Box<Before>>> {
         let before = self.config.actors.count;
         let saved = saved.map(|saved| (saved.frames, saved.weights));
         self.note_end(Ending::Stopped, saved, Some(format!("goes on with {actors} actors instead of {before}")));
@@ -176,7 +179,7 @@ impl TrainingRun {
                 let config = std::mem::replace(&mut self.config, new);
                 events::scaled(before, actors);
                 write_config(&self.folder, &self.config)?;
-                Ok(Some(Before { config, commanded_actors }))
+                Ok(Some(Box::new(Before { config, commanded_actors })))
             }
             Err(error) => {
                 tracing::error!("the run goes on with {before} actors, not with {actors}: {error:#}");

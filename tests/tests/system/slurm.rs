@@ -138,7 +138,7 @@ fn a_job_that_saves_nothing_is_not_queued_for_ever() {
         assert_eq!((printed.status, queued), (Some(status), 0), "{printed:#?}");
     }
     let saves = "mkdir -p run/checkpoints && touch run/checkpoints/rollout-0000000";
-    for (status, checkpoint, queued) in [(1, 1, 0), (7, 2, 1), (137, 3, 2), (7, 3, 2)] {
+    for (status, checkpoint, queued) in [(1, 1, 0), (7, 2, 1), (137, 3, 2), (7, 3, 2), (130, 4, 2)] {
         let (printed, all) = ends_with(status, &format!("{saves}{checkpoint}.json"));
         assert_eq!(all, queued, "status {status}, checkpoint {checkpoint}: {printed:#?}");
     }
