@@ -14,23 +14,27 @@ const PACKAGES: [&str; 3] = ["foxglove", "stillroom", "tensorboard"];
 fn compiled(schemas: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut sources = Vec::new();
     for package in PACKAGES {
-        for entry in std::fs::read_dir(schemas.join(package)).unwrap() {
-            sources.push(entry.unwrap().path());
+        for entry in std::fs::read_dir(schemas.join(package)).expect("the schemas are there") {
+            sources.push(entry.expect("a file").path());
         }
     }
     // Directory order differs between machines; the descriptors must not.
     sources.sort();
-    let descriptors = protox::compile(sources, [schemas]).unwrap();
+    let descriptors = protox::compile(sources, [schemas]).expect("schemas that compile");
     let mut files = BTreeMap::from([("descriptors.bin".to_owned(), descriptors.encode_to_vec())]);
-    let out = tempfile::tempdir().unwrap();
-    prost_build::Config::new().btree_map(["."]).out_dir(out.path()).compile_fds(descriptors).unwrap();
+    let out = tempfile::tempdir().expect("a folder");
+    prost_build::Config::new().btree_map(["."]).out_dir(out.path()).compile_fds(descriptors).expect("Rust types");
     files.extend(files_in(out.path()));
     files
 }
 
 fn files_in(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-    let entries = std::fs::read_dir(folder).unwrap().map(Result::unwrap);
-    entries.map(|entry| (entry.file_name().into_string().unwrap(), std::fs::read(entry.path()).unwrap())).collect()
+    let entries = std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("a file"));
+    entries
+        .map(|entry| {
+            (entry.file_name().into_string().expect("a name"), std::fs::read(entry.path()).expect("its contents"))
+        })
+        .collect()
 }
 
 #[test]
@@ -39,10 +43,10 @@ fn compiled_schemas_are_those_of_the_sources() {
     let folder = schemas.join("compiled");
     let files = compiled(&schemas);
     if std::env::var_os("STILLROOM_WRITE_SCHEMAS").is_some() {
-        std::fs::remove_dir_all(&folder).unwrap();
-        std::fs::create_dir(&folder).unwrap();
+        std::fs::remove_dir_all(&folder).expect("it goes");
+        std::fs::create_dir(&folder).expect("a new one");
         for (name, contents) in &files {
-            std::fs::write(folder.join(name), contents).unwrap();
+            std::fs::write(folder.join(name), contents).expect("room for it");
         }
     }
     let kept = files_in(&folder);
