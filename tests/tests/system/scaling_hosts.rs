@@ -37,7 +37,9 @@ fn wait_until_learners_are_held(run: &Run, count: usize) {
 /// Asks for so many actors, and lets the learners get there.
 fn change(hosts: &Hosts, count: usize, actors: u32) -> Child {
     let asking = ask(&hosts.workshop, &hosts.run(), "shared", (ROLLOUT, actors));
-    learners(&hosts.run(), count).into_iter().for_each(|pid| signal(pid, Signal::CONT));
+    for pid in learners(&hosts.run(), count) {
+        signal(pid, Signal::CONT);
+    }
     asking
 }
 
