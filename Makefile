@@ -32,7 +32,7 @@ help:
 	@echo 'make check-determinism   the simulator, built for other processors and in debug, gives the same bits (minutes)'
 	@echo 'make python  build the Python package stillroom: a wheel in target/wheels/, installed in .venv/ (no libtorch)'
 	@echo 'make python-aarch64   the wheel for 64-bit ARM Linux, in target/wheels/aarch64/ (Zig links it: 100 MB, once);'
-	@echo '             not tried: the golden hashes of the simulator alone were seen there (docs/release.md)'
+	@echo '             seen under an emulator, not on a real one (docs/release.md)'
 	@echo 'make dist    the files of a release in target/dist/: an archive of the programs for any Linux with glibc 2.28 and'
 	@echo '             AVX2, the wheel, notes, a bill of materials, checksums; STRICT=yes: what keeps them from being one is'
 	@echo '             an error'
