@@ -54,8 +54,6 @@ def linked_into_programs(data):
             is_macro = any("proc-macro" in target["kind"] for target in kinds_of_target)
             if any(kind["kind"] is None for kind in kinds) and not is_macro:
                 links.append(dependency["pkg"])
-        # A stub (stubs/) stands for what is not linked.
-        links = [link for link in links if packages[link]["source"] or link in members]
         found[identity] = sorted(links)
         waiting += links
     return found
@@ -146,12 +144,12 @@ def bill(data):
 def licences(data):
     """The licence files of all that is linked and is not ours, each text once."""
     packages = {package["id"]: package for package in data["packages"]}
+    members = set(data["workspace_members"])
     texts, silent = {}, []
     for identity in linked_into_programs(data):
-        package = packages[identity]
-        # Of this checkout: ours.
-        if package["source"] is None:
+        if identity in members:
             continue
+        package = packages[identity]
         name = f"{package['name']} {package['version']} ({package.get('license') or 'see its licence file'})"
         folder = Path(package["manifest_path"]).parent
         files = sorted(path for path in folder.iterdir() if path.is_file() and LICENCE.match(path.name))

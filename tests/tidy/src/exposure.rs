@@ -17,9 +17,6 @@ use syn::visit::Visit;
 
 type Names = BTreeSet<String>;
 
-/// Crates in the place of others: their users are not in the tree.
-const STUBS: &str = "stubs/";
-
 /// An item that could be used from outside.
 struct Item {
     file: String,
@@ -38,8 +35,7 @@ struct Item {
 pub(crate) fn findings(targets: &[Target], sources: &Sources) -> Vec<Finding> {
     let words: BTreeMap<&str, Names> = sources.iter().map(|(path, file)| (path.as_str(), words(file))).collect();
     let mut found = vec![];
-    let judged = |target: &&Target| target.kind != Kind::Other && !target.modules[0].file.starts_with(STUBS);
-    for target in targets.iter().filter(judged) {
+    for target in targets.iter().filter(|target| target.kind != Kind::Other) {
         let items = items(target, sources);
         let examples = examples(target, sources);
         let others = targets.iter().filter(|other| other.modules[0].file != target.modules[0].file);

@@ -218,16 +218,6 @@ fn a_public_item_without_a_user_outside_is_found() {
 }
 
 #[test]
-fn the_users_of_a_stub_are_elsewhere() {
-    for (folder, found) in [("stubs/glue", 0), ("glue", 1)] {
-        let mut tree = clean();
-        tree.add(&format!("{folder}/Cargo.toml"), "[package]\nname = \"glue\"\n");
-        tree.add(&format!("{folder}/src/lib.rs"), "//! Glue.\npub fn stick() {}\n");
-        assert_eq!(findings(&tree).len(), found, "in {folder}");
-    }
-}
-
-#[test]
 fn a_test_that_asserts_nothing_is_found() {
     let count = "pub fn count() { assert!(stock::price::price(&stock::Shelf::new(3)) > 0); }";
     let test = |body: &str| format!("//! Till.\n{count}\n#[cfg(test)]\nmod tests {{\n    {body}\n}}\n");
