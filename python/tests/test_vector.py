@@ -182,6 +182,7 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
         ({"kitchens": [1], "scenes": "a.toml"}, "either kitchens or scenes"),
         ({"scenes": "a.toml"}, r"a\.toml: cannot be read"),
         ({"threads": -1}, "at least one of each"),
+        ({"threads": 0}, "at least one of each"),
     ]:
         with pytest.raises(ValueError, match=words):
             stillroom.VectorEnv(1, **arguments)

@@ -96,13 +96,13 @@ class VectorEnv(gymnasium.vector.VectorEnv):
         """Names of the actions."""
         self._reward = reward if callable(reward) else None
         check_pictures(render_side)
-        if num_envs < 1 or (threads is not None and threads < 0):
+        if num_envs < 1 or (threads is not None and threads < 1):
             raise ValueError(f"num_envs is {num_envs} and threads {threads}: at least one of each is needed")
         rooms, count = _kitchens(kitchens, scenes, num_envs)
         self.kitchens: list[Kitchen] = [rooms[index % count] for index in range(num_envs)]
         """The kitchen of each environment."""
         numbers = [index // count for index in range(num_envs)]
-        threads = threads or len(os.sched_getaffinity(0))
+        threads = len(os.sched_getaffinity(0)) if threads is None else threads
         self.batch = Batch(self._settings, self.kitchens, numbers, self.autoreset_mode.value, threads)
         self.single_observation_space = observation_space(self._settings, depth=depth, frame_side=frame_side)
         self.single_action_space = gymnasium.spaces.Discrete(len(self.action_names))
@@ -205,7 +205,9 @@ class VectorEnv(gymnasium.vector.VectorEnv):
         array = np.full(0, 0.0) if rewards is None else np.asarray(rewards, np.float64)
         if array.shape not in ((), (self.num_envs,)):
             what = "None" if rewards is None else f"an array of shape {array.shape}"
-            raise ValueError(f"the reward function returned {what}, not one number for each of {self.num_envs} environments")
+            raise ValueError(
+                f"the reward function returned {what}, not one number for each of {self.num_envs} environments"
+            )
         return array
 
     def _observations(self) -> Observation:
@@ -231,7 +233,7 @@ def _kitchens(
 ) -> tuple[list[Kitchen], int]:
     """The kitchens that so many environments are in, and how many are in the list: what is not used is not built."""
     if scenes is not None:
-        if kitchens != "train":
+        if not (isinstance(kitchens, str) and kitchens == "train"):
             raise ValueError("give either kitchens or scenes")
         paths = [scenes] if isinstance(scenes, str | PathLike) else list(scenes)
         rooms = [Kitchen(scene=scene, scene_index=index) for index, scene in enumerate(paths[:num_envs])]
