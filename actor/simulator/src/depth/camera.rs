@@ -113,7 +113,8 @@ impl DepthCamera {
         depth_mm: &mut [u16],
     ) {
         self.draw_over(backdrop, world_from_bodies, world_from_camera, side);
-        self.buffer.finish_over_written(&backdrop.frame_mm, depth_mm);
+        depth_mm.copy_from_slice(&backdrop.frame_mm);
+        self.buffer.put_before(depth_mm);
     }
 
     /// Draws what stands before the backdrop, and before that the backdrop where it has changed.

@@ -169,48 +169,25 @@ impl DepthBuffer {
         depth_mm
     }
 
-    /// The same into memory that is initialised. Each row is copied when it is needed: it is still in the nearest cache
-    /// when it is drawn over, and short copies are fast wherever the two frames lie. (Copies of a whole frame take four
-    /// times as long on some processors where one lies 16 bytes behind the other, modulo a page.)
-    pub fn finish_over_written(&mut self, behind_mm: &[u16], depth_mm: &mut [u16]) {
-        assert_eq!(depth_mm.len(), behind_mm.len(), "the frame is a square of this side");
-        assert_eq!(depth_mm.len(), self.side * self.side, "the frame is a square of this side");
-        let drawn = self.drawn[0]..self.drawn[1];
-        let rows = self.inverse_m.chunks_exact_mut(self.groups).zip(depth_mm.chunks_exact_mut(self.side));
-        for (number, ((row, out), behind)) in rows.zip(behind_mm.chunks_exact(self.side)).enumerate() {
-            out.copy_from_slice(behind);
-            if drawn.contains(&number) {
-                put_row_before(row, out);
-            }
-        }
-        self.drawn = NO_ROWS;
-    }
-
     /// Puts the image before another one in millimetres, and clears it for the next one.
-    fn put_before(&mut self, depth_mm: &mut [u16]) {
+    pub fn put_before(&mut self, depth_mm: &mut [u16]) {
         assert_eq!(depth_mm.len(), self.side * self.side, "the frame is a square of this side");
+        let zero = Lanes::splat(0.0);
         let rows = self.inverse_m.chunks_exact_mut(self.groups).zip(depth_mm.chunks_exact_mut(self.side));
         let [top, bottom] = self.drawn;
         for (row, out) in rows.take(bottom).skip(top) {
-            put_row_before(row, out);
+            for (group, out) in row.iter_mut().zip(out.chunks_mut(LANES)) {
+                let inverse_m = Lanes::load(group);
+                if zero.less(inverse_m).bits() == 0 {
+                    continue;
+                }
+                zero.store(group);
+                for (out, before) in out.iter_mut().zip(millimetres(inverse_m)) {
+                    *out = nearer(*out, before);
+                }
+            }
         }
         self.drawn = NO_ROWS;
-    }
-}
-
-/// Puts a row of the image before one in millimetres, and clears it.
-#[inline(always)]
-fn put_row_before(row: &mut [[f32; LANES]], out: &mut [u16]) {
-    let zero = Lanes::splat(0.0);
-    for (group, out) in row.iter_mut().zip(out.chunks_mut(LANES)) {
-        let inverse_m = Lanes::load(group);
-        if zero.less(inverse_m).bits() == 0 {
-            continue;
-        }
-        zero.store(group);
-        for (out, before) in out.iter_mut().zip(millimetres(inverse_m)) {
-            *out = nearer(*out, before);
-        }
     }
 }
 
