@@ -107,7 +107,7 @@ impl Network {
         Ok(())
     }
 
-    /// Whether this kernel delays and loses packets by itself.
+    /// Has this kernel delay and lose packets, and stop that again; its reason where it cannot.
     fn try_netem(&self, quality: Quality) -> Result<(), String> {
         run(inside(&self.middle).args(netem("lo", quality)))?;
         run(inside(&self.middle).args(["tc", "qdisc", "del", "dev", "lo", "root"]))
