@@ -7,7 +7,6 @@
 use crate::event::Timing;
 use crate::figures::{Figures, KnownNames};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::io::BufRead;
 use std::ops::RangeInclusive;
 
@@ -47,7 +46,8 @@ impl Trained {
 /// The rollouts that count, in order.
 #[derive(Debug, Clone, Default)]
 pub struct History {
-    rollouts: BTreeMap<u64, Trained>,
+    /// In order of their numbers, each number once. A list, because it is kept for as long as the run goes on.
+    rollouts: Vec<Trained>,
     names: KnownNames,
 }
 
@@ -96,19 +96,32 @@ impl History {
 
     fn keep(&mut self, mut trained: Trained) {
         self.names.share(&mut trained.metrics);
-        self.rollouts.insert(trained.rollout, trained);
+        match self.find(trained.rollout) {
+            Ok(index) => self.rollouts[index] = trained,
+            Err(index) => self.rollouts.insert(index, trained),
+        }
+    }
+
+    /// Where this rollout is, or where it belongs.
+    fn find(&self, rollout: u64) -> Result<usize, usize> {
+        self.rollouts.binary_search_by_key(&rollout, |trained| trained.rollout)
+    }
+
+    fn get(&self, rollout: u64) -> Option<&Trained> {
+        self.find(rollout).ok().map(|index| &self.rollouts[index])
     }
 
     /// A learner begins with `rollout` again: what came after its checkpoint is void.
     pub fn rewind_to(&mut self, rollout: u64) {
-        drop(self.rollouts.split_off(&rollout));
+        let (Ok(kept) | Err(kept)) = self.find(rollout);
+        self.rollouts.truncate(kept);
     }
 
     /// Takes over whatever `truth` holds and this does not, or holds otherwise; the number of rollouts changed by that.
     pub fn correct(&mut self, truth: &Self) -> usize {
         let wrong: Vec<&Trained> = truth
             .iter()
-            .filter(|trained| !self.rollouts.get(&trained.rollout).is_some_and(|own| own.is_as(trained)))
+            .filter(|trained| !self.get(trained.rollout).is_some_and(|own| own.is_as(trained)))
             .collect();
         for trained in &wrong {
             self.keep((*trained).clone());
@@ -120,7 +133,7 @@ impl History {
     pub fn fill(&mut self, other: &Self) -> usize {
         let before = self.len();
         for trained in other.iter() {
-            if !self.rollouts.contains_key(&trained.rollout) {
+            if self.get(trained.rollout).is_none() {
                 self.keep(trained.clone());
             }
         }
@@ -129,7 +142,7 @@ impl History {
 
     /// In order of their numbers.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = &Trained> {
-        self.rollouts.values()
+        self.rollouts.iter()
     }
 
     /// How many there are.
@@ -144,14 +157,15 @@ impl History {
 
     /// Frames trained on.
     pub fn frames(&self) -> u64 {
-        self.rollouts.values().next_back().map_or(0, |last| last.frames)
+        self.rollouts.last().map_or(0, |last| last.frames)
     }
 
     /// The rollouts before `end` of which nothing is known.
     pub fn gaps(&self, end: u64) -> Vec<RangeInclusive<u64>> {
         let mut gaps = Vec::new();
         let mut next = 0;
-        for rollout in self.rollouts.range(..end).map(|(&rollout, _)| rollout).chain([end]) {
+        let known = self.iter().map(|trained| trained.rollout).take_while(|&rollout| rollout < end);
+        for rollout in known.chain([end]) {
             if next < rollout {
                 gaps.push(next..=rollout - 1);
             }
@@ -164,6 +178,7 @@ impl History {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeMap;
 
     fn trained(rollout: u64, mark: u64) -> Trained {
         Trained {
