@@ -100,7 +100,7 @@ fn farewell(end: &SessionEnd, recording: &Result<()>) -> String {
 impl TrainingRun {
     /// Runs it and reports; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
-        wire::share_one_heap();
+        wire::map_large_blocks();
         let (mut signals, mut scaled) = (None, None);
         loop {
             match self.start(&mut signals, scaled)? {
