@@ -404,8 +404,8 @@ impl<A: Audience> Supervision<'_, A> {
         let Some(request) = ScaleRequest::take(folder, incarnation, self.shell.config, next) else { return };
         let ScaleRequest { actors, at_rollout, .. } = request;
         let at = at_rollout.unwrap_or(self.next_rollout);
-        tracing::info!("asked for {actors} actors: the run is saved before rollout {at} and goes on with them");
-        self.scales_to = Some(actors);
+        let instead = self.scales_to.replace(actors).map_or(String::new(), |other| format!(", not with {other}"));
+        tracing::info!("asked for {actors} actors: the run is saved before rollout {at} and goes on with them{instead}");
         self.own_events.push_back(Event::Scale { before: at_rollout });
     }
 
