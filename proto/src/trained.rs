@@ -119,10 +119,8 @@ impl History {
 
     /// Takes over whatever `truth` holds and this does not, or holds otherwise; the number of rollouts changed by that.
     pub fn correct(&mut self, truth: &Self) -> usize {
-        let wrong: Vec<&Trained> = truth
-            .iter()
-            .filter(|trained| !self.get(trained.rollout).is_some_and(|own| own.is_as(trained)))
-            .collect();
+        let wrong: Vec<&Trained> =
+            truth.iter().filter(|trained| !self.get(trained.rollout).is_some_and(|own| own.is_as(trained))).collect();
         for trained in &wrong {
             self.keep((*trained).clone());
         }

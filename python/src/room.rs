@@ -97,9 +97,12 @@ impl Kitchen {
     /// Kitchen `number`, or the scene in the TOML file `scene`, as number `scene_index` of several.
     #[new]
     #[pyo3(signature = (number=None, *, scene=None, scene_index=0))]
-    fn new(py: Python<'_>, number: Option<u32>, scene: Option<PathBuf>, scene_index: usize) -> PyResult<Self> {
+    fn new(py: Python<'_>, number: Option<i64>, scene: Option<PathBuf>, scene_index: usize) -> PyResult<Self> {
         let origin = match (number, scene) {
-            (Some(number), None) => Origin::BuiltIn(number),
+            (Some(number), None) => {
+                let none = |_| PyValueError::new_err(format!("there is no kitchen {number}"));
+                Origin::BuiltIn(u32::try_from(number).map_err(none)?)
+            }
             (None, Some(path)) => Origin::Scene { path: std::path::absolute(path)?, index: scene_index },
             _ => return Err(PyValueError::new_err("give either the number of a kitchen or the path of a scene")),
         };
@@ -147,7 +150,7 @@ impl Kitchen {
     }
 
     #[staticmethod]
-    fn _again(py: Python<'_>, number: Option<u32>, scene: Option<PathBuf>, index: usize) -> PyResult<Self> {
+    fn _again(py: Python<'_>, number: Option<i64>, scene: Option<PathBuf>, index: usize) -> PyResult<Self> {
         Self::new(py, number, scene, index)
     }
 

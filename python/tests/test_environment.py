@@ -146,12 +146,27 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
         ({"scene": "a.toml"}, "either a kitchen or a scene"),
         ({"render_side": 0}, "8 to 4096"),
         ({"reward": 3}, "nor a function"),
+        ({"max_steps": -5}, "max_steps is -5, not 0 to"),
+        ({"frame_side": -224}, "frame_side is -224"),
+        ({"frame_side": 2**40}, "frame_side is 1099511627776"),
     ]:
         with pytest.raises(ValueError, match=words):
             make(**arguments)
-    with pytest.raises(ValueError, match="there is no kitchen 28"):
-        stillroom.Kitchen(28)
+    for number in (28, -1, 2**40):
+        with pytest.raises(ValueError, match=f"there is no kitchen {number}"):
+            stillroom.Kitchen(number)
+    with pytest.raises(ValueError, match="kitchen is -3, not 0 to"):
+        stillroom.VectorEnv(2, kitchens=[1, -3])
     env = make(max_steps=1)
+    for options, error, words in [
+        ({"episode": -1}, ValueError, "episode is -1"),
+        ({"drawn": 2**32}, ValueError, "drawn is 4294967296"),
+        ({"episode": 1.5}, TypeError, "episode is 1.5, not a whole number"),
+    ]:
+        with pytest.raises(error, match=words):
+            env.reset(options=options)
+    with pytest.raises(ValueError, match=f"seed is {2**70}"):
+        env.reset(seed=2**70)
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(0)
     with pytest.raises(ValueError, match="no option 'mixed'"):

@@ -229,7 +229,8 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     }
     // An evaluation is not gone on with.
     if held == Held::Free && !work.is_complete() && matches!(work, Work::Training { .. }) {
-        terminal::out(&format!("go on with: {}", next_steps::resume(&next_steps::program(), folder.root())));
+        let hosts = incarnations.last().and_then(|start| start.shape).map_or(1, |shape| shape.hosts);
+        terminal::out(&format!("go on with: {}", next_steps::go_on(&next_steps::program(), folder.root(), hosts)));
     }
     Ok(())
 }

@@ -405,7 +405,9 @@ impl<A: Audience> Supervision<'_, A> {
         let ScaleRequest { actors, at_rollout, .. } = request;
         let at = at_rollout.unwrap_or(self.next_rollout);
         let instead = self.scales_to.replace(actors).map_or(String::new(), |other| format!(", not with {other}"));
-        tracing::info!("asked for {actors} actors: the run is saved before rollout {at} and goes on with them{instead}");
+        tracing::info!(
+            "asked for {actors} actors: the run is saved before rollout {at} and goes on with them{instead}"
+        );
         self.own_events.push_back(Event::Scale { before: at_rollout });
     }
 

@@ -24,11 +24,27 @@ pub fn resume(program: &str, run: &Path) -> String {
     format!("{program} resume {}", quoted(&run.display().to_string()))
 }
 
-/// One line a command after a run has ended like this. `recorded`: whether there is a recording to look at.
-pub fn lines(program: &str, folder: &RunFolder, end: &SessionEnd, preset: &str, recorded: bool) -> Vec<String> {
+/// What goes on with a run of so many hosts. With several, each is started as it was, by whatever started it.
+pub fn go_on(program: &str, run: &Path, hosts: u32) -> String {
+    match hosts {
+        1 => resume(program, run),
+        hosts => format!("the same command again, on each of the {hosts} hosts"),
+    }
+}
+
+/// One line a command after a run of so many hosts has ended like this. `recorded`: whether there is a recording to look
+/// at.
+pub fn lines(
+    program: &str,
+    folder: &RunFolder,
+    end: &SessionEnd,
+    hosts: u32,
+    preset: &str,
+    recorded: bool,
+) -> Vec<String> {
     let line = |what: &str, command: String| format!("{what:<12}{command}");
     if *end != SessionEnd::Complete {
-        return vec![line("go on with", resume(program, folder.root()))];
+        return vec![line("go on with", go_on(program, folder.root(), hosts))];
     }
     let run = quoted(&folder.root().display().to_string());
     let mut lines = Vec::new();
@@ -52,7 +68,7 @@ mod tests {
     #[test]
     fn a_complete_run_is_looked_at_evaluated_and_reported() {
         let folder = RunFolder::new("runs/my run");
-        let lines = |preset, recorded| lines("./orchestrator", &folder, &SessionEnd::Complete, preset, recorded);
+        let lines = |preset, recorded| lines("./orchestrator", &folder, &SessionEnd::Complete, 1, preset, recorded);
         let expected = [
             "look        ./orchestrator replay 'runs/my run' --images 'runs/my run/images' --format video --limit 3",
             "evaluate    ./orchestrator eval 'runs/my run'",
@@ -68,7 +84,9 @@ mod tests {
     fn any_other_run_is_gone_on_with() {
         let folder = RunFolder::new("runs/a");
         for end in [SessionEnd::Stopped, SessionEnd::Interrupted, SessionEnd::Failed("disk full".to_owned())] {
-            assert_eq!(lines("orchestrator", &folder, &end, "demo", true), ["go on with  orchestrator resume runs/a"]);
+            let lines = |hosts| lines("orchestrator", &folder, &end, hosts, "demo", true);
+            assert_eq!(lines(1), ["go on with  orchestrator resume runs/a"]);
+            assert_eq!(lines(2), ["go on with  the same command again, on each of the 2 hosts"]);
         }
     }
 

@@ -153,10 +153,15 @@ impl TrainingRun {
         }
     }
 
+    /// How many hosts work on it.
+    fn hosts(&self) -> u32 {
+        self.started.rendezvous.as_ref().map_or(1, Rendezvous::hosts)
+    }
+
     /// The processes of the start that begins.
     fn shape(&self) -> Result<Shape> {
         let (rollout, frames) = newest(&self.folder)?;
-        let hosts = self.started.rendezvous.as_ref().map_or(1, Rendezvous::hosts);
+        let hosts = self.hosts();
         let (learners, actors) = (self.config.learner.count, self.config.actors.count);
         Ok(Shape { hosts, learners, actors, rollout, frames })
     }
@@ -252,8 +257,8 @@ impl TrainingRun {
             terminal::out(&format!("run {} {how}: the last checkpoint stands", self.identity.id));
         }
         let recorded = summary.is_some_and(|summary| !summary.recordings.is_empty());
-        let preset = &self.config.preset;
-        for line in next_steps::lines(&next_steps::program(), &self.folder, &outcome.end, preset, recorded) {
+        let (program, hosts, preset) = (next_steps::program(), self.hosts(), &self.config.preset);
+        for line in next_steps::lines(&program, &self.folder, &outcome.end, hosts, preset, recorded) {
             terminal::note(&line);
         }
         Ok(match outcome.end {

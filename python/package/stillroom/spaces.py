@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -15,12 +16,29 @@ from stillroom._stillroom import Kitchen, Settings
 GOAL_MAX_M = 1000.0
 
 
+# What the simulator counts with.
+NUMBER_MAX = 2**32 - 1
+SEED_MAX = 2**64 - 1
+
+
+def whole(name: str, number: Any, most: int = NUMBER_MAX) -> int:
+    """A whole number from 0 to `most`, or an error that names it."""
+    try:
+        value = operator.index(number)
+    except TypeError:
+        raise TypeError(f"{name} is {number!r}, not a whole number") from None
+    if not 0 <= value <= most:
+        raise ValueError(f"{name} is {value}, not 0 to {most}")
+    return value
+
+
 def settings_of(
     *,
     reward: str | Callable[[dict[str, Any]], Any],
     depth: str,
     frame_side: int,
     preset: str,
+    max_steps: int | None,
     **overrides: Any,
 ) -> Settings:
     """The settings of the arguments; a reward that is a function leaves the composed one at r."""
@@ -31,8 +49,9 @@ def settings_of(
     return Settings(
         preset=preset,
         reward="r" if callable(reward) else reward,
-        frame_side=frame_side,
+        frame_side=whole("frame_side", frame_side),
         in_metres=depth == "float32",
+        max_steps=None if max_steps is None else whole("max_steps", max_steps),
         **overrides,
     )
 
@@ -57,7 +76,7 @@ def check_pictures(render_side: int) -> None:
 
 def kitchen_of(kitchen: int | Kitchen) -> Kitchen:
     """The kitchen with this number, or the one given."""
-    return kitchen if isinstance(kitchen, Kitchen) else Kitchen(kitchen)
+    return kitchen if isinstance(kitchen, Kitchen) else Kitchen(whole("kitchen", kitchen))
 
 
 def observation_space(settings: Settings, *, depth: str, frame_side: int) -> gymnasium.spaces.Dict:
@@ -93,6 +112,7 @@ def choice_of(options: dict[str, Any] | None, seed: int | None) -> tuple[str | N
         raise ValueError(f"reset has no option {unknown[0]!r}; it has 'episode', 'fixed', 'drawn'")
     if len(options) > 1:
         raise ValueError("give one of the options 'episode', 'fixed', 'drawn'")
+    seed = None if seed is None else whole("seed", seed, SEED_MAX)
     for series, number in options.items():
-        return series, seed, int(number)
+        return series, seed, whole("episode" if series == "sampled" else series, number)
     return None, seed, None

@@ -213,7 +213,10 @@ fn a_lost_host_ends_the_job_by_name_and_the_next_start_goes_on() {
         let (dies, lives, name) = if killed == 0 { (first, second, "host 0") } else { (second, first, "host 1") };
         let began = Instant::now();
         kill_child(dies);
-        assert_lost(began, &[finish(lives)], name);
+        let printed = finish(lives);
+        let goes_on = printed.stderr.contains("go on with  the same command again, on each of the 2 hosts");
+        assert_eq!(goes_on, killed == 1, "host 0 says so: {printed:#?}");
+        assert_lost(began, &[printed], name);
         assert!(run.trained() < FRAMES, "the run was cut off in its middle");
         let [first, second] = hosts.complete();
         assert_eq!(&first.result(), on_one_host());
