@@ -391,6 +391,13 @@ mod tests {
         assert_eq!(seen, [3, 3, 3]);
     }
 
+    /// It would corrupt its table where two groups of a process begin at the same moment.
+    #[test]
+    fn c10ds_flight_recorder_is_off() {
+        among(2, |_, peers| peers.barrier().unwrap());
+        assert_eq!(std::env::var("TORCH_FR_BUFFER_SIZE").as_deref(), Ok("0"));
+    }
+
     /// TCP ports of this process that listen.
     fn listening() -> BTreeSet<u16> {
         let own: Vec<String> = std::fs::read_dir("/proc/self/fd")

@@ -20,6 +20,14 @@
 #include <mutex>
 #include <set>
 
+// c10d's flight recorder notes every operation with a call stack, for a dump that nothing here asks for. It is one for
+// the process, and groups that write to it from two threads at once corrupt its table (pytorch/pytorch#179449): the
+// tests have two groups in a process. It reads this once, when the first group is made.
+static void keep_no_flight_recorder() {
+    static const int set = setenv("TORCH_FR_BUFFER_SIZE", "0", 1);
+    TORCH_CHECK(set == 0, "no room in the environment");
+}
+
 // A socket of this process. Its number alone can be another one's by tomorrow.
 struct Door {
     int descriptor;
@@ -113,6 +121,7 @@ static Group *join(c10::intrusive_ptr<c10d::Store> store, const char *address, i
 extern "C" int stillroom_group_open(const char *path, int rank, int size, int64_t joining_ms, int64_t patience_ms,
                                     Group **group, char *message, size_t capacity) {
     return guarded(message, capacity, [&] {
+        keep_no_flight_recorder();
         auto store = c10::make_intrusive<c10d::FileStore>(path, size);
         *group = join(std::move(store), "127.0.0.1", rank, size, joining_ms, patience_ms);
     });
@@ -125,6 +134,7 @@ extern "C" int stillroom_group_meet(const char *host, uint16_t port, int listene
                                     int rank, int size, int64_t joining_ms, int64_t patience_ms, Group **group,
                                     char *message, size_t capacity) {
     return guarded(message, capacity, [&] {
+        keep_no_flight_recorder();
         c10d::TCPStoreOptions options;
         options.port = port;
         options.isServer = listener >= 0;
