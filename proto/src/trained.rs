@@ -7,6 +7,7 @@
 use crate::event::Timing;
 use crate::figures::{Figures, KnownNames};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::io::BufRead;
 use std::ops::RangeInclusive;
 
@@ -46,8 +47,7 @@ impl Trained {
 /// The rollouts that count, in order.
 #[derive(Debug, Clone, Default)]
 pub struct History {
-    /// In order of their numbers, each number once. A list, because it is kept for as long as the run goes on.
-    rollouts: Vec<Trained>,
+    rollouts: BTreeMap<u64, Trained>,
     names: KnownNames,
 }
 
@@ -96,31 +96,20 @@ impl History {
 
     fn keep(&mut self, mut trained: Trained) {
         self.names.share(&mut trained.metrics);
-        match self.find(trained.rollout) {
-            Ok(index) => self.rollouts[index] = trained,
-            Err(index) => self.rollouts.insert(index, trained),
-        }
-    }
-
-    /// Where this rollout is, or where it belongs.
-    fn find(&self, rollout: u64) -> Result<usize, usize> {
-        self.rollouts.binary_search_by_key(&rollout, |trained| trained.rollout)
-    }
-
-    fn get(&self, rollout: u64) -> Option<&Trained> {
-        self.find(rollout).ok().map(|index| &self.rollouts[index])
+        self.rollouts.insert(trained.rollout, trained);
     }
 
     /// A learner begins with `rollout` again: what came after its checkpoint is void.
     pub fn rewind_to(&mut self, rollout: u64) {
-        let (Ok(kept) | Err(kept)) = self.find(rollout);
-        self.rollouts.truncate(kept);
+        drop(self.rollouts.split_off(&rollout));
     }
 
     /// Takes over whatever `truth` holds and this does not, or holds otherwise; the number of rollouts changed by that.
     pub fn correct(&mut self, truth: &Self) -> usize {
-        let wrong: Vec<&Trained> =
-            truth.iter().filter(|trained| !self.get(trained.rollout).is_some_and(|own| own.is_as(trained))).collect();
+        let wrong: Vec<&Trained> = truth
+            .iter()
+            .filter(|trained| !self.rollouts.get(&trained.rollout).is_some_and(|own| own.is_as(trained)))
+            .collect();
         for trained in &wrong {
             self.keep((*trained).clone());
         }
@@ -131,7 +120,7 @@ impl History {
     pub fn fill(&mut self, other: &Self) -> usize {
         let before = self.len();
         for trained in other.iter() {
-            if self.get(trained.rollout).is_none() {
+            if !self.rollouts.contains_key(&trained.rollout) {
                 self.keep(trained.clone());
             }
         }
@@ -140,7 +129,7 @@ impl History {
 
     /// In order of their numbers.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = &Trained> {
-        self.rollouts.iter()
+        self.rollouts.values()
     }
 
     /// How many there are.
@@ -155,15 +144,14 @@ impl History {
 
     /// Frames trained on.
     pub fn frames(&self) -> u64 {
-        self.rollouts.last().map_or(0, |last| last.frames)
+        self.rollouts.values().next_back().map_or(0, |last| last.frames)
     }
 
     /// The rollouts before `end` of which nothing is known.
     pub fn gaps(&self, end: u64) -> Vec<RangeInclusive<u64>> {
         let mut gaps = Vec::new();
         let mut next = 0;
-        let known = self.iter().map(|trained| trained.rollout).take_while(|&rollout| rollout < end);
-        for rollout in known.chain([end]) {
+        for rollout in self.rollouts.range(..end).map(|(&rollout, _)| rollout).chain([end]) {
             if next < rollout {
                 gaps.push(next..=rollout - 1);
             }
@@ -176,7 +164,6 @@ impl History {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::collections::BTreeMap;
 
     fn trained(rollout: u64, mark: u64) -> Trained {
         Trained {

@@ -225,7 +225,7 @@ fn show(summary: &Summary, folder: &RunFolder) -> ExitCode {
         }
     }
     let recorded = !summary.recordings.is_empty();
-    for line in next_steps::lines(&next_steps::program(), folder, &SessionEnd::Complete, 1, &summary.preset, recorded) {
+    for line in next_steps::complete(&next_steps::program(), folder, &summary.preset, recorded) {
         terminal::note(&line);
     }
     ExitCode::SUCCESS

@@ -1,6 +1,5 @@
 //! What can be done next with a run, as commands to paste: they name the program as it was called, and the run folder.
 
-use crate::supervisor::event::SessionEnd;
 use proto::run_folder::RunFolder;
 use std::path::Path;
 
@@ -32,31 +31,29 @@ pub fn go_on(program: &str, run: &Path, hosts: u32) -> String {
     }
 }
 
-/// One line a command after a run of so many hosts has ended like this. `recorded`: whether there is a recording to look
-/// at.
-pub fn lines(
-    program: &str,
-    folder: &RunFolder,
-    end: &SessionEnd,
-    hosts: u32,
-    preset: &str,
-    recorded: bool,
-) -> Vec<String> {
-    let line = |what: &str, command: String| format!("{what:<12}{command}");
-    if *end != SessionEnd::Complete {
-        return vec![line("go on with", go_on(program, folder.root(), hosts))];
-    }
+/// A command, and what it is for.
+fn line(what: &str, command: &str) -> String {
+    format!("{what:<12}{command}")
+}
+
+/// After a run of so many hosts that is not complete.
+pub fn unfinished(program: &str, folder: &RunFolder, hosts: u32) -> Vec<String> {
+    vec![line("go on with", &go_on(program, folder.root(), hosts))]
+}
+
+/// One line a command after a run that is complete. `recorded`: whether there is a recording to look at.
+pub fn complete(program: &str, folder: &RunFolder, preset: &str, recorded: bool) -> Vec<String> {
     let run = quoted(&folder.root().display().to_string());
     let mut lines = Vec::new();
     if recorded {
         let images = quoted(&folder.root().join("images").display().to_string());
-        lines.push(line("look", format!("{program} replay {run} --images {images} --format video --limit 3")));
+        lines.push(line("look", &format!("{program} replay {run} --images {images} --format video --limit 3")));
     }
-    lines.push(line("evaluate", format!("{program} eval {run}")));
-    lines.push(line("report", format!("{program} report {run}")));
+    lines.push(line("evaluate", &format!("{program} eval {run}")));
+    lines.push(line("report", &format!("{program} report {run}")));
     if preset == "demo" {
-        lines.push(line("full run", format!("{program} up --preset paper")));
-        lines.push(line("on a GPU", format!("{program} up --preset recipe")));
+        lines.push(line("full run", &format!("{program} up --preset paper")));
+        lines.push(line("on a GPU", &format!("{program} up --preset recipe")));
     }
     lines
 }
@@ -68,7 +65,7 @@ mod tests {
     #[test]
     fn a_complete_run_is_looked_at_evaluated_and_reported() {
         let folder = RunFolder::new("runs/my run");
-        let lines = |preset, recorded| lines("./orchestrator", &folder, &SessionEnd::Complete, 1, preset, recorded);
+        let lines = |preset, recorded| complete("./orchestrator", &folder, preset, recorded);
         let expected = [
             "look        ./orchestrator replay 'runs/my run' --images 'runs/my run/images' --format video --limit 3",
             "evaluate    ./orchestrator eval 'runs/my run'",
@@ -82,12 +79,9 @@ mod tests {
 
     #[test]
     fn any_other_run_is_gone_on_with() {
-        let folder = RunFolder::new("runs/a");
-        for end in [SessionEnd::Stopped, SessionEnd::Interrupted, SessionEnd::Failed("disk full".to_owned())] {
-            let lines = |hosts| lines("orchestrator", &folder, &end, hosts, "demo", true);
-            assert_eq!(lines(1), ["go on with  orchestrator resume runs/a"]);
-            assert_eq!(lines(2), ["go on with  the same command again, on each of the 2 hosts"]);
-        }
+        let lines = |hosts| unfinished("orchestrator", &RunFolder::new("runs/a"), hosts);
+        assert_eq!(lines(1), ["go on with  orchestrator resume runs/a"]);
+        assert_eq!(lines(2), ["go on with  the same command again, on each of the 2 hosts"]);
     }
 
     #[test]

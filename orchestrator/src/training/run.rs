@@ -100,7 +100,6 @@ fn farewell(end: &SessionEnd, recording: &Result<()>) -> String {
 impl TrainingRun {
     /// Runs it and reports; the exit status of the program.
     pub fn run(mut self) -> Result<ExitCode> {
-        wire::map_large_blocks();
         let (mut signals, mut scaled) = (None, None);
         loop {
             match self.start(&mut signals, scaled)? {
@@ -257,10 +256,12 @@ impl TrainingRun {
             terminal::out(&format!("run {} {how}: the last checkpoint stands", self.identity.id));
         }
         let recorded = summary.is_some_and(|summary| !summary.recordings.is_empty());
-        let (program, hosts, preset) = (next_steps::program(), self.hosts(), &self.config.preset);
-        for line in next_steps::lines(&program, &self.folder, &outcome.end, hosts, preset, recorded) {
-            terminal::note(&line);
-        }
+        let program = next_steps::program();
+        let next = match outcome.end {
+            SessionEnd::Complete => next_steps::complete(&program, &self.folder, &self.config.preset, recorded),
+            _ => next_steps::unfinished(&program, &self.folder, self.hosts()),
+        };
+        next.iter().for_each(|line| terminal::note(line));
         Ok(match outcome.end {
             SessionEnd::Complete | SessionEnd::Stopped if recording.is_ok() => 0,
             SessionEnd::Requeued if recording.is_ok() => EXIT_REQUEUE as u8,

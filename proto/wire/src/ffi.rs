@@ -16,15 +16,3 @@ pub fn give_memory_back() {
         libc::malloc_trim(0);
     }
 }
-
-/// Keeps large blocks out of the heap for good, for a process that runs for days: each is mapped on its own and goes back
-/// when it is freed. The allocator alone raises its limit with every large block that is freed; then they come to lie
-/// among small ones that stay, and leave holes.
-pub fn map_large_blocks() {
-    /// The allocator's own limit at the start, bytes.
-    const LARGE: libc::c_int = 128 << 10;
-    // SAFETY: it sets a number in the allocator.
-    unsafe {
-        libc::mallopt(libc::M_MMAP_THRESHOLD, LARGE);
-    }
-}

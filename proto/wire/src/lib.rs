@@ -63,7 +63,7 @@ pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id};
 pub use announcer::Announcer;
 pub use bells::{Bells, ThreadBell, Waiting};
 pub use error::WireError;
-pub use ffi::{give_memory_back, map_large_blocks};
+pub use ffi::give_memory_back;
 pub use proto::fault;
 pub use receipts::{Receipt, ReceiptBook, Receipts, Written};
 pub use services::{

@@ -76,7 +76,7 @@ def check_pictures(render_side: int) -> None:
 
 def kitchen_of(kitchen: int | Kitchen) -> Kitchen:
     """The kitchen with this number, or the one given."""
-    return kitchen if isinstance(kitchen, Kitchen) else Kitchen(whole("kitchen", kitchen))
+    return kitchen if isinstance(kitchen, Kitchen) else Kitchen(kitchen)
 
 
 def observation_space(settings: Settings, *, depth: str, frame_side: int) -> gymnasium.spaces.Dict:
