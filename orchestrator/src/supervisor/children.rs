@@ -88,6 +88,11 @@ impl Children {
 
     // How they stand
 
+    /// Whether one is to be killed and still runs.
+    pub fn is_killed(&self, process: Process) -> bool {
+        matches!(self.children[&process].state, ChildState::Up { killed: Some(_), .. })
+    }
+
     /// Whether this incarnation of one runs, killed or not.
     pub fn runs(&self, process: Process, incarnation: u32) -> bool {
         let child = self.children.get(&process);

@@ -46,6 +46,8 @@ pub enum Exit {
     Code(i32),
     /// A signal ended it.
     Signal(i32),
+    /// The orchestrator killed it, and has said why.
+    Killed,
     /// It could not be started.
     NotStarted(String),
 }
@@ -58,6 +60,7 @@ impl Display for Exit {
                 Some(name) => write!(f, "signal {signal} ({name})"),
                 None => write!(f, "signal {signal}"),
             },
+            Self::Killed => f.write_str("killed by the orchestrator"),
             Self::NotStarted(cause) => write!(f, "it could not be started: {cause}"),
         }
     }

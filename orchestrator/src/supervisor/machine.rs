@@ -27,8 +27,8 @@ use super::policy::Policy;
 use super::restart::{RestartHistory, Verdict};
 use super::stage::StageMachine;
 use super::words::{
-    also, connected, died_at_stop, given_up, immortal, killed_for_it, learners_given_up, quote, ready, rewinds,
-    unanswering,
+    also, connected, died_at_stop, given_up, immortal, killed_for_it, killed_unready, learners_given_up, quote, ready,
+    rewinds, unanswering,
 };
 use proto::config::StageConfig;
 use proto::event::LearnerEvent;
@@ -37,6 +37,8 @@ use std::time::Duration;
 
 /// How a learner ends that has lost another.
 const LOST_PEERS: Exit = Exit::Code(EXIT_LOST_PEERS);
+/// How one ends that is killed here.
+const SIGKILL: Exit = Exit::Signal(9);
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Phase {
@@ -185,9 +187,11 @@ impl Supervisor {
     }
 
     fn exited(&mut self, now: Duration, process: Process, incarnation: u32, exit: &Exit, last_words: &[String]) {
+        let was_killed = self.children.is_killed(process) && *exit == SIGKILL;
         if !self.children.end(process, incarnation) {
             return;
         }
+        let exit = if was_killed { &Exit::Killed } else { exit };
         if self.is_to_go_on()
             && let Process::Learner(rank) = process
             && !self.gang.has_finished(rank)
@@ -478,7 +482,7 @@ impl Supervisor {
         if self.gang.started_late_again() {
             return self.fail(now, late);
         }
-        self.report(Level::Warning, format!("{late}. It is killed"));
+        self.report(Level::Warning, killed_unready(self.gang.size(), &late));
         self.kill_learners(now);
     }
 

@@ -61,6 +61,14 @@ pub fn killed_for_it(learners: usize, late: &str) -> String {
     format!("{late}: {are} killed, and save once more")
 }
 
+/// That learners are killed because one was not ready in time.
+pub fn killed_unready(learners: usize, late: &str) -> String {
+    match learners {
+        1 => format!("{late}. It is killed"),
+        learners => format!("{late}. All {learners} learners are killed: they start together"),
+    }
+}
+
 /// That a process is still there after SIGKILL.
 pub fn immortal(who: &str) -> String {
     format!("SIGKILL does not end {who}: the kernel holds on")

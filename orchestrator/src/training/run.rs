@@ -261,7 +261,9 @@ impl TrainingRun {
             SessionEnd::Complete => next_steps::complete(&program, &self.folder, &self.config.preset, recorded),
             _ => next_steps::unfinished(&program, &self.folder, self.hosts()),
         };
-        next.iter().for_each(|line| terminal::note(line));
+        for line in &next {
+            terminal::note(line);
+        }
         Ok(match outcome.end {
             SessionEnd::Complete | SessionEnd::Stopped if recording.is_ok() => 0,
             SessionEnd::Requeued if recording.is_ok() => EXIT_REQUEUE as u8,

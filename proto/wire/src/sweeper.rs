@@ -67,8 +67,8 @@ impl Sweeper {
             Err(RecvTimeoutError::Timeout) => {
                 self.busy.set(true);
                 tracing::warn!(
-                    "the sweep of dead processes takes longer than {:.1} s; the run goes on without it. Has another \
-                     program changed the run's files in /dev/shm?",
+                    "the sweep of dead processes takes longer than {:.1} s; the run goes on without it: this \
+                     machine is very busy, or another program has changed the run's files in /dev/shm",
                     self.patience.as_secs_f64()
                 );
                 false

@@ -46,7 +46,7 @@ fn a_learner_that_hangs_is_told_of_and_started_again() {
     assert!(status.contains(&format!("learner (pid {learner}) is stopped")), "{status}");
     let printed = finish(child);
     assert_eq!(&printed.result(), undisturbed());
-    for part in ["learner-0 has shown no progress for", "and is killed", "learner-0 died: signal 9"] {
+    for part in ["learner-0 has shown no progress for", "and is killed", "learner-0 died: killed by the orchestrator"] {
         assert!(printed.stderr.contains(part), "{part}: {printed:#?}");
     }
     run.assert_nothing_left();
@@ -80,8 +80,11 @@ fn an_actor_that_hangs_is_told_of_and_started_again() {
     signal(run.processes("--actor 1 ")[0], Signal::STOP);
     let printed = finish(child);
     assert_eq!(&printed.result(), undisturbed());
-    for part in ["actor-01 (kitchen 3) has not answered for", "s and is killed", "actor-01 (kitchen 3) died: signal 9"]
-    {
+    for part in [
+        "actor-01 (kitchen 3) has not answered for",
+        "s and is killed",
+        "actor-01 (kitchen 3) died: killed by the orchestrator",
+    ] {
         assert!(printed.stderr.contains(part), "{part}: {printed:#?}");
     }
     assert_eq!(printed.deaths().len(), 1, "nobody else is killed for it: {printed:#?}");

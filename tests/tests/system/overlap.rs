@@ -88,7 +88,7 @@ fn a_learner_that_hangs_is_killed_and_one_that_updates_and_collects_is_not() {
     let run = workshop.run("hung");
     let printed = finish(child);
     assert_eq!(printed.result(), undisturbed.result());
-    for part in ["learner-0 has finished no rollout or update for", "learner-0 died: signal 9"] {
+    for part in ["learner-0 has finished no rollout or update for", "learner-0 died: killed by the orchestrator"] {
         assert!(printed.stderr.contains(part), "{part}: {printed:#?}");
     }
     assert_eq!(printed.deaths().len(), 1, "{printed:#?}");

@@ -286,7 +286,12 @@ fn silent_learners_are_killed_together() {
     for _ in 0..3 {
         world.obey();
     }
-    assert_eq!(world.deaths().len(), 1);
+    assert_eq!(
+        world.deaths(),
+        [
+            "learner-0 died: killed by the orchestrator; start number 2 follows; all 3 learners go on from the last checkpoint"
+        ]
+    );
     let killed = world.reports.iter().find(|text| text.contains("killed") && !text.contains("after"));
     assert!(killed.is_some_and(|text| text.starts_with("the 3 learners have finished no ")), "{:#?}", world.reports);
     assert!(world.ranks().all(|rank| world.spawned[&Process::Learner(rank)] == 2));
@@ -304,6 +309,8 @@ fn a_learner_that_is_never_ready_or_connected_is_named() {
     }
     let Some(Outcome { end: SessionEnd::Failed(reason), .. }) = world.outcome else { panic!("{:?}", world.outcome) };
     assert!(reason.starts_with("learner-1 was not ready after 120 s"), "{reason}");
+    let all = |text: &String| text.ends_with("All 2 learners are killed: they start together");
+    assert_eq!(world.reports.iter().filter(|text| all(text)).count(), 1, "{:#?}", world.reports);
 
     let mut world = World::with(2);
     for rank in [1, 0, 0] {
