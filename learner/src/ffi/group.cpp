@@ -22,7 +22,7 @@
 
 // c10d's flight recorder notes every operation with a call stack, for a dump that nothing here asks for. It is one for
 // the process, and groups that write to it from two threads at once corrupt its table (pytorch/pytorch#179449): the
-// tests have two groups in a process. It reads this once, when the first group is made.
+// tests have two groups in a process. The recorder reads the variable once, when the first group is made.
 static void keep_no_flight_recorder() {
     static const int set = setenv("TORCH_FR_BUFFER_SIZE", "0", 1);
     TORCH_CHECK(set == 0, "no room in the environment");

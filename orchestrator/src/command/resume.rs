@@ -143,7 +143,7 @@ fn reshape(config: &mut Config, identity: &mut Identity, asked: [Option<u32>; 2]
     })?;
     if actors != before[0] {
         identity.note_scale(before[0]);
-        terminal::note(&format!("{actors} actors instead of {} from here on", before[0]));
+        terminal::note(&format!("{} instead of {} from here on", counted(actors.into(), "actor"), before[0]));
     }
     if learners != before[1] {
         warn_of_sums(learners, before[1]);
@@ -153,8 +153,9 @@ fn reshape(config: &mut Config, identity: &mut Identity, asked: [Option<u32>; 2]
 
 fn warn_of_sums(learners: u32, before: u32) {
     tracing::warn!(
-        "the run goes on with {learners} learners instead of {before}: floating-point sums have another order from here \
-         on, so its weights will not be those of a run that keeps the number"
+        "the run goes on with {} instead of {before}: floating-point sums have another order from here on, so its weights \
+         will not be those of a run that keeps the number",
+        counted(learners.into(), "learner")
     );
 }
 

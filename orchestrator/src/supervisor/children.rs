@@ -88,9 +88,10 @@ impl Children {
 
     // How they stand
 
-    /// Whether one is to be killed and still runs.
+    /// Whether one was killed here and has not ended yet; false if it is none of these.
     pub fn is_killed(&self, process: Process) -> bool {
-        matches!(self.children[&process].state, ChildState::Up { killed: Some(_), .. })
+        let child = self.children.get(&process);
+        child.is_some_and(|child| matches!(child.state, ChildState::Up { killed: Some(_), .. }))
     }
 
     /// Whether this incarnation of one runs, killed or not.

@@ -251,7 +251,7 @@ fn a_scheduler_has_it_saved_and_started_again_also_with_other_hosts() {
     alone.args(["--hosts", "1", "--host-rank", "0"]);
     let printed = complete(alone);
     assert_eq!(printed.result().1, FRAMES);
-    assert!(printed.stderr.contains("1 learners instead of 2: floating-point sums have another order"), "{printed:#?}");
+    assert!(printed.stderr.contains("1 learner instead of 2: floating-point sums have another order"), "{printed:#?}");
 }
 
 #[test]

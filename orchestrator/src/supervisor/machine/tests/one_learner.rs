@@ -185,6 +185,17 @@ fn a_silent_learner_is_killed_and_a_dead_ones_words_are_ignored() {
 
 /// A learner whose rollouts and updates take two seconds each hangs: in a rollout, and in an update.
 #[test]
+fn the_end_of_a_process_that_is_not_there_changes_nothing() {
+    let mut supervisor = Supervisor::new(policy(1), Vec::new());
+    supervisor.start(Duration::ZERO);
+    for (process, incarnation) in [(Process::Actor(ACTORS + 7), 1), (Process::Actor(0), 2)] {
+        let exit = Exit::Signal(9);
+        let ended = Event::Exited { process, incarnation, exit, last_words: vec![] };
+        assert_eq!(supervisor.on_event(Duration::ZERO, ended), [], "{process:?}");
+    }
+}
+
+#[test]
 fn a_hang_is_told_of_early_and_ended_by_what_was_measured() {
     for steps in [14, 15] {
         let mut world = World::new();
