@@ -271,6 +271,15 @@ pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
 
 /// The same on any file system.
 pub fn write_atomically_on<D: Disk>(disk: &D, path: &Path, content: &[u8]) -> std::io::Result<()> {
+    write_pieces_atomically_on(disk, path, std::iter::once(content))
+}
+
+/// The same of a content that is not in memory as a whole.
+pub fn write_pieces_atomically_on<D: Disk, B: AsRef<[u8]>>(
+    disk: &D,
+    path: &Path,
+    mut pieces: impl Iterator<Item = B>,
+) -> std::io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut temporary = path.as_os_str().to_owned();
     temporary.push(PARTIAL);
@@ -282,7 +291,7 @@ pub fn write_atomically_on<D: Disk>(disk: &D, path: &Path, content: &[u8]) -> st
         _ => {}
     }
     let written = disk.create_new(&temporary).and_then(|mut file| {
-        disk.write_all(&mut file, content)?;
+        pieces.try_for_each(|piece| disk.write_all(&mut file, piece.as_ref()))?;
         fault::reach("file.before_fsync");
         disk.sync(&file)
     });

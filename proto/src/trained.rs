@@ -44,6 +44,9 @@ impl Trained {
     }
 }
 
+/// From so many bytes on, a piece of a history is written.
+const PIECE_BYTES: usize = 64 << 10;
+
 /// The rollouts that count, in order.
 #[derive(Debug, Clone, Default)]
 pub struct History {
@@ -81,11 +84,22 @@ impl History {
 
     /// A line of JSON for each.
     pub fn encode(&self) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        for trained in self.iter() {
-            trained.encode(&mut bytes);
-        }
-        bytes
+        self.pieces().flatten().collect()
+    }
+
+    /// The same in pieces of whole lines, each of little more than 64 KiB: a long run has tens of megabytes of them.
+    pub fn pieces(&self) -> impl Iterator<Item = Vec<u8>> {
+        let mut rollouts = self.iter().peekable();
+        std::iter::from_fn(move || {
+            rollouts.peek()?;
+            let mut piece = Vec::new();
+            while piece.len() < PIECE_BYTES
+                && let Some(trained) = rollouts.next()
+            {
+                trained.encode(&mut piece);
+            }
+            Some(piece)
+        })
     }
 
     /// Takes in the newest line.
@@ -207,6 +221,16 @@ mod tests {
         let (again, damaged) = History::decode(&history.encode());
         assert_eq!((&again, damaged), (&history, 0));
         assert_eq!(again.encode(), history.encode());
+    }
+
+    #[test]
+    fn its_pieces_are_small_and_of_whole_lines() {
+        let history = history(0..2_000);
+        let pieces: Vec<_> = history.pieces().collect();
+        assert!(pieces.len() > 3, "{}", pieces.len());
+        assert!(pieces.iter().all(|piece| piece.ends_with(b"\n") && piece.len() < PIECE_BYTES + 1_000));
+        assert_eq!(History::decode(&pieces.concat()), (history, 0));
+        assert_eq!(History::default().pieces().count(), 0);
     }
 
     #[test]

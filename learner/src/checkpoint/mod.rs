@@ -19,7 +19,6 @@ pub(crate) use tensors::{decode, decode_tensors, encode};
 
 use crate::agent::AgentState;
 use crate::collector::Boundary;
-use proto::trained::History;
 
 /// A run at a rollout boundary.
 #[derive(Debug)]
@@ -34,6 +33,4 @@ pub struct Snapshot {
     pub boundary: Boundary,
     /// Digest of the weights.
     pub weights: String,
-    /// Figures of all rollouts before it.
-    pub figures: History,
 }

@@ -112,7 +112,6 @@ mod tests {
     use super::*;
     use crate::agent::AgentState;
     use proto::config::CarriedGoal;
-    use proto::trained::History;
     use tch::{Device, Kind};
     use wire::message::EnvironmentState;
 
@@ -125,7 +124,7 @@ mod tests {
         for (column, state) in boundary.environments.iter_mut().enumerate() {
             *state = EnvironmentState::start_of(5 + column as u32);
         }
-        Snapshot { rollout: 3, frames: 9, agent, boundary, weights: "w".into(), figures: History::default() }
+        Snapshot { rollout: 3, frames: 9, agent, boundary, weights: "w".into() }
     }
 
     fn episodes(snapshot: &Snapshot) -> Vec<u32> {

@@ -6,13 +6,14 @@ use crate::agent::AgentState;
 use proto::bounded;
 use proto::checkpoint::{Machine, Manifest, ManifestError};
 use proto::config::StageConfig;
-use proto::digest::sha256;
+use proto::digest::{Digest256, sha256};
 use proto::disk::{Disk, LocalDisk};
 use proto::pin::pin;
-use proto::run_folder::{RolloutName, RunFolder, write_atomically_on};
+use proto::run_folder::{RolloutName, RunFolder, write_pieces_atomically_on};
 use proto::stage::position_at;
 use proto::trained::History;
 use std::io::ErrorKind;
+use std::iter::once;
 use std::path::{Path, PathBuf};
 
 /// A checkpoint that cannot be used, and why.
@@ -103,8 +104,8 @@ pub struct Loaded {
     pub path: String,
     /// Newer checkpoints that could not be used.
     pub rejected: Vec<Rejected>,
-    /// Why it holds no figures of the rollouts before it, if that is so.
-    pub without_figures: Option<String>,
+    /// The figures of all rollouts before it, or why it holds none.
+    pub figures: Result<History, String>,
 }
 
 /// The checkpoints of one run.
@@ -164,10 +165,11 @@ impl<D: Disk> Store<D> {
         &self.machine
     }
 
-    /// Writes a checkpoint, then deletes those that need not be kept. The recordings, which hold everything up to it,
-    /// are on the disk before it counts. Returns the manifest's path relative to the run folder. After an error
-    /// everything that was there before is still there. `evaluated`: it is to be evaluated, so it is pinned, too.
-    pub fn save(&self, snapshot: &Snapshot, evaluated: bool) -> Result<String, CheckpointError> {
+    /// Writes a checkpoint, with the figures of all rollouts before it, then deletes those that need not be kept. The
+    /// recordings, which hold everything up to it, are on the disk before it counts. Returns the manifest's path relative
+    /// to the run folder. After an error everything that was there before is still there. `evaluated`: it is to be
+    /// evaluated, so it is pinned, too.
+    pub fn save(&self, snapshot: &Snapshot, figures: &History, evaluated: bool) -> Result<String, CheckpointError> {
         wire::fault::reach("learner.before_checkpoint");
         self.check_run()?;
         let folder = self.run.checkpoints();
@@ -175,9 +177,8 @@ impl<D: Disk> Store<D> {
         let tensors_path = self.run.checkpoint_tensors(snapshot.rollout);
         let manifest_path = self.run.checkpoint_manifest(snapshot.rollout);
         let bytes = tensors::encode(&snapshot.agent.tensors, &snapshot.boundary)?;
-        let figures = snapshot.figures.encode();
         let position = position_at(&self.stages, snapshot.frames);
-        let manifest = Manifest {
+        let mut manifest = Manifest {
             schema_version: proto::SCHEMA_VERSION,
             run: self.id.clone(),
             rollout: snapshot.rollout,
@@ -191,22 +192,25 @@ impl<D: Disk> Store<D> {
             tensors: file_name(&tensors_path),
             tensors_bytes: bytes.len() as u64,
             tensors_sha256: sha256(&bytes),
-            figures_sha256: sha256(&figures),
+            figures_sha256: String::new(),
             config_sha256: sha256(self.config.as_bytes()),
             config: self.config.clone(),
             weights: snapshot.weights.clone(),
             machine: self.machine.clone(),
             manifest_sha256: String::new(),
         };
-        self.write(&tensors_path, &bytes)?;
+        self.write(&tensors_path, once(bytes))?;
         wire::fault::reach("learner.after_tensors");
-        self.write(&self.run.checkpoint_figures(snapshot.rollout), &figures)?;
+        let mut digest = Digest256::default();
+        let pieces = figures.pieces().inspect(|piece| digest.add(piece));
+        self.write(&self.run.checkpoint_figures(snapshot.rollout), pieces)?;
+        manifest.figures_sha256 = digest.finish();
         wire::fault::reach("learner.after_figures");
         self.sync_recordings()?;
         wire::fault::reach("learner.after_sync");
         // Again: a learner that was stopped for long while it wrote may find another run's folder.
         self.check_run()?;
-        self.write(&manifest_path, &manifest.seal())?;
+        self.write(&manifest_path, once(manifest.seal()))?;
         wire::fault::reach("learner.after_manifest");
         if evaluated && let Err(cause) = pin(&self.run, snapshot.rollout) {
             tracing::warn!("the checkpoint at {} frames is not kept for its evaluation: {cause}", snapshot.frames);
@@ -241,15 +245,14 @@ impl<D: Disk> Store<D> {
                 continue;
             }
             match self.open(rollout, manifest) {
-                Ok((mut snapshot, manifest)) => {
+                Ok((snapshot, manifest)) => {
                     let path = relative(&self.run, &manifest_path);
-                    let (figures, without_figures) = match manifest.figures(&self.disk, &self.run) {
-                        Ok(Some(figures)) => (figures, None),
-                        Ok(None) => (History::default(), Some(format!("{path} is of an older version"))),
-                        Err(error) => (History::default(), Some(error.to_string())),
+                    let figures = match manifest.figures(&self.disk, &self.run) {
+                        Ok(Some(figures)) => Ok(figures),
+                        Ok(None) => Err(format!("{path} is of an older version")),
+                        Err(error) => Err(error.to_string()),
                     };
-                    snapshot.figures = figures;
-                    return Ok(Some(Loaded { snapshot, manifest, path, rejected, without_figures }));
+                    return Ok(Some(Loaded { snapshot, manifest, path, rejected, figures }));
                 }
                 Err(reason) => rejected.push(reason),
             }
@@ -337,8 +340,8 @@ impl<D: Disk> Store<D> {
         }
     }
 
-    fn write(&self, path: &Path, content: &[u8]) -> Result<(), CheckpointError> {
-        write_atomically_on(&self.disk, path, content).map_err(|cause| CheckpointError::Write {
+    fn write<B: AsRef<[u8]>>(&self, path: &Path, pieces: impl Iterator<Item = B>) -> Result<(), CheckpointError> {
+        write_pieces_atomically_on(&self.disk, path, pieces).map_err(|cause| CheckpointError::Write {
             path: path.to_path_buf(),
             cause,
             free_bytes: path.parent().and_then(free_bytes),
@@ -398,8 +401,7 @@ fn tensors_of<D: Disk>(disk: &D, manifest: &Manifest, path: &Path) -> Result<Sna
     let (tensors, boundary) =
         tensors::decode(&bytes, exchange).map_err(|cause| at(format!("cannot be used: {cause}")))?;
     let agent = AgentState { tensors, adam_steps, multiplier, carried_goal };
-    let (weights, figures) = (manifest.weights.clone(), History::default());
-    Ok(Snapshot { rollout, frames, agent, boundary, weights, figures })
+    Ok(Snapshot { rollout, frames, agent, boundary, weights: manifest.weights.clone() })
 }
 
 /// Bytes that this process may still write to the file system of a folder.

@@ -9,7 +9,7 @@ use proto::config::{CarriedGoal, StageConfig};
 use proto::event::Timing;
 use proto::reward::RewardKind;
 use proto::run_folder::RunFolder;
-use proto::trained::Trained;
+use proto::trained::{History, Trained};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use tch::{Kind, Tensor};
@@ -86,7 +86,6 @@ fn snapshot(rollout: u64) -> Snapshot {
             ],
         },
         weights: "ab".into(),
-        figures: figures(rollout),
     }
 }
 
@@ -97,7 +96,10 @@ fn same(a: &Snapshot, b: &Snapshot) -> bool {
         && a.agent.multiplier.to_bits() == b.agent.multiplier.to_bits()
         && a.boundary == b.boundary
         && tensors(a) == tensors(b)
-        && a.figures == b.figures
+}
+
+fn save(store: &Store, rollout: u64) -> Result<String, CheckpointError> {
+    store.save(&snapshot(rollout), &figures(rollout), false)
 }
 
 fn names(folder: &tempfile::TempDir) -> Vec<String> {
@@ -114,9 +116,10 @@ fn a_state_comes_back_bit_for_bit() {
     let store = store(&folder, 2);
     assert!(store.load().unwrap().is_none(), "a fresh run has none");
     let saved = snapshot(3);
-    assert_eq!(store.save(&saved, false).unwrap(), "checkpoints/rollout-00000003.json");
+    assert_eq!(store.save(&saved, &figures(saved.rollout), false).unwrap(), "checkpoints/rollout-00000003.json");
     let loaded = store.load().unwrap().unwrap();
     assert!(same(&loaded.snapshot, &saved));
+    assert_eq!(loaded.figures, Ok(figures(3)));
     assert!(loaded.rejected.is_empty());
     assert_eq!(loaded.path, "checkpoints/rollout-00000003.json");
     assert_eq!(loaded.snapshot.agent.tensors["model.weight"].size(), [2, 2]);
@@ -133,7 +136,7 @@ fn the_newest_and_every_stages_end_are_kept() {
     let store = store(&folder, 2);
     // 20 frames a rollout: stage I ends with rollout 5, stage II with rollout 10.
     for rollout in 0..=10 {
-        store.save(&snapshot(rollout), false).unwrap();
+        save(&store, rollout).unwrap();
     }
     let of = |rollout: &str| ["json", "jsonl", "safetensors"].map(|kind| format!("{rollout}.{kind}"));
     assert_eq!(names(&folder), ["05", "09", "10"].map(of).concat());
@@ -142,7 +145,7 @@ fn the_newest_and_every_stages_end_are_kept() {
         std::fs::write(folder.path().join("checkpoints").join(left), "half").unwrap();
     }
     assert_eq!(store.load().unwrap().unwrap().snapshot.rollout, 10, "a checkpoint without a manifest does not exist");
-    store.save(&snapshot(10), false).unwrap();
+    save(&store, 10).unwrap();
     assert_eq!(names(&folder).len(), 9);
 }
 
@@ -150,14 +153,14 @@ fn the_newest_and_every_stages_end_are_kept() {
 fn a_torn_one_does_not_push_a_good_one_out() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(&folder, 2);
-    (1..=3).for_each(|rollout| drop(store.save(&snapshot(rollout), false).unwrap()));
+    (1..=3).for_each(|rollout| drop(save(&store, rollout).unwrap()));
     std::fs::write(folder.path().join("checkpoints/rollout-00000003.safetensors"), "short").unwrap();
     let loaded = store.load().unwrap().unwrap();
     assert_eq!(loaded.snapshot.rollout, 2);
     assert_eq!(loaded.rejected.len(), 1);
     assert!(loaded.rejected[0].to_string().contains("rollout-00000003.safetensors is torn: it has 5 bytes of"));
     // The run goes on from 2 and passes 3 without saving there.
-    store.save(&snapshot(4), false).unwrap();
+    save(&store, 4).unwrap();
     assert_eq!(names(&folder), ["02.json", "02.jsonl", "02.safetensors", "04.json", "04.jsonl", "04.safetensors"]);
 }
 
@@ -165,13 +168,13 @@ fn a_torn_one_does_not_push_a_good_one_out() {
 fn a_checkpoint_that_cannot_be_written_is_named_and_harms_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(&folder, 1);
-    store.save(&snapshot(1), false).unwrap();
+    save(&store, 1).unwrap();
     let checkpoints = folder.path().join("checkpoints");
     for name in ["safetensors", "jsonl", "json"].map(|kind| format!("rollout-00000002.{kind}.partial")) {
         // A folder where the file is about to be written stands for a disk that does not take it.
         let obstacle = checkpoints.join(&name);
         std::fs::create_dir(&obstacle).unwrap();
-        let error = store.save(&snapshot(2), false).unwrap_err().to_string();
+        let error = save(&store, 2).unwrap_err().to_string();
         let path = checkpoints.join(name.trim_end_matches(".partial"));
         assert!(error.contains(&format!("cannot write checkpoint {}", path.display())), "{error}");
         assert!(error.contains("bytes are free there"), "{error}");
@@ -179,7 +182,7 @@ fn a_checkpoint_that_cannot_be_written_is_named_and_harms_nothing() {
         assert!(same(&loaded.snapshot, &snapshot(1)), "the last good one is untouched");
         std::fs::remove_dir(&obstacle).unwrap();
     }
-    store.save(&snapshot(2), false).unwrap();
+    save(&store, 2).unwrap();
     assert_eq!(names(&folder), ["02.json", "02.jsonl", "02.safetensors"]);
 
     let cause = std::io::Error::from_raw_os_error(libc::ENOSPC);
@@ -191,7 +194,7 @@ fn a_checkpoint_that_cannot_be_written_is_named_and_harms_nothing() {
 fn another_version_is_told_apart_from_a_broken_file() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(&folder, 1);
-    store.save(&snapshot(1), false).unwrap();
+    save(&store, 1).unwrap();
     let path = folder.path().join("checkpoints/rollout-00000001.json");
     let text = std::fs::read_to_string(&path).unwrap();
     let ours = proto::SCHEMA_VERSION;
@@ -210,7 +213,7 @@ fn numbers_that_no_run_reaches_are_refused() {
         let store = store(&folder, 2);
         let mut saved = snapshot(1);
         change(&mut saved);
-        store.save(&saved, false).unwrap();
+        store.save(&saved, &figures(saved.rollout), false).unwrap();
         store.load().unwrap_err().to_string()
     };
     let text = refused(&|saved| saved.boundary.environments[0].episode = u32::MAX);
@@ -221,7 +224,7 @@ fn numbers_that_no_run_reaches_are_refused() {
     assert!(text.contains("not finite"), "{text}");
     // A manifest that leads elsewhere, as a checkpoint that somebody gives away may have one.
     let folder = tempfile::tempdir().unwrap();
-    store(&folder, 2).save(&snapshot(1), false).unwrap();
+    save(&store(&folder, 2), 1).unwrap();
     let path = folder.path().join("checkpoints/rollout-00000001.json");
     let manifest = Manifest::read(&path).unwrap();
     std::fs::write(&path, Manifest { tensors: "../elsewhere".into(), ..manifest }.seal()).unwrap();
@@ -236,28 +239,28 @@ fn numbers_that_no_run_reaches_are_refused() {
 fn nothing_is_written_to_the_folder_of_another_run_and_its_checkpoints_are_passed_over() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(&folder, 2);
-    store.save(&snapshot(1), false).unwrap();
+    save(&store, 1).unwrap();
     name(&folder, "another");
-    let late = store.save(&snapshot(2), false).unwrap_err();
+    let late = save(&store, 2).unwrap_err();
     assert!(matches!(late, CheckpointError::Foreign { .. }));
     let text = format!("is not the folder of run {RUN} any more (it is that of run another): nothing is written there");
     assert!(late.to_string().contains(&text), "{late}");
     std::fs::remove_file(folder.path().join("run.toml")).unwrap();
-    let late = store.save(&snapshot(2), false).unwrap_err().to_string();
+    let late = save(&store, 2).unwrap_err().to_string();
     assert!(late.contains("run.toml is gone or damaged"), "{late}");
     assert_eq!(names(&folder), ["01.json", "01.jsonl", "01.safetensors"]);
 
     name(&folder, "another");
     let other = store_of(&folder, "another", 2);
     assert!(other.load().unwrap().is_none(), "the run begins");
-    other.save(&snapshot(0), false).unwrap();
+    save(&other, 0).unwrap();
     assert_eq!(other.load().unwrap().unwrap().snapshot.rollout, 0);
     // Whoever asks for that very checkpoint gets it.
     let manifest = RunFolder::new(folder.path()).checkpoint_manifest(1);
     assert_eq!(read(&manifest).unwrap().1.run, RUN);
     // The run gets there itself: the other's does not count as kept.
     for rollout in 1..=3 {
-        other.save(&snapshot(rollout), false).unwrap();
+        save(&other, rollout).unwrap();
     }
     assert_eq!(other.load().unwrap().unwrap().manifest.run, "another");
     assert_eq!(names(&folder).len(), 6);
@@ -267,13 +270,13 @@ fn nothing_is_written_to_the_folder_of_another_run_and_its_checkpoints_are_passe
 fn damaged_figures_cost_no_weights() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(&folder, 2);
-    (1..=2).for_each(|rollout| drop(store.save(&snapshot(rollout), false).unwrap()));
+    (1..=2).for_each(|rollout| drop(save(&store, rollout).unwrap()));
     let loaded = store.load().unwrap().unwrap();
-    assert!(same(&loaded.snapshot, &snapshot(2)) && loaded.without_figures.is_none());
+    assert!(same(&loaded.snapshot, &snapshot(2)) && loaded.figures == Ok(figures(2)));
     std::fs::write(folder.path().join("checkpoints/rollout-00000002.jsonl"), "{}").unwrap();
     let loaded = store.load().unwrap().unwrap();
-    assert_eq!((loaded.snapshot.rollout, loaded.snapshot.figures.len()), (2, 0));
-    let reason = loaded.without_figures.unwrap();
+    assert_eq!(loaded.snapshot.rollout, 2);
+    let reason = loaded.figures.unwrap_err();
     assert!(reason.contains("rollout-00000002.jsonl does not match the checksum"), "{reason}");
     // The run goes on with what its other file has.
     std::fs::write(folder.path().join("metrics.jsonl"), figures(5).encode()).unwrap();
@@ -284,22 +287,22 @@ fn damaged_figures_cost_no_weights() {
 fn a_checkpoint_of_an_older_version_is_taken() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(&folder, 2);
-    store.save(&snapshot(1), false).unwrap();
+    save(&store, 1).unwrap();
     let path = RunFolder::new(folder.path()).checkpoint_manifest(1);
     let manifest = Manifest::read(&path).unwrap();
     std::fs::write(&path, Manifest { run: String::new(), figures_sha256: String::new(), ..manifest }.seal()).unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
     assert!(!text.contains("\"run\"") && !text.contains("figures"), "as it wrote it: {text}");
     let loaded = store.load().unwrap().unwrap();
-    assert!(loaded.without_figures.is_some_and(|reason| reason.contains("older version")));
+    assert!(loaded.figures.is_err_and(|reason| reason.contains("older version")));
 }
 
 #[test]
 fn one_that_is_to_be_evaluated_is_pinned_before_it_can_be_pruned() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(&folder, 1);
-    store.save(&snapshot(1), true).unwrap();
-    store.save(&snapshot(2), false).unwrap();
+    store.save(&snapshot(1), &figures(1), true).unwrap();
+    save(&store, 2).unwrap();
     let place = RunFolder::new(folder.path()).validation(1);
     assert!(!folder.path().join("checkpoints/rollout-00000001.json").exists());
     assert_eq!(read(&place.join("rollout-00000001.json")).unwrap().0.rollout, 1);
@@ -346,8 +349,8 @@ proptest! {
     fn no_damage_goes_unnoticed(which in 0usize..2, place in any::<prop::sample::Index>(), bit in 0u8..8, cut: bool) {
         let folder = tempfile::tempdir().unwrap();
         let store = store(&folder, 2);
-        store.save(&snapshot(1), false).unwrap();
-        store.save(&snapshot(2), false).unwrap();
+        save(&store, 1).unwrap();
+        save(&store, 2).unwrap();
         let path = &files(&folder)[which];
         let mut content = std::fs::read(path).unwrap();
         let place = place.index(content.len());

@@ -63,9 +63,8 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
         agent: agent.state(),
         boundary: Boundary::start(ColumnMap::of(0, &config).columns()),
         weights: agent.weights_digest(),
-        figures: History::default(),
     };
-    let checkpoint = store.save(&snapshot, false)?;
+    let checkpoint = store.save(&snapshot, &History::default(), false)?;
 
     writeln!(output, "{} weights of {}", imported.taken, from.display())?;
     for (names, what) in [(&imported.fresh, "starts from the seed"), (&imported.left_out, "is left out")] {

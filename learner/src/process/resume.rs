@@ -5,7 +5,7 @@
 
 use super::{changed, weights};
 use crate::agent::{Agent, AgentState, BELIEFS};
-use crate::checkpoint::{Part, Snapshot, Store, decode, encode};
+use crate::checkpoint::{Loaded, Part, Snapshot, Store, decode, encode};
 use crate::collector::Boundary;
 use anyhow::{Context, Result, bail, ensure};
 use proto::checkpoint::Manifest;
@@ -30,6 +30,8 @@ pub struct Resumed {
 /// A state to begin with, of all columns.
 struct Found {
     snapshot: Snapshot,
+    /// Figures of all rollouts before it: rank 0's alone.
+    figures: History,
     /// The checkpoint that it came from; none for another run's weights.
     checkpoint: Option<String>,
 }
@@ -56,7 +58,7 @@ pub fn resume(
             found = if bytes.is_empty() { None } else { Some(unpack(&bytes)?) };
         }
     }
-    let Some(Found { mut snapshot, checkpoint }) = found else {
+    let Some(Found { mut snapshot, figures, checkpoint }) = found else {
         let (boundary, figures) = (Boundary::start(columns.len()), History::default());
         return Ok(Resumed { rollout: 0, frames: 0, boundary, resting: None, figures, checkpoint: None });
     };
@@ -69,7 +71,7 @@ pub fn resume(
     if loaded != *saved {
         bail!("the weights loaded from checkpoint {path} have digest {loaded}, saved were {saved}");
     }
-    let Snapshot { rollout, frames, boundary, figures, .. } = snapshot;
+    let Snapshot { rollout, frames, boundary, .. } = snapshot;
     Ok(Resumed { rollout, frames, boundary, resting, figures, checkpoint })
 }
 
@@ -81,14 +83,14 @@ fn find(store: &Store, agent: &mut Agent, config: &Config, file: &str) -> Result
         }
         return Ok(None);
     };
-    for rejected in &loaded.rejected {
+    let Loaded { snapshot, manifest, path, rejected, figures } = loaded;
+    for rejected in &rejected {
         tracing::warn!("checkpoint passed over: {rejected}");
     }
-    let (mut snapshot, manifest, path) = (loaded.snapshot, loaded.manifest, loaded.path);
-    if let Some(reason) = loaded.without_figures {
+    let figures = figures.unwrap_or_else(|reason| {
         tracing::warn!("{reason}: the figures of the rollouts before it are those in metrics.jsonl");
-        snapshot.figures = store.figures_of_file(snapshot.rollout);
-    }
+        store.figures_of_file(snapshot.rollout)
+    });
     let held = snapshot.boundary.environments.len();
     let then = with_actors_of(&manifest, config, held).with_context(|| format!("cannot use checkpoint {path}"))?;
     if then.actors.count != config.actors.count {
@@ -112,7 +114,7 @@ fn find(store: &Store, agent: &mut Agent, config: &Config, file: &str) -> Result
             differences.join(", ")
         );
     }
-    Ok(Some(Found { snapshot, checkpoint: Some(path) }))
+    Ok(Some(Found { snapshot, figures, checkpoint: Some(path) }))
 }
 
 /// The configuration with the number of actors that a checkpoint of `held` columns was written with, which may be
@@ -163,8 +165,8 @@ fn as_found(agent: &Agent, config: &Config) -> Result<Found> {
     let all = Tensor::zeros([config.environments() as i64, own.size()[1]], (own.kind(), own.device()));
     state.tensors.insert(BELIEFS.into(), all);
     let (boundary, weights) = (Boundary::start(config.environments()), agent.weights_digest());
-    let snapshot = Snapshot { rollout: 0, frames: 0, agent: state, boundary, weights, figures: History::default() };
-    Ok(Found { snapshot, checkpoint: None })
+    let snapshot = Snapshot { rollout: 0, frames: 0, agent: state, boundary, weights };
+    Ok(Found { snapshot, figures: History::default(), checkpoint: None })
 }
 
 /// What of a [`Found`] is no tensor.
@@ -182,7 +184,7 @@ struct Head {
 
 /// As bytes: the length of the head, the head, the tensors. Figures are rank 0's alone.
 fn pack(found: &Found) -> Result<Vec<u8>> {
-    let Found { snapshot: Snapshot { rollout, frames, agent, boundary, weights, .. }, checkpoint } = found;
+    let Found { snapshot: Snapshot { rollout, frames, agent, boundary, weights }, figures: _, checkpoint } = found;
     let head = serde_json::to_vec(&Head {
         rollout: *rollout,
         frames: *frames,
@@ -208,8 +210,8 @@ fn unpack(bytes: &[u8]) -> Result<Found> {
         serde_json::from_slice(head).context("the first learner's state")?;
     let (tensors, boundary) = decode(tensors, exchange).context("the first learner's state")?;
     let agent = AgentState { tensors, adam_steps, multiplier, carried_goal };
-    let snapshot = Snapshot { rollout, frames, agent, boundary, weights, figures: History::default() };
-    Ok(Found { snapshot, checkpoint })
+    let snapshot = Snapshot { rollout, frames, agent, boundary, weights };
+    Ok(Found { snapshot, figures: History::default(), checkpoint })
 }
 
 #[cfg(test)]
@@ -224,10 +226,10 @@ mod tests {
         let tensors = BTreeMap::from([(BELIEFS.to_owned(), beliefs)]);
         let agent = AgentState { tensors, adam_steps: 5, multiplier: 0.25, carried_goal: CarriedGoal::ObjectToGoal };
         let boundary = Boundary { exchange: 40, ..Boundary::start(3) };
-        let snapshot =
-            Snapshot { rollout: 4, frames: 48, agent, boundary, weights: "w".into(), figures: History::default() };
-        let bytes = pack(&Found { snapshot, checkpoint: Some("checkpoints/c.json".into()) }).unwrap();
-        let Found { snapshot, checkpoint } = unpack(&bytes).unwrap();
+        let snapshot = Snapshot { rollout: 4, frames: 48, agent, boundary, weights: "w".into() };
+        let figures = History::default();
+        let bytes = pack(&Found { snapshot, figures, checkpoint: Some("checkpoints/c.json".into()) }).unwrap();
+        let Found { snapshot, checkpoint, .. } = unpack(&bytes).unwrap();
         assert_eq!((snapshot.rollout, snapshot.frames, checkpoint.as_deref()), (4, 48, Some("checkpoints/c.json")));
         assert_eq!((snapshot.agent.adam_steps, snapshot.agent.multiplier, &*snapshot.weights), (5, 0.25, "w"));
         assert_eq!((snapshot.boundary.exchange, snapshot.boundary.environments.len()), (40, 3));

@@ -307,15 +307,15 @@ impl<W: Write> Training<'_, W> {
         }
         if self.conversation.rank == 0 {
             let Self { rollout, frames, .. } = *self;
-            let (agent, figures) = (self.agent.state(), self.figures.clone());
-            let mut snapshot = Snapshot { rollout, frames, agent, boundary, weights, figures };
+            let agent = self.agent.state();
+            let mut snapshot = Snapshot { rollout, frames, agent, boundary, weights };
             for part in peers.gather(&[])? {
                 snapshot.append(Part::decode(&part)?);
             }
             if let Some(resting) = &self.resting {
                 snapshot.append(resting.again());
             }
-            written = self.store.save(&snapshot, state.evaluated).map(Some);
+            written = self.store.save(&snapshot, &self.figures, state.evaluated).map(Some);
         } else {
             peers.gather(&Part { beliefs: self.agent.boundary_beliefs(), boundary }.encode()?)?;
         }

@@ -11,7 +11,7 @@ use anyhow::{Context, Result};
 use proto::bounded;
 use proto::checkpoint::Manifest;
 use proto::disk::LocalDisk;
-use proto::run_folder::{RolloutName, RunFolder, write_atomically};
+use proto::run_folder::{RolloutName, RunFolder, write_pieces_atomically_on};
 use proto::trained::{History, Trained};
 use std::io::ErrorKind;
 use std::ops::RangeInclusive;
@@ -170,7 +170,7 @@ impl Journal {
         };
         let differs = !is_content(&path, self.history.iter().map(line));
         if differs {
-            write_atomically(&path, &self.history.encode())
+            write_pieces_atomically_on(&LocalDisk, &path, self.history.pieces())
                 .with_context(|| format!("cannot write {}", path.display()))?;
             self.writer = Writer::open(&path)?;
         }

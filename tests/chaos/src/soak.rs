@@ -41,8 +41,9 @@ pub struct Soak {
     /// Seed of what happens
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Mean time between two faults, seconds; 0 lets nothing happen
-    #[arg(long, default_value_t = 60)]
+    /// Mean time between two faults, seconds; 0 lets nothing happen. Growth can be told from warming up only in lives
+    /// that are much longer than a minute
+    #[arg(long, default_value_t = 600)]
     every_s: u64,
     /// Learners
     #[arg(long, default_value_t = 1)]

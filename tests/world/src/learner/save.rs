@@ -39,7 +39,7 @@ impl Learner {
             if let Some((operations, _)) = cut {
                 world.disk.crash_in(operations);
             }
-            let saved = store_of(world).save(&snapshot, false);
+            let saved = store_of(world).save(&snapshot, &History::default(), false);
             if world.disk.take_crash() {
                 world.power_fails = cut.is_some_and(|(_, power)| power);
                 world.note(|| format!("learner 0 dies while it saves rollout {}", self.rollout));
@@ -75,14 +75,7 @@ impl Learner {
             multiplier: self.acting as f64,
             carried_goal: world.setup.config.network.carried_goal,
         };
-        Snapshot {
-            rollout: self.rollout,
-            frames: self.frames,
-            agent,
-            boundary,
-            weights: self.digest(),
-            figures: History::default(),
-        }
+        Snapshot { rollout: self.rollout, frames: self.frames, agent, boundary, weights: self.digest() }
     }
 
     pub(super) fn written(&mut self, world: &mut World, me: TaskId, then: Then, words: &[Word]) -> Next {
