@@ -3,7 +3,8 @@
 use crate::ffi::{arithmetic, determinism, library, warnings};
 use proto::config::{CpuArithmetic, DeviceChoice, LearnerConfig};
 use proto::device::{VISIBLE_DEVICES, device_name};
-use tch::{Cuda, Device};
+use tch::kind::Element;
+use tch::{Cuda, Device, Tensor};
 
 /// Loads libtorch's CUDA half if this machine has it, so that one binary serves CPU and GPU machines.
 ///
@@ -49,6 +50,17 @@ pub(crate) fn choose(config: &LearnerConfig) -> Result<Device, DeviceError> {
         determinism::use_deterministic();
     }
     Ok(device)
+}
+
+/// These numbers on a device. They go to a GPU from pinned memory, so that nobody waits: for any other copy libtorch would
+/// wait until the GPU has done all that it was given before.
+pub(crate) fn upload<T: Element>(numbers: &[T], device: Device) -> Tensor {
+    let host = Tensor::from_slice(numbers);
+    if !device.is_cuda() || numbers.is_empty() {
+        return host.to_device(device);
+    }
+    // libtorch keeps the pinned memory until the copy is through.
+    host.pin_memory(device).to_device_(device, host.kind(), true, false)
 }
 
 /// The device that a command line names.

@@ -44,18 +44,17 @@ impl Adam {
     }
 }
 
-/// Euclidean norm of a flat gradient. Summed in double: millions of squares in f32 lose the fourth digit on the CPU.
-pub fn norm(gradient: &Tensor) -> f64 {
-    gradient.norm_scalaropt_dtype(2, Kind::Double).double_value(&[])
+/// Euclidean norm of a flat gradient, a scalar on its device. In double: millions of squares in f32 lose the fourth
+/// digit on the CPU.
+pub fn norm(gradient: &Tensor) -> Tensor {
+    gradient.norm_scalaropt_dtype(2, Kind::Double)
 }
 
 /// Scales a flat gradient that has this norm down to one of at most `max_norm`, as `torch.nn.utils.clip_grad_norm_`
-/// does.
-pub fn clip(gradient: &mut Tensor, norm: f64, max_norm: f64) {
-    let scale = max_norm / (norm + 1e-6);
-    if scale < 1.0 {
-        let _ = gradient.g_mul_scalar_(scale);
-    }
+/// does. The norm stays on the device: nobody waits for it.
+pub fn clip(gradient: &mut Tensor, norm: &Tensor, max_norm: f64) {
+    let scale = norm.full_like(max_norm) / (norm + 1e-6);
+    let _ = gradient.g_mul_(&scale.clamp_max(1.0).to_kind(gradient.kind()));
 }
 
 /// How far the learning rate has fallen after so many frames of a stage, 0..=1. It falls over `learning_rate_frames`,
@@ -104,19 +103,26 @@ mod tests {
         let count = 5_800_000;
         let gradient = Tensor::full([count], 1e-3, (Kind::Float, tch::Device::Cpu));
         let exact = f64::from(1e-3f32) * (count as f64).sqrt();
-        let norm = norm(&gradient);
+        let norm = norm(&gradient).double_value(&[]);
         assert!((norm - exact).abs() < 1e-9 * exact, "{norm} is not {exact}");
     }
 
     #[test]
     fn only_long_gradients_are_clipped() {
         let mut long = Tensor::from_slice(&[3f32, 4.0]);
-        assert_eq!(norm(&long), 5.0);
-        clip(&mut long, 5.0, 0.5);
+        let length = norm(&long);
+        assert_eq!(length.double_value(&[]), 5.0);
+        clip(&mut long, &length, 0.5);
         assert!(to_vec(&long).iter().zip([0.3, 0.4]).all(|(a, b)| (a - b).abs() < 1e-6));
         let mut short = Tensor::from_slice(&[0.3f32, 0.4]);
-        assert!((norm(&short) - 0.5).abs() < 1e-6);
-        clip(&mut short, 0.5, 0.6);
+        let length = norm(&short);
+        assert!((length.double_value(&[]) - 0.5).abs() < 1e-6);
+        clip(&mut short, &length, 0.6);
         assert_eq!(to_vec(&short), [0.3, 0.4]);
+        // Nobody looks at the norm on the way: what is not finite must not come out as if it were.
+        let mut broken = Tensor::from_slice(&[f32::NAN, 1.0]);
+        let length = norm(&broken);
+        clip(&mut broken, &length, 0.5);
+        assert!(to_vec(&broken).iter().all(|number| number.is_nan()));
     }
 }

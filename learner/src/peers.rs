@@ -122,6 +122,16 @@ impl Peers {
         self.sum(std::slice::from_mut(number))
     }
 
+    /// The same for a scalar in double on any device. Nobody waits for it where there is one learner.
+    pub(crate) fn first_scalar(&self, number: &mut Tensor) -> Result<(), PeerError> {
+        if self.count() > 1 {
+            let mut value = number.double_value(&[]);
+            self.first(&mut value)?;
+            *number = number.full_like(value);
+        }
+        Ok(())
+    }
+
     /// How many learners there are.
     pub fn count(&self) -> u32 {
         match self {
@@ -146,9 +156,14 @@ impl Peers {
 
     /// A count over all learners.
     pub fn total(&self, own: u64) -> Result<u64, PeerError> {
-        let mut total = [own as f64];
-        self.sum(&mut total)?;
-        Ok(total[0] as u64)
+        Ok(self.totals([own])?[0])
+    }
+
+    /// Several counts over all learners, in one exchange.
+    pub(crate) fn totals(&self, own: impl IntoIterator<Item = u64>) -> Result<Vec<u64>, PeerError> {
+        let mut totals: Vec<f64> = own.into_iter().map(|count| count as f64).collect();
+        self.sum(&mut totals)?;
+        Ok(totals.into_iter().map(|total| total as u64).collect())
     }
 
     /// Replaces a flat gradient by the sum over all learners.

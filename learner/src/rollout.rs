@@ -3,6 +3,7 @@
 //! Frames stay on the learner's device; the few numbers besides them lie on the host, row-major in (step, column), and
 //! go to the device once an update, in the order of a [`Packing`].
 
+use crate::device::upload;
 use crate::network::{Observations, Packing};
 use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
@@ -197,8 +198,8 @@ impl Rollout {
         let rows: Vec<i64> = packing.rows.iter().map(|&(t, n)| self.index(t, n) as i64).collect();
         let goals: Vec<f32> = packing.rows.iter().flat_map(|&(t, n)| self.step(t, n).goal).collect();
         Observations {
-            frames: self.frames.index_select(0, &Tensor::from_slice(&rows).to_device(device)),
-            goals: Tensor::from_slice(&goals).view([-1, 3]).to_device(device),
+            frames: self.frames.index_select(0, &upload(&rows, device)),
+            goals: upload(&goals, device).view([-1, 3]),
             previous_actions: self.gather(packing, |step| step.previous_action),
         }
     }
@@ -206,7 +207,7 @@ impl Rollout {
     /// One number a row, in the order of a packing, on the device.
     pub fn gather<T: tch::kind::Element>(&self, packing: &Packing, number: impl Fn(&Step) -> T) -> Tensor {
         let values: Vec<T> = packing.rows.iter().map(|&(t, n)| number(self.step(t, n))).collect();
-        Tensor::from_slice(&values).to_device(self.frames.device())
+        upload(&values, self.frames.device())
     }
 
     /// All of it on the CPU, by name: (T, N, …), `bootstrap` (N), NaN where there is none yet. Rows that are not

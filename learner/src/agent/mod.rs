@@ -535,16 +535,16 @@ impl Agent {
         let goals: Vec<f32> = steps.iter().flat_map(|step| step.goal).collect();
         let previous_actions: Vec<i64> = steps.iter().map(|step| step.previous_action).collect();
         let carried: Vec<f32> = episode_start.iter().map(|&start| if start { 0.0 } else { 1.0 }).collect();
-        let upload = |tensor: Tensor| tensor.to_device(self.device);
+        let to_device = |tensor: Tensor| tensor.to_device(self.device);
 
         let _no_grad = tch::no_grad_guard();
         let observations = Observations {
             frames: preparation.keep(frames, &mut self.staging),
-            goals: upload(Tensor::from_slice(&goals).view([-1, 3])),
-            previous_actions: upload(Tensor::from_slice(&previous_actions)),
+            goals: to_device(Tensor::from_slice(&goals).view([-1, 3])),
+            previous_actions: to_device(Tensor::from_slice(&previous_actions)),
         };
         let before = self.beliefs.index_select(0, &column_indices(columns, self.device))
-            * upload(Tensor::from_slice(&carried).unsqueeze(1));
+            * to_device(Tensor::from_slice(&carried).unsqueeze(1));
         let embedded = network.embed(&observations);
         let beliefs = network.belief.step(&network.parameters, &embedded, &before);
         let output = network.actor_critic(&beliefs);

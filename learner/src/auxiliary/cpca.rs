@@ -7,6 +7,7 @@
 
 use super::query::{Epoch, Query};
 use super::task::{Pass, Sizes, Tally, Task, TaskEntry, TaskLoss};
+use crate::device::upload;
 use crate::network::{Gru, Initial, Layout, Linear, OBSERVATION, Packing, ParameterId, Parameters};
 use crate::peers::{PeerError, Peers};
 use proto::config::AuxiliaryTask;
@@ -21,7 +22,7 @@ pub(crate) const ENTRY: TaskEntry = TaskEntry {
     declare: |layout, sizes, config| Box::new(Cpca::new(layout, sizes, config.subsample)),
 };
 
-/// Names of the sums in its tally.
+/// What its tally holds.
 const SUMS: [&str; 3] = ["asked", "positives_right", "negatives_right"];
 
 /// Number of steps predicted ahead.
@@ -61,7 +62,7 @@ impl Cpca {
     fn contexts(&self, parameters: &Parameters, pass: &Pass) -> Tensor {
         let taken: Vec<i64> =
             (0..HORIZON as usize).flat_map(|k| pass.packing.later(k).into_iter().map(|row| row.unwrap_or(0))).collect();
-        let taken = Tensor::from_slice(&taken).to_device(pass.beliefs.device());
+        let taken = upload(&taken, pass.beliefs.device());
         let actions = pass.actions.index_select(0, &taken);
         let embedded = Tensor::embedding(&parameters[self.action_embedder], &actions, -1, false, false);
         self.context.sequence(parameters, &embedded.view([HORIZON, -1, ACTION]), pass.beliefs)
@@ -102,12 +103,13 @@ impl Task for Cpca {
         };
         let (positive, negative) = (classify(&later), classify(&negative));
 
-        let mut tally = Tally::default();
-        let above = |logits: &Tensor| logits.detach().gt(0.0).sum(Kind::Int64).int64_value(&[]) as f64;
-        tally.add("asked", queries.len() as f64);
-        tally.add("positives_right", above(&positive));
-        tally.add("negatives_right", queries.len() as f64 - above(&negative));
-        TaskLoss { loss: cross_entropy(&positive, 1.0) + cross_entropy(&negative, 0.0), tally }
+        let count = |set: Tensor| set.sum(Kind::Int64);
+        let sums = vec![
+            pass.known(queries.len()),
+            count(positive.detach().gt(0.0)),
+            count(negative.detach().gt(0.0).logical_not()),
+        ];
+        TaskLoss { loss: cross_entropy(&positive, 1.0) + cross_entropy(&negative, 0.0), sums }
     }
 
     fn sums(&self) -> &'static [&'static str] {

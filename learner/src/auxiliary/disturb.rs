@@ -70,7 +70,7 @@ impl Task for Disturb {
         let labels = labels.index_select(0, &asked);
 
         let loss = focal_loss(&logits, &labels, self.focal_gamma).sum(Kind::Float) / count as f64;
-        TaskLoss { tally: tally(&logits.detach(), &labels), loss }
+        TaskLoss { sums: outcomes(&logits.detach(), &labels).into(), loss }
     }
 
     fn sums(&self) -> &'static [&'static str] {
@@ -109,17 +109,17 @@ pub fn focal_loss(logits: &Tensor, labels: &Tensor, gamma: f64) -> Tensor {
     wrong.pow_tensor_scalar(gamma) * surprise
 }
 
-/// Counts of the four outcomes of predicting "disturbs" where the logit is positive.
-fn tally(logits: &Tensor, labels: &Tensor) -> Tally {
+/// Counts of the four outcomes of predicting "disturbs" where the logit is positive, in the order of [`SUMS`].
+fn outcomes(logits: &Tensor, labels: &Tensor) -> [Tensor; 4] {
     let predicted = logits.gt(0.0);
     let disturbed = labels.gt(0.5);
-    let count = |set: Tensor| set.sum(Kind::Int64).int64_value(&[]) as f64;
-    let mut tally = Tally::default();
-    tally.add("hits", count(predicted.logical_and(&disturbed)));
-    tally.add("misses", count(predicted.logical_not().logical_and(&disturbed)));
-    tally.add("alarms", count(predicted.logical_and(&disturbed.logical_not())));
-    tally.add("quiet", count(predicted.logical_or(&disturbed).logical_not()));
-    tally
+    [
+        predicted.logical_and(&disturbed),
+        predicted.logical_not().logical_and(&disturbed),
+        predicted.logical_and(&disturbed.logical_not()),
+        predicted.logical_or(&disturbed).logical_not(),
+    ]
+    .map(|set| set.sum(Kind::Int64))
 }
 
 #[cfg(test)]
@@ -132,6 +132,10 @@ mod tests {
         let task = Disturb::new(&mut layout, Sizes { hidden: 4, actions: 3 }, 2.0);
         let logits = Tensor::from_slice(&[1f32, -1.0, 2.0, -2.0, -3.0, 0.5]);
         let labels = Tensor::from_slice(&[1f32, 1.0, 0.0, 0.0, 0.0, 1.0]);
+        let tally = |logits: &Tensor, labels: &Tensor| {
+            let counts = outcomes(logits, labels).map(|count| count.int64_value(&[]) as f64);
+            Tally::of(&SUMS, &counts)
+        };
         let figures = task.figures(&tally(&logits, &labels));
         let figure = |name: &str| figures[&format!("auxiliary/{name}")];
         assert!((figure("recall_disturb") - 2.0 / 3.0).abs() < 1e-12);

@@ -4,6 +4,7 @@
 
 use super::query::{Epoch, Query};
 use super::task::{Pass, Sizes, Tally, Task, TaskEntry, TaskLoss};
+use crate::device::upload;
 use crate::network::{Layout, Linear, OBSERVATION, Packing, Parameters};
 use crate::peers::{PeerError, Peers};
 use proto::config::AuxiliaryTask;
@@ -47,7 +48,7 @@ impl Task for InverseDynamics {
     fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> TaskLoss {
         let rows = pass.of_queries(queries, |query| query.row);
         let later = pass.of_queries(queries, |query| query.later);
-        let last = Tensor::from_slice(&pass.packing.last()).to_device(pass.beliefs.device());
+        let last = upload(&pass.packing.last(), pass.beliefs.device());
         let known = [
             pass.embeddings.index_select(0, &rows),
             pass.embeddings.index_select(0, &later),
@@ -56,13 +57,10 @@ impl Task for InverseDynamics {
         let logits = self.decoder.forward(parameters, &Tensor::cat(&known, 1));
         let taken = pass.actions.index_select(0, &rows);
 
-        let mut tally = Tally::default();
         let right = logits.detach().argmax(1, false).eq_tensor(&taken).sum(Kind::Int64);
-        tally.add("right", right.int64_value(&[]) as f64);
-        tally.add("asked", queries.len() as f64);
         let no_weight: Option<Tensor> = None;
         let loss = logits.cross_entropy_loss(&taken, no_weight, Reduction::Sum, -100, 0.0) / count as f64;
-        TaskLoss { loss, tally }
+        TaskLoss { loss, sums: vec![right, pass.known(queries.len())] }
     }
 
     fn sums(&self) -> &'static [&'static str] {

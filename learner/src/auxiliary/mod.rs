@@ -64,9 +64,14 @@ impl Auxiliary {
     }
 
     /// Loss of one pass: see [`Task::loss`]. `None` without a task, or if it is asked nothing of this pass.
+    ///
+    /// # Panics
+    /// If the task does not give as many sums as it names.
     pub fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> Option<TaskLoss> {
         let task = self.0.as_ref().filter(|_| !queries.is_empty())?;
-        Some(task.loss(parameters, pass, queries, count))
+        let loss = task.loss(parameters, pass, queries, count);
+        assert_eq!(loss.sums.len(), task.sums().len(), "a task gives each of its sums");
+        Some(loss)
     }
 
     /// Names of the sums that the figures are made of, in a fixed order.

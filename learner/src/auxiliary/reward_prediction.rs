@@ -40,10 +40,9 @@ impl Task for RewardPrediction {
         let expected = of_actions.gather(1, &pass.actions.unsqueeze(1), false).squeeze_dim(1).index_select(0, &asked);
         let rewards = pass.rollout.gather(pass.packing, |step| step.reward).index_select(0, &asked);
 
-        let mut tally = Tally::default();
-        tally.add("absolute_error", (expected.detach() - &rewards).abs().sum(Kind::Double).double_value(&[]));
-        tally.add("asked", queries.len() as f64);
-        TaskLoss { loss: expected.mse_loss(&rewards, Reduction::Sum) / count as f64, tally }
+        let error = (expected.detach() - &rewards).abs().sum(Kind::Double);
+        let loss = expected.mse_loss(&rewards, Reduction::Sum) / count as f64;
+        TaskLoss { loss, sums: vec![error, pass.known(queries.len())] }
     }
 
     fn sums(&self) -> &'static [&'static str] {
@@ -116,7 +115,9 @@ mod tests {
             queries.iter().map(error).collect::<Vec<f64>>()
         };
         let errors = by_hand(&parameters);
-        let TaskLoss { loss, tally } = task.loss(&parameters, &pass, &queries, count as u64);
+        let TaskLoss { loss, sums } = task.loss(&parameters, &pass, &queries, count as u64);
+        let sums: Vec<f64> = sums.iter().map(|sum| sum.double_value(&[])).collect();
+        let tally = Tally::of(task.sums(), &sums);
         let mean = |values: &dyn Fn(f64) -> f64| errors.iter().map(|&error| values(error)).sum::<f64>() / count as f64;
         assert!((loss.double_value(&[]) - mean(&|error| error * error)).abs() < 1e-6);
         assert!((task.figures(&tally)["auxiliary/reward_error"] - mean(&f64::abs)).abs() < 1e-6);

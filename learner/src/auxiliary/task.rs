@@ -1,13 +1,14 @@
 //! What an auxiliary task is to training, and what the registry holds of each.
 
 use super::query::{Epoch, Query};
+use crate::device::upload;
 use crate::network::{Layout, Packing, Parameters};
 use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use proto::config::{AuxiliaryConfig, AuxiliaryTask};
 use std::collections::BTreeMap;
 use std::fmt;
-use tch::Tensor;
+use tch::{Kind, Tensor};
 
 /// An auxiliary task: parameters of its own, and a loss on what a training pass computes.
 pub trait Task: fmt::Debug + Send {
@@ -18,7 +19,7 @@ pub trait Task: fmt::Debug + Send {
     /// Loss of these queries of one pass: their sum over `count`, the queries of all passes at all learners.
     fn loss(&self, parameters: &Parameters, pass: &Pass, queries: &[Query], count: u64) -> TaskLoss;
 
-    /// Names of the sums that [`Task::figures`] needs, in a fixed order.
+    /// Names of the sums that [`Task::figures`] needs, in the order of [`TaskLoss::sums`].
     fn sums(&self) -> &'static [&'static str];
 
     /// The task's figures, named `auxiliary/…`, from these sums over all passes.
@@ -70,9 +71,14 @@ pub struct Pass<'a> {
 }
 
 impl Pass<'_> {
+    /// A number that is known already, as one of [`TaskLoss::sums`].
+    pub(crate) fn known(&self, number: usize) -> Tensor {
+        Tensor::full([], number as f64, (Kind::Double, self.beliefs.device()))
+    }
+
     /// One number a query, i64 \[queries\], on the pass's device.
     pub(crate) fn of_queries(&self, queries: &[Query], number: impl Fn(&Query) -> i64) -> Tensor {
-        Tensor::from_slice(&queries.iter().map(number).collect::<Vec<i64>>()).to_device(self.beliefs.device())
+        upload(&queries.iter().map(number).collect::<Vec<i64>>(), self.beliefs.device())
     }
 }
 
@@ -81,8 +87,8 @@ impl Pass<'_> {
 pub struct TaskLoss {
     /// This pass's part of the batch's mean loss, with gradient.
     pub loss: Tensor,
-    /// Sums that the task's figures are made of.
-    pub tally: Tally,
+    /// What this pass adds to each of [`Task::sums`]: scalars on its device, read only when the update is through.
+    pub sums: Vec<Tensor>,
 }
 
 /// Sums over rows, by name: passes and epochs add up.
@@ -90,15 +96,15 @@ pub struct TaskLoss {
 pub struct Tally(BTreeMap<&'static str, f64>);
 
 impl Tally {
-    /// Adds to a sum.
-    pub fn add(&mut self, name: &'static str, value: f64) {
-        *self.0.entry(name).or_default() += value;
+    /// Sums with these names.
+    pub fn of(names: &[&'static str], sums: &[f64]) -> Self {
+        Self(names.iter().copied().zip(sums.iter().copied()).collect())
     }
 
     /// Adds another tally.
     pub fn merge(&mut self, other: &Self) {
         for (name, value) in &other.0 {
-            self.add(name, *value);
+            *self.0.entry(name).or_default() += value;
         }
     }
 

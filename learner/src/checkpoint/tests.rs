@@ -131,6 +131,18 @@ fn a_state_comes_back_bit_for_bit() {
 }
 
 #[test]
+fn figures_of_no_rollout_and_of_many_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(&folder, 2);
+    for (rollout, count) in [(1, 0), (2, 1_000)] {
+        let many = figures(count);
+        assert_eq!(many.pieces().count() > 1, count > 0);
+        store.save(&snapshot(rollout), &many, false).unwrap();
+        assert_eq!(store.load().unwrap().unwrap().figures, Ok(many));
+    }
+}
+
+#[test]
 fn the_newest_and_every_stages_end_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let store = store(&folder, 2);

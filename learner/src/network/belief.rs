@@ -12,6 +12,7 @@
 use super::initialize::Initial;
 use super::layers::Gru;
 use super::parameters::{Layout, Parameters};
+use crate::device::upload;
 use std::ops::Range;
 use tch::{Device, Kind, Tensor};
 
@@ -41,8 +42,8 @@ impl Belief {
     /// start \[columns, hidden\] → beliefs \[rows, hidden\] in the same order.
     pub fn unroll(&self, parameters: &Parameters, x: &Tensor, packing: &Packing, at_start: &Tensor) -> Tensor {
         let device = x.device();
-        let columns = Tensor::from_slice(&packing.columns).to_device(device);
-        let carried = Tensor::from_slice(&packing.carried).to_device(device).unsqueeze(1);
+        let columns = upload(&packing.columns, device);
+        let carried = upload(&packing.carried, device).unsqueeze(1);
         let before = at_start.index_select(0, &columns) * carried;
         self.gru.packed(parameters, x, &packing.batch_sizes, &before)
     }

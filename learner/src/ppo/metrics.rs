@@ -1,13 +1,15 @@
 //! The figures of an update: sums over chunks and learners, then means over the steps of the optimiser.
+//!
+//! What a step gives stays on its device until the update is through. Whoever read it sooner would have the GPU wait for
+//! the CPU, and the CPU for the GPU, at every step. (Several learners still wait at each, for the sum of their gradients.)
 
 use crate::auxiliary::{Auxiliary, Tally};
-use crate::network::to_vec;
 use crate::peers::{PeerError, Peers};
 use proto::metric;
 use std::collections::BTreeMap;
-use tch::Tensor;
+use tch::{Device, Kind, Tensor};
 
-/// Names of the scalars of a pass, in the order in which they are read back from the device.
+/// Names of the scalars of a pass, in the order in which they are kept.
 pub const SCALARS: [&str; 6] = [
     metric::POLICY_LOSS,
     metric::VALUE_LOSS,
@@ -17,81 +19,125 @@ pub const SCALARS: [&str; 6] = [
     metric::APPROXIMATE_KL,
 ];
 
+/// This learner's part of one step of the optimiser.
+#[derive(Debug)]
+pub(crate) struct StepSums {
+    /// [`SCALARS`], then the auxiliary task's sums; doubles on the device, \[K\].
+    numbers: Tensor,
+}
+
+impl StepSums {
+    /// Of no pass yet.
+    pub(crate) fn new(auxiliary: &Auxiliary, device: Device) -> Self {
+        let count = SCALARS.len() + auxiliary.sums().len();
+        Self { numbers: Tensor::zeros([count as i64], (Kind::Double, device)) }
+    }
+
+    /// Adds a pass's scalars, in the order of [`SCALARS`], and what the auxiliary task counted, if it was asked.
+    pub(crate) fn add_pass(&mut self, scalars: &[Tensor; SCALARS.len()], counted: &[Tensor]) {
+        let add = |first: usize, numbers: &[Tensor]| {
+            if !numbers.is_empty() {
+                let numbers = Tensor::stack(numbers, 0).detach().to_kind(Kind::Double);
+                let _ = self.numbers.narrow(0, first as i64, numbers.size()[0]).g_add_(&numbers);
+            }
+        };
+        add(0, scalars);
+        add(SCALARS.len(), counted);
+    }
+
+    /// Sums over all learners, with the norm of the step's gradient and the number of its queries.
+    pub(crate) fn read(
+        &self,
+        gradient_norm: &Tensor,
+        queries: u64,
+        auxiliary: &Auxiliary,
+        peers: &Peers,
+    ) -> Result<StepMetrics, PeerError> {
+        let mut steps = UpdateSums::default();
+        steps.add(self, gradient_norm, queries);
+        Ok(steps.read(auxiliary, peers)?.remove(0))
+    }
+}
+
+/// This learner's parts of the steps of an update.
+#[derive(Debug, Default)]
+pub(crate) struct UpdateSums {
+    /// Of each step its sums and the norm of its gradient, \[K + 1\].
+    numbers: Vec<Tensor>,
+    queries: Vec<u64>,
+}
+
+impl UpdateSums {
+    /// Adds a step, with its gradient's norm before clipping and the number of its queries.
+    pub(crate) fn add(&mut self, step: &StepSums, gradient_norm: &Tensor, queries: u64) {
+        self.numbers.push(Tensor::cat(&[&step.numbers, &gradient_norm.reshape([1])], 0));
+        self.queries.push(queries);
+    }
+
+    /// Waits for the device, and adds up over all learners.
+    pub(crate) fn read(&self, auxiliary: &Auxiliary, peers: &Peers) -> Result<Vec<StepMetrics>, PeerError> {
+        if self.numbers.is_empty() {
+            return Ok(Vec::new());
+        }
+        let names = auxiliary.sums();
+        let all = Tensor::stack(&self.numbers, 0).to_device(Device::Cpu);
+        let (steps, width) = (self.numbers.len(), SCALARS.len() + names.len());
+        let mut numbers = vec![0.0; steps * width];
+        let mut norms = vec![0.0; steps];
+        all.narrow(1, 0, width as i64).contiguous().copy_data(&mut numbers, steps * width);
+        all.select(1, width as i64).contiguous().copy_data(&mut norms, steps);
+        peers.sum(&mut numbers)?;
+        let step = |((numbers, &gradient_norm), &queries): ((&[f64], &f64), &u64)| {
+            let (scalars, sums) = numbers.split_at(SCALARS.len());
+            let scalars = scalars.try_into().expect("it was split there");
+            StepMetrics { scalars, tally: Tally::of(names, sums), queries, gradient_norm }
+        };
+        Ok(numbers.chunks_exact(width).zip(&norms).zip(&self.queries).map(step).collect())
+    }
+}
+
 /// Figures of one step of the optimiser.
 #[derive(Debug, Default)]
 pub(crate) struct StepMetrics {
-    /// Means over the minibatch, named by [`SCALARS`]: each pass adds its part.
+    /// Means over the minibatch, named by [`SCALARS`].
     pub scalars: [f64; SCALARS.len()],
     /// Sums that the auxiliary task's figures are made of.
     pub tally: Tally,
     /// Queries to the auxiliary task, of all learners.
     pub queries: u64,
+    /// Norm of the gradient before clipping: not finite if one of its numbers is not.
+    pub gradient_norm: f64,
 }
 
 impl StepMetrics {
-    /// Adds a pass's scalars, in the order of [`SCALARS`].
-    pub(crate) fn add_pass(&mut self, scalars: &[Tensor; SCALARS.len()]) {
-        for (sum, scalar) in self.scalars.iter_mut().zip(to_vec(&Tensor::stack(scalars, 0))) {
-            *sum += f64::from(scalar);
-        }
-    }
-
-    /// Sums them over all learners.
-    pub(crate) fn sum_over_learners(&mut self, auxiliary: &Auxiliary, peers: &Peers) -> Result<(), PeerError> {
-        let names = auxiliary.sums();
-        let mut numbers = self.scalars.to_vec();
-        numbers.extend(names.iter().map(|name| self.tally.sum(name)));
-        peers.sum(&mut numbers)?;
-        let (scalars, sums) = numbers.split_at(SCALARS.len());
-        self.scalars.copy_from_slice(scalars);
-        self.tally = Tally::default();
-        for (name, sum) in names.iter().zip(sums) {
-            self.tally.add(name, *sum);
-        }
-        Ok(())
-    }
-
     /// Name of the first scalar that is not finite.
     pub(crate) fn first_non_finite(&self) -> Option<&'static str> {
-        self.scalars.iter().zip(SCALARS).find(|(scalar, _)| !scalar.is_finite()).map(|(_, name)| name)
+        let scalars = self.scalars.iter().zip(SCALARS);
+        let mut all = scalars.chain([(&self.gradient_norm, metric::GRADIENT_NORM)]);
+        all.find(|(scalar, _)| !scalar.is_finite()).map(|(_, name)| name)
     }
 }
 
-/// Figures of an update: sums over its steps.
-#[derive(Debug, Default)]
-pub(crate) struct UpdateMetrics {
-    scalars: [f64; SCALARS.len()],
-    tally: Tally,
-    gradient_norms: f64,
-    steps: u32,
-    /// Steps with queries: only these have an auxiliary loss.
-    asked: u32,
-}
-
-impl UpdateMetrics {
-    /// Adds a step, with its gradient's norm before clipping.
-    pub(crate) fn add_step(&mut self, step: &StepMetrics, gradient_norm: f64) {
-        for (sum, scalar) in self.scalars.iter_mut().zip(step.scalars) {
-            *sum += scalar;
-        }
-        self.tally.merge(&step.tally);
-        self.gradient_norms += gradient_norm;
-        self.steps += 1;
-        self.asked += u32::from(step.queries > 0);
+/// Means over an update's steps, by name; the auxiliary task's figures are over all queries of all steps.
+pub(crate) fn means(steps: &[StepMetrics], auxiliary: &Auxiliary) -> BTreeMap<String, f64> {
+    let mut tally = Tally::default();
+    for step in steps {
+        tally.merge(&step.tally);
     }
-
-    /// Means over the steps, by name; the auxiliary task's figures are over all queries of all steps.
-    pub(crate) fn means(&self, auxiliary: &Auxiliary) -> BTreeMap<String, f64> {
-        let steps = f64::from(self.steps);
-        let of = |name| if name == metric::AUXILIARY_LOSS { f64::from(self.asked.max(1)) } else { steps };
-        let mut metrics = auxiliary.figures(&self.tally);
-        metrics.extend(SCALARS.iter().zip(self.scalars).map(|(name, sum)| ((*name).to_owned(), sum / of(*name))));
-        if auxiliary.is_none() {
-            metrics.remove(metric::AUXILIARY_LOSS);
-        }
-        metrics.insert(metric::GRADIENT_NORM.to_owned(), self.gradient_norms / steps);
-        metrics
+    let sum = |of: &dyn Fn(&StepMetrics) -> f64| steps.iter().map(of).sum::<f64>();
+    let count = steps.len() as f64;
+    // Only steps with queries have an auxiliary loss.
+    let asked = steps.iter().filter(|step| step.queries > 0).count().max(1) as f64;
+    let mut metrics = auxiliary.figures(&tally);
+    for (index, name) in SCALARS.into_iter().enumerate() {
+        let of = if name == metric::AUXILIARY_LOSS { asked } else { count };
+        metrics.insert(name.to_owned(), sum(&|step| step.scalars[index]) / of);
     }
+    if auxiliary.is_none() {
+        metrics.remove(metric::AUXILIARY_LOSS);
+    }
+    metrics.insert(metric::GRADIENT_NORM.to_owned(), sum(&|step| step.gradient_norm) / count);
+    metrics
 }
 
 #[cfg(test)]
@@ -101,17 +147,43 @@ mod tests {
     use crate::network::Layout;
     use proto::config::{AuxiliaryConfig, AuxiliaryTask, Config};
 
+    fn task() -> Auxiliary {
+        let config = AuxiliaryConfig { task: AuxiliaryTask::InverseDynamics, ..Config::default().auxiliary };
+        Auxiliary::new(&config, &mut Layout::default(), Sizes { hidden: 4, actions: 3 })
+    }
+
     #[test]
     fn a_minibatch_without_queries_has_no_part_in_the_auxiliary_loss() {
-        let mut metrics = UpdateMetrics::default();
-        for (policy, auxiliary, queries) in [(1.0, 0.0, 0), (2.0, 5.0, 3), (3.0, 7.0, 1), (6.0, 0.0, 0)] {
+        let steps = [(1.0, 0.0, 0), (2.0, 5.0, 3), (3.0, 7.0, 1), (6.0, 0.0, 0)].map(|(policy, auxiliary, queries)| {
             let scalars = [policy, 0.0, 0.0, auxiliary, 0.0, 0.0];
-            metrics.add_step(&StepMetrics { scalars, queries, ..StepMetrics::default() }, 0.0);
-        }
-        let config = AuxiliaryConfig { task: AuxiliaryTask::InverseDynamics, ..Config::default().auxiliary };
-        let task = Auxiliary::new(&config, &mut Layout::default(), Sizes { hidden: 4, actions: 3 });
-        let means = metrics.means(&task);
-        assert_eq!((means[metric::POLICY_LOSS], means[metric::AUXILIARY_LOSS]), (3.0, 6.0));
-        assert_eq!(UpdateMetrics { steps: 1, ..UpdateMetrics::default() }.means(&task)[metric::AUXILIARY_LOSS], 0.0);
+            StepMetrics { scalars, queries, ..StepMetrics::default() }
+        });
+        let figures = means(&steps, &task());
+        assert_eq!((figures[metric::POLICY_LOSS], figures[metric::AUXILIARY_LOSS]), (3.0, 6.0));
+        assert_eq!(means(&steps[..1], &task())[metric::AUXILIARY_LOSS], 0.0);
+    }
+
+    #[test]
+    fn passes_add_up_and_steps_stay_apart() {
+        let single = |number: f32| Tensor::from(number);
+        let pass = |first: f32| [0.0, 0.5, 1.0, 1.5, 2.0, 2.5].map(|more| single(first + more));
+        let (task, norm) = (task(), |norm: f64| Tensor::from(norm));
+        let mut sums = UpdateSums::default();
+        let mut step = StepSums::new(&task, Device::Cpu);
+        step.add_pass(&pass(1.0), &[Tensor::from(3_i64), Tensor::from(4.0_f64)]);
+        step.add_pass(&pass(0.1), &[Tensor::from(1_i64), Tensor::from(2.0_f64)]);
+        sums.add(&step, &norm(0.25), 6);
+        let mut step = StepSums::new(&task, Device::Cpu);
+        step.add_pass(&pass(7.0), &[]);
+        sums.add(&step, &norm(f64::NAN), 0);
+
+        let steps = sums.read(&task, &Peers::Alone).unwrap();
+        let of_parts = [0.0_f32, 0.5, 1.0, 1.5, 2.0, 2.5].map(|more| f64::from(1.0 + more) + f64::from(0.1 + more));
+        assert_eq!(steps[0].scalars, of_parts, "in double");
+        assert_eq!((steps[0].tally.sum("right"), steps[0].tally.sum("asked")), (4.0, 6.0));
+        assert_eq!((steps[0].gradient_norm, steps[0].queries, steps[0].first_non_finite()), (0.25, 6, None));
+        assert_eq!((steps[1].scalars[0], steps[1].tally.sum("asked")), (7.0, 0.0));
+        assert_eq!(steps[1].first_non_finite(), Some(metric::GRADIENT_NORM));
+        assert!(UpdateSums::default().read(&task, &Peers::Alone).unwrap().is_empty());
     }
 }

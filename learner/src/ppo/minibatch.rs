@@ -3,10 +3,10 @@
 
 use super::gae::Targets;
 use super::loss::Experience;
+use crate::device::upload;
 use crate::network::{Embedded, Network, Observations, Packing};
 use crate::rollout::Rollout;
 use proto::random::{Key, Purpose};
-use tch::Tensor;
 
 /// Rows of a minibatch that go through the network in one pass: those of some columns.
 #[derive(Debug)]
@@ -58,7 +58,7 @@ impl Chunk {
                 let device = rollout.beliefs_at_start().device();
                 let target = |of: &dyn Fn((usize, usize)) -> f32| {
                     let values: Vec<f32> = packing.rows.iter().map(|&row| of(row)).collect();
-                    Tensor::from_slice(&values).to_device(device)
+                    upload(&values, device)
                 };
                 let experience = Experience {
                     actions: rollout.gather(&packing, |step| step.action),

@@ -14,6 +14,7 @@
 //!             backward
 //!         sum of the gradients over learners          peers.rs
 //!         clip, Adam                                  optimizer.rs
+//! figures, and whether all was finite                 metrics.rs
 //! ```
 //! With one minibatch, as in the reference, an epoch is one step of the optimiser with the gradient of the whole batch;
 //! `ppo.minibatches` makes it several. Chunks only bound memory (`ppo.environments_per_pass`): their gradients add up
@@ -33,17 +34,26 @@ pub(crate) mod minibatch;
 pub(crate) mod preemption;
 
 use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, count};
-use crate::network::{Embedded, Network, OBSERVATION, Packing, all_finite};
+use crate::network::{Embedded, Network, OBSERVATION, Packing};
 use crate::optimizer::{Adam, clip, norm};
 use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use loss::{Terms, terms};
-use metrics::{StepMetrics, UpdateMetrics};
+use metrics::{StepMetrics, StepSums, UpdateSums, means};
 use minibatch::{Chunk, deal};
 use proto::config::{AuxiliaryConfig, PpoConfig};
 use proto::metric;
 use std::collections::BTreeMap;
 use tch::Tensor;
+
+/// When an update looks at its numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Look {
+    /// When it is through: with one learner the GPU never waits for the CPU until then.
+    AtTheEnd,
+    /// After each step, too, when its gradient is still there.
+    AtEachStep,
+}
 
 /// Everything an update works on.
 #[derive(Debug, Clone, Copy)]
@@ -101,14 +111,25 @@ impl<'a> Update<'a> {
         // [W], the network's own storage: writing to it changes the weights.
         let mut weights = self.network.parameters.flat();
         let (weights_before, adam_before) = (weights.copy(), adam.copy());
-        self.peers.count_anew();
-        self.epochs(&mut weights, adam).inspect_err(|_| {
-            *adam = adam_before;
-            tch::no_grad(|| weights.copy_(&weights_before));
-        })
+        let mut attempt = |look| {
+            self.peers.count_anew();
+            self.epochs(&mut weights, adam, look).inspect_err(|_| {
+                *adam = adam_before.copy();
+                tch::no_grad(|| weights.copy_(&weights_before));
+            })
+        };
+        match attempt(Look::AtTheEnd) {
+            // All learners find it alike, and make the update again to name the weight. If a fault of the hardware has
+            // passed meanwhile, it is made.
+            Err(UpdateError::NonFinite(name)) if name == metric::GRADIENT_NORM => {
+                tracing::warn!("rollout {}: a gradient is not finite: the update is made again", self.rollout_number);
+                attempt(Look::AtEachStep)
+            }
+            done => done,
+        }
     }
 
-    fn epochs(&self, weights: &mut Tensor, adam: &mut Adam) -> Result<BTreeMap<String, f64>, UpdateError> {
+    fn epochs(&self, weights: &mut Tensor, adam: &mut Adam, look: Look) -> Result<BTreeMap<String, f64>, UpdateError> {
         // Advantages and returns, [T, N].
         let targets = gae::estimate(self.rollout, self.ppo, self.peers)?;
         let dealt =
@@ -116,38 +137,50 @@ impl<'a> Update<'a> {
         let chunks =
             |columns: &Vec<usize>| Chunk::divide(self.rollout, &targets, columns, self.ppo.environments_per_pass);
         let minibatches: Vec<Vec<Chunk>> = dealt.iter().map(chunks).collect();
-        let frames = minibatches.iter().map(|chunks| self.peers.total(rows(chunks))).collect::<Result<Vec<_>, _>>()?;
+        let frames = self.peers.totals(minibatches.iter().map(|chunks| rows(chunks)))?;
         let packings: Vec<&Packing> = minibatches.iter().flatten().map(|chunk| &chunk.packing).collect();
-        let mut metrics = UpdateMetrics::default();
+        let mut sums = UpdateSums::default();
 
         for epoch in 0..self.ppo.epochs {
             let mut queries = self.auxiliary.queries(&packings, self.epoch(epoch), self.peers)?.into_iter();
-            for (chunks, &frames) in minibatches.iter().zip(&frames) {
-                let queries: Vec<Vec<Query>> = queries.by_ref().take(chunks.len()).collect();
+            let queries: Vec<Vec<Vec<Query>>> =
+                minibatches.iter().map(|chunks| queries.by_ref().take(chunks.len()).collect()).collect();
+            let asked = self.peers.totals(queries.iter().map(|queries| count(queries)))?;
+            for (((chunks, &frames), queries), &asked) in minibatches.iter().zip(&frames).zip(&queries).zip(&asked) {
                 if frames == 0 {
                     // No learner has a column of it.
                     continue;
                 }
                 // Forward, loss, backward, and the sum over learners: the gradient of the whole minibatch, [W].
-                let totals = Totals { frames, queries: self.peers.total(count(&queries))? };
-                let (mut gradient, means) = self.gradient(chunks, &queries, totals)?;
-                self.check_finite(&means, &gradient)?;
+                let (mut gradient, step) = self.gradient(chunks, queries, Totals { frames, queries: asked })?;
 
                 // Clip. GPUs of unlike kinds may sum the squares in unlike orders: all clip by the first learner's norm.
                 let mut gradient_norm = norm(&gradient);
-                self.peers.first(&mut gradient_norm)?;
-                clip(&mut gradient, gradient_norm, self.ppo.max_gradient_norm);
+                self.peers.first_scalar(&mut gradient_norm)?;
+                if look == Look::AtEachStep {
+                    let step = step.read(&gradient_norm, asked, self.auxiliary, self.peers)?;
+                    self.check_finite(&step, &gradient)?;
+                }
+                clip(&mut gradient, &gradient_norm, self.ppo.max_gradient_norm);
 
                 // Adam.
                 adam.step(weights, &gradient, self.learning_rate);
-                metrics.add_step(&means, gradient_norm);
+                sums.add(&step, &gradient_norm, asked);
             }
         }
 
-        if let Some(name) = self.network.parameters.first_non_finite(weights) {
-            return Err(UpdateError::NonFinite(format!("weight {name}")));
+        let steps = sums.read(self.auxiliary, self.peers)?;
+        if let Some(name) = steps.iter().find_map(StepMetrics::first_non_finite) {
+            return Err(UpdateError::NonFinite(name.to_owned()));
         }
-        let mut means = metrics.means(self.auxiliary);
+        // Weights are compared only when they are saved: all learners end here if one must.
+        let broken = self.network.parameters.first_non_finite(weights);
+        if self.peers.total(u64::from(broken.is_some()))? > 0 {
+            return Err(UpdateError::NonFinite(
+                broken.map_or("a weight of another learner".into(), |name| format!("weight {name}")),
+            ));
+        }
+        let mut means = means(&steps, self.auxiliary);
         means.insert(metric::LEARNING_RATE.to_owned(), self.learning_rate);
         if self.peers.count() > 1 {
             means.insert(metric::EXCHANGED.to_owned(), self.peers.exchanged().bytes as f64);
@@ -155,35 +188,28 @@ impl<'a> Update<'a> {
         Ok(means)
     }
 
-    /// Gradient of a minibatch's loss under the present weights, \[W\], before clipping, and the step's figures; both
-    /// summed over chunks and learners. `queries` has a list for each chunk.
+    /// Gradient of a minibatch's loss under the present weights, \[W\], before clipping, summed over chunks and learners,
+    /// and this learner's part of the step's figures. `queries` has a list for each chunk.
     pub(crate) fn gradient(
         &self,
         chunks: &[Chunk],
         queries: &[Vec<Query>],
         totals: Totals,
-    ) -> Result<(Tensor, StepMetrics), PeerError> {
+    ) -> Result<(Tensor, StepSums), PeerError> {
         let mut gradient = self.network.parameters.flat().zeros_like();
-        let mut metrics = StepMetrics { queries: totals.queries, ..StepMetrics::default() };
+        let mut step = StepSums::new(self.auxiliary, gradient.device());
         for (chunk, queries) in chunks.iter().zip(queries) {
             // Forward and loss, then backward.
-            let (loss, embedded) = self.loss(chunk, queries, totals, &mut metrics);
+            let (loss, embedded) = self.loss(chunk, queries, totals, &mut step);
             let _ = gradient.g_add_(&self.network.gradient_of(&loss, embedded));
         }
         // The sum over learners.
-        metrics.sum_over_learners(self.auxiliary, self.peers)?;
         self.peers.sum_gradients(&mut gradient)?;
-        Ok((gradient, metrics))
+        Ok((gradient, step))
     }
 
     /// Forward pass and loss of a chunk: its part of the minibatch's mean. The backward pass needs the embedding, too.
-    fn loss(
-        &self,
-        chunk: &Chunk,
-        queries: &[Query],
-        totals: Totals,
-        metrics: &mut StepMetrics,
-    ) -> (Tensor, Embedded<'a>) {
+    fn loss(&self, chunk: &Chunk, queries: &[Query], totals: Totals, step: &mut StepSums) -> (Tensor, Embedded<'a>) {
         let Self { network, rollout, ppo, .. } = *self;
         let Chunk { packing, experience, .. } = chunk;
 
@@ -200,25 +226,22 @@ impl<'a> Update<'a> {
         // + w · the auxiliary task's loss, from what each observation gives by itself and from the beliefs.
         let embeddings = embedded.rows.narrow(1, 0, OBSERVATION);
         let pass = Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &experience.actions };
-        let mut auxiliary = policy.zeros_like();
+        let (mut auxiliary, mut counted) = (policy.zeros_like(), Vec::new());
         if let Some(task) = self.auxiliary.loss(&network.parameters, &pass, queries, totals.queries) {
             loss += &task.loss * self.auxiliary_config.weight;
-            auxiliary = task.loss;
-            metrics.tally.merge(&task.tally);
+            (auxiliary, counted) = (task.loss, task.sums);
         }
-        metrics.add_pass(&[policy, value, entropy, auxiliary, clip_fraction, approximate_kl]);
+        step.add_pass(&[policy, value, entropy, auxiliary, clip_fraction, approximate_kl], &counted);
         (loss, embedded)
     }
 
-    fn check_finite(&self, metrics: &StepMetrics, gradient: &Tensor) -> Result<(), UpdateError> {
-        if let Some(name) = metrics.first_non_finite() {
-            return Err(UpdateError::NonFinite(name.to_owned()));
+    fn check_finite(&self, step: &StepMetrics, gradient: &Tensor) -> Result<(), UpdateError> {
+        match (step.first_non_finite(), self.network.parameters.first_non_finite(gradient)) {
+            (None, _) => Ok(()),
+            // The gradient's norm says less than which weight it is.
+            (Some(metric::GRADIENT_NORM), Some(weight)) => Err(UpdateError::NonFinite(format!("gradient of {weight}"))),
+            (Some(name), _) => Err(UpdateError::NonFinite(name.to_owned())),
         }
-        if all_finite(gradient) {
-            return Ok(());
-        }
-        let name = self.network.parameters.first_non_finite(gradient).unwrap_or("the sum");
-        Err(UpdateError::NonFinite(format!("gradient of {name}")))
     }
 
     /// An epoch of this update, by which the auxiliary task's queries are drawn.

@@ -58,14 +58,15 @@ pub(super) fn probe(
         }
     }
     let totals = Totals { frames: rollout.shape().frames, queries: queries.len() as u64 };
-    let (gradient, metrics) = update.gradient(&chunks, std::slice::from_ref(&queries), totals)?;
+    let (gradient, step) = update.gradient(&chunks, std::slice::from_ref(&queries), totals)?;
+    let metrics = step.read(&norm(&gradient), totals.queries, auxiliary, update.peers)?;
 
     let mut tensors = cells.pass(network, &targets);
     if !queries.is_empty() {
         tensors.extend(cells.queries(&queries));
     }
     tensors.extend(gradients(network, &gradient));
-    let figures = figures(config, auxiliary, &metrics, norm(&gradient));
+    let figures = figures(config, auxiliary, &metrics);
     tensors.extend(figures.iter().map(|(name, &value)| (name.clone(), Tensor::from(value))));
     Ok(Probed { tensors, figures })
 }
@@ -160,7 +161,7 @@ fn gradients(network: &Network, flat: &Tensor) -> BTreeMap<String, Tensor> {
 }
 
 /// Losses by their names in the metrics, the total loss, the auxiliary task's figures and the gradient's norm.
-fn figures(config: &Config, auxiliary: &Auxiliary, metrics: &StepMetrics, gradient_norm: f64) -> BTreeMap<String, f64> {
+fn figures(config: &Config, auxiliary: &Auxiliary, metrics: &StepMetrics) -> BTreeMap<String, f64> {
     let mut figures = auxiliary.figures(&metrics.tally);
     figures.extend(SCALARS.iter().zip(metrics.scalars).map(|(name, value)| ((*name).to_owned(), value)));
     let [policy, value, entropy, task, ..] = metrics.scalars;
@@ -168,6 +169,6 @@ fn figures(config: &Config, auxiliary: &Auxiliary, metrics: &StepMetrics, gradie
     let total =
         policy + ppo.value_coefficient * value - ppo.entropy_coefficient * entropy + config.auxiliary.weight * task;
     figures.insert("loss/total".to_owned(), total);
-    figures.insert(metric::GRADIENT_NORM.to_owned(), gradient_norm);
+    figures.insert(metric::GRADIENT_NORM.to_owned(), metrics.gradient_norm);
     figures
 }

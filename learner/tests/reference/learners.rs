@@ -4,6 +4,7 @@ use crate::world::{self, World, small_config};
 use learner::agent::Agent;
 use learner::network::to_vec;
 use learner::peers::{Meeting, Peers};
+use learner::rollout::Outcome;
 use proto::config::{AuxiliaryTask, Config};
 use proto::metric;
 use std::collections::BTreeMap;
@@ -92,6 +93,54 @@ fn two_learners_take_the_steps_of_one() {
                 );
             }
         }
+    }
+}
+
+/// What an update of two learners ends with at each, when a number breaks it: a reward of one of them, which its loss
+/// shows; or a weight with which the auxiliary task's loss is 0 and its slope infinite, so that only the gradient shows
+/// it. Both have the weights of before then, and still make the same calls.
+fn broken(by_reward: bool) -> [String; 2] {
+    let mut config = small_config();
+    (config.learner.count, config.ppo.minibatches, config.auxiliary.focal_gamma) = (2, 2, 0.5);
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let meeting = Meeting::File(folder.path().join("meeting"));
+    let learner = |rank: u32| {
+        let peers = Peers::join(&meeting, [rank, 2], Device::Cpu).expect("the other comes");
+        let own = 2 * rank as usize..2 * rank as usize + 2;
+        let mut agent = Agent::among(peers, own.clone(), &config, Device::Cpu).expect("a fresh agent");
+        let mut world = World::of_learner(&config, own);
+        let good = agent.state();
+        if !by_reward {
+            let state = agent.state();
+            let _ = state.tensors["model.auxiliary.disturb.2.bias"].shallow_clone().fill_(-200.0);
+            agent.load_state(&state).expect("the state fits");
+        }
+        let before = agent.weights_digest();
+        world.collect(&mut agent, 0, 4).expect("finite");
+        if by_reward && rank == 1 {
+            agent.record(3, 1, Outcome { reward: f32::NAN, ended: false, time_limit: false, disturbed: false });
+        }
+        let error = agent.update(0.0, 0).expect_err("a number is not finite").to_string();
+        assert_eq!((agent.weights_digest(), agent.state().adam_steps), (before.clone(), 0));
+        agent.abandon_rollout();
+        agent.load_state(&good).expect("the state fits");
+        world.collect(&mut agent, 1, 4).expect("finite");
+        agent.update(0.0, 1).expect("finite");
+        (error, agent.weights_digest())
+    };
+    let [first, second] = std::thread::scope(|scope| {
+        [0, 1].map(|rank| scope.spawn(move || learner(rank))).map(|thread| thread.join().expect("no panic"))
+    });
+    assert_eq!(first.1, second.1, "the same weights after the next update");
+    [first.0, second.0]
+}
+
+#[test]
+fn a_number_that_is_not_finite_is_named_alike_by_all_learners() {
+    for (by_reward, name) in [(true, "rollout 0: loss/"), (false, "rollout 0: gradient of ")] {
+        let [first, second] = broken(by_reward);
+        assert_eq!(first, second);
+        assert!(first.contains(name), "{first}");
     }
 }
 

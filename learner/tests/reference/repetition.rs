@@ -290,6 +290,22 @@ fn beside_an_update_acts_the_policy_from_before_it() {
     assert_eq!(ends[0], ends[1]);
 }
 
+/// What breaks only after some steps of the optimiser, or after the last, is found as well.
+#[test]
+fn weights_that_break_during_an_update_are_as_they_were() {
+    for (epochs, named) in [(1, "rollout 0: weight "), (2, "rollout 0: loss/")] {
+        let mut config = small_config();
+        // More than a 32-bit number holds: the first step leaves no weight finite.
+        (config.ppo.learning_rate, config.ppo.epochs) = (1e39, epochs);
+        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
+        let digest = agent.weights_digest();
+        World::new(&config).collect(&mut agent, 0, 4).expect("finite");
+        let error = agent.update(0.0, 0).expect_err("no weight is finite");
+        assert!(matches!(&error, AgentError::NonFinite { what } if what.starts_with(named)), "{error}");
+        assert_eq!((agent.weights_digest(), agent.state().adam_steps), (digest, 0));
+    }
+}
+
 #[test]
 fn beside_an_update_that_fails_its_own_rollout_is_kept() {
     let config = small_config();
