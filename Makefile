@@ -20,7 +20,7 @@ export STILLROOM_COMMIT := $(STILLROOM_COMMIT)
 help:
 	@echo 'make setup   fetch libtorch into .torch/ (544 MB, once); LIBTORCH=/path uses a torch 2.11 that is there'
 	@echo 'make build   set up and compile the programs'
-	@echo 'make up      build and start a run: 19 actors, a learner, the orchestrator; ARGS="..." adds options'
+	@echo 'make up      build and start a run: the demonstration, on a GPU the preset recipe; ARGS="..." adds options'
 	@echo 'make play    build, and let the policy in models/ play on a page; POLICY=FILE plays another'
 	@echo 'make install puts the programs, their libtorch, manual pages and completions under PREFIX (~/.local);'
 	@echo '             make uninstall takes them away'
@@ -94,9 +94,11 @@ play: policy build
 	@interrupted=; trap 'interrupted=yes' INT; \
 	./target/release/orchestrator view --policy '$(POLICY)' --open $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
 
+# One more test at a time than there are cores: many wait for deadlines.
 test: build
 	@if cargo nextest --version >/dev/null 2>&1; then \
-		set -x; cargo nextest run --release --locked --workspace --no-fail-fast; \
+		threads=$$(($$(nproc) + 1)); \
+		set -x; cargo nextest run --release --locked --workspace --no-fail-fast --test-threads $$threads; \
 	else \
 		set -x; cargo test --release --locked --workspace --tests; \
 	fi

@@ -57,13 +57,6 @@ pub fn clip(gradient: &mut Tensor, norm: &Tensor, max_norm: f64) {
     let _ = gradient.g_mul_(&scale.clamp_max(1.0).to_kind(gradient.kind()));
 }
 
-/// How far the learning rate has fallen after so many frames of a stage, 0..=1. It falls over `learning_rate_frames`,
-/// whatever the stage's length; over the stage if that is 0.
-pub(crate) fn learning_rate_progress(frames_in_stage: u64, stage_frames: u64, learning_rate_frames: u64) -> f64 {
-    let whole = if learning_rate_frames == 0 { stage_frames } else { learning_rate_frames };
-    (frames_in_stage as f64 / whole as f64).min(1.0)
-}
-
 /// The learning rate after a share `progress` of its way: linear from `start` to `start · end_share`.
 pub fn learning_rate(start: f64, end_share: f64, progress: f64) -> f64 {
     start * (1.0 + (end_share - 1.0) * progress.clamp(0.0, 1.0))
@@ -73,6 +66,7 @@ pub fn learning_rate(start: f64, end_share: f64, progress: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::network::to_vec;
+    use proto::stage::learning_rate_progress;
 
     #[test]
     fn the_rate_falls_linearly_to_a_third() {

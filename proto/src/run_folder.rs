@@ -266,15 +266,10 @@ pub const PARTIAL: &str = ".partial";
 /// Writes a file so that a reader finds either the old content or the new, whole: temporary file in the same folder,
 /// fsync, rename, fsync of the folder.
 pub fn write_atomically(path: &Path, content: &[u8]) -> std::io::Result<()> {
-    write_atomically_on(&LocalDisk, path, content)
+    write_pieces_atomically_on(&LocalDisk, path, std::iter::once(content))
 }
 
-/// The same on any file system.
-pub fn write_atomically_on<D: Disk>(disk: &D, path: &Path, content: &[u8]) -> std::io::Result<()> {
-    write_pieces_atomically_on(disk, path, std::iter::once(content))
-}
-
-/// The same of a content that is not in memory as a whole.
+/// The same on any file system, of a content that is not in memory as a whole.
 pub fn write_pieces_atomically_on<D: Disk, B: AsRef<[u8]>>(
     disk: &D,
     path: &Path,

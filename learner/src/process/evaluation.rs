@@ -22,6 +22,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use wire::{WireAddress, WireShape, fault};
 
+/// Time to end once the orchestrator is gone: there is nothing to save.
+const LAST: Duration = Duration::from_mins(1);
 /// This machine's learner is the only one.
 const RANK: u32 = 0;
 
@@ -42,6 +44,11 @@ pub struct EvaluationArguments {
 pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     let EvaluationArguments { folder, wire, incarnation, lifeline } = arguments;
     let gone = OrchestratorGone::watched(lifeline)?;
+    gone.end_after(LAST, || {
+        tracing::error!("the orchestrator is gone, and there was time to end: this learner ends");
+        // Without destructors: those of the GPU would wait for a hanging operation.
+        std::process::abort();
+    })?;
     let folder = RunFolder::new(folder);
     let config = Config::of_run(&folder)?;
     let (Some(asked), Some(plan)) = (&config.evaluation, config.evaluation_plan()) else {

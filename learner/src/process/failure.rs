@@ -1,9 +1,14 @@
 //! Why a learner ends: errors that have an exit status of their own.
 
 use crate::agent::AgentError;
-use crate::checkpoint::CheckpointError;
+use crate::checkpoint::{CheckpointError, encode_tensors};
 use crate::collector::ProtocolError;
 use crate::peers::PeerError;
+use anyhow::Context;
+use proto::run_folder::write_atomically;
+use std::collections::BTreeMap;
+use std::path::Path;
+use tch::Tensor;
 
 /// A number is not finite; `dump` is the file with the rollout that it came from.
 #[derive(Debug, thiserror::Error)]
@@ -12,6 +17,20 @@ pub struct NonFinite {
     pub(super) rollout: u64,
     pub(super) what: String,
     pub(super) dump: String,
+}
+
+impl NonFinite {
+    /// Writes these tensors, of which the rollout was made, to a file.
+    pub(super) fn dumped(rollout: u64, error: &anyhow::Error, path: &Path, tensors: &BTreeMap<String, Tensor>) -> Self {
+        let written = encode_tensors(tensors)
+            .map_err(anyhow::Error::from)
+            .and_then(|bytes| write_atomically(path, &bytes).context("cannot write"));
+        let dump = match written {
+            Ok(()) => path.display().to_string(),
+            Err(cause) => format!("no file: {}: {cause:#}", path.display()),
+        };
+        Self { rollout, what: format!("{error:#}"), dump }
+    }
 }
 
 /// A checkpoint could not be written.
@@ -23,6 +42,11 @@ pub enum Unsaved {
     /// By the first learner, which writes for all and reports the reason.
     #[error("the first learner could not write the checkpoint")]
     Elsewhere,
+    /// A learner of another host could not see its recordings onto the disk; it reports the reason.
+    #[error(
+        "no checkpoint is written: another host could not write its recordings to its disk, and says why in its log"
+    )]
+    OtherHost,
 }
 
 /// Whether an error is that this learner could not write a checkpoint: the process then ends with
@@ -50,7 +74,7 @@ pub fn is_of_peers(error: &anyhow::Error) -> bool {
             _ => None,
         });
         matches!(peers, Some(PeerError::Lost { .. } | PeerError::Elsewhere))
-            || matches!(cause.downcast_ref(), Some(Unsaved::Elsewhere))
+            || matches!(cause.downcast_ref(), Some(Unsaved::Elsewhere | Unsaved::OtherHost))
     })
 }
 

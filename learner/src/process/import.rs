@@ -11,6 +11,7 @@ use crate::{device, import};
 use anyhow::{Context, Result, bail};
 use proto::checkpoint::Manifest;
 use proto::config::{CarriedGoal, Config, NetworkConfig};
+use proto::policy_file::BYTES_MOST;
 use proto::run_folder::RunFolder;
 use proto::trained::History;
 use std::io::Write;
@@ -35,7 +36,7 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
     let ImportArguments { from, run, run_id } = arguments;
     let run = RunFolder::new(run);
     let config = Config::of_run(&run)?;
-    let bytes = std::fs::read(from).with_context(|| format!("cannot read {}", from.display()))?;
+    let bytes = proto::bounded::read(from, BYTES_MOST).with_context(|| format!("cannot read {}", from.display()))?;
     let state_dict = decode_tensors(&bytes)
         .map_err(|cause| how_to_convert(from, &bytes).map_or_else(|| cause.into(), anyhow::Error::msg))
         .with_context(|| from.display().to_string())?;

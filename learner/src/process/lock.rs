@@ -46,9 +46,13 @@ impl Lock {
             // The kernel wakes for a released lock only those who wait without a deadline.
             std::thread::sleep(Duration::from_millis(100));
         }
-        // For the message above only: the lock itself is the kernel's.
-        file.set_len(0).and_then(|()| file.rewind()).with_context(cannot)?;
-        writeln!(file, "{}", std::process::id()).with_context(cannot)?;
+        // For the message above only: the lock itself is the kernel's. So a full disk is no reason to end; and what is
+        // overwritten before the rest is cut off needs no new space.
+        let own = format!("{}\n", std::process::id());
+        let noted = file.rewind().and_then(|()| file.write_all(own.as_bytes()));
+        if let Err(cause) = noted.and_then(|()| file.set_len(own.len() as u64)) {
+            tracing::debug!("{}: cannot note this process in it: {cause}", path.display());
+        }
         Ok(Self { _file: file })
     }
 }

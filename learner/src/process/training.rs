@@ -8,20 +8,19 @@
 use super::announcements::Permission;
 use super::conversation::{Conversation, Silent};
 use super::ends::{CutShort, joint_end, reasons};
-use super::failure::{NonFinite, Unsaved, is_non_finite};
+use super::failure::{NonFinite, Unsaved, is_non_finite, is_unsaved};
 use super::stop::Stop;
 use crate::agent::{Agent, AgentError};
-use crate::checkpoint::{CheckpointError, Part, Snapshot, Store, encode_tensors};
+use crate::checkpoint::{CheckpointError, Part, Snapshot, Store};
 use crate::collector::{Reward, RolloutStatistics, Task};
-use crate::optimizer::learning_rate_progress;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use proto::config::Config;
 use proto::event::{LearnerEvent, Timing};
 use proto::hosts::Hosts;
 use proto::metric;
 use proto::reward::RewardKind;
-use proto::run_folder::{RunFolder, write_atomically};
-use proto::stage::{RolloutShape, StagePosition, position_at};
+use proto::run_folder::RunFolder;
+use proto::stage::{RolloutShape, StagePosition, learning_rate_progress, position_at};
 use proto::trained::{History, Trained};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -219,7 +218,11 @@ impl<W: Write> Training<'_, W> {
         self.agent.abandon_rollout();
         match end {
             CutShort::Stop(stop) => self.leave(state, Some(stop)),
-            CutShort::Fault(error) => self.save_unsaved(state).and(Err(error)),
+            CutShort::Fault(error) => {
+                // One error is reported at the end: that the state is lost. So the other one is told here.
+                self.save_unsaved(state).inspect_err(|_| tracing::error!("{error:#}"))?;
+                Err(error)
+            }
         }
     }
 
@@ -265,6 +268,9 @@ impl<W: Write> Training<'_, W> {
                 self.config.checkpoint.interval_s,
                 self.saved.unwrap_or(0)
             );
+        } else if is_unsaved(&error) {
+            // Rank 0 knows only that it was another host.
+            tracing::warn!("{error:#}");
         }
         Ok(())
     }
@@ -303,7 +309,7 @@ impl<W: Write> Training<'_, W> {
         let unsynced = if self.hosts.count() > 1 { peers.total(u64::from(synced.is_err()))? } else { 0 };
         synced.map_err(Unsaved::Here)?;
         if unsynced > 0 {
-            return Err(Unsaved::Elsewhere.into());
+            return Err(Unsaved::OtherHost.into());
         }
         if self.conversation.rank == 0 {
             let Self { rollout, frames, .. } = *self;
@@ -562,17 +568,9 @@ impl<W: Write> Training<'_, W> {
 
     /// Writes the rollout that led to a number that is not finite.
     fn dump(&self, rollout: u64, error: &anyhow::Error) -> NonFinite {
-        let path = self.run.nonfinite_dump(rollout, self.conversation.rank);
         let mut tensors = self.agent.state().tensors;
         tensors.extend(self.agent.rollout_tensors());
-        let written = encode_tensors(&tensors)
-            .map_err(anyhow::Error::from)
-            .and_then(|bytes| write_atomically(&path, &bytes).context("cannot write"));
-        let dump = match written {
-            Ok(()) => path.display().to_string(),
-            Err(cause) => format!("no file: {}: {cause:#}", path.display()),
-        };
-        NonFinite { rollout, what: format!("{error:#}"), dump }
+        NonFinite::dumped(rollout, error, &self.run.nonfinite_dump(rollout, self.conversation.rank), &tensors)
     }
 }
 

@@ -19,10 +19,10 @@ pub struct Overrides {
     /// single word can do without quotes. It wins over preset and --config; the flags below win over it
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<Setting>,
-    /// Actor processes; actor i simulates training kitchen i, beyond 19 kitchens repeat [default: 19]
+    /// Actor processes; actor i simulates training kitchen i, beyond 19 kitchens repeat [default: the preset's; 19 in most, 38 in recipe]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=512))]
     pub actors: Option<u32>,
-    /// Learner processes; actors are divided among them, on CUDA each has a device of its own [default: 1]
+    /// Learner processes; actors are divided among them, on CUDA each has a device of its own [default: the preset's, 1]
     #[arg(long, value_name = "R", value_parser = clap::value_parser!(u32).range(1..=512))]
     pub learners: Option<u32>,
     /// Environments in each actor

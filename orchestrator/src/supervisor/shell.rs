@@ -20,7 +20,7 @@ use proto::config::Config;
 use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
 use serde_json::json;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
@@ -165,6 +165,7 @@ impl Shell<'_> {
             learner_incarnation: 0,
             sweeps: 0,
             own_events: VecDeque::new(),
+            refusals: BTreeMap::new(),
             recording_failed: false,
             asked_to_stop: false,
             requeue: false,
@@ -207,6 +208,8 @@ struct Supervision<'a, A> {
     sweeps: u32,
     /// Events that the loop itself has for the machine.
     own_events: VecDeque<Event>,
+    /// Why hosts cannot go on, in their own words, until their connections close.
+    refusals: BTreeMap<u32, String>,
     recording_failed: bool,
     asked_to_stop: bool,
     /// The stop is a scheduler's.
@@ -327,7 +330,10 @@ impl<A: Audience> Supervision<'_, A> {
         match heard {
             Heard::Lost(reason) => Event::HostLost {
                 processes: company.processes_of(host),
-                reason: format!("{} was lost: {reason}", company.name(host)),
+                reason: match self.refusals.remove(&host) {
+                    Some(why) => format!("{} cannot go on: {why}", company.name(host)),
+                    None => format!("{} was lost: {reason}", company.name(host)),
+                },
             },
             Heard::Said(word) => match word {
                 Word::Exited { process, incarnation, exit, last_words } => {
@@ -340,7 +346,11 @@ impl<A: Audience> Supervision<'_, A> {
                     Event::Stop
                 }
                 Word::Interrupt => Event::Interrupt,
-                Word::Ready | Word::Refused(_) | Word::Recorded(_) => Event::Tick,
+                Word::Refused(why) => {
+                    self.refusals.insert(host, why);
+                    Event::Tick
+                }
+                Word::Ready | Word::Recorded(_) => Event::Tick,
             },
         }
     }

@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, StageConfig};
 use proto::run_folder::{RolloutName, RunFolder, write_atomically};
-use proto::stage::{position_at, rebudget, total_frames};
+use proto::stage::{learning_rate_progress, position_at, rebudget, total_frames};
 use std::fs::File;
 use wire::fault;
 
@@ -74,7 +74,8 @@ impl Budget {
             return None;
         }
         let rate = |stage: &StageConfig| {
-            let progress = (position.frames_in_stage as f64 / stage.frames as f64).min(1.0);
+            let whole = config.ppo.learning_rate_frames;
+            let progress = learning_rate_progress(position.frames_in_stage, stage.frames, whole);
             config.ppo.learning_rate * (1.0 + (config.ppo.learning_rate_end - 1.0) * progress)
         };
         let (before, after) = (rate(old), rate(&self.new[position.stage]));
@@ -165,10 +166,13 @@ mod tests {
 
     #[test]
     fn what_it_means_is_said() {
-        let lines = |trained, total| {
-            let (_temporary, folder, config) = run(trained);
+        let lines_of = |trained, total, learning_rate_frames| {
+            let (_temporary, folder, mut config) = run(trained);
+            config.ppo.learning_rate_frames = learning_rate_frames;
             Budget::of(&folder, &config, total).unwrap().lines(&config)
         };
+        // The rate falls over each stage.
+        let lines = |trained, total| lines_of(trained, total, 0);
         let longer = lines(1500, 2500);
         assert_eq!(longer[0], "the budget is 2 500 frames instead of 1 500 (stage II: 1 500 instead of 500)");
         // A third of the way instead of at the end: 3e-4 · (1 - 2/3 · 1/3) instead of 3e-4 / 3.
@@ -177,7 +181,9 @@ mod tests {
         assert_eq!(lines(1000, 3000).len(), 1, "stage II has not begun");
         assert_eq!(lines(500, 3000).len(), 2);
         assert_eq!(lines(1200, 1200).len(), 1, "there is no next update");
+        assert_eq!(lines_of(1500, 2500, 30_000_000).len(), 1, "a rate that falls over so many frames of any stage");
         let (_temporary, folder, mut config) = run(1500);
+        config.ppo.learning_rate_frames = 0;
         config.ppo.learning_rate_end = 1.0;
         assert_eq!(Budget::of(&folder, &config, 2500).unwrap().lines(&config).len(), 1, "a rate that does not fall");
     }

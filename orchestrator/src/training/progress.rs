@@ -19,14 +19,21 @@ enum Doing {
     Updating(u64),
     /// With `ppo.overlap`: of which rollout the update runs beside the collecting of the next.
     Both(u64),
-    WaitingFor {
-        actor: u32,
-        seconds: u64,
-    },
     Leaving {
         complete: bool,
     },
 }
+
+/// A learner has said that an actor does not answer. It says so every ten seconds, and not when the actor answers.
+#[derive(Debug, Clone, Copy)]
+struct Waiting {
+    actor: u32,
+    seconds: u64,
+    said: Duration,
+}
+
+/// So long what a learner waits for is shown after it was last said.
+const WAITING_SHOWN: Duration = Duration::from_secs(12);
 
 /// Shows how a run gets on.
 #[derive(Debug)]
@@ -35,13 +42,15 @@ pub struct Progress {
     overlap: bool,
     doing: Doing,
     since: Duration,
+    waiting: Option<Waiting>,
     live: Live,
 }
 
 impl Progress {
     /// Of a run with these stages. `overlap`: updates run while the next rollout is collected.
     pub fn new(stages: Vec<StageConfig>, overlap: bool) -> Self {
-        Self { stages, overlap, doing: Doing::Starting, since: Duration::ZERO, live: Live::default() }
+        let (doing, since, waiting) = (Doing::Starting, Duration::ZERO, None);
+        Self { stages, overlap, doing, since, waiting, live: Live::default() }
     }
 
     /// Records an event of the learner.
@@ -57,7 +66,8 @@ impl Progress {
             LearnerEvent::RolloutCollected { rollout, .. } => Doing::Updating(rollout),
             LearnerEvent::RolloutTrained { rollout, .. } => Doing::Collecting(rollout + 1),
             LearnerEvent::WaitingForActor { actor, waited_s, .. } => {
-                Doing::WaitingFor { actor, seconds: waited_s as u64 }
+                self.waiting = Some(Waiting { actor, seconds: waited_s as u64, said: now });
+                return;
             }
             LearnerEvent::Finished { complete, .. } => Doing::Leaving { complete },
             LearnerEvent::ActorsConnected { .. }
@@ -67,6 +77,7 @@ impl Progress {
         };
         self.doing = doing;
         self.since = now;
+        self.waiting = None;
     }
 
     /// The learner is gone: it died, or it has left, and no other follows.
@@ -74,6 +85,7 @@ impl Progress {
         if !matches!(self.doing, Doing::Leaving { .. }) {
             self.doing = Doing::Starting;
             self.since = now;
+            self.waiting = None;
         }
     }
 
@@ -84,7 +96,7 @@ impl Progress {
             let recent = recent(&self.stages, history);
             let doing = self.doing(now, validating);
             let line = if let Some(columns) = self.live.columns() {
-                short_line(&self.stages, &recent, &doing, self.is_usual(), columns)
+                short_line(&self.stages, &recent, &doing, self.is_usual(now), columns)
             } else {
                 let parts = [frames_line(&self.stages, &recent), figures_line(&recent), doing];
                 parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(BETWEEN)
@@ -94,8 +106,12 @@ impl Progress {
     }
 
     /// Nothing that whoever watches should know first.
-    fn is_usual(&self) -> bool {
-        matches!(self.doing, Doing::Collecting(_) | Doing::Updating(_) | Doing::Both(_))
+    fn is_usual(&self, now: Duration) -> bool {
+        self.waiting(now).is_none() && matches!(self.doing, Doing::Collecting(_) | Doing::Updating(_) | Doing::Both(_))
+    }
+
+    fn waiting(&self, now: Duration) -> Option<Waiting> {
+        self.waiting.filter(|waiting| now.saturating_sub(waiting.said) < WAITING_SHOWN)
     }
 
     /// Takes the progress off the screen.
@@ -104,13 +120,15 @@ impl Progress {
     }
 
     fn doing(&self, now: Duration, validating: bool) -> String {
+        if let Some(Waiting { actor, seconds, .. }) = self.waiting(now) {
+            return format!("waiting for actor-{actor:02}, {seconds} s");
+        }
         let time = format::duration(now.saturating_sub(self.since));
         match self.doing {
             Doing::Starting => format!("learner starts, {time}"),
             Doing::Collecting(rollout) => format!("collecting rollout {rollout}, {time}"),
             Doing::Updating(rollout) => format!("updating on rollout {rollout}, {time}"),
             Doing::Both(rollout) => format!("updating on rollout {rollout}, collecting {}, {time}", rollout + 1),
-            Doing::WaitingFor { actor, seconds } => format!("waiting for actor-{actor:02}, {seconds} s"),
             Doing::Leaving { complete: true } if validating => {
                 format!("training is complete, waiting for the last validation, {time}")
             }
@@ -259,6 +277,32 @@ mod tests {
         assert_eq!(doing(true, end - 1), "updating on rollout 7, collecting 8, 2 s");
         assert_eq!(doing(true, end), "updating on rollout 7, 2 s");
         assert_eq!(doing(false, end - 1), "updating on rollout 7, 2 s");
+    }
+
+    #[test]
+    fn an_actor_that_is_waited_for_is_named_as_long_as_that_is_said() {
+        let seconds = Duration::from_secs;
+        let mut progress = Progress::new(stages(), false);
+        progress.learner(
+            seconds(10),
+            &LearnerEvent::RolloutTrained {
+                rank: 0,
+                rollout: 4,
+                frames: 50,
+                stage: 0,
+                timing: proto::event::Timing::default(),
+                metrics: std::collections::BTreeMap::new(),
+            },
+        );
+        progress.learner(seconds(20), &LearnerEvent::WaitingForActor { rank: 1, actor: 3, waited_s: 2.0 });
+        assert_eq!(progress.doing(seconds(31), false), "waiting for actor-03, 2 s");
+        assert!(!progress.is_usual(seconds(31)));
+        // It has answered, which nobody says.
+        assert_eq!(progress.doing(seconds(33), false), "collecting rollout 5, 23 s");
+        assert!(progress.is_usual(seconds(33)));
+        progress.learner(seconds(40), &LearnerEvent::WaitingForActor { rank: 0, actor: 3, waited_s: 2.0 });
+        progress.learner(seconds(41), &LearnerEvent::RolloutCollected { rank: 0, rollout: 5, frames: 60, here: 10 });
+        assert_eq!(progress.doing(seconds(42), false), "updating on rollout 5, 1 s");
     }
 
     #[test]

@@ -145,7 +145,8 @@ impl Validation {
         }
         self.reached = self.reached.max(frames);
         let runs = self.running.as_ref().is_some_and(|running| running.rollout == rollout);
-        if runs || self.waiting.contains(&rollout) {
+        let given_up = self.failures.get(&rollout).is_some_and(|&failures| failures >= TRIES);
+        if runs || given_up || self.waiting.contains(&rollout) {
             return;
         }
         fault::reach("validation.before_pin");

@@ -59,7 +59,8 @@ class ArmPointNav(gymnasium.Env):
             start_distance_max_m: the robot starts at most this far from the target, metres; 0 is anywhere.
             goal_distance_max_m: the goal is at most this far from the target's start, metres; 0 is anywhere.
             carried_goal: what the goal vector is while the target is held: "goal_to_object" (the paper) or
-                "object_to_goal" (presets `demo` and `short-...`). A policy wants the sign that it was trained with.
+                "object_to_goal" (presets `demo`, `short-...`, `recipe...`, `procedural-...`). A policy wants the sign
+                that it was trained with.
             depth: "uint16" for millimetres, "float32" for metres.
             frame_side: width and height of the depth frame, pixels. The camera and its 100 degrees stay the same.
             render_mode: "rgb_array" or "depth_array".
