@@ -94,11 +94,9 @@ play: policy build
 	@interrupted=; trap 'interrupted=yes' INT; \
 	./target/release/orchestrator view --policy '$(POLICY)' --open $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
 
-# One more test at a time than there are cores: many wait for deadlines.
 test: build
 	@if cargo nextest --version >/dev/null 2>&1; then \
-		threads=$$(($$(nproc) + 1)); \
-		set -x; cargo nextest run --release --locked --workspace --no-fail-fast --test-threads $$threads; \
+		set -x; cargo nextest run --release --locked --workspace --no-fail-fast; \
 	else \
 		set -x; cargo test --release --locked --workspace --tests; \
 	fi
