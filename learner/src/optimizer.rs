@@ -57,40 +57,10 @@ pub fn clip(gradient: &mut Tensor, norm: &Tensor, max_norm: f64) {
     let _ = gradient.g_mul_(&scale.clamp_max(1.0).to_kind(gradient.kind()));
 }
 
-/// The learning rate after a share `progress` of its way: linear from `start` to `start · end_share`.
-pub fn learning_rate(start: f64, end_share: f64, progress: f64) -> f64 {
-    start * (1.0 + (end_share - 1.0) * progress.clamp(0.0, 1.0))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::network::to_vec;
-    use proto::stage::learning_rate_progress;
-
-    #[test]
-    fn the_rate_falls_linearly_to_a_third() {
-        assert_eq!(learning_rate(3e-4, 1.0 / 3.0, 0.0), 3e-4);
-        assert!((learning_rate(3e-4, 1.0 / 3.0, 1.0) - 1e-4).abs() < 1e-18);
-        assert!((learning_rate(3e-4, 1.0 / 3.0, 0.5) - 2e-4).abs() < 1e-18);
-    }
-
-    /// The reference's factor: max(1/3, 1 - 2/3 · frames / 30M), in each of its stages.
-    #[test]
-    fn the_rate_of_a_stage_falls_over_frames_of_its_own_number() {
-        let after = |frames, stage, whole| learning_rate(1.0, 1.0 / 3.0, learning_rate_progress(frames, stage, whole));
-        let million = 1_000_000;
-        for (stage, end) in [(20 * million, 0.556), (25 * million, 0.444), (30 * million, 0.333), (45 * million, 0.333)]
-        {
-            let rate = after(stage, stage, 30 * million);
-            assert!((rate - end).abs() < 5e-4, "{stage} frames end at {rate}");
-            assert!((after(stage, stage, 0) - 1.0 / 3.0).abs() < 1e-12, "a stage's own length ends at a third");
-            assert_eq!(after(0, stage, 30 * million), 1.0);
-        }
-        assert!((after(10 * million, 20 * million, 0) - 2.0 / 3.0).abs() < 1e-12);
-        // It stays at its end.
-        assert_eq!(after(31 * million, 45 * million, 30 * million), after(45 * million, 45 * million, 30 * million));
-    }
 
     #[test]
     fn the_norm_of_a_whole_networks_gradient_has_all_its_digits() {

@@ -31,6 +31,7 @@ pub mod fault;
 pub mod figures;
 pub mod hosts;
 pub mod kitchen;
+pub mod learning_rate;
 pub mod metric;
 pub mod pin;
 pub mod plain_file;

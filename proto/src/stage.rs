@@ -180,13 +180,6 @@ pub struct TooFewFrames {
     pub stages: usize,
 }
 
-/// How far the learning rate has fallen after so many frames of a stage, 0..=1. It falls over `learning_rate_frames`,
-/// whatever the stage's length; over the stage if that is 0.
-pub fn learning_rate_progress(frames_in_stage: u64, stage_frames: u64, learning_rate_frames: u64) -> f64 {
-    let whole = if learning_rate_frames == 0 { stage_frames } else { learning_rate_frames };
-    (frames_in_stage as f64 / whole as f64).min(1.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,11 +4,12 @@
 use super::error::AgentError;
 use crate::auxiliary::{Auxiliary, Sizes};
 use crate::network::Network;
-use crate::optimizer::{Adam, learning_rate};
+use crate::optimizer::Adam;
 use crate::peers::Peers;
 use crate::ppo::{Update, UpdateError};
 use crate::rollout::Rollout;
 use proto::config::Config;
+use proto::learning_rate::learning_rate;
 use std::collections::BTreeMap;
 use tch::Device;
 

@@ -8,8 +8,9 @@ use crate::showing::{format, terminal};
 use anyhow::{Context, Result};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, StageConfig};
+use proto::learning_rate::{learning_rate, learning_rate_progress};
 use proto::run_folder::{RolloutName, RunFolder, write_atomically};
-use proto::stage::{learning_rate_progress, position_at, rebudget, total_frames};
+use proto::stage::{position_at, rebudget, total_frames};
 use std::fs::File;
 use wire::fault;
 
@@ -74,9 +75,9 @@ impl Budget {
             return None;
         }
         let rate = |stage: &StageConfig| {
-            let whole = config.ppo.learning_rate_frames;
-            let progress = learning_rate_progress(position.frames_in_stage, stage.frames, whole);
-            config.ppo.learning_rate * (1.0 + (config.ppo.learning_rate_end - 1.0) * progress)
+            let ppo = &config.ppo;
+            let progress = learning_rate_progress(position.frames_in_stage, stage.frames, ppo.learning_rate_frames);
+            learning_rate(ppo.learning_rate, ppo.learning_rate_end, progress)
         };
         let (before, after) = (rate(old), rate(&self.new[position.stage]));
         (before != after).then_some((before, after))
