@@ -41,6 +41,7 @@ pub struct Group {
     gloo: ProcessGroup,
     /// Between GPUs.
     gpus: Option<Communicator>,
+    /// Without the time of sums on GPUs, which the communicator's stopwatch has.
     exchanged: Cell<Exchanged>,
 }
 
@@ -122,12 +123,21 @@ impl Peers {
         self.sum(std::slice::from_mut(number))
     }
 
-    /// The same for a scalar in double on any device. Nobody waits for it where there is one learner.
+    /// The same for a scalar in double on any device. Nobody waits for it unless learners on CPUs do.
     pub(crate) fn first_scalar(&self, number: &mut Tensor) -> Result<(), PeerError> {
-        if self.count() > 1 {
-            let mut value = number.double_value(&[]);
-            self.first(&mut value)?;
-            *number = number.full_like(value);
+        match self {
+            Self::Alone => {}
+            Self::Group(Group { rank, gpus: Some(gpus), .. }) => {
+                if *rank > 0 {
+                    *number = number.zeros_like();
+                }
+                gpus.sum(number)?;
+            }
+            Self::Group(_) => {
+                let mut value = number.double_value(&[]);
+                self.first(&mut value)?;
+                *number = number.full_like(value);
+            }
         }
         Ok(())
     }
@@ -171,21 +181,17 @@ impl Peers {
         // One that is held here has the others wait in the middle of their exchange.
         fault::reach("learner.before_exchange");
         let Self::Group(group) = self else { return Ok(()) };
-        let began = if let Some(gpus) = &group.gpus {
-            // Whoever calls looks at the sum next. So it costs nothing to wait, and then the time is that of the sum.
-            gpus.wait()?;
-            let began = Instant::now();
-            gpus.sum(gradient)?;
-            gpus.wait()?;
-            began
+        let given = Exchanged { bytes: (gradient.numel() * size_of::<f32>()) as u64, ..Exchanged::default() };
+        let took = if let Some(gpus) = &group.gpus {
+            gpus.stopwatch().measure(|| gpus.sum(gradient))?;
+            given
         } else {
             let began = Instant::now();
             group.gloo.sum(gradient).map_err(|cause| group.lost(cause))?;
-            began
+            Exchanged { seconds: began.elapsed().as_secs_f64(), ..given }
         };
         let Exchanged { seconds, bytes } = group.exchanged.get();
-        let (took, given) = (began.elapsed().as_secs_f64(), gradient.numel() * size_of::<f32>());
-        group.exchanged.set(Exchanged { seconds: seconds + took, bytes: bytes + given as u64 });
+        group.exchanged.set(Exchanged { seconds: seconds + took.seconds, bytes: bytes + took.bytes });
         Ok(())
     }
 
@@ -193,15 +199,20 @@ impl Peers {
     pub(crate) fn count_anew(&self) {
         if let Self::Group(group) = self {
             group.exchanged.take();
+            if let Some(gpus) = &group.gpus {
+                gpus.stopwatch().reset();
+            }
         }
     }
 
-    /// What the sums of gradients took; nothing with one learner.
-    pub(crate) fn exchanged(&self) -> Exchanged {
-        match self {
-            Self::Alone => Exchanged::default(),
-            Self::Group(group) => group.exchanged.get(),
+    /// What the sums of gradients took; nothing with one learner. Waits for the last of them.
+    pub(crate) fn exchanged(&self) -> Result<Exchanged, PeerError> {
+        let Self::Group(group) = self else { return Ok(Exchanged::default()) };
+        let Exchanged { mut seconds, bytes } = group.exchanged.get();
+        if let Some(gpus) = &group.gpus {
+            seconds += gpus.stopwatch().total_s().map_err(NcclError::from)?;
         }
+        Ok(Exchanged { seconds, bytes })
     }
 
     /// Tells the others that this learner has taken all steps of a rollout.
@@ -361,10 +372,10 @@ mod tests {
             peers.sum(&mut numbers).unwrap();
             let mut gradient = Tensor::from_slice(&[rank as f32, 1e-3]);
             peers.sum_gradients(&mut gradient).unwrap();
-            let Exchanged { seconds, bytes } = peers.exchanged();
+            let Exchanged { seconds, bytes } = peers.exchanged().unwrap();
             assert!(seconds > 0.0 && bytes == 8, "two floats: {seconds}, {bytes}");
             peers.count_anew();
-            assert_eq!(peers.exchanged(), Exchanged::default());
+            assert_eq!(peers.exchanged().unwrap(), Exchanged::default());
             peers.agree("numbers", 1 << 63 | 5).unwrap();
             let apart = peers.agree("ranks", u64::from(rank)).unwrap_err().to_string();
             assert!(apart.ends_with("ranks differ ([0, 1, 2], by rank)"), "{apart}");

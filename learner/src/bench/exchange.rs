@@ -187,6 +187,8 @@ fn measure(peers: &Peers, gradient: &Tensor, device: Device, [pieces, sums]: [u3
         for part in &mut parts {
             peers.sum_gradients(part)?;
         }
+        synchronise(device);
+        peers.count_anew();
         if sum >= WARM_UP {
             times.push(began.elapsed().as_secs_f64());
         }

@@ -11,6 +11,7 @@ pub mod host_memory;
 pub mod kernels;
 pub mod library;
 pub mod nccl;
+pub mod stopwatch;
 pub mod stream;
 pub mod warnings;
 

@@ -3,7 +3,7 @@
 
 use super::cuda::{CudaError, stream};
 use super::library::{Handle, LibraryError, function, open};
-use super::stream::Streams;
+use super::stopwatch::Stopwatch;
 use std::ffi::{CStr, c_char, c_int, c_void};
 use tch::{Kind, Tensor};
 
@@ -38,8 +38,9 @@ type InitRank = unsafe extern "C" fn(*mut Handle, c_int, UniqueId, c_int) -> c_i
 type AllReduce = unsafe extern "C" fn(*const c_void, *mut c_void, usize, c_int, c_int, Handle, Handle) -> c_int;
 type ErrorString = unsafe extern "C" fn(c_int) -> *const c_char;
 
-/// `ncclFloat32` and `ncclSum`.
+/// `ncclFloat32`, `ncclFloat64` and `ncclSum`.
 const FLOAT: c_int = 7;
+const DOUBLE: c_int = 8;
 const SUM: c_int = 0;
 
 /// The library.
@@ -56,7 +57,7 @@ pub struct Nccl {
 pub struct Communicator {
     nccl: Nccl,
     handle: Handle,
-    streams: Streams,
+    stopwatch: Stopwatch,
 }
 
 // SAFETY: NCCL takes a communicator from any thread, from one at a time.
@@ -88,7 +89,7 @@ impl Nccl {
         // SAFETY: the out-pointer is ours; the invitation is passed by value, as declared.
         let code = unsafe { (self.init_rank)(&raw mut handle, size as c_int, UniqueId(invitation), rank as c_int) };
         self.succeed("ncclCommInitRank", code)?;
-        Ok(Communicator { nccl: self, handle, streams: Streams::open()? })
+        Ok(Communicator { nccl: self, handle, stopwatch: Stopwatch::open()? })
     }
 
     fn succeed(self, call: &'static str, code: c_int) -> Result<(), NcclError> {
@@ -102,21 +103,26 @@ impl Nccl {
 }
 
 impl Communicator {
-    /// Waits for all that this thread has given its stream.
-    pub fn wait(&self) -> Result<(), NcclError> {
-        Ok(self.streams.wait()?)
+    /// Times parts of the work that this thread gives its stream.
+    pub fn stopwatch(&self) -> &Stopwatch {
+        &self.stopwatch
     }
 
-    /// Replaces a tensor by its sum over all members, on the device.
+    /// Replaces a tensor by its sum over all members, on the device. Nobody waits for it here.
     ///
     /// # Panics
-    /// If it is not contiguous, not on a GPU, or not of 32-bit floats.
+    /// If it is not contiguous, not on a GPU, or not of floats or doubles.
     pub fn sum(&self, tensor: &mut Tensor) -> Result<(), NcclError> {
-        assert!(tensor.device().is_cuda() && tensor.kind() == Kind::Float && tensor.is_contiguous());
+        let kind = match tensor.kind() {
+            Kind::Float => FLOAT,
+            Kind::Double => DOUBLE,
+            other => panic!("no sum over GPUs of {other:?}"),
+        };
+        assert!(tensor.device().is_cuda() && tensor.is_contiguous());
         let numbers = tensor.data_ptr();
         // SAFETY: the numbers are the tensor's own; libtorch gives their memory to others only later on this stream.
         let code =
-            unsafe { (self.nccl.all_reduce)(numbers, numbers, tensor.numel(), FLOAT, SUM, self.handle, stream()) };
+            unsafe { (self.nccl.all_reduce)(numbers, numbers, tensor.numel(), kind, SUM, self.handle, stream()) };
         self.nccl.succeed("ncclAllReduce", code)
     }
 }

@@ -183,7 +183,7 @@ impl<'a> Update<'a> {
         let mut means = means(&steps, self.auxiliary);
         means.insert(metric::LEARNING_RATE.to_owned(), self.learning_rate);
         if self.peers.count() > 1 {
-            means.insert(metric::EXCHANGED.to_owned(), self.peers.exchanged().bytes as f64);
+            means.insert(metric::EXCHANGED.to_owned(), self.peers.exchanged()?.bytes as f64);
         }
         Ok(means)
     }

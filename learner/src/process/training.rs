@@ -197,7 +197,7 @@ impl<W: Write> Training<'_, W> {
         };
         fault::reach("learner.after_update");
         state.timing.update_s = waits.elapsed().as_secs_f64();
-        state.timing.exchange_s = self.agent.peers().exchanged().seconds;
+        state.timing.exchange_s = self.agent.peers().exchanged()?.seconds;
         metrics.extend(known);
         let before = std::mem::replace(&mut self.frames, frames);
         self.rollout = rollout + 1;

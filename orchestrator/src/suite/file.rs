@@ -519,6 +519,8 @@ mod tests {
         let kitchens = Suite::parse(include_str!("../../../suites/kitchens.toml")).unwrap();
         let counts: Vec<_> = kitchens.entries.iter().map(|entry| entry.config.kitchens().count()).collect();
         assert_eq!(counts, [[19; 3], [100; 3], [1000; 3]].concat());
+        let recipe = Suite::parse(include_str!("../../../suites/recipe.toml")).unwrap();
+        assert!(recipe.entries.iter().all(|entry| proto::stage::total_frames(&entry.config.stages) == 45_000_000));
         let settings = |config: &Config| Config { preset: String::new(), seed: 0, ..config.clone() };
         let run: Vec<Config> =
             main.entries.iter().chain(&smaller.entries).map(|entry| settings(&entry.config)).collect();
