@@ -24,7 +24,7 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator export runs/a --out policy.onnx               its newest checkpoint; policy.md says how to use it
-  orchestrator export runs/a/best --format safetensors --half --out policy.safetensors       a policy file to hand on
+  orchestrator export runs/a/best --half --out policy.safetensors                            a policy file to hand on
   orchestrator export runs/a/checkpoints/rollout-00000120.json --out policy.onnx
   orchestrator export runs/a --format lerobot --only success --out episodes    a LeRobotDataset v3 of its successes
   orchestrator export EVALUATION --format parquet --kitchen 26 --out tables     steps.parquet and episodes.parquet
@@ -37,11 +37,12 @@ pub struct ExportArgs {
     #[arg(required = true, value_name = "RUN|CHECKPOINT|FILE")]
     subjects: Vec<PathBuf>,
     /// onnx: a model for onnxruntime and others (operators of version 17); safetensors: a policy file, which `eval` and
-    /// `view --policy` take: weights under PyTorch's module paths, and the configuration; lerobot: a LeRobotDataset v3; parquet: two tables, steps and episodes; npz: an archive of
-    /// NumPy an episode
-    #[arg(long, default_value = "onnx")]
-    format: Format,
-    /// With --format safetensors: the weights as float16 instead of float32, half the bytes
+    /// `view --policy` take: weights under PyTorch's module paths, and the configuration; lerobot: a LeRobotDataset v3;
+    /// parquet: two tables, steps and episodes; npz: an archive of NumPy an episode [default: safetensors if --out ends
+    /// so, onnx otherwise]
+    #[arg(long)]
+    format: Option<Format>,
+    /// With safetensors: the weights as float16 instead of float32, half the bytes
     #[arg(long)]
     half: bool,
     /// The file, or the folder of episodes
@@ -90,6 +91,13 @@ enum Picture {
     Outside,
 }
 
+impl Format {
+    /// What a file of this name is expected to be.
+    fn of(out: &Path) -> Self {
+        if out.extension().is_some_and(|ending| ending == "safetensors") { Self::Safetensors } else { Self::Onnx }
+    }
+}
+
 impl EpisodeArgs {
     fn is_empty(&self) -> bool {
         self.choice.is_all() && self.only.is_none() && self.limit.is_none() && self.pictures.is_empty()
@@ -98,9 +106,10 @@ impl EpisodeArgs {
 
 /// Runs the command.
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
-    ensure!(!args.half || args.format == Format::Safetensors, "--half is for --format safetensors");
-    let format = match args.format {
-        Format::Onnx | Format::Safetensors => return export_policy(args).map(|()| ExitCode::SUCCESS),
+    let format = args.format.unwrap_or_else(|| Format::of(&args.out));
+    ensure!(!args.half || format == Format::Safetensors, "--half is for --format safetensors");
+    let format = match format {
+        Format::Onnx | Format::Safetensors => return export_policy(args, format).map(|()| ExitCode::SUCCESS),
         Format::Lerobot => DatasetFormat::LeRobot,
         Format::Parquet => DatasetFormat::Parquet,
         Format::Npz => DatasetFormat::Npz,
@@ -108,7 +117,7 @@ pub fn run(args: &ExportArgs) -> Result<ExitCode> {
     export_episodes(args, format)
 }
 
-fn export_policy(args: &ExportArgs) -> Result<()> {
+fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
     let [subject] = &args.subjects[..] else {
         bail!("a policy is exported from one run or checkpoint, not from {}", args.subjects.len());
     };
@@ -124,7 +133,7 @@ fn export_policy(args: &ExportArgs) -> Result<()> {
         Source::Checkpoint(found) => Policy::read(&found.manifest, found.config)?,
         Source::File { policy, .. } => *policy,
     };
-    if args.format == Format::Safetensors {
+    if format == Format::Safetensors {
         export::save(&policy, out, if args.half { Precision::Half } else { Precision::Single })?;
     } else {
         ensure!(page != *out, "--out {}: the page about the model has this name; call it policy.onnx", out.display());
@@ -142,7 +151,7 @@ fn export_policy(args: &ExportArgs) -> Result<()> {
         bytes(size),
         policy.origin.frames
     ));
-    if args.format == Format::Onnx {
+    if format == Format::Onnx {
         terminal::out(&format!("{} says what it takes and gives", page.display()));
     }
     Ok(())

@@ -126,12 +126,21 @@ impl TrainingRun {
                 Ok(Next::Start(before))
             }
             Ok((outcome, recording, history, together)) => {
-                let text = farewell(&outcome.end, &recording);
-                let status = self.report(&outcome, &recording, &history, begin.elapsed())?;
+                let reported = self.report(&outcome, &recording, &history, begin.elapsed());
+                let (status, text) = match &reported {
+                    Ok(status) => (*status, farewell(&outcome.end, &recording)),
+                    // Its figures cannot be written, for example.
+                    Err(error) => {
+                        let reason = format!("{error:#}");
+                        self.note_end(Ending::Failed, None, Some(reason.clone()));
+                        events::failed(&self.folder, &self.identity.id, &reason);
+                        (1, format!("the run ends: {reason}"))
+                    }
+                };
                 if let Some(together) = together {
                     together.company.order_all(&Order::Dismiss { status, text });
                 }
-                Ok(Next::End(status))
+                reported.map(Next::End)
             }
             Err(error) => {
                 self.note_end(Ending::Failed, None, Some(format!("{error:#}")));

@@ -66,7 +66,7 @@ fn a_policy_file_is_evaluated_without_its_run() {
     assert!(subject["checkpoint"].as_str().is_some_and(|path| path.ends_with(&file)), "{subject}");
     assert_eq!(result["overall"]["episodes"], 5);
     // Exported again it is the same policy; as a model, too.
-    for (options, name) in [(&["--format", "safetensors", "--half"][..], "again.safetensors"), (&[], "again.onnx")] {
+    for (options, name) in [(&["--half"][..], "again.safetensors"), (&[], "again.onnx")] {
         let again = complete(workshop.orchestrator(&[&["export", FILE, "--out", name], options].concat()));
         assert!(again.success, "{}", again.stderr);
     }

@@ -140,3 +140,28 @@ fn scripts_are_told_what_happens() {
     let again = events(&complete(resume).stdout);
     assert_eq!((again.len(), &again[0]["summary"]), (1, &last["summary"]));
 }
+
+#[test]
+fn the_last_event_tells_why_figures_cannot_be_written_and_a_resume_writes_them() {
+    let workshop = Workshop::new();
+    let mut command = workshop.up("run", 1, 2, 400);
+    command.arg("--json");
+    let child = start(command);
+    let run = workshop.run("run");
+    run.wait_for_rollouts(1);
+    // Something else has the name.
+    let place = workshop.path("run/summary.json");
+    std::fs::create_dir_all(place.join("in the way")).expect("a folder");
+    let printed = finish(child);
+    assert!(!printed.success && printed.stderr.contains("summary.json"), "{printed:#?}");
+    let told = events(&printed.stdout);
+    let last = told.last().expect("events");
+    assert_eq!((&last["event"], &last["how"]), (&"ended".into(), &"failed".into()), "{last}");
+    assert!(last["reason"].as_str().is_some_and(|reason| reason.contains("summary.json")), "{last}");
+    assert_eq!(named(&told, "ended").len(), 1);
+    run.assert_nothing_left();
+
+    std::fs::remove_dir_all(&place).expect("removed");
+    assert_eq!(complete(workshop.resume("run")).result().1, 400);
+    assert!(place.is_file());
+}
