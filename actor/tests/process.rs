@@ -41,6 +41,9 @@ struct Stand {
     hellos: Vec<u32>,
     /// The step at which every environment is told to hold.
     hold_at: Option<u64>,
+    /// Whether it answers. If not, it keeps what counts: half, step, observations.
+    answers: bool,
+    kept: Vec<(u32, u64, Vec<Observation>)>,
 }
 
 impl Stand {
@@ -71,6 +74,8 @@ impl Stand {
             seen: BTreeMap::new(),
             hellos: vec![],
             hold_at: None,
+            answers: true,
+            kept: vec![],
         }
     }
 
@@ -126,39 +131,45 @@ impl Stand {
             if header.learner_incarnation != self.learner_incarnation || header.step != next {
                 continue;
             }
-            let range = Halves::of(ENVIRONMENTS).range(header.half);
-            assert_eq!(sample.payload().len(), range.len());
-            let mut actions = vec![];
-            for (environment, observation) in range.zip(sample.payload()) {
-                self.seen.insert((header.step, environment as u32), bytes(observation));
-                assert_eq!(observation.environment as usize, environment);
-                let current = observation.current;
-                assert_eq!(current.flags & current_flag::EPISODE_START != 0, current.step == 0);
-                if observation.transition.flags & transition_flag::ENDED != 0 {
-                    assert_eq!(current.episode, observation.transition.episode + 1);
-                    self.states[environment] = EnvironmentState::start_of(current.episode);
-                }
-                let state = &mut self.states[environment];
-                assert_eq!((current.episode, current.step), (state.episode, state.action_count));
-                if self.hold_at == Some(header.step) {
-                    actions.push(HOLD);
-                } else {
-                    let action = chosen(environment as u32, state);
-                    state.push(action);
-                    actions.push(action);
-                }
+            let observations = sample.payload();
+            if self.answers {
+                self.answer(header.half, header.step, observations);
+            } else {
+                self.kept.push((header.half, header.step, observations.to_vec()));
             }
-            let mut sample = self.actions.loan_slice_uninit(actions.len()).unwrap();
-            *sample.user_header_mut() = ActionHeader {
-                step: header.step,
-                stage_version: 7,
-                learner_incarnation: self.learner_incarnation,
-                half: header.half,
-            };
-            sample.write_from_slice(&actions).send().unwrap();
-            self.bell.notify().unwrap();
-            self.next[header.half as usize] += 1;
         }
+    }
+
+    /// Answers a half's observations.
+    fn answer(&mut self, half: u32, step: u64, observations: &[Observation]) {
+        let range = Halves::of(ENVIRONMENTS).range(half);
+        assert_eq!(observations.len(), range.len());
+        let mut actions = vec![];
+        for (environment, observation) in range.zip(observations) {
+            self.seen.insert((step, environment as u32), bytes(observation));
+            assert_eq!(observation.environment as usize, environment);
+            let current = observation.current;
+            assert_eq!(current.flags & current_flag::EPISODE_START != 0, current.step == 0);
+            if observation.transition.flags & transition_flag::ENDED != 0 {
+                assert_eq!(current.episode, observation.transition.episode + 1);
+                self.states[environment] = EnvironmentState::start_of(current.episode);
+            }
+            let state = &mut self.states[environment];
+            assert_eq!((current.episode, current.step), (state.episode, state.action_count));
+            if self.hold_at == Some(step) {
+                actions.push(HOLD);
+            } else {
+                let action = chosen(environment as u32, state);
+                state.push(action);
+                actions.push(action);
+            }
+        }
+        let mut sample = self.actions.loan_slice_uninit(actions.len()).unwrap();
+        *sample.user_header_mut() =
+            ActionHeader { step, stage_version: 7, learner_incarnation: self.learner_incarnation, half };
+        sample.write_from_slice(&actions).send().unwrap();
+        self.bell.notify().unwrap();
+        self.next[half as usize] += 1;
     }
 
     /// Ends the stand; nothing may be left of it.
@@ -295,6 +306,45 @@ fn a_killed_actor_and_a_new_learner_change_no_byte() {
     stand.restore(0);
     stand.run_to(LAST);
     assert_same(&expected, &stand.seen, 0..LAST);
+    actor.kill();
+    stand.end();
+}
+
+/// A learner that has the predecessor's observations answers them at any moment, also right after the restore.
+#[test]
+fn actions_that_come_together_with_their_restore_are_not_lost() {
+    let expected = undisturbed("apart", 9);
+    let mut stand = Stand::new("together");
+    let actor = stand.spawn(1, None);
+    stand.run_to(3);
+    // Steps 0 to 3 are answered; those of step 4 are kept, and their sender dies.
+    stand.answers = false;
+    let deadline = Instant::now() + ANSWER_DEADLINE;
+    while stand.kept.len() < 2 {
+        assert!(Instant::now() < deadline, "no observations of step 4");
+        stand.wakeup.timed_wait(|_| {}, Duration::from_millis(20)).unwrap();
+        stand.serve();
+    }
+    actor.kill();
+    stand.host.sweep_dead();
+
+    // Its successor, held in the middle of a look, gets its state and the answers.
+    let mut actor = stand.spawn(2, Some("hold=actor.mid_receive:2"));
+    let stat = format!("/proc/{}/stat", actor.0.id());
+    while !std::fs::read_to_string(&stat).unwrap().rsplit_once(") ").unwrap().1.starts_with('T') {
+        assert!(Instant::now() < deadline && actor.0.try_wait().unwrap().is_none(), "it was never held");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    stand.serve();
+    assert_eq!(stand.hellos.last(), Some(&2));
+    stand.answers = true;
+    for (half, step, observations) in std::mem::take(&mut stand.kept) {
+        stand.answer(half, step, &observations);
+    }
+    let pid = rustix::process::Pid::from_child(&actor.0);
+    rustix::process::kill_process(pid, rustix::process::Signal::CONT).unwrap();
+    stand.run_to(9);
+    assert_same(&expected, &stand.seen, 0..10);
     actor.kill();
     stand.end();
 }

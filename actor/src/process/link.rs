@@ -8,14 +8,18 @@ use std::time::Duration;
 use wire::fault;
 use wire::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
 use wire::{
-    ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, Receipts, RestoreSubscriber,
-    UpdateConnections, Wakeup, Wire, WireAddress, WireShape,
+    ActionSubscriber, Bell, ObservationPublisher, ObservationReaders, Receipts, RestoreSubscriber, UpdateConnections,
+    Wakeup, Wire, WireAddress, WireShape,
 };
 
-/// A received restore.
-type Restore = iceoryx2::sample::Sample<Ipc, [EnvironmentState], RestoreHeader>;
-/// A received action batch.
-type Actions = iceoryx2::sample::Sample<Ipc, [u8], ActionHeader>;
+/// What has arrived, copied: what lies in shared memory can change after it was checked.
+#[derive(Debug, Default)]
+pub struct Arrived {
+    /// Restores, in the order in which they were sent.
+    pub restores: Vec<(RestoreHeader, Vec<EnvironmentState>)>,
+    /// Action batches, in the order in which they were sent. They may build on the restores.
+    pub actions: Vec<(ActionHeader, Vec<u8>)>,
+}
 
 /// All ports of one actor.
 pub struct Link {
@@ -58,14 +62,20 @@ impl Link {
         self.receipts.as_ref().map_or(0, |receipts| receipts.met(self.actor))
     }
 
-    /// The next restore in the queue, if any.
-    pub fn receive_restore(&self) -> Result<Option<Restore>> {
-        self.restores.receive().context("cannot receive restores")
-    }
-
-    /// The next action batch in the queue, if any.
-    pub fn receive_actions(&self) -> Result<Option<Actions>> {
-        self.actions.receive().context("cannot receive actions")
+    /// Everything that has arrived since the last call.
+    pub fn receive(&self) -> Result<Arrived> {
+        let mut arrived = Arrived::default();
+        // The learner sends a restore before the actions that build on it, and both only once. Who looks for actions first
+        // finds their restore. The other way round both could come between the two looks: actions without a restore, which
+        // are ignored, and then a restore that waits for these actions for ever.
+        while let Some(actions) = self.actions.receive().context("cannot receive actions")? {
+            arrived.actions.push((*actions.user_header(), actions.payload().to_vec()));
+        }
+        fault::reach("actor.mid_receive");
+        while let Some(restore) = self.restores.receive().context("cannot receive restores")? {
+            arrived.restores.push((*restore.user_header(), restore.payload().to_vec()));
+        }
+        Ok(arrived)
     }
 
     /// Sleeps until the learner rings or the time is over.

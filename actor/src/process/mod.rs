@@ -23,7 +23,7 @@ pub mod whereabouts;
 use anyhow::{Context, Result, ensure};
 use environments::Environments;
 use larder::Larder;
-use link::Link;
+use link::{Arrived, Link};
 use proto::bounded;
 use proto::config::Config;
 use proto::kitchen::KitchenId;
@@ -86,21 +86,7 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
             protocol.on_met(link.met());
         }
         fault::reach("actor.before_receive");
-        // Restores before actions: the learner sends a restore before the actions that build on it.
-        while let Some(restore) = link.receive_restore()? {
-            // Copied once, then checked: what lies in shared memory can change meanwhile.
-            let (header, states) = (*restore.user_header(), restore.payload().to_vec());
-            match protocol.on_restore(&header, states.len(), started.elapsed()) {
-                Verdict::Accepted => {
-                    fault::reach("actor.before_rebuild");
-                    environments.rebuild(&states)?;
-                    tracing::info!(learner_incarnation = header.learner_incarnation, step = ?header.step, "restored");
-                    fault::reach("actor.after_rebuild");
-                }
-                Verdict::Ignored(reason) => tracing::debug!(?header, reason, "restore ignored"),
-            }
-        }
-        receive_actions(&link, &mut protocol, &mut accepted)?;
+        receive(&link, &mut protocol, &mut environments, &mut accepted, started)?;
         match protocol.next(started.elapsed()) {
             Todo::Hello => {
                 link.send_hello(protocol.hello_header())?;
@@ -125,17 +111,32 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
     }
 }
 
-/// Takes in the actions that wait; what is accepted is kept by half until it is applied.
-fn receive_actions(link: &Link, protocol: &mut Protocol, accepted: &mut [Vec<u8>; 2]) -> Result<()> {
-    while let Some(actions) = link.receive_actions()? {
-        // Copied once, then checked, as a restore is.
-        let header = *actions.user_header();
-        match protocol.on_actions(&header, actions.payload().len()) {
+/// Takes in what has arrived; actions that are accepted are kept by half until they are applied.
+fn receive(
+    link: &Link,
+    protocol: &mut Protocol,
+    environments: &mut Environments,
+    accepted: &mut [Vec<u8>; 2],
+    started: Instant,
+) -> Result<()> {
+    let Arrived { restores, actions } = link.receive()?;
+    // The restores first: actions may build on them.
+    for (header, states) in restores {
+        match protocol.on_restore(&header, states.len(), started.elapsed()) {
+            Verdict::Accepted => {
+                fault::reach("actor.before_rebuild");
+                environments.rebuild(&states)?;
+                tracing::info!(learner_incarnation = header.learner_incarnation, step = ?header.step, "restored");
+                fault::reach("actor.after_rebuild");
+            }
+            Verdict::Ignored(reason) => tracing::debug!(?header, reason, "restore ignored"),
+        }
+    }
+    for (header, actions) in actions {
+        match protocol.on_actions(&header, actions.len()) {
             Verdict::Accepted => {
                 fault::reach("actor.after_receive");
-                let kept = &mut accepted[header.half as usize];
-                kept.clear();
-                kept.extend_from_slice(actions.payload());
+                accepted[header.half as usize] = actions;
             }
             Verdict::Ignored(reason) => tracing::debug!(?header, reason, "actions ignored"),
         }

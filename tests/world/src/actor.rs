@@ -10,7 +10,10 @@ use orchestrator::Exit;
 use proto::episode::EnvironmentId;
 use proto::step::{Current, Transition};
 use std::rc::Rc;
-use wire::message::{EnvironmentState, observation_kind};
+use wire::message::{ActionHeader, EnvironmentState, observation_kind};
+
+/// Actions for a half.
+type Batch = (ActionHeader, Rc<Vec<u8>>);
 
 /// Its open ports.
 struct Ports {
@@ -25,6 +28,8 @@ enum Doing {
     Starting,
     /// Between two passes of its loop.
     Nothing,
+    /// It has looked for actions, and not yet for restores.
+    Looking(Vec<Batch>),
     /// A sample is on its way to one subscriber after the other.
     Sending { sample: Observations, place: usize, receivers: usize },
     /// It has arrived wherever it can; the bell is next.
@@ -76,14 +81,30 @@ impl Actor {
         })
     }
 
-    /// One pass of its loop, up to what takes time.
-    fn pass(&mut self, world: &mut World) -> Next {
-        let now = world.since(self.begun);
-        let number = self.number as usize;
-        let Some(Ports { restores, actions, .. }) = self.ports else { return Next::After(1) };
+    /// One pass of its loop: a look for actions, and then the rest of it; a message can come in between.
+    fn look(&mut self, world: &mut World) -> Next {
+        let Some(Ports { actions, .. }) = self.ports else { return Next::After(1) };
         if self.protocol.is_strange() {
             self.protocol.on_met(world.desks[self.session].met.get(&self.number).copied().unwrap_or(0));
         }
+        let mut arrived = Vec::new();
+        while let Some(batch) =
+            world.wires[self.session].actions[self.number as usize].receive(actions, &mut world.dice).0
+        {
+            arrived.push(batch.value.clone());
+        }
+        if world.dice.once_in(16) {
+            self.doing = Doing::Looking(arrived);
+            return Next::After(world.dice.between(5, 50));
+        }
+        self.pass(world, arrived)
+    }
+
+    /// The rest of a pass, up to what takes time.
+    fn pass(&mut self, world: &mut World, arrived: Vec<Batch>) -> Next {
+        let now = world.since(self.begun);
+        let number = self.number as usize;
+        let Some(Ports { restores, .. }) = self.ports else { return Next::After(1) };
         let mut rebuilt = 0;
         while let Some(restore) = world.wires[self.session].restores[number].receive(restores, &mut world.dice).0 {
             let (header, states) = &restore.value;
@@ -95,13 +116,12 @@ impl Actor {
                 self.rebuild(states, world.setup.has(Mutation::RestoresTooEarly));
             }
         }
-        while let Some(batch) = world.wires[self.session].actions[number].receive(actions, &mut world.dice).0 {
-            let (header, actions) = &batch.value;
-            let verdict = self.protocol.on_actions(header, actions.len());
-            let (header, number) = (*header, self.number);
+        for (header, actions) in arrived {
+            let verdict = self.protocol.on_actions(&header, actions.len());
+            let number = self.number;
             world.note(|| format!("actor {number}: actions {header:?}: {verdict:?}"));
             if verdict == Verdict::Accepted {
-                self.accepted[header.half as usize].clone_from(actions);
+                self.accepted[header.half as usize].clone_from(&actions);
             }
         }
         if rebuilt > 0 {
@@ -215,7 +235,8 @@ impl Program for Actor {
                 }
                 Err(NoPlace) => Next::Exit(Exit::Code(1)),
             },
-            Doing::Nothing => self.pass(world),
+            Doing::Nothing => self.look(world),
+            Doing::Looking(arrived) => self.pass(world, arrived),
             Doing::Sending { sample, place, receivers } => self.deliver(world, me, sample, [place, receivers]),
             Doing::Sent { sample, receivers } => {
                 self.sent(world, &sample, receivers);
