@@ -181,17 +181,16 @@ impl Peers {
         // One that is held here has the others wait in the middle of their exchange.
         fault::reach("learner.before_exchange");
         let Self::Group(group) = self else { return Ok(()) };
-        let given = Exchanged { bytes: (gradient.numel() * size_of::<f32>()) as u64, ..Exchanged::default() };
-        let took = if let Some(gpus) = &group.gpus {
+        let Exchanged { mut seconds, mut bytes } = group.exchanged.get();
+        if let Some(gpus) = &group.gpus {
             gpus.stopwatch().measure(|| gpus.sum(gradient))?;
-            given
         } else {
             let began = Instant::now();
             group.gloo.sum(gradient).map_err(|cause| group.lost(cause))?;
-            Exchanged { seconds: began.elapsed().as_secs_f64(), ..given }
-        };
-        let Exchanged { seconds, bytes } = group.exchanged.get();
-        group.exchanged.set(Exchanged { seconds: seconds + took.seconds, bytes: bytes + took.bytes });
+            seconds += began.elapsed().as_secs_f64();
+        }
+        bytes += (gradient.numel() * size_of::<f32>()) as u64;
+        group.exchanged.set(Exchanged { seconds, bytes });
         Ok(())
     }
 

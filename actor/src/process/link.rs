@@ -65,9 +65,9 @@ impl Link {
     /// Everything that has arrived since the last call.
     pub fn receive(&self) -> Result<Arrived> {
         let mut arrived = Arrived::default();
-        // The learner sends a restore before the actions that build on it, and both only once. Who looks for actions first
-        // finds their restore. The other way round both could come between the two looks: actions without a restore, which
-        // are ignored, and then a restore that waits for these actions for ever.
+        // The learner sends a restore before the actions that build on it, and these only once. Who looks for actions
+        // first finds their restore. The other way round both could come between the two looks: the actions would be
+        // ignored for want of a restore, and then the restored environments would wait for them for ever.
         while let Some(actions) = self.actions.receive().context("cannot receive actions")? {
             arrived.actions.push((*actions.user_header(), actions.payload().to_vec()));
         }

@@ -60,7 +60,7 @@ pub struct Communicator {
     stopwatch: Stopwatch,
 }
 
-// SAFETY: NCCL takes a communicator from any thread, from one at a time.
+// SAFETY: NCCL takes a communicator from any thread, from one at a time, and so does the driver the stopwatch's events.
 unsafe impl Send for Communicator {}
 
 impl Nccl {

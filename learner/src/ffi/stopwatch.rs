@@ -18,9 +18,6 @@ type ElapsedTime = unsafe extern "C" fn(*mut c_float, Handle, Handle) -> c_int;
 #[derive(Debug, Clone, Copy)]
 struct Mark(Handle);
 
-// SAFETY: the driver's functions take an event from any thread.
-unsafe impl Send for Mark {}
-
 /// Adds up the time of parts of the work on this thread's stream.
 #[derive(Debug)]
 pub struct Stopwatch {

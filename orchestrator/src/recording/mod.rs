@@ -29,7 +29,8 @@ use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 
 /// The recordings meant by `path`: a file itself; of a run folder or a folder of recordings, all segments in order. Of a
-/// run on several hosts those of all whose folders are here, host by host.
+/// run on several hosts those of all whose folders are here, host by host. Of a folder, empty files are left out unless
+/// there is nothing else: a recorder that was killed before its first byte leaves one.
 pub fn files_at(path: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let unreadable = |cause| RecordingError::Unreadable { path: path.to_path_buf(), cause };
     if !std::fs::metadata(path).map_err(unreadable)?.is_dir() {
@@ -57,6 +58,10 @@ pub fn files_at(path: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     }
     if files.is_empty() {
         return Err(RecordingError::NoRecordings(path.to_path_buf()));
+    }
+    let has_bytes = |file: &PathBuf| std::fs::metadata(file).is_ok_and(|file| file.len() > 0);
+    if files.iter().any(has_bytes) {
+        files.retain(has_bytes);
     }
     Ok(files)
 }

@@ -563,6 +563,12 @@ fn what_is_no_recording_is_said_to_be_none() {
     let missing = gather(&[folder.path().join("b.mcap")], Wanted::default()).unwrap_err().to_string();
     assert!(missing.contains("cannot read") && missing.contains("b.mcap"), "{missing}");
     assert!(crate::recording::files_at(folder.path()).is_ok());
+    // A start that was killed before its recorder had written anything takes nothing from the others.
+    let nothing = folder.path().join("b.mcap");
+    std::fs::write(&nothing, b"").unwrap();
+    assert_eq!(crate::recording::files_at(folder.path()).unwrap(), std::slice::from_ref(&path));
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!(crate::recording::files_at(folder.path()).unwrap(), [nothing], "its own error tells more");
     let empty = tempfile::tempdir().unwrap();
     assert!(crate::recording::files_at(empty.path()).unwrap_err().to_string().contains("holds no recordings"));
 }
