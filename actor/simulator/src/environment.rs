@@ -7,7 +7,7 @@ use crate::kitchen::Kitchen;
 use crate::physics::geometry::rotation_y;
 use crate::robot::configuration::Configuration;
 use crate::robot::links::world_from_camera;
-use crate::simulation::{Simulation, Substep};
+use crate::simulation::{Settling, Simulation, Substep};
 use proto::action::{Action, NO_ACTION};
 use proto::config::{Config, EpisodeConfig};
 use proto::episode::EnvironmentId;
@@ -21,6 +21,9 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// An object that moved further than this on some axis is disturbed, metres (reference).
 pub const DISTURBED_AXIS_M: f32 = 0.01;
+
+/// Sub-steps of one piece of work of [`Environment::prepare`].
+const SUBSTEPS_AT_ONCE: u32 = 8;
 
 /// Why an environment could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -66,6 +69,18 @@ pub struct Environment {
     // What the camera has seen stand still, and the bodies' poses of the last frame. Empty until the first.
     backdrop: Backdrop,
     world_from_bodies: Vec<Pose3>,
+    // The start of an episode that may come next, in the making.
+    ahead: Option<Box<Ahead>>,
+    // An episode that is over, and whose memory was not yet given back.
+    past: Option<Box<Simulation>>,
+}
+
+/// An episode's start in the making.
+#[derive(Debug, Clone)]
+struct Ahead {
+    number: u32,
+    episode: Episode,
+    settling: Settling,
 }
 
 /// How far everything movable but the target is from where it stood at step 0.
@@ -115,7 +130,7 @@ impl Environment {
         episode_number: u32,
         episode: Episode,
     ) -> Self {
-        let simulation = begin(&kitchen, config.simulation.substeps, &episode);
+        let simulation = begin(&kitchen, config.simulation.substeps, &episode).finish();
         let target = kitchen.target_movable(episode.category);
         let mut environment = Self {
             kitchen,
@@ -141,6 +156,8 @@ impl Environment {
             counted_revision: 0,
             backdrop: Backdrop::default(),
             world_from_bodies: Vec::new(),
+            ahead: None,
+            past: None,
         };
         environment.begin_counting();
         environment
@@ -156,8 +173,37 @@ impl Environment {
         self.episode = episode;
         self.episode_number = number;
         self.target = self.kitchen.target_movable(self.episode.category);
-        self.simulation = begin(&self.kitchen, self.substeps, &self.episode);
+        match self.ahead.take().filter(|ahead| ahead.number == number && ahead.episode == self.episode) {
+            Some(ahead) => {
+                // Whoever prepares has time for that, too.
+                let past = std::mem::replace(&mut self.simulation, ahead.settling.finish());
+                self.past = Some(Box::new(past));
+            }
+            None => self.simulation = begin(&self.kitchen, self.substeps, &self.episode).finish(),
+        }
         self.begin_counting();
+    }
+
+    /// Prepares the start of the episode that [`Environment::start_episode`] begins with this number, by a piece of work
+    /// of a tenth of a millisecond or two. Returns whether there is more to do. The episode is the same without it.
+    pub fn prepare_episode(&mut self, number: u32) -> bool {
+        self.prepare(number, |it| Episode::sample(&it.kitchen, &it.settings, it.seed, it.id, number))
+    }
+
+    /// The same for [`Environment::begin_episode`].
+    pub fn prepare(&mut self, number: u32, episode: impl FnOnce(&Self) -> Episode) -> bool {
+        if self.past.take().is_some() {
+            return true;
+        }
+        match &mut self.ahead {
+            Some(ahead) if ahead.number == number => !ahead.settling.advance(SUBSTEPS_AT_ONCE),
+            _ => {
+                let episode = episode(self);
+                let settling = begin(&self.kitchen, self.substeps, &episode);
+                self.ahead = Some(Box::new(Ahead { number, episode, settling }));
+                true
+            }
+        }
     }
 
     /// Starts the count at step 0: every later displacement counts.
@@ -474,9 +520,9 @@ fn displacement_m(moved: Vec3) -> f32 {
 }
 
 /// The settled kitchen as an episode begins in it.
-fn begin(kitchen: &Arc<Kitchen>, substeps: u32, episode: &Episode) -> Simulation {
+fn begin(kitchen: &Arc<Kitchen>, substeps: u32, episode: &Episode) -> Settling {
     let Episode { category, start, stand, .. } = episode;
     let target = kitchen.target_movable(*category);
     let configuration = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
-    Simulation::start(Arc::clone(kitchen), substeps, configuration, target, *start)
+    Settling::new(Arc::clone(kitchen), substeps, configuration, target, *start)
 }

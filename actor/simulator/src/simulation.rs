@@ -11,6 +11,10 @@
 //! What is held goes where the hand goes. It collides with the room and with other movable things, not with the robot
 //! that holds it.
 
+mod settling;
+
+pub use settling::Settling;
+
 use crate::kitchen::Kitchen;
 use crate::physics::geometry::length;
 use crate::physics::sweep::Sweep;
@@ -42,8 +46,6 @@ const JAM_DEPTH_M: f32 = 0.015;
 const JAM_GROWTH_M: f32 = 0.001;
 /// A movable thing this near to the robot, or to what it holds, calls for physics, metres.
 const TOUCH_M: f32 = 0.005;
-/// After an episode's target is set down, it has this many sub-steps to come to rest.
-const SETTLE_SUBSTEPS: u32 = 240;
 
 /// A kitchen in motion.
 #[derive(Debug, Clone)]
@@ -86,58 +88,6 @@ struct Held {
 }
 
 impl Simulation {
-    /// The settled kitchen with the robot at a start pose and one thing set down elsewhere.
-    ///
-    /// # Panics
-    /// If the robot's start configuration is out of its arm's reach: it is a constant that is not.
-    pub fn start(
-        kitchen: Arc<Kitchen>,
-        substeps: u32,
-        configuration: Configuration,
-        target: usize,
-        target_position: Vec3,
-    ) -> Self {
-        let poses = part_poses(&configuration.posture()).expect("the start configuration is within the arm's reach");
-        let mut world = kitchen.world.clone();
-        let mut things = kitchen.things.clone();
-        world.put(kitchen.movables[target], Pose3::from_translation(target_position));
-        things.disturb(target);
-        let mut simulation = Self {
-            kitchen,
-            world,
-            things,
-            substeps,
-            configuration,
-            poses,
-            placed: false,
-            awake: true,
-            held: None,
-            began_at_rest: false,
-            watch: None,
-            log: None,
-            path: Vec::new(),
-            sweeps: Vec::new(),
-            candidates: Vec::new(),
-        };
-        // At least one sub-step, which updates the broad phase.
-        simulation.place_robot();
-        simulation.advance_world();
-        simulation.pass(SETTLE_SUBSTEPS);
-        simulation.began_at_rest = !simulation.awake;
-        if simulation.awake {
-            tracing::warn!(
-                kitchen = simulation.kitchen.id().number(),
-                target,
-                position_m = ?target_position.to_array(),
-                "the target did not come to rest where it was set down: stopped there"
-            );
-        }
-        simulation.world.put_to_sleep(&simulation.kitchen.movables);
-        simulation.awake = false;
-        simulation.look_at_things();
-        simulation
-    }
-
     /// Whether everything came to rest by itself after the target was set down. If not, it was stopped in its motion:
     /// just as repeatable, but not what physics would have done.
     pub fn began_at_rest(&self) -> bool {

@@ -132,6 +132,7 @@ pub fn print_memory(kitchens: &[KitchenId], folder: &Path) -> Result<()> {
             player.look(&mut camera, &mut frame);
             camera.exchange(&mut scenery);
         }
+        player.prepare();
         environments.push((player, scenery));
     }
     let further = (kitchens.len() - BEFORE) as f64;

@@ -58,6 +58,7 @@ pub fn run(kitchen: KitchenId) -> Result<()> {
                 player.step();
                 player.look(&mut camera, &mut frame);
             }
+            player.prepare();
             players.push(player);
         }
         resident.push(resident_bytes()?);

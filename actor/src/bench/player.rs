@@ -67,6 +67,12 @@ impl Player {
         }
     }
 
+    /// Prepares the next episode to the end, as an actor does that has time.
+    pub fn prepare(&mut self) {
+        let next = self.episode as u32 + 1;
+        while self.environment.prepare_episode(next) {}
+    }
+
     /// Actions of the episode at hand.
     pub fn episode_length(&self) -> usize {
         self.script[self.episode].len()

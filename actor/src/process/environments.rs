@@ -14,6 +14,7 @@ use simulator::depth::{DepthCamera, Scenery};
 use simulator::environment::Environment;
 use simulator::episodes::Programme;
 use simulator::kitchen::Body;
+use std::collections::VecDeque;
 use std::mem::MaybeUninit;
 use std::ops::Range;
 use wire::message::{EnvironmentState, Observation};
@@ -30,6 +31,8 @@ pub struct Environments {
     camera: DepthCamera,
     sceneries: Vec<Scenery>,
     course: Course,
+    /// Environments whose next episode's start may be prepared further, first to last.
+    unprepared: VecDeque<usize>,
 }
 
 /// Where environments play what.
@@ -102,10 +105,23 @@ impl Running {
         whereabouts::enter(self.id, self.episode);
         self.transition = self.environment.step(action);
         if self.transition.flags & transition_flag::ENDED != 0 {
-            let next = self.episode.checked_add(1).expect("four billion episodes outlast any run");
+            let next = self.next_episode().expect("four billion episodes outlast any run");
             self.start(course, scenery, next)?;
         }
         Ok(())
+    }
+
+    fn next_episode(&self) -> Option<u32> {
+        self.episode.checked_add(1)
+    }
+
+    /// Does a piece of the next episode's start. Returns whether there is more to do. One in another kitchen is not
+    /// prepared: of twenty episodes there is one.
+    fn prepare(&mut self, course: &Course) -> bool {
+        let Some(next) = self.next_episode() else { return false };
+        let place = course.rota.place(self.home, next);
+        whereabouts::enter(place, next);
+        place.kitchen == self.id.kitchen && course.programme.prepare(&mut self.environment, place, next)
     }
 }
 
@@ -135,7 +151,8 @@ impl Environments {
             sceneries.extend(scenery);
         }
         let shared: &[Body] = if sceneries.is_empty() { first.kitchen.bodies() } else { &[] };
-        Ok(Self { camera: DepthCamera::new(shared), sceneries, running, course })
+        let unprepared = (0..running.len()).collect();
+        Ok(Self { camera: DepthCamera::new(shared), sceneries, running, course, unprepared })
     }
 
     /// Triangles that the camera has to choose from, in the first environment's kitchen.
@@ -152,10 +169,22 @@ impl Environments {
         self.running[0].environment.kitchen().bodies().len()
     }
 
+    /// Prepares episodes that come next, by a piece of work of a tenth of a millisecond or two: for whoever has nothing
+    /// to do but wait. Returns whether there was anything to prepare. To start an episode takes as long as ten steps, and
+    /// while one environment does, everybody else waits for its actor.
+    pub fn prepare(&mut self) -> bool {
+        let Some(&index) = self.unprepared.front() else { return false };
+        if !self.running[index].prepare(&self.course) {
+            self.unprepared.pop_front();
+        }
+        true
+    }
+
     /// Puts every environment into the state that its actions lead to. Nothing is rendered on the way, and what was
     /// simulated before does not matter.
     pub fn rebuild(&mut self, states: &[EnvironmentState]) -> Result<()> {
         assert_eq!(states.len(), self.running.len(), "a restore holds one state an environment");
+        self.unprepared = (0..states.len()).collect();
         let (rota, larder) = (&self.course.rota, &self.course.larder);
         let places = self.running.iter().zip(states).map(|(running, state)| {
             let place = rota.place(running.home, state.episode);
@@ -197,11 +226,14 @@ impl Environments {
         assert_eq!(range.len(), actions.len(), "one action an environment");
         for (index, &action) in range.zip(actions) {
             let running = &mut self.running[index];
-            let scenery = self.sceneries.get_mut(index);
+            let (scenery, episode) = (self.sceneries.get_mut(index), running.episode);
             match Action::from_index(action) {
                 Some(action) => running.act(&self.course, scenery, action)?,
                 None if action == HOLD => running.transition = Transition::default(),
                 None => bail!("the learner sent action {action} to {}: there is none", place(running)),
+            }
+            if running.episode != episode && !self.unprepared.contains(&index) {
+                self.unprepared.push_back(index);
             }
         }
         Ok(())

@@ -106,7 +106,12 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
                 fault::reach("actor.after_send");
                 protocol.sent(half, everyone, started.elapsed());
             }
-            Todo::Wait(longest) => link.wait(longest)?,
+            // What arrives meanwhile waits for one piece of work at most.
+            Todo::Wait(longest) => {
+                if !environments.prepare() {
+                    link.wait(longest)?;
+                }
+            }
         }
     }
 }

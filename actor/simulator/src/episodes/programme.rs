@@ -76,6 +76,14 @@ impl Programme {
             }
         }
     }
+
+    /// Prepares that start, if the environment is in the episode's kitchen already: see [`Environment::prepare`].
+    pub fn prepare(&self, environment: &mut Environment, id: EnvironmentId, number: u32) -> bool {
+        match &self.planned {
+            None => environment.prepare_episode(number),
+            Some(planned) => environment.prepare(number, |it| planned.episode(it.kitchen(), id, number)),
+        }
+    }
 }
 
 impl Planned {

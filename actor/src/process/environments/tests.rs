@@ -2,6 +2,7 @@ use super::*;
 use proto::action::ACTION_COUNT;
 use proto::config::KitchenSource;
 use proto::random::{Key, Purpose};
+use std::cell::Cell;
 use std::path::Path;
 
 const STEPS: u32 = 60;
@@ -17,7 +18,7 @@ fn config(episodes_each: u32) -> Config {
 }
 
 /// What all environments do and see in so many steps, as a learner gets it; each step waits for `before`.
-fn played(environments: &mut Environments, before: impl Fn(&Environments)) -> Vec<(Transition, u64)> {
+fn played(environments: &mut Environments, before: impl Fn(&mut Environments)) -> Vec<(Transition, u64)> {
     let mut seen = Vec::new();
     let mut random =
         Key { seed: 5, purpose: Purpose::RandomPolicy, kitchen: 0, environment: 0, episode: 0, step: 0 }.stream();
@@ -49,7 +50,7 @@ fn environments(larder: Larder, config: &Config) -> Environments {
 }
 
 /// Waits until the larder's thread has done all that can be done ahead.
-fn until_all_is_ready(environments: &Environments) {
+fn until_all_is_ready(environments: &mut Environments) {
     let course = &environments.course;
     for running in &environments.running {
         let next = course.rota.next_move(running.home, running.episode);
@@ -79,6 +80,27 @@ fn what_is_opened_ahead_does_not_matter_to_a_single_bit() {
     }
 }
 
+#[test]
+fn what_is_prepared_while_waiting_does_not_matter_to_a_single_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let procedural = config(5);
+    let mut built_in = Config::default();
+    built_in.actors.environments_per_actor = 3;
+    for config in [procedural, built_in] {
+        let environments = || environments(Larder::without_thread(&config, folder.path()), &config);
+        let expected = played(&mut environments(), |_| ());
+        for most in [1, 4, usize::MAX] {
+            let done = Cell::new(0);
+            let mut prepared = environments();
+            let seen = played(&mut prepared, |environments| {
+                done.set(done.get() + (0..most).take_while(|_| environments.prepare()).count());
+            });
+            assert!(seen == expected, "at most {most} pieces before each step");
+            assert!(done.get() > STEPS as usize / 2, "there was something to prepare: {}", done.get());
+        }
+    }
+}
+
 /// An actor that starts again is told where its environments stand, in kitchens far from those of their first episodes.
 #[test]
 fn a_restored_environment_is_in_the_kitchen_of_its_episode() {
@@ -88,8 +110,8 @@ fn a_restored_environment_is_in_the_kitchen_of_its_episode() {
     let mut expected = environments(Larder::without_thread(&config, folder.path()), &config);
     let states: Vec<EnvironmentState> =
         [9, 0, 4].map(|episode| EnvironmentState { episode, action_count: 2, ..bytemuck::Zeroable::zeroed() }).into();
-    for environments in [&mut restored, &mut expected] {
-        played(environments, |_| ());
+    for (environments, prepares) in [(&mut restored, true), (&mut expected, false)] {
+        played(environments, |environments| while prepares && environments.prepare() {});
         environments.rebuild(&states).unwrap();
         for (running, state) in environments.running.iter().zip(&states) {
             assert_eq!(running.id, environments.course.rota.place(running.home, state.episode));
