@@ -5,20 +5,28 @@
 //! have one row more than are used; what is not to be kept goes there.
 
 use crate::ffi;
+use crate::ffi::branches::Branches;
 use crate::ffi::graph::{Graph, GraphError, Recorder};
 use crate::ffi::host_memory::HostMemory;
 use crate::ffi::kernels::{CHOSEN_WORDS, Chosen, Kernels};
 use crate::ffi::stream::Streams;
-use crate::network::{Network, Observations, RawFrame, Staging};
+use crate::network::{Network, RawFrame, Staging};
 use crate::rollout::Step;
 use std::ops::Range;
 use tch::{Device, Kind, Tensor};
+
+/// A batch of more rows goes through the encoder in parts, beside one another: the GPU computes with the first frames
+/// while it reads the others from the host's memory. Each part costs launches of its own. Measured on an H200
+/// (BENCHMARKS.md): 152 rows in two parts and 304 in four, three or two of them.
+const PART_ROWS: usize = 76;
+const MOST_PARTS: usize = 4;
 
 /// Graphs and their memory.
 #[derive(Debug)]
 pub(super) struct Acting {
     recorder: Recorder,
     streams: Streams,
+    branches: Branches,
     memory: HostMemory,
     /// Frames that the GPU cannot read where they are.
     staging: Staging,
@@ -100,6 +108,7 @@ impl Acting {
         Ok(Self {
             recorder: Recorder::open()?,
             streams: Streams::open()?,
+            branches: Branches::open(MOST_PARTS)?,
             memory: HostMemory::open()?,
             staging: Staging::default(),
             recorded: vec![],
@@ -178,7 +187,7 @@ impl Acting {
         let (places, beliefs_to) = (beyond(store), beyond(beliefs));
         fill(&mut inputs, &layout, frames, Rows { places: &places, beliefs_to: &beliefs_to, ..rows });
 
-        let (graph, ()) = self.recorder.record(|| {
+        let (graph, recorded) = self.recorder.record(|| {
             let _no_grad = tch::no_grad_guard();
             let inputs = inputs.to_device_(device, Kind::Uint8, true, false);
             let part =
@@ -186,25 +195,39 @@ impl Acting {
             let side = store.size()[1];
             let kept = Tensor::empty([layout.rows as i64, side, side], (Kind::Float, device));
             let (frames, places) = (part(&layout.frames, Kind::Int64), part(&layout.places, Kind::Int64));
-            // SAFETY: `fill` puts there the addresses of `addresses` and rows of this store, before each replay.
-            unsafe { kernels.acting.observe(&frames, &places, &kept, store) };
-            let observations = Observations {
-                frames: kept,
-                goals: part(&layout.goals, Kind::Float).view([-1, 3]),
-                previous_actions: part(&layout.previous_actions, Kind::Int64),
-            };
+            let mut seen = vec![];
+            // The encoder sees the first frames while others are on their way.
+            for (branch, rows) in parts(layout.rows).into_iter().enumerate() {
+                let of = |tensor: &Tensor| tensor.narrow(0, rows.start as i64, rows.len() as i64);
+                let kept = of(&kept);
+                // SAFETY: `fill` puts there the addresses of `addresses` and rows of this store, before each replay.
+                unsafe { kernels.acting.observe(&of(&frames), &of(&places), &kept, store) };
+                seen.push(self.branches.fork(branch, || network.seen(&kept))?);
+            }
+            let goals = part(&layout.goals, Kind::Float).view([-1, 3]);
+            let told = network.told(&goals, &part(&layout.previous_actions, Kind::Int64));
             let before = beliefs.index_select(0, &part(&layout.columns, Kind::Int64))
                 * part(&layout.carried, Kind::Float).unsqueeze(1);
-            let embedded = network.embed(&observations);
+            self.branches.join(seen.len())?;
+            let embedded = Tensor::cat(&[Tensor::cat(&seen, 0), told], 1);
             let after = network.belief.step(&network.parameters, &embedded, &before);
             let output = network.actor_critic(&after);
             let noise = part(&layout.noise, Kind::Float).view([layout.rows as i64, -1]);
             kernels.acting.choose(&output.log_probs, &output.values.contiguous(), &noise, &choices);
             // SAFETY: `fill` puts rows of the table there.
             unsafe { kernels.acting.keep(&after.contiguous(), &part(&layout.beliefs_to, Kind::Int64), beliefs) };
+            Ok::<_, GraphError>(())
         })?;
+        recorded?;
         Ok(Recorded { layout, store: store.data_ptr() as usize, graph, inputs, choices })
     }
+}
+
+/// Rows of a batch that go through the encoder together.
+fn parts(rows: usize) -> Vec<Range<usize>> {
+    let count = rows.div_ceil(PART_ROWS).min(MOST_PARTS);
+    let end = |part: usize| part * rows / count;
+    (0..count).map(|part| end(part)..end(part + 1)).collect()
 }
 
 /// Writes the inputs of a step into their pinned memory.
@@ -233,6 +256,53 @@ fn fill(inputs: &mut Tensor, layout: &InputBytes, frames: &[i64], rows: Rows) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::agent::Agent;
+    use crate::bench::Frames;
+    use proto::config::Config;
+    use proto::stage::RolloutShape;
+
+    /// What a graph does, in parts or whole, is what the agent does without one: as far as bfloat16 goes, because other
+    /// sizes of batches may have other convolutions.
+    #[test]
+    #[ignore = "needs a CUDA device"]
+    fn a_graph_does_what_the_agent_does_step_by_step() {
+        crate::device::load_cuda();
+        let mut config = Config::resolve("recipe", None).unwrap();
+        for [actors, environments] in [[1, 20], [19, 16], [19, 32]] {
+            (config.actors.count, config.actors.environments_per_actor) = (actors, environments);
+            let frames = Frames::new(&config).unwrap();
+            let [mut graph, mut plain] = [(); 2].map(|()| Agent::new(&config, Device::Cuda(0)).unwrap());
+            plain.acting = None;
+            for agent in [&mut graph, &mut plain] {
+                agent.begin_rollout(RolloutShape::next(u64::MAX, 4, config.environments()));
+            }
+            for (t, half) in (0..4).flat_map(|t| [(t, 0), (t, 1)]) {
+                let batch = frames.batch(half, t, frames.noise(half, t));
+                let [done, expected] = [&mut graph, &mut plain].map(|agent| agent.step(t, &batch.input()).unwrap());
+                let same = done.actions.iter().zip(&expected.actions).filter(|(a, b)| a == b).count();
+                assert!(same * 50 >= batch.columns.len() * 49, "{same} actions of {} agree", batch.columns.len());
+                let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.02);
+                assert!(close(&done.values, &expected.values), "{:?} {:?}", done.values, expected.values);
+            }
+            assert!(graph.acting.is_some(), "it was recorded");
+            let stored = |agent: &Agent| {
+                let rollout = agent.rollout.as_ref().unwrap();
+                rollout.frames().narrow(0, 0, 4 * config.environments() as i64)
+            };
+            assert!(stored(&graph).equal(&stored(&plain)), "the store has all frames");
+            assert!(graph.beliefs.allclose(&plain.beliefs, 0.0, 0.02, false), "and the table the beliefs");
+        }
+    }
+
+    #[test]
+    fn parts_are_all_rows_in_order() {
+        for (rows, count) in [(1, 1), (10, 1), (76, 1), (77, 2), (152, 2), (304, 4), (1000, 4)] {
+            let parts = parts(rows);
+            assert_eq!(parts.len(), count, "{rows}");
+            assert!(parts.iter().all(|part| !part.is_empty()));
+            assert_eq!(parts.into_iter().flatten().collect::<Vec<_>>(), (0..rows).collect::<Vec<_>>());
+        }
+    }
 
     #[test]
     fn inputs_lie_one_after_the_other_on_16_bytes() {

@@ -90,16 +90,21 @@ impl Frames {
         Ok(Self { halves, map, seed: config.seed, actions, _ports: ports, _host: host, _swept: swept })
     }
 
-    /// One half's batch in a step, noise included, as the collector makes it.
-    pub fn batch(&self, half: u32, step: usize) -> Batch<'_> {
+    /// Noise for one half's actions in a step: the collector draws it when an observation arrives.
+    pub fn noise(&self, half: u32, step: usize) -> Vec<f32> {
+        let mut noise = vec![];
+        for column in self.map.batch(half) {
+            gumbel(self.seed, self.map.environment(column), 0, step as u32, self.actions, &mut noise);
+        }
+        noise
+    }
+
+    /// One half's batch in a step, as the collector makes it once the half is complete.
+    pub fn batch(&self, half: u32, step: usize, noise: Vec<f32>) -> Batch<'_> {
         let columns: Vec<usize> = self.map.batch(half).collect();
         let samples = self.halves[half as usize].iter();
         let frames =
             samples.flat_map(|sample| sample.payload().iter().map(|observation| &observation.depth_mm)).collect();
-        let mut noise = Vec::with_capacity(columns.len() * self.actions);
-        for &column in &columns {
-            gumbel(self.seed, self.map.environment(column), 0, step as u32, self.actions, &mut noise);
-        }
         let starts: Vec<bool> = columns.iter().map(|&column| episode_step(column, step) == 0).collect();
         Batch {
             frames,
@@ -171,7 +176,7 @@ mod tests {
         };
         assert!(left() > 0);
         for (half, columns) in [(0, vec![0, 1, 3, 4]), (1, vec![2, 5])] {
-            let batch = frames.batch(half, 0);
+            let batch = frames.batch(half, 0, frames.noise(half, 0));
             assert_eq!(batch.columns, columns);
             for (&column, frame) in columns.iter().zip(&batch.frames) {
                 assert_eq!(frame[..], observation(column).depth_mm[..]);

@@ -1,4 +1,5 @@
-//! One step of a half of the environments: frames in shared memory → sampled actions.
+//! One step of a half of the environments: frames in shared memory → sampled actions. As in a run, noise was drawn
+//! before the last observation arrived, and is not in it.
 
 use super::frames::{Frames, shape_of};
 use super::gpu::{Monitor, Use};
@@ -60,8 +61,9 @@ fn rollout(agent: &mut Agent, frames: &Frames, config: &Config, times: &mut Vec<
     agent.begin_rollout(RolloutShape::next(u64::MAX, STEPS, config.environments()));
     for t in 0..STEPS {
         for half in 0..2 {
+            let noise = frames.noise(half, t);
             let began = Instant::now();
-            agent.step(t, &frames.batch(half, t).input())?;
+            agent.step(t, &frames.batch(half, t, noise).input())?;
             times.push(began.elapsed().as_secs_f64());
         }
     }
@@ -73,7 +75,7 @@ fn rollout(agent: &mut Agent, frames: &Frames, config: &Config, times: &mut Vec<
 fn copy(frames: &Frames, config: &Config) -> f64 {
     let preparation = FramePreparation::new(config.network.input_pool, Device::Cpu);
     let mut staging = Staging::default();
-    let batches = [0, 1].map(|half| frames.batch(half, 0));
+    let batches = [0, 1].map(|half| frames.batch(half, 0, vec![]));
     let mut times: Vec<f64> = (0..2 * FEWEST)
         .map(|turn| {
             let began = Instant::now();

@@ -20,6 +20,9 @@ mod time;
 mod update;
 mod whole_loop;
 
+#[cfg(test)]
+pub(crate) use frames::Frames;
+
 use crate::agent::Agent;
 use crate::device;
 use anyhow::{Result, ensure};

@@ -84,7 +84,7 @@ fn fill(agent: &mut Agent, config: &Config, observations: &Frames) -> Result<()>
     agent.begin_rollout(shape);
     for t in 0..shape.steps {
         for half in 0..2 {
-            agent.step(t, &observations.batch(half, t).input())?;
+            agent.step(t, &observations.batch(half, t, observations.noise(half, t)).input())?;
         }
         for column in 0..config.environments() {
             let reward = ((t * 31 + column * 17) % 13) as f32 * 0.01 - 0.06;
@@ -93,7 +93,7 @@ fn fill(agent: &mut Agent, config: &Config, observations: &Frames) -> Result<()>
         }
     }
     for half in 0..2 {
-        agent.bootstrap(&observations.batch(half, shape.steps).input())?;
+        agent.bootstrap(&observations.batch(half, shape.steps, vec![]).input())?;
     }
     Ok(())
 }

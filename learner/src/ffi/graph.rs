@@ -3,7 +3,7 @@
 use super::cuda::{self, CudaError};
 use super::guarded;
 use super::library::{Handle, function, open};
-use super::stream::{Priority, Streams, exchange};
+use super::stream::{Priority, StreamError, Streams, exchange};
 use std::ffi::{c_char, c_int};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::null_mut;
@@ -22,6 +22,9 @@ pub enum GraphError {
     /// libtorch refuses.
     #[error(transparent)]
     Torch(#[from] TchError),
+    /// Work cannot be given to another stream.
+    #[error(transparent)]
+    Stream(#[from] StreamError),
     /// An operation cannot be recorded. libtorch's reason is on standard error.
     #[error("an operation cannot be recorded")]
     Operation,

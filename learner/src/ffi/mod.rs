@@ -1,6 +1,7 @@
 //! Calls into C and C++ that no crate makes for us, or not the way we need them.
 
 pub mod arithmetic;
+pub mod branches;
 pub mod convolution;
 pub mod cuda;
 pub mod determinism;

@@ -180,15 +180,27 @@ impl Network {
             }
             None => (self.see(frames), None),
         };
-        let goal = self.goal.forward(&self.parameters, &observations.goals);
-        let rows = match &self.previous_action {
-            Some(embedding) => {
-                let action = embedding.forward(&self.parameters, &observations.previous_actions);
-                Tensor::cat(&[visual, goal, action], 1)
-            }
-            None => Tensor::cat(&[visual, goal], 1),
-        };
-        Embedded { rows, fused }
+        let told = self.told(&observations.goals, &observations.previous_actions);
+        Embedded { rows: Tensor::cat(&[visual, told], 1), fused }
+    }
+
+    /// The visual embedding \[rows, 512\] of kept frames, where the encoder computes with kernels of our own.
+    ///
+    /// # Panics
+    /// If it does not.
+    pub(crate) fn seen(&self, frames: &Tensor) -> Tensor {
+        let fused = self.encoder.forward_fused(&self.parameters, frames, FramePreparation::SCALE_OFFSET);
+        fused.expect("an encoder with kernels").0
+    }
+
+    /// What stands beside it in a row of [`Network::embed`]: embeddings of goals and, if the network has them, of
+    /// previous actions.
+    pub(crate) fn told(&self, goals: &Tensor, previous_actions: &Tensor) -> Tensor {
+        let goal = self.goal.forward(&self.parameters, goals);
+        match &self.previous_action {
+            Some(embedding) => Tensor::cat(&[goal, embedding.forward(&self.parameters, previous_actions)], 1),
+            None => goal,
+        }
     }
 
     /// Gradient of a loss, flat, in the order of [`Parameters::flat`]. `embedded` are the embeddings that the loss was

@@ -4,15 +4,9 @@
 // Blocks that share a frame.
 #define BANDS 4
 
-// frames: addresses of raw frames, u16 [SIDE · POOL, SIDE · POOL] millimetres, in host memory that the device may read.
-// Means over POOL × POOL pixels go to `kept` f32 [rows, SIDE, SIDE] and to row places[i] of the rollout's store, which
-// has the same numbers, or without pooling the raw ones. Sums of 16 numbers of 16 bits are exact in f32.
-extern "C" __global__ void observe(const unsigned long long* frames, const long long* places, float* kept, void* store) {
-    const size_t row = blockIdx.x / BANDS;
-    const uint4* frame = (const uint4*)frames[row];
-    const int octets = SIDE * POOL / 8, all = SIDE * octets / BANDS, first = blockIdx.x % BANDS * all;
-    const size_t place = (size_t)places[row] * SIDE * SIDE;
-    kept += row * SIDE * SIDE;
+// One of the BANDS bands of a frame: see `observe`.
+__device__ void observe_band(const uint4* frame, int band, size_t place, float* kept, void* store) {
+    const int octets = SIDE * POOL / 8, all = SIDE * octets / BANDS, first = band * all;
     for (int i = first + threadIdx.x; i < first + all; i += blockDim.x) {
         const int v = i / octets, octet = i % octets;
         u32 sums[8 / POOL] = {};
@@ -32,6 +26,17 @@ extern "C" __global__ void observe(const unsigned long long* frames, const long 
             if (POOL > 1) ((float*)store)[place + at + k] = mean;
         }
         if (POOL == 1) ((uint4*)store)[(place + at) / 8] = raw;
+    }
+}
+
+// frames: addresses of raw frames, u16 [SIDE · POOL, SIDE · POOL] millimetres, in host memory that the device may read.
+// Means over POOL × POOL pixels go to `kept` f32 [rows, SIDE, SIDE] and to row places[i] of the rollout's store, which
+// has the same numbers, or without pooling the raw ones. Sums of 16 numbers of 16 bits are exact in f32.
+extern "C" __global__ void observe(const unsigned long long* frames, const long long* places, float* kept, void* store,
+                                   int rows) {
+    for (int band = blockIdx.x; band < rows * BANDS; band += gridDim.x) {
+        const size_t row = band / BANDS, pixels = SIDE * SIDE;
+        observe_band((const uint4*)frames[row], band % BANDS, places[row] * pixels, kept + row * pixels, store);
     }
 }
 

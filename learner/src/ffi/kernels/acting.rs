@@ -8,6 +8,9 @@ use tch::{Kind, Tensor};
 /// As in `act.cu`.
 const BANDS: i64 = 4;
 const OBSERVE_THREADS: u32 = 256;
+/// So many blocks read from the host's memory as fast as it can be read; with more, what else the GPU does waits for
+/// its own memory.
+const OBSERVE_BLOCKS: i64 = 64;
 const CHOOSE_THREADS: u32 = 64;
 const KEEP_THREADS: u32 = 128;
 
@@ -75,8 +78,8 @@ impl ActingKernels {
         for tensor in [frames, places] {
             assert!(tensor.kind() == Kind::Int64 && tensor.size() == [rows] && tensor.is_contiguous());
         }
-        let arguments = [address(frames), address(places), address(kept), address(store)];
-        launch(self.observe, rows * BANDS, OBSERVE_THREADS, &arguments);
+        let arguments = [address(frames), address(places), address(kept), address(store), int(rows)];
+        launch(self.observe, (rows * BANDS).min(OBSERVE_BLOCKS), OBSERVE_THREADS, &arguments);
     }
 
     /// Samples actions: log-probabilities and noise \[rows, actions\], values \[rows\] → [`CHOSEN_WORDS`] numbers a row
