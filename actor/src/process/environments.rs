@@ -115,13 +115,17 @@ impl Running {
         self.episode.checked_add(1)
     }
 
-    /// Does a piece of the next episode's start. Returns whether there is more to do. One in another kitchen is not
-    /// prepared: of twenty episodes there is one.
+    /// Does a piece of the next episode's start. Returns whether there is more to do. One in another kitchen, of which
+    /// there is one in every `kitchens.episodes_each`, is not prepared.
     fn prepare(&mut self, course: &Course) -> bool {
         let Some(next) = self.next_episode() else { return false };
         let place = course.rota.place(self.home, next);
         whereabouts::enter(place, next);
-        place.kitchen == self.id.kitchen && course.programme.prepare(&mut self.environment, place, next)
+        if place.kitchen != self.id.kitchen {
+            self.environment.forget_past();
+            return false;
+        }
+        course.programme.prepare(&mut self.environment, place, next)
     }
 }
 
@@ -169,7 +173,7 @@ impl Environments {
         self.running[0].environment.kitchen().bodies().len()
     }
 
-    /// Prepares episodes that come next, by a piece of work of a tenth of a millisecond or two: for whoever has nothing
+    /// Prepares episodes that come next, by a piece of work of about a quarter of a millisecond: for whoever has nothing
     /// to do but wait. Returns whether there was anything to prepare. To start an episode takes as long as ten steps, and
     /// while one environment does, everybody else waits for its actor.
     pub fn prepare(&mut self) -> bool {

@@ -16,8 +16,8 @@ use std::ops::Range;
 use tch::{Device, Kind, Tensor};
 
 /// A batch of more rows goes through the encoder in parts, beside one another: the GPU computes with the first frames
-/// while it reads the others from the host's memory. Each part costs launches of its own. Measured on an H200
-/// (BENCHMARKS.md): 152 rows in two parts and 304 in four, three or two of them.
+/// while it reads the others from the host's memory. Each part costs launches of its own. Fastest on an H200 were
+/// two parts of 152 rows, and three or four of 304 (BENCHMARKS.md).
 const PART_ROWS: usize = 76;
 const MOST_PARTS: usize = 4;
 
@@ -187,7 +187,7 @@ impl Acting {
         let (places, beliefs_to) = (beyond(store), beyond(beliefs));
         fill(&mut inputs, &layout, frames, Rows { places: &places, beliefs_to: &beliefs_to, ..rows });
 
-        let (graph, recorded) = self.recorder.record(|| {
+        let (graph, ()) = self.recorder.record(|| {
             let _no_grad = tch::no_grad_guard();
             let inputs = inputs.to_device_(device, Kind::Uint8, true, false);
             let part =
@@ -196,12 +196,14 @@ impl Acting {
             let kept = Tensor::empty([layout.rows as i64, side, side], (Kind::Float, device));
             let (frames, places) = (part(&layout.frames, Kind::Int64), part(&layout.places, Kind::Int64));
             let mut seen = vec![];
+            let parts = parts(layout.rows);
+            let alone = parts.len() == 1;
             // The encoder sees the first frames while others are on their way.
-            for (branch, rows) in parts(layout.rows).into_iter().enumerate() {
+            for (branch, rows) in parts.into_iter().enumerate() {
                 let of = |tensor: &Tensor| tensor.narrow(0, rows.start as i64, rows.len() as i64);
                 let kept = of(&kept);
                 // SAFETY: `fill` puts there the addresses of `addresses` and rows of this store, before each replay.
-                unsafe { kernels.acting.observe(&of(&frames), &of(&places), &kept, store) };
+                unsafe { kernels.acting.observe(&of(&frames), &of(&places), &kept, store, alone) };
                 seen.push(self.branches.fork(branch, || network.seen(&kept))?);
             }
             let goals = part(&layout.goals, Kind::Float).view([-1, 3]);
@@ -216,9 +218,8 @@ impl Acting {
             kernels.acting.choose(&output.log_probs, &output.values.contiguous(), &noise, &choices);
             // SAFETY: `fill` puts rows of the table there.
             unsafe { kernels.acting.keep(&after.contiguous(), &part(&layout.beliefs_to, Kind::Int64), beliefs) };
-            Ok::<_, GraphError>(())
+            Ok(())
         })?;
-        recorded?;
         Ok(Recorded { layout, store: store.data_ptr() as usize, graph, inputs, choices })
     }
 }

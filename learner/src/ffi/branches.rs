@@ -5,6 +5,7 @@ use super::cuda::{self, CudaError, succeed};
 use super::library::{Handle, function, open};
 use super::stream::{Priority, Stream, StreamError, Streams, exchange};
 use std::ffi::{c_int, c_uint};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::ptr::null_mut;
 
 /// `CU_EVENT_DISABLE_TIMING`: it only orders.
@@ -59,13 +60,13 @@ impl Branches {
         let Branch { stream, begins, ends } = &self.all[index];
         self.follow(stream.handle(), *begins, cuda::stream())?;
         let before = exchange(stream.handle() as i64)?;
-        let done = cuda::on_stream(stream.handle(), || {
-            let done = work();
-            // SAFETY: the event and the stream live as long as the process.
-            succeed("cuEventRecord", unsafe { (self.record)(*ends, stream.handle()) }).map(|()| done)
-        });
+        // libtorch panics where it refuses: a recording ends on the stream on which it began.
+        let done = cuda::on_stream(stream.handle(), || catch_unwind(AssertUnwindSafe(work)));
         exchange(before)?;
-        Ok(done?)
+        let done = done.unwrap_or_else(|panic| resume_unwind(panic));
+        // SAFETY: the event and the stream live as long as the process.
+        succeed("cuEventRecord", unsafe { (self.record)(*ends, stream.handle()) })?;
+        Ok(done)
     }
 
     /// What this thread's stream is given from now on comes after the first so many branches, each of which was forked.

@@ -88,11 +88,11 @@ impl Recorder {
 
     /// Runs `body` a few times, then records what it launches; what it launches must be the same every time. Its
     /// results are in the memory that it writes, which must live as long as the graph.
-    pub fn record<T>(&self, mut body: impl FnMut() -> T) -> Result<(Graph, T), GraphError> {
+    pub fn record<T>(&self, mut body: impl FnMut() -> Result<T, GraphError>) -> Result<(Graph, T), GraphError> {
         Cuda::synchronize(0);
         let before = exchange(self.stream as i64)?;
         let recorded = cuda::on_stream(self.stream, || {
-            let mut try_body = || catch_unwind(AssertUnwindSafe(&mut body)).map_err(|_| GraphError::Operation);
+            let mut try_body = || catch_unwind(AssertUnwindSafe(&mut body)).unwrap_or(Err(GraphError::Operation));
             for _ in 0..WARM_UPS {
                 try_body()?;
                 Cuda::synchronize(0);

@@ -12,7 +12,7 @@ use wire::WireShape;
 
 /// An actor without environments: its program, its kitchen, meshes, and its ports.
 const ACTOR_BASE: u64 = 24 << 20;
-/// An environment: a physics world, that of the next episode's start, the simulator's buffers, its observations.
+/// An environment: a physics world, that of the next episode's start, the simulator's buffers.
 const ACTOR_ENVIRONMENT: u64 = 2 << 20;
 /// What an environment has besides where it is in a kitchen of its own: that, and its camera.
 const ACTOR_KITCHEN: u64 = 3 << 20;

@@ -19,8 +19,9 @@ const fn point(program: &'static str, name: &'static str, passes: u64) -> Point 
 
 /// What every run that trains passes.
 pub const TRAINING: &[Point] = &[
-    point("actor", "actor.before_receive", 40),
-    point("actor", "actor.mid_receive", 40),
+    // Three times a half-step, and once more for each piece of an episode that is prepared.
+    point("actor", "actor.before_receive", 120),
+    point("actor", "actor.mid_receive", 120),
     point("actor", "actor.after_hello", 1),
     point("actor", "actor.before_rebuild", 1),
     point("actor", "actor.after_rebuild", 1),

@@ -8,8 +8,7 @@ use tch::{Kind, Tensor};
 /// As in `act.cu`.
 const BANDS: i64 = 4;
 const OBSERVE_THREADS: u32 = 256;
-/// So many blocks read from the host's memory as fast as it can be read; with more, what else the GPU does waits for
-/// its own memory.
+/// Blocks that read from the host's memory beside other work: with more, that waits longer for the GPU's own memory.
 const OBSERVE_BLOCKS: i64 = 64;
 const CHOOSE_THREADS: u32 = 64;
 const KEEP_THREADS: u32 = 128;
@@ -65,12 +64,12 @@ impl ActingKernels {
 
 impl ActingKernels {
     /// Reads raw frames where `frames` (i64 \[rows\]) says, pools them, and writes them to `kept` f32 \[rows, side,
-    /// side\] and to the rows `places` (i64 \[rows\]) of `store`.
+    /// side\] and to the rows `places` (i64 \[rows\]) of `store`. `alone`: the GPU does nothing else meanwhile.
     ///
     /// # Safety
     /// When this runs, the addresses must be those of frames in memory that the device may read, on 16 bytes, and the
     /// places rows of the store.
-    pub unsafe fn observe(&self, frames: &Tensor, places: &Tensor, kept: &Tensor, store: &Tensor) {
+    pub unsafe fn observe(&self, frames: &Tensor, places: &Tensor, kept: &Tensor, store: &Tensor, alone: bool) {
         let (rows, side, _) = kept.size3().expect("frames have three dimensions");
         let raw = side == FRAME_SIDE as i64;
         assert!(kept.kind() == Kind::Float && side == self.side && kept.is_contiguous());
@@ -79,7 +78,8 @@ impl ActingKernels {
             assert!(tensor.kind() == Kind::Int64 && tensor.size() == [rows] && tensor.is_contiguous());
         }
         let arguments = [address(frames), address(places), address(kept), address(store), int(rows)];
-        launch(self.observe, (rows * BANDS).min(OBSERVE_BLOCKS), OBSERVE_THREADS, &arguments);
+        let most = if alone { i64::MAX } else { OBSERVE_BLOCKS };
+        launch(self.observe, (rows * BANDS).min(most), OBSERVE_THREADS, &arguments);
     }
 
     /// Samples actions: log-probabilities and noise \[rows, actions\], values \[rows\] → [`CHOSEN_WORDS`] numbers a row
