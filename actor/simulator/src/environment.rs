@@ -190,11 +190,6 @@ impl Environment {
         self.prepare(number, |it| Episode::sample(&it.kitchen, &it.settings, it.seed, it.id, number))
     }
 
-    /// Gives back the memory of the episode before, which [`Environment::prepare`] does, too.
-    pub fn forget_past(&mut self) {
-        self.past = None;
-    }
-
     /// The same for [`Environment::begin_episode`].
     pub fn prepare(&mut self, number: u32, episode: impl FnOnce(&Self) -> Episode) -> bool {
         if self.past.take().is_some() {
@@ -209,6 +204,11 @@ impl Environment {
                 true
             }
         }
+    }
+
+    /// Gives back the memory of the episode before, which [`Environment::prepare`] does, too.
+    pub fn forget_past(&mut self) {
+        self.past = None;
     }
 
     /// Starts the count at step 0: every later displacement counts.

@@ -71,8 +71,8 @@ pub fn check(kitchen: &Arc<Kitchen>, config: &Config, episode: &Episode) -> Resu
     let target = kitchen.target_movable(episode.category);
     let stand = episode.stand;
     let robot = Configuration::start(stand.x_m, stand.z_m, stand.yaw_ticks);
+    let substeps = config.simulation.substeps;
     for place in [episode.start, episode.goal] {
-        let substeps = config.simulation.substeps;
         let simulation = Settling::new(Arc::clone(kitchen), substeps, robot, target, place).finish();
         rests(kitchen, &simulation, target, place)?;
         if simulation.depth_in_fixed_m() > CONTACT_TOLERANCE_M {

@@ -5,6 +5,7 @@ pub mod branches;
 pub mod convolution;
 pub mod cuda;
 pub mod determinism;
+mod event;
 pub mod gpu;
 pub mod graph;
 pub mod group;

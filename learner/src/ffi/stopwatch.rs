@@ -1,32 +1,22 @@
 //! How long parts of a stream's work take on the device, without a wait between them.
 
 use super::cuda::{CudaError, stream, succeed};
+use super::event::{Event, Events, Purpose};
 use super::library::{Handle, function, open};
 use std::cell::{Cell, RefCell};
-use std::ffi::{c_float, c_int, c_uint};
-use std::ptr::null_mut;
+use std::ffi::{c_float, c_int};
 
-/// `CU_EVENT_DEFAULT`: it notes the time.
-const NOTES_TIME: c_uint = 0;
-
-type Create = unsafe extern "C" fn(*mut Handle, c_uint) -> c_int;
-type Record = unsafe extern "C" fn(Handle, Handle) -> c_int;
 type Synchronize = unsafe extern "C" fn(Handle) -> c_int;
 type ElapsedTime = unsafe extern "C" fn(*mut c_float, Handle, Handle) -> c_int;
-
-/// A place in a stream's work, which notes the time when the device gets there. It lives as long as the process.
-#[derive(Debug, Clone, Copy)]
-struct Mark(Handle);
 
 /// Adds up the time of parts of the work on this thread's stream.
 #[derive(Debug)]
 pub struct Stopwatch {
-    create: Create,
-    record: Record,
+    events: Events,
     synchronize: Synchronize,
     elapsed: ElapsedTime,
     /// Beginning and end of each part; used again after a reset.
-    parts: RefCell<Vec<[Mark; 2]>>,
+    parts: RefCell<Vec<[Event; 2]>>,
     measured: Cell<usize>,
 }
 
@@ -35,8 +25,7 @@ impl Stopwatch {
     pub fn open() -> Result<Self, CudaError> {
         let library = open(&[c"libcuda.so.1"])?;
         Ok(Self {
-            create: function!(library, c"cuEventCreate" as Create),
-            record: function!(library, c"cuEventRecord" as Record),
+            events: Events::open()?,
             synchronize: function!(library, c"cuEventSynchronize" as Synchronize),
             elapsed: function!(library, c"cuEventElapsedTime" as ElapsedTime),
             parts: RefCell::default(),
@@ -47,9 +36,9 @@ impl Stopwatch {
     /// Measures what `work` gives this thread's stream; waits for nothing.
     pub fn measure<T, E: From<CudaError>>(&self, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         let part = self.part(self.measured.get())?;
-        self.record(part[0])?;
+        self.events.record(part[0], stream())?;
         let done = work()?;
-        self.record(part[1])?;
+        self.events.record(part[1], stream())?;
         self.measured.set(self.measured.get() + 1);
         Ok(done)
     }
@@ -60,10 +49,10 @@ impl Stopwatch {
         let mut total_s = 0.0;
         for &[began, ended] in &parts[..self.measured.get()] {
             // SAFETY: an event that lives as long as the process.
-            succeed("cuEventSynchronize", unsafe { (self.synchronize)(ended.0) })?;
+            succeed("cuEventSynchronize", unsafe { (self.synchronize)(ended.handle()) })?;
             let mut took_ms = 0.0;
             // SAFETY: both have been recorded and reached, on one stream; the out-pointer is ours.
-            let code = unsafe { (self.elapsed)(&raw mut took_ms, began.0, ended.0) };
+            let code = unsafe { (self.elapsed)(&raw mut took_ms, began.handle(), ended.handle()) };
             succeed("cuEventElapsedTime", code)?;
             total_s += 1e-3 * f64::from(took_ms);
         }
@@ -75,23 +64,11 @@ impl Stopwatch {
         self.measured.set(0);
     }
 
-    fn part(&self, index: usize) -> Result<[Mark; 2], CudaError> {
+    fn part(&self, index: usize) -> Result<[Event; 2], CudaError> {
         let mut parts = self.parts.borrow_mut();
         if index == parts.len() {
-            parts.push([self.mark()?, self.mark()?]);
+            parts.push([self.events.make(Purpose::Time)?, self.events.make(Purpose::Time)?]);
         }
         Ok(parts[index])
-    }
-
-    fn mark(&self) -> Result<Mark, CudaError> {
-        let mut event = null_mut();
-        // SAFETY: the driver is initialised; the out-pointer is ours.
-        succeed("cuEventCreate", unsafe { (self.create)(&raw mut event, NOTES_TIME) })?;
-        Ok(Mark(event))
-    }
-
-    fn record(&self, mark: Mark) -> Result<(), CudaError> {
-        // SAFETY: the event and the stream live as long as the process.
-        succeed("cuEventRecord", unsafe { (self.record)(mark.0, stream()) })
     }
 }

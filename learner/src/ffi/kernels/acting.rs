@@ -64,7 +64,8 @@ impl ActingKernels {
 
 impl ActingKernels {
     /// Reads raw frames where `frames` (i64 \[rows\]) says, pools them, and writes them to `kept` f32 \[rows, side,
-    /// side\] and to the rows `places` (i64 \[rows\]) of `store`. `alone`: the GPU does nothing else meanwhile.
+    /// side\] and to the rows `places` (i64 \[rows\]) of `store`. `alone`: nothing else of the step
+    /// runs beside it.
     ///
     /// # Safety
     /// When this runs, the addresses must be those of frames in memory that the device may read, on 16 bytes, and the
