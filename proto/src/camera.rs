@@ -4,6 +4,12 @@
 pub const FRAME_SIDE: usize = 224;
 /// Pixels of a depth frame.
 pub const FRAME_PIXELS: usize = FRAME_SIDE * FRAME_SIDE;
+/// Side of the windows that [`sum_windows`] adds up, pixels: the paper's input pooling.
+pub const WINDOW: usize = 2;
+/// Width and height of a frame of sums.
+pub const SUMS_SIDE: usize = FRAME_SIDE / WINDOW;
+/// Sums of a frame.
+pub const SUMS_PIXELS: usize = SUMS_SIDE * SUMS_SIDE;
 /// Field of view, horizontally and vertically, degrees (`ManipulaTHOR`).
 pub const FIELD_OF_VIEW_DEG: f64 = 100.0;
 /// tan(50°), of half of the field of view: rounded by hand, so that it is the same number everywhere.
@@ -14,9 +20,64 @@ pub const HEIGHT_M: f64 = 1.58;
 // The simulator computes with 32 bits: no bit depends on which of the two a number was first written in.
 const _: () = assert!(HEIGHT_M as f32 == 1.58);
 
+/// A depth frame as its renderer left it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthFrame<'a> {
+    /// Millimetres, row-major from the top left; 0 where nothing was hit.
+    pub depth_mm: &'a [u16; FRAME_PIXELS],
+    /// What [`sum_windows`] made of it, if it did.
+    pub sums_mm: Option<&'a [u16; SUMS_PIXELS]>,
+}
+
+impl<'a> DepthFrame<'a> {
+    /// A frame without its sums.
+    pub fn of(depth_mm: &'a [u16; FRAME_PIXELS]) -> Self {
+        Self { depth_mm, sums_mm: None }
+    }
+}
+
+/// Writes the sum of each window of [`WINDOW`] × [`WINDOW`] pixels of a frame, millimetres, row-major, every one of them.
+/// Returns whether all fit into 16 bits: a window's mean must be less than 16.384 m for that.
+///
+/// A network that averages its input over such windows needs no more of the frame, and a GPU that reads it from the host's
+/// memory reads a quarter of the bytes. The sums are exact, and so are their quarters as 32-bit floating point.
+pub fn sum_windows(depth_mm: &[u16; FRAME_PIXELS], sums_mm: &mut [u16; SUMS_PIXELS]) -> bool {
+    let mut bits = 0;
+    let bands = depth_mm.chunks_exact(WINDOW * FRAME_SIDE).zip(sums_mm.chunks_exact_mut(SUMS_SIDE));
+    for (band, sums_mm) in bands {
+        let (upper, lower) = band.split_at(FRAME_SIDE);
+        let windows = upper.as_chunks::<WINDOW>().0.iter().zip(lower.as_chunks::<WINDOW>().0);
+        for (([a, b], [c, d]), sum_mm) in windows.zip(sums_mm) {
+            let sum = u32::from(*a) + u32::from(*b) + u32::from(*c) + u32::from(*d);
+            bits |= sum;
+            *sum_mm = sum as u16;
+        }
+    }
+    bits <= u32::from(u16::MAX)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Every window by its definition, for depths that fit and for one that does not.
+    #[test]
+    fn sums_are_those_of_each_window() {
+        let mut depth_mm = Box::new([0; FRAME_PIXELS]);
+        for (pixel, depth_mm) in depth_mm.iter_mut().enumerate() {
+            *depth_mm = (pixel * 7919 % 16_384) as u16;
+        }
+        for (far_mm, fits) in [(16_383, true), (32_766, false)] {
+            depth_mm[3 * FRAME_SIDE + 7] = far_mm;
+            let mut sums_mm = Box::new([0; SUMS_PIXELS]);
+            assert_eq!(sum_windows(&depth_mm, &mut sums_mm), fits);
+            for (place, sum_mm) in sums_mm.iter().enumerate() {
+                let corner = place / SUMS_SIDE * 2 * FRAME_SIDE + place % SUMS_SIDE * 2;
+                let window = [0, 1, FRAME_SIDE, FRAME_SIDE + 1].map(|offset| u32::from(depth_mm[corner + offset]));
+                assert_eq!(u32::from(*sum_mm), window.iter().sum::<u32>() & 0xffff);
+            }
+        }
+    }
 
     #[test]
     fn the_tangent_is_that_of_half_the_field_of_view() {

@@ -4,7 +4,7 @@ use super::larder::{Larder, Opened, Order};
 use super::{shm, whereabouts};
 use anyhow::{Context, Result, bail, ensure};
 use proto::action::{Action, HOLD};
-use proto::camera::FRAME_SIDE;
+use proto::camera::{FRAME_SIDE, WINDOW};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
@@ -30,6 +30,8 @@ pub struct Environments {
     /// its own scenery for it.
     camera: DepthCamera,
     sceneries: Vec<Scenery>,
+    /// Whether frames have their sums with them: where the network averages its input over such windows.
+    sums: bool,
     course: Course,
     /// Environments whose next episode's start may be prepared further, first to last.
     unprepared: VecDeque<usize>,
@@ -155,8 +157,8 @@ impl Environments {
             sceneries.extend(scenery);
         }
         let shared: &[Body] = if sceneries.is_empty() { first.kitchen.bodies() } else { &[] };
-        let unprepared = (0..running.len()).collect();
-        Ok(Self { camera: DepthCamera::new(shared), sceneries, running, course, unprepared })
+        let (unprepared, sums) = ((0..running.len()).collect(), config.network.input_pool as usize == WINDOW);
+        Ok(Self { camera: DepthCamera::new(shared), sceneries, sums, running, course, unprepared })
     }
 
     /// Triangles that the camera has to choose from, in the first environment's kitchen.
@@ -245,14 +247,15 @@ impl Environments {
 
     /// Writes the observation of environment `index`; its frame is rendered in place.
     pub fn observe<'a>(&mut self, index: usize, slot: &'a mut MaybeUninit<Observation>) -> &'a Observation {
-        let Self { running, camera, sceneries, .. } = self;
+        let Self { running, camera, sceneries, sums, .. } = self;
         let (running, mut own) = (&mut running[index], sceneries.get_mut(index));
         whereabouts::enter(running.id, running.episode);
         if let Some(scenery) = own.as_deref_mut() {
             camera.exchange(scenery);
         }
         let current = running.environment.current();
-        let observation = shm::write_observation(slot, index as u32, running.transition, current, |frame| {
+        let sums = *sums;
+        let observation = shm::write_observation(slot, index as u32, running.transition, current, sums, |frame| {
             running.environment.look_into(camera, FRAME_SIDE, frame)
         });
         if let Some(scenery) = own {

@@ -1,5 +1,6 @@
 //! Writes observations in place in shared memory: the only unsafe code of this crate.
 
+use proto::camera::sum_windows;
 use proto::step::{Current, Transition};
 use std::mem::MaybeUninit;
 use std::ptr::{addr_of_mut, slice_from_raw_parts_mut};
@@ -7,7 +8,8 @@ use wire::Ipc;
 use wire::message::{Observation, ObservationHeader};
 
 /// Fills one observation in place, every byte of it, and returns it as proof. `render` is given the depth frame,
-/// row-major, and must write every pixel: it returns the written slice as proof.
+/// row-major, and must write every pixel: it returns the written slice as proof. With `sums` the frame's sums are written
+/// behind it.
 ///
 /// # Panics
 /// If what `render` returns is not the frame it was given.
@@ -16,6 +18,7 @@ pub fn write_observation(
     environment: u32,
     transition: Transition,
     current: Current,
+    sums: bool,
     render: impl FnOnce(&mut [MaybeUninit<u16>]) -> &[u16],
 ) -> &Observation {
     let observation = slot.as_mut_ptr();
@@ -25,7 +28,9 @@ pub fn write_observation(
         addr_of_mut!((*observation).transition).write(transition);
         addr_of_mut!((*observation).current).write(current);
         addr_of_mut!((*observation).environment).write(environment);
-        addr_of_mut!((*observation).reserved).write([0; 13]);
+        addr_of_mut!((*observation).has_sums).write(0);
+        addr_of_mut!((*observation).reserved).write([0; 12]);
+        addr_of_mut!((*observation).sums_mm).write_bytes(0, 1);
     }
     // SAFETY: the frame lies inside the slot, and MaybeUninit pixels need no initial value.
     let frame = unsafe {
@@ -37,7 +42,11 @@ pub fn write_observation(
     assert!(written.as_ptr() == start && written.len() == length, "the frame was rendered in place, whole");
     // SAFETY: every field was written above: the frame by `render`, whose slice of plain numbers is the frame's memory;
     // an Observation has no bytes besides its fields (it is `Pod`).
-    unsafe { slot.assume_init_ref() }
+    let observation = unsafe { slot.assume_init_mut() };
+    if sums {
+        observation.has_sums = u32::from(sum_windows(&observation.depth_mm, &mut observation.sums_mm));
+    }
+    observation
 }
 
 /// Fills one observation with zeros, and returns it as proof.
@@ -83,8 +92,16 @@ mod tests {
         let transition = Transition { episode: 3, ..Transition::default() };
         let current = Current { episode: 4, ..Current::default() };
         let frame = vec![1234; proto::camera::FRAME_PIXELS];
-        let written = write_observation(&mut slot, 7, transition, current, |room| room.write_copy_of_slice(&frame));
-        assert_eq!((written.environment, written.transition, written.current), (7, transition, current));
+        for sums in [true, false] {
+            let written =
+                write_observation(&mut slot, 7, transition, current, sums, |room| room.write_copy_of_slice(&frame));
+            assert_eq!((written.environment, written.transition, written.current), (7, transition, current));
+            assert_eq!(written.frame().sums_mm.map(|sums_mm| sums_mm[5]), sums.then_some(4 * 1234));
+            assert!(written.sums_mm.iter().all(|&sum_mm| sum_mm == if sums { 4 * 1234 } else { 0 }));
+        }
+        let far = vec![20_000; proto::camera::FRAME_PIXELS];
+        let written = write_observation(&mut slot, 7, transition, current, true, |room| room.write_copy_of_slice(&far));
+        assert_eq!((written.depth_mm[9], written.frame().sums_mm), (20_000, None), "sums that 16 bits do not hold");
         let sum: u64 = bytemuck::bytes_of(written).iter().map(|&byte| u64::from(byte)).sum();
         assert!(sum > 0);
         assert!(bytemuck::bytes_of(write_zeros(&mut slot)).iter().all(|&byte| byte == 0));
@@ -95,6 +112,6 @@ mod tests {
     fn a_frame_that_was_rendered_elsewhere_is_no_proof() {
         static ELSEWHERE: [u16; proto::camera::FRAME_PIXELS] = [0; _];
         let mut slot = Box::new(MaybeUninit::<Observation>::uninit());
-        write_observation(&mut slot, 0, Transition::default(), Current::default(), |_| &ELSEWHERE);
+        write_observation(&mut slot, 0, Transition::default(), Current::default(), true, |_| &ELSEWHERE);
     }
 }

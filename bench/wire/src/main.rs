@@ -24,7 +24,7 @@ use table::Row;
 
 /// The wire beside raw shared memory, Unix sockets, ZeroMQ and gRPC
 ///
-/// Actor processes send depth frames of 224 × 224 pixels with what belongs to them (100,608 bytes) and wait for their
+/// Actor processes send depth frames of 224 × 224 pixels with what belongs to them (125,696 bytes) and wait for their
 /// actions. The learner waits until a half of every actor's environments is there, reads every byte and answers, while
 /// the other half is on its way, as in a rollout.
 #[derive(Debug, Parser)]

@@ -65,7 +65,7 @@ fn base(rows: &[Row], frames: u32) -> Option<Figures> {
 /// The table.
 pub fn text(rows: &[Row], actors: u32, machine: &str) -> String {
     let mut lines = vec![
-        format!("{actors} actors, frames of 224×224 with what belongs to them (100,608 bytes), {machine}"),
+        format!("{actors} actors, frames of 224×224 with what belongs to them (125,696 bytes), {machine}"),
         "ratio: beside raw shared memory (shm); round trip: from sending a half to its actions".to_owned(),
         format!(
             "{:>6}  {:<15} {:>10} {:>6}  {:>9} {:>6}  {:>9} {:>6}  {:>13}",

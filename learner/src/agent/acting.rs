@@ -8,10 +8,11 @@ use crate::ffi;
 use crate::ffi::branches::Branches;
 use crate::ffi::graph::{Graph, GraphError, Recorder};
 use crate::ffi::host_memory::HostMemory;
-use crate::ffi::kernels::{CHOSEN_WORDS, Chosen, Kernels};
+use crate::ffi::kernels::{CHOSEN_WORDS, Chosen, Kernels, Source};
 use crate::ffi::stream::Streams;
 use crate::network::{Network, RawFrame, Staging};
 use crate::rollout::Step;
+use proto::camera::DepthFrame;
 use std::ops::Range;
 use tch::{Device, Kind, Tensor};
 
@@ -37,7 +38,7 @@ pub(super) struct Acting {
 /// One step for all rows of a batch.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rows<'a> {
-    pub frames: &'a [&'a RawFrame],
+    pub frames: &'a [DepthFrame<'a>],
     /// Rows of the store that get the frames.
     pub places: &'a [i64],
     /// Rows of the table of beliefs: where they are now, and where they go.
@@ -134,7 +135,7 @@ impl Acting {
         let store_address = store.data_ptr() as usize;
         // After a change of weights.
         network.refresh();
-        let frames = self.addresses(rows.frames);
+        let frames = self.addresses(kernels, rows.frames);
         let at = self.recorded.iter().position(|graph| graph.layout == layout && graph.store == store_address);
         let at = if let Some(at) = at {
             at
@@ -155,14 +156,17 @@ impl Acting {
     }
 
     /// Where the GPU finds the frames: where they are if it can read them there, or in pinned memory.
-    fn addresses(&mut self, frames: &[&RawFrame]) -> Vec<i64> {
-        let address = |frame: &RawFrame| frame.as_ptr() as usize;
-        let memory = &mut self.memory;
-        let aligned = |frame: &RawFrame| address(frame).is_multiple_of(16);
-        if frames.iter().all(|frame| aligned(frame) && memory.covers(address(frame), size_of::<RawFrame>())) {
-            return frames.iter().map(|frame| address(frame) as i64).collect();
+    fn addresses(&mut self, kernels: &Kernels, frames: &[DepthFrame]) -> Vec<i64> {
+        let sources: Vec<Source> = frames.iter().map(|frame| kernels.acting.source(frame)).collect();
+        let mut readable = |source: &Source| {
+            let (address, bytes) = source.bytes();
+            address.is_multiple_of(16) && self.memory.covers(address, bytes)
+        };
+        if sources.iter().all(&mut readable) {
+            return sources.into_iter().map(Source::word).collect();
         }
-        let gathered = self.staging.gather(frames, self.device).cast::<RawFrame>();
+        let raw: Vec<&RawFrame> = frames.iter().map(|frame| frame.depth_mm).collect();
+        let gathered = self.staging.gather(&raw, self.device).cast::<RawFrame>();
         (0..frames.len()).map(|row| gathered.wrapping_add(row) as i64).collect()
     }
 

@@ -27,7 +27,7 @@ pub use step::{Choice, StepInput, StepOutput};
 use crate::device;
 use crate::ffi::kernels::Chosen;
 use crate::network::{
-    FramePreparation, Network, Observations, Staging, Unfit, fits, goal_coordinates, table_row, to_vec,
+    FramePreparation, Network, Observations, RawFrame, Staging, Unfit, fits, goal_coordinates, table_row, to_vec,
 };
 use crate::optimizer::Adam;
 use crate::peers::{PeerError, Peers};
@@ -536,10 +536,11 @@ impl Agent {
         let previous_actions: Vec<i64> = steps.iter().map(|step| step.previous_action).collect();
         let carried: Vec<f32> = episode_start.iter().map(|&start| if start { 0.0 } else { 1.0 }).collect();
         let to_device = |tensor: Tensor| tensor.to_device(self.device);
+        let raw: Vec<&RawFrame> = frames.iter().map(|frame| frame.depth_mm).collect();
 
         let _no_grad = tch::no_grad_guard();
         let observations = Observations {
-            frames: preparation.keep(frames, &mut self.staging),
+            frames: preparation.keep(&raw, &mut self.staging),
             goals: to_device(Tensor::from_slice(&goals).view([-1, 3])),
             previous_actions: to_device(Tensor::from_slice(&previous_actions)),
         };

@@ -1,6 +1,6 @@
 //! What an agent is given and gives in one step, and how an action is sampled.
 
-use proto::camera::FRAME_PIXELS;
+use proto::camera::DepthFrame;
 use tch::{Device, Tensor};
 
 /// What the policy sees of some columns in one step. All slices have one entry a column, in the same order.
@@ -8,8 +8,8 @@ use tch::{Device, Tensor};
 pub struct StepInput<'a> {
     /// Columns of this learner (place of the actor among its own · environments per actor + environment), ascending.
     pub columns: &'a [usize],
-    /// Depth frames, millimetres, row-major; may point into shared memory.
-    pub frames: &'a [&'a [u16; FRAME_PIXELS]],
+    /// Depth frames; may point into shared memory.
+    pub frames: &'a [DepthFrame<'a>],
     /// The goal vector as [`proto::step::Current::goal_vector_m`] makes it; robot's frame, metres.
     pub goal_m: &'a [[f32; 3]],
     /// `A_large` index of the previous action, or `NO_ACTION`.

@@ -4,7 +4,7 @@ use crate::collector::{Batch, ColumnMap, gumbel};
 use anyhow::{Context, Result, ensure};
 use iceoryx2::sample::Sample;
 use proto::action::NO_ACTION;
-use proto::camera::{FRAME_PIXELS, FRAME_SIDE};
+use proto::camera::{FRAME_PIXELS, FRAME_SIDE, SUMS_PIXELS, WINDOW, sum_windows};
 use proto::config::Config;
 use proto::shares::Shares;
 use proto::step::{Current, Transition};
@@ -69,6 +69,7 @@ impl Frames {
         let address = WireAddress::new(&format!("bench{}", std::process::id()), TAKEN.fetch_add(1, Ordering::Relaxed));
         let swept = Swept(address.clone());
         let shape = WireShape { shares: Shares::of_one(actors), environments_per_actor: each };
+        let sums = config.network.input_pool as usize == WINDOW;
         let host = WireHost::create(&address, shape)?;
         let subscriber = host.wire().observation_subscriber(0)?;
         let (mut halves, mut publishers) = ([vec![], vec![]], vec![]);
@@ -79,7 +80,7 @@ impl Frames {
                 let mut sample = publisher.loan_slice_uninit(range.len())?;
                 *sample.user_header_mut() = ObservationHeader { actor, half, ..Default::default() };
                 let first = (actor * each) as usize + range.start;
-                sample.write_from_fn(|i| observation(first + i)).send()?;
+                sample.write_from_fn(|i| observation(first + i, sums)).send()?;
                 halves[half as usize].push(subscriber.receive()?.context("what was sent is there")?);
             }
             publishers.push(publisher);
@@ -103,8 +104,7 @@ impl Frames {
     pub fn batch(&self, half: u32, step: usize, noise: Vec<f32>) -> Batch<'_> {
         let columns: Vec<usize> = self.map.batch(half).collect();
         let samples = self.halves[half as usize].iter();
-        let frames =
-            samples.flat_map(|sample| sample.payload().iter().map(|observation| &observation.depth_mm)).collect();
+        let frames = samples.flat_map(|sample| sample.payload().iter().map(Observation::frame)).collect();
         let starts: Vec<bool> = columns.iter().map(|&column| episode_step(column, step) == 0).collect();
         Batch {
             frames,
@@ -129,17 +129,22 @@ fn episode_step(column: usize, step: usize) -> usize {
 /// Walls and edges at 0.3 to 4.3 m, other ones for each column.
 // A frame, once.
 #[allow(clippy::large_stack_arrays)]
-fn observation(column: usize) -> Observation {
+fn observation(column: usize, sums: bool) -> Observation {
     let mut observation = Observation {
         transition: Transition::default(),
         current: Current::default(),
         environment: 0,
-        reserved: [0; 13],
+        has_sums: 0,
+        reserved: [0; 12],
         depth_mm: [0; FRAME_PIXELS],
+        sums_mm: [0; SUMS_PIXELS],
     };
     for (pixel, depth_mm) in observation.depth_mm.iter_mut().enumerate() {
         let (row, at) = (pixel / FRAME_SIDE / 8, pixel % FRAME_SIDE / 8);
         *depth_mm = 300 + ((row * 389 + at * 131 + column * 1009) % 4000) as u16;
+    }
+    if sums {
+        observation.has_sums = u32::from(sum_windows(&observation.depth_mm, &mut observation.sums_mm));
     }
     observation
 }
@@ -179,7 +184,7 @@ mod tests {
             let batch = frames.batch(half, 0, frames.noise(half, 0));
             assert_eq!(batch.columns, columns);
             for (&column, frame) in columns.iter().zip(&batch.frames) {
-                assert_eq!(frame[..], observation(column).depth_mm[..]);
+                assert_eq!(*frame, observation(column, false).frame());
             }
             assert_eq!(batch.gumbel.len(), columns.len() * frames.actions);
         }

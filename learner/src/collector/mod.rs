@@ -36,7 +36,7 @@ use crate::agent::StepInput;
 use crate::rollout::Outcome;
 use exchange::{Arrival, Half};
 use proto::action::HOLD;
-use proto::camera::FRAME_PIXELS;
+use proto::camera::DepthFrame;
 use proto::config::CarriedGoal;
 use proto::episode::EnvironmentId;
 use proto::stage::RolloutShape;
@@ -58,8 +58,8 @@ pub trait HalfSample {
     fn transition(&self, i: usize) -> &Transition;
     /// What is seen now.
     fn current(&self, i: usize) -> &Current;
-    /// Depth frame, millimetres, row-major.
-    fn frame(&self, i: usize) -> &[u16; FRAME_PIXELS];
+    /// Depth frame.
+    fn frame(&self, i: usize) -> DepthFrame<'_>;
 }
 
 /// The state of all environments between two rollouts: with weights and beliefs, all a run needs to go on.
@@ -173,7 +173,7 @@ pub struct Settled {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Batch<'a> {
     pub(crate) columns: Vec<usize>,
-    pub(crate) frames: Vec<&'a [u16; FRAME_PIXELS]>,
+    pub(crate) frames: Vec<DepthFrame<'a>>,
     pub(crate) goal_m: Vec<[f32; 3]>,
     pub(crate) previous_action: Vec<u8>,
     pub(crate) episode_start: Vec<bool>,

@@ -9,6 +9,7 @@ use super::*;
 use environment::mix;
 use fake_actor::FakeActor;
 use proptest::prelude::*;
+use proto::camera::FRAME_PIXELS;
 use proto::config::CarriedGoal;
 use proto::reward::RewardKind;
 use proto::step::transition_flag;
@@ -36,8 +37,8 @@ impl HalfSample for FakeSample {
     fn current(&self, i: usize) -> &Current {
         &self.0[i].2
     }
-    fn frame(&self, _i: usize) -> &[u16; FRAME_PIXELS] {
-        &FRAME
+    fn frame(&self, _i: usize) -> DepthFrame<'_> {
+        DepthFrame::of(&FRAME)
     }
 }
 

@@ -5,7 +5,7 @@ use crate::collector::{ActionBatch, HalfSample};
 use anyhow::{Context, Result};
 use iceoryx2::port::ReceiveError;
 use iceoryx2::sample::Sample as IoxSample;
-use proto::camera::FRAME_PIXELS;
+use proto::camera::DepthFrame;
 use proto::step::{Current, Transition};
 use wire::fault;
 use wire::message::{EnvironmentState, Observation, ObservationHeader, RestoreHeader, StageAnnouncement};
@@ -56,8 +56,8 @@ impl HalfSample for Sample {
     fn current(&self, i: usize) -> &Current {
         &self.reports[i].current
     }
-    fn frame(&self, i: usize) -> &[u16; FRAME_PIXELS] {
-        &self.sample.payload()[i].depth_mm
+    fn frame(&self, i: usize) -> DepthFrame<'_> {
+        self.sample.payload()[i].frame()
     }
 }
 
@@ -210,6 +210,7 @@ impl Ports {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::camera::{FRAME_PIXELS, SUMS_PIXELS};
     use proto::shares::Shares;
     use std::ptr::{addr_of_mut, write_volatile};
     use wire::WireHost;
@@ -232,8 +233,10 @@ mod tests {
                 transition: Transition { disturbance_m: 0.5, ..Default::default() },
                 current: Current { target: 3, ..Default::default() },
                 environment: 1,
-                reserved: [0; 13],
+                has_sums: 0,
+                reserved: [0; 12],
                 depth_mm: [1234; FRAME_PIXELS],
+                sums_mm: [0; SUMS_PIXELS],
             };
             let mut loan = loan.write_from_fn(|_| sent);
             let observation = loan.payload_mut().as_mut_ptr();
@@ -252,7 +255,7 @@ mod tests {
             assert_eq!(received.half, 1);
             assert_eq!((sample.len(), sample.environment(0)), (1, 1));
             assert_eq!((sample.transition(0).disturbance_m, sample.current(0).target), (0.5, 3));
-            assert_eq!(sample.frame(0)[7], 4321, "frames are not copied");
+            assert_eq!(sample.frame(0).depth_mm[7], 4321, "frames are not copied");
         }
         drop(host);
         address.sweep().unwrap();

@@ -5,11 +5,11 @@
 
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
-use proto::camera::FRAME_PIXELS;
+use proto::camera::{DepthFrame, FRAME_PIXELS, SUMS_PIXELS};
 use proto::episode::MAX_EPISODE_STEPS;
 use proto::step::{Current, Transition};
 
-/// One environment's answer to one action: what the action did, what is seen now, and the depth frame.
+/// One environment's answer to one action: what the action did, what is seen now, and the depth frame with its sums.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 #[repr(align(64))]
@@ -20,17 +20,28 @@ pub struct Observation {
     pub current: Current,
     /// Environment index within the actor.
     pub environment: u32,
+    /// 1 if `sums_mm` holds the frame's sums, else 0.
+    pub has_sums: u32,
     /// Padding up to the frame, which begins on a cache line, always 0.
-    pub reserved: [u32; 13],
+    pub reserved: [u32; 12],
     /// Depth along the camera's axis, millimetres, row-major from the top left; 0 where nothing was hit.
     pub depth_mm: [u16; FRAME_PIXELS],
+    /// What [`proto::camera::sum_windows`] makes of the frame, where the network averages over such windows.
+    pub sums_mm: [u16; SUMS_PIXELS],
+}
+
+impl Observation {
+    /// The frame, where it lies.
+    pub fn frame(&self) -> DepthFrame<'_> {
+        DepthFrame { depth_mm: &self.depth_mm, sums_mm: (self.has_sums == 1).then_some(&self.sums_mm) }
+    }
 }
 
 // SAFETY: an Observation is `Pod`: `repr(C)`, self-contained, without pointers. (The derive asks for this trait on
 // every field, and two of them are types of `proto`, which has no transport.)
 unsafe impl ZeroCopySend for Observation {
     unsafe fn type_name() -> &'static str {
-        "stillroom/Observation/3"
+        "stillroom/Observation/4"
     }
 }
 
@@ -38,7 +49,8 @@ unsafe impl ZeroCopySend for Observation {
 pub const DEPTH_OFFSET: usize = core::mem::offset_of!(Observation, depth_mm);
 
 const _: () = assert!(DEPTH_OFFSET == 256);
-const _: () = assert!(size_of::<Observation>() == 100_608);
+const _: () = assert!(size_of::<Observation>() == 125_696);
+const _: () = assert!(core::mem::offset_of!(Observation, sums_mm).is_multiple_of(64));
 const _: () = assert!(size_of::<Observation>().is_multiple_of(64));
 
 /// What a sample of the observation service carries.

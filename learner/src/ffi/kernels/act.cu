@@ -4,6 +4,9 @@
 // Blocks that share a frame.
 #define BANDS 4
 
+// Added to the address of a frame's sums, to tell them from a frame.
+#define SUMS 1ull
+
 // One of the BANDS bands of a frame: see `observe`.
 __device__ void observe_band(const uint4* frame, int band, size_t place, float* kept, void* store) {
     const int octets = SIDE * POOL / 8, all = SIDE * octets / BANDS, first = band * all;
@@ -29,13 +32,41 @@ __device__ void observe_band(const uint4* frame, int band, size_t place, float* 
     }
 }
 
-// frames: addresses of raw frames, u16 [SIDE · POOL, SIDE · POOL] millimetres, in host memory that the device may read.
-// Means over POOL × POOL pixels go to `kept` f32 [rows, SIDE, SIDE] and to row places[i] of the rollout's store, which
-// has the same numbers, or without pooling the raw ones. Sums of 16 numbers of 16 bits are exact in f32.
+#if POOL == 2
+// The same from sums over POOL × POOL pixels, which the actor has made: a quarter of the bytes.
+__device__ void observe_sums(const uint4* sums, int band, size_t place, float* kept, float* store) {
+    const int all = SIDE * SIDE / 8 / BANDS, first = band * all;
+    for (int i = first + threadIdx.x; i < first + all; i += blockDim.x) {
+        const uint4 raw = sums[i];
+        const u32 words[4] = {raw.x, raw.y, raw.z, raw.w};
+        float4 means[2];
+#pragma unroll
+        for (int k = 0; k < 8; k++)
+            ((float*)means)[k] = (float)(words[k / 2] >> (16 * (k % 2)) & 0xffffu) * (1.0f / (POOL * POOL));
+#pragma unroll
+        for (int k = 0; k < 2; k++) {
+            ((float4*)kept)[2 * i + k] = means[k];
+            ((float4*)(store + place))[2 * i + k] = means[k];
+        }
+    }
+}
+#endif
+
+// frames: addresses of raw frames, u16 [SIDE · POOL, SIDE · POOL] millimetres, in host memory that the device may read;
+// or, told by SUMS, of their sums, u16 [SIDE, SIDE]. Means over POOL × POOL pixels go to `kept` f32 [rows, SIDE, SIDE] and
+// to row places[i] of the rollout's store, which has the same numbers, or without pooling the raw ones. Sums of 16 numbers
+// of 16 bits are exact in f32.
 extern "C" __global__ void observe(const unsigned long long* frames, const long long* places, float* kept, void* store,
                                    int rows) {
     for (int band = blockIdx.x; band < rows * BANDS; band += gridDim.x) {
         const size_t row = band / BANDS, pixels = SIDE * SIDE;
+#if POOL == 2
+        if (frames[row] & SUMS) {
+            const uint4* sums = (const uint4*)(frames[row] - SUMS);
+            observe_sums(sums, band % BANDS, places[row] * pixels, kept + row * pixels, (float*)store);
+            continue;
+        }
+#endif
         observe_band((const uint4*)frames[row], band % BANDS, places[row] * pixels, kept + row * pixels, store);
     }
 }

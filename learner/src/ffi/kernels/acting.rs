@@ -2,11 +2,12 @@
 
 use super::map::{address, int, launch};
 use crate::ffi::cuda::{Argument, CudaError, Kernel, Module};
-use proto::camera::FRAME_SIDE;
+use proto::camera::{DepthFrame, FRAME_SIDE, SUMS_SIDE};
 use tch::{Kind, Tensor};
 
 /// As in `act.cu`.
 const BANDS: i64 = 4;
+const SUMS: i64 = 1;
 const OBSERVE_THREADS: u32 = 256;
 /// Blocks that read from the host's memory beside other work: with more, that waits longer for the GPU's own memory.
 const OBSERVE_BLOCKS: i64 = 64;
@@ -62,8 +63,38 @@ impl ActingKernels {
     }
 }
 
+/// Where [`ActingKernels::observe`] finds what it needs of a frame, and how many bytes that is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Source {
+    address: usize,
+    bytes: usize,
+    sums: bool,
+}
+
+impl Source {
+    /// What lies at one address in the host's memory, and as long.
+    pub fn bytes(self) -> (usize, usize) {
+        (self.address, self.bytes)
+    }
+
+    /// As the kernel takes it.
+    pub fn word(self) -> i64 {
+        self.address as i64 + if self.sums { SUMS } else { 0 }
+    }
+}
+
 impl ActingKernels {
-    /// Reads raw frames where `frames` (i64 \[rows\]) says, pools them, and writes them to `kept` f32 \[rows, side,
+    /// What is read of a frame: its sums where those are what is kept, else all of it.
+    pub fn source(&self, frame: &DepthFrame) -> Source {
+        match frame.sums_mm.filter(|_| self.side == SUMS_SIDE as i64) {
+            Some(sums_mm) => Source { address: sums_mm.as_ptr() as usize, bytes: size_of_val(sums_mm), sums: true },
+            None => {
+                Source { address: frame.depth_mm.as_ptr() as usize, bytes: size_of_val(frame.depth_mm), sums: false }
+            }
+        }
+    }
+
+    /// Reads frames where `frames` (i64 \[rows\], [`Source::word`]) says, pools them, and writes them to `kept` f32 \[rows, side,
     /// side\] and to the rows `places` (i64 \[rows\]) of `store`. `alone`: nothing else of the step
     /// runs beside it.
     ///

@@ -1,5 +1,6 @@
 //! Observations as tests need them, and an actor that sends them.
 
+use bytemuck::Zeroable;
 use proto::camera::FRAME_SIDE;
 use proto::reward::RewardParts;
 use proto::step::{Current, Transition, current_flag, transition_flag};
@@ -82,7 +83,7 @@ pub fn described(exchange: u64, flags: u32) -> (Transition, Current) {
 pub fn observation(environment: u32, exchange: u64, flags: u32) -> Observation {
     let (transition, current) = described(exchange, flags);
     let depth_mm = std::array::from_fn(|index| (index % FRAME_SIDE) as u16 + exchange as u16);
-    Observation { transition, current, environment, reserved: [0; 13], depth_mm }
+    Observation { transition, current, environment, depth_mm, ..Observation::zeroed() }
 }
 
 fn position(exchange: u64) -> (u32, u32) {

@@ -3,7 +3,7 @@
 use crate::service::Borrowed;
 use crate::wire::Observations;
 use learner::collector::HalfSample;
-use proto::camera::FRAME_PIXELS;
+use proto::camera::{DepthFrame, FRAME_PIXELS};
 use proto::step::{Current, Transition};
 
 static FRAME: [u16; FRAME_PIXELS] = [0; FRAME_PIXELS];
@@ -25,7 +25,7 @@ impl HalfSample for Sample {
     fn current(&self, i: usize) -> &Current {
         &self.0.value.1[i].2
     }
-    fn frame(&self, _i: usize) -> &[u16; FRAME_PIXELS] {
-        &FRAME
+    fn frame(&self, _i: usize) -> DepthFrame<'_> {
+        DepthFrame::of(&FRAME)
     }
 }
