@@ -14,8 +14,8 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use wire::message::{ActionHeader, EnvironmentState, Halves, Observation, RestoreHeader, observation_kind};
 use wire::{
-    ActionPublisher, Bell, ObservationSubscriber, ReceiptBook, RestorePublisher, UpdateConnections, Wakeup, Wire,
-    WireAddress, WireHost, WireShape,
+    ActionPublisher, Bell, ObservationSubscriber, ReceiptBook, RestorePublisher, Sleeper, UpdateConnections, Wakeup,
+    Wire, WireAddress, WireHost, WireShape,
 };
 
 const ENVIRONMENTS: u32 = 3;
@@ -61,10 +61,10 @@ impl Stand {
         let wire = Wire::join(&address, shape, "learner-0").unwrap();
         Self {
             observations: wire.observation_subscriber(0).unwrap(),
-            wakeup: wire.observations_wakeup(0).unwrap(),
+            wakeup: wire.bells().wakeup(Sleeper::Learner(0)),
             actions: wire.action_publisher(0).unwrap(),
             restores: wire.restore_publisher(0).unwrap(),
-            bell: wire.actions_bell(0).unwrap(),
+            bell: wire.bells().bell([Sleeper::Actor(0)]),
             book: ReceiptBook::open(&address, 1).unwrap(),
             folder,
             host,
@@ -104,7 +104,7 @@ impl Stand {
             actor_incarnation,
         };
         sample.write_from_slice(&self.states).send().unwrap();
-        self.bell.notify().unwrap();
+        self.bell.ring();
     }
 
     /// Receives and answers until the observation of `step` has come from both halves and was answered.
@@ -112,7 +112,7 @@ impl Stand {
         let deadline = Instant::now() + ANSWER_DEADLINE;
         while self.next.iter().any(|&next| next <= step) {
             assert!(Instant::now() < deadline, "no observation of step {step}; next are {:?}", self.next);
-            self.wakeup.timed_wait(|_| {}, Duration::from_millis(50)).unwrap();
+            self.wakeup.wait(Duration::from_millis(50));
             self.serve();
         }
     }
@@ -168,7 +168,7 @@ impl Stand {
         *sample.user_header_mut() =
             ActionHeader { step, stage_version: 7, learner_incarnation: self.learner_incarnation, half };
         sample.write_from_slice(&actions).send().unwrap();
-        self.bell.notify().unwrap();
+        self.bell.ring();
         self.next[half as usize] += 1;
     }
 
@@ -285,7 +285,7 @@ fn a_killed_actor_and_a_new_learner_change_no_byte() {
         let deadline = Instant::now() + ANSWER_DEADLINE;
         while faulty.0.try_wait().unwrap().is_none() {
             assert!(Instant::now() < deadline, "{fault} was never reached");
-            stand.wakeup.timed_wait(|_| {}, Duration::from_millis(20)).unwrap();
+            stand.wakeup.wait(Duration::from_millis(20));
             stand.serve();
         }
         stand.host.sweep_dead();
@@ -322,7 +322,7 @@ fn actions_that_come_together_with_their_restore_are_not_lost() {
     let deadline = Instant::now() + ANSWER_DEADLINE;
     while stand.kept.len() < 2 {
         assert!(Instant::now() < deadline, "no observations of step 4");
-        stand.wakeup.timed_wait(|_| {}, Duration::from_millis(20)).unwrap();
+        stand.wakeup.wait(Duration::from_millis(20));
         stand.serve();
     }
     actor.kill();

@@ -1,15 +1,14 @@
 //! The actor's ends of the shared-memory services.
 
 use super::shm;
-use anyhow::{Context, Result, anyhow};
-use iceoryx2::port::listener::ListenerWaitError;
+use anyhow::{Context, Result};
 use std::mem::MaybeUninit;
 use std::time::Duration;
 use wire::fault;
 use wire::message::{ActionHeader, EnvironmentState, Observation, ObservationHeader, RestoreHeader};
 use wire::{
-    ActionSubscriber, Bell, ObservationPublisher, ObservationReaders, Receipts, RestoreSubscriber, UpdateConnections,
-    Wakeup, Wire, WireAddress, WireShape,
+    ActionSubscriber, Bell, ObservationPublisher, ObservationReaders, Receipts, RestoreSubscriber, Sleeper,
+    UpdateConnections, Wakeup, Wire, WireAddress, WireShape,
 };
 
 /// What has arrived, copied: what lies in shared memory can change after it was checked.
@@ -47,8 +46,8 @@ impl Link {
             // The actor's own subscribers are open before it announces itself.
             restores: wire.restore_subscriber(actor)?,
             actions: wire.action_subscriber(actor)?,
-            wakeup: wire.actions_wakeup(actor)?,
-            bell: wire.observations_bell(actor)?,
+            wakeup: wire.bells().wakeup(Sleeper::Actor(actor)),
+            bell: wire.observations_bell(actor),
             observations: wire.observation_publisher(actor)?,
             readers: wire.observation_readers(actor)?,
             actor,
@@ -79,12 +78,8 @@ impl Link {
     }
 
     /// Sleeps until the learner rings or the time is over.
-    pub fn wait(&self, longest: Duration) -> Result<()> {
-        match self.wakeup.timed_wait(|_| {}, longest) {
-            // Who was stopped for a moment is woken up early, as by a ring.
-            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
-            Err(cause) => Err(anyhow!("cannot wait for the learner: {cause:?}")),
-        }
+    pub fn wait(&self, longest: Duration) {
+        self.wakeup.wait(longest);
     }
 
     /// Sends a HELLO: one zeroed observation.
@@ -111,7 +106,7 @@ impl Link {
         fault::reach("actor.after_write");
         let receivers = sample.send().context("cannot send observations")?;
         fault::reach("actor.before_bell");
-        self.bell.notify().context("cannot ring the observations' bell")?;
+        self.bell.ring();
         Ok(receivers > 0 && receivers >= self.readers.count())
     }
 }

@@ -109,7 +109,7 @@ pub fn run(settings: &Settings) -> Result<std::convert::Infallible> {
             // What arrives meanwhile waits for one piece of work at most.
             Todo::Wait(longest) => {
                 if !environments.prepare() {
-                    link.wait(longest)?;
+                    link.wait(longest);
                 }
             }
         }

@@ -39,13 +39,13 @@ mod tests {
     fn events_are_lines_and_a_broken_pipe_is_a_reason_to_leave() {
         let event = LearnerEvent::ActorsConnected { rank: 0 };
         let mut lines = vec![];
-        Control::new(&mut lines, OrchestratorGone::new().unwrap()).tell(&event);
+        Control::new(&mut lines, OrchestratorGone::new()).tell(&event);
         assert_eq!(lines.last(), Some(&b'\n'));
         assert_eq!(serde_json::from_slice::<LearnerEvent>(&lines).unwrap(), event);
 
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
-        let gone = OrchestratorGone::new().unwrap();
+        let gone = OrchestratorGone::new();
         Control::new(writer, gone.clone()).tell(&event);
         assert!(gone.is_set());
     }

@@ -13,7 +13,7 @@ use proto::event::LearnerEvent;
 use std::io::Write;
 use std::ops::Range;
 use std::time::{Duration, Instant};
-use wire::{Waiting, Written, fault};
+use wire::{Written, fault};
 
 /// Longest sleep without a look around. Whatever is waited for rings, but a process can be killed before it does.
 const LOOK: Duration = Duration::from_millis(250);
@@ -51,7 +51,6 @@ pub struct Conversation<'a, W> {
     incarnation: u32,
     actor_deadline_s: f64,
     ports: &'a Ports,
-    waiting: Waiting<'a>,
     control: Control<W>,
     gone: &'a OrchestratorGone,
     connected: bool,
@@ -72,6 +71,7 @@ impl<'a, W: Write> Conversation<'a, W> {
             recorded: ports.recorded(),
         };
         let actors = config.shares().actors_of(rank);
+        gone.wakes(ports.own_bell());
         Ok(Self {
             rank,
             collector: Collector::new(settings, boundary),
@@ -80,7 +80,6 @@ impl<'a, W: Write> Conversation<'a, W> {
             incarnation,
             actor_deadline_s: config.learner.actor_deadline_s,
             ports,
-            waiting: ports.attach(gone.bell())?,
             control: Control::new(output, gone.clone()),
             gone,
             connected: false,
@@ -104,8 +103,8 @@ impl<'a, W: Write> Conversation<'a, W> {
 
     /// Sleeps until an actor has sent something, something is announced or the orchestrator is gone, at most for
     /// `longest`; it may wake without a reason.
-    pub fn wait(&self, longest: Duration) -> Result<()> {
-        Ok(self.waiting.wait(longest.min(LOOK))?)
+    pub fn wait(&self, longest: Duration) {
+        self.ports.wait(longest.min(LOOK));
     }
 
     /// Receives every waiting sample, so that an actor that is served first does not make others wait, and reads the
@@ -194,7 +193,7 @@ impl<'a, W: Write> Conversation<'a, W> {
                     left
                 }
             };
-            self.wait(left)?;
+            self.wait(left);
         }
     }
 

@@ -7,11 +7,12 @@ use iceoryx2::port::ReceiveError;
 use iceoryx2::sample::Sample as IoxSample;
 use proto::camera::DepthFrame;
 use proto::step::{Current, Transition};
+use std::time::Duration;
 use wire::fault;
 use wire::message::{EnvironmentState, Observation, ObservationHeader, RestoreHeader, StageAnnouncement};
 use wire::{
-    ActionPublisher, Bells, Ipc, ObservationSubscriber, Receipt, Receipts, RestorePublisher, StageSubscriber,
-    ThreadBell, Waiting, Wakeup, Wire, WireAddress, WireError, WireShape, Written,
+    ActionPublisher, Bell, Ipc, ObservationSubscriber, Receipt, Receipts, RestorePublisher, Sleeper, StageSubscriber,
+    Wakeup, Wire, WireAddress, WireShape, Written,
 };
 
 /// A received sample: borrowed from shared memory until it is dropped. A subscriber may hold two of each actor.
@@ -71,29 +72,24 @@ pub struct Ports {
     ringers: Ringers,
     // Ports before the node: they are dropped in this order.
     observations: ObservationSubscriber,
-    observations_wakeup: Wakeup,
     stage: StageSubscriber,
-    stage_wakeup: Wakeup,
-    recorded_wakeup: Wakeup,
     /// None where nothing is recorded.
     receipts: Option<Receipts>,
-    bells: Bells,
+    /// Rings for whatever may have come: observations, announcements, receipts.
+    wakeup: Wakeup,
     /// The run's number of the first of [`Self::actors`].
     first_actor: u32,
     actors: Vec<ActorPorts>,
-    _wire: Wire,
+    rank: u32,
+    wire: Wire,
 }
 
 impl Ports {
     /// Joins the services of an orchestrator incarnation. `recorder`: whether it has one.
     pub fn open(address: &WireAddress, shape: WireShape, rank: u32, recorder: bool) -> Result<Self> {
         let wire = Wire::join(address, shape, &format!("learner-{rank}"))?;
-        // The bells' listeners first: whoever finds the subscriber finds someone to wake.
-        let observations_wakeup = wire.observations_wakeup(rank)?;
         let observations = wire.observation_subscriber(rank)?;
-        let stage_wakeup = wire.stage_wakeup()?;
         let stage = wire.stage_subscriber()?;
-        let recorded_wakeup = wire.recorded_wakeup(rank)?;
         let receipts = recorder.then(|| Receipts::open(address, shape.shares.actors())).transpose()?;
         let actors = shape
             .shares
@@ -103,21 +99,9 @@ impl Ports {
             })
             .collect::<Result<_>>()?;
         let first_actor = shape.shares.actors_of(rank).start;
-        let bells = Bells::new()?;
-        let ringers = Ringers::start(address, shape, rank)?;
-        Ok(Self {
-            ringers,
-            observations,
-            observations_wakeup,
-            stage,
-            stage_wakeup,
-            recorded_wakeup,
-            receipts,
-            bells,
-            first_actor,
-            actors,
-            _wire: wire,
-        })
+        let wakeup = wire.bells().wakeup(Sleeper::Learner(rank));
+        let ringers = Ringers::start(wire.bells(), shape.shares.actors_of(rank))?;
+        Ok(Self { ringers, observations, stage, receipts, wakeup, first_actor, actors, rank, wire })
     }
 
     /// The next observation sample, if one is waiting.
@@ -131,9 +115,14 @@ impl Ports {
         }
     }
 
-    /// Waiting for all that can happen: observations, announcements, receipts, and what rings `gone`.
-    pub fn attach<'a>(&'a self, gone: &'a ThreadBell) -> Result<Waiting<'a>, WireError> {
-        self.bells.attach([&self.observations_wakeup, &self.stage_wakeup, &self.recorded_wakeup], gone)
+    /// Sleeps until something may have come, at most for `longest`.
+    pub fn wait(&self, longest: Duration) {
+        self.wakeup.wait(longest);
+    }
+
+    /// Wakes this learner.
+    pub fn own_bell(&self) -> Bell {
+        self.wire.bells().bell([Sleeper::Learner(self.rank)])
     }
 
     /// Whether there is a recorder.

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
-use wire::{ThreadBell, lifeline};
+use wire::{Bell, lifeline};
 
 /// Why to save and leave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,19 +21,19 @@ pub struct OrchestratorGone(Arc<Noted>);
 #[derive(Debug)]
 struct Noted {
     gone: OnceLock<()>,
-    bell: ThreadBell,
+    /// Of who is to be woken then.
+    bell: OnceLock<Bell>,
 }
 
 impl OrchestratorGone {
     /// Set by nobody but the caller.
-    pub fn new() -> Result<Self> {
-        let bell = ThreadBell::new().context("cannot make an eventfd")?;
-        Ok(Self(Arc::new(Noted { gone: OnceLock::new(), bell })))
+    pub fn new() -> Self {
+        Self(Arc::new(Noted { gone: OnceLock::new(), bell: OnceLock::new() }))
     }
 
     /// Set when standard input closes, if it is a lifeline; otherwise only by the caller.
     pub fn watched(lifeline: bool) -> Result<Self> {
-        let gone = Self::new()?;
+        let gone = Self::new();
         if lifeline {
             let watched = gone.clone();
             lifeline::hold(move || watched.set()).context("cannot watch the lifeline")?;
@@ -73,7 +73,7 @@ impl OrchestratorGone {
     /// Notes it.
     pub fn set(&self) {
         let _ = self.0.gone.set(());
-        self.0.bell.ring();
+        self.0.bell.get().into_iter().for_each(Bell::ring);
     }
 
     /// True once it was noted.
@@ -81,9 +81,13 @@ impl OrchestratorGone {
         self.0.gone.get().is_some()
     }
 
-    /// Rings when it is noted.
-    pub fn bell(&self) -> &ThreadBell {
-        &self.0.bell
+    /// Rings this bell when it is noted, at once if it was. The first one that is given counts.
+    pub fn wakes(&self, bell: Bell) {
+        let bell = self.0.bell.get_or_init(|| bell);
+        // It may have been noted before there was a bell.
+        if self.is_set() {
+            bell.ring();
+        }
     }
 }
 
@@ -94,7 +98,7 @@ mod tests {
 
     #[test]
     fn only_who_has_no_orchestrator_is_ended() {
-        let gone = OrchestratorGone::new().unwrap();
+        let gone = OrchestratorGone::new();
         let (sender, ended) = channel();
         gone.end_after(Duration::ZERO, move || sender.send(()).unwrap()).unwrap();
         assert_eq!(ended.recv_timeout(Duration::from_millis(100)), Err(RecvTimeoutError::Timeout));
@@ -104,7 +108,7 @@ mod tests {
 
     #[test]
     fn who_waits_for_others_is_ended_and_who_has_joined_them_is_not() {
-        let gone = OrchestratorGone::new().unwrap();
+        let gone = OrchestratorGone::new();
         let (sender, ended) = channel();
         let end = |name| {
             let sender = sender.clone();

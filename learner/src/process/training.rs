@@ -455,7 +455,7 @@ impl<W: Write> Training<'_, W> {
                         self.run.recordings().display()
                     ))));
                 }
-                _ => self.conversation.wait(WRITING_PATIENCE)?,
+                _ => self.conversation.wait(WRITING_PATIENCE),
             }
         }
     }
@@ -481,7 +481,7 @@ impl<W: Write> Training<'_, W> {
                         self.run.root().display()
                     ))));
                 }
-                Permission::Wait => self.conversation.wait(left)?,
+                Permission::Wait => self.conversation.wait(left),
             }
         }
     }

@@ -20,7 +20,9 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use wire::message::{Halves, ObservationHeader, StageAnnouncement, directive, observation_kind};
-use wire::{Announcer, ObservationPublisher, Receipt, ReceiptBook, Wire, WireAddress, WireHost, WireShape, Written};
+use wire::{
+    Announcer, ObservationPublisher, Receipt, ReceiptBook, Sleeper, Wire, WireAddress, WireHost, WireShape, Written,
+};
 
 /// Longest that one learner process may take.
 const DEADLINE: Duration = Duration::from_mins(2);
@@ -359,9 +361,9 @@ impl Acting {
     fn run(mut self) {
         let restores = self.wire.restore_subscriber(self.number).unwrap();
         let actions = self.wire.action_subscriber(self.number).unwrap();
-        let wakeup = self.wire.actions_wakeup(self.number).unwrap();
+        let wakeup = self.wire.bells().wakeup(Sleeper::Actor(self.number));
         let observations = self.wire.observation_publisher(self.number).unwrap();
-        let bell = self.wire.observations_bell(self.number).unwrap();
+        let bell = self.wire.observations_bell(self.number);
         let halves = Halves::of(self.config.actors.environments_per_actor);
         let mut cried: Option<Instant> = None;
         let mut unsent: Vec<u32> = vec![];
@@ -370,7 +372,7 @@ impl Acting {
             if self.following == 0 && due {
                 cried = Some(Instant::now());
                 self.send(&observations, observation_kind::HELLO, 0);
-                let _ = bell.notify();
+                bell.ring();
             }
             while let Some(sample) = restores.receive().unwrap() {
                 let header = sample.user_header();
@@ -399,8 +401,8 @@ impl Acting {
                 }
             }
             unsent.retain(|&half| !self.send(&observations, observation_kind::OBSERVATIONS, half));
-            let _ = bell.notify();
-            wakeup.timed_wait(|_| {}, Duration::from_millis(if unsent.is_empty() { 20 } else { 2 })).unwrap();
+            bell.ring();
+            wakeup.wait(Duration::from_millis(if unsent.is_empty() { 20 } else { 2 }));
         }
     }
 

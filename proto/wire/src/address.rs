@@ -70,6 +70,11 @@ impl WireAddress {
         &self.root
     }
 
+    /// File of the bells' words. It is in memory: a ring must not wait for a disk.
+    pub(super) fn bells(&self) -> PathBuf {
+        Path::new(SHARED_MEMORY).join(format!("{}bells", self.prefix))
+    }
+
     /// File of the recorder's receipts.
     pub(super) fn receipts(&self) -> PathBuf {
         self.root.join("receipts")

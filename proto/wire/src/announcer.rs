@@ -1,15 +1,14 @@
-//! Both ends of the `stage` service and of its bell: what the orchestrator announces to all learners.
+//! Both ends of the `stage` service: what the orchestrator announces to all learners.
 
+use crate::bells::{Bell, Sleeper};
 use crate::error::WireError;
 use crate::message::StageAnnouncement;
-use crate::services::{
-    Bell, Ipc, STAGE, STAGE_READY, StageSubscriber, Wakeup, Wire, open, port, required_attributes, service,
-};
+use crate::services::{Ipc, STAGE, StageSubscriber, Wire, open, port, required_attributes, service};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::update_connections::UpdateConnections;
 use std::fmt::Debug;
 
-/// The orchestrator's end of both.
+/// The orchestrator's end.
 pub struct Announcer {
     publisher: Publisher<Ipc, StageAnnouncement, ()>,
     bell: Bell,
@@ -26,7 +25,7 @@ impl Announcer {
     pub fn announce(&self, announcement: StageAnnouncement) -> Result<(), WireError> {
         self.publisher.update_connections().map_err(|cause| unannounced(&cause))?;
         self.publisher.send_copy(announcement).map_err(|cause| unannounced(&cause))?;
-        self.ring();
+        self.bell.ring();
         Ok(())
     }
 
@@ -34,15 +33,8 @@ impl Announcer {
     /// timer.
     pub fn update(&self) -> Result<(), WireError> {
         self.publisher.update_connections().map_err(|cause| unannounced(&cause))?;
-        self.ring();
+        self.bell.ring();
         Ok(())
-    }
-
-    /// A bell that does not ring is no loss: learners look a few times a second.
-    fn ring(&self) {
-        if let Err(cause) = self.bell.notify() {
-            tracing::debug!("the bell of the stage announcements does not ring: {cause:?}");
-        }
     }
 }
 
@@ -50,8 +42,7 @@ impl Wire {
     /// The orchestrator's end of the stage service.
     pub fn announcer(&self) -> Result<Announcer, WireError> {
         let publisher = open!(self.stage(), STAGE).publisher_builder().create().map_err(|cause| port(STAGE, &cause))?;
-        let ready = open!(self.stage_ready(), STAGE_READY);
-        let bell = ready.notifier_builder().create().map_err(|cause| port(STAGE_READY, &cause))?;
+        let bell = self.bells().bell((0..self.shape().shares.learners()).map(Sleeper::Learner));
         Ok(Announcer { publisher, bell })
     }
 
@@ -59,11 +50,6 @@ impl Wire {
     /// [`Announcer::update`], which the orchestrator calls on a timer.
     pub fn stage_subscriber(&self) -> Result<StageSubscriber, WireError> {
         open!(self.stage(), STAGE).subscriber_builder().create().map_err(|cause| port(STAGE, &cause))
-    }
-
-    /// Rings when there may be an announcement to read.
-    pub fn stage_wakeup(&self) -> Result<Wakeup, WireError> {
-        open!(self.stage_ready(), STAGE_READY).listener_builder().create().map_err(|cause| port(STAGE_READY, &cause))
     }
 }
 

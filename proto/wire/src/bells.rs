@@ -1,189 +1,261 @@
-//! Waiting for several things at once: bells of other processes, and a bell between threads of this one. Who waits
-//! sleeps until one of them rings, and need not look now and then.
+//! Waking processes that sleep. Each has a word in a file that all map: whoever has sent it something rings, which counts
+//! the word up, and the kernel (futex) wakes the sleeper if it sleeps.
+//!
+//! A ring to a process that is awake is one atomic addition, and who wakes has nothing to read and nothing to clear. With
+//! iceoryx2's events, which are sockets, both cost system calls: one sent, two or three read, and the waits around them.
+//!
+//! Nothing here depends on who lives. A process can be killed before it rings, so nobody sleeps without a limit; one that
+//! is killed asleep leaves its word marked, and the next ring wakes nobody.
 
+use crate::address::WireAddress;
 use crate::error::WireError;
-use crate::services::{Ipc, Wakeup};
-use iceoryx2::port::listener::ListenerWaitError;
-use iceoryx2::prelude::{
-    CallbackProgression, FileDescriptor, FileDescriptorBased, SignalHandlingMode, SynchronousMultiplexing, WaitSet,
-    WaitSetAttachmentId, WaitSetBuilder, WaitSetGuard,
-};
-use rustix::event::{EventfdFlags, eventfd};
+use crate::services::WireShape;
+use crate::shm::Words;
+use rustix::io::Errno;
+use rustix::thread::futex::{self, Flags, Timespec};
+use std::cell::Cell;
 use std::fmt::Debug;
-use std::os::fd::{AsRawFd, OwnedFd};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-/// Wakes the thread that waits for it among [`Bells`]; any thread of the process may ring it. An eventfd.
-#[derive(Debug)]
-pub struct ThreadBell {
-    event: OwnedFd,
-    /// The same descriptor, as iceoryx2 wants it; closed by the field above.
-    descriptor: FileDescriptor,
+/// The bit of a word that says that its process sleeps, or is about to. The others count rings.
+const ASLEEP: u32 = 1;
+const RING: u32 = 2;
+/// Words of the file for each process: a cache line, so that who rings one does not slow another.
+const STRIDE: usize = 8;
+
+/// A process that can be woken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sleeper {
+    /// The recorder of this host.
+    Recorder,
+    /// The learner of this rank.
+    Learner(u32),
+    /// The actor of this number.
+    Actor(u32),
 }
 
-impl ThreadBell {
-    /// A bell that has not rung. Errors if the process has no descriptor left.
-    pub fn new() -> std::io::Result<Self> {
-        let event = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
-        let descriptor = FileDescriptor::non_owning_new(event.as_raw_fd()).expect("just opened");
-        Ok(Self { event, descriptor })
-    }
-
-    /// Rings. Before anybody waits is early enough.
-    pub fn ring(&self) {
-        // It can only fail because 2^64 - 2 rings are still pending; then it rings anyway.
-        let _ = rustix::io::write(&self.event, &1_u64.to_ne_bytes());
-    }
-
-    /// Makes it quiet, however often it has rung.
-    fn hush(&self) {
-        // It can only fail because it is quiet.
-        let _ = rustix::io::read(&self.event, &mut [0_u8; 8]);
-    }
+/// The words of an incarnation, from which bells and wakeups are made.
+#[derive(Clone)]
+pub struct Bells {
+    words: Arc<Words>,
+    shape: WireShape,
 }
 
-impl FileDescriptorBased for ThreadBell {
-    fn file_descriptor(&self) -> &FileDescriptor {
-        &self.descriptor
+impl Debug for Bells {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Bells").field("shape", &self.shape).finish_non_exhaustive()
     }
 }
-
-impl SynchronousMultiplexing for ThreadBell {}
-
-/// What one thread waits with; [`Bells::attach`] adds what it waits for.
-#[derive(Debug)]
-pub struct Bells(WaitSet<Ipc>);
 
 impl Bells {
-    /// Errors if the process has no descriptor left.
-    pub fn new() -> Result<Self, WireError> {
-        // Signals belong to the program, not to the transport.
-        let set = WaitSetBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create();
-        set.map(Self).map_err(|cause| failed(&cause))
+    /// Makes the file: the orchestrator's part.
+    pub(crate) fn create(address: &WireAddress, shape: WireShape) -> Result<(), WireError> {
+        let path = address.bells();
+        Words::create(&path, places(shape) * STRIDE).map_err(|cause| failed(address, cause))
     }
 
-    /// Waiting for bells of other processes and one of this process's threads.
-    pub fn attach<'a>(
-        &'a self,
-        wakeups: impl IntoIterator<Item = &'a Wakeup>,
-        thread: &'a ThreadBell,
-    ) -> Result<Waiting<'a>, WireError> {
-        let attach = |wakeup| match self.0.attach_notification(wakeup) {
-            Ok(guard) => Ok((guard, wakeup)),
-            Err(cause) => Err(failed(&cause)),
+    /// Those of an orchestrator incarnation.
+    pub fn open(address: &WireAddress, shape: WireShape) -> Result<Self, WireError> {
+        let words = Words::open(&address.bells(), places(shape) * STRIDE, true);
+        Ok(Self { words: Arc::new(words.map_err(|cause| failed(address, cause))?), shape })
+    }
+
+    /// The bell of these processes.
+    ///
+    /// # Panics
+    /// Here and below, if the run has no such process.
+    pub fn bell(&self, sleepers: impl IntoIterator<Item = Sleeper>) -> Bell {
+        let places = sleepers.into_iter().map(|sleeper| self.place(sleeper)).collect();
+        Bell { words: Arc::clone(&self.words), places }
+    }
+
+    /// A process's own end.
+    pub fn wakeup(&self, sleeper: Sleeper) -> Wakeup {
+        let place = self.place(sleeper);
+        // As if it had just rung: what was sent before may be there.
+        let seen = Cell::new(rings(self.words.low(place).load(Ordering::SeqCst)).wrapping_sub(RING));
+        Wakeup { words: Arc::clone(&self.words), place, seen }
+    }
+
+    fn place(&self, sleeper: Sleeper) -> usize {
+        let (learners, actors) = (self.shape.shares.learners(), self.shape.shares.actors());
+        let place = match sleeper {
+            Sleeper::Recorder => 0,
+            Sleeper::Learner(rank) if rank < learners => 1 + rank,
+            Sleeper::Actor(actor) if actor < actors => 1 + learners + actor,
+            Sleeper::Learner(_) | Sleeper::Actor(_) => panic!("the run has no {sleeper:?}"),
         };
-        let wakeups = wakeups.into_iter().map(attach).collect::<Result<_, _>>()?;
-        let in_process = self.0.attach_notification(thread).map_err(|cause| failed(&cause))?;
-        Ok(Waiting { set: &self.0, wakeups, thread: (in_process, thread) })
+        place as usize * STRIDE
     }
 }
 
-/// Bells that are attached.
-pub struct Waiting<'a> {
-    set: &'a WaitSet<Ipc>,
-    wakeups: Vec<(WaitSetGuard<'a, 'a, Ipc>, &'a Wakeup)>,
-    thread: (WaitSetGuard<'a, 'a, Ipc>, &'a ThreadBell),
+fn places(shape: WireShape) -> usize {
+    1 + (shape.shares.learners() + shape.shares.actors()) as usize
 }
 
-impl Debug for Waiting<'_> {
+fn failed(address: &WireAddress, cause: std::io::Error) -> WireError {
+    WireError::Bells { path: address.bells().display().to_string(), cause }
+}
+
+fn rings(word: u32) -> u32 {
+    word & !ASLEEP
+}
+
+/// Wakes one or several processes. Any thread may ring.
+#[derive(Clone)]
+pub struct Bell {
+    words: Arc<Words>,
+    places: Vec<usize>,
+}
+
+impl Debug for Bell {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Waiting").field("wakeups", &self.wakeups.len()).finish_non_exhaustive()
+        f.debug_struct("Bell").field("places", &self.places).finish_non_exhaustive()
     }
 }
 
-impl Waiting<'_> {
-    /// Sleeps until something has rung since the last call, at most for `longest` and an hour, rounded up to
-    /// milliseconds. What a bell announces was there before it rang: look for all of it afterwards.
-    pub fn wait(&self, longest: Duration) -> Result<(), WireError> {
-        // A wakeup can have been rung while it was being hushed, which takes the ring but leaves it marked as rung: its
-        // socket is then empty, and later rings are saved. Hushing it again finds the mark, unless another ring falls
-        // into that moment, too: so nobody waits without a limit.
-        let mut rung = 0;
-        for (_, wakeup) in &self.wakeups {
-            rung += hush(wakeup)?;
-        }
-        if rung > 0 {
-            return Ok(());
-        }
-        let mut hushed = Ok(0);
-        let rings = |id: WaitSetAttachmentId<Ipc>| {
-            if id.has_event_from(&self.thread.0) {
-                self.thread.1.hush();
+impl Bell {
+    /// Rings. What it announces must have been sent.
+    pub fn ring(&self) {
+        for &place in &self.places {
+            let word = self.words.low(place);
+            // Who sleeps compares the whole word, in the kernel: after this it does not fall asleep.
+            if word.fetch_add(RING, Ordering::SeqCst) & ASLEEP != 0 {
+                // The others that ring until it runs need not wake it, too.
+                word.fetch_and(!ASLEEP, Ordering::SeqCst);
+                if let Err(error) = futex::wake(word, Flags::empty(), i32::MAX.unsigned_abs()) {
+                    tracing::debug!("a bell does not ring: {error}");
+                }
             }
-            if let Some((_, wakeup)) = self.wakeups.iter().find(|(guard, _)| id.has_event_from(guard)) {
-                hushed = hush(wakeup);
+        }
+    }
+}
+
+/// Where a process sleeps until a bell of its own rings. One thread of it does.
+pub struct Wakeup {
+    words: Arc<Words>,
+    place: usize,
+    /// The rings up to the last return.
+    seen: Cell<u32>,
+}
+
+impl Debug for Wakeup {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Wakeup").field("place", &self.place).finish_non_exhaustive()
+    }
+}
+
+impl Wakeup {
+    /// Sleeps until it has rung since the last return, at most for `longest`; returns whether it has. It may return
+    /// early. What a bell announces was there before it rang: look for all of it afterwards.
+    pub fn wait(&self, longest: Duration) -> bool {
+        let word = self.words.low(self.place);
+        let mut now = word.load(Ordering::SeqCst);
+        if rings(now) == self.seen.get() {
+            now = word.fetch_or(ASLEEP, Ordering::SeqCst) | ASLEEP;
+            if rings(now) == self.seen.get() {
+                sleep(word, now, longest);
             }
-            CallbackProgression::Continue
-        };
-        // iceoryx2 counts milliseconds in 32 bits.
-        let longest = longest.min(Duration::from_hours(1));
-        self.set.wait_and_process_once_with_timeout(rings, longest).map_err(|cause| failed(&cause))?;
-        hushed.map(|_| ())
+            now = word.fetch_and(!ASLEEP, Ordering::SeqCst);
+        }
+        self.seen.replace(rings(now)) != rings(now)
     }
 }
 
-/// Clears a wakeup; returns the number of its rings.
-fn hush(wakeup: &Wakeup) -> Result<u64, WireError> {
-    match wakeup.try_wait(|_| {}) {
-        Ok(rings) => Ok(rings),
-        // Whoever handles the signal will do so; the ring is still there.
-        Err(ListenerWaitError::InterruptSignal) => Ok(0),
-        Err(cause) => Err(failed(&cause)),
+/// Until the word is another one than `expected` and somebody says so, at most for `longest`.
+fn sleep(word: &AtomicU32, expected: u32, longest: Duration) {
+    let longest = Timespec::try_from(longest).ok();
+    match futex::wait(word, Flags::empty(), expected, longest.as_ref()) {
+        // Woken, rung meanwhile, interrupted by a signal, or the time is over.
+        Ok(()) | Err(Errno::AGAIN | Errno::INTR | Errno::TIMEDOUT) => {}
+        Err(error) => {
+            tracing::debug!("cannot sleep: {error}");
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
-}
-
-fn failed(cause: &dyn Debug) -> WireError {
-    WireError::Wait(format!("{cause:?}"))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Wire, WireAddress, WireHost, WireShape};
+    use crate::WireHost;
     use proto::shares::Shares;
     use std::time::Instant;
 
     const LONG: Duration = Duration::from_secs(20);
+    const QUIET: Duration = Duration::from_millis(30);
 
-    #[test]
-    fn whichever_rings_ends_the_wait_and_a_quiet_set_waits_its_time() {
-        let shape = WireShape { shares: Shares::of_one(2), environments_per_actor: 1 };
-        let address = WireAddress::new(&format!("testbells{}", std::process::id()), 1);
+    fn with_bells(name: &str, test: impl FnOnce(&Bells)) {
+        let shape = WireShape { shares: Shares::new(3, 2), environments_per_actor: 1 };
+        let address = WireAddress::new(&format!("test{name}{}", std::process::id()), 1);
         let host = WireHost::create(&address, shape).unwrap();
-        {
-            let learner = Wire::join(&address, shape, "learner-0").unwrap();
-            let (observations, stage) = (learner.observations_wakeup(0).unwrap(), learner.stage_wakeup().unwrap());
-            let (bells, thread) = (Bells::new().unwrap(), ThreadBell::new().unwrap());
-            let waiting = bells.attach([&observations, &stage], &thread).unwrap();
-            let waited = |longest: Duration| {
-                let began = Instant::now();
-                waiting.wait(longest).unwrap();
-                began.elapsed()
-            };
-            let quiet = Duration::from_millis(30);
-            assert!(waited(quiet) >= quiet);
-
-            let actor = learner.observations_bell(1).unwrap();
-            let announcer = host.wire().announcer().unwrap();
-            for ring in [&|| assert!(actor.notify().is_ok()), &|| announcer.update().unwrap(), &|| thread.ring()]
-                as [&dyn Fn(); 3]
-            {
-                // Twice is once; and it makes no difference whether somebody waits already.
-                ring();
-                ring();
-                assert!(waited(LONG) < LONG);
-                // A ring can wake it twice, but the set comes to rest.
-                assert!((0..3).any(|_| waited(quiet) >= quiet));
-            }
-            std::thread::scope(|scope| {
-                scope.spawn(|| {
-                    std::thread::sleep(quiet);
-                    thread.ring();
-                });
-                assert!(waited(LONG) < LONG);
-            });
-        }
+        test(&Bells::open(&address, shape).unwrap());
         drop(host);
         address.sweep().unwrap();
+        assert!(Bells::open(&address, shape).is_err(), "nothing is left");
+    }
+
+    #[test]
+    fn whoever_rings_ends_the_wait_and_a_quiet_one_waits_its_time() {
+        with_bells("bells", |bells| {
+            let wakeup = bells.wakeup(Sleeper::Learner(1));
+            assert!(wakeup.wait(LONG), "what was sent before it came may be there");
+            let waits_its_time = || {
+                let began = Instant::now();
+                !wakeup.wait(QUIET) && began.elapsed() >= QUIET
+            };
+            assert!(waits_its_time());
+            // Twice is once; and it makes no difference whether somebody waits already.
+            let bell = bells.bell([Sleeper::Recorder, Sleeper::Learner(1)]);
+            bell.ring();
+            bell.ring();
+            assert!(wakeup.wait(LONG) && waits_its_time());
+            std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    std::thread::sleep(QUIET);
+                    bell.ring();
+                });
+                assert!(wakeup.wait(LONG) && waits_its_time());
+            });
+            // Nobody else's wakes it.
+            let others =
+                [Sleeper::Recorder, Sleeper::Learner(0), Sleeper::Actor(0), Sleeper::Actor(1), Sleeper::Actor(2)];
+            bells.bell(others).ring();
+            assert!(waits_its_time());
+            for other in others {
+                assert!(bells.wakeup(other).wait(LONG));
+            }
+        });
+    }
+
+    /// One that was killed asleep has left its word marked.
+    #[test]
+    fn a_successor_of_a_killed_sleeper_sleeps_and_wakes() {
+        with_bells("asleep", |bells| {
+            let (wakeup, bell) = (bells.wakeup(Sleeper::Actor(2)), bells.bell([Sleeper::Actor(2)]));
+            let word = bells.words.low(bells.place(Sleeper::Actor(2)));
+            assert!(wakeup.wait(LONG) && !wakeup.wait(QUIET));
+            word.fetch_or(ASLEEP, Ordering::SeqCst);
+            bell.ring();
+            assert!(wakeup.wait(LONG) && !wakeup.wait(QUIET));
+            word.fetch_or(ASLEEP, Ordering::SeqCst);
+            let successor = bells.wakeup(Sleeper::Actor(2));
+            assert!(successor.wait(LONG) && !successor.wait(QUIET));
+            bell.ring();
+            assert!(successor.wait(LONG));
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "the run has no Actor(3)")]
+    fn there_are_as_many_bells_as_processes() {
+        let shape = WireShape { shares: Shares::new(3, 2), environments_per_actor: 1 };
+        let address = WireAddress::new(&format!("testnoactor{}", std::process::id()), 1);
+        Bells::create(&address, shape).unwrap();
+        let bells = Bells::open(&address, shape);
+        address.sweep().unwrap();
+        bells.unwrap().bell([Sleeper::Actor(3)]);
     }
 }

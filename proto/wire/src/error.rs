@@ -56,9 +56,16 @@ pub enum WireError {
         /// Why.
         cause: std::io::Error,
     },
-    /// Bells could not be waited for.
-    #[error("cannot wait for bells: {0}")]
-    Wait(String),
+    /// The file of the bells could not be made or mapped.
+    #[error(
+        "cannot use the bells in {path}: {cause}; if /dev/shm is full, `orchestrator clean` frees what dead runs left"
+    )]
+    Bells {
+        /// The file.
+        path: String,
+        /// Why.
+        cause: std::io::Error,
+    },
     /// An announcement could not be made.
     #[error("a stage announcement cannot be published: {0}")]
     Announcement(String),

@@ -53,7 +53,6 @@ pub mod logging;
 pub mod message;
 pub mod processor;
 mod receipts;
-mod recorded;
 mod services;
 mod shm;
 mod sweeper;
@@ -61,13 +60,12 @@ pub mod version;
 
 pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id};
 pub use announcer::Announcer;
-pub use bells::{Bells, ThreadBell, Waiting};
+pub use bells::{Bell, Bells, Sleeper, Wakeup};
 pub use error::WireError;
 pub use ffi::give_memory_back;
 pub use proto::fault;
 pub use receipts::{Receipt, ReceiptBook, Receipts, Written};
 pub use services::{
-    ActionPublisher, ActionSubscriber, Bell, Ipc, LEARNER_THREADS, ObservationPublisher, ObservationReaders,
-    ObservationSubscriber, RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wakeup, Wire,
-    WireHost, WireShape,
+    ActionPublisher, ActionSubscriber, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
+    RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wire, WireHost, WireShape,
 };

@@ -3,16 +3,13 @@
 //! | service | pattern | from → to | payload |
 //! |---|---|---|---|
 //! | `observations/RANK` | publish-subscribe | a learner's actors → it, recorder | `[Observation]` of one half |
-//! | `observations-ready/RANK` | event, id = actor | a learner's actors → the same | |
 //! | `restore/ACTOR` | publish-subscribe | learner → one actor | `[EnvironmentState]` of all its environments |
 //! | `actions/ACTOR` | publish-subscribe | learner → one actor | `[u8]`, one action an environment of the half |
-//! | `actions-ready/ACTOR` | event | learner → one actor | |
-//! | `recorded/RANK` | event | recorder → a learner | |
 //! | `stage` | publish-subscribe, history 1 | orchestrator → learners | `StageAnnouncement` |
-//! | `stage-ready` | event | orchestrator → the same | |
 //!
 //! Each learner has its own observation services: samples of another learner's actors neither wake it nor fill its
-//! queue. What the recorder has taken stands in its [receipts](crate::receipts), which are no service.
+//! queue. What the recorder has taken stands in its [receipts](crate::receipts), and who has sent something rings
+//! [bells](crate::bells): neither is a service.
 //!
 //! One long-lived process, the orchestrator, creates every service ([`WireHost`]) and all others only open them
 //! ([`Wire`]): a process killed while it creates a service can leave it half-made for good. Each incarnation of the
@@ -20,23 +17,21 @@
 //! deleting one folder and one prefix in /dev/shm.
 
 use crate::address::WireAddress;
+use crate::bells::{Bell, Bells, Sleeper};
 use crate::error::WireError;
 use crate::message::{
     ActionHeader, EnvironmentState, Halves, Observation, ObservationHeader, RestoreHeader, StageAnnouncement,
 };
 use crate::receipts;
 use crate::sweeper::Sweeper;
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 pub use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{
-    AllocationStrategy, AttributeSpecifier, AttributeVerifier, BackpressureStrategy, EventId, Node, NodeBuilder,
-    NodeName, PortFactory, ServiceName, SignalHandlingMode, ipc,
+    AllocationStrategy, AttributeSpecifier, AttributeVerifier, BackpressureStrategy, Node, NodeBuilder, NodeName,
+    PortFactory, ServiceName, SignalHandlingMode, ipc,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
-use iceoryx2::service::builder::event::Builder as EventBuilder;
 use iceoryx2::service::builder::publish_subscribe::Builder as PublishSubscribeBuilder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribe;
 use proto::SCHEMA_VERSION;
@@ -60,10 +55,6 @@ pub type RestorePublisher = Publisher<Ipc, [EnvironmentState], RestoreHeader>;
 pub type RestoreSubscriber = Subscriber<Ipc, [EnvironmentState], RestoreHeader>;
 /// Subscriber of stage announcements.
 pub type StageSubscriber = Subscriber<Ipc, StageAnnouncement, ()>;
-/// Waits for events.
-pub type Wakeup = Listener<Ipc>;
-/// Raises events.
-pub type Bell = Notifier<Ipc>;
 
 /// Subscribers of observations: learner and recorder. The services have room for one more, a killed learner
 /// that is not swept yet when its successor comes.
@@ -74,8 +65,6 @@ const OBSERVATION_BUFFER: usize = 2;
 const OBSERVATION_BORROWED: usize = 2;
 /// Ports that a restarted process may need while its dead predecessor's are not swept yet.
 const RESTART_MARGIN: usize = 2;
-/// Threads of a learner, besides its first, that may join ([`Wire::join`]).
-pub const LEARNER_THREADS: usize = 4;
 
 /// How many processes and environments share one machine's services.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -103,8 +92,8 @@ impl WireShape {
     }
 
     fn nodes(self) -> usize {
-        // Actors, learners' threads, orchestrator, recorder; each possibly next to its dead predecessor.
-        (self.shares.actors() as usize + self.shares.learners() as usize * (1 + LEARNER_THREADS) + 2) * RESTART_MARGIN
+        // Actors, learners, orchestrator, recorder; each possibly next to its dead predecessor.
+        (self.shares.actors() as usize + self.shares.learners() as usize + 2) * RESTART_MARGIN
     }
 }
 
@@ -120,6 +109,7 @@ pub(crate) use open;
 pub struct Wire {
     node: Node<Ipc>,
     shape: WireShape,
+    bells: Bells,
 }
 
 impl Debug for Wire {
@@ -140,7 +130,12 @@ impl Wire {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Ipc>()
             .map_err(|error| failed(&error))?;
-        Ok(Self { node, shape })
+        Ok(Self { node, shape, bells: Bells::open(address, shape)? })
+    }
+
+    /// All bells.
+    pub fn bells(&self) -> &Bells {
+        &self.bells
     }
 
     /// The shape it was joined with.
@@ -181,23 +176,9 @@ impl Wire {
         service.subscriber_builder().buffer_size(OBSERVATION_BUFFER).create().map_err(|cause| port(&name, &cause))
     }
 
-    /// Rings when one of a learner's actors has sent observations; the event id is the actor's number.
-    pub fn observations_wakeup(&self, rank: u32) -> Result<Wakeup, WireError> {
-        let name = observations_ready_name(rank);
-        let service = open!(self.observations_ready(rank), &name);
-        service.listener_builder().create().map_err(|cause| port(&name, &cause))
-    }
-
-    /// The actor's bell for its observations.
-    pub fn observations_bell(&self, actor: u32) -> Result<Bell, WireError> {
-        let rank = self.shape.shares.learner_of(actor);
-        let name = observations_ready_name(rank);
-        let service = open!(self.observations_ready(rank), &name);
-        service
-            .notifier_builder()
-            .default_event_id(EventId::new(actor as usize))
-            .create()
-            .map_err(|cause| port(&name, &cause))
+    /// The actor's bell for its observations: it wakes its learner and the recorder.
+    pub fn observations_bell(&self, actor: u32) -> Bell {
+        self.bells.bell([Sleeper::Learner(self.shape.shares.learner_of(actor)), Sleeper::Recorder])
     }
 
     /// The learner's end of one actor's actions.
@@ -244,20 +225,6 @@ impl Wire {
         service.subscriber_builder().create().map_err(|cause| port(&name, &cause))
     }
 
-    /// Rings when the learner has sent this actor actions or a restore.
-    pub fn actions_wakeup(&self, actor: u32) -> Result<Wakeup, WireError> {
-        let name = actions_ready_name(actor);
-        let service = open!(self.actions_ready(actor), &name);
-        service.listener_builder().create().map_err(|cause| port(&name, &cause))
-    }
-
-    /// The learner's bell for one actor.
-    pub fn actions_bell(&self, actor: u32) -> Result<Bell, WireError> {
-        let name = actions_ready_name(actor);
-        let service = open!(self.actions_ready(actor), &name);
-        service.notifier_builder().create().map_err(|cause| port(&name, &cause))
-    }
-
     // The settings of each service. Creating and opening share them; defaults of iceoryx2 do not fit.
 
     fn observations(&self, rank: u32) -> Result<SampleBuilder<[Observation], ObservationHeader>, WireError> {
@@ -272,28 +239,6 @@ impl Wire {
             .history_size(0)
             .max_publishers(self.shape.shares.actors_of(rank).len() * RESTART_MARGIN)
             .max_subscribers(OBSERVATION_SUBSCRIBERS + 1)
-            .max_nodes(self.shape.nodes()))
-    }
-
-    fn observations_ready(&self, rank: u32) -> Result<EventBuilder<Ipc>, WireError> {
-        Ok(self
-            .node
-            .service_builder(&name(&observations_ready_name(rank))?)
-            .event()
-            .max_notifiers(self.shape.shares.actors_of(rank).len() * RESTART_MARGIN)
-            .max_listeners(OBSERVATION_SUBSCRIBERS + 1)
-            .event_id_max_value(self.shape.shares.actors() as usize)
-            .max_nodes(self.shape.nodes()))
-    }
-
-    pub(crate) fn recorded(&self, rank: u32) -> Result<EventBuilder<Ipc>, WireError> {
-        Ok(self
-            .node
-            .service_builder(&name(&recorded_name(rank))?)
-            .event()
-            .max_notifiers(1)
-            .max_listeners(RESTART_MARGIN)
-            .event_id_max_value(1)
             .max_nodes(self.shape.nodes()))
     }
 
@@ -328,17 +273,6 @@ impl Wire {
             .max_nodes(self.shape.nodes()))
     }
 
-    fn actions_ready(&self, actor: u32) -> Result<EventBuilder<Ipc>, WireError> {
-        Ok(self
-            .node
-            .service_builder(&name(&actions_ready_name(actor))?)
-            .event()
-            .max_notifiers(RESTART_MARGIN)
-            .max_listeners(RESTART_MARGIN)
-            .event_id_max_value(1)
-            .max_nodes(self.shape.nodes()))
-    }
-
     pub(crate) fn stage(&self) -> Result<SampleBuilder<StageAnnouncement, ()>, WireError> {
         Ok(self
             .node
@@ -351,17 +285,6 @@ impl Wire {
             .history_size(1)
             .max_publishers(1)
             .max_subscribers(self.shape.shares.learners() as usize * RESTART_MARGIN)
-            .max_nodes(self.shape.nodes()))
-    }
-
-    pub(crate) fn stage_ready(&self) -> Result<EventBuilder<Ipc>, WireError> {
-        Ok(self
-            .node
-            .service_builder(&name(STAGE_READY)?)
-            .event()
-            .max_notifiers(1)
-            .max_listeners(self.shape.shares.learners() as usize * RESTART_MARGIN)
-            .event_id_max_value(1)
             .max_nodes(self.shape.nodes()))
     }
 }
@@ -402,6 +325,7 @@ impl WireHost {
     /// Creates those of these learners and of their actors: the others are on other hosts.
     pub fn create_part(address: &WireAddress, shape: WireShape, ranks: Range<u32>) -> Result<Self, WireError> {
         address.create_root()?;
+        Bells::create(address, shape)?;
         let wire = Wire::join(address, shape, "orchestrator")?;
         let attributes = defined_attributes();
         let mut held: Vec<Box<dyn std::any::Any>> = Vec::new();
@@ -413,16 +337,12 @@ impl WireHost {
             };
         }
         create!(wire.stage(), STAGE);
-        create!(wire.stage_ready(), STAGE_READY);
         for rank in ranks.clone() {
             create!(wire.observations(rank), &observations_name(rank));
-            create!(wire.observations_ready(rank), &observations_ready_name(rank));
-            create!(wire.recorded(rank), &recorded_name(rank));
         }
         for actor in ranks.flat_map(|rank| shape.shares.actors_of(rank)) {
             create!(wire.actions(actor), &actions_name(actor));
             create!(wire.restore(actor), &restore_name(actor));
-            create!(wire.actions_ready(actor), &actions_ready_name(actor));
         }
         receipts::create(address, shape.shares.actors())?;
         let config = address.config()?;
@@ -450,26 +370,13 @@ impl WireHost {
 }
 
 pub(crate) const STAGE: &str = "stage";
-pub(crate) const STAGE_READY: &str = "stage-ready";
 
 fn observations_name(rank: u32) -> String {
     format!("observations/{rank}")
 }
 
-fn observations_ready_name(rank: u32) -> String {
-    format!("observations-ready/{rank}")
-}
-
-pub(crate) fn recorded_name(rank: u32) -> String {
-    format!("recorded/{rank}")
-}
-
 fn actions_name(actor: u32) -> String {
     format!("actions/{actor}")
-}
-
-fn actions_ready_name(actor: u32) -> String {
-    format!("actions-ready/{actor}")
 }
 
 fn restore_name(actor: u32) -> String {
@@ -557,9 +464,10 @@ mod tests {
             let actor = Wire::join(&address, shape, "actor-02").unwrap();
             let subscriber = learner.observation_subscriber(1).unwrap();
             let others = learner.observation_subscriber(0).unwrap();
-            let wakeup = learner.observations_wakeup(1).unwrap();
+            let wakeups = [Sleeper::Learner(1), Sleeper::Recorder].map(|sleeper| learner.bells().wakeup(sleeper));
             let publisher = actor.observation_publisher(2).unwrap();
-            let bell = actor.observations_bell(2).unwrap();
+            let bell = actor.observations_bell(2);
+            assert!(wakeups.iter().all(|wakeup| wakeup.wait(Duration::ZERO) && !wakeup.wait(Duration::ZERO)));
 
             let mut sample = publisher.loan_slice_uninit(2).unwrap();
             *sample.user_header_mut() =
@@ -567,10 +475,8 @@ mod tests {
             let mut observation = Observation::zeroed();
             observation.depth_mm[7] = 1234;
             assert_eq!(sample.write_from_fn(|_| observation).send().unwrap(), 1);
-            bell.notify().unwrap();
-            let mut rung = vec![];
-            wakeup.timed_wait(|event| rung.push(event.id.as_value()), Duration::from_secs(5)).unwrap();
-            assert_eq!(rung, vec![2]);
+            bell.ring();
+            assert!(wakeups.iter().all(|wakeup| wakeup.wait(Duration::from_secs(5))));
             let received = subscriber.receive().unwrap().unwrap();
             assert_eq!((received.user_header().actor, received.payload().len()), (2, 2));
             assert_eq!(received.payload()[1].depth_mm[7], 1234);

@@ -1,6 +1,4 @@
-//! Words that several processes share: a file that each of them maps. The unsafe code of the [receipts].
-//!
-//! [receipts]: crate::receipts
+//! Words that several processes share: a file that each of them maps. The unsafe code of receipts and bells.
 
 use rustix::fs::{Mode, OFlags};
 use rustix::mm::{MapFlags, ProtFlags};
@@ -9,7 +7,7 @@ use std::os::fd::AsFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::ptr::NonNull;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 /// A mapped file of words.
 pub struct Words {
@@ -17,6 +15,11 @@ pub struct Words {
     count: usize,
     writable: bool,
 }
+
+// SAFETY: the mapping belongs to the process, not to a thread, and lives as long as this; all use it through atomics only.
+unsafe impl Send for Words {}
+// SAFETY: as above.
+unsafe impl Sync for Words {}
 
 impl Words {
     /// Makes the file, all zero, for this user alone. It is written, not only made long: a full disk is an error here,
@@ -61,6 +64,18 @@ impl Words {
     pub fn store(&self, index: usize, value: u64) {
         assert!(self.writable, "only the recorder writes receipts");
         self.word(index).store(value, Ordering::Release);
+    }
+
+    /// The lower half of a word that is never used as a whole: the kernel waits for 32 bits.
+    ///
+    /// # Panics
+    /// If there is none with this index, or the words were mapped for reading.
+    pub fn low(&self, index: usize) -> &AtomicU32 {
+        assert!(self.writable, "a word that is only read is read whole");
+        let word: *const AtomicU64 = self.word(index);
+        // SAFETY: a word's lower half comes first on this processor, and its alignment suffices; the word lives as long as
+        // self, and is used by halves only, in all processes.
+        unsafe { &*word.cast() }
     }
 
     fn word(&self, index: usize) -> &AtomicU64 {

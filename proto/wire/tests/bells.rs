@@ -3,32 +3,30 @@
 use proto::shares::Shares;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
-use wire::{Bells, ThreadBell, Wire, WireAddress, WireHost, WireShape};
+use wire::{Bells, Sleeper, WireAddress, WireHost, WireShape};
 
 const RINGERS: u32 = 3;
-const ROUNDS: u32 = 2_000;
+const ROUNDS: u32 = 20_000;
 /// Longer than any turn on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 #[test]
-fn every_ring_wakes_who_waits_for_several() {
+fn every_ring_wakes_who_sleeps() {
     let shape = WireShape { shares: Shares::of_one(RINGERS), environments_per_actor: 1 };
     let address = WireAddress::new(&format!("testrings{}", std::process::id()), 1);
     let host = WireHost::create(&address, shape).unwrap();
     {
-        let (bells, thread) = (Bells::new().unwrap(), ThreadBell::new().unwrap());
-        let (observations, stage) = (host.wire().observations_wakeup(0).unwrap(), host.wire().stage_wakeup().unwrap());
-        let waiting = bells.attach([&observations, &stage], &thread).unwrap();
+        let wakeup = host.wire().bells().wakeup(Sleeper::Learner(0));
         let [said, heard] = [(); 2].map(|()| (0..RINGERS).map(|_| AtomicU32::new(0)).collect::<Vec<_>>());
         std::thread::scope(|scope| {
-            for actor in 0..RINGERS {
-                let (address, said, heard) = (&address, &said[actor as usize], &heard[actor as usize]);
+            for (said, heard) in said.iter().zip(&heard) {
+                let address = &address;
                 scope.spawn(move || {
-                    let wire = Wire::join(address, shape, &format!("actor-{actor:02}")).unwrap();
-                    let bell = wire.observations_bell(actor).unwrap();
+                    // A mapping of its own, as a process has.
+                    let bell = Bells::open(address, shape).unwrap().bell([Sleeper::Learner(0)]);
                     for round in 1..=ROUNDS {
                         said.store(round, Ordering::SeqCst);
-                        bell.notify().unwrap();
+                        bell.ring();
                         // It goes on when it was heard, so a ring that is lost stops all that follow.
                         while heard.load(Ordering::SeqCst) < round {
                             std::thread::yield_now();
@@ -38,7 +36,7 @@ fn every_ring_wakes_who_waits_for_several() {
             }
             while heard.iter().any(|heard| heard.load(Ordering::SeqCst) < ROUNDS) {
                 let began = Instant::now();
-                waiting.wait(PATIENCE).unwrap();
+                wakeup.wait(PATIENCE);
                 // Not an assertion yet: the ringers must be let go.
                 let lost = began.elapsed() >= PATIENCE;
                 for (said, heard) in said.iter().zip(&heard) {

@@ -1,15 +1,15 @@
 //! The product's wire, with the services, settings and waits that actors, learner and recorder have.
 
 use crate::end::{ActorEnd, EndArgs, LearnerEnd, Place};
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, ensure};
 use iceoryx2::sample::Sample;
 use proto::shares::Shares;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use wire::message::{ActionHeader, Observation, ObservationHeader, observation_kind};
 use wire::{
-    ActionPublisher, ActionSubscriber, Bell, Bells, Ipc, ObservationPublisher, ObservationReaders,
-    ObservationSubscriber, ThreadBell, UpdateConnections, Waiting, Wakeup, Wire, WireAddress, WireHost, WireShape,
+    ActionPublisher, ActionSubscriber, Bell, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
+    Sleeper, UpdateConnections, Wakeup, Wire, WireAddress, WireHost, WireShape,
 };
 
 /// Longest sleep without a look around, as in the product.
@@ -31,7 +31,7 @@ pub struct Learner {
     // Ports before node and host: they are dropped in this order.
     held: [BTreeMap<u32, Received>; 2],
     observations: ObservationSubscriber,
-    waiting: Waiting<'static>,
+    wakeup: Wakeup,
     actors: Vec<(ActionPublisher, Bell)>,
     steps: [u64; 2],
     frames: usize,
@@ -45,15 +45,13 @@ impl Learner {
         let (address, shape) = (address(place), shape(place));
         let host = WireHost::create(&address, shape)?;
         let wire = Wire::join(&address, shape, "learner-0")?;
-        // For the rest of the process, which measures one cell.
-        let wakeup: &'static Wakeup = Box::leak(Box::new(wire.observations_wakeup(0)?));
-        let bells: &'static Bells = Box::leak(Box::new(Bells::new()?));
-        let gone: &'static ThreadBell = Box::leak(Box::new(ThreadBell::new()?));
-        let actors = (0..place.actors).map(|actor| Ok((wire.action_publisher(actor)?, wire.actions_bell(actor)?)));
+        let wakeup = wire.bells().wakeup(Sleeper::Learner(0));
+        let bell = |actor| wire.bells().bell([Sleeper::Actor(actor)]);
+        let actors = (0..place.actors).map(|actor| Ok((wire.action_publisher(actor)?, bell(actor))));
         Ok(Self {
             held: Default::default(),
             observations: wire.observation_subscriber(0)?,
-            waiting: bells.attach([wakeup], gone)?,
+            wakeup,
             actors: actors.collect::<Result<_>>()?,
             steps: [0; 2],
             frames: place.frames as usize,
@@ -80,7 +78,7 @@ impl LearnerEnd for Learner {
             if self.held[half as usize].len() == self.actors.len() {
                 break;
             }
-            self.waiting.wait(LOOK)?;
+            self.wakeup.wait(LOOK);
         }
         self.held[half as usize].iter().for_each(|(&actor, sample)| each(actor, bytes(sample)));
         Ok(())
@@ -88,14 +86,15 @@ impl LearnerEnd for Learner {
 
     fn answer(&mut self, half: u32, action: u8) -> Result<()> {
         let header = ActionHeader { step: self.steps[half as usize], half, ..Default::default() };
+        // As the collector does: an actor that is woken finds its slot free.
+        self.held[half as usize].clear();
         for (publisher, bell) in &self.actors {
             let mut sample = publisher.loan_slice_uninit(self.frames).context("cannot send actions")?;
             *sample.user_header_mut() = header;
             sample.write_from_fn(|_| action).send().context("cannot send actions")?;
-            bell.notify().map_err(|cause| anyhow!("a bell does not ring: {cause:?}"))?;
+            bell.ring();
         }
         self.steps[half as usize] += 1;
-        self.held[half as usize].clear();
         Ok(())
     }
 }
@@ -122,8 +121,8 @@ impl Actor {
             frames: place.frames as usize,
             steps: [0; 2],
             actions: wire.action_subscriber(actor)?,
-            wakeup: wire.actions_wakeup(actor)?,
-            bell: wire.observations_bell(actor)?,
+            wakeup: wire.bells().wakeup(Sleeper::Actor(actor)),
+            bell: wire.observations_bell(actor),
             observations: wire.observation_publisher(actor)?,
             readers: wire.observation_readers(actor)?,
             _wire: wire,
@@ -147,7 +146,7 @@ impl ActorEnd for Actor {
         unsafe { slots.as_mut_ptr().write_bytes(pattern, slots.len()) };
         // SAFETY: every byte was written, and an Observation of any bytes is valid.
         let receivers = unsafe { sample.assume_init() }.send().context("cannot send observations")?;
-        self.bell.notify().map_err(|cause| anyhow!("the bell does not ring: {cause:?}"))?;
+        self.bell.ring();
         ensure!(receivers == self.readers.count(), "{receivers} of {} readers got a sample", self.readers.count());
         self.steps[half as usize] += 1;
         Ok(())
@@ -158,7 +157,7 @@ impl ActorEnd for Actor {
             if let Some(sample) = self.actions.receive().context("cannot receive actions")? {
                 return Ok((sample.user_header().half, sample.payload()[0]));
             }
-            self.wakeup.timed_wait(|_| {}, LOOK).map_err(|cause| anyhow!("cannot wait: {cause:?}"))?;
+            self.wakeup.wait(LOOK);
         }
     }
 }
@@ -168,7 +167,7 @@ impl ActorEnd for Actor {
 pub fn record(args: &EndArgs) -> Result<()> {
     wire::lifeline::hold(|| std::process::exit(0)).context("cannot watch standard input")?;
     let wire = Wire::join(&address(&args.place), shape(&args.place), "recorder")?;
-    let wakeup = wire.observations_wakeup(0)?;
+    let wakeup = wire.bells().wakeup(Sleeper::Recorder);
     let observations = wire.observation_subscriber(0)?;
     println!("ready");
     let mut seen = 0_u64;
@@ -177,6 +176,6 @@ pub fn record(args: &EndArgs) -> Result<()> {
             let hashes = sample.payload().iter().map(|observation| observation.transition.state_hash);
             seen = std::hint::black_box(hashes.fold(seen, u64::wrapping_add));
         }
-        wakeup.timed_wait(|_| {}, LOOK).map_err(|cause| anyhow!("cannot wait: {cause:?}"))?;
+        wakeup.wait(LOOK);
     }
 }

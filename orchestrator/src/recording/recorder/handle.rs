@@ -10,7 +10,7 @@ use proto::reward::RewardKind;
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
-use wire::ThreadBell;
+use wire::{Bell, Bells, Sleeper};
 
 /// A running recorder.
 #[derive(Debug)]
@@ -18,7 +18,7 @@ pub struct Recorder {
     thread: JoinHandle<Result<RecordingSummary, RecorderError>>,
     notes: Sender<(u64, Note)>,
     /// Rings when there is a note.
-    bell: Arc<ThreadBell>,
+    bell: Bell,
     failure: Arc<OnceLock<String>>,
     /// The learner that speaks for the recording.
     leader: u32,
@@ -30,16 +30,16 @@ impl Recorder {
     pub fn start(setup: RecorderSetup) -> Result<Self, RecorderError> {
         let (notes, inbox) = channel();
         let (ready, started) = channel();
-        let bell = Arc::new(ThreadBell::new().map_err(RecorderError::Bell)?);
+        let bell = Bells::open(&setup.address, setup.shape)?.bell([Sleeper::Recorder]);
         let (failure, leader) = (Arc::new(OnceLock::new()), setup.ranks.start);
         let stages = setup.config.stages.iter().map(|stage| (stage.name.clone(), stage.reward)).collect();
         let thread = {
-            let (bell, failure) = (Arc::clone(&bell), Arc::clone(&failure));
+            let failure = Arc::clone(&failure);
             std::thread::Builder::new()
                 .name("recorder".to_owned())
                 // Ports of shared memory stay on the thread that made them.
                 .spawn(move || {
-                    let result = tap::run(&setup, &inbox, &bell, &failure, &ready);
+                    let result = tap::run(&setup, &inbox, &failure, &ready);
                     if let Err(error) = &result {
                         // The first reason is kept.
                         let _ = failure.set(error.to_string());

@@ -71,9 +71,6 @@ pub enum RecorderError {
     /// The thread could not be started.
     #[error("cannot start the recorder's thread: {0}")]
     Thread(std::io::Error),
-    /// Its bell could not be made.
-    #[error("cannot make the recorder's bell: {0}")]
-    Bell(std::io::Error),
     /// The thread did not come up.
     #[error("the recorder did not start within {} s", START_DEADLINE.as_secs())]
     Slow,

@@ -10,7 +10,7 @@ use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
 use wire::fault;
 use wire::message::{Halves, Observation, ObservationHeader, observation_kind};
-use wire::{Bell, Bells, ObservationSubscriber, Receipt, ReceiptBook, ThreadBell, Wire, WireError, WireShape, Written};
+use wire::{Bell, ObservationSubscriber, Receipt, ReceiptBook, Sleeper, Wire, WireError, WireShape, Written};
 
 /// A killed recorder loses at most this much.
 const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
@@ -18,23 +18,19 @@ const FLUSH_INTERVAL: Duration = Duration::from_secs(1);
 const QUIET: Duration = Duration::from_millis(20);
 const DRAIN_DEADLINE: Duration = Duration::from_secs(5);
 
-/// Runs until a note asks it to finish. `bell` rings when there are notes. Sends on `ready` once the subscriber exists;
-/// an error before that is returned.
+/// Runs until a note asks it to finish; the recorder's bell rings when there are notes, too. Sends on `ready` once the
+/// subscriber exists; an error before that is returned.
 pub fn run(
     setup: &RecorderSetup,
     notes: &Receiver<(u64, Note)>,
-    bell: &ThreadBell,
     failure: &OnceLock<String>,
     ready: &Sender<()>,
 ) -> Result<RecordingSummary, RecorderError> {
     let wire = Wire::join(&setup.address, setup.shape, "recorder")?;
-    let learners = setup.ranks.clone();
-    let subscribers: Vec<_> =
-        learners.clone().map(|rank| wire.observation_subscriber(rank)).collect::<Result<_, WireError>>()?;
-    let wakeups: Vec<_> = learners.map(|rank| wire.observations_wakeup(rank)).collect::<Result<_, WireError>>()?;
-    let bells = Bells::new()?;
-    let waiting = bells.attach(&wakeups, bell)?;
-    let mut learners = Learners::open(&wire, setup)?;
+    let ranks = setup.ranks.clone();
+    let subscribers: Vec<_> = ranks.map(|rank| wire.observation_subscriber(rank)).collect::<Result<_, WireError>>()?;
+    let wakeup = wire.bells().wakeup(Sleeper::Recorder);
+    let mut learners = Learners::of(&wire, setup);
     let book = ReceiptBook::open(&setup.address, setup.shape.shares.actors())?;
     let mut desk = Desk::new(setup, failure, &book)?;
     // The orchestrator may have given up waiting; then its end of the notes is closed too.
@@ -42,11 +38,7 @@ pub fn run(
 
     let mut flushed = Instant::now();
     loop {
-        if let Err(error) = waiting.wait(FLUSH_INTERVAL.saturating_sub(flushed.elapsed())) {
-            tracing::debug!("recorder: {error}");
-            // Without the bells it still sees every sample, only later.
-            std::thread::sleep(Duration::from_millis(1));
-        }
+        wakeup.wait(FLUSH_INTERVAL.saturating_sub(flushed.elapsed()));
         drain(&subscribers, &mut desk).inspect_err(|_| book.fail())?;
         learners.tell(&desk.ledger);
         let mut finish = false;
@@ -110,10 +102,9 @@ struct Learners {
 }
 
 impl Learners {
-    fn open(wire: &Wire, setup: &RecorderSetup) -> Result<Self, WireError> {
-        let ranks = setup.ranks.clone();
-        let bells: Vec<_> = ranks.map(|rank| wire.recorded_bell(rank)).collect::<Result<_, WireError>>()?;
-        Ok(Self { shape: setup.shape, first: setup.ranks.start, told: vec![[None; 2]; bells.len()], bells })
+    fn of(wire: &Wire, setup: &RecorderSetup) -> Self {
+        let bells: Vec<_> = setup.ranks.clone().map(|rank| wire.bells().bell([Sleeper::Learner(rank)])).collect();
+        Self { shape: setup.shape, first: setup.ranks.start, told: vec![[None; 2]; bells.len()], bells }
     }
 
     /// Rings for each learner that now has the receipts of all its actors for the next exchange of a half: before that
@@ -124,21 +115,14 @@ impl Learners {
             let complete = [0, 1].map(|half| ledger.complete(actors.clone(), half));
             if complete != *told {
                 *told = complete;
-                ring(bell);
+                bell.ring();
             }
         }
     }
 
     /// Rings for the first learner, which waits for rollouts on behalf of all here.
     fn ring_first(&self) {
-        self.bells.first().into_iter().for_each(ring);
-    }
-}
-
-/// A bell that does not ring is no loss: learners look a few times a second.
-fn ring(bell: &Bell) {
-    if let Err(cause) = bell.notify() {
-        tracing::debug!("a learner's bell does not ring: {cause:?}");
+        self.bells.first().into_iter().for_each(Bell::ring);
     }
 }
 

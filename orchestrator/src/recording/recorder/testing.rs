@@ -6,7 +6,7 @@ use proto::reward::RewardParts;
 use proto::step::{Current, Transition, current_flag, transition_flag};
 use std::time::{Duration, Instant};
 use wire::message::{Halves, Observation, ObservationHeader, observation_kind};
-use wire::{Bell, ObservationPublisher, Wire, WireAddress, WireShape};
+use wire::{Bell, ObservationPublisher, Sleeper, Wire, WireAddress, WireShape};
 
 /// Length of every test episode, steps.
 pub const EPISODE_STEPS: u32 = 5;
@@ -106,7 +106,8 @@ impl FakeActor {
         let wire = Wire::join(address, shape, &format!("actor-{actor:02}")).unwrap();
         Self {
             publisher: wire.observation_publisher(actor).unwrap(),
-            bell: wire.observations_bell(actor).unwrap(),
+            // The learner it wakes, too, is the test.
+            bell: wire.bells().bell([Sleeper::Recorder]),
             actor,
             halves: Halves::of(shape.environments_per_actor),
             _wire: wire,
@@ -145,7 +146,7 @@ impl FakeActor {
                 observation
             });
             let recipients = sample.send().unwrap();
-            self.bell.notify().unwrap();
+            self.bell.ring();
             if recipients == 1 {
                 return;
             }

@@ -3,7 +3,7 @@
 use super::*;
 use std::time::Instant;
 use wire::message::observation_kind;
-use wire::{Receipt, Receipts, Wire, Written};
+use wire::{Receipt, Receipts, Sleeper, Wire, Written};
 
 /// Waits until it is so: the recorder is a thread of its own.
 fn wait_for(what: &str, so: impl Fn() -> bool) {
@@ -29,7 +29,8 @@ fn actors_are_met_samples_receipted_and_whole_rollouts_confirmed() {
     let recorder = bench.start();
     let receipts = Receipts::open(&bench.address, 2).unwrap();
     let learner = Wire::join(&bench.address, shape(), "learner-1").unwrap();
-    let bell = learner.recorded_wakeup(1).unwrap();
+    let wakeup = learner.bells().wakeup(Sleeper::Learner(1));
+    assert!(wakeup.wait(Duration::ZERO), "the first wait is none");
     let [first, second] = bench.actors();
     let of = |half| receipts.of(1, half);
     assert_eq!((receipts.met(1), of(0), receipts.written()), (0, None, None));
@@ -41,10 +42,7 @@ fn actors_are_met_samples_receipted_and_whole_rollouts_confirmed() {
     second.send(1, 3, 7, |_| {});
     wait_for("it is taken", || of(1) == at(3, 7));
     // Every actor of this learner, which is this one: it can go on, and is woken.
-    let mut rings = 0;
-    while rings == 0 {
-        bell.timed_wait(|_| rings += 1, Duration::from_secs(20)).unwrap();
-    }
+    assert!(wakeup.wait(Duration::from_secs(20)), "a ring");
     // What comes twice or late takes no receipt back.
     second.send(1, 3, 8, |_| {});
     second.send(1, 3, 7, |_| {});
