@@ -8,7 +8,7 @@ use crate::ffi;
 use crate::ffi::branches::Branches;
 use crate::ffi::graph::{Graph, GraphError, Recorder};
 use crate::ffi::host_memory::HostMemory;
-use crate::ffi::kernels::{CHOSEN_WORDS, Chosen, Kernels, Source};
+use crate::ffi::kernels::{CHOSEN_WORDS, Chosen, Kernels, Source, Undecided};
 use crate::ffi::stream::Streams;
 use crate::network::{Network, RawFrame, Staging};
 use crate::rollout::Step;
@@ -16,11 +16,11 @@ use proto::camera::DepthFrame;
 use std::ops::Range;
 use tch::{Device, Kind, Tensor};
 
-/// A batch of more rows goes through the encoder in parts, beside one another: the GPU computes with the first frames
-/// while it reads the others from the host's memory. Each part costs launches of its own. Fastest on an H200 were
-/// two parts of 152 rows, and three or four of 304 (BENCHMARKS.md).
+/// A batch of more rows goes through the encoder in two parts, beside one another: the GPU computes with the first frames
+/// while it reads the others from the host's memory, and small kernels of both share it. Each part costs launches of its
+/// own: more than two were slower on an H200 (BENCHMARKS.md).
 const PART_ROWS: usize = 76;
-const MOST_PARTS: usize = 4;
+const MOST_PARTS: usize = 2;
 
 /// Graphs and their memory.
 #[derive(Debug)]
@@ -214,14 +214,17 @@ impl Acting {
             let told = network.told(&goals, &part(&layout.previous_actions, Kind::Int64));
             let before = beliefs.index_select(0, &part(&layout.columns, Kind::Int64))
                 * part(&layout.carried, Kind::Float).unsqueeze(1);
+            // Beside the encoder, too.
+            let gru = network.belief.gru();
+            let from_before = gru.from_states(&network.parameters, &before);
             self.branches.join(seen.len())?;
             let embedded = Tensor::cat(&[Tensor::cat(&seen, 0), told], 1);
-            let after = network.belief.step(&network.parameters, &embedded, &before);
-            let output = network.actor_critic(&after);
+            let from_input = gru.from_inputs(&network.parameters, &embedded);
             let noise = part(&layout.noise, Kind::Float).view([layout.rows as i64, -1]);
-            kernels.acting.choose(&output.log_probs, &output.values.contiguous(), &noise, &choices);
+            let row = Undecided { from_input: &from_input, from_before: &from_before, before: &before, noise: &noise };
+            let to = part(&layout.beliefs_to, Kind::Int64);
             // SAFETY: `fill` puts rows of the table there.
-            unsafe { kernels.acting.keep(&after.contiguous(), &part(&layout.beliefs_to, Kind::Int64), beliefs) };
+            unsafe { kernels.acting.decide(&network.heads(), &row, &to, beliefs, &choices) };
             Ok(())
         })?;
         Ok(Recorded { layout, store: store.data_ptr() as usize, graph, inputs, choices })
@@ -301,7 +304,7 @@ mod tests {
 
     #[test]
     fn parts_are_all_rows_in_order() {
-        for (rows, count) in [(1, 1), (10, 1), (76, 1), (77, 2), (152, 2), (304, 4), (1000, 4)] {
+        for (rows, count) in [(1, 1), (10, 1), (76, 1), (77, 2), (152, 2), (304, 2), (1000, 2)] {
             let parts = parts(rows);
             assert_eq!(parts.len(), count, "{rows}");
             assert!(parts.iter().all(|part| !part.is_empty()));

@@ -38,6 +38,11 @@ impl Belief {
         self.gru.step(parameters, x, before)
     }
 
+    /// The GRU, for whoever takes a step in parts.
+    pub(crate) fn gru(&self) -> &Gru {
+        &self.gru
+    }
+
     /// All steps: observations \[rows, inputs\] in the order of `packing`, beliefs of all columns at the rollout's
     /// start \[columns, hidden\] → beliefs \[rows, hidden\] in the same order.
     pub fn unroll(&self, parameters: &Parameters, x: &Tensor, packing: &Packing, at_start: &Tensor) -> Tensor {

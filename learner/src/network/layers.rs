@@ -144,6 +144,22 @@ impl Gru {
         x.gru_cell(before, weight_input, weight_hidden, Some(bias_input), Some(bias_hidden))
     }
 
+    /// What the gates of a step get from inputs \[rows, inputs\], without their biases: \[rows, 3 · hidden\], reset, update,
+    /// candidate.
+    pub fn from_inputs(&self, parameters: &Parameters, x: &Tensor) -> Tensor {
+        x.matmul(&parameters[self.weights[0]].tr())
+    }
+
+    /// The same from states before it \[rows, hidden\].
+    pub fn from_states(&self, parameters: &Parameters, before: &Tensor) -> Tensor {
+        before.matmul(&parameters[self.weights[1]].tr())
+    }
+
+    /// The gates' biases: beside [`Gru::from_inputs`] and [`Gru::from_states`].
+    pub fn biases<'a>(&self, parameters: &'a Parameters) -> [&'a Tensor; 2] {
+        [self.weights[2], self.weights[3]].map(|id| &parameters[id])
+    }
+
     /// Sequences of one length: \[steps, rows, inputs\] and states before them \[rows, hidden\] → states after each
     /// step \[steps, rows, hidden\].
     pub fn sequence(&self, parameters: &Parameters, x: &Tensor, before: &Tensor) -> Tensor {
@@ -159,5 +175,28 @@ impl Gru {
         let batch_sizes = Tensor::from_slice(batch_sizes);
         let (states, _) = Tensor::gru_data(x, &batch_sizes, &before.unsqueeze(0), &weights, true, 1, 0.0, true, false);
         states
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tch::{Device, Kind};
+
+    #[test]
+    fn a_gru_in_parts_takes_pytorchs_step() {
+        let mut layout = Layout::default();
+        let gru = Gru::with_default(&mut layout, "gru", [7, 5]);
+        let parameters = Parameters::new(layout, 1, Device::Cpu);
+        let random = |width: i64| Tensor::randn([3, width], (Kind::Float, Device::Cpu));
+        let (x, before) = (random(7), random(5));
+        let [input_bias, before_bias] = gru.biases(&parameters);
+        let from_input = gru.from_inputs(&parameters, &x) + input_bias;
+        let from_before = gru.from_states(&parameters, &before) + before_bias;
+        let gate = |gates: &Tensor, index: i64| gates.narrow(1, 5 * index, 5);
+        let [reset, update] = [0, 1].map(|index| (gate(&from_input, index) + gate(&from_before, index)).sigmoid());
+        let candidate = (gate(&from_input, 2) + reset * gate(&from_before, 2)).tanh();
+        let after = &candidate + update * (&before - &candidate);
+        assert!(after.allclose(&gru.step(&parameters, &x, &before), 1e-5, 1e-6, false));
     }
 }

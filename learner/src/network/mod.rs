@@ -22,7 +22,7 @@ pub(crate) use layers::{Gru, Linear};
 pub use parameters::{Layout, ParameterId, Parameters, Unfit, to_vec};
 pub(crate) use parameters::{all_finite, fits};
 
-use crate::ffi::kernels::Kernels;
+use crate::ffi::kernels::{Heads, Kernels};
 use embedding::{ActionEmbedding, GoalEmbedding};
 use encoder::{Backward, VisualEncoder};
 use proto::config::{Config, EncoderPrecision};
@@ -220,6 +220,13 @@ impl Network {
     /// Kept frames → \[rows, 512\], through autograd.
     fn see(&self, kept: &Tensor) -> Tensor {
         self.encoder.forward(&self.parameters, &self.preparation.input(kept))
+    }
+
+    /// What decides when it acts in kernels of our own.
+    pub(crate) fn heads(&self) -> Heads<'_> {
+        let of = |linear: &Linear| [linear.weight, linear.bias].map(|id| &self.parameters[id]);
+        let gate_biases = self.belief.gru().biases(&self.parameters);
+        Heads { gate_biases, actor: of(&self.actor), critic: of(&self.critic) }
     }
 
     /// Beliefs \[rows, hidden\] → policy and value.

@@ -1,8 +1,12 @@
-// What acting needs before and after the network: frames come straight from the actors' shared memory, and actions are
-// sampled. POOL is the side of the pooling window, SIDE that of a pooled frame.
+// What acting needs around the encoder: frames come straight from the actors' shared memory; belief, policy and the choice
+// of an action are one kernel, because each of the small ones that it replaces takes as long as it. POOL is the side of the pooling window, SIDE that of a pooled frame.
 
 // Blocks that share a frame.
 #define BANDS 4
+
+// Of the belief, and of the policy: one lane of a warp each.
+#define MAX_HIDDEN 4096
+#define MAX_ACTIONS 32
 
 // Added to the address of a frame's sums, to tell them from a frame.
 #define SUMS 1ull
@@ -79,30 +83,82 @@ struct Chosen {
     int finite;
 };
 
-// log_probs and noise [rows, actions], values [rows]. The action is argmax(log-probability + noise), the first of
-// equals.
-extern "C" __global__ void choose(const float* log_probs, const float* values, const float* noise, Chosen* choices,
-                                  int rows, int actions) {
-    const int row = blockIdx.x * blockDim.x + threadIdx.x;
-    if (row >= rows) return;
-    float best = __int_as_float(0xff800000);
-    Chosen choice = {0.0f, values[row], 0, isfinite(values[row])};
-    for (int action = 0; action < actions; action++) {
-        const float log_prob = log_probs[(size_t)row * actions + action];
-        choice.finite = choice.finite && isfinite(log_prob);
-        const float perturbed = log_prob + noise[(size_t)row * actions + action];
-        if (perturbed > best) {
-            best = perturbed;
-            choice.action = action;
-            choice.log_prob = log_prob;
-        }
-    }
-    choices[row] = choice;
+__device__ inline float logistic(float x) {
+    return 1.0f / (1.0f + expf(-x));
 }
 
-// Rows of beliefs f32 [rows, hidden] to the rows `to` of a table. Several may go to one row that nobody reads.
-extern "C" __global__ void keep(const float* beliefs, const long long* to, float* table, int hidden) {
-    beliefs += (size_t)blockIdx.x * hidden;
-    table += (size_t)to[blockIdx.x] * hidden;
-    for (int i = threadIdx.x; i < hidden; i += blockDim.x) table[i] = beliefs[i];
+__device__ inline float over_warp(float x, float (*merge)(float, float)) {
+    for (int offset = 16; offset > 0; offset /= 2) x = merge(x, __shfl_xor_sync(0xffffffffu, x, offset));
+    return x;
+}
+
+__device__ inline float sum_of(float a, float b) {
+    return a + b;
+}
+
+// The rest of a step, one block a row: the belief's gates, actor and critic, and the choice of an action.
+//
+// from_input and from_before [rows, 3 · hidden]: what the gates (reset, update, candidate, as PyTorch's GRU has them) get
+// from what was seen and from the belief before [rows, hidden], without their biases [3 · hidden]. The belief after goes to
+// row to[i] of the table; several may go to one row that nobody reads. actor [actions, hidden] and critic [hidden] have
+// biases, too. noise [rows, actions]: the action is argmax(log-probability + noise), the first of equals. All sums have
+// one order, whatever the batch.
+extern "C" __global__ void decide(const float* from_input, const float* from_before, const float* before,
+                                  const float* input_bias, const float* before_bias, const float* actor,
+                                  const float* actor_bias, const float* critic, const float* critic_bias,
+                                  const float* noise, const long long* to, float* table, Chosen* choices, int hidden,
+                                  int actions) {
+    __shared__ float belief[MAX_HIDDEN];
+    __shared__ float outputs[MAX_ACTIONS + 1];
+    const size_t row = blockIdx.x;
+    from_input += row * 3 * hidden;
+    from_before += row * 3 * hidden;
+    before += row * hidden;
+    table += (size_t)to[row] * hidden;
+    for (int i = threadIdx.x; i < hidden; i += blockDim.x) {
+        float gates[2];
+#pragma unroll
+        for (int gate = 0; gate < 2; gate++) {
+            const int at = gate * hidden + i;
+            gates[gate] = logistic(from_input[at] + from_before[at] + input_bias[at] + before_bias[at]);
+        }
+        const int at = 2 * hidden + i;
+        const float remembered = gates[0] * (from_before[at] + before_bias[at]);
+        const float candidate = tanhf(from_input[at] + input_bias[at] + remembered);
+        const float after = candidate + gates[1] * (before[i] - candidate);
+        belief[i] = after;
+        table[i] = after;
+    }
+    __syncthreads();
+
+    const int lane = threadIdx.x % 32, warp = threadIdx.x / 32;
+    for (int output = warp; output <= actions; output += blockDim.x / 32) {
+        const float* weight = output < actions ? actor + (size_t)output * hidden : critic;
+        float sum = 0.0f;
+        for (int i = lane; i < hidden; i += 32) sum += weight[i] * belief[i];
+        sum = over_warp(sum, sum_of);
+        if (lane == 0) outputs[output] = sum + (output < actions ? actor_bias[output] : critic_bias[0]);
+    }
+    __syncthreads();
+    if (warp > 0) return;
+
+    const bool is_action = lane < actions;
+    const float none = __int_as_float(0xff800000), score = is_action ? outputs[lane] : none;
+    const float most = over_warp(score, fmaxf);
+    const float total = over_warp(is_action ? expf(score - most) : 0.0f, sum_of);
+    const float log_prob = score - most - logf(total);
+    float best = is_action ? log_prob + noise[row * actions + lane] : none;
+    int action = lane;
+    for (int offset = 16; offset > 0; offset /= 2) {
+        const float other = __shfl_xor_sync(0xffffffffu, best, offset);
+        const int its_action = __shfl_xor_sync(0xffffffffu, action, offset);
+        if (other > best || (other == best && its_action < action)) {
+            best = other;
+            action = its_action;
+        }
+    }
+    const float value = outputs[actions];
+    const int finite = __all_sync(0xffffffffu, isfinite(value) && (!is_action || isfinite(log_prob)));
+    const float its_log_prob = __shfl_sync(0xffffffffu, log_prob, action);
+    if (lane == 0) choices[row] = Chosen{its_log_prob, value, action, finite};
 }

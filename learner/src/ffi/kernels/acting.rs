@@ -1,4 +1,4 @@
-//! The kernels around the network when it acts (`act.cu`).
+//! The kernels around the encoder when the network acts (`act.cu`).
 
 use super::map::{address, int, launch};
 use crate::ffi::cuda::{Argument, CudaError, Kernel, Module};
@@ -11,15 +11,16 @@ const SUMS: i64 = 1;
 const OBSERVE_THREADS: u32 = 256;
 /// Blocks that read from the host's memory beside other work: with more, that waits longer for the GPU's own memory.
 const OBSERVE_BLOCKS: i64 = 64;
-const CHOOSE_THREADS: u32 = 64;
-const KEEP_THREADS: u32 = 128;
+const DECIDE_THREADS: u32 = 256;
+/// As in `act.cu`.
+const MAX_HIDDEN: i64 = 4096;
+const MAX_ACTIONS: i64 = 32;
 
 /// The kernels.
 #[derive(Debug)]
 pub struct ActingKernels {
     observe: Kernel,
-    choose: Kernel,
-    keep: Kernel,
+    decide: Kernel,
     /// Side of a kept frame, pixels.
     side: i64,
 }
@@ -35,6 +36,25 @@ pub struct Chosen {
     pub action: usize,
     /// Whether all of the row's log-probabilities and its value are finite.
     pub finite: bool,
+}
+
+/// What decides: biases of the belief's gates \[3 · hidden\], from what is seen and from the belief before; weights and
+/// biases of actor \[actions, hidden\] and critic \[1, hidden\]. All f32.
+#[derive(Debug)]
+pub struct Heads<'a> {
+    pub gate_biases: [&'a Tensor; 2],
+    pub actor: [&'a Tensor; 2],
+    pub critic: [&'a Tensor; 2],
+}
+
+/// What is decided about: what the gates get from what was seen, and from the belief before, \[rows, 3 · hidden\]; that
+/// belief \[rows, hidden\]; noise \[rows, actions\]. All f32.
+#[derive(Debug)]
+pub struct Undecided<'a> {
+    pub from_input: &'a Tensor,
+    pub from_before: &'a Tensor,
+    pub before: &'a Tensor,
+    pub noise: &'a Tensor,
 }
 
 /// 32-bit numbers of a choice in memory.
@@ -54,12 +74,7 @@ impl Chosen {
 
 impl ActingKernels {
     pub(super) fn find(module: &Module, side: i64) -> Result<Self, CudaError> {
-        Ok(Self {
-            observe: module.kernel(c"observe", 0)?,
-            choose: module.kernel(c"choose", 0)?,
-            keep: module.kernel(c"keep", 0)?,
-            side,
-        })
+        Ok(Self { observe: module.kernel(c"observe", 0)?, decide: module.kernel(c"decide", 0)?, side })
     }
 }
 
@@ -114,32 +129,37 @@ impl ActingKernels {
         launch(self.observe, (rows * BANDS).min(most), OBSERVE_THREADS, &arguments);
     }
 
-    /// Samples actions: log-probabilities and noise \[rows, actions\], values \[rows\] → [`CHOSEN_WORDS`] numbers a row
-    /// at `choices`, which may be pinned memory of the host.
-    pub fn choose(&self, log_probs: &Tensor, values: &Tensor, noise: &Tensor, choices: &Tensor) {
-        let (rows, actions) = log_probs.size2().expect("a row for each observation");
-        for (tensor, size) in [(log_probs, vec![rows, actions]), (noise, vec![rows, actions]), (values, vec![rows])] {
-            assert!(tensor.kind() == Kind::Float && tensor.size() == size && tensor.is_contiguous());
-        }
-        assert!(choices.kind() == Kind::Float && choices.size() == [rows, CHOSEN_WORDS as i64]);
-        assert!(choices.is_contiguous(), "a row after the other");
-        let arguments: [Argument; 6] =
-            [address(log_probs), address(values), address(noise), address(choices), int(rows), int(actions)];
-        launch(self.choose, rows.div_euclid(i64::from(CHOOSE_THREADS)) + 1, CHOOSE_THREADS, &arguments);
-    }
-
-    /// Copies beliefs \[rows, hidden\] to the rows `to` (i64 \[rows\]) of a table. Several may go to a row that nobody
-    /// reads.
+    /// Belief, policy and value of each row, and the action that is chosen: [`CHOSEN_WORDS`] numbers a row at `choices`,
+    /// which may be pinned memory of the host. Beliefs go to the rows `to` (i64 \[rows\]) of a table \[.., hidden\];
+    /// several may go to a row that nobody reads.
     ///
     /// # Safety
-    /// When this runs, the numbers must be rows of the table.
-    pub unsafe fn keep(&self, beliefs: &Tensor, to: &Tensor, table: &Tensor) {
-        let (rows, hidden) = beliefs.size2().expect("a row for each observation");
-        for tensor in [beliefs, table] {
-            assert!(tensor.kind() == Kind::Float && tensor.size()[1..] == [hidden] && tensor.is_contiguous());
+    /// When this runs, `to` must hold rows of the table.
+    pub unsafe fn decide(&self, heads: &Heads, row: &Undecided, to: &Tensor, table: &Tensor, choices: &Tensor) {
+        let (rows, hidden) = row.before.size2().expect("a row for each observation");
+        let actions = heads.actor[0].size()[0];
+        assert!(hidden <= MAX_HIDDEN && actions <= MAX_ACTIONS, "the configuration admits no more");
+        let floats = [
+            (row.from_input, vec![rows, 3 * hidden]),
+            (row.from_before, vec![rows, 3 * hidden]),
+            (row.before, vec![rows, hidden]),
+            (heads.gate_biases[0], vec![3 * hidden]),
+            (heads.gate_biases[1], vec![3 * hidden]),
+            (heads.actor[0], vec![actions, hidden]),
+            (heads.actor[1], vec![actions]),
+            (heads.critic[0], vec![1, hidden]),
+            (heads.critic[1], vec![1]),
+            (row.noise, vec![rows, actions]),
+        ];
+        for (tensor, size) in &floats {
+            assert!(tensor.kind() == Kind::Float && tensor.size() == *size && tensor.is_contiguous());
         }
         assert!(to.kind() == Kind::Int64 && to.size() == [rows] && to.is_contiguous());
-        let arguments = [address(beliefs), address(to), address(table), int(hidden)];
-        launch(self.keep, rows, KEEP_THREADS, &arguments);
+        assert!(table.kind() == Kind::Float && table.size()[1..] == [hidden] && table.is_contiguous());
+        assert!(choices.kind() == Kind::Float && choices.size() == [rows, CHOSEN_WORDS as i64]);
+        assert!(choices.is_contiguous(), "a row after the other");
+        let mut arguments: Vec<Argument> = floats.iter().map(|(tensor, _)| address(tensor)).collect();
+        arguments.extend([address(to), address(table), address(choices), int(hidden), int(actions)]);
+        launch(self.decide, rows, DECIDE_THREADS, &arguments);
     }
 }

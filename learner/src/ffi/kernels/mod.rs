@@ -11,7 +11,7 @@ mod stem;
 #[cfg(test)]
 mod tests;
 
-pub use acting::{ActingKernels, CHOSEN_WORDS, Chosen, Source};
+pub use acting::{ActingKernels, CHOSEN_WORDS, Chosen, Heads, Source, Undecided};
 pub use block::{Block, BlockGradients, BlockKernels};
 pub use map::{Affine, Statistics, channels_last};
 pub use norm::{NormGradients, NormKernels};

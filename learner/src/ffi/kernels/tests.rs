@@ -163,3 +163,93 @@ fn kernels_of_whole_blocks() {
         assert_eq!((&again.input, &again.weights), (&ours.input, &ours.weights), "the same bits");
     }
 }
+
+/// The belief, policy and value of libtorch's own operations, and the action with the most noise on it.
+#[test]
+#[ignore = "needs a CUDA device"]
+fn kernel_of_decisions() {
+    let kernels = kernels(112);
+    let float = (Kind::Float, DEVICE);
+    for (rows, hidden, actions) in [(1, 8, 13), (152, 512, 21), (5, 4096, 32)] {
+        let random = |size: &[i64]| Tensor::randn(size, float);
+        let (x, before) = (random(&[rows, 40]), random(&[rows, hidden]));
+        let gates = [random(&[3 * hidden, 40]), random(&[3 * hidden, hidden]) / (hidden as f64).sqrt()];
+        let biases = [random(&[3 * hidden]), random(&[3 * hidden])];
+        let heads = [actions, 1].map(|width| [random(&[width, hidden]) / (hidden as f64).sqrt(), random(&[width])]);
+        let noise = random(&[rows, actions]);
+        let expected = x.gru_cell(&before, &gates[0], &gates[1], Some(&biases[0]), Some(&biases[1]));
+        let log_probs = expected.linear(&heads[0][0], Some(&heads[0][1])).log_softmax(-1, None);
+        let values = expected.linear(&heads[1][0], Some(&heads[1][1])).squeeze_dim(1);
+
+        let (from_input, from_before) = (x.matmul(&gates[0].tr()), before.matmul(&gates[1].tr()));
+        let row = Undecided { from_input: &from_input, from_before: &from_before, before: &before, noise: &noise };
+        let [actor, critic] = heads.each_ref().map(|[weight, bias]| [weight, bias]);
+        let heads = Heads { gate_biases: [&biases[0], &biases[1]], actor, critic };
+        // Each to another row than its own.
+        let to = Tensor::arange_start_step(rows - 1, -1, -1, (Kind::Int64, DEVICE));
+        let (table, choices) =
+            (Tensor::zeros([rows + 1, hidden], float), Tensor::zeros([rows, CHOSEN_WORDS as i64], float));
+        // SAFETY: rows of the table.
+        unsafe { kernels.acting.decide(&heads, &row, &to, &table, &choices) };
+        assert_close(&table.narrow(0, 0, rows).flip([0]), &expected, 1e-5);
+        assert!(table.get(rows).abs().max().double_value(&[]) == 0.0, "the row that nobody chose");
+        let (choices, perturbed) = (crate::network::to_vec(&choices), &log_probs + &noise);
+        for (index, words) in choices.chunks_exact(CHOSEN_WORDS).enumerate() {
+            let (chosen, index) = (Chosen::from_words(words), index as i64);
+            assert!(chosen.finite);
+            let at = [index, chosen.action as i64];
+            let best = perturbed.get(index).max().double_value(&[]);
+            assert!((perturbed.double_value(&at) - best).abs() < 1e-4, "row {index}");
+            assert!((f64::from(chosen.log_prob) - log_probs.double_value(&at)).abs() < 1e-4);
+            assert!((f64::from(chosen.value) - values.double_value(&[index])).abs() < 1e-4);
+        }
+        // A number that is not finite is noticed, in whichever output.
+        for (head, bad) in [(heads.actor[1], f64::NAN), (heads.critic[1], f64::INFINITY)] {
+            let (kept, choices) = (head.copy(), Tensor::zeros([rows, CHOSEN_WORDS as i64], float));
+            let _ = head.get(head.size()[0] - 1).fill_(bad);
+            // SAFETY: as above.
+            unsafe { kernels.acting.decide(&heads, &row, &to, &table, &choices) };
+            let words = crate::network::to_vec(&choices);
+            assert!(words.chunks_exact(CHOSEN_WORDS).all(|words| !Chosen::from_words(words).finite));
+            head.shallow_clone().copy_(&kept);
+        }
+    }
+}
+
+/// Sums that an actor has made give what the whole frame gives.
+#[test]
+#[ignore = "needs a CUDA device"]
+fn kernel_of_observing_frames_and_sums() {
+    use proto::camera::{DepthFrame, FRAME_PIXELS, SUMS_PIXELS, sum_windows};
+    let kernels = kernels(112);
+    let pinned = |numbers: &[i16]| Tensor::from_slice(numbers).pin_memory(DEVICE);
+    let depth_mm: Vec<i16> = (0..FRAME_PIXELS).map(|pixel| (pixel * 7919 % 16_000) as i16).collect();
+    let frame: Box<[u16; FRAME_PIXELS]> =
+        depth_mm.iter().map(|&depth_mm| depth_mm as u16).collect::<Vec<_>>().try_into().unwrap();
+    let mut sums = Box::new([0; SUMS_PIXELS]);
+    assert!(sum_windows(&frame, &mut sums));
+    let sums_mm: Vec<i16> = sums.iter().map(|&sum| sum.cast_signed()).collect();
+    let (whole, part) = (pinned(&depth_mm), pinned(&sums_mm));
+    // SAFETY: pinned memory of these sizes, which outlives the frames.
+    let frames = unsafe {
+        let depth_mm = &*whole.data_ptr().cast::<[u16; FRAME_PIXELS]>();
+        [DepthFrame::of(depth_mm), DepthFrame { depth_mm, sums_mm: Some(&*part.data_ptr().cast()) }]
+    };
+    let words = frames.each_ref().map(|frame| kernels.acting.source(frame).word());
+    assert_ne!(words[0], words[1], "one is read whole");
+    let float = (Kind::Float, DEVICE);
+    let (kept, store) = (Tensor::zeros([2, 112, 112], float), Tensor::zeros([3, 112, 112], float));
+    let (words, places) =
+        (Tensor::from_slice(&words).to_device(DEVICE), Tensor::from_slice(&[2i64, 0]).to_device(DEVICE));
+    for alone in [true, false] {
+        let _ = (kept.shallow_clone().zero_(), store.shallow_clone().zero_());
+        // SAFETY: addresses of pinned memory, and rows of the store.
+        unsafe { kernels.acting.observe(&words, &places, &kept, &store, alone) };
+        let raw = whole.to_device(DEVICE).to_kind(Kind::Float).view([1, 1, 224, 224]);
+        let expected = raw.avg_pool2d([2, 2], [2, 2], [0, 0], false, true, None).view([112, 112]);
+        for (row, place) in [(0, 2), (1, 0)] {
+            assert!(kept.get(row).equal(&expected) && store.get(place).equal(&expected), "row {row}");
+        }
+        assert!(store.get(1).abs().max().double_value(&[]) == 0.0);
+    }
+}
