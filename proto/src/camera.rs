@@ -53,7 +53,7 @@ pub fn sum_windows(depth_mm: &[u16; FRAME_PIXELS], sums_mm: &mut [u16; SUMS_PIXE
             *sum_mm = sum as u16;
         }
     }
-    bits <= u32::from(u16::MAX)
+    u16::try_from(bits).is_ok()
 }
 
 #[cfg(test)]
@@ -63,13 +63,13 @@ mod tests {
     /// Every window by its definition, for depths that fit and for one that does not.
     #[test]
     fn sums_are_those_of_each_window() {
-        let mut depth_mm = Box::new([0; FRAME_PIXELS]);
+        let mut depth_mm: Box<[u16; FRAME_PIXELS]> = vec![0; FRAME_PIXELS].try_into().unwrap();
         for (pixel, depth_mm) in depth_mm.iter_mut().enumerate() {
             *depth_mm = (pixel * 7919 % 16_384) as u16;
         }
         for (far_mm, fits) in [(16_383, true), (32_766, false)] {
             depth_mm[3 * FRAME_SIDE + 7] = far_mm;
-            let mut sums_mm = Box::new([0; SUMS_PIXELS]);
+            let mut sums_mm: Box<[u16; SUMS_PIXELS]> = vec![0; SUMS_PIXELS].try_into().unwrap();
             assert_eq!(sum_windows(&depth_mm, &mut sums_mm), fits);
             for (place, sum_mm) in sums_mm.iter().enumerate() {
                 let corner = place / SUMS_SIDE * 2 * FRAME_SIDE + place % SUMS_SIDE * 2;

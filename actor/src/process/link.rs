@@ -84,7 +84,10 @@ impl Link {
 
     /// Sends a HELLO: one zeroed observation.
     pub fn send_hello(&self, header: ObservationHeader) -> Result<()> {
-        self.send_observations(header, 1, |_, slot| shm::write_zeros(slot)).map(drop)
+        self.send_observations(header, 1, |_, slot| shm::write_zeros(slot))?;
+        // Whoever waits for observations of many does not wait for this.
+        self.bell.ring();
+        Ok(())
     }
 
     /// Sends `count` observations, each written in place by `write`, which is given its index and its slot, and
@@ -106,7 +109,7 @@ impl Link {
         fault::reach("actor.after_write");
         let receivers = sample.send().context("cannot send observations")?;
         fault::reach("actor.before_bell");
-        self.bell.ring();
+        self.bell.ring_counted();
         Ok(receivers > 0 && receivers >= self.readers.count())
     }
 }

@@ -216,10 +216,10 @@ impl Acting {
                 * part(&layout.carried, Kind::Float).unsqueeze(1);
             // Beside the encoder, too.
             let gru = network.belief.gru();
-            let from_before = gru.from_states(&network.parameters, &before);
+            let from_before = gru.state_gates(&network.parameters, &before);
             self.branches.join(seen.len())?;
             let embedded = Tensor::cat(&[Tensor::cat(&seen, 0), told], 1);
-            let from_input = gru.from_inputs(&network.parameters, &embedded);
+            let from_input = gru.input_gates(&network.parameters, &embedded);
             let noise = part(&layout.noise, Kind::Float).view([layout.rows as i64, -1]);
             let row = Undecided { from_input: &from_input, from_before: &from_before, before: &before, noise: &noise };
             let to = part(&layout.beliefs_to, Kind::Int64);

@@ -146,16 +146,16 @@ impl Gru {
 
     /// What the gates of a step get from inputs \[rows, inputs\], without their biases: \[rows, 3 · hidden\], reset, update,
     /// candidate.
-    pub fn from_inputs(&self, parameters: &Parameters, x: &Tensor) -> Tensor {
+    pub fn input_gates(&self, parameters: &Parameters, x: &Tensor) -> Tensor {
         x.matmul(&parameters[self.weights[0]].tr())
     }
 
     /// The same from states before it \[rows, hidden\].
-    pub fn from_states(&self, parameters: &Parameters, before: &Tensor) -> Tensor {
+    pub fn state_gates(&self, parameters: &Parameters, before: &Tensor) -> Tensor {
         before.matmul(&parameters[self.weights[1]].tr())
     }
 
-    /// The gates' biases: beside [`Gru::from_inputs`] and [`Gru::from_states`].
+    /// The gates' biases: beside [`Gru::input_gates`] and [`Gru::state_gates`].
     pub fn biases<'a>(&self, parameters: &'a Parameters) -> [&'a Tensor; 2] {
         [self.weights[2], self.weights[3]].map(|id| &parameters[id])
     }
@@ -191,8 +191,8 @@ mod tests {
         let random = |width: i64| Tensor::randn([3, width], (Kind::Float, Device::Cpu));
         let (x, before) = (random(7), random(5));
         let [input_bias, before_bias] = gru.biases(&parameters);
-        let from_input = gru.from_inputs(&parameters, &x) + input_bias;
-        let from_before = gru.from_states(&parameters, &before) + before_bias;
+        let from_input = gru.input_gates(&parameters, &x) + input_bias;
+        let from_before = gru.state_gates(&parameters, &before) + before_bias;
         let gate = |gates: &Tensor, index: i64| gates.narrow(1, 5 * index, 5);
         let [reset, update] = [0, 1].map(|index| (gate(&from_input, index) + gate(&from_before, index)).sigmoid());
         let candidate = (gate(&from_input, 2) + reset * gate(&from_before, 2)).tanh();

@@ -58,7 +58,7 @@ pub struct Conversation<'a, W> {
 
 impl<'a, W: Write> Conversation<'a, W> {
     /// The environments go on from `boundary`; events are written to `output`.
-    pub fn open(speaker: Speaker<'a>, config: &Config, boundary: Boundary, output: W) -> Result<Self> {
+    pub fn open(speaker: Speaker<'a>, config: &Config, boundary: Boundary, output: W) -> Self {
         let Speaker { rank, incarnation, ports, gone } = speaker;
         let settings = Settings {
             column_map: ColumnMap::of(rank, config),
@@ -72,7 +72,7 @@ impl<'a, W: Write> Conversation<'a, W> {
         };
         let actors = config.shares().actors_of(rank);
         gone.wakes(ports.own_bell());
-        Ok(Self {
+        Self {
             rank,
             collector: Collector::new(settings, boundary),
             announcements: Announcements::default(),
@@ -83,7 +83,7 @@ impl<'a, W: Write> Conversation<'a, W> {
             control: Control::new(output, gone.clone()),
             gone,
             connected: false,
-        })
+        }
     }
 
     /// Tells the orchestrator an event.
@@ -104,7 +104,7 @@ impl<'a, W: Write> Conversation<'a, W> {
     /// Sleeps until an actor has sent something, something is announced or the orchestrator is gone, at most for
     /// `longest`; it may wake without a reason.
     pub fn wait(&self, longest: Duration) {
-        self.ports.wait(longest.min(LOOK));
+        self.ports.wait(1, longest.min(LOOK));
     }
 
     /// Receives every waiting sample, so that an actor that is served first does not make others wait, and reads the
@@ -181,6 +181,8 @@ impl<'a, W: Write> Conversation<'a, W> {
             if missing.is_empty() {
                 return Ok(None);
             }
+            // By half of them, then half of the rest: few wakes, and little is left to do when the last comes.
+            let enough = (missing.len() as u32).div_ceil(2);
             let waited = began.elapsed();
             let left = match patience.after(waited) {
                 Waited::Overdue => return Err(self.silent(&missing).into()),
@@ -193,7 +195,7 @@ impl<'a, W: Write> Conversation<'a, W> {
                     left
                 }
             };
-            self.wait(left);
+            self.ports.wait(enough, left.min(LOOK));
         }
     }
 

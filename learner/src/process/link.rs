@@ -115,9 +115,9 @@ impl Ports {
         }
     }
 
-    /// Sleeps until something may have come, at most for `longest`.
-    pub fn wait(&self, longest: Duration) {
-        self.wakeup.wait(longest);
+    /// Sleeps until something may have come, or observations of so many actors, at most for `longest`.
+    pub fn wait(&self, observations: u32, longest: Duration) {
+        self.wakeup.wait_for(observations, longest);
     }
 
     /// Wakes this learner.

@@ -1,7 +1,7 @@
 //! Rings actors' bells on threads of their own.
 //!
-//! A ring is a system call that wakes a sleeping process: about 10 µs, ten times as long as all else of sending. With
-//! dozens of actors, twice a step, that is longer than inference on a GPU. Here the learner goes on meanwhile.
+//! A ring to a process that sleeps is a system call, which takes longer than all else of sending. With dozens of actors,
+//! twice a step, that is as long as inference on a GPU. Here the learner goes on meanwhile.
 
 use anyhow::{Context, Result};
 use std::ops::Range;

@@ -154,7 +154,7 @@ impl WireAddress {
         Ok(())
     }
 
-    /// Whether sockets in the folder of small files can have names at all: their length is limited.
+    /// Whether files in the folder of small files can have names at all: their length is limited.
     pub fn check_length(&self) -> Result<(), WireError> {
         self.config().map(drop)
     }
@@ -178,8 +178,9 @@ impl WireAddress {
     }
 }
 
-/// Longest root folder: iceoryx2 puts sockets in it, whose names, prefix included, take the rest of 108 bytes.
-const MAX_ROOT_BYTES: usize = 36;
+/// Longest root folder: iceoryx2 panics where root, prefix and its own names are longer than one name of a file may be.
+/// Roots of 113 bytes were seen to work, of 119 not.
+const MAX_ROOT_BYTES: usize = 100;
 
 /// Where POSIX shared memory lives on Linux.
 pub const SHARED_MEMORY: &str = "/dev/shm";

@@ -1,8 +1,9 @@
 //! Waking processes that sleep. Each has a word in a file that all map: whoever has sent it something rings, which counts
 //! the word up, and the kernel (futex) wakes the sleeper if it sleeps.
 //!
-//! A ring to a process that is awake is one atomic addition, and who wakes has nothing to read and nothing to clear. With
-//! iceoryx2's events, which are sockets, both cost system calls: one sent, two or three read, and the waits around them.
+//! A ring to a process that is awake is one or two atomic additions, and who wakes has nothing to read and nothing to
+//! clear. With iceoryx2's events, which are sockets, both cost system calls: one sent, two or three read, and the waits
+//! around them. Who waits for many others, as a learner for its actors, need not be woken by each.
 //!
 //! Nothing here depends on who lives. A process can be killed before it rings, so nobody sleeps without a limit; one that
 //! is killed asleep leaves its word marked, and the next ring wakes nobody.
@@ -22,8 +23,13 @@ use std::time::Duration;
 /// The bit of a word that says that its process sleeps, or is about to. The others count rings.
 const ASLEEP: u32 = 1;
 const RING: u32 = 2;
-/// Words of the file for each process: a cache line, so that who rings one does not slow another.
+/// Most rings that can be waited for: more processes than a run has.
+const MOST_COUNTED: u32 = 1 << 20;
+/// Words of the file for each process: a cache line, so that who rings one does not slow another. After the first come
+/// the number of rings at which it is to be woken, and the number of those that wake it at once.
 const STRIDE: usize = 8;
+const TARGET: usize = 1;
+const AT_ONCE: usize = 2;
 
 /// A process that can be woken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,8 +81,9 @@ impl Bells {
     pub fn wakeup(&self, sleeper: Sleeper) -> Wakeup {
         let place = self.place(sleeper);
         // As if it had just rung: what was sent before may be there.
-        let seen = Cell::new(rings(self.words.low(place).load(Ordering::SeqCst)).wrapping_sub(RING));
-        Wakeup { words: Arc::clone(&self.words), place, seen }
+        let at_once = self.words.low(place + AT_ONCE).load(Ordering::SeqCst).wrapping_sub(1);
+        let seen = Seen { rings: rings(self.words.low(place).load(Ordering::SeqCst)), at_once };
+        Wakeup { words: Arc::clone(&self.words), place, seen: Cell::new(seen) }
     }
 
     fn place(&self, sleeper: Sleeper) -> usize {
@@ -103,6 +110,11 @@ fn rings(word: u32) -> u32 {
     word & !ASLEEP
 }
 
+/// Whether a word has as many rings. They are counted around: the difference is what matters.
+fn has_reached(word: u32, target: u32) -> bool {
+    rings(word).wrapping_sub(target).cast_signed() >= 0
+}
+
 /// Wakes one or several processes. Any thread may ring.
 #[derive(Clone)]
 pub struct Bell {
@@ -117,17 +129,30 @@ impl Debug for Bell {
 }
 
 impl Bell {
-    /// Rings. What it announces must have been sent.
+    /// Rings: who sleeps wakes. What it announces must have been sent.
     pub fn ring(&self) {
         for &place in &self.places {
-            let word = self.words.low(place);
-            // Who sleeps compares the whole word, in the kernel: after this it does not fall asleep.
-            if word.fetch_add(RING, Ordering::SeqCst) & ASLEEP != 0 {
-                // The others that ring until it runs need not wake it, too.
-                word.fetch_and(!ASLEEP, Ordering::SeqCst);
-                if let Err(error) = futex::wake(word, Flags::empty(), i32::MAX.unsigned_abs()) {
-                    tracing::debug!("a bell does not ring: {error}");
-                }
+            self.words.low(place + AT_ONCE).fetch_add(1, Ordering::SeqCst);
+            self.add(place, |_| true);
+        }
+    }
+
+    /// Rings once of many: who sleeps wakes when it has been rung as often as it waits for ([`Wakeup::wait_for`]).
+    pub fn ring_counted(&self) {
+        for &place in &self.places {
+            self.add(place, |word| has_reached(word, self.words.low(place + TARGET).load(Ordering::SeqCst)));
+        }
+    }
+
+    fn add(&self, place: usize, is_due: impl Fn(u32) -> bool) {
+        let word = self.words.low(place);
+        // Who sleeps compares the whole word, in the kernel: after this it does not fall asleep.
+        let before = word.fetch_add(RING, Ordering::SeqCst);
+        if before & ASLEEP != 0 && is_due(before.wrapping_add(RING)) {
+            // The others that ring until it runs need not wake it, too.
+            word.fetch_and(!ASLEEP, Ordering::SeqCst);
+            if let Err(error) = futex::wake(word, Flags::empty(), i32::MAX.unsigned_abs()) {
+                tracing::debug!("a bell does not ring: {error}");
             }
         }
     }
@@ -137,8 +162,14 @@ impl Bell {
 pub struct Wakeup {
     words: Arc<Words>,
     place: usize,
-    /// The rings up to the last return.
-    seen: Cell<u32>,
+    seen: Cell<Seen>,
+}
+
+/// The rings up to the last return.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Seen {
+    rings: u32,
+    at_once: u32,
 }
 
 impl Debug for Wakeup {
@@ -151,16 +182,28 @@ impl Wakeup {
     /// Sleeps until it has rung since the last return, at most for `longest`; returns whether it has. It may return
     /// early. What a bell announces was there before it rang: look for all of it afterwards.
     pub fn wait(&self, longest: Duration) -> bool {
-        let word = self.words.low(self.place);
-        let mut now = word.load(Ordering::SeqCst);
-        if rings(now) == self.seen.get() {
-            now = word.fetch_or(ASLEEP, Ordering::SeqCst) | ASLEEP;
-            if rings(now) == self.seen.get() {
-                sleep(word, now, longest);
+        self.wait_for(1, longest)
+    }
+
+    /// The same, but so many counted rings ([`Bell::ring_counted`]) are needed to wake it. Every other ring does.
+    pub fn wait_for(&self, counted: u32, longest: Duration) -> bool {
+        let [word, target, at_once] = [0, TARGET, AT_ONCE].map(|offset| self.words.low(self.place + offset));
+        let seen = self.seen.get();
+        let until = seen.rings.wrapping_add(RING.saturating_mul(counted.clamp(1, MOST_COUNTED)));
+        // Before the mark, which whoever rings finds first.
+        target.store(until, Ordering::SeqCst);
+        let is_due = |word| has_reached(word, until) || at_once.load(Ordering::SeqCst) != seen.at_once;
+        if !is_due(word.load(Ordering::SeqCst)) {
+            let marked = word.fetch_or(ASLEEP, Ordering::SeqCst) | ASLEEP;
+            if !is_due(marked) {
+                sleep(word, marked, longest);
             }
-            now = word.fetch_and(!ASLEEP, Ordering::SeqCst);
+            word.fetch_and(!ASLEEP, Ordering::SeqCst);
         }
-        self.seen.replace(rings(now)) != rings(now)
+        // First the rings at once: each is counted among all after it.
+        let at_once = at_once.load(Ordering::SeqCst);
+        let now = Seen { rings: rings(word.load(Ordering::SeqCst)), at_once };
+        self.seen.replace(now) != now
     }
 }
 
@@ -228,6 +271,54 @@ mod tests {
                 assert!(bells.wakeup(other).wait(LONG));
             }
         });
+    }
+
+    #[test]
+    fn counted_rings_wake_when_they_are_enough_and_any_other_at_once() {
+        with_bells("counted", |bells| {
+            let (wakeup, bell) = (bells.wakeup(Sleeper::Learner(0)), bells.bell([Sleeper::Learner(0)]));
+            assert!(wakeup.wait_for(3, LONG), "what was sent before it came may be there");
+            let began = Instant::now();
+            assert!(!wakeup.wait_for(3, QUIET) && began.elapsed() >= QUIET);
+            // Too few, before it sleeps.
+            bell.ring_counted();
+            bell.ring_counted();
+            let began = Instant::now();
+            assert!(wakeup.wait_for(3, QUIET) && began.elapsed() >= QUIET, "they are told, but woke nobody");
+            for enough in [3, 7] {
+                (0..enough).for_each(|_| bell.ring_counted());
+                assert!(wakeup.wait_for(3, LONG));
+            }
+            bell.ring();
+            assert!(wakeup.wait_for(3, LONG), "one that is not counted, before it sleeps");
+            // While it sleeps.
+            let rung_meanwhile = |ring: &(dyn Fn() + Sync)| {
+                std::thread::scope(|scope| {
+                    scope.spawn(|| {
+                        std::thread::sleep(QUIET);
+                        ring();
+                    });
+                    wakeup.wait_for(3, LONG)
+                })
+            };
+            assert!(rung_meanwhile(&|| (0..3).for_each(|_| bell.ring_counted())));
+            assert!(rung_meanwhile(&|| bell.ring()));
+            // One after the other: the first two do not wake it.
+            let began = Instant::now();
+            assert!(rung_meanwhile(&|| (0..3).for_each(|_| {
+                bell.ring_counted();
+                std::thread::sleep(QUIET);
+            })));
+            assert!(began.elapsed() >= 3 * QUIET);
+        });
+    }
+
+    #[test]
+    fn rings_are_counted_around() {
+        for word in [0, 2, u32::MAX - 1, u32::MAX - 5] {
+            assert!(has_reached(word, word) && has_reached(word | ASLEEP, word));
+            assert!(has_reached(word.wrapping_add(4), word) && !has_reached(word, word.wrapping_add(4)));
+        }
     }
 
     /// One that was killed asleep has left its word marked.

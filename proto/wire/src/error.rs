@@ -42,8 +42,8 @@ pub enum WireError {
         /// iceoryx2's error text.
         cause: String,
     },
-    /// Events are sockets, and a socket's path is limited to 108 bytes.
-    #[error("the temporary folder {root} has too long a name for sockets: set TMPDIR to a shorter one, such as /tmp")]
+    /// iceoryx2 makes names of files of the folder's, whose length is limited.
+    #[error("the temporary folder {root} has too long a name: set TMPDIR to a shorter one, such as /tmp")]
     TooLong {
         /// Root folder of the incarnation.
         root: String,

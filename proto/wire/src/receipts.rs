@@ -7,7 +7,7 @@
 //! step could be trained on and missing in the recording.
 //!
 //! Receipts are words in a file that all map: the recorder writes, learners and actors read. They cost neither a
-//! message nor an open file. The bell `recorded/RANK` rings when there is something new for a learner.
+//! message nor an open file. A learner's bell rings when there is something new for it.
 
 use crate::address::WireAddress;
 use crate::error::WireError;

@@ -475,7 +475,7 @@ mod tests {
             let mut observation = Observation::zeroed();
             observation.depth_mm[7] = 1234;
             assert_eq!(sample.write_from_fn(|_| observation).send().unwrap(), 1);
-            bell.ring();
+            bell.ring_counted();
             assert!(wakeups.iter().all(|wakeup| wakeup.wait(Duration::from_secs(5))));
             let received = subscriber.receive().unwrap().unwrap();
             assert_eq!((received.user_header().actor, received.payload().len()), (2, 2));

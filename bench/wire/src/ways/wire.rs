@@ -78,7 +78,9 @@ impl LearnerEnd for Learner {
             if self.held[half as usize].len() == self.actors.len() {
                 break;
             }
-            self.wakeup.wait(LOOK);
+            // As the product's learner.
+            let missing = self.actors.len() - self.held[half as usize].len();
+            self.wakeup.wait_for((missing as u32).div_ceil(2), LOOK);
         }
         self.held[half as usize].iter().for_each(|(&actor, sample)| each(actor, bytes(sample)));
         Ok(())
@@ -146,7 +148,7 @@ impl ActorEnd for Actor {
         unsafe { slots.as_mut_ptr().write_bytes(pattern, slots.len()) };
         // SAFETY: every byte was written, and an Observation of any bytes is valid.
         let receivers = unsafe { sample.assume_init() }.send().context("cannot send observations")?;
-        self.bell.ring();
+        self.bell.ring_counted();
         ensure!(receivers == self.readers.count(), "{receivers} of {} readers got a sample", self.readers.count());
         self.steps[half as usize] += 1;
         Ok(())

@@ -226,7 +226,7 @@ fn kernel_of_observing_frames_and_sums() {
     let depth_mm: Vec<i16> = (0..FRAME_PIXELS).map(|pixel| (pixel * 7919 % 16_000) as i16).collect();
     let frame: Box<[u16; FRAME_PIXELS]> =
         depth_mm.iter().map(|&depth_mm| depth_mm as u16).collect::<Vec<_>>().try_into().unwrap();
-    let mut sums = Box::new([0; SUMS_PIXELS]);
+    let mut sums: Box<[u16; SUMS_PIXELS]> = vec![0; SUMS_PIXELS].try_into().unwrap();
     assert!(sum_windows(&frame, &mut sums));
     let sums_mm: Vec<i16> = sums.iter().map(|&sum| sum.cast_signed()).collect();
     let (whole, part) = (pinned(&depth_mm), pinned(&sums_mm));
