@@ -19,7 +19,7 @@ pub const STOP: u8 = 2;
 /// A way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Way {
-    /// The product's own: iceoryx2 with events
+    /// The product's own: iceoryx2 with bells
     Wire,
     /// POSIX shared memory, one slot a half, with semaphores
     Shm,

@@ -279,6 +279,7 @@ mod tests {
         for [actors, environments] in [[1, 20], [19, 16], [19, 32]] {
             (config.actors.count, config.actors.environments_per_actor) = (actors, environments);
             let frames = Frames::new(&config).unwrap();
+            assert!(frames.batch(0, 0, vec![]).input().frames.iter().all(|frame| frame.sums_mm.is_some()));
             let [mut graph, mut plain] = [(); 2].map(|()| Agent::new(&config, Device::Cuda(0)).unwrap());
             plain.acting = None;
             for agent in [&mut graph, &mut plain] {

@@ -170,7 +170,14 @@ mod tests {
 
     #[test]
     fn frames_lie_in_shared_memory_in_the_order_of_columns_and_are_swept() {
-        let mut config = Config::resolve("demo", None).unwrap();
+        // The demonstration averages over other windows than sums have.
+        for (preset, sums) in [("demo", false), ("recipe", true)] {
+            frames_of(preset, sums);
+        }
+    }
+
+    fn frames_of(preset: &str, sums: bool) {
+        let mut config = Config::resolve(preset, None).unwrap();
         (config.actors.count, config.actors.environments_per_actor) = (2, 3);
         let frames = Frames::new(&config).unwrap();
         let left = || {
@@ -184,7 +191,8 @@ mod tests {
             let batch = frames.batch(half, 0, frames.noise(half, 0));
             assert_eq!(batch.columns, columns);
             for (&column, frame) in columns.iter().zip(&batch.frames) {
-                assert_eq!(*frame, observation(column, false).frame());
+                assert_eq!(*frame, observation(column, sums).frame());
+                assert_eq!(frame.sums_mm.is_some(), sums);
             }
             assert_eq!(batch.gumbel.len(), columns.len() * frames.actions);
         }

@@ -106,7 +106,7 @@ mod tests {
             let woken = |longest: Duration| -> Vec<u32> {
                 (0..50).filter(|&actor: &u32| wakeups[actor as usize].wait(longest)).collect()
             };
-            assert_eq!(woken(Duration::ZERO).len(), 50, "the first wait is none");
+            assert_eq!(woken(Duration::ZERO).len(), 50, "the first wait returns at once");
             ringers.ring(20..30);
             ringers.ring(49..50);
             // Whoever ends them has had all bells rung.

@@ -94,7 +94,10 @@ impl OrchestratorGone {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::shares::Shares;
     use std::sync::mpsc::{RecvTimeoutError, channel};
+    use std::time::Instant;
+    use wire::{Sleeper, WireAddress, WireHost, WireShape};
 
     #[test]
     fn only_who_has_no_orchestrator_is_ended() {
@@ -104,6 +107,30 @@ mod tests {
         assert_eq!(ended.recv_timeout(Duration::from_millis(100)), Err(RecvTimeoutError::Timeout));
         gone.set();
         assert_eq!(ended.recv_timeout(Duration::from_secs(10)), Ok(()));
+    }
+
+    #[test]
+    fn whoever_sleeps_wakes_whether_it_was_noted_before_there_was_a_bell_or_after() {
+        let shape = WireShape { shares: Shares::of_one(1), environments_per_actor: 1 };
+        let address = WireAddress::new(&format!("testgone{}", std::process::id()), 1);
+        let host = WireHost::create(&address, shape).unwrap();
+        {
+            let bells = host.wire().bells();
+            let wakes = |order: [&dyn Fn(); 2]| {
+                let wakeup = bells.wakeup(Sleeper::Learner(0));
+                wakeup.wait(Duration::ZERO);
+                let began = Instant::now();
+                order.into_iter().for_each(|step| step());
+                wakeup.wait(Duration::from_secs(20)) && began.elapsed() < Duration::from_secs(10)
+            };
+            for set_first in [true, false] {
+                let gone = OrchestratorGone::new();
+                let (set, given) = (|| gone.set(), || gone.wakes(bells.bell([Sleeper::Learner(0)])));
+                assert!(wakes(if set_first { [&set, &given] } else { [&given, &set] }), "{set_first}");
+            }
+        }
+        drop(host);
+        address.sweep().unwrap();
     }
 
     #[test]

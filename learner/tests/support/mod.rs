@@ -400,8 +400,9 @@ impl Acting {
                     unsent.push(header.half);
                 }
             }
+            let due = unsent.len();
             unsent.retain(|&half| !self.send(&observations, observation_kind::OBSERVATIONS, half));
-            bell.ring();
+            (unsent.len()..due).for_each(|_| bell.ring_counted());
             wakeup.wait(Duration::from_millis(if unsent.is_empty() { 20 } else { 2 }));
         }
     }

@@ -55,8 +55,8 @@ pub fn create(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> R
 /// Makes the folder, these folders in it, and everything else but the identity, which makes it a run.
 pub fn prepare(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> Result<RunLock> {
     check_free(folder)?;
-    // All ids are of one length.
-    WireAddress::new(&Identity::new()?.id, 1).check_length()?;
+    // All ids are of one length. Another host adds its number, and a later start has a longer one.
+    WireAddress::new(&format!("{}h999", Identity::new()?.id), 99_999).check_length()?;
     for path in [folder.root().to_path_buf(), folder.logs()].iter().chain(folders) {
         std::fs::create_dir_all(path).with_context(|| format!("cannot create {}", path.display()))?;
         fault::reach("create.after_folder");

@@ -1,12 +1,13 @@
-//! Waking processes that sleep. Each has a word in a file that all map: whoever has sent it something rings, which counts
-//! the word up, and the kernel (futex) wakes the sleeper if it sleeps.
+//! Waking processes that sleep. Each has a word in a file that all map. Whoever has sent it something rings: that counts
+//! the word up, and if the process sleeps, the kernel (futex) wakes it.
 //!
 //! A ring to a process that is awake is one or two atomic additions, and who wakes has nothing to read and nothing to
 //! clear. With iceoryx2's events, which are sockets, both cost system calls: one sent, two or three read, and the waits
 //! around them. Who waits for many others, as a learner for its actors, need not be woken by each.
 //!
-//! Nothing here depends on who lives. A process can be killed before it rings, so nobody sleeps without a limit; one that
-//! is killed asleep leaves its word marked, and the next ring wakes nobody.
+//! Nothing here depends on who lives. A process can be killed or stopped before it rings, or between taking the mark off
+//! and waking the sleeper, when the others' rings find no mark either: so nobody sleeps without a limit. One that is killed
+//! asleep leaves its word marked, and a ring for it wakes nobody.
 
 use crate::address::WireAddress;
 use crate::error::WireError;
@@ -18,7 +19,7 @@ use std::cell::Cell;
 use std::fmt::Debug;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// The bit of a word that says that its process sleeps, or is about to. The others count rings.
 const ASLEEP: u32 = 1;
@@ -110,7 +111,7 @@ fn rings(word: u32) -> u32 {
     word & !ASLEEP
 }
 
-/// Whether a word has as many rings. They are counted around: the difference is what matters.
+/// Whether a word has reached so many rings. The count wraps around: only the difference matters.
 fn has_reached(word: u32, target: u32) -> bool {
     rings(word).wrapping_sub(target).cast_signed() >= 0
 }
@@ -194,9 +195,13 @@ impl Wakeup {
         target.store(until, Ordering::SeqCst);
         let is_due = |word| has_reached(word, until) || at_once.load(Ordering::SeqCst) != seen.at_once;
         if !is_due(word.load(Ordering::SeqCst)) {
-            let marked = word.fetch_or(ASLEEP, Ordering::SeqCst) | ASLEEP;
-            if !is_due(marked) {
-                sleep(word, marked, longest);
+            let began = Instant::now();
+            // A ring that is not enough yet can keep it from falling asleep.
+            while let Some(left) = longest.checked_sub(began.elapsed()).filter(|left| !left.is_zero()) {
+                let marked = word.fetch_or(ASLEEP, Ordering::SeqCst) | ASLEEP;
+                if is_due(marked) || sleep(word, marked, left) {
+                    break;
+                }
             }
             word.fetch_and(!ASLEEP, Ordering::SeqCst);
         }
@@ -207,15 +212,18 @@ impl Wakeup {
     }
 }
 
-/// Until the word is another one than `expected` and somebody says so, at most for `longest`.
-fn sleep(word: &AtomicU32, expected: u32, longest: Duration) {
+/// Until the word is another one than `expected` and somebody says so, at most for `longest`. Returns false if it was
+/// another one already: then it may be slept again.
+fn sleep(word: &AtomicU32, expected: u32, longest: Duration) -> bool {
     let longest = Timespec::try_from(longest).ok();
     match futex::wait(word, Flags::empty(), expected, longest.as_ref()) {
-        // Woken, rung meanwhile, interrupted by a signal, or the time is over.
-        Ok(()) | Err(Errno::AGAIN | Errno::INTR | Errno::TIMEDOUT) => {}
+        Err(Errno::AGAIN) => false,
+        // Woken, interrupted by a signal, or the time is over.
+        Ok(()) | Err(Errno::INTR | Errno::TIMEDOUT) => true,
         Err(error) => {
             tracing::debug!("cannot sleep: {error}");
             std::thread::sleep(Duration::from_millis(1));
+            true
         }
     }
 }
@@ -225,7 +233,6 @@ mod tests {
     use super::*;
     use crate::WireHost;
     use proto::shares::Shares;
-    use std::time::Instant;
 
     const LONG: Duration = Duration::from_secs(20);
     const QUIET: Duration = Duration::from_millis(30);
@@ -240,35 +247,52 @@ mod tests {
         assert!(Bells::open(&address, shape).is_err(), "nothing is left");
     }
 
+    impl Wakeup {
+        /// Whether it wakes long before its time is over.
+        fn wakes(&self, counted: u32) -> bool {
+            let began = Instant::now();
+            self.wait_for(counted, LONG) && began.elapsed() < LONG / 2
+        }
+
+        /// Whether it sleeps all of its time.
+        fn sleeps(&self, counted: u32) -> bool {
+            let began = Instant::now();
+            self.wait_for(counted, QUIET);
+            began.elapsed() >= QUIET
+        }
+    }
+
+    /// Rings while somebody is about to sleep.
+    fn meanwhile(ring: impl FnOnce() + Send, sleep: impl FnOnce() -> bool) -> bool {
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                std::thread::sleep(QUIET);
+                ring();
+            });
+            sleep()
+        })
+    }
+
     #[test]
     fn whoever_rings_ends_the_wait_and_a_quiet_one_waits_its_time() {
         with_bells("bells", |bells| {
             let wakeup = bells.wakeup(Sleeper::Learner(1));
-            assert!(wakeup.wait(LONG), "what was sent before it came may be there");
-            let waits_its_time = || {
-                let began = Instant::now();
-                !wakeup.wait(QUIET) && began.elapsed() >= QUIET
-            };
-            assert!(waits_its_time());
+            assert!(wakeup.wakes(1), "what was sent before it came may be there");
+            assert!(wakeup.sleeps(1));
             // Twice is once; and it makes no difference whether somebody waits already.
             let bell = bells.bell([Sleeper::Recorder, Sleeper::Learner(1)]);
             bell.ring();
             bell.ring();
-            assert!(wakeup.wait(LONG) && waits_its_time());
-            std::thread::scope(|scope| {
-                scope.spawn(|| {
-                    std::thread::sleep(QUIET);
-                    bell.ring();
-                });
-                assert!(wakeup.wait(LONG) && waits_its_time());
-            });
+            assert!(wakeup.wakes(1) && wakeup.sleeps(1));
+            assert!(meanwhile(|| bell.ring(), || wakeup.wakes(1)));
+            assert!(meanwhile(|| bell.ring_counted(), || wakeup.wakes(1)));
             // Nobody else's wakes it.
             let others =
                 [Sleeper::Recorder, Sleeper::Learner(0), Sleeper::Actor(0), Sleeper::Actor(1), Sleeper::Actor(2)];
             bells.bell(others).ring();
-            assert!(waits_its_time());
+            assert!(wakeup.sleeps(1));
             for other in others {
-                assert!(bells.wakeup(other).wait(LONG));
+                assert!(bells.wakeup(other).wakes(1));
             }
         });
     }
@@ -277,39 +301,24 @@ mod tests {
     fn counted_rings_wake_when_they_are_enough_and_any_other_at_once() {
         with_bells("counted", |bells| {
             let (wakeup, bell) = (bells.wakeup(Sleeper::Learner(0)), bells.bell([Sleeper::Learner(0)]));
-            assert!(wakeup.wait_for(3, LONG), "what was sent before it came may be there");
-            let began = Instant::now();
-            assert!(!wakeup.wait_for(3, QUIET) && began.elapsed() >= QUIET);
-            // Too few, before it sleeps.
-            bell.ring_counted();
-            bell.ring_counted();
-            let began = Instant::now();
-            assert!(wakeup.wait_for(3, QUIET) && began.elapsed() >= QUIET, "they are told, but woke nobody");
+            let counted = |count| (0..count).for_each(|_| bell.ring_counted());
+            assert!(wakeup.wakes(3), "what was sent before it came may be there");
+            assert!(wakeup.sleeps(3));
+            counted(2);
+            assert!(wakeup.sleeps(3), "too few, before it sleeps");
             for enough in [3, 7] {
-                (0..enough).for_each(|_| bell.ring_counted());
-                assert!(wakeup.wait_for(3, LONG));
+                counted(enough);
+                assert!(wakeup.wakes(3));
             }
             bell.ring();
-            assert!(wakeup.wait_for(3, LONG), "one that is not counted, before it sleeps");
-            // While it sleeps.
-            let rung_meanwhile = |ring: &(dyn Fn() + Sync)| {
-                std::thread::scope(|scope| {
-                    scope.spawn(|| {
-                        std::thread::sleep(QUIET);
-                        ring();
-                    });
-                    wakeup.wait_for(3, LONG)
-                })
+            assert!(wakeup.wakes(3), "one that is not counted, before it sleeps");
+            assert!(meanwhile(|| counted(3), || wakeup.wakes(3)), "enough, while it sleeps");
+            assert!(meanwhile(|| bell.ring(), || wakeup.wakes(3)), "one that is not counted, while it sleeps");
+            let slept_through = || {
+                let began = Instant::now();
+                wakeup.wait_for(3, 20 * QUIET) && began.elapsed() >= 20 * QUIET
             };
-            assert!(rung_meanwhile(&|| (0..3).for_each(|_| bell.ring_counted())));
-            assert!(rung_meanwhile(&|| bell.ring()));
-            // One after the other: the first two do not wake it.
-            let began = Instant::now();
-            assert!(rung_meanwhile(&|| (0..3).for_each(|_| {
-                bell.ring_counted();
-                std::thread::sleep(QUIET);
-            })));
-            assert!(began.elapsed() >= 3 * QUIET);
+            assert!(meanwhile(|| counted(2), slept_through), "too few, while it sleeps");
         });
     }
 
@@ -327,15 +336,14 @@ mod tests {
         with_bells("asleep", |bells| {
             let (wakeup, bell) = (bells.wakeup(Sleeper::Actor(2)), bells.bell([Sleeper::Actor(2)]));
             let word = bells.words.low(bells.place(Sleeper::Actor(2)));
-            assert!(wakeup.wait(LONG) && !wakeup.wait(QUIET));
+            assert!(wakeup.wakes(1) && wakeup.sleeps(1));
             word.fetch_or(ASLEEP, Ordering::SeqCst);
             bell.ring();
-            assert!(wakeup.wait(LONG) && !wakeup.wait(QUIET));
+            assert!(wakeup.wakes(1) && wakeup.sleeps(1));
             word.fetch_or(ASLEEP, Ordering::SeqCst);
             let successor = bells.wakeup(Sleeper::Actor(2));
-            assert!(successor.wait(LONG) && !successor.wait(QUIET));
-            bell.ring();
-            assert!(successor.wait(LONG));
+            assert!(successor.wakes(1) && successor.sleeps(1));
+            assert!(meanwhile(|| bell.ring(), || successor.wakes(1)));
         });
     }
 

@@ -42,7 +42,7 @@ pub enum WireError {
         /// iceoryx2's error text.
         cause: String,
     },
-    /// iceoryx2 makes names of files of the folder's, whose length is limited.
+    /// iceoryx2 builds names of files from the folder's, and their length is limited.
     #[error("the temporary folder {root} has too long a name: set TMPDIR to a shorter one, such as /tmp")]
     TooLong {
         /// Root folder of the incarnation.
@@ -57,9 +57,7 @@ pub enum WireError {
         cause: std::io::Error,
     },
     /// The file of the bells could not be made or mapped.
-    #[error(
-        "cannot use the bells in {path}: {cause}; if /dev/shm is full, `orchestrator clean` frees what dead runs left"
-    )]
+    #[error("cannot use the bells in {path}: {cause}{}", remedy(.cause))]
     Bells {
         /// The file.
         path: String,
@@ -72,4 +70,12 @@ pub enum WireError {
     /// The address is not one that iceoryx2 accepts.
     #[error("`{0}` is not a wire address (expected PREFIX@FOLDER)")]
     Address(String),
+}
+
+fn remedy(cause: &std::io::Error) -> &'static str {
+    if cause.kind() == std::io::ErrorKind::StorageFull {
+        "; `orchestrator clean` frees what dead runs left"
+    } else {
+        ""
+    }
 }

@@ -42,7 +42,6 @@ struct Bench {
 
 impl Bench {
     fn new(test: &str) -> Self {
-        // Short: sockets in the folder of this name have at most 108 bytes of path.
         let address = WireAddress::new(&format!("r{test}{}", std::process::id()), 1);
         let host = WireHost::create(&address, shape()).unwrap();
         Self { address, _host: host, folder: tempfile::tempdir().unwrap(), config: Config::default() }

@@ -30,7 +30,7 @@ fn actors_are_met_samples_receipted_and_whole_rollouts_confirmed() {
     let receipts = Receipts::open(&bench.address, 2).unwrap();
     let learner = Wire::join(&bench.address, shape(), "learner-1").unwrap();
     let wakeup = learner.bells().wakeup(Sleeper::Learner(1));
-    assert!(wakeup.wait(Duration::ZERO), "the first wait is none");
+    assert!(wakeup.wait(Duration::ZERO), "the first wait returns at once");
     let [first, second] = bench.actors();
     let of = |half| receipts.of(1, half);
     assert_eq!((receipts.met(1), of(0), receipts.written()), (0, None, None));
