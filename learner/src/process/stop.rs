@@ -120,7 +120,9 @@ mod tests {
                 let wakeup = bells.wakeup(Sleeper::Learner(0));
                 wakeup.wait(Duration::ZERO);
                 let began = Instant::now();
-                order.into_iter().for_each(|step| step());
+                for step in order {
+                    step();
+                }
                 wakeup.wait(Duration::from_secs(20)) && began.elapsed() < Duration::from_secs(10)
             };
             for set_first in [true, false] {

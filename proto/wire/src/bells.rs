@@ -11,7 +11,7 @@
 
 use crate::address::WireAddress;
 use crate::error::WireError;
-use crate::services::WireShape;
+use crate::shape::WireShape;
 use crate::shm::Words;
 use rustix::io::Errno;
 use rustix::thread::futex::{self, Flags, Timespec};

@@ -54,6 +54,7 @@ pub mod message;
 pub mod processor;
 mod receipts;
 mod services;
+mod shape;
 mod shm;
 mod sweeper;
 pub mod version;
@@ -67,5 +68,6 @@ pub use proto::fault;
 pub use receipts::{Receipt, ReceiptBook, Receipts, Written};
 pub use services::{
     ActionPublisher, ActionSubscriber, Ipc, ObservationPublisher, ObservationReaders, ObservationSubscriber,
-    RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wire, WireHost, WireShape,
+    RestorePublisher, RestoreSubscriber, StageSubscriber, UpdateConnections, Wire, WireHost,
 };
+pub use shape::WireShape;

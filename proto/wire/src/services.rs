@@ -23,6 +23,7 @@ use crate::message::{
     ActionHeader, EnvironmentState, Halves, Observation, ObservationHeader, RestoreHeader, StageAnnouncement,
 };
 use crate::receipts;
+use crate::shape::WireShape;
 use crate::sweeper::Sweeper;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
@@ -35,7 +36,6 @@ use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::builder::publish_subscribe::Builder as PublishSubscribeBuilder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PublishSubscribe;
 use proto::SCHEMA_VERSION;
-use proto::shares::Shares;
 use std::fmt::Debug;
 use std::ops::Range;
 
@@ -66,21 +66,7 @@ const OBSERVATION_BORROWED: usize = 2;
 /// Ports that a restarted process may need while its dead predecessor's are not swept yet.
 const RESTART_MARGIN: usize = 2;
 
-/// How many processes and environments share one machine's services.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct WireShape {
-    /// Actor processes, divided among learners.
-    pub shares: Shares,
-    /// Environments of each actor.
-    pub environments_per_actor: u32,
-}
-
 impl WireShape {
-    /// The shape of a configuration's processes.
-    pub fn of(config: &proto::config::Config) -> Self {
-        Self { shares: config.shares(), environments_per_actor: config.actors.environments_per_actor }
-    }
-
     /// Shared memory that the observation services can come to use, bytes: every slot of every actor, and a tenth
     /// for everything else.
     pub fn shared_memory_bytes(self) -> u64 {
@@ -426,6 +412,7 @@ mod tests {
     use crate::SHARED_MEMORY;
     use crate::message::observation_kind;
     use bytemuck::Zeroable;
+    use proto::shares::Shares;
     use std::time::Duration;
 
     fn address(test: &str) -> WireAddress {

@@ -107,7 +107,7 @@ fn a_number_of_actors_for_which_another_host_has_no_room_is_taken_back() {
         let mut command = hosts.command(host, "token");
         if host == 1 {
             // Enough for two actors and a learner, not for six.
-            command = hosts.workshop.limited("ulimit -n 220", &command);
+            command = hosts.workshop.limited("ulimit -n 150", &command);
         }
         command.env("STILLROOM_FAULT", HOLD);
         start(command)
