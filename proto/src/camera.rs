@@ -36,11 +36,11 @@ impl<'a> DepthFrame<'a> {
     }
 }
 
-/// Writes the sum of each window of [`WINDOW`] × [`WINDOW`] pixels of a frame, millimetres, row-major, every one of them.
-/// Returns whether all fit into 16 bits: a window's mean must be less than 16.384 m for that.
+/// Writes the sum of each window of [`WINDOW`] × [`WINDOW`] pixels of a frame, millimetres, row-major, every one of
+/// them. Returns whether all fit into 16 bits: a window's mean must be less than 16.384 m for that.
 ///
-/// A network that averages its input over such windows needs no more of the frame, and a GPU that reads it from the host's
-/// memory reads a quarter of the bytes. The sums are exact, and so are their quarters as 32-bit floating point.
+/// A network that averages its input over such windows needs no more of the frame, and a GPU that reads it from the
+/// host's memory reads a quarter of the bytes. The sums are exact, and so are their quarters as 32-bit floating point.
 pub fn sum_windows(depth_mm: &[u16; FRAME_PIXELS], sums_mm: &mut [u16; SUMS_PIXELS]) -> bool {
     let mut bits = 0;
     let bands = depth_mm.chunks_exact(WINDOW * FRAME_SIDE).zip(sums_mm.chunks_exact_mut(SUMS_SIDE));

@@ -8,8 +8,8 @@ use wire::Ipc;
 use wire::message::{Observation, ObservationHeader};
 
 /// Fills one observation in place, every byte of it, and returns it as proof. `render` is given the depth frame,
-/// row-major, and must write every pixel: it returns the written slice as proof. With `sums` the frame's sums are written
-/// behind it.
+/// row-major, and must write every pixel: it returns the written slice as proof. With `sums` the frame's sums are
+/// written behind it.
 ///
 /// # Panics
 /// If what `render` returns is not the frame it was given.

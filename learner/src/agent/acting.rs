@@ -16,9 +16,9 @@ use proto::camera::DepthFrame;
 use std::ops::Range;
 use tch::{Device, Kind, Tensor};
 
-/// A batch of more rows goes through the encoder in two parts, beside one another: the GPU computes with the first frames
-/// while it reads the others from the host's memory, and small kernels of both share it. Each part costs launches of its
-/// own: more than two were slower on an H200 (BENCHMARKS.md).
+/// A batch of more rows goes through the encoder in two parts, beside one another: the GPU computes with the first
+/// frames while it reads the others from the host's memory, and small kernels of both share it. Each part costs
+/// launches of its own: more than two were slower on an H200 (BENCHMARKS.md).
 const PART_ROWS: usize = 76;
 const MOST_PARTS: usize = 2;
 

@@ -144,8 +144,8 @@ impl Gru {
         x.gru_cell(before, weight_input, weight_hidden, Some(bias_input), Some(bias_hidden))
     }
 
-    /// What the gates of a step get from inputs \[rows, inputs\], without their biases: \[rows, 3 · hidden\], reset, update,
-    /// candidate.
+    /// What the gates of a step get from inputs \[rows, inputs\], without their biases: \[rows, 3 · hidden\], reset,
+    /// update, candidate.
     pub fn input_gates(&self, parameters: &Parameters, x: &Tensor) -> Tensor {
         x.matmul(&parameters[self.weights[0]].tr())
     }

@@ -104,7 +104,12 @@ impl<'a, W: Write> Conversation<'a, W> {
     /// Sleeps until an actor has sent something, something is announced or the orchestrator is gone, at most for
     /// `longest`; it may wake without a reason.
     pub fn wait(&self, longest: Duration) {
-        self.ports.wait(1, longest.min(LOOK));
+        self.wait_for(1, longest);
+    }
+
+    /// The same, but observations wake it only when so many have come.
+    fn wait_for(&self, observations: u32, longest: Duration) {
+        self.ports.wait(observations, longest.min(LOOK));
     }
 
     /// Receives every waiting sample, so that an actor that is served first does not make others wait, and reads the
@@ -195,7 +200,7 @@ impl<'a, W: Write> Conversation<'a, W> {
                     left
                 }
             };
-            self.ports.wait(enough, left.min(LOOK));
+            self.wait_for(enough, left);
         }
     }
 

@@ -1,7 +1,7 @@
 //! Rings actors' bells on threads of their own.
 //!
-//! A ring to a process that sleeps is a system call, which takes longer than all else of sending. With dozens of actors,
-//! twice a step, that is as long as inference on a GPU. Here the learner goes on meanwhile.
+//! A ring to a process that sleeps is a system call, which wakes it. With dozens of actors, twice a step, that adds up.
+//! Here the learner goes on meanwhile.
 
 use anyhow::{Context, Result};
 use std::ops::Range;

@@ -1,13 +1,13 @@
-//! Waking processes that sleep. Each has a word in a file that all map. Whoever has sent it something rings: that counts
-//! the word up, and if the process sleeps, the kernel (futex) wakes it.
+//! Waking processes that sleep. Each has a word in a file that all map. Whoever has sent it something rings: that
+//! counts the word up, and if the process sleeps, the kernel (futex) wakes it.
 //!
 //! A ring to a process that is awake is one or two atomic additions, and who wakes has nothing to read and nothing to
 //! clear. With iceoryx2's events, which are sockets, both cost system calls: one sent, two or three read, and the waits
 //! around them. Who waits for many others, as a learner for its actors, need not be woken by each.
 //!
-//! Nothing here depends on who lives. A process can be killed or stopped before it rings, or between taking the mark off
-//! and waking the sleeper, when the others' rings find no mark either: so nobody sleeps without a limit. One that is killed
-//! asleep leaves its word marked, and a ring for it wakes nobody.
+//! Nothing here depends on who lives. A process can be killed or stopped before it rings, or between taking the mark
+//! off and waking the sleeper, when the others' rings find no mark either: so nobody sleeps without a limit. One that
+//! is killed asleep leaves its word marked, and a ring for it wakes nobody.
 
 use crate::address::WireAddress;
 use crate::error::WireError;

@@ -16,7 +16,8 @@ pub struct Words {
     writable: bool,
 }
 
-// SAFETY: the mapping belongs to the process, not to a thread, and lives as long as this; all use it through atomics only.
+// SAFETY: the mapping belongs to the process, not to a thread, and lives as long as this; all use it through atomics
+// only.
 unsafe impl Send for Words {}
 // SAFETY: as above.
 unsafe impl Sync for Words {}
@@ -73,8 +74,8 @@ impl Words {
     pub fn low(&self, index: usize) -> &AtomicU32 {
         assert!(self.writable, "a word that is only read is read whole");
         let word: *const AtomicU64 = self.word(index);
-        // SAFETY: a word's lower half comes first on this processor, and its alignment suffices; the word lives as long as
-        // self, and is used by halves only, in all processes.
+        // SAFETY: a word's lower half comes first on this processor, and its alignment suffices; the word lives as long
+        // as self, and is used by halves only, in all processes.
         unsafe { &*word.cast() }
     }
 

@@ -1,6 +1,6 @@
 // What acting needs around the encoder: frames come straight from the actors' shared memory; belief, policy and the
-// choice of an action are one kernel, because the nine small ones that it replaces took longer, one after the other. POOL
-// is the side of the pooling window, SIDE that of a pooled frame.
+// choice of an action are one kernel, because the nine small ones that it replaces took longer, one after the other.
+// POOL is the side of the pooling window, SIDE that of a pooled frame.
 
 // Blocks that share a frame.
 #define BANDS 4
@@ -57,10 +57,10 @@ __device__ void observe_sums(const uint4* sums, int band, size_t place, float* k
 }
 #endif
 
-// frames: addresses of raw frames, u16 [SIDE · POOL, SIDE · POOL] millimetres, in host memory that the device may read; or,
-// told by SUMS, of their sums, u16 [SIDE, SIDE]. Means over POOL × POOL pixels go to `kept` f32 [rows, SIDE, SIDE] and to
-// row places[i] of the rollout's store, which has the same numbers, or without pooling the raw ones. Sums of 16 numbers of
-// 16 bits are exact in f32.
+// frames: addresses of raw frames, u16 [SIDE · POOL, SIDE · POOL] millimetres, in host memory that the device may read;
+// or, told by SUMS, of their sums, u16 [SIDE, SIDE]. Means over POOL × POOL pixels go to `kept` f32 [rows, SIDE, SIDE]
+// and to row places[i] of the rollout's store, which has the same numbers, or without pooling the raw ones. Sums of 16
+// numbers of 16 bits are exact in f32.
 extern "C" __global__ void observe(const unsigned long long* frames, const long long* places, float* kept, void* store,
                                    int rows) {
     for (int band = blockIdx.x; band < rows * BANDS; band += gridDim.x) {
@@ -99,11 +99,11 @@ __device__ inline float sum_of(float a, float b) {
 
 // The rest of a step, one block a row: the belief's gates, actor and critic, and the choice of an action.
 //
-// from_input and from_before [rows, 3 · hidden]: what the gates (reset, update, candidate, as PyTorch's GRU has them) get
-// from what was seen and from the belief before [rows, hidden], without their biases [3 · hidden]. The belief after goes
-// to row to[i] of the table; several may go to one row that nobody reads. actor [actions, hidden] and critic [hidden] have
-// biases, too. noise [rows, actions]: the action is argmax(log-probability + noise), the first of equals. All sums have
-// one order, whatever the batch.
+// from_input and from_before [rows, 3 · hidden]: what the gates (reset, update, candidate, as PyTorch's GRU has them)
+// get from what was seen and from the belief before [rows, hidden], without their biases [3 · hidden]. The belief after
+// goes to row to[i] of the table; several may go to one row that nobody reads. actor [actions, hidden] and critic
+// [hidden] have biases, too. noise [rows, actions]: the action is argmax(log-probability + noise), the first of equals.
+// All sums have one order, whatever the batch.
 extern "C" __global__ void decide(const float* from_input, const float* from_before, const float* before,
                                   const float* input_bias, const float* before_bias, const float* actor,
                                   const float* actor_bias, const float* critic, const float* critic_bias,

@@ -109,9 +109,9 @@ impl ActingKernels {
         }
     }
 
-    /// Reads frames where `frames` (i64 \[rows\], [`Source::word`]) says, pools them, and writes them to `kept` f32 \[rows, side,
-    /// side\] and to the rows `places` (i64 \[rows\]) of `store`. `alone`: nothing else of the step
-    /// runs beside it.
+    /// Reads frames where `frames` (i64 \[rows\], [`Source::word`]) says, pools them, and writes them to `kept` f32
+    /// \[rows, side, side\] and to the rows `places` (i64 \[rows\]) of `store`. `alone`: nothing else of the step runs
+    /// beside it.
     ///
     /// # Safety
     /// When this runs, the addresses must be those of frames in memory that the device may read, on 16 bytes, and the
@@ -129,9 +129,9 @@ impl ActingKernels {
         launch(self.observe, (rows * BANDS).min(most), OBSERVE_THREADS, &arguments);
     }
 
-    /// Belief, policy and value of each row, and the action that is chosen: [`CHOSEN_WORDS`] numbers a row at `choices`,
-    /// which may be pinned memory of the host. Beliefs go to the rows `to` (i64 \[rows\]) of a table \[.., hidden\];
-    /// several may go to a row that nobody reads.
+    /// Belief, policy and value of each row, and the action that is chosen: [`CHOSEN_WORDS`] numbers a row at
+    /// `choices`, which may be pinned memory of the host. Beliefs go to the rows `to` (i64 \[rows\]) of a table \[..,
+    /// hidden\]; several may go to a row that nobody reads.
     ///
     /// # Safety
     /// When this runs, `to` must hold rows of the table.
