@@ -152,17 +152,18 @@ impl Driver {
         })
     }
 
+    /// A number that the first device says of itself, see `CUdevice_attribute`.
+    fn attribute(self, attribute: c_int) -> Result<c_int, CudaError> {
+        let mut value = 0;
+        // SAFETY: the driver is initialised, because libtorch has made a tensor there; the out-pointer is ours.
+        succeed("cuDeviceGetAttribute", unsafe { (self.attribute)(&raw mut value, attribute, 0) }).map(|()| value)
+    }
+
     /// Compute capability of the first device, as NVRTC names it: `sm_90`.
     fn architecture(self) -> Result<CString, CudaError> {
         const MAJOR: c_int = 75;
         const MINOR: c_int = 76;
-        let [major, minor] = [MAJOR, MINOR].map(|attribute| {
-            let mut value = 0;
-            // SAFETY: the driver is initialised, because libtorch has made a tensor there; the out-pointer is ours.
-            let code = unsafe { (self.attribute)(&raw mut value, attribute, 0) };
-            succeed("cuDeviceGetAttribute", code).map(|()| value)
-        });
-        let name = format!("--gpu-architecture=sm_{}{}", major?, minor?);
+        let name = format!("--gpu-architecture=sm_{}{}", self.attribute(MAJOR)?, self.attribute(MINOR)?);
         Ok(CString::new(name).expect("digits have no zero byte"))
     }
 }
@@ -239,6 +240,13 @@ impl Module {
         Ok(Self { driver, module })
     }
 
+    /// The most shared memory that a block can be given, bytes.
+    pub fn most_shared_bytes(&self) -> Result<u32, CudaError> {
+        /// `CU_DEVICE_ATTRIBUTE_MAX_SHARED_MEMORY_PER_BLOCK_OPTIN`.
+        const MOST_SHARED_BYTES: c_int = 97;
+        Ok(self.driver.attribute(MOST_SHARED_BYTES)?.cast_unsigned())
+    }
+
     /// One of its `extern "C" __global__` functions, whose blocks get so much shared memory besides what the source
     /// declares.
     pub fn kernel(&self, name: &CStr, shared_bytes: u32) -> Result<Kernel, CudaError> {
@@ -257,6 +265,12 @@ impl Module {
 }
 
 impl Kernel {
+    /// The same with less shared memory for a block than it was found with.
+    pub fn with_shared_bytes(self, shared_bytes: u32) -> Self {
+        assert!(shared_bytes <= self.shared_bytes, "{shared_bytes} of {} bytes", self.shared_bytes);
+        Self { shared_bytes, ..self }
+    }
+
     /// Launches `blocks` blocks of `threads` threads each.
     ///
     /// # Safety

@@ -69,16 +69,9 @@ __device__ inline void fill_room(BlockRoom& room, const u32* first, const u32* s
     if (threadIdx.x < 4) room.zeros[threadIdx.x] = make_uint4(0, 0, 0, 0);
 }
 
-// Asks for a map from device memory; `await_maps` waits for all that this thread has asked for.
+// Asks for a map from device memory.
 __device__ inline void ask_for_map(Map& map, const uint4* from) {
-    for (int i = threadIdx.x; i < PIXELS * 4; i += blockDim.x)
-        asm volatile("cp.async.cg.shared.global [%0], [%1], 16;" ::"r"(shared_address(map.chunks + chunk_at(i / 4, i % 4))),
-                     "l"(from + i)
-                     : "memory");
-}
-
-__device__ inline void await_maps() {
-    asm volatile("cp.async.wait_all;" ::: "memory");
+    for (int i = threadIdx.x; i < PIXELS * 4; i += blockDim.x) ask_for(map.chunks + chunk_at(i / 4, i % 4), from + i);
 }
 
 // Which of the nine neighbours of a pixel lie on the map: bit 3 · (down + 1) + right + 1. None of a pixel beyond it.
@@ -284,7 +277,7 @@ extern "C" __global__ void __launch_bounds__(32 * WARPS, 1)
     for (size_t row = blockIdx.x; row < rows; row += gridDim.x) {
         float* statistics = mean_rstd + row * 4 * GROUPS;
         ask_for_map(s.x, x + row * PIXELS * 4);
-        await_maps();
+        await_all();
         __syncthreads();
         Tiles out;
         float mean[4], rstd[4];
@@ -368,7 +361,7 @@ __device__ inline void through_norm(Map& gradient, const Tiles& x, const float* 
 __device__ inline void put_arriving(Map& gradient, Map& y, const uint4* dy, const uint4* dy_too, const uint4* output) {
     ask_for_map(gradient, dy);
     ask_for_map(y, output);
-    await_maps();
+    await_all();
 #pragma unroll 2
     for (int i = threadIdx.x; i < PIXELS * 4; i += blockDim.x) {
         const int at = chunk_at(i / 4, i % 4);

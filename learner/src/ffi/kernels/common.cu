@@ -1,4 +1,4 @@
-// What the kernels share: numbers, and sums over a block. All kernels are compiled at start-up by NVRTC as one source,
+// What the kernels share: numbers, and copies into shared memory. All kernels are compiled at start-up by NVRTC as one source,
 // without headers: hence the conversions by hand.
 
 typedef unsigned char u8;
@@ -6,10 +6,6 @@ typedef unsigned int u32;
 
 #define EPSILON 1e-5f
 #define NO_GRADIENT 255
-
-// Largest number of channels, and of channels times warps in a block.
-#define MAX_CHANNELS 256
-#define MAX_PARTIAL_SUMS 2048
 
 struct Eight {
     float at[8];
@@ -52,39 +48,26 @@ __device__ inline Eight load(const float* from, int octet) {
     return out;
 }
 
-// Sums over a block, by channel.
-struct Sums {
-    float partial[MAX_PARTIAL_SUMS][2];
-    float channel[MAX_CHANNELS][2];
-};
-
-// Adds up every thread's pair of sums a channel; afterwards `sums.channel` holds them for all threads.
-__device__ inline void add_up(Sums& sums, Eight first, Eight second, int octets, int channels) {
-    const int lane = threadIdx.x % 32, warp = threadIdx.x / 32, warps = blockDim.x / 32;
-    for (int offset = 16; offset >= octets; offset /= 2) {
-#pragma unroll
-        for (int i = 0; i < 8; i++) {
-            first.at[i] += __shfl_xor_sync(0xffffffffu, first.at[i], offset);
-            second.at[i] += __shfl_xor_sync(0xffffffffu, second.at[i], offset);
-        }
-    }
-    if (lane < octets) {
-#pragma unroll
-        for (int i = 0; i < 8; i++) {
-            sums.partial[warp * channels + 8 * lane + i][0] = first.at[i];
-            sums.partial[warp * channels + 8 * lane + i][1] = second.at[i];
-        }
-    }
-    __syncthreads();
-    for (int channel = threadIdx.x; channel < channels; channel += blockDim.x) {
-        float total[2] = {0.0f, 0.0f};
-        for (int w = 0; w < warps; w++) {
-            total[0] += sums.partial[w * channels + channel][0];
-            total[1] += sums.partial[w * channels + channel][1];
-        }
-        sums.channel[channel][0] = total[0];
-        sums.channel[channel][1] = total[1];
-    }
-    __syncthreads();
+__device__ inline u32 shared_address(const void* pointer) {
+    return (u32)__cvta_generic_to_shared(pointer);
 }
 
+// Asks for 16 bytes of device memory in shared memory; `await_all` waits for all that this thread has asked for.
+__device__ inline void ask_for(uint4* to, const uint4* from) {
+    asm volatile("cp.async.cg.shared.global [%0], [%1], 16;" ::"r"(shared_address(to)), "l"(from) : "memory");
+}
+
+__device__ inline void await_all() {
+    asm volatile("cp.async.wait_all;" ::: "memory");
+}
+
+// The gradient that reaches a map: of its one or two users.
+__device__ inline Eight arriving(const uint4* dy, const uint4* dy_too, size_t i) {
+    Eight g = unpack(dy[i]);
+    if (dy_too) {
+        const Eight more = unpack(dy_too[i]);
+#pragma unroll
+        for (int k = 0; k < 8; k++) g.at[k] += more.at[k];
+    }
+    return g;
+}

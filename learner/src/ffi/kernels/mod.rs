@@ -14,7 +14,7 @@ mod tests;
 pub use acting::{ActingKernels, CHOSEN_WORDS, Chosen, Heads, Source, Undecided};
 pub use block::{Block, BlockGradients, BlockKernels};
 pub use map::{Affine, Statistics, channels_last};
-pub use norm::{NormGradients, NormKernels};
+pub use norm::{NormGradients, NormKernels, Then};
 pub use stem::{Stem, StemGradients, StemKernels, StemTape};
 
 use super::cuda::{CudaError, Module};

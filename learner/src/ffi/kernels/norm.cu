@@ -1,82 +1,165 @@
 // Group normalisation as the ResNet uses it, forward and backward, one launch each: bfloat16 feature maps
 // [rows, pixels, channels] with channels last, all arithmetic in float32, sums in a fixed order.
 //
-// One block works on one row's whole map, which it reads twice: once for the sums, once to write. The second reading
-// comes from the L2 cache. A thread owns the same eight neighbouring channels (16 bytes) of every pixel it visits:
-// threads are a multiple of channels / 8, and channels / 8 is a power of two of at most 32.
+// One block works on one row's whole map. KEEP: its threads ask for all of it at once, into shared memory, so that many
+// bytes are on their way while few registers are used; a thread reads what it asked for, so it need not wait for
+// others. Without KEEP, for maps that shared memory cannot hold, the map is read twice, the second time from the L2
+// cache. There is one barrier: between the sums of each warp and their total.
+//
+// A thread owns the same eight neighbouring channels (16 bytes, an octet) of every pixel it visits: threads are a
+// multiple of channels / 8, which is a power of two of at most 32, and channels / groups is one of at least 2. So an
+// octet holds up to four whole groups, or a group spans octets that are lanes of one warp.
 
-// Mean and 1 / standard deviation of each group of one row. Sums are of differences to the channel's first pixel, and
-// channels are combined by their means and squared deviations (Chan, Golub, LeVeque 1983): no cancellation.
-__device__ inline void statistics(const uint4* x, float* mean_rstd, Sums& sums, float (*group)[2], int pixels,
-                                  int channels, int groups) {
+// How channels, octets and groups lie for one thread.
+struct Layout {
+    int octets, octet, groups, per_group;
+    // Octets that a group spans, at least 1, and the group of the octet's first channel.
+    int span, group;
+};
+
+__device__ inline Layout layout(int channels, int groups) {
     const int octets = channels / 8, octet = threadIdx.x % octets, per_group = channels / groups;
-    const Eight origin = unpack(x[octet]);
+    return {octets, octet, groups, per_group, max(per_group / 8, 1), 8 * octet / per_group};
+}
+
+// A number for each group of an octet, of which IN channels share one: 2, 4 or all 8.
+template <int IN>
+struct OfGroups {
+    float at[8 / IN];
+
+    // That of the octet's channel k.
+    __device__ inline float of(int k) const { return at[k / IN]; }
+};
+
+// From eight channels to their groups.
+template <int IN>
+__device__ inline OfGroups<IN> fold(Eight x) {
+    OfGroups<IN> out;
+#pragma unroll
+    for (int width = 1; width < IN; width *= 2) {
+#pragma unroll
+        for (int k = 0; k < 8; k += 2 * width) x.at[k] += x.at[k + width];
+    }
+#pragma unroll
+    for (int j = 0; j < 8 / IN; j++) out.at[j] = x.at[j * IN];
+    return out;
+}
+
+// Two sums of each group over a warp, into shared memory: `partial` [warps, groups].
+template <int IN>
+__device__ inline void sum_warp(OfGroups<IN> first, OfGroups<IN> second, float2* partial, const Layout& at) {
+    const int lane = threadIdx.x % 32;
+    float2* to = partial + threadIdx.x / 32 * at.groups + at.group;
+#pragma unroll
+    for (int j = 0; j < 8 / IN; j++) {
+        for (int offset = 16; offset > 0; offset /= 2) {
+            // Lanes of the same octet, then those of the other octets of its group.
+            if (offset < at.octets && offset >= at.span) continue;
+            first.at[j] += __shfl_xor_sync(0xffffffffu, first.at[j], offset);
+            second.at[j] += __shfl_xor_sync(0xffffffffu, second.at[j], offset);
+        }
+        if (lane < at.octets && lane % at.span == 0) to[j] = make_float2(first.at[j], second.at[j]);
+    }
+}
+
+// After a barrier: those sums over all warps.
+template <int IN>
+__device__ inline void sum_block(OfGroups<IN>& first, OfGroups<IN>& second, const float2* partial, const Layout& at) {
+#pragma unroll
+    for (int j = 0; j < 8 / IN; j++) {
+        first.at[j] = second.at[j] = 0.0f;
+        for (int warp = 0; warp < blockDim.x / 32; warp++) {
+            const float2 part = partial[warp * at.groups + at.group + j];
+            first.at[j] += part.x;
+            second.at[j] += part.y;
+        }
+    }
+}
+
+// What normalisation, weight and bias do to a channel: x · scale + offset. Rounded in the same places wherever it
+// stands: the backward pass asks what ReLU let through.
+__device__ inline float scale_of(float rstd, float weight) {
+    return __fmul_rn(rstd, weight);
+}
+
+__device__ inline float offset_of(float mean, float scale, float bias) {
+    return __fmaf_rn(-mean, scale, bias);
+}
+
+__device__ inline float normed(float x, float scale, float offset) {
+    return __fmaf_rn(x, scale, offset);
+}
+
+// Asks for a map of so many octets; each thread for those that it owns.
+template <bool KEEP>
+__device__ inline const uint4* ask(const uint4* map, uint4* kept, int count) {
+    if (!KEEP) return map;
+#pragma unroll 4
+    for (int i = threadIdx.x; i < count; i += blockDim.x) ask_for(kept + i, map + i);
+    return kept;
+}
+
+// y = relu?(norm(x) + around?), and mean_rstd [rows, groups, 2]. Shared memory: x and `around`, where kept, and
+// [warps, groups] sums.
+template <bool KEEP, int IN>
+__device__ inline void forward(const uint4* x, const uint4* around, const float* weight, const float* bias, uint4* y,
+                               float* mean_rstd, int pixels, int channels, int groups, int relu) {
+    extern __shared__ __align__(512) uint4 dynamic[];
+    const Layout at = layout(channels, groups);
+    const int count = pixels * at.octets;
+    const size_t row = blockIdx.x, base = row * count;
+    // Sums are of differences to the group's first number: no cancellation.
+    const Eight first_pixel = unpack(x[base + at.octet / at.span * at.span]);
+    uint4* room = dynamic;
+    x = ask<KEEP>(x + base, room, count);
+    room += KEEP ? count : 0;
+    if (around) {
+        around = ask<KEEP>(around + base, room, count);
+        room += KEEP ? count : 0;
+    }
+    float2* partial = (float2*)room;
+    y += base;
+    OfGroups<IN> origin;
+#pragma unroll
+    for (int j = 0; j < 8 / IN; j++) origin.at[j] = first_pixel.at[j * IN];
     Eight sum = {}, squares = {};
-    for (int i = threadIdx.x; i < pixels * octets; i += blockDim.x) {
+    if (KEEP) await_all();
+    for (int i = threadIdx.x; i < count; i += blockDim.x) {
         const Eight value = unpack(x[i]);
 #pragma unroll
         for (int k = 0; k < 8; k++) {
-            const float difference = value.at[k] - origin.at[k];
+            const float difference = value.at[k] - origin.of(k);
             sum.at[k] += difference;
             squares.at[k] += difference * difference;
         }
     }
-    add_up(sums, sum, squares, octets, channels);
-    // From sums of differences to mean and squared deviation.
-    for (int c = threadIdx.x; c < channels; c += blockDim.x) {
-        const Eight first = unpack(x[c / 8]);
-        const float shift = sums.channel[c][0] / pixels;
-        sums.channel[c][1] -= shift * sums.channel[c][0];
-        sums.channel[c][0] = first.at[c % 8] + shift;
-    }
+    OfGroups<IN> first = fold<IN>(sum), second = fold<IN>(squares);
+    sum_warp(first, second, partial, at);
+    const Eight w = load(weight, at.octet), b = load(bias, at.octet);
     __syncthreads();
-    for (int g = threadIdx.x; g < groups; g += blockDim.x) {
-        float mean = 0.0f, deviation = 0.0f;
-        for (int c = g * per_group; c < (g + 1) * per_group; c++) mean += sums.channel[c][0];
-        mean /= per_group;
-        for (int c = g * per_group; c < (g + 1) * per_group; c++) {
-            const float offset = sums.channel[c][0] - mean;
-            deviation += sums.channel[c][1] + pixels * offset * offset;
-        }
-        const float rstd = rsqrtf(deviation / (per_group * pixels) + EPSILON);
-        group[g][0] = mean;
-        group[g][1] = rstd;
-        mean_rstd[2 * g] = mean;
-        mean_rstd[2 * g + 1] = rstd;
+    sum_block(first, second, partial, at);
+    OfGroups<IN> mean, rstd;
+    const float numbers = at.per_group * pixels;
+#pragma unroll
+    for (int j = 0; j < 8 / IN; j++) {
+        const float shift = first.at[j] / numbers;
+        mean.at[j] = origin.at[j] + shift;
+        rstd.at[j] = rsqrtf(fmaxf(second.at[j] - shift * first.at[j], 0.0f) / numbers + EPSILON);
+        if (threadIdx.x < at.octets && at.octet % at.span == 0)
+            ((float2*)mean_rstd)[row * groups + at.group + j] = make_float2(mean.at[j], rstd.at[j]);
     }
-    __syncthreads();
-}
-
-// What normalisation, weight and bias do to eight channels: x · scale + offset.
-__device__ inline void affine(const float (*group)[2], const float* weight, const float* bias, int octet, int per_group,
-                              Eight& scale, Eight& offset) {
+    Eight scale, offset;
 #pragma unroll
     for (int k = 0; k < 8; k++) {
-        const int channel = 8 * octet + k;
-        const float* statistic = group[channel / per_group];
-        scale.at[k] = statistic[1] * weight[channel];
-        offset.at[k] = bias[channel] - statistic[0] * scale.at[k];
+        scale.at[k] = scale_of(rstd.of(k), w.at[k]);
+        offset.at[k] = offset_of(mean.of(k), scale.at[k], b.at[k]);
     }
-}
-
-// y = relu?(norm(x) + around?), and mean_rstd [rows, groups, 2].
-extern "C" __global__ void norm_forward(const uint4* x, const uint4* around, const float* weight, const float* bias,
-                                        uint4* y, float* mean_rstd, int pixels, int channels, int groups, int relu) {
-    __shared__ Sums sums;
-    __shared__ float group[MAX_CHANNELS][2];
-    const int octets = channels / 8, octet = threadIdx.x % octets;
-    const size_t row = blockIdx.x, base = row * pixels * octets;
-    x += base;
-    y += base;
-    statistics(x, mean_rstd + row * groups * 2, sums, group, pixels, channels, groups);
-    Eight scale, offset;
-    affine(group, weight, bias, octet, channels / groups, scale, offset);
-    for (int i = threadIdx.x; i < pixels * octets; i += blockDim.x) {
+    for (int i = threadIdx.x; i < count; i += blockDim.x) {
         Eight value = unpack(x[i]);
 #pragma unroll
-        for (int k = 0; k < 8; k++) value.at[k] = value.at[k] * scale.at[k] + offset.at[k];
+        for (int k = 0; k < 8; k++) value.at[k] = normed(value.at[k], scale.at[k], offset.at[k]);
         if (around) {
-            const Eight other = unpack(around[base + i]);
+            const Eight other = unpack(around[i]);
 #pragma unroll
             for (int k = 0; k < 8; k++) value.at[k] += other.at[k];
         }
@@ -88,100 +171,170 @@ extern "C" __global__ void norm_forward(const uint4* x, const uint4* around, con
     }
 }
 
-// Mean and 1 / standard deviation of eight channels.
-struct Normalisation {
-    Eight mean, rstd;
-};
+// Where a ReLU follows a norm, and how the backward pass tells what it let through.
+#define NO_RELU 0
+// Of the norm alone: from x.
+#define RELU 1
+// Of the norm and what goes around it: from the output.
+#define RELU_OF_SUM 2
 
-// Of one octet, from the statistics of its row.
-__device__ inline Normalisation normalisation(const float* mean_rstd, size_t row, int groups, int octet, int per_group) {
-    Normalisation norm;
-#pragma unroll
-    for (int k = 0; k < 8; k++) {
-        const float* statistic = mean_rstd + (row * groups + (8 * octet + k) / per_group) * 2;
-        norm.mean.at[k] = statistic[0];
-        norm.rstd.at[k] = statistic[1];
-    }
-    return norm;
-}
-
-// The gradient of a norm's input, from that of its output and from what the channels of a group share.
-__device__ inline Eight through(const Normalisation& norm, const Eight& weight, const float (*means)[2], const Eight& g,
-                                const Eight& value, int octet, int per_group) {
-    Eight out;
-#pragma unroll
-    for (int k = 0; k < 8; k++) {
-        const float* shared = means[(8 * octet + k) / per_group];
-        const float normal = (value.at[k] - norm.mean.at[k]) * norm.rstd.at[k];
-        out.at[k] = norm.rstd.at[k] * (weight.at[k] * g.at[k] - shared[0] - normal * shared[1]);
-    }
-    return out;
-}
-
-// Turns the sums Σ g and Σ g·x̂ of each channel into what all channels of a group share: the means of w·g and w·g·x̂.
-// Writes the row's share of the gradients: [2, channels], bias first.
-__device__ inline void group_means(Sums& sums, const float* weight, float* gradients, float (*means)[2], int pixels,
-                                   int channels, int groups) {
-    const int per_group = channels / groups;
-    for (int c = threadIdx.x; c < channels; c += blockDim.x) {
-        gradients[c] = sums.channel[c][0];
-        gradients[channels + c] = sums.channel[c][1];
-    }
-    for (int g = threadIdx.x; g < groups; g += blockDim.x) {
-        float first = 0.0f, second = 0.0f;
-        for (int c = g * per_group; c < (g + 1) * per_group; c++) {
-            first += weight[c] * sums.channel[c][0];
-            second += weight[c] * sums.channel[c][1];
-        }
-        means[g][0] = first / (per_group * pixels);
-        means[g][1] = second / (per_group * pixels);
-    }
-    __syncthreads();
-}
-
-// The gradient that reaches a norm: of one or two users of its output, and where a ReLU follows, of what it let
-// through.
-__device__ inline Eight arriving(const uint4* dy, const uint4* dy_too, const uint4* y, size_t i) {
-    Eight g = unpack(dy[i]);
+// dx of y = relu?(norm(x) + around?) for dy (+ dy_too?). d_around, where wanted, is the gradient of `around`.
+// gradients [rows, 2, channels]: a row's share of those of bias and weight. Shared memory: x, dy, and if there are such,
+// dy_too and y, where kept; sums [warps, 8, octets + 1], the channels of an octet apart so that lanes write to different
+// banks, and [warps, groups].
+template <bool KEEP, int IN>
+__device__ inline void backward(const uint4* dy, const uint4* dy_too, const uint4* y, const uint4* x,
+                                const float* mean_rstd, const float* weight, const float* bias, uint4* dx,
+                                uint4* d_around, float* gradients, int pixels, int channels, int groups, int relu) {
+    extern __shared__ __align__(512) uint4 dynamic[];
+    const Layout at = layout(channels, groups);
+    const int count = pixels * at.octets;
+    const size_t row = blockIdx.x, base = row * count;
+    uint4 *room = dynamic, *kept_dy = room;
+    x = ask<KEEP>(x + base, room + (KEEP ? count : 0), count);
+    dy = ask<KEEP>(dy + base, kept_dy, count);
+    room += KEEP ? 2 * count : 0;
+    uint4* kept_too = room;
     if (dy_too) {
-        const Eight more = unpack(dy_too[i]);
-#pragma unroll
-        for (int k = 0; k < 8; k++) g.at[k] += more.at[k];
+        dy_too = ask<KEEP>(dy_too + base, kept_too, count);
+        room += KEEP ? count : 0;
     }
-    if (y) {
-        const Eight output = unpack(y[i]);
-#pragma unroll
-        for (int k = 0; k < 8; k++) g.at[k] = output.at[k] > 0.0f ? g.at[k] : 0.0f;
+    if (relu == RELU_OF_SUM) {
+        y = ask<KEEP>(y + base, room, count);
+        room += KEEP ? count : 0;
     }
-    return g;
-}
-
-// dx of y = relu?(norm(x) + around?) for dy (+ dy_too?); `y` is given where a ReLU follows. d_around, where wanted, is
-// the gradient of `around`. gradients [rows, 2, channels]: a row's share of those of bias and weight.
-extern "C" __global__ void norm_backward(const uint4* dy, const uint4* dy_too, const uint4* y, const uint4* x,
-                                         const float* mean_rstd, const float* weight, uint4* dx, uint4* d_around,
-                                         float* gradients, int pixels, int channels, int groups) {
-    __shared__ Sums sums;
-    __shared__ float means[MAX_CHANNELS][2];
-    const int octets = channels / 8, octet = threadIdx.x % octets, per_group = channels / groups;
-    const size_t row = blockIdx.x, base = row * pixels * octets;
-    const Normalisation norm = normalisation(mean_rstd, row, groups, octet, per_group);
+    float2* by_channel = (float2*)room;
+    const int stride = 8 * (at.octets + 1);
+    float2* partial = by_channel + blockDim.x / 32 * stride;
+    OfGroups<IN> mean, rstd;
+#pragma unroll
+    for (int j = 0; j < 8 / IN; j++) {
+        const float2 statistic = ((const float2*)mean_rstd)[row * groups + at.group + j];
+        mean.at[j] = statistic.x;
+        rstd.at[j] = statistic.y;
+    }
+    const Eight w = load(weight, at.octet);
+    Eight offset = {};
+    if (relu == RELU) {
+        offset = load(bias, at.octet);
+#pragma unroll
+        for (int k = 0; k < 8; k++)
+            offset.at[k] = offset_of(mean.of(k), scale_of(rstd.of(k), w.at[k]), offset.at[k]);
+    }
+    // The gradient that reaches the norm.
+    const auto arriving_at = [&](int i, const Eight& value) {
+        Eight g = arriving(dy, dy_too, i);
+        if (relu == RELU) {
+#pragma unroll
+            for (int k = 0; k < 8; k++) {
+                const float scale = scale_of(rstd.of(k), w.at[k]);
+                g.at[k] = normed(value.at[k], scale, offset.at[k]) > 0.0f ? g.at[k] : 0.0f;
+            }
+        } else if (relu == RELU_OF_SUM) {
+            const Eight output = unpack(y[i]);
+#pragma unroll
+            for (int k = 0; k < 8; k++) g.at[k] = output.at[k] > 0.0f ? g.at[k] : 0.0f;
+        }
+        return g;
+    };
     Eight sum = {}, product = {};
-    for (int i = threadIdx.x; i < pixels * octets; i += blockDim.x) {
-        const Eight g = arriving(dy, dy_too, y, base + i), value = unpack(x[base + i]);
+    if (KEEP) await_all();
+    for (int i = threadIdx.x; i < count; i += blockDim.x) {
+        const Eight value = unpack(x[i]), g = arriving_at(i, value);
 #pragma unroll
         for (int k = 0; k < 8; k++) {
             sum.at[k] += g.at[k];
-            product.at[k] += g.at[k] * (value.at[k] - norm.mean.at[k]) * norm.rstd.at[k];
+            product.at[k] += g.at[k] * (value.at[k] - mean.of(k));
         }
         if (d_around) d_around[base + i] = pack(g);
+        // In the place of what it came from: eight float32 take that of both users' gradients.
+        if (KEEP && dy_too) {
+            kept_dy[i] = *(const uint4*)&g.at[0];
+            kept_too[i] = *(const uint4*)&g.at[4];
+        } else if (KEEP && relu != NO_RELU) {
+            kept_dy[i] = pack(g);
+        }
     }
-    add_up(sums, sum, product, octets, channels);
-    group_means(sums, weight, gradients + row * 2 * channels, means, pixels, channels, groups);
-    const Eight w = load(weight, octet);
-    for (int i = threadIdx.x; i < pixels * octets; i += blockDim.x) {
-        const Eight g = arriving(dy, dy_too, y, base + i), value = unpack(x[base + i]);
-        dx[base + i] = pack(through(norm, w, means, g, value, octet, per_group));
+#pragma unroll
+    for (int k = 0; k < 8; k++) product.at[k] *= rstd.of(k);
+    Eight weighted_sum, weighted_product;
+#pragma unroll
+    for (int k = 0; k < 8; k++) {
+        weighted_sum.at[k] = w.at[k] * sum.at[k];
+        weighted_product.at[k] = w.at[k] * product.at[k];
+    }
+    OfGroups<IN> first = fold<IN>(weighted_sum), second = fold<IN>(weighted_product);
+    sum_warp(first, second, partial, at);
+    for (int lanes = 16; lanes >= at.octets; lanes /= 2) {
+#pragma unroll
+        for (int k = 0; k < 8; k++) {
+            sum.at[k] += __shfl_xor_sync(0xffffffffu, sum.at[k], lanes);
+            product.at[k] += __shfl_xor_sync(0xffffffffu, product.at[k], lanes);
+        }
+    }
+    if (threadIdx.x % 32 < at.octets) {
+        float2* to = by_channel + threadIdx.x / 32 * stride + at.octet;
+#pragma unroll
+        for (int k = 0; k < 8; k++) to[k * (at.octets + 1)] = make_float2(sum.at[k], product.at[k]);
+    }
+    __syncthreads();
+    sum_block(first, second, partial, at);
+    // dx = rstd · (w · g - mean(w · g) - x̂ · mean(w · g · x̂)), x̂ = (x - mean) · rstd.
+    const float numbers = at.per_group * pixels;
+#pragma unroll
+    for (int j = 0; j < 8 / IN; j++) {
+        first.at[j] *= rstd.at[j] / numbers;
+        second.at[j] *= rstd.at[j] * rstd.at[j] / numbers;
+    }
+    for (int i = threadIdx.x; i < count; i += blockDim.x) {
+        const Eight value = unpack(x[i]);
+        Eight g;
+        if (KEEP && dy_too) {
+            *(uint4*)&g.at[0] = kept_dy[i];
+            *(uint4*)&g.at[4] = kept_too[i];
+        } else if (KEEP) {
+            g = unpack(kept_dy[i]);
+        } else {
+            g = arriving_at(i, value);
+        }
+        Eight out;
+#pragma unroll
+        for (int k = 0; k < 8; k++) {
+            const float centred = value.at[k] - mean.of(k);
+            const float own = scale_of(rstd.of(k), w.at[k]) * g.at[k];
+            out.at[k] = own - first.of(k) - centred * second.of(k);
+        }
+        dx[base + i] = pack(out);
+    }
+    for (int c = threadIdx.x; c < channels; c += blockDim.x) {
+        float2 total = make_float2(0.0f, 0.0f);
+        for (int warp = 0; warp < blockDim.x / 32; warp++) {
+            const float2 part = by_channel[warp * stride + c % 8 * (at.octets + 1) + c / 8];
+            total.x += part.x;
+            total.y += part.y;
+        }
+        gradients[row * 2 * channels + c] = total.x;
+        gradients[row * 2 * channels + channels + c] = total.y;
     }
 }
 
+#define NORM(IN, KEEP, NAME)                                                                                           \
+    extern "C" __global__ void norm_forward_##NAME(const uint4* x, const uint4* around, const float* weight,           \
+                                                   const float* bias, uint4* y, float* mean_rstd, int pixels,          \
+                                                   int channels, int groups, int relu) {                               \
+        forward<KEEP, IN>(x, around, weight, bias, y, mean_rstd, pixels, channels, groups, relu);                      \
+    }                                                                                                                  \
+    extern "C" __global__ void norm_backward_##NAME(const uint4* dy, const uint4* dy_too, const uint4* y,              \
+                                                    const uint4* x, const float* mean_rstd, const float* weight,       \
+                                                    const float* bias, uint4* dx, uint4* d_around, float* gradients,   \
+                                                    int pixels, int channels, int groups, int relu) {                  \
+        backward<KEEP, IN>(dy, dy_too, y, x, mean_rstd, weight, bias, dx, d_around, gradients, pixels, channels,       \
+                           groups, relu);                                                                              \
+    }
+
+NORM(2, true, kept_2)
+NORM(4, true, kept_4)
+NORM(8, true, kept_8)
+NORM(2, false, reread_2)
+NORM(4, false, reread_4)
+NORM(8, false, reread_8)

@@ -304,10 +304,21 @@ struct StemGradients {
     float group[STEM_GROUPS][4];
 };
 
-// Σ g and Σ g · x̂ of each channel, from the windows alone: every gradient that arrives reaches one pixel.
-__device__ inline void stem_sums(Sums& sums, const uint4* dy, const uint4* dy_too, const uint2* winner,
+// Warps of the backward pass.
+#define STEM_BACK_WARPS 8
+
+// Pairs of sums, by channel.
+struct StemSums {
+    float partial[STEM_BACK_WARPS][STEM_CHANNELS][2];
+    float channel[STEM_CHANNELS][2];
+    float means[STEM_GROUPS][2];
+};
+
+// Σ g and Σ g · x̂ of each channel, from the windows alone: every gradient that arrives reaches one pixel. Afterwards
+// `sums.channel` holds them for all threads.
+__device__ inline void stem_sums(StemSums& sums, const uint4* dy, const uint4* dy_too, const uint2* winner,
                                  const uint4* raw, const float* mean_rstd) {
-    const int octet = threadIdx.x % 4;
+    const int octet = threadIdx.x % 4, lane = threadIdx.x % 32, warp = threadIdx.x / 32;
     Eight sum = {}, product = {}, mean, rstd;
 #pragma unroll
     for (int k = 0; k < 8; k++) {
@@ -316,7 +327,7 @@ __device__ inline void stem_sums(Sums& sums, const uint4* dy, const uint4* dy_to
         rstd.at[k] = statistic[1];
     }
     for (int i = threadIdx.x; i < POOLED * POOLED * 4; i += blockDim.x) {
-        const Eight g = arriving(dy, dy_too, 0, i), value = unpack(raw[i]);
+        const Eight g = arriving(dy, dy_too, i), value = unpack(raw[i]);
         const uint2 from = winner[i];
 #pragma unroll
         for (int k = 0; k < 8; k++) {
@@ -326,7 +337,44 @@ __device__ inline void stem_sums(Sums& sums, const uint4* dy, const uint4* dy_to
             product.at[k] += passed * (value.at[k] - mean.at[k]) * rstd.at[k];
         }
     }
-    add_up(sums, sum, product, 4, STEM_CHANNELS);
+    for (int offset = 16; offset >= 4; offset /= 2) {
+#pragma unroll
+        for (int k = 0; k < 8; k++) {
+            sum.at[k] += __shfl_xor_sync(0xffffffffu, sum.at[k], offset);
+            product.at[k] += __shfl_xor_sync(0xffffffffu, product.at[k], offset);
+        }
+    }
+    if (lane < 4) {
+#pragma unroll
+        for (int k = 0; k < 8; k++) {
+            sums.partial[warp][8 * lane + k][0] = sum.at[k];
+            sums.partial[warp][8 * lane + k][1] = product.at[k];
+        }
+    }
+    __syncthreads();
+    if (threadIdx.x < 2 * STEM_CHANNELS) {
+        const int channel = threadIdx.x / 2, which = threadIdx.x % 2;
+        float total = 0.0f;
+        for (int w = 0; w < STEM_BACK_WARPS; w++) total += sums.partial[w][channel][which];
+        sums.channel[channel][which] = total;
+    }
+    __syncthreads();
+}
+
+// Turns those sums into what both channels of a group share: the means of w·g and w·g·x̂. Writes the row's share of the
+// gradients: [2, channels], bias first.
+__device__ inline void stem_means(StemSums& sums, const float* weight, float* gradients) {
+    if (threadIdx.x < STEM_CHANNELS) {
+        gradients[threadIdx.x] = sums.channel[threadIdx.x][0];
+        gradients[STEM_CHANNELS + threadIdx.x] = sums.channel[threadIdx.x][1];
+    }
+    if (threadIdx.x < 2 * STEM_GROUPS) {
+        const int group = threadIdx.x / 2, which = threadIdx.x % 2;
+        float total = 0.0f;
+        for (int c = 2 * group; c < 2 * group + 2; c++) total += weight[c] * sums.channel[c][which];
+        sums.means[group][which] = total / (2 * HALF * HALF);
+    }
+    __syncthreads();
 }
 
 // The windows that touch the chunk which begins with row `first`, into shared memory.
@@ -336,7 +384,7 @@ __device__ inline void fill_windows(StemGradients& s, const uint4* dy, const uin
         const int octet = i % 4, window = i / 4;
         if (first / 2 + window / POOLED >= POOLED) break;
         const int at = first / 2 * POOLED * 4 + i;
-        const Eight g = arriving(dy, dy_too, 0, at);
+        const Eight g = arriving(dy, dy_too, at);
         float* to = s.arrived + window * STEM_STRIDE + 8 * octet;
 #pragma unroll
         for (int k = 0; k < 8; k++) to[k] = g.at[k];
@@ -424,8 +472,7 @@ extern "C" __global__ void __launch_bounds__(256, 2)
                   float offset, int rows) {
     extern __shared__ uint4 dynamic[];
     StemGradients& s = *(StemGradients*)dynamic;
-    __shared__ Sums sums;
-    __shared__ float means[MAX_CHANNELS][2];
+    __shared__ StemSums sums;
     const int lane = threadIdx.x % 32, warp = threadIdx.x / 32, g = lane / 4, t = lane % 4;
     for (int i = threadIdx.x; i < STEM_CHANNELS * STEM_TAPS / 2; i += blockDim.x)
         s.taps[i / (STEM_TAPS / 2) * (STEM_TAPS / 2 + 4) + i % (STEM_TAPS / 2)] = taps[i];
@@ -435,10 +482,10 @@ extern "C" __global__ void __launch_bounds__(256, 2)
         const uint4* second = dy_too ? dy_too + pooled : 0;
         const float* statistics = mean_rstd + row * 2 * STEM_GROUPS;
         stem_sums(sums, dy + pooled, second, winner + pooled, raw + pooled, statistics);
-        group_means(sums, weight, gradients + row * 2 * STEM_CHANNELS, means, HALF * HALF, STEM_CHANNELS, STEM_GROUPS);
+        stem_means(sums, weight, gradients + row * 2 * STEM_CHANNELS);
         if (threadIdx.x < 4 * STEM_GROUPS) {
             const int group = threadIdx.x / 4, which = threadIdx.x % 4;
-            s.group[group][which] = which < 2 ? statistics[2 * group + which] : means[group][which - 2];
+            s.group[group][which] = which < 2 ? statistics[2 * group + which] : sums.means[group][which - 2];
         }
         for (int first = 0; first < HALF; first += CHUNK) {
             fill_band(s.band, ask_for_band(kept + row * SIDE * SIDE, first), scale, offset);

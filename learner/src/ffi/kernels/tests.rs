@@ -37,7 +37,9 @@ fn assert_close(ours: &Tensor, theirs: &Tensor, tolerance: f64) {
 #[ignore = "needs a CUDA device"]
 fn kernels_of_the_norms() {
     let kernels = kernels(112);
-    for (channels, side, groups) in [(32, 28, 16), (64, 14, 16), (128, 7, 16), (256, 4, 16), (128, 4, 1)] {
+    // Groups of 2, 4, 8 and 16 channels and of all; the last is too large for shared memory.
+    let sizes = [(32, 28, 16), (64, 14, 16), (128, 7, 16), (256, 4, 16), (128, 4, 1), (64, 28, 16), (64, 48, 16)];
+    for (channels, side, groups) in sizes {
         let size = [5, channels, side, side];
         let (x, around) = (random_map(size) * 2.0 + 1.5, random_map(size));
         let x = channels_last(x);
@@ -58,8 +60,13 @@ fn kernels_of_the_norms() {
             let loss = (&expected * (&dy[0] + &dy[1]).to_kind(Kind::Float)).sum(Kind::Float);
             let gradients = Tensor::run_backward(&[loss], &leaves, false, false);
             let users = [Some(&dy[0]), Some(&dy[1])];
-            let output = relu.then_some(&y);
-            let (ours, d_around) = kernels.norm.backward(users, output, &x, &statistics, norm, around.is_some());
+            let then = match (relu, around) {
+                (true, Some(_)) => Then::AddAndRelu(&y),
+                (true, None) => Then::Relu,
+                (false, _) => Then::Nothing,
+            };
+            let (ours, d_around) = kernels.norm.backward(users, then, &x, &statistics, norm);
+            assert_eq!(d_around.is_some(), around.is_some());
             // The sum of two users' gradients is rounded for libtorch and not for us.
             assert_close(&ours.input, &gradients[0], 2.0 * ROUNDING);
             assert_close(&ours.affine.get(1), &gradients[2], ROUNDING);
@@ -193,8 +200,8 @@ fn kernel_of_decisions() {
         unsafe { kernels.acting.decide(&heads, &row, &to, &table, &choices) };
         assert_close(&table.narrow(0, 0, rows).flip([0]), &expected, 1e-5);
         assert!(table.get(rows).abs().max().double_value(&[]) == 0.0, "the row that nobody chose");
-        let (choices, perturbed) = (crate::network::to_vec(&choices), &log_probs + &noise);
-        for (index, words) in choices.chunks_exact(CHOSEN_WORDS).enumerate() {
+        let (words, perturbed) = (crate::network::to_vec(&choices), &log_probs + &noise);
+        for (index, words) in words.chunks_exact(CHOSEN_WORDS).enumerate() {
             let (chosen, index) = (Chosen::from_words(words), index as i64);
             assert!(chosen.finite);
             let at = [index, chosen.action as i64];
@@ -203,8 +210,21 @@ fn kernel_of_decisions() {
             assert!((f64::from(chosen.log_prob) - log_probs.double_value(&at)).abs() < 1e-4);
             assert!((f64::from(chosen.value) - values.double_value(&[index])).abs() < 1e-4);
         }
+        // Of equal actions the first: here of all, and of those from the fourth on.
+        let zeros = heads.actor.map(Tensor::zeros_like);
+        let even = Heads { actor: zeros.each_ref(), ..heads };
+        for first in [0, 3] {
+            let noise = Tensor::zeros([rows, actions], float);
+            let _ = noise.narrow(1, 0, first).fill_(-1.0);
+            let row = Undecided { noise: &noise, ..row };
+            // SAFETY: as above.
+            unsafe { kernels.acting.decide(&even, &row, &to, &table, &choices) };
+            let words = crate::network::to_vec(&choices);
+            assert!(words.chunks_exact(CHOSEN_WORDS).all(|words| Chosen::from_words(words).action == first as usize));
+        }
         // A number that is not finite is noticed, in whichever output.
-        for (head, bad) in [(heads.actor[1], f64::NAN), (heads.critic[1], f64::INFINITY)] {
+        let bad = [(heads.actor[1], f64::NAN), (heads.actor[1], f64::INFINITY), (heads.critic[1], f64::INFINITY)];
+        for (head, bad) in bad {
             let (kept, choices) = (head.copy(), Tensor::zeros([rows, CHOSEN_WORDS as i64], float));
             let _ = head.get(head.size()[0] - 1).fill_(bad);
             // SAFETY: as above.

@@ -12,7 +12,7 @@ use crate::ffi::convolution::convolution_backward;
 use crate::ffi::cuda::CudaError;
 use crate::ffi::kernels::{
     self, Affine, BlockGradients, BlockKernels, Kernels, NormGradients, Statistics, Stem, StemGradients, StemTape,
-    channels_last,
+    Then, channels_last,
 };
 use crate::network::layers::{Convolution, GroupNorm};
 use crate::network::parameters::Parameters;
@@ -207,11 +207,10 @@ impl Fused {
         let (part, norm) = &resnet.compression;
         let (d, _) = kernels.norm.backward(
             [Some(&d_compressed), None],
-            Some(&compressed),
+            Then::Relu,
             &compression.x,
             &compression.statistics,
             affine(norm),
-            false,
         );
         let d = of_norm(norm, d);
         // The gradient of a block's output, in up to two parts: through the next block, and around it.
@@ -240,28 +239,26 @@ impl Fused {
             };
             let (d, d_around) = kernels.norm.backward(
                 [through.as_ref(), around.as_ref()],
-                Some(&output),
+                Then::AddAndRelu(&output),
                 &second.x,
                 &second.statistics,
                 affine(&block.second.1),
-                true,
             );
             let d = of_norm(&block.second.1, d);
             let d_between = of_convolution(&block.second.0, &d, &between, &weights.second);
             let (d, _) = kernels.norm.backward(
                 [d_between.as_ref(), None],
-                Some(&between),
+                Then::Relu,
                 &first.x,
                 &first.statistics,
                 affine(&block.first.1),
-                false,
             );
             let d = of_norm(&block.first.1, d);
             through = of_convolution(&block.first.0, &d, &input, &weights.first);
             around = match (&block.projection, projection, &weights.projection) {
                 (Some((part, norm)), Some(normed), Some(weight)) => {
                     let dy = [d_around.as_ref(), None];
-                    let (d, _) = kernels.norm.backward(dy, None, &normed.x, &normed.statistics, affine(norm), false);
+                    let (d, _) = kernels.norm.backward(dy, Then::Nothing, &normed.x, &normed.statistics, affine(norm));
                     of_convolution(part, &of_norm(norm, d), &input, weight)
                 }
                 _ => d_around,
