@@ -32,6 +32,7 @@ pub fn take(bytes: &[u8]) -> bool {
             threads: 1,
             arithmetic: String::new(),
             learners: 1,
+            shards: 0,
         },
         manifest_sha256: String::new(),
     };

@@ -20,3 +20,4 @@ pub mod ppo;
 pub mod probe;
 pub mod process;
 pub mod rollout;
+pub mod shards;

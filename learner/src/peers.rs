@@ -4,6 +4,7 @@
 //! learners, so gradients add up to those of one learner that had all the actors; all take the same optimiser step with
 //! the sum, and their weights stay the same bit for bit. With equal shares this is DD-PPO's mean. Only contrastive
 //! prediction (`cpca16`) changes with the number of learners: a learner draws its negative samples from its own rows.
+//! With `learner.shards` nothing does ([`crate::shards`]).
 //!
 //! All learners make the same calls in the same order. When one dies, the calls of the others fail, or block until the
 //! orchestrator ends them. A group is never repaired: all learners restart together from the last checkpoint.
@@ -180,18 +181,21 @@ impl Peers {
     pub(crate) fn sum_gradients(&self, gradient: &mut Tensor) -> Result<(), PeerError> {
         // One that is held here has the others wait in the middle of their exchange.
         fault::reach("learner.before_exchange");
-        let Self::Group(group) = self else { return Ok(()) };
-        let Exchanged { mut seconds, mut bytes } = group.exchanged.get();
-        if let Some(gpus) = &group.gpus {
-            gpus.stopwatch().measure(|| gpus.sum(gradient))?;
-        } else {
-            let began = Instant::now();
-            group.gloo.sum(gradient).map_err(|cause| group.lost(cause))?;
-            seconds += began.elapsed().as_secs_f64();
+        match self {
+            Self::Alone => Ok(()),
+            Self::Group(group) => group.exchange(gradient),
         }
-        bytes += (gradient.numel() * size_of::<f32>()) as u64;
-        group.exchanged.set(Exchanged { seconds, bytes });
-        Ok(())
+    }
+
+    /// The flat gradients of all learners by rank, \[learners, W\], the same bits on all. Each fills its own row, and to
+    /// add zeros changes no number but -0, which becomes 0.
+    pub(crate) fn gather_gradients(&self, own: &Tensor) -> Result<Tensor, PeerError> {
+        fault::reach("learner.before_exchange");
+        let Self::Group(group) = self else { return Ok(own.unsqueeze(0)) };
+        let mut all = Tensor::zeros([i64::from(group.learners), own.size()[0]], (own.kind(), own.device()));
+        all.select(0, i64::from(group.rank)).copy_(own);
+        group.exchange(&mut all)?;
+        Ok(all)
     }
 
     /// What is counted from now on is another update's.
@@ -287,6 +291,21 @@ impl Peers {
 }
 
 impl Group {
+    /// Replaces numbers of gradients by their sums over all learners, and counts what that takes.
+    fn exchange(&self, numbers: &mut Tensor) -> Result<(), PeerError> {
+        let Exchanged { mut seconds, mut bytes } = self.exchanged.get();
+        if let Some(gpus) = &self.gpus {
+            gpus.stopwatch().measure(|| gpus.sum(numbers))?;
+        } else {
+            let began = Instant::now();
+            self.gloo.sum(numbers).map_err(|cause| self.lost(cause))?;
+            seconds += began.elapsed().as_secs_f64();
+        }
+        bytes += (numbers.numel() * size_of::<f32>()) as u64;
+        self.exchanged.set(Exchanged { seconds, bytes });
+        Ok(())
+    }
+
     fn lost(&self, cause: TchError) -> PeerError {
         PeerError::Lost { rank: self.rank, cause }
     }

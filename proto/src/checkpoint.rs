@@ -28,6 +28,10 @@ pub struct Machine {
     /// Learners whose gradients are added up. 1 is not written, so that checkpoints of one learner keep their old form.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub learners: u32,
+    /// Shards whose gradients are added up (`learner.shards`), if that is set: then the number of learners does not
+    /// matter. 0 is not written.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub shards: u32,
 }
 
 fn one() -> u32 {
@@ -39,15 +43,25 @@ fn is_one(learners: &u32) -> bool {
     *learners == 1
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's derive calls it so")]
+fn is_zero(shards: &u32) -> bool {
+    *shards == 0
+}
+
 impl Machine {
     /// What differs, as text for a warning; empty when nothing does.
     pub fn differences(&self, stored: &Self) -> Vec<String> {
+        // What the order of sums depends on.
+        let (parts, were, are) = match [stored.shards, self.shards] {
+            [0, 0] => ("learners", stored.learners, self.learners),
+            [were, are] => ("shards", were, are),
+        };
         [
             ("libtorch", &stored.torch, &self.torch),
             ("device", &stored.device, &self.device),
             ("threads", &stored.threads.to_string(), &self.threads.to_string()),
             ("CPU arithmetic", &stored.arithmetic, &self.arithmetic),
-            ("learners", &stored.learners.to_string(), &self.learners.to_string()),
+            (parts, &were.to_string(), &are.to_string()),
         ]
         .iter()
         .filter(|(_, then, now)| then != now)
@@ -214,5 +228,30 @@ impl Manifest {
 
     fn to_json(&self) -> Vec<u8> {
         serde_json::to_vec_pretty(self).expect("numbers and strings always serialise")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn with_shards_the_number_of_learners_makes_no_difference() {
+        let machine = |learners, shards| Machine {
+            torch: "2.11.0".into(),
+            device: "cpu".into(),
+            threads: 1,
+            arithmetic: "reproducible".into(),
+            learners,
+            shards,
+        };
+        assert_eq!(machine(1, 4).differences(&machine(4, 4)), [""; 0]);
+        assert_eq!(machine(1, 0).differences(&machine(4, 0)), ["learners 1 instead of 4"]);
+        assert_eq!(machine(2, 4).differences(&machine(2, 0)), ["shards 4 instead of 0"]);
+        let text = serde_json::to_string(&machine(1, 0)).unwrap();
+        assert!(!text.contains("shards") && !text.contains("learners"), "checkpoints keep their form: {text}");
+        for machine in [machine(1, 0), machine(2, 4)] {
+            assert_eq!(serde_json::from_str::<Machine>(&serde_json::to_string(&machine).unwrap()).unwrap(), machine);
+        }
     }
 }

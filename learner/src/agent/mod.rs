@@ -9,12 +9,13 @@
 //! It reads no files and no clock, and it draws nothing: the noise that samples actions comes in with the observations.
 //! It exchanges numbers with the other learners in an update, where their gradients add up, and with
 //! `ppo.preemption_share` in [`Agent::is_preempted`]. Without that setting the same calls give the same weights, bit
-//! for bit, with the same number of learners: on the CPU with the same number of threads, and with
+//! for bit, with the same number of learners or the same shards: on the CPU with the same number of threads, and with
 //! `learner.deterministic` on the same kind of GPU.
 
 mod acting;
 mod error;
 mod overlap;
+mod shards;
 mod state;
 mod step;
 mod trainer;
@@ -34,6 +35,7 @@ use crate::peers::{PeerError, Peers};
 use crate::ppo::lagrangian::ascend;
 use crate::ppo::preemption::ends_early;
 use crate::rollout::{Outcome, Rollout, Step};
+use crate::shards::Shards;
 use acting::{Acting, Rows};
 use overlap::{Overlap, policy};
 use proto::config::Config;
@@ -60,6 +62,8 @@ pub struct Agent {
     multiplier: f64,
     /// This learner's columns, numbered as in the whole run.
     columns: Range<usize>,
+    /// The same as shards.
+    shards: Shards,
     /// Beliefs before the next observation, \[columns, hidden\]: all rows but the last of `table`.
     beliefs: Tensor,
     /// \[columns + 1, hidden\].
@@ -92,14 +96,17 @@ impl Agent {
                 None
             }
         });
+        let (shards, first_column) = (Shards::of(config, &columns), columns.start);
+        let trainer = Trainer { network, auxiliary, adam, peers, shards: shards.clone(), first_column };
         let agent = Self {
             config: config.clone(),
             device,
-            trainer: Some(Box::new(Trainer { network, auxiliary, adam, peers, first_column: columns.start })),
+            trainer: Some(Box::new(trainer)),
             due: None,
             overlap: None,
             multiplier: config.reward.lagrangian.initial,
             columns,
+            shards,
             beliefs,
             table,
             rollout: None,
@@ -134,14 +141,8 @@ impl Agent {
         self.rollout = Some(Rollout::new(shape, columns, frames, self.beliefs.copy()));
     }
 
-    /// Infers step `t` for some columns, stores what was seen and chosen, and advances their beliefs.
-    ///
-    /// A column that holds in the rollout's last step is inferred, too: its last action bootstraps from this value. Its
-    /// action must not be sent. Its belief does not change, because the same observation comes again.
-    ///
-    /// # Panics
-    /// Outside a rollout, or when the input's slices differ in length.
-    pub fn step(&mut self, t: usize, input: &StepInput) -> Result<StepOutput, AgentError> {
+    /// [`Agent::step`] for columns that are inferred together.
+    fn step_together(&mut self, t: usize, input: &StepInput) -> Result<StepOutput, AgentError> {
         let space = self.config.episode.action_space.actions();
         assert_eq!(input.gumbel.len(), input.columns.len() * space.len(), "noise for every action of every column");
         let mut steps = self.seen(input)?;
@@ -210,6 +211,11 @@ impl Agent {
         self.columns.clone()
     }
 
+    /// The same as shards.
+    pub(crate) fn shards(&self) -> &Shards {
+        &self.shards
+    }
+
     /// All learners. Not to be called while an update runs, which makes its own calls to them.
     pub fn peers(&self) -> &Peers {
         &self.trainer().peers
@@ -223,9 +229,8 @@ impl Agent {
         self.rollout.as_mut().expect("a rollout in progress is cut").cut(steps);
     }
 
-    /// Computes the values of the observations after the last action. Beliefs stay where they are. Columns that held
-    /// may be left out.
-    pub fn bootstrap(&mut self, input: &StepInput) -> Result<(), AgentError> {
+    /// [`Agent::bootstrap`] for columns that are inferred together.
+    fn bootstrap_together(&mut self, input: &StepInput) -> Result<(), AgentError> {
         let steps = self.seen(input)?;
         let noise = vec![0.0; input.columns.len() * self.config.episode.action_space.actions().len()];
         let values = match self.replay(None, input, &steps, &noise)? {

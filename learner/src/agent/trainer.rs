@@ -8,6 +8,7 @@ use crate::optimizer::Adam;
 use crate::peers::Peers;
 use crate::ppo::{Update, UpdateError};
 use crate::rollout::Rollout;
+use crate::shards::Shards;
 use proto::config::Config;
 use proto::learning_rate::learning_rate;
 use std::collections::BTreeMap;
@@ -23,6 +24,7 @@ pub(super) struct Trainer {
     pub auxiliary: Auxiliary,
     pub adam: Adam,
     pub peers: Peers,
+    pub shards: Shards,
     /// Number, in the whole run, of this learner's first column.
     pub first_column: usize,
 }
@@ -67,7 +69,7 @@ impl Job {
     /// Makes it.
     pub fn run(self) -> Done {
         let Self { mut trainer, collected, number, learning_rate, config } = self;
-        let Trainer { network, auxiliary, adam, peers, first_column } = &mut *trainer;
+        let Trainer { network, auxiliary, adam, peers, shards, first_column } = &mut *trainer;
         let update = Update {
             network,
             auxiliary,
@@ -75,6 +77,7 @@ impl Job {
             ppo: &config.ppo,
             auxiliary_config: &config.auxiliary,
             peers,
+            shards,
             first_column: *first_column,
             learning_rate,
             seed: config.seed,

@@ -18,7 +18,8 @@ use wire::message::EnvironmentState;
 const RUN: &str = "0123456789ab";
 
 fn machine() -> Machine {
-    Machine { torch: "2.11.0".into(), device: "cpu".into(), threads: 2, arithmetic: "avx2".into(), learners: 1 }
+    let (torch, device, arithmetic) = ("2.11.0".into(), "cpu".into(), "avx2".into());
+    Machine { torch, device, threads: 2, arithmetic, learners: 1, shards: 0 }
 }
 
 fn store(folder: &tempfile::TempDir, keep: u32) -> Store {

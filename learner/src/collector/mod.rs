@@ -215,7 +215,15 @@ struct Cursor {
     /// Turns taken: one for each (step, half), then one for each half's bootstrap.
     turn: usize,
     boundary: Boundary,
-    statistics: RolloutStatistics,
+    /// Of each shard.
+    statistics: Vec<RolloutStatistics>,
+}
+
+impl Cursor {
+    /// Frames so far.
+    fn frames(&self) -> u64 {
+        self.statistics.iter().map(RolloutStatistics::frames).sum()
+    }
 }
 
 /// The collector. `S` is whatever holds a received sample; it is kept until its actions have been sent.
@@ -226,6 +234,8 @@ pub struct Collector<S> {
     environments: Environments,
     /// What each column holds, as randomness counts it.
     ids: Vec<EnvironmentId>,
+    /// Which shard each column is of.
+    shards: Vec<usize>,
     /// Noise for each column's next action, drawn when its observation arrives.
     noise: Vec<Vec<f32>>,
     /// Newest incarnation that each actor has announced or sent under.
@@ -253,6 +263,7 @@ impl<S: HalfSample> Collector<S> {
                 running,
             ),
             ids: (0..column_map.columns()).map(|column| column_map.environment(column)).collect(),
+            shards: column_map.shards(),
             noise: vec![vec![]; column_map.columns()],
             actor_incarnations: vec![0; column_map.actors() as usize],
             stage_version: 0,
@@ -268,7 +279,8 @@ impl<S: HalfSample> Collector<S> {
         assert!(self.cursor.is_none(), "a rollout begins when the last one is finished");
         self.stage_version = stage_version;
         let boundary = self.boundary();
-        self.cursor = Some(Cursor { shape, reward, turn: 0, boundary, statistics: RolloutStatistics::default() });
+        let statistics = vec![RolloutStatistics::default(); self.shards.iter().max().map_or(0, |last| last + 1)];
+        self.cursor = Some(Cursor { shape, reward, turn: 0, boundary, statistics });
     }
 
     /// The state as of the last boundary: the start of the rollout in progress, or now if there is none.
@@ -413,7 +425,7 @@ impl<S: HalfSample> Collector<S> {
     /// # Panics
     /// If the half's observations are not complete.
     pub fn settle(&mut self, half: u32) -> Vec<Settled> {
-        let Self { settings, halves, environments, cursor, .. } = self;
+        let Self { settings, halves, environments, shards, cursor, .. } = self;
         let cursor = cursor.as_mut().expect("outcomes belong to a rollout in progress");
         let exchange = &mut halves[half as usize];
         if !exchange.begin_settling() {
@@ -423,7 +435,8 @@ impl<S: HalfSample> Collector<S> {
         let step = exchange.step();
         for (index, sample) in (0..).zip(exchange.complete().expect("a half settles when it is complete")) {
             for (i, column) in settings.column_map.columns_of(index, half).enumerate() {
-                let outcome = environments.settle(column, sample.transition(i), cursor.reward, &mut cursor.statistics);
+                let statistics = &mut cursor.statistics[shards[column]];
+                let outcome = environments.settle(column, sample.transition(i), cursor.reward, statistics);
                 if let Some(outcome) = outcome {
                     settled.push(Settled { t: (step - 1 - cursor.boundary.exchange) as usize, column, outcome });
                 }
@@ -529,7 +542,7 @@ impl<S: HalfSample> Collector<S> {
 
     /// Frames of the rollout in progress so far; 0 when there is none.
     pub fn collected(&self) -> u64 {
-        self.cursor.as_ref().map_or(0, |cursor| cursor.statistics.frames())
+        self.cursor.as_ref().map_or(0, Cursor::frames)
     }
 
     /// Steps that every column has taken, and steps planned; none if a column is within a step or no step follows.
@@ -564,14 +577,14 @@ impl<S: HalfSample> Collector<S> {
         self.cursor.as_mut().expect("a task is due in a rollout").turn += 1;
     }
 
-    /// Ends the rollout. Its last observations stay: they are the next rollout's first.
+    /// Ends the rollout; the figures of each shard. Its last observations stay: they are the next rollout's first.
     ///
     /// # Panics
     /// If it is not complete, or the number of recorded frames differs from its shape.
-    pub fn finish(&mut self) -> RolloutStatistics {
+    pub fn finish(&mut self) -> Vec<RolloutStatistics> {
         assert_eq!(self.task(), Task::Finish, "a rollout is finished when it is complete");
         let cursor = self.cursor.take().expect("a task is due in a rollout");
-        assert_eq!(cursor.statistics.frames(), cursor.shape.frames, "every frame of the budget is recorded once");
+        assert_eq!(cursor.frames(), cursor.shape.frames, "every frame of the budget is recorded once");
         cursor.statistics
     }
 

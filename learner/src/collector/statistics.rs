@@ -1,6 +1,7 @@
 //! Statistics of the episodes that ended in a rollout.
 
 use crate::peers::{PeerError, Peers};
+use crate::shards::Shards;
 use proto::metric;
 use proto::reward::UNDISTURBED_THRESHOLD_M;
 use proto::step::{Transition, transition_flag};
@@ -29,7 +30,7 @@ impl RunningEpisode {
     }
 }
 
-/// Sums over one rollout. Filled in the fixed order of the batch, so that the sums do not depend on timing.
+/// Sums over one rollout of a shard. Filled in the fixed order of the batch, so that the sums do not depend on timing.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RolloutStatistics {
     frames: u64,
@@ -65,21 +66,14 @@ impl RolloutStatistics {
         self.discounted_disturbance_m += running.discounted_disturbance_m;
     }
 
-    /// The same over the rollouts of all learners.
-    pub fn over(self, peers: &Peers) -> Result<Self, PeerError> {
-        let mut sums = [
-            self.frames as f64,
-            self.reward,
-            self.episodes as f64,
-            self.episode_return,
-            self.length,
-            self.success,
-            self.success_undisturbed,
-            self.picked_up,
-            self.disturbance_m,
-            self.discounted_disturbance_m,
-        ];
-        peers.sum(&mut sums)?;
+    /// The same over all shards of the run. `own`: those of this learner's.
+    ///
+    /// # Panics
+    /// If `own` has not one for each of them.
+    pub fn over(own: &[Self], shards: &Shards, peers: &Peers) -> Result<Self, PeerError> {
+        let sums: Vec<Vec<f64>> = own.iter().map(|statistics| statistics.numbers().to_vec()).collect();
+        let sums = shards.sum(&sums, peers)?;
+        let sums: [f64; 10] = sums.try_into().expect("as many as each shard gives");
         let [frames, reward, episodes, episode_return, length, success, success_undisturbed, picked_up, ..] = sums;
         let [.., disturbance_m, discounted_disturbance_m] = sums;
         Ok(Self {
@@ -94,6 +88,22 @@ impl RolloutStatistics {
             disturbance_m,
             discounted_disturbance_m,
         })
+    }
+
+    /// All of them, to be added up.
+    fn numbers(&self) -> [f64; 10] {
+        [
+            self.frames as f64,
+            self.reward,
+            self.episodes as f64,
+            self.episode_return,
+            self.length,
+            self.success,
+            self.success_undisturbed,
+            self.picked_up,
+            self.disturbance_m,
+            self.discounted_disturbance_m,
+        ]
     }
 
     /// `J_C`: mean of Σ `γ^t` (`d_t` - d_{t-1}) over the episodes that ended, metres; none when none did.

@@ -232,7 +232,7 @@ impl World {
             }
             Task::Finish => {
                 let mut record = self.in_progress.take().unwrap();
-                let metrics = self.collector.finish().metrics();
+                let metrics = self.collector.finish()[0].metrics();
                 record.metrics = metrics.into_iter().map(|(name, value)| (name, value.to_bits())).collect();
                 self.frames += record.shape.frames;
                 let seen = record.outcomes.iter().map(|outcome| u64::from(outcome.2) ^ outcome.0 as u64);

@@ -13,7 +13,9 @@
 
 use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
+use crate::shards::Shards;
 use proto::config::PpoConfig;
+use std::ops::Range;
 
 /// Advantages and returns of a rollout, \[T, N\].
 #[derive(Debug, Clone, PartialEq)]
@@ -38,7 +40,7 @@ impl Targets {
 
 /// Estimates advantages and returns, and normalises the advantages if the configuration asks for it: over the frames of
 /// all learners.
-pub fn estimate(rollout: &Rollout, config: &PpoConfig, peers: &Peers) -> Result<Targets, PeerError> {
+pub fn estimate(rollout: &Rollout, config: &PpoConfig, shards: &Shards, peers: &Peers) -> Result<Targets, PeerError> {
     let columns = rollout.columns();
     let rows = rollout.shape().steps * columns;
     let mut targets = Targets { columns, advantages: vec![0.0; rows], returns: vec![0.0; rows] };
@@ -63,25 +65,28 @@ pub fn estimate(rollout: &Rollout, config: &PpoConfig, peers: &Peers) -> Result<
         }
     }
     if config.normalize_advantages {
-        normalize(rollout, &mut targets, peers)?;
+        normalize(rollout, &mut targets, shards, peers)?;
     }
     Ok(targets)
 }
 
 /// Mean 0 and deviation 1 over the batch's frames. The deviation is the unbiased one plus 1e-5, as in the reference.
-fn normalize(rollout: &Rollout, targets: &mut Targets, peers: &Peers) -> Result<(), PeerError> {
-    let valid: Vec<usize> = (0..targets.advantages.len())
-        .filter(|index| rollout.is_valid(index / targets.columns, index % targets.columns))
-        .collect();
-    let sum = |term: &dyn Fn(f64) -> f64| -> f64 {
-        valid.iter().map(|&index| term(f64::from(targets.advantages[index]))).sum()
+fn normalize(rollout: &Rollout, targets: &mut Targets, shards: &Shards, peers: &Peers) -> Result<(), PeerError> {
+    let columns = targets.columns;
+    let valid = (0..targets.advantages.len()).filter(|index| rollout.is_valid(index / columns, index % columns));
+    let valid: Vec<usize> = valid.collect();
+    let of = |shard: &Range<usize>| {
+        let own = |index: &&usize| shard.contains(&(**index % columns));
+        valid.iter().filter(own).map(|&index| f64::from(targets.advantages[index])).collect::<Vec<f64>>()
     };
-    let mut whole = [valid.len() as f64, sum(&|a| a)];
-    peers.sum(&mut whole)?;
-    let [frames, total] = whole;
-    let mean = total / frames;
-    let mut squares = [sum(&|a| (a - mean).powi(2))];
-    peers.sum(&mut squares)?;
+    let advantages: Vec<Vec<f64>> = shards.columns().iter().map(of).collect();
+    let sums: Vec<Vec<f64>> =
+        advantages.iter().map(|of_shard| vec![of_shard.len() as f64, of_shard.iter().sum()]).collect();
+    let whole = shards.sum(&sums, peers)?;
+    let (frames, mean) = (whole[0], whole[1] / whole[0]);
+    let squares: Vec<Vec<f64>> =
+        advantages.iter().map(|of_shard| vec![of_shard.iter().map(|a| (a - mean).powi(2)).sum()]).collect();
+    let squares = shards.sum(&squares, peers)?;
     // One frame has no spread to divide by.
     let deviation = (squares[0] / (frames - 1.0).max(1.0)).sqrt();
     for index in valid {

@@ -5,6 +5,7 @@
 
 use crate::auxiliary::{Auxiliary, Tally};
 use crate::peers::{PeerError, Peers};
+use crate::shards::Shards;
 use proto::metric;
 use std::collections::BTreeMap;
 use tch::{Device, Kind, Tensor};
@@ -22,23 +23,25 @@ pub const SCALARS: [&str; 6] = [
 /// This learner's part of one step of the optimiser.
 #[derive(Debug)]
 pub(crate) struct StepSums {
-    /// [`SCALARS`], then the auxiliary task's sums; doubles on the device, \[K\].
+    /// Of each shard [`SCALARS`], then the auxiliary task's sums; doubles on the device, \[shards, K\].
     numbers: Tensor,
 }
 
 impl StepSums {
     /// Of no pass yet.
-    pub(crate) fn new(auxiliary: &Auxiliary, device: Device) -> Self {
-        let count = SCALARS.len() + auxiliary.sums().len();
-        Self { numbers: Tensor::zeros([count as i64], (Kind::Double, device)) }
+    pub(crate) fn new(auxiliary: &Auxiliary, shards: &Shards, device: Device) -> Self {
+        let size = [shards.columns().len(), SCALARS.len() + auxiliary.sums().len()];
+        Self { numbers: Tensor::zeros(size.map(|count| count as i64), (Kind::Double, device)) }
     }
 
-    /// Adds a pass's scalars, in the order of [`SCALARS`], and what the auxiliary task counted, if it was asked.
-    pub(crate) fn add_pass(&mut self, scalars: &[Tensor; SCALARS.len()], counted: &[Tensor]) {
+    /// Adds the scalars of a shard's pass, in the order of [`SCALARS`], and what the auxiliary task counted, if it was
+    /// asked.
+    pub(crate) fn add_pass(&mut self, shard: usize, scalars: &[Tensor; SCALARS.len()], counted: &[Tensor]) {
+        let of_shard = self.numbers.select(0, shard as i64);
         let add = |first: usize, numbers: &[Tensor]| {
             if !numbers.is_empty() {
                 let numbers = Tensor::stack(numbers, 0).detach().to_kind(Kind::Double);
-                let _ = self.numbers.narrow(0, first as i64, numbers.size()[0]).g_add_(&numbers);
+                let _ = of_shard.narrow(0, first as i64, numbers.size()[0]).g_add_(&numbers);
             }
         };
         add(0, scalars);
@@ -51,18 +54,18 @@ impl StepSums {
         gradient_norm: &Tensor,
         queries: u64,
         auxiliary: &Auxiliary,
-        peers: &Peers,
+        (shards, peers): (&Shards, &Peers),
     ) -> Result<StepMetrics, PeerError> {
         let mut steps = UpdateSums::default();
         steps.add(self, gradient_norm, queries);
-        Ok(steps.read(auxiliary, peers)?.remove(0))
+        Ok(steps.read(auxiliary, (shards, peers))?.remove(0))
     }
 }
 
 /// This learner's parts of the steps of an update.
 #[derive(Debug, Default)]
 pub(crate) struct UpdateSums {
-    /// Of each step its sums and the norm of its gradient, \[K + 1\].
+    /// Of each step its sums and the norm of its gradient, \[shards · K + 1\].
     numbers: Vec<Tensor>,
     queries: Vec<u64>,
 }
@@ -70,23 +73,32 @@ pub(crate) struct UpdateSums {
 impl UpdateSums {
     /// Adds a step, with its gradient's norm before clipping and the number of its queries.
     pub(crate) fn add(&mut self, step: &StepSums, gradient_norm: &Tensor, queries: u64) {
-        self.numbers.push(Tensor::cat(&[&step.numbers, &gradient_norm.reshape([1])], 0));
+        self.numbers.push(Tensor::cat(&[step.numbers.flatten(0, -1), gradient_norm.reshape([1])], 0));
         self.queries.push(queries);
     }
 
     /// Waits for the device, and adds up over all learners.
-    pub(crate) fn read(&self, auxiliary: &Auxiliary, peers: &Peers) -> Result<Vec<StepMetrics>, PeerError> {
+    pub(crate) fn read(
+        &self,
+        auxiliary: &Auxiliary,
+        (shards, peers): (&Shards, &Peers),
+    ) -> Result<Vec<StepMetrics>, PeerError> {
         if self.numbers.is_empty() {
             return Ok(Vec::new());
         }
         let names = auxiliary.sums();
         let all = Tensor::stack(&self.numbers, 0).to_device(Device::Cpu);
         let (steps, width) = (self.numbers.len(), SCALARS.len() + names.len());
-        let mut numbers = vec![0.0; steps * width];
-        let mut norms = vec![0.0; steps];
-        all.narrow(1, 0, width as i64).contiguous().copy_data(&mut numbers, steps * width);
-        all.select(1, width as i64).contiguous().copy_data(&mut norms, steps);
-        peers.sum(&mut numbers)?;
+        let doubles = |tensor: &Tensor| {
+            let mut numbers = vec![0.0; tensor.numel()];
+            tensor.contiguous().copy_data(&mut numbers, tensor.numel());
+            numbers
+        };
+        let count = shards.columns().len();
+        let of_shard = |shard: usize| doubles(&all.narrow(1, (shard * width) as i64, width as i64));
+        let numbers = shards.sum(&(0..count).map(of_shard).collect::<Vec<_>>(), peers)?;
+        let norms = doubles(&all.select(1, (count * width) as i64));
+        assert_eq!((numbers.len(), norms.len()), (steps * width, steps), "all numbers of all steps");
         let step = |((numbers, &gradient_norm), &queries): ((&[f64], &f64), &u64)| {
             let (scalars, sums) = numbers.split_at(SCALARS.len());
             let scalars = scalars.try_into().expect("it was split there");
@@ -163,27 +175,42 @@ mod tests {
         assert_eq!(means(&steps[..1], &task())[metric::AUXILIARY_LOSS], 0.0);
     }
 
+    /// Passes of a shard first, then shards in their order, whatever the order of the passes.
+    #[test]
+    fn shards_are_added_in_their_order() {
+        let mut config = Config::default();
+        (config.actors.count, config.learner.shards) = (4, 4);
+        let (task, shards) = (task(), Shards::of(&config, &(0..4)));
+        let mut step = StepSums::new(&task, &shards, Device::Cpu);
+        for (shard, number) in [(3, 0.5), (2, -1e30), (0, 1e30), (1, 1.0), (2, 0.0)] {
+            step.add_pass(shard, &[0; 6].map(|_| Tensor::from(number)), &[]);
+        }
+        let read = step.read(&Tensor::from(1.0), 0, &task, (&shards, &Peers::Alone)).unwrap();
+        assert_eq!(read.scalars, [0.5; 6], "the 1 vanishes beside 1e30, the half comes after");
+    }
+
     #[test]
     fn passes_add_up_and_steps_stay_apart() {
         let single = |number: f32| Tensor::from(number);
         let pass = |first: f32| [0.0, 0.5, 1.0, 1.5, 2.0, 2.5].map(|more| single(first + more));
         let (task, norm) = (task(), |norm: f64| Tensor::from(norm));
         let mut sums = UpdateSums::default();
-        let mut step = StepSums::new(&task, Device::Cpu);
-        step.add_pass(&pass(1.0), &[Tensor::from(3_i64), Tensor::from(4.0_f64)]);
-        step.add_pass(&pass(0.1), &[Tensor::from(1_i64), Tensor::from(2.0_f64)]);
+        let shards = Shards::one(1);
+        let mut step = StepSums::new(&task, &shards, Device::Cpu);
+        step.add_pass(0, &pass(1.0), &[Tensor::from(3_i64), Tensor::from(4.0_f64)]);
+        step.add_pass(0, &pass(0.1), &[Tensor::from(1_i64), Tensor::from(2.0_f64)]);
         sums.add(&step, &norm(0.25), 6);
-        let mut step = StepSums::new(&task, Device::Cpu);
-        step.add_pass(&pass(7.0), &[]);
+        let mut step = StepSums::new(&task, &shards, Device::Cpu);
+        step.add_pass(0, &pass(7.0), &[]);
         sums.add(&step, &norm(f64::NAN), 0);
 
-        let steps = sums.read(&task, &Peers::Alone).unwrap();
+        let steps = sums.read(&task, (&shards, &Peers::Alone)).unwrap();
         let of_parts = [0.0_f32, 0.5, 1.0, 1.5, 2.0, 2.5].map(|more| f64::from(1.0 + more) + f64::from(0.1 + more));
         assert_eq!(steps[0].scalars, of_parts, "in double");
         assert_eq!((steps[0].tally.sum("right"), steps[0].tally.sum("asked")), (4.0, 6.0));
         assert_eq!((steps[0].gradient_norm, steps[0].queries, steps[0].first_non_finite()), (0.25, 6, None));
         assert_eq!((steps[1].scalars[0], steps[1].tally.sum("asked")), (7.0, 0.0));
         assert_eq!(steps[1].first_non_finite(), Some(metric::GRADIENT_NORM));
-        assert!(UpdateSums::default().read(&task, &Peers::Alone).unwrap().is_empty());
+        assert!(UpdateSums::default().read(&task, (&shards, &Peers::Alone)).unwrap().is_empty());
     }
 }

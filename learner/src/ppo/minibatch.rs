@@ -1,16 +1,20 @@
 //! The batch, divided by columns: into minibatches, of which each is a step of the optimiser, and these into chunks, which
-//! only bound memory.
+//! only bound memory. Each shard is divided by itself: a chunk has columns of one.
 
 use super::gae::Targets;
 use super::loss::Experience;
 use crate::device::upload;
 use crate::network::{Embedded, Network, Observations, Packing};
 use crate::rollout::Rollout;
+use crate::shards::Shards;
 use proto::random::{Key, Purpose};
+use std::ops::Range;
 
 /// Rows of a minibatch that go through the network in one pass: those of some columns.
 #[derive(Debug)]
 pub(crate) struct Chunk {
+    /// Which of this learner's shards its columns are of.
+    pub shard: usize,
     /// Which (step, column) each row is.
     pub packing: Packing,
     /// What the loss compares the network's output with.
@@ -20,10 +24,24 @@ pub(crate) struct Chunk {
     observations: Option<Observations>,
 }
 
-/// Deals a learner's columns out among so many minibatches, as evenly as can be: one list of columns each, in order.
-/// Neighbours are alike, such as the environments of one kitchen, so chance deals: a function of (seed, rollout, column
-/// of the whole run).
-pub(crate) fn deal(columns: usize, minibatches: u32, seed: u64, rollout: u64, first_column: usize) -> Vec<Vec<usize>> {
+/// A rollout's columns to be dealt out.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Deal {
+    /// Minibatches.
+    pub minibatches: u32,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Number of the rollout.
+    pub rollout: u64,
+    /// Number, in the whole run, of the learner's first column.
+    pub first_column: usize,
+}
+
+/// Deals a shard's columns out among minibatches, as evenly as can be: one list of columns each, in order. Neighbours
+/// are alike, such as the environments of one kitchen, so chance deals: a function of (seed, rollout, column of the
+/// whole run). The one of number `to` gets the first.
+fn deal_out(columns: Range<usize>, to: usize, deal: Deal) -> Vec<Vec<usize>> {
+    let Deal { minibatches, seed, rollout, first_column } = deal;
     let drawn = |column: usize| Key {
         seed,
         purpose: Purpose::Minibatch,
@@ -32,11 +50,11 @@ pub(crate) fn deal(columns: usize, minibatches: u32, seed: u64, rollout: u64, fi
         episode: rollout as u32,
         step: 0,
     };
-    let mut order: Vec<(u32, usize)> = (0..columns).map(|column| (drawn(column).stream().next_u32(), column)).collect();
+    let mut order: Vec<(u32, usize)> = columns.map(|column| (drawn(column).stream().next_u32(), column)).collect();
     order.sort_unstable();
     let mut dealt = vec![Vec::new(); minibatches as usize];
     for (rank, (_, column)) in order.into_iter().enumerate() {
-        dealt[rank % minibatches as usize].push(column);
+        dealt[(to + rank) % minibatches as usize].push(column);
     }
     for columns in &mut dealt {
         columns.sort_unstable();
@@ -44,9 +62,46 @@ pub(crate) fn deal(columns: usize, minibatches: u32, seed: u64, rollout: u64, fi
     dealt
 }
 
+impl Deal {
+    /// The columns of each minibatch, by shard, one list for each shard that has some.
+    pub(crate) fn columns(self, shards: &Shards) -> Vec<Vec<(usize, Vec<usize>)>> {
+        let mut minibatches = vec![Vec::new(); self.minibatches as usize];
+        for (shard, columns) in shards.columns().iter().enumerate() {
+            // Where there are several, one goes on where the last one ended: each may have fewer columns than there are
+            // minibatches.
+            let to = if shards.are_fixed() { self.first_column + columns.start } else { 0 };
+            for (minibatch, columns) in minibatches.iter_mut().zip(deal_out(columns.clone(), to, self)) {
+                minibatch.push((shard, columns));
+            }
+        }
+        minibatches
+    }
+}
+
 impl Chunk {
-    /// Divides the minibatch of these columns into chunks of so many; 0 = all in one.
-    pub(crate) fn divide(rollout: &Rollout, targets: &Targets, columns: &[usize], columns_each: u32) -> Vec<Self> {
+    /// Divides a minibatch, as its columns by shard, into chunks of at most so many columns; 0 = all of a shard in one.
+    pub(crate) fn divide(
+        rollout: &Rollout,
+        targets: &Targets,
+        shards: &Shards,
+        minibatch: &[(usize, Vec<usize>)],
+        columns_each: u32,
+    ) -> Vec<Self> {
+        let of = |(shard, columns): &(usize, Vec<usize>)| {
+            let unbounded = columns_each == 0 || columns_each as usize >= shards.columns()[*shard].len();
+            Self::of_shard(rollout, targets, *shard, columns, (columns_each, unbounded))
+        };
+        minibatch.iter().flat_map(of).collect()
+    }
+
+    /// `unbounded`: a pass has room for the whole shard.
+    fn of_shard(
+        rollout: &Rollout,
+        targets: &Targets,
+        shard: usize,
+        columns: &[usize],
+        (columns_each, unbounded): (u32, bool),
+    ) -> Vec<Self> {
         let width = match columns_each {
             0 => columns.len(),
             width => width as usize,
@@ -67,9 +122,8 @@ impl Chunk {
                     advantages: target(&|row| targets.advantage(row)),
                     returns: target(&|row| targets.value_target(row)),
                 };
-                let observations =
-                    (columns_each == 0 || width >= rollout.columns()).then(|| rollout.observations(&packing));
-                Self { packing, experience, observations }
+                let observations = unbounded.then(|| rollout.observations(&packing));
+                Self { shard, packing, experience, observations }
             })
             // In a rollout of one step, columns that hold have no rows.
             .filter(|chunk| !chunk.packing.rows.is_empty())
@@ -88,6 +142,12 @@ impl Chunk {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::config::Config;
+
+    fn deal(columns: usize, minibatches: u32, seed: u64, rollout: u64, first_column: usize) -> Vec<Vec<usize>> {
+        let dealt = Deal { minibatches, seed, rollout, first_column }.columns(&Shards::one(columns));
+        dealt.into_iter().map(|minibatch| minibatch.into_iter().flat_map(|(_, columns)| columns).collect()).collect()
+    }
 
     #[test]
     fn every_column_is_dealt_once_evenly_and_by_chance() {
@@ -103,5 +163,30 @@ mod tests {
         }
         assert_eq!(deal(19, 1, 7, 3, 0), [(0..19).collect::<Vec<_>>()]);
         assert_eq!(deal(2, 3, 7, 3, 0).concat().len(), 2, "more minibatches than columns");
+    }
+
+    /// A shard's columns are dealt alike whichever learner has it, and all minibatches are alike large.
+    #[test]
+    fn shards_are_dealt_by_themselves() {
+        let mut config = Config::default();
+        (config.actors.count, config.learner.shards) = (5, 4);
+        for environments in [1, 2, 3] {
+            config.actors.environments_per_actor = environments;
+            let each = environments as usize;
+            let dealt = |first: usize, end: usize| {
+                let (shards, first_column) = (Shards::of(&config, &(first..end)), first);
+                let deal = Deal { minibatches: 3, seed: 7, rollout: 3, first_column };
+                let mut all = deal.columns(&shards).into_iter().map(|minibatch| {
+                    minibatch.into_iter().flat_map(|(_, columns)| columns).map(|column| column + first).collect()
+                });
+                [all.next(), all.next(), all.next()].map(|columns: Option<Vec<usize>>| columns.unwrap())
+            };
+            let whole = dealt(0, 5 * each);
+            let [first, second] = [dealt(0, 3 * each), dealt(3 * each, 5 * each)];
+            for (minibatch, columns) in whole.iter().enumerate() {
+                assert_eq!(*columns, [first[minibatch].clone(), second[minibatch].clone()].concat());
+                assert!(columns.len().abs_diff(5 * each / 3) <= 1, "{whole:?}");
+            }
+        }
     }
 }

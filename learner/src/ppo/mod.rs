@@ -12,13 +12,13 @@
 //!             loss: policy, value, entropy            loss.rs
 //!                   + auxiliary task                  auxiliary/
 //!             backward
-//!         sum of the gradients over learners          peers.rs
+//!         sum of the gradients over shards, learners  tree.rs, peers.rs
 //!         clip, Adam                                  optimizer.rs
 //! figures, and whether all was finite                 metrics.rs
 //! ```
 //! With one minibatch, as in the reference, an epoch is one step of the optimiser with the gradient of the whole batch;
 //! `ppo.minibatches` makes it several. Chunks only bound memory (`ppo.environments_per_pass`): their gradients add up
-//! before the step.
+//! before the step. With `learner.shards` all of it goes by shard ([`crate::shards`]).
 //!
 //! Shapes in comments: T steps, N environments of this learner, B rows of a chunk, A actions, H width of the belief, W
 //! weights. A minibatch has the frames of all learners.
@@ -32,19 +32,22 @@ pub mod loss;
 pub mod metrics;
 pub(crate) mod minibatch;
 pub(crate) mod preemption;
+mod tree;
 
 use crate::auxiliary::{Auxiliary, Epoch, Pass, Query, count};
 use crate::network::{Embedded, Network, OBSERVATION, Packing};
 use crate::optimizer::{Adam, clip, norm};
 use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
+use crate::shards::Shards;
 use loss::{Terms, terms};
 use metrics::{StepMetrics, StepSums, UpdateSums, means};
-use minibatch::{Chunk, deal};
+use minibatch::{Chunk, Deal};
 use proto::config::{AuxiliaryConfig, PpoConfig};
 use proto::metric;
 use std::collections::BTreeMap;
 use tch::Tensor;
+use tree::Tree;
 
 /// When an update looks at its numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -70,6 +73,8 @@ pub(crate) struct Update<'a> {
     pub auxiliary_config: &'a AuxiliaryConfig,
     /// All learners: the batch is theirs together.
     pub peers: &'a Peers,
+    /// The rollout's columns as shards, which are computed by themselves.
+    pub shards: &'a Shards,
     /// Number, in the whole run, of the rollout's first column.
     pub first_column: usize,
     /// Step size of this update.
@@ -131,11 +136,13 @@ impl<'a> Update<'a> {
 
     fn epochs(&self, weights: &mut Tensor, adam: &mut Adam, look: Look) -> Result<BTreeMap<String, f64>, UpdateError> {
         // Advantages and returns, [T, N].
-        let targets = gae::estimate(self.rollout, self.ppo, self.peers)?;
-        let dealt =
-            deal(self.rollout.columns(), self.ppo.minibatches, self.seed, self.rollout_number, self.first_column);
-        let chunks =
-            |columns: &Vec<usize>| Chunk::divide(self.rollout, &targets, columns, self.ppo.environments_per_pass);
+        let targets = gae::estimate(self.rollout, self.ppo, self.shards, self.peers)?;
+        let Self { rollout, shards, seed, first_column, .. } = *self;
+        let deal = Deal { minibatches: self.ppo.minibatches, seed, rollout: self.rollout_number, first_column };
+        let dealt = deal.columns(shards);
+        let chunks = |minibatch: &Vec<(usize, Vec<usize>)>| {
+            Chunk::divide(rollout, &targets, shards, minibatch, self.ppo.environments_per_pass)
+        };
         let minibatches: Vec<Vec<Chunk>> = dealt.iter().map(chunks).collect();
         let frames = self.peers.totals(minibatches.iter().map(|chunks| rows(chunks)))?;
         let packings: Vec<&Packing> = minibatches.iter().flatten().map(|chunk| &chunk.packing).collect();
@@ -158,7 +165,7 @@ impl<'a> Update<'a> {
                 let mut gradient_norm = norm(&gradient);
                 self.peers.first_scalar(&mut gradient_norm)?;
                 if look == Look::AtEachStep {
-                    let step = step.read(&gradient_norm, asked, self.auxiliary, self.peers)?;
+                    let step = step.read(&gradient_norm, asked, self.auxiliary, (shards, self.peers))?;
                     self.check_finite(&step, &gradient)?;
                 }
                 clip(&mut gradient, &gradient_norm, self.ppo.max_gradient_norm);
@@ -169,7 +176,7 @@ impl<'a> Update<'a> {
             }
         }
 
-        let steps = sums.read(self.auxiliary, self.peers)?;
+        let steps = sums.read(self.auxiliary, (shards, self.peers))?;
         if let Some(name) = steps.iter().find_map(StepMetrics::first_non_finite) {
             return Err(UpdateError::NonFinite(name.to_owned()));
         }
@@ -188,30 +195,43 @@ impl<'a> Update<'a> {
         Ok(means)
     }
 
-    /// Gradient of a minibatch's loss under the present weights, \[W\], before clipping, summed over chunks and learners,
-    /// and this learner's part of the step's figures. `queries` has a list for each chunk.
+    /// Gradient of a minibatch's loss under the present weights, \[W\], before clipping, summed over chunks, shards and
+    /// learners, and this learner's part of the step's figures. Chunks come by shard; `queries` has a list for each.
     pub(crate) fn gradient(
         &self,
         chunks: &[Chunk],
         queries: &[Vec<Query>],
         totals: Totals,
     ) -> Result<(Tensor, StepSums), PeerError> {
-        let mut gradient = self.network.parameters.flat().zeros_like();
-        let mut step = StepSums::new(self.auxiliary, gradient.device());
-        for (chunk, queries) in chunks.iter().zip(queries) {
-            // Forward and loss, then backward.
-            let (loss, embedded) = self.loss(chunk, queries, totals, &mut step);
-            let _ = gradient.g_add_(&self.network.gradient_of(&loss, embedded));
+        let weights = self.network.parameters.flat();
+        let mut step = StepSums::new(self.auxiliary, self.shards, weights.device());
+        let mut tree = Tree::default();
+        let mut chunks = chunks.iter().zip(queries).peekable();
+        for shard in 0..self.shards.columns().len() {
+            let mut gradient = weights.zeros_like();
+            while let Some((chunk, queries)) = chunks.next_if(|(chunk, _)| chunk.shard == shard) {
+                // Forward and loss, then backward.
+                let (loss, embedded) = self.loss(chunk, queries, totals, &mut step);
+                let _ = gradient.g_add_(&self.network.gradient_of(&loss, embedded));
+            }
+            tree.add(gradient);
         }
+        assert!(chunks.peek().is_none(), "chunks come by shard");
         // The sum over learners.
-        self.peers.sum_gradients(&mut gradient)?;
+        let gradient = if self.shards.are_fixed() {
+            tree.over(self.peers)?
+        } else {
+            let mut gradient = tree.root();
+            self.peers.sum_gradients(&mut gradient)?;
+            gradient
+        };
         Ok((gradient, step))
     }
 
     /// Forward pass and loss of a chunk: its part of the minibatch's mean. The backward pass needs the embedding, too.
     fn loss(&self, chunk: &Chunk, queries: &[Query], totals: Totals, step: &mut StepSums) -> (Tensor, Embedded<'a>) {
         let Self { network, rollout, ppo, .. } = *self;
-        let Chunk { packing, experience, .. } = chunk;
+        let Chunk { shard, packing, experience, .. } = chunk;
 
         // Forward: embeddings [B, 512 + 32 + 16] → beliefs [B, H] → log-probabilities [B, A] and values [B].
         let embedded = chunk.embed(network, rollout);
@@ -231,7 +251,7 @@ impl<'a> Update<'a> {
             loss += &task.loss * self.auxiliary_config.weight;
             (auxiliary, counted) = (task.loss, task.sums);
         }
-        step.add_pass(&[policy, value, entropy, auxiliary, clip_fraction, approximate_kl], &counted);
+        step.add_pass(*shard, &[policy, value, entropy, auxiliary, clip_fraction, approximate_kl], &counted);
         (loss, embedded)
     }
 

@@ -10,6 +10,7 @@ use crate::ppo::metrics::{SCALARS, StepMetrics};
 use crate::ppo::minibatch::Chunk;
 use crate::ppo::{Totals, Update, UpdateError};
 use crate::rollout::Rollout;
+use crate::shards::Shards;
 use proto::config::Config;
 use proto::metric;
 use std::collections::BTreeMap;
@@ -32,6 +33,7 @@ pub(super) fn probe(
     batch: &Batch,
 ) -> Result<Probed, UpdateError> {
     let Batch { rollout, negatives } = batch;
+    let shards = Shards::one(rollout.columns());
     let update = Update {
         network,
         auxiliary,
@@ -39,14 +41,15 @@ pub(super) fn probe(
         ppo: &config.ppo,
         auxiliary_config: &config.auxiliary,
         peers: &Peers::Alone,
+        shards: &shards,
         first_column: 0,
         learning_rate: config.ppo.learning_rate,
         seed: config.seed,
         rollout_number: 0,
     };
-    let targets = gae::estimate(rollout, &config.ppo, update.peers)?;
+    let targets = gae::estimate(rollout, &config.ppo, &shards, update.peers)?;
     let columns: Vec<usize> = (0..rollout.columns()).collect();
-    let chunks = Chunk::divide(rollout, &targets, &columns, 0);
+    let chunks = Chunk::divide(rollout, &targets, &shards, &[(0, columns)], 0);
     let packing = rollout.packing(0..rollout.columns());
     let cells = Cells { rollout, packing: &packing };
     let mut queries = auxiliary.queries(&[&packing], update.epoch(0), update.peers)?.pop().unwrap_or_default();
@@ -59,7 +62,7 @@ pub(super) fn probe(
     }
     let totals = Totals { frames: rollout.shape().frames, queries: queries.len() as u64 };
     let (gradient, step) = update.gradient(&chunks, std::slice::from_ref(&queries), totals)?;
-    let metrics = step.read(&norm(&gradient), totals.queries, auxiliary, update.peers)?;
+    let metrics = step.read(&norm(&gradient), totals.queries, auxiliary, (&shards, update.peers))?;
 
     let mut tensors = cells.pass(network, &targets);
     if !queries.is_empty() {

@@ -29,8 +29,14 @@ mod tests {
 
     /// Of a checkpoint written under this configuration. `kept`: by a version that keeps its text.
     fn manifest(config: &str, kept: bool) -> Manifest {
-        let machine =
-            Machine { torch: String::new(), device: String::new(), threads: 1, arithmetic: String::new(), learners: 1 };
+        let machine = Machine {
+            torch: String::new(),
+            device: String::new(),
+            threads: 1,
+            arithmetic: String::new(),
+            learners: 1,
+            shards: 0,
+        };
         Manifest {
             schema_version: proto::SCHEMA_VERSION,
             run: String::new(),

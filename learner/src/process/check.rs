@@ -3,6 +3,7 @@
 use super::machine::{TORCH_VERSION, machine, torch_library, torch_version};
 use crate::ffi::gpu::pci_address;
 use anyhow::{Result, bail};
+use proto::config::LearnerConfig;
 use proto::device::Torch;
 use std::io::Write;
 use tch::{Cuda, Device, Kind, Tensor};
@@ -26,7 +27,7 @@ pub fn check(mut output: impl Write) -> Result<()> {
     let gpus = if Cuda::is_available() { Cuda::device_count() } else { 0 };
     let mut devices: Vec<String> = (0..gpus).map(|index| format!("cuda:{index}")).collect();
     devices.push("cpu".to_owned());
-    let machine = machine(Device::Cpu, 1, 1);
+    let machine = machine(Device::Cpu, LearnerConfig::default());
     let pci = (0..gpus).map(|index| pci_address(index as usize)).collect::<Option<Vec<_>>>().unwrap_or_default();
     let torch = Torch { version: machine.torch, library, devices, pci, arithmetic: machine.arithmetic };
     writeln!(output, "{}", serde_json::to_string(&torch)?)?;

@@ -43,7 +43,7 @@ pub fn import(arguments: &ImportArguments, mut output: impl Write) -> Result<()>
 
     let _lock = Lock::take(&run.learner_lock(0), lock::PATIENCE, || false)?;
     let device = device::choose(&config.learner)?;
-    let machine = machine::machine(device, config.learner.threads, config.learner.count);
+    let machine = machine::machine(device, config.learner);
     let store = Store::new((run.clone(), run_id), &config.stages, &config.to_toml(), machine, config.checkpoint.keep)
         .of_unmade();
     if let Some(loaded) = store.load()? {

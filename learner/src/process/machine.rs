@@ -2,6 +2,7 @@
 
 use crate::ffi::arithmetic;
 use proto::checkpoint::Machine;
+use proto::config::LearnerConfig;
 use std::path::{Path, PathBuf};
 use tch::Device;
 
@@ -11,14 +12,15 @@ pub const TORCH_VERSION: &str = "2.11.0";
 /// The name of the arithmetic that is the same on every x86-64 processor with AVX2.
 const REPRODUCIBLE: &str = "reproducible";
 
-/// This process's machine, and how many learners there are on it.
-pub fn machine(device: Device, threads: u32, learners: u32) -> Machine {
+/// This process's machine, and what the run's learners are.
+pub fn machine(device: Device, LearnerConfig { threads, count, shards, .. }: LearnerConfig) -> Machine {
     Machine {
         torch: torch_version().unwrap_or_else(|| "unknown".to_owned()),
         device: if device.is_cuda() { "cuda" } else { "cpu" }.to_owned(),
         threads,
         arithmetic: arithmetic(),
-        learners,
+        learners: count,
+        shards,
     }
 }
 

@@ -112,7 +112,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     if config.ppo.overlap {
         agent.overlap()?;
     }
-    let machine = machine::machine(device, config.learner.threads, learners);
+    let machine = machine::machine(device, config.learner);
     // A folder without an identity was made by hand.
     let id = if run.identity().exists() { wire.run_id() } else { "" };
     let store = Store::new((run.clone(), id), &config.stages, &config.to_toml(), machine, config.checkpoint.keep);

@@ -136,7 +136,8 @@ impl<W: Write> Training<'_, W> {
             if let Some(end) = self.await_writing()? {
                 return self.break_off(&mut state, end);
             }
-            let statistics = self.conversation.collector.finish().over(self.agent.peers())?;
+            let own = self.conversation.collector.finish();
+            let statistics = RolloutStatistics::over(&own, self.agent.shards(), self.agent.peers())?;
             assert_eq!(statistics.frames(), collected, "every frame is counted once");
 
             fault::reach("learner.before_update");

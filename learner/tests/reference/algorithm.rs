@@ -11,6 +11,7 @@ use learner::peers::Peers;
 use learner::ppo::gae;
 use learner::ppo::loss::{Experience, terms};
 use learner::rollout::{Outcome, Rollout, Step};
+use learner::shards::Shards;
 use proto::config::{GoalCoordinates, LagrangianConfig};
 use proto::learning_rate::learning_rate;
 use proto::reward::{RewardKind, RewardParts};
@@ -46,7 +47,8 @@ fn advantages_are_the_explicit_sums() {
     for (name, bootstrap_time_limits) in [("terminal", false), ("truncated", true)] {
         for (figure, normalize_advantages) in [("advantages", false), ("normalized", true)] {
             let ppo = proto::config::PpoConfig { bootstrap_time_limits, normalize_advantages, ..Default::default() };
-            let targets = gae::estimate(&rollout, &ppo, &Peers::Alone).expect("nobody to lose");
+            let targets =
+                gae::estimate(&rollout, &ppo, &Shards::one(rollout.columns()), &Peers::Alone).expect("nobody to lose");
             let collect = |of: &dyn Fn((usize, usize)) -> f32| {
                 let values: Vec<f32> = (0..steps * columns).map(|i| of((i / columns, i % columns))).collect();
                 Tensor::from_slice(&values).view([12, 5])

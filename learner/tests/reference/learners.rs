@@ -36,9 +36,13 @@ fn train(config: &Config) -> Vec<Trained> {
             agent.overlap().expect("a thread");
         }
         let mut world = World::of_learner(config, own);
+        if config.learner.shards > 0 {
+            world = world.in_halves_of_actors(config.actors.environments_per_actor);
+        }
+        let all = config.environments();
         // All act to the end; in the last step only the first column does, and the last learner is a step short; there
         // is one step, and only the first column takes it.
-        let rollouts = [(6, 4), (6, 1), (1, 1)];
+        let rollouts = [(6, all), (6, 1), (1, 1)];
         let figures = (0..).zip(rollouts).map(|(rollout, (steps, last))| {
             (world.steps, world.planned) = (steps, steps);
             world.collect(&mut agent, rollout, last).expect("finite");
@@ -48,7 +52,7 @@ fn train(config: &Config) -> Vec<Trained> {
             agent.begin_update(0.1, rollout as u64);
             // The shape of another rollout, so that learners take unlike times for it.
             (world.steps, world.planned) = (6, 6);
-            world.collect(&mut agent, 10 + rollout, 4).expect("finite");
+            world.collect(&mut agent, 10 + rollout, all).expect("finite");
             let figures = agent.finish_update().expect("finite");
             agent.abandon_rollout();
             figures
@@ -159,4 +163,72 @@ fn the_same_seed_gives_the_same_bits() {
         digests.push(first[0].digest.clone());
     }
     assert_ne!(digests[0], digests[2], "minibatches are steps of their own");
+}
+
+/// Shards are inferred and trained on by themselves and added in a fixed order: the same bits whatever the number of
+/// learners. Chunks of three columns in shards of four; of five actors the first shard has two.
+fn train_with_any_number(change: impl Fn(&mut Config)) -> String {
+    let mut config = small_config();
+    (config.actors.count, config.actors.environments_per_actor, config.learner.shards) = (4, 4, 4);
+    config.auxiliary.task = AuxiliaryTask::None;
+    change(&mut config);
+    config.validate().expect("a run can have this");
+    let alone = train(&config).remove(0);
+    for learners in [2, 4] {
+        config.learner.count = learners;
+        for mut other in train(&config) {
+            assert_eq!(other.digest, alone.digest, "{learners} learners");
+            for figures in &mut other.figures {
+                assert!(figures.remove(metric::EXCHANGED).is_some_and(|bytes| bytes > 0.0));
+            }
+            assert_eq!(other.figures, alone.figures, "{learners} learners");
+        }
+    }
+    alone.digest
+}
+
+#[test]
+fn with_shards_any_number_of_learners_trains_the_same_weights() {
+    let plain = train_with_any_number(|_| ());
+    let mut config = small_config();
+    (config.actors.count, config.actors.environments_per_actor) = (4, 4);
+    config.auxiliary.task = AuxiliaryTask::None;
+    assert_ne!(train(&config)[0].digest, plain, "sums of one learner have another order");
+}
+
+#[test]
+fn with_shards_minibatches_are_dealt_alike() {
+    for minibatches in [2, 3] {
+        train_with_any_number(|config| config.ppo.minibatches = minibatches);
+    }
+    // Fewer columns in a shard than minibatches.
+    train_with_any_number(|config| (config.actors.environments_per_actor, config.ppo.minibatches) = (1, 3));
+}
+
+#[test]
+fn with_shards_advantages_are_normalised_alike() {
+    train_with_any_number(|config| config.ppo.normalize_advantages = true);
+}
+
+#[test]
+fn with_shards_auxiliary_tasks_ask_alike() {
+    for task in [AuxiliaryTask::Disturb, AuxiliaryTask::InverseDynamics, AuxiliaryTask::Cpca16] {
+        train_with_any_number(|config| (config.auxiliary.task, config.auxiliary.subsample) = (task, 0.5));
+    }
+}
+
+#[test]
+fn with_shards_a_rollout_beside_an_update_is_the_same() {
+    train_with_any_number(|config| (config.ppo.overlap, config.auxiliary.task) = (true, AuxiliaryTask::Disturb));
+}
+
+#[test]
+fn shards_may_differ_in_size_and_passes_may_have_all_of_one() {
+    for environments_per_pass in [0, 1, 6] {
+        train_with_any_number(|config| {
+            (config.actors.count, config.actors.environments_per_actor) = (5, 3);
+            (config.ppo.environments_per_pass, config.ppo.minibatches) = (environments_per_pass, 2);
+            (config.auxiliary.task, config.ppo.normalize_advantages) = (AuxiliaryTask::Cpca16, true);
+        });
+    }
 }

@@ -11,12 +11,15 @@ use proto::stage::RolloutShape;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use tch::Tensor;
+use wire::message::Halves;
 
 /// A world of noise that an agent acts in: the script's `run_fixture`.
 pub struct World {
     columns: usize,
     /// Columns of the agent that acts, of all.
     own: Range<usize>,
+    /// Those of either half of a step.
+    halves: [Vec<usize>; 2],
     pub steps: usize,
     /// Steps that a rollout is planned with; it is cut after `steps`.
     pub planned: usize,
@@ -47,7 +50,19 @@ impl World {
     pub fn of_learner(config: &Config, own: Range<usize>) -> Self {
         let columns = config.environments();
         let steps = config.ppo.rollout_steps as usize;
-        Self { columns, own, steps, planned: steps, previous: vec![NO_ACTION; columns] }
+        let halves = [(0..columns / 2).collect(), (columns / 2..columns).collect()];
+        Self { columns, own, halves, steps, planned: steps, previous: vec![NO_ACTION; columns] }
+    }
+
+    /// The same, with a half of each actor's environments in either half, as in a run.
+    #[must_use]
+    pub fn in_halves_of_actors(self, environments_per_actor: u32) -> Self {
+        let halves = Halves::of(environments_per_actor);
+        let of = |half: u32| {
+            let within = |column: &usize| halves.range(half).contains(&(column % environments_per_actor as usize));
+            if half < halves.count() { (0..self.columns).filter(within).collect() } else { vec![] }
+        };
+        Self { halves: [of(0), of(1)], ..self }
     }
 
     /// Acts through a rollout, in two halves a step; the last step has `last` columns.
@@ -69,14 +84,15 @@ impl World {
             let reward = noise_f32(&format!("reward.{now}"), columns);
             let disturbed = noise(&format!("disturbed.{now}"), columns);
             let mut whole = StepOutput::default();
-            for half in [0..columns / 2, columns / 2..columns] {
-                let half: Vec<usize> = half.filter(|n| own.contains(n)).collect();
+            for half in self.halves.clone() {
+                let half: Vec<usize> = half.into_iter().filter(|n| own.contains(n)).collect();
                 if half.is_empty() {
                     continue;
                 }
                 let output = self.see(agent, now, &half, |agent, input| {
-                    let gumbel = &gumbel[half[0] * actions..(half[half.len() - 1] + 1) * actions];
-                    agent.step(t, &StepInput { gumbel, ..*input })
+                    let gumbel: Vec<f32> =
+                        half.iter().flat_map(|n| &gumbel[n * actions..(n + 1) * actions]).copied().collect();
+                    agent.step(t, &StepInput { gumbel: &gumbel, ..*input })
                 })?;
                 for (&n, &action) in half.iter().zip(&output.actions) {
                     if t + 1 < steps || n < last {

@@ -95,6 +95,7 @@ fn write(folder: &Path, tensors: &Tensors) -> PathBuf {
             threads: 2,
             arithmetic: "reproducible".into(),
             learners: 1,
+            shards: 0,
         },
         manifest_sha256: String::new(),
     };

@@ -182,7 +182,7 @@ fn configuration(run: Config, asked: &EvaluationConfig, args: &EvalArgs, cores: 
         config.seed = seed;
     }
     // However many have trained the weights, one infers.
-    config.learner.count = 1;
+    (config.learner.count, config.learner.shards) = (1, 0);
     if let Some(device) = args.device {
         config.learner.device = match device {
             DeviceArg::Auto => DeviceChoice::Auto,
@@ -346,14 +346,14 @@ mod tests {
     fn one_learner_evaluates_what_several_have_trained() {
         let args = args(&["runs/a", "--split", "valid", "--device", "cpu"]);
         let mut run = Config::resolve("demo", None).unwrap();
-        run.learner.count = 8;
+        (run.actors.count, run.learner.count, run.learner.shards) = (8, 8, 8);
         run.validate().unwrap();
         let asked = asked(&args, &run, Vec::new(), None).unwrap();
         let config = configuration(run.clone(), &asked, &args, 2).unwrap();
         assert_eq!((config.learner.count, config.actors.count), (1, 5));
         config.validate().unwrap();
         // All else of the learner is as it was for training.
-        let learner = LearnerConfig { count: 1, device: DeviceChoice::Cpu, ..run.learner };
+        let learner = LearnerConfig { count: 1, shards: 0, device: DeviceChoice::Cpu, ..run.learner };
         assert_eq!(config.learner, learner);
     }
 

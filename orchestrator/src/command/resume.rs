@@ -146,12 +146,18 @@ fn reshape(config: &mut Config, identity: &mut Identity, asked: [Option<u32>; 2]
         terminal::note(&format!("{} instead of {} from here on", counted(actors.into(), "actor"), before[0]));
     }
     if learners != before[1] {
-        warn_of_sums(learners, before[1]);
+        tell_of_sums(config, before[1]);
     }
     Ok([actors, learners] != before)
 }
 
-fn warn_of_sums(learners: u32, before: u32) {
+/// Says what another number of learners changes: nothing with shards.
+fn tell_of_sums(config: &Config, before: u32) {
+    let learners = config.learner.count;
+    if config.learner.shards > 0 {
+        terminal::note(&format!("{} instead of {before} from here on", counted(learners.into(), "learner")));
+        return;
+    }
     tracing::warn!(
         "the run goes on with {} instead of {before}: floating-point sums have another order from here on, so its weights \
          will not be those of a run that keeps the number",

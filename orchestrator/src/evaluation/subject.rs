@@ -169,6 +169,7 @@ pub mod tests {
             threads: 2,
             arithmetic: "avx2".into(),
             learners: 1,
+            shards: 0,
         };
         let manifest = Manifest {
             schema_version: proto::SCHEMA_VERSION,

@@ -21,9 +21,8 @@ const ACTOR: [u64; 3] = [38, 2, 3];
 const SPARE: u64 = 64;
 
 /// Files that the process that needs the most has open.
-fn need(actors: u32, learners: u32) -> u64 {
-    let shares = Shares::new(actors, learners.min(actors));
-    let (all, learners) = (u64::from(actors), u64::from(shares.learners()));
+fn need(shares: Shares) -> u64 {
+    let (all, learners) = (u64::from(shares.actors()), u64::from(shares.learners()));
     let of = |[alone, actor, learner]: [u64; 3]| alone + actor * all + learner * learners;
     // The first learner has as many actors as any.
     let learner = of(LEARNER) + LEARNER_OWN_ACTOR * shares.actors_of(0).len() as u64;
@@ -37,12 +36,12 @@ pub fn check(config: &Config) -> Finding {
 
 fn check_against(config: &Config, limit: Option<u64>) -> Finding {
     let (actors, learners) = (config.actors.count, config.learner.count);
-    let most = need(actors, learners);
+    let most = need(config.shares());
     let Some(limit) = limit else { return Finding::Good(format!("{most} of any number")) };
     if most <= limit {
         return Finding::Good(format!("{most} of {limit} that a process may have"));
     }
-    let fits = (learners..actors).rev().find(|&fewer| need(fewer, learners) <= limit);
+    let fits = (config.fewest_actors()..actors).rev().find(|&fewer| need(config.shares_among(fewer)) <= limit);
     let fewer = fits.map_or_else(String::new, |fewer| format!(". --actors {fewer} is the most that fits as it is"));
     let wanted = most.next_power_of_two().max(4096);
     Finding::Problem(format!(
@@ -88,7 +87,7 @@ mod tests {
     fn the_need_is_what_was_counted() {
         let runs = [((1, 1), 53), ((2, 1), 64), ((4, 1), 88), ((4, 2), 97), ((4, 4), 119), ((76, 2), 889)];
         for ((actors, learners), counted) in runs {
-            assert_eq!(need(actors, learners) - SPARE, counted, "{actors} actors, {learners} learners");
+            assert_eq!(need(Shares::new(actors, learners)) - SPARE, counted, "{actors} actors, {learners} learners");
         }
     }
 }

@@ -6,7 +6,6 @@ use crate::showing::format::{bytes, counted};
 use proto::camera::FRAME_PIXELS;
 use proto::config::Config;
 use proto::kitchen::Kitchens;
-use proto::shares::Shares;
 use std::path::Path;
 use wire::WireShape;
 
@@ -43,9 +42,10 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
     let environments_per_actor = config.actors.environments_per_actor;
     let own_kitchen = if matches!(config.kitchens(), Kitchens::Procedural(_)) { ACTOR_KITCHEN } else { 0 };
     let actor = ACTOR_BASE + u64::from(environments_per_actor) * (ACTOR_ENVIRONMENT + own_kitchen);
-    let shares = Shares::new(actors, config.learner.count.min(actors));
-    // The first learner has as many actors as any.
+    let shares = config.shares_among(actors);
+    // The first learner has as many actors as any, and the first shard too.
     let environments = shares.actors_of(0).len() as u64 * u64::from(environments_per_actor);
+    let in_shard = shares.actors_in(0).len() as u64 * u64::from(environments_per_actor);
     // An evaluation keeps no frames and no gradients: one step's worth is what it looks at.
     let steps = if config.evaluation.is_some() { 1 } else { u64::from(config.ppo.rollout_steps) };
     // One is collected while another is trained on.
@@ -55,7 +55,7 @@ pub fn need(config: &Config, actors: u32, cuda: bool) -> Need {
         // Rollout and activations lie on the GPU; the host has staging buffers.
         LEARNER_BASE + LEARNER_CUDA + environments * FRAME_PIXELS as u64 * 4
     } else {
-        let minibatch = environments.div_ceil(u64::from(config.ppo.minibatches.max(1)));
+        let minibatch = in_shard.div_ceil(u64::from(config.ppo.minibatches.max(1)));
         let in_pass = match u64::from(config.ppo.environments_per_pass) {
             0 => minibatch,
             pass => pass.min(minibatch),
@@ -89,7 +89,7 @@ pub fn check(config: &Config, cuda: bool, available: u64) -> Finding {
     if all.total <= available {
         return Finding::Good(figures);
     }
-    let fits = (all.learners..actors).rev().find(|&fewer| need(config, fewer, cuda).total <= available);
+    let fits = (config.fewest_actors()..actors).rev().find(|&fewer| need(config, fewer, cuda).total <= available);
     let way_out = match fits {
         Some(fewer) => format!(
             "--actors {fewer} is the most that fits; fewer environments (--envs-per-actor) or, on a CPU, a smaller \

@@ -158,6 +158,7 @@ impl Session<'_> {
 pub fn part_of(config: &Config, hosts: Hosts, host: u32) -> Config {
     let mut part = config.clone();
     part.learner.count = hosts.ranks_of(host).len() as u32;
+    part.learner.shards = config.learner.shards / config.learner.count * part.learner.count;
     part.actors.count = hosts.actors_of(host).len() as u32;
     part
 }

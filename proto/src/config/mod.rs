@@ -243,6 +243,11 @@ pub struct LearnerConfig {
     /// optimiser together, with the sum of their gradients (DD-PPO). They take the steps of one, but for the last bits;
     /// only the negatives of `cpca16` are drawn from each one's own frames. On CUDA learner i computes on device i.
     pub count: u32,
+    /// Parts that the actors are divided into, for results that do not depend on `count`: each part is computed by
+    /// itself, and their sums are added in a fixed order, so that 1, 2, 4, ... learners train the same weights bit for
+    /// bit. 0 = a learner's actors are one part; else a power of two, at least `count` (then a power of two, too) and
+    /// at most the number of actors. Smaller batches take longer.
+    pub shards: u32,
     /// Where it computes.
     pub device: DeviceChoice,
     /// Whether the CPU's results are the same on every processor.
@@ -414,6 +419,7 @@ impl Default for LearnerConfig {
     fn default() -> Self {
         Self {
             count: 1,
+            shards: 0,
             device: DeviceChoice::Auto,
             cpu: CpuArithmetic::Reproducible,
             encoder_precision: EncoderPrecision::Auto,
@@ -493,6 +499,22 @@ impl Config {
     /// # Panics
     /// If the configuration was not validated.
     pub fn shares(&self) -> Shares {
-        Shares::new(self.actors.count, self.learner.count)
+        self.shares_among(self.actors.count)
+    }
+
+    /// The same if there were so many actors.
+    ///
+    /// # Panics
+    /// If that were too few, or the configuration was not validated.
+    pub fn shares_among(&self, actors: u32) -> Shares {
+        match self.learner.shards {
+            0 => Shares::new(actors, self.learner.count),
+            shards => Shares::in_shards(actors, self.learner.count, shards),
+        }
+    }
+
+    /// The fewest actors that its learners can have.
+    pub fn fewest_actors(&self) -> u32 {
+        self.learner.count.max(self.learner.shards)
     }
 }

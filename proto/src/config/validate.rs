@@ -181,6 +181,7 @@ impl Config {
             learner.count == 1 || self.evaluation.is_none(),
             "must be 1: an evaluation has one learner",
         )?;
+        self.validate_shards()?;
         check("learner.threads", learner.threads, (1..=256).contains(&learner.threads), "must be 1 to 256")?;
         check("checkpoint.keep", checkpoint.keep, (1..=1000).contains(&checkpoint.keep), "must be 1 to 1000")?;
         check(
@@ -212,6 +213,35 @@ impl Config {
             (5..=512).contains(&actors) && actors.is_multiple_of(5),
             "must be a multiple of the five validation kitchens, at most 512",
         )
+    }
+
+    /// Settings of shards.
+    fn validate_shards(&self) -> Result<(), ConfigError> {
+        let (shards, learners) = (self.learner.shards, self.learner.count);
+        if shards == 0 {
+            return Ok(());
+        }
+        check(
+            "learner.shards",
+            shards,
+            shards.is_power_of_two() && shards <= self.actors.count,
+            "must be 0, or a power of two up to actors.count: every shard has actors of its own",
+        )?;
+        check(
+            "learner.count",
+            learners,
+            learners.is_power_of_two() && learners <= shards,
+            "must be a power of two up to learner.shards: every learner has as many shards. Choose such a number, or \
+             learner.shards = 0",
+        )?;
+        check(
+            "ppo.preemption_share",
+            self.ppo.preemption_share,
+            self.ppo.preemption_share == 0.0,
+            "must be 0 where learner.shards is not: a rollout that ends early depends on timing and on the number of \
+             learners",
+        )?;
+        check("learner.shards", shards, self.evaluation.is_none(), "must be 0: an evaluation does not train")
     }
 
     /// Settings of an evaluation. It simulates scenes or the built-in kitchens of a split.
@@ -320,6 +350,33 @@ mod tests {
         let message = with(&[i64::MAX as u64; 3]).unwrap_err().to_string();
         assert!(message.contains("stages.frames") && message.contains("at most 1000000000000000"), "{message}");
         assert!(with(&[1; 1001]).unwrap_err().to_string().contains("1 to 1000 stages"));
+    }
+
+    #[test]
+    fn shards_and_learners_are_powers_of_two_that_divide_the_actors() {
+        let problem = |actors, learners, shards, change: &dyn Fn(&mut Config)| {
+            let mut config = Config::default();
+            config.actors.count = actors;
+            (config.learner.count, config.learner.shards) = (learners, shards);
+            change(&mut config);
+            config.validate().map(|()| config.shares().shards()).map_err(|error| error.to_string())
+        };
+        let as_it_is = |_: &mut Config| ();
+        assert_eq!(problem(5, 3, 0, &as_it_is), Ok(3), "without shards any number of learners goes");
+        for (actors, learners) in [(4, 1), (5, 2), (19, 4)] {
+            assert_eq!(problem(actors, learners, 4, &as_it_is), Ok(4));
+        }
+        for (actors, learners, shards, expected) in [
+            (4, 1, 3, "learner.shards = 3: must be 0, or a power of two up to actors.count"),
+            (3, 1, 4, "learner.shards = 4"),
+            (12, 3, 4, "learner.count = 3: must be a power of two up to learner.shards"),
+            (12, 8, 4, "learner.count = 8"),
+        ] {
+            let found = problem(actors, learners, shards, &as_it_is).unwrap_err();
+            assert!(found.contains(expected), "{found}");
+        }
+        let found = problem(4, 2, 4, &|config| config.ppo.preemption_share = 0.6).unwrap_err();
+        assert!(found.contains("ppo.preemption_share = 0.6: must be 0 where learner.shards is not"), "{found}");
     }
 
     #[test]

@@ -34,6 +34,7 @@ pub(super) fn store_of(world: &World) -> Store<SimulatedDisk> {
         threads: 1,
         arithmetic: "reproducible".to_owned(),
         learners: config.learner.count,
+        shards: config.learner.shards,
     };
     let store = Store::new((RunFolder::new(RUN), ""), &config.stages, CONFIG, machine, config.checkpoint.keep);
     store.on(world.disk.clone())
