@@ -5,7 +5,7 @@ use learner::agent::Agent;
 use learner::network::to_vec;
 use learner::peers::{Meeting, Peers};
 use learner::rollout::Outcome;
-use proto::config::{AuxiliaryTask, Config};
+use proto::config::{AuxiliaryTask, Config, Encoder};
 use proto::metric;
 use std::collections::BTreeMap;
 use tch::{Device, Tensor};
@@ -194,6 +194,15 @@ fn with_shards_any_number_of_learners_trains_the_same_weights() {
     (config.actors.count, config.actors.environments_per_actor) = (4, 4);
     config.auxiliary.task = AuxiliaryTask::None;
     assert_ne!(train(&config)[0].digest, plain, "sums of one learner have another order");
+}
+
+/// On a CPU a batch of one observation gives other last bits than that observation among others, with this encoder.
+#[test]
+fn with_shards_each_is_inferred_by_itself() {
+    train_with_any_number(|config| {
+        config.actors.environments_per_actor = 2;
+        config.network.encoder = Encoder::Resnet;
+    });
 }
 
 #[test]

@@ -121,8 +121,12 @@ impl World {
         }
         // Where none of its columns acts in the last step, a learner is a step short.
         let (seen, waiting) = if shape.steps < self.planned { (shape.steps, columns) } else { (steps, last) };
-        let waiting: Vec<usize> = (0..waiting).filter(|n| own.contains(n)).collect();
-        self.see(agent, rollout * steps + seen, &waiting, Agent::bootstrap)?;
+        for half in &self.halves {
+            let waiting: Vec<usize> = half.iter().copied().filter(|n| own.contains(n) && *n < waiting).collect();
+            if !waiting.is_empty() {
+                self.see(agent, rollout * steps + seen, &waiting, Agent::bootstrap)?;
+            }
+        }
         Ok(outputs)
     }
 
