@@ -17,8 +17,15 @@ const EPISODE_STEPS: usize = 50;
 
 type Received = Sample<Ipc, [Observation], ObservationHeader>;
 
+/// Gives a configuration as many environments as make a half of `batch`, and no more shards than that leaves actors.
+pub fn shape(config: &mut Config, batch: u32) {
+    [config.actors.count, config.actors.environments_per_actor] = shape_of(batch);
+    let most = 1 << config.actors.count.ilog2();
+    config.learner.shards = config.learner.shards.min(most);
+}
+
 /// Actors and environments of each that make a half of `batch`: 19 actors where that goes, else as few as can be.
-pub fn shape_of(batch: u32) -> [u32; 2] {
+fn shape_of(batch: u32) -> [u32; 2] {
     // An actor has at most 256 environments.
     let few = (1..=batch).find(|actors| batch.is_multiple_of(*actors) && 2 * batch / actors <= 256).unwrap_or(batch);
     let actors = if batch.is_multiple_of(19) && 2 * batch / 19 <= 256 { 19 } else { few };

@@ -1,7 +1,7 @@
 //! One step of a half of the environments: frames in shared memory → sampled actions. As in a run, noise was drawn
 //! before the last observation arrived, and is not in it.
 
-use super::frames::{Frames, shape_of};
+use super::frames::{Frames, shape};
 use super::gpu::{Monitor, Use};
 use super::time::percentile;
 use crate::agent::Agent;
@@ -36,7 +36,7 @@ pub struct Inference {
 /// Measures for `span` at least.
 pub fn measure(config: &Config, device: Device, batch: u32, span: Duration, monitor: &Monitor) -> Result<Inference> {
     let mut config = config.clone();
-    [config.actors.count, config.actors.environments_per_actor] = shape_of(batch);
+    shape(&mut config, batch);
     config.ppo.rollout_steps = STEPS as u32;
     let frames = Frames::new(&config)?;
     let mut agent = Agent::new(&config, device)?;

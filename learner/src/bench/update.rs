@@ -1,6 +1,6 @@
 //! Updates: an epoch, and the whole.
 
-use super::frames::{Frames, shape_of};
+use super::frames::{self, Frames};
 use super::gpu::{Monitor, Use};
 use super::time::{percentile, synchronise};
 use crate::agent::Agent;
@@ -37,7 +37,7 @@ pub struct Updates {
 pub fn measure(config: &Config, device: Device, steps: u32, frames: u32, monitor: &Monitor) -> Result<Updates> {
     let mut config = config.clone();
     config.ppo.rollout_steps = steps;
-    [config.actors.count, config.actors.environments_per_actor] = shape_of((frames / steps / 2).max(1));
+    frames::shape(&mut config, (frames / steps / 2).max(1));
     // Of two epochs at least: their difference to one is what another epoch takes.
     config.ppo.epochs = config.ppo.epochs.max(2);
     let epochs = config.ppo.epochs;

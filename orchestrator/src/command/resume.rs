@@ -44,7 +44,8 @@ const ACTORS_LEAVE: Duration = Duration::from_secs(5);
 
 With --actors, environments keep what they are: those of the actors that remain go on as before, those of actors that
 are no more rest as they are until such an actor is there again, and new ones begin their first episode. `orchestrator
-scale` does the same while a run goes on. With --learners, floating-point sums have another order from there on.
+scale` does the same while a run goes on. With --learners, floating-point sums have another order from there on,
+unless learner.shards is set.
 
 With --frames, stages that have ended keep their frames, and those that have not share the rest in proportion; of a
 complete run the last stage goes on, with its optimiser and episodes. Before the first stage has ended, the stages are

@@ -95,6 +95,11 @@ pub fn check(config: &Config, cuda: bool, available: u64) -> Finding {
             "--actors {fewer} is the most that fits; fewer environments (--envs-per-actor) or, on a CPU, a smaller \
              ppo.environments_per_pass need less, too"
         ),
+        None if config.learner.shards > all.learners => format!(
+            "not even {0} actors fit, one a shard: a smaller learner.shards than {0}, or a smaller \
+             ppo.environments_per_pass, ppo.rollout_steps or encoder, need less",
+            config.learner.shards
+        ),
         None if all.learners > 1 => format!(
             "not even {0} actors fit, one a learner: fewer --learners than {0}, or a smaller ppo.environments_per_pass, \
              ppo.rollout_steps or encoder, need less",

@@ -23,6 +23,7 @@ mod release;
 mod same_weights;
 mod scaling;
 mod scaling_hosts;
+mod shards;
 mod slurm;
 mod strangers;
 mod suite;
