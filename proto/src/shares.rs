@@ -29,7 +29,7 @@ impl Shares {
     ///
     /// # Panics
     /// If a shard would have no actor, or a learner would have other than as many shards as the others.
-    pub fn in_shards(actors: u32, learners: u32, shards: u32) -> Self {
+    pub(crate) fn in_shards(actors: u32, learners: u32, shards: u32) -> Self {
         assert!(learners > 0 && shards > 0, "there are learners, and each has shards");
         assert!(shards <= actors, "every shard has actors");
         assert!(shards.is_multiple_of(learners), "every learner has as many shards");

@@ -255,7 +255,7 @@ pub struct LearnerConfig {
     /// What the visual encoder computes in.
     pub encoder_precision: EncoderPrecision,
     /// On CUDA: only algorithms that give the same bits every time, so that the same seed gives the same weights on the
-    /// same kind of GPU with the same number of learners, killed or not.
+    /// same kind of GPU with the same number of learners (or the same `shards`), killed or not.
     pub deterministic: bool,
     /// Threads of libtorch on the CPU, of each learner. Part of what makes a run reproducible: results differ in the
     /// last bits between thread counts.
