@@ -10,10 +10,11 @@ use environment::mix;
 use fake_actor::FakeActor;
 use proptest::prelude::*;
 use proto::camera::FRAME_PIXELS;
-use proto::config::CarriedGoal;
+use proto::config::{CarriedGoal, Config};
+use proto::metric;
 use proto::reward::RewardKind;
 use proto::step::transition_flag;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use taker::Taker;
 
 const SEED: u64 = 5;
@@ -544,4 +545,35 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     assert_eq!(settled[0].outcome.reward, parts.compose(RewardKind::Task, 15.0));
     assert_eq!(settled[0].outcome.disturbed, parts.disturbance_progress_m <= -0.001);
     assert!(collector.settle(0).is_empty(), "an outcome is taken in once");
+}
+
+#[test]
+fn the_figures_of_a_rollout_are_those_of_each_shard() {
+    let mut config = Config::default();
+    (config.actors.count, config.actors.environments_per_actor, config.learner.shards) = (3, 1, 2);
+    let column_map = ColumnMap::of(0, &config);
+    let mut collector = Collector::<FakeSample>::new(settings(column_map, 1), Boundary::start(3));
+    let mut actors = [0, 1, 2].map(|actor| FakeActor::new(actor, 1));
+    for (number, actor) in (0..).zip(&mut actors) {
+        actor.restore = Some(collector.restore(number, 0));
+    }
+    let arrive = |collector: &mut Collector<FakeSample>, actors: &mut [FakeActor; 3]| {
+        for (header, sample) in actors.iter_mut().map(|actor| actor.turn(column_map).unwrap().remove(0)) {
+            collector.receive(&header, sample).unwrap();
+        }
+        collector.settle(0)
+    };
+    let reward = Reward { kind: RewardKind::Task, disturbance_weight: 15.0 };
+    collector.begin(RolloutShape { steps: 1, environments_in_last_step: 3, frames: 3 }, reward, 1);
+    assert!(arrive(&mut collector, &mut actors).is_empty());
+    for (actor, batch) in actors.iter_mut().zip(collector.answer(0, &[4; 3])) {
+        actor.actions.push_back(batch);
+    }
+    let rewards: Vec<f64> =
+        arrive(&mut collector, &mut actors).iter().map(|settled| f64::from(settled.outcome.reward)).collect();
+    assert_eq!(collector.collected(), 3);
+    collector.bootstrapped(0);
+    let figures: Vec<BTreeMap<String, f64>> = collector.finish().iter().map(RolloutStatistics::metrics).collect();
+    let means = [f64::midpoint(rewards[0], rewards[1]), rewards[2]];
+    assert_eq!(figures.iter().map(|figures| figures[metric::REWARD]).collect::<Vec<_>>(), means);
 }
