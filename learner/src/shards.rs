@@ -27,7 +27,7 @@ impl Shards {
     /// Those of a learner that has these of the run's columns.
     ///
     /// # Panics
-    /// If there is no whole shard among them.
+    /// If they are not whole shards.
     pub fn of(config: &Config, columns: &Range<usize>) -> Self {
         if config.learner.shards == 0 {
             return Self::one(columns.len());
@@ -40,8 +40,10 @@ impl Shards {
         let own = of_run.enumerate().filter(|(_, shard)| columns.start <= shard.start && shard.end <= columns.end);
         let own: Vec<(usize, Range<usize>)> = own.collect();
         let first = own.first().expect("a learner has whole shards").0;
-        let columns = own.into_iter().map(|(_, shard)| shard.start - columns.start..shard.end - columns.start);
-        Self { columns: columns.collect(), fixed: Some([first, shares.shards() as usize]) }
+        let own: Vec<_> =
+            own.into_iter().map(|(_, shard)| shard.start - columns.start..shard.end - columns.start).collect();
+        assert_eq!(own.iter().map(Range::len).sum::<usize>(), columns.len(), "a learner has whole shards alone");
+        Self { columns: own, fixed: Some([first, shares.shards() as usize]) }
     }
 
     /// The columns of each, numbered as this learner's.

@@ -28,11 +28,11 @@ impl Shares {
     /// `actors` actors in `shards` shards, which are divided among `learners` learners.
     ///
     /// # Panics
-    /// If a shard would have no actor, or a learner would have other than as many shards as the others.
+    /// If a shard would have no actor, or the shards cannot be divided evenly among the learners.
     pub(crate) fn in_shards(actors: u32, learners: u32, shards: u32) -> Self {
         assert!(learners > 0 && shards > 0, "there are learners, and each has shards");
         assert!(shards <= actors, "every shard has actors");
-        assert!(shards.is_multiple_of(learners), "every learner has as many shards");
+        assert!(shards.is_multiple_of(learners), "every learner has as many shards as the others");
         Self { actors, learners, shards }
     }
 

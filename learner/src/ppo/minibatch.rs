@@ -39,7 +39,7 @@ pub(crate) struct Deal {
 
 /// Deals a shard's columns out among minibatches, as evenly as can be: one list of columns each, in order. Neighbours
 /// are alike, such as the environments of one kitchen, so chance deals: a function of (seed, rollout, column of the
-/// whole run). The one of number `to` gets the first.
+/// whole run). Minibatch `to`, counted round, gets the first that is drawn.
 fn deal_out(columns: Range<usize>, to: usize, deal: Deal) -> Vec<Vec<usize>> {
     let Deal { minibatches, seed, rollout, first_column } = deal;
     let drawn = |column: usize| Key {
@@ -63,7 +63,7 @@ fn deal_out(columns: Range<usize>, to: usize, deal: Deal) -> Vec<Vec<usize>> {
 }
 
 impl Deal {
-    /// The columns of each minibatch, by shard, one list for each shard that has some.
+    /// The columns of each minibatch: a list for each shard, with the shard's number.
     pub(crate) fn columns(self, shards: &Shards) -> Vec<Vec<(usize, Vec<usize>)>> {
         let mut minibatches = vec![Vec::new(); self.minibatches as usize];
         for (shard, columns) in shards.columns().iter().enumerate() {
@@ -83,18 +83,18 @@ impl Chunk {
     pub(crate) fn divide(
         rollout: &Rollout,
         targets: &Targets,
-        shards: &Shards,
         minibatch: &[(usize, Vec<usize>)],
         columns_each: u32,
     ) -> Vec<Self> {
         let of = |(shard, columns): &(usize, Vec<usize>)| {
-            let unbounded = columns_each == 0 || columns_each as usize >= shards.columns()[*shard].len();
+            // Otherwise passes are to bound memory.
+            let unbounded = columns_each == 0 || columns_each as usize >= rollout.columns();
             Self::of_shard(rollout, targets, *shard, columns, (columns_each, unbounded))
         };
         minibatch.iter().flat_map(of).collect()
     }
 
-    /// `unbounded`: a pass has room for the whole shard.
+    /// `unbounded`: a pass has room for all columns.
     fn of_shard(
         rollout: &Rollout,
         targets: &Targets,

@@ -141,7 +141,7 @@ impl<'a> Update<'a> {
         let deal = Deal { minibatches: self.ppo.minibatches, seed, rollout: self.rollout_number, first_column };
         let dealt = deal.columns(shards);
         let chunks = |minibatch: &Vec<(usize, Vec<usize>)>| {
-            Chunk::divide(rollout, &targets, shards, minibatch, self.ppo.environments_per_pass)
+            Chunk::divide(rollout, &targets, minibatch, self.ppo.environments_per_pass)
         };
         let minibatches: Vec<Vec<Chunk>> = dealt.iter().map(chunks).collect();
         let frames = self.peers.totals(minibatches.iter().map(|chunks| rows(chunks)))?;

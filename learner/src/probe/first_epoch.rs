@@ -49,7 +49,7 @@ pub(super) fn probe(
     };
     let targets = gae::estimate(rollout, &config.ppo, &shards, update.peers)?;
     let columns: Vec<usize> = (0..rollout.columns()).collect();
-    let chunks = Chunk::divide(rollout, &targets, &shards, &[(0, columns)], 0);
+    let chunks = Chunk::divide(rollout, &targets, &[(0, columns)], 0);
     let packing = rollout.packing(0..rollout.columns());
     let cells = Cells { rollout, packing: &packing };
     let mut queries = auxiliary.queries(&[&packing], update.epoch(0), update.peers)?.pop().unwrap_or_default();

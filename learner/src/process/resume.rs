@@ -118,7 +118,8 @@ fn find(store: &Store, agent: &mut Agent, config: &Config, file: &str) -> Result
 }
 
 /// The configuration with the number of actors that a checkpoint of `held` columns was written with, which may be
-/// another one; with shards also with the number of learners. Another number of environments in each actor would make other environments of the same columns.
+/// another one; with shards also with the number of learners. Another number of environments in each actor would make
+/// other environments of the same columns.
 fn with_actors_of(manifest: &Manifest, config: &Config, held: usize) -> Result<Config> {
     let wanted = config.environments();
     let Ok(then) = Config::from_toml(&manifest.config, "its configuration") else {

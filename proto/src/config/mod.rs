@@ -136,10 +136,10 @@ pub struct PpoConfig {
     /// Treat an end by the step limit as a truncation and bootstrap from the value there. The paper does not.
     pub bootstrap_time_limits: bool,
     /// Environments that go through forward and backward at once; gradients add up to those of the whole batch.
-    /// 0 = all. A smaller number bounds memory.
+    /// 0 = all, or with `learner.shards` all of a shard. A smaller number bounds memory.
     pub environments_per_pass: u32,
-    /// Minibatches of a rollout, each a step of the optimiser: every learner deals its environments out among them, anew
-    /// for each rollout. 1 = all in one, as in the paper. More of them take more steps on a large batch.
+    /// Minibatches of a rollout, each a step of the optimiser: every learner, or shard, deals its environments out among
+    /// them, anew for each rollout. 1 = all in one, as in the paper. More of them take more steps on a large batch.
     pub minibatches: u32,
     /// With several learners: share of them that must have finished a rollout for the others to end theirs early (0.6
     /// in DD-PPO). Results then depend on timing, and a stage's last rollouts may have few frames. 0 = all learners
@@ -245,8 +245,8 @@ pub struct LearnerConfig {
     pub count: u32,
     /// Parts that the actors are divided into, for results that do not depend on `count`: each part is computed by
     /// itself, and their sums are added in a fixed order, so that 1, 2, 4, ... learners train the same weights bit for
-    /// bit. 0 = a learner's actors are one part; else a power of two, at least `count` (then a power of two, too) and
-    /// at most the number of actors. Smaller batches take longer.
+    /// bit (on GPUs of one kind; tested on CPUs). 0 = a learner's actors are one part; else a power of two, at least
+    /// `count` (then a power of two, too) and at most the number of actors. Smaller batches take longer.
     pub shards: u32,
     /// Where it computes.
     pub device: DeviceChoice,

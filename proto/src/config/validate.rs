@@ -231,8 +231,8 @@ impl Config {
             "learner.count",
             learners,
             learners.is_power_of_two() && learners <= shards,
-            "must be a power of two up to learner.shards: every learner has as many shards. Choose such a number, or \
-             learner.shards = 0",
+            "must be a power of two up to learner.shards: every learner has as many shards as the others. Choose such a \
+             number, or learner.shards = 0",
         )?;
         check(
             "ppo.preemption_share",
@@ -240,6 +240,12 @@ impl Config {
             self.ppo.preemption_share == 0.0,
             "must be 0 where learner.shards is not: a rollout that ends early depends on timing and on the number of \
              learners",
+        )?;
+        check(
+            "learner.deterministic",
+            self.learner.deterministic,
+            self.learner.deterministic,
+            "must be true where learner.shards is not 0: weights that are the same whatever the number of learners",
         )?;
         check("learner.shards", shards, self.evaluation.is_none(), "must be 0: an evaluation does not train")
     }
@@ -375,6 +381,8 @@ mod tests {
             let found = problem(actors, learners, shards, &as_it_is).unwrap_err();
             assert!(found.contains(expected), "{found}");
         }
+        let found = problem(4, 2, 4, &|config| config.learner.deterministic = false).unwrap_err();
+        assert!(found.contains("learner.deterministic = false: must be true where learner.shards is not 0"), "{found}");
         let found = problem(4, 2, 4, &|config| config.ppo.preemption_share = 0.6).unwrap_err();
         assert!(found.contains("ppo.preemption_share = 0.6: must be 0 where learner.shards is not"), "{found}");
     }

@@ -1,5 +1,5 @@
-// What the kernels share: numbers, and copies into shared memory. All kernels are compiled at start-up by NVRTC as one source,
-// without headers: hence the conversions by hand.
+// What the kernels share: numbers, and copies into shared memory. All kernels are compiled at start-up by NVRTC as one
+// source, without headers: hence the conversions by hand.
 
 typedef unsigned char u8;
 typedef unsigned int u32;

@@ -90,6 +90,19 @@ __device__ inline float normed(float x, float scale, float offset) {
     return __fmaf_rn(x, scale, offset);
 }
 
+// Four of eight numbers, from the first on, as they are.
+__device__ inline uint4 half_of(const Eight& x, int first) {
+    const float* half = x.at + first;
+    return make_uint4(__float_as_uint(half[0]), __float_as_uint(half[1]), __float_as_uint(half[2]),
+                      __float_as_uint(half[3]));
+}
+
+__device__ inline void put_half(Eight& x, int first, uint4 half) {
+    const u32 words[4] = {half.x, half.y, half.z, half.w};
+#pragma unroll
+    for (int k = 0; k < 4; k++) x.at[first + k] = __uint_as_float(words[k]);
+}
+
 // Asks for a map of so many octets; each thread for those that it owns.
 template <bool KEEP>
 __device__ inline const uint4* ask(const uint4* map, uint4* kept, int count) {
@@ -249,8 +262,8 @@ __device__ inline void backward(const uint4* dy, const uint4* dy_too, const uint
         if (d_around) d_around[base + i] = pack(g);
         // In the place of what it came from: eight float32 take that of both users' gradients.
         if (KEEP && dy_too) {
-            kept_dy[i] = *(const uint4*)&g.at[0];
-            kept_too[i] = *(const uint4*)&g.at[4];
+            kept_dy[i] = half_of(g, 0);
+            kept_too[i] = half_of(g, 4);
         } else if (KEEP && relu != NO_RELU) {
             kept_dy[i] = pack(g);
         }
@@ -290,8 +303,8 @@ __device__ inline void backward(const uint4* dy, const uint4* dy_too, const uint
         const Eight value = unpack(x[i]);
         Eight g;
         if (KEEP && dy_too) {
-            *(uint4*)&g.at[0] = kept_dy[i];
-            *(uint4*)&g.at[4] = kept_too[i];
+            put_half(g, 0, kept_dy[i]);
+            put_half(g, 4, kept_too[i]);
         } else if (KEEP) {
             g = unpack(kept_dy[i]);
         } else {

@@ -49,8 +49,8 @@ struct Work {
 impl NormKernels {
     pub(super) fn find(module: &Module) -> Result<Self, CudaError> {
         let most_shared_bytes = module.most_shared_bytes()?;
-        // Two blocks a multiprocessor at least: one waits for its maps while another works.
-        let most_kept_bytes = most_shared_bytes / 2;
+        // Two blocks a multiprocessor at least: one waits for its maps while another works. Each takes a KiB more.
+        let most_kept_bytes = most_shared_bytes / 2 - 1024;
         let find = |direction: &str, maps: &str, group: u8| {
             let name = CString::new(format!("norm_{direction}_{maps}_{group}")).expect("letters and digits");
             module.kernel(&name, most_kept_bytes)
