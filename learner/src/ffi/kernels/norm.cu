@@ -184,6 +184,47 @@ __device__ inline void forward(const uint4* x, const uint4* around, const float*
     }
 }
 
+// Two sums of each channel over a warp, into shared memory: [warps, 8, octets + 1], the channels of an octet apart, so that
+// lanes write to different banks.
+__device__ inline void sum_channels(Eight first, Eight second, float2* by_channel, const Layout& at) {
+    for (int lanes = 16; lanes >= at.octets; lanes /= 2) {
+#pragma unroll
+        for (int k = 0; k < 8; k++) {
+            first.at[k] += __shfl_xor_sync(0xffffffffu, first.at[k], lanes);
+            second.at[k] += __shfl_xor_sync(0xffffffffu, second.at[k], lanes);
+        }
+    }
+    if (threadIdx.x % 32 >= at.octets) return;
+    float2* to = by_channel + threadIdx.x / 32 * 8 * (at.octets + 1) + at.octet;
+#pragma unroll
+    for (int k = 0; k < 8; k++) to[k * (at.octets + 1)] = make_float2(first.at[k], second.at[k]);
+}
+
+// After a barrier: those sums over all warps, to [2, channels].
+__device__ inline void put_channels(const float2* by_channel, float* to, int channels, const Layout& at) {
+    for (int c = threadIdx.x; c < channels; c += blockDim.x) {
+        float2 total = make_float2(0.0f, 0.0f);
+        for (int warp = 0; warp < blockDim.x / 32; warp++) {
+            const float2 part = by_channel[(warp * 8 + c % 8) * (at.octets + 1) + c / 8];
+            total.x += part.x;
+            total.y += part.y;
+        }
+        to[c] = total.x;
+        to[channels + c] = total.y;
+    }
+}
+
+// Mean and 1 / standard deviation of an octet's groups, as the forward pass wrote them for its row.
+template <int IN>
+__device__ inline void load_groups(OfGroups<IN>& mean, OfGroups<IN>& rstd, const float* mean_rstd, const Layout& at) {
+#pragma unroll
+    for (int j = 0; j < 8 / IN; j++) {
+        const float2 statistic = ((const float2*)mean_rstd)[at.group + j];
+        mean.at[j] = statistic.x;
+        rstd.at[j] = statistic.y;
+    }
+}
+
 // Where a ReLU follows a norm, and how the backward pass tells what it let through.
 #define NO_RELU 0
 // Of the norm alone: from x.
@@ -193,8 +234,8 @@ __device__ inline void forward(const uint4* x, const uint4* around, const float*
 
 // dx of y = relu?(norm(x) + around?) for dy (+ dy_too?). d_around, where wanted, is the gradient of `around`.
 // gradients [rows, 2, channels]: a row's share of those of bias and weight. Shared memory: x, dy, and if there are such,
-// dy_too and y, where kept; sums [warps, 8, octets + 1], the channels of an octet apart so that lanes write to different
-// banks, and [warps, groups].
+// dy_too and y, where kept; sums of channels, and [warps, groups].
+// Long because: a thread's registers hold what all of its parts share.
 template <bool KEEP, int IN>
 __device__ inline void backward(const uint4* dy, const uint4* dy_too, const uint4* y, const uint4* x,
                                 const float* mean_rstd, const float* weight, const float* bias, uint4* dx,
@@ -217,15 +258,9 @@ __device__ inline void backward(const uint4* dy, const uint4* dy_too, const uint
         room += KEEP ? count : 0;
     }
     float2* by_channel = (float2*)room;
-    const int stride = 8 * (at.octets + 1);
-    float2* partial = by_channel + blockDim.x / 32 * stride;
+    float2* partial = by_channel + blockDim.x / 32 * 8 * (at.octets + 1);
     OfGroups<IN> mean, rstd;
-#pragma unroll
-    for (int j = 0; j < 8 / IN; j++) {
-        const float2 statistic = ((const float2*)mean_rstd)[row * groups + at.group + j];
-        mean.at[j] = statistic.x;
-        rstd.at[j] = statistic.y;
-    }
+    load_groups(mean, rstd, mean_rstd + row * groups * 2, at);
     const Eight w = load(weight, at.octet);
     Eight offset = {};
     if (relu == RELU) {
@@ -278,18 +313,7 @@ __device__ inline void backward(const uint4* dy, const uint4* dy_too, const uint
     }
     OfGroups<IN> first = fold<IN>(weighted_sum), second = fold<IN>(weighted_product);
     sum_warp(first, second, partial, at);
-    for (int lanes = 16; lanes >= at.octets; lanes /= 2) {
-#pragma unroll
-        for (int k = 0; k < 8; k++) {
-            sum.at[k] += __shfl_xor_sync(0xffffffffu, sum.at[k], lanes);
-            product.at[k] += __shfl_xor_sync(0xffffffffu, product.at[k], lanes);
-        }
-    }
-    if (threadIdx.x % 32 < at.octets) {
-        float2* to = by_channel + threadIdx.x / 32 * stride + at.octet;
-#pragma unroll
-        for (int k = 0; k < 8; k++) to[k * (at.octets + 1)] = make_float2(sum.at[k], product.at[k]);
-    }
+    sum_channels(sum, product, by_channel, at);
     __syncthreads();
     sum_block(first, second, partial, at);
     // dx = rstd · (w · g - mean(w · g) - x̂ · mean(w · g · x̂)), x̂ = (x - mean) · rstd.
@@ -319,16 +343,7 @@ __device__ inline void backward(const uint4* dy, const uint4* dy_too, const uint
         }
         dx[base + i] = pack(out);
     }
-    for (int c = threadIdx.x; c < channels; c += blockDim.x) {
-        float2 total = make_float2(0.0f, 0.0f);
-        for (int warp = 0; warp < blockDim.x / 32; warp++) {
-            const float2 part = by_channel[warp * stride + c % 8 * (at.octets + 1) + c / 8];
-            total.x += part.x;
-            total.y += part.y;
-        }
-        gradients[row * 2 * channels + c] = total.x;
-        gradients[row * 2 * channels + channels + c] = total.y;
-    }
+    put_channels(by_channel, gradients + row * 2 * channels, channels, at);
 }
 
 #define NORM(IN, KEEP, NAME)                                                                                           \
