@@ -8,8 +8,8 @@ use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use system_tests::{Network, Printed, RecordedSteps, Run, TINY, Workshop, complete, finish, kill_child, signal, start};
 
-const ACTORS: u32 = 4;
-const ENVIRONMENTS: u32 = 3;
+pub const ACTORS: u32 = 4;
+pub const ENVIRONMENTS: u32 = 3;
 /// No multiple of anything: the last rollout of a stage leaves some learners without a step.
 const FRAMES: u64 = 2503;
 /// From the loss of a host to the end of the job.
