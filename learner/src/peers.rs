@@ -4,7 +4,7 @@
 //! learners, so gradients add up to those of one learner that had all the actors; all take the same optimiser step with
 //! the sum, and their weights stay the same bit for bit. With equal shares this is DD-PPO's mean. Only contrastive
 //! prediction (`cpca16`) changes with the number of learners: a learner draws its negative samples from its own rows.
-//! With `learner.shards` nothing does ([`crate::shards`]).
+//! With `learner.shards` nothing changes with it ([`crate::shards`]).
 //!
 //! All learners make the same calls in the same order. When one dies, the calls of the others fail, or block until the
 //! orchestrator ends them. A group is never repaired: all learners restart together from the last checkpoint.
@@ -187,8 +187,8 @@ impl Peers {
         }
     }
 
-    /// The flat gradients of all learners by rank, \[learners, W\], the same bits on all. Each fills its own row, and to
-    /// add zeros changes no number but -0, which becomes 0.
+    /// The flat gradients of all learners by rank, \[learners, W\], the same bits on all. Each fills its own row of zeros
+    /// and all are added up, which changes no number but -0: that becomes 0.
     pub(crate) fn gather_gradients(&self, own: &Tensor) -> Result<Tensor, PeerError> {
         fault::reach("learner.before_exchange");
         let Self::Group(group) = self else { return Ok(own.unsqueeze(0)) };

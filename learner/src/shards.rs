@@ -7,6 +7,7 @@
 
 use crate::peers::{PeerError, Peers};
 use proto::config::Config;
+use std::iter::repeat_n;
 use std::ops::Range;
 
 /// One learner's shards.
@@ -49,6 +50,11 @@ impl Shards {
     /// The columns of each, numbered as this learner's.
     pub fn columns(&self) -> &[Range<usize>] {
         &self.columns
+    }
+
+    /// Which of them each column is of.
+    pub(crate) fn of_columns(&self) -> Vec<usize> {
+        self.columns.iter().enumerate().flat_map(|(shard, columns)| repeat_n(shard, columns.len())).collect()
     }
 
     /// Whether they are the same whatever the number of learners.
@@ -94,6 +100,7 @@ mod tests {
         let config = config(5, 4);
         let all = Shards::of(&config, &(0..15));
         assert_eq!((all.columns(), all.fixed), (&[0..6, 6..9, 9..12, 12..15][..], Some([0, 4])));
+        assert_eq!(all.of_columns(), [0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3]);
         let second = Shards::of(&config, &(9..15));
         assert_eq!((second.columns(), second.fixed), (&[0..3, 3..6][..], Some([2, 4])));
         assert_eq!(Shards::of(&self::config(5, 0), &(6..15)), Shards::one(9));

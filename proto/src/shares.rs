@@ -60,7 +60,7 @@ impl Shares {
     }
 
     /// The shards of the learner with this rank.
-    pub fn shards_of(self, rank: u32) -> Range<u32> {
+    fn shards_of(self, rank: u32) -> Range<u32> {
         let each = self.shards / self.learners;
         rank * each..(rank + 1) * each
     }

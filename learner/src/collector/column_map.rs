@@ -3,7 +3,6 @@
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::Kitchens;
-use proto::shares::Shares;
 use std::ops::Range;
 use wire::message::Halves;
 
@@ -14,8 +13,6 @@ pub struct ColumnMap {
     actors: u32,
     environments_per_actor: u32,
     kitchens: Kitchens,
-    /// The run's; none where all of this learner's actors are one shard.
-    shares: Option<Shares>,
 }
 
 impl ColumnMap {
@@ -26,14 +23,14 @@ impl ColumnMap {
     /// If there would be no environment.
     pub fn new(first_actor: u32, actors: u32, environments_per_actor: u32) -> Self {
         assert!(actors > 0 && environments_per_actor > 0, "a learner has environments");
-        Self { first_actor, actors, environments_per_actor, kitchens: Kitchens::TRAINING, shares: None }
+        Self { first_actor, actors, environments_per_actor, kitchens: Kitchens::TRAINING }
     }
 
     /// The environments of the actors that a rank serves.
     pub fn of(rank: u32, config: &Config) -> Self {
-        let (shares, actors) = (config.shares(), config.shares().actors_of(rank));
-        let map = Self::new(actors.start, actors.len() as u32, config.actors.environments_per_actor);
-        Self { shares: Some(shares), ..map }.in_kitchens(config.kitchens())
+        let actors = config.shares().actors_of(rank);
+        Self::new(actors.start, actors.len() as u32, config.actors.environments_per_actor)
+            .in_kitchens(config.kitchens())
     }
 
     /// The same in other kitchens than those of training.
@@ -79,17 +76,6 @@ impl ColumnMap {
         first + range.start..first + range.end
     }
 
-    /// Which of this learner's shards each column is of, in order.
-    pub(crate) fn shards(self) -> Vec<usize> {
-        let Some(shares) = self.shares else { return vec![0; self.columns()] };
-        let shards = (0..).zip(shares.shards_of(shares.learner_of(self.first_actor)));
-        let of_columns = shards.flat_map(|(own, shard)| {
-            let columns = shares.actors_in(shard).len() * self.environments_per_actor as usize;
-            std::iter::repeat_n(own, columns)
-        });
-        of_columns.collect()
-    }
-
     /// Columns of all environments of this learner's actor `index`.
     pub(crate) fn columns_of_actor(self, index: u32) -> Range<usize> {
         let first = index as usize * self.environments_per_actor as usize;
@@ -129,17 +115,6 @@ mod tests {
             columns.sort_unstable();
             assert_eq!(columns, (0..map.columns()).collect::<Vec<_>>());
         }
-    }
-
-    #[test]
-    fn columns_belong_to_the_shards_of_their_actors() {
-        let mut config = Config::default();
-        (config.actors.count, config.actors.environments_per_actor) = (5, 2);
-        (config.learner.count, config.learner.shards) = (2, 4);
-        assert_eq!(ColumnMap::of(0, &config).shards(), [0, 0, 0, 0, 1, 1]);
-        assert_eq!(ColumnMap::of(1, &config).shards(), [0, 0, 1, 1]);
-        config.learner.shards = 0;
-        assert_eq!(ColumnMap::of(1, &config).shards(), [0; 4], "a learner is one shard");
     }
 
     #[test]

@@ -34,6 +34,7 @@ pub use statistics::{RolloutStatistics, RunningEpisode};
 
 use crate::agent::StepInput;
 use crate::rollout::Outcome;
+use crate::shards::Shards;
 use exchange::{Arrival, Half};
 use proto::action::HOLD;
 use proto::camera::DepthFrame;
@@ -248,10 +249,12 @@ impl<S: HalfSample> Collector<S> {
     /// A collector that goes on from `boundary`.
     ///
     /// # Panics
-    /// If the boundary is not of as many environments as the column map.
-    pub fn new(settings: Settings, boundary: Boundary) -> Self {
+    /// If the boundary or the shards are not of as many environments as the column map.
+    pub fn new(settings: Settings, shards: &Shards, boundary: Boundary) -> Self {
         let column_map = settings.column_map;
         let Boundary { exchange, environments, running } = boundary;
+        let shards = shards.of_columns();
+        assert_eq!(shards.len(), column_map.columns(), "every column is of a shard");
         Self {
             settings,
             halves: (0..column_map.halves()).map(|_| Half::new(column_map.actors(), exchange)).collect(),
@@ -263,7 +266,7 @@ impl<S: HalfSample> Collector<S> {
                 running,
             ),
             ids: (0..column_map.columns()).map(|column| column_map.environment(column)).collect(),
-            shards: column_map.shards(),
+            shards,
             noise: vec![vec![]; column_map.columns()],
             actor_incarnations: vec![0; column_map.actors() as usize],
             stage_version: 0,

@@ -125,7 +125,7 @@ impl World {
             before: brain.clone(),
             brain,
             frames: 0,
-            collector: Collector::new(Settings { recorded: run.recorded, ..settings(run.column_map, 1) }, boundary),
+            collector: collector(Settings { recorded: run.recorded, ..settings(run.column_map, 1) }, boundary),
             in_progress: None,
         };
         for actor in 0..run.column_map.actors() as usize {
@@ -164,7 +164,7 @@ impl World {
         // Its subscriber dies with it.
         self.to_learner.clear();
         let settings = settings(self.run.column_map, self.learner_incarnation);
-        self.collector = Collector::new(Settings { recorded: self.run.recorded, ..settings }, boundary);
+        self.collector = collector(Settings { recorded: self.run.recorded, ..settings }, boundary);
         self.broadcast();
         // Actors that have no restore yet keep crying.
         for actor in &self.actors {
@@ -313,6 +313,11 @@ impl World {
     }
 }
 
+/// All columns are one shard.
+fn collector(settings: Settings, boundary: Boundary) -> Collector<FakeSample> {
+    Collector::new(settings, &Shards::one(settings.column_map.columns()), boundary)
+}
+
 fn settings(column_map: ColumnMap, learner_incarnation: u32) -> Settings {
     Settings {
         column_map,
@@ -436,7 +441,7 @@ fn a_crash_at_each_turn() {
 #[test]
 fn an_actor_that_disagrees_is_named() {
     let column_map = ColumnMap::new(0, 2, 2);
-    let mut collector = Collector::<FakeSample>::new(settings(column_map, 1), Boundary::start(column_map.columns()));
+    let mut collector = collector(settings(column_map, 1), Boundary::start(column_map.columns()));
     let mut actor = FakeActor::new(1, 1);
     actor.restore = Some(collector.restore(1, 0));
     let sent = actor.turn(column_map).unwrap();
@@ -494,7 +499,7 @@ fn a_batch_has_the_goal_vector_with_the_configured_sign() {
     for (carried_goal, sign) in [(CarriedGoal::GoalToObject, -1.0), (CarriedGoal::ObjectToGoal, 1.0)] {
         for holding in [false, true] {
             let settings = Settings { carried_goal, ..settings(column_map, 1) };
-            let mut collector = Collector::<FakeSample>::new(settings, Boundary::start(1));
+            let mut collector = collector(settings, Boundary::start(1));
             let mut actor = FakeActor::new(0, 1);
             actor.restore = Some(collector.restore(0, 0));
             let (header, mut sample) = actor.turn(column_map).unwrap().remove(0);
@@ -511,7 +516,7 @@ fn a_batch_has_the_goal_vector_with_the_configured_sign() {
 #[test]
 fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     let column_map = ColumnMap::new(0, 1, 1);
-    let mut collector = Collector::<FakeSample>::new(settings(column_map, 1), Boundary::start(1));
+    let mut collector = collector(settings(column_map, 1), Boundary::start(1));
     let mut actor = FakeActor::new(0, 1);
     actor.restore = Some(collector.restore(0, 0));
     let (header, sample) = actor.turn(column_map).unwrap().remove(0);
@@ -552,7 +557,8 @@ fn the_figures_of_a_rollout_are_those_of_each_shard() {
     let mut config = Config::default();
     (config.actors.count, config.actors.environments_per_actor, config.learner.shards) = (3, 1, 2);
     let column_map = ColumnMap::of(0, &config);
-    let mut collector = Collector::<FakeSample>::new(settings(column_map, 1), Boundary::start(3));
+    let mut collector =
+        Collector::<FakeSample>::new(settings(column_map, 1), &Shards::of(&config, &(0..3)), Boundary::start(3));
     let mut actors = [0, 1, 2].map(|actor| FakeActor::new(actor, 1));
     for (number, actor) in (0..).zip(&mut actors) {
         actor.restore = Some(collector.restore(number, 0));

@@ -7,6 +7,7 @@ use super::link::{Ports, Sample};
 use super::patience::{Patience, Waited};
 use super::stop::{OrchestratorGone, Stop};
 use crate::collector::{Boundary, Collector, ColumnMap, Received, Settings};
+use crate::shards::Shards;
 use anyhow::Result;
 use proto::config::Config;
 use proto::event::LearnerEvent;
@@ -57,8 +58,8 @@ pub struct Conversation<'a, W> {
 }
 
 impl<'a, W: Write> Conversation<'a, W> {
-    /// The environments go on from `boundary`; events are written to `output`.
-    pub fn open(speaker: Speaker<'a>, config: &Config, boundary: Boundary, output: W) -> Self {
+    /// The environments, divided into `shards`, go on from `boundary`; events are written to `output`.
+    pub fn open(speaker: Speaker<'a>, config: &Config, shards: &Shards, boundary: Boundary, output: W) -> Self {
         let Speaker { rank, incarnation, ports, gone } = speaker;
         let settings = Settings {
             column_map: ColumnMap::of(rank, config),
@@ -74,7 +75,7 @@ impl<'a, W: Write> Conversation<'a, W> {
         gone.wakes(ports.own_bell());
         Self {
             rank,
-            collector: Collector::new(settings, boundary),
+            collector: Collector::new(settings, shards, boundary),
             announcements: Announcements::default(),
             actors,
             incarnation,

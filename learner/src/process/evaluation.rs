@@ -68,7 +68,7 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     let ports = Ports::open(&wire, WireShape::of(&config), RANK, config.recording.enabled)?;
     let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone };
     let boundary = Boundary::start(column_map.columns());
-    let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout());
+    let mut conversation = Conversation::open(speaker, &config, agent.shards(), boundary, std::io::stdout());
     conversation.tell(&LearnerEvent::Ready {
         rank: RANK,
         rollout,

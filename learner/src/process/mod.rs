@@ -125,7 +125,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
     let ports = Ports::open(&wire, WireShape::of(&config), rank, config.recording.enabled)?;
     let speaker = Speaker { rank, incarnation, ports: &ports, gone: &gone };
-    let mut conversation = Conversation::open(speaker, &config, boundary, std::io::stdout());
+    let mut conversation = Conversation::open(speaker, &config, agent.shards(), boundary, std::io::stdout());
     conversation.tell(&LearnerEvent::Ready {
         rank,
         rollout,

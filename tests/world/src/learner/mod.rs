@@ -16,6 +16,7 @@ use crate::service::{NoPlace, TaskId};
 use crate::setup::{MAX_STEPS, Mutation, NOISE};
 use learner::collector::{ActionBatch, Boundary, Collector, ColumnMap, Settings};
 use learner::process::{Announcements, Patience};
+use learner::shards::Shards;
 use orchestrator::{Event, Exit};
 use proto::event::LearnerEvent;
 use proto::exit::EXIT_LOST_PEERS;
@@ -279,7 +280,8 @@ impl Learner {
             learner_incarnation: self.incarnation,
             recorded: !world.setup.has(Mutation::IgnoresReceipts),
         };
-        self.collector = Some(Collector::new(settings, boundary));
+        let shards = Shards::one(settings.column_map.columns());
+        self.collector = Some(Collector::new(settings, &shards, boundary));
         let word = Word::Same(self.saved.map_or(0, |rollout| rollout + 1));
         self.begin(world, me, word, Phase::Loaded)
     }
