@@ -5,6 +5,7 @@
 
 use super::conversation::{Conversation, Speaker};
 use super::link::Ports;
+use super::output::claim_stdout;
 use super::stop::{OrchestratorGone, Stop};
 use super::weights::{self, Trained};
 use crate::agent::Agent;
@@ -43,6 +44,7 @@ pub struct EvaluationArguments {
 /// Plays all episodes, or as many as a stop allows.
 pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     let EvaluationArguments { folder, wire, incarnation, lifeline } = arguments;
+    let output = claim_stdout()?;
     let gone = OrchestratorGone::watched(lifeline)?;
     gone.end_after(LAST, || {
         tracing::error!("the orchestrator is gone, and there was time to end: this learner ends");
@@ -68,7 +70,7 @@ pub fn evaluate(arguments: EvaluationArguments) -> Result<()> {
     let ports = Ports::open(&wire, WireShape::of(&config), RANK, config.recording.enabled)?;
     let speaker = Speaker { rank: RANK, incarnation, ports: &ports, gone: &gone };
     let boundary = Boundary::start(column_map.columns());
-    let mut conversation = Conversation::open(speaker, &config, agent.shards(), boundary, std::io::stdout());
+    let mut conversation = Conversation::open(speaker, &config, agent.shards(), boundary, output);
     conversation.tell(&LearnerEvent::Ready {
         rank: RANK,
         rollout,

@@ -15,6 +15,7 @@ mod import;
 mod link;
 mod lock;
 mod machine;
+mod output;
 mod patience;
 mod resume;
 mod ringers;
@@ -37,6 +38,7 @@ use anyhow::{Context, Result, ensure};
 use conversation::{Conversation, Speaker};
 use link::Ports;
 use lock::Lock;
+use output::claim_stdout;
 use proto::bounded;
 use proto::config::Config;
 use proto::event::LearnerEvent;
@@ -84,6 +86,7 @@ pub struct Network {
 /// Runs the learner to the end of its budget or to a stop.
 pub fn run(arguments: Arguments) -> Result<()> {
     let Arguments { run, wire, incarnation, rank, lifeline, network } = arguments;
+    let output = claim_stdout()?;
     let gone = OrchestratorGone::watched(lifeline)?;
     let run = RunFolder::new(run);
     let config = Config::of_run(&run)?;
@@ -125,7 +128,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     agent.peers().agree("the rollouts of their checkpoints", checkpoint.as_ref().map_or(0, |_| rollout + 1))?;
     let ports = Ports::open(&wire, WireShape::of(&config), rank, config.recording.enabled)?;
     let speaker = Speaker { rank, incarnation, ports: &ports, gone: &gone };
-    let mut conversation = Conversation::open(speaker, &config, agent.shards(), boundary, std::io::stdout());
+    let mut conversation = Conversation::open(speaker, &config, agent.shards(), boundary, output);
     conversation.tell(&LearnerEvent::Ready {
         rank,
         rollout,

@@ -1,7 +1,8 @@
 //! What is printed of runs: logs, comparisons, tables as JSON; and what is made of the command line itself.
 
 use serde_json::Value;
-use std::io::{BufRead, BufReader};
+use std::fs::OpenOptions;
+use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::Command;
 use system_tests::{Workshop, complete, finish, start};
@@ -15,6 +16,24 @@ fn json(workshop: &Workshop, arguments: &[&str]) -> Value {
 fn row<'a>(table: &'a Value, name: &str) -> &'a Value {
     let rows = table.as_array().expect("rows");
     &rows.iter().find(|row| row["name"] == name).unwrap_or_else(|| panic!("no {name} in {rows:#?}"))["values"]
+}
+
+/// NCCL does, when it is asked for its reasons; its lines would stand between the learner's events.
+#[test]
+fn what_a_library_prints_in_a_learner_is_in_its_log_and_no_event() {
+    const LINE: &str = "[0] NCCL INFO Channel 00/08 : 0 1";
+    let workshop = Workshop::new();
+    let child = start(workshop.up("run", 2, 2, 2000));
+    let run = workshop.run("run");
+    run.wait_for_rollouts(1);
+    let learner = run.processes("--rank 0 ")[0];
+    let mut output = OpenOptions::new().write(true).open(format!("/proc/{learner}/fd/1")).expect("it lives");
+    writeln!(output, "{LINE}").expect("a pipe that is read");
+    drop(output);
+    let printed = finish(child);
+    assert!(printed.success && !printed.stderr.contains("no event"), "{printed:#?}");
+    let log = std::fs::read_to_string(run.folder.log("learner-0")).expect("a log");
+    assert!(log.lines().any(|line| line == LINE), "{log}");
 }
 
 #[test]
