@@ -245,7 +245,7 @@ pub struct LearnerConfig {
     pub count: u32,
     /// Parts that the actors are divided into, for results that do not depend on `count`: each part is computed by
     /// itself, and their sums are added in a fixed order, so that 1, 2, 4, ... learners train the same weights bit for
-    /// bit (on GPUs of one kind; tested on CPUs). 0 = a learner's actors are one part; else a power of two, at least
+    /// bit (on GPUs of one kind). 0 = a learner's actors are one part; else a power of two, at least
     /// `count` (then a power of two, too) and at most the number of actors. Smaller batches take longer.
     pub shards: u32,
     /// Where it computes.
